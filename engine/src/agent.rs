@@ -1,0 +1,76 @@
+//! What an agent is: `act`, `learn`, `save`, `load`.
+
+use crate::{Action, End, Error, Observation, Recorder, Rng};
+use std::path::Path;
+
+/// Whether actions are for learning (explore) or for measuring (the policy's best).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// Actions that gather experience.
+    Train,
+    /// Actions that are scored.
+    Evaluate,
+}
+
+/// One step of one environment, for all seats.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Transition {
+    /// What was seen.
+    pub observation: Observation,
+    /// What was done.
+    pub action: Action,
+    /// What each seat earned.
+    pub rewards: Vec<f64>,
+    /// What was seen next (before any reset).
+    pub next_observation: Observation,
+    /// Whether the episode ended with this step.
+    pub end: Option<End>,
+}
+
+/// A policy for all seats of an environment, and how it improves.
+///
+/// A protocol steps several environments together, so `act` and `learn` take one row per environment.
+pub trait Agent: Send {
+    /// One action per row; rows are independent of each other.
+    ///
+    /// # Errors
+    /// Where the policy produced numbers that are no action ([`Error::NotFinite`]).
+    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error>;
+
+    /// Takes in one transition per environment and improves when due. Agents that do not learn ignore it.
+    ///
+    /// # Errors
+    /// Where a loss or a parameter is no longer finite ([`Error::NotFinite`]).
+    fn learn(&mut self, _transitions: &[Transition], _rng: &mut Rng, _record: &mut Recorder) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// True where `act` or `learn` reads [`Observation::state`].
+    fn reads_state(&self) -> bool {
+        false
+    }
+
+    /// Writes everything that `load` needs to continue to the same bits: networks, optimisers, replay, counters.
+    ///
+    /// # Errors
+    /// Where a file cannot be written.
+    fn save(&self, _dir: &Path) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// Continues from what `save` wrote.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where the files do not fit this agent.
+    fn load(&mut self, _dir: &Path) -> Result<(), Error> {
+        Ok(())
+    }
+
+    /// Writes the policy alone as `policy.safetensors`, to be used by other programs; false where there is none to write.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    fn export(&self, _dir: &Path) -> Result<bool, Error> {
+        Ok(false)
+    }
+}

@@ -1,0 +1,244 @@
+//! What an environment is: seats with spaces, `reset`, `step`.
+
+use crate::{Error, Rng};
+use serde::{Deserialize, Serialize};
+
+/// One entry of an observation, action or state vector.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Channel {
+    /// Column name, for example `voltage_1`.
+    pub name: String,
+    /// SI unit, empty where there is none.
+    pub unit: String,
+    /// Smallest value that can occur (may be `-inf`).
+    pub low: f64,
+    /// Largest value that can occur (may be `inf`).
+    pub high: f64,
+    /// A typical value; agents that scale their inputs subtract it.
+    pub center: f64,
+    /// A typical deviation from `center`, above zero; agents that scale their inputs divide by it.
+    pub spread: f64,
+}
+
+impl Channel {
+    /// A channel without limits, centred at 0 with a spread of 1.
+    #[must_use]
+    pub fn new(name: impl Into<String>, unit: &str) -> Self {
+        Self { name: name.into(), unit: unit.into(), low: f64::NEG_INFINITY, high: f64::INFINITY, center: 0.0, spread: 1.0 }
+    }
+
+    /// The same channel with a typical value and deviation.
+    #[must_use]
+    pub fn typical(self, center: f64, spread: f64) -> Self {
+        Self { center, spread, ..self }
+    }
+
+    /// The same channel within limits.
+    #[must_use]
+    pub fn within(self, low: f64, high: f64) -> Self {
+        Self { low, high, ..self }
+    }
+}
+
+/// The set an observation or action vector lives in.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Space {
+    /// A box, one channel per entry.
+    Box(Vec<Channel>),
+    /// Non-negative entries that sum to 1, one name per entry.
+    Simplex(Vec<String>),
+    /// One of several named choices; the vector has one entry, the index.
+    Discrete(Vec<String>),
+}
+
+impl Space {
+    /// Number of entries of a vector in this space.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        match self {
+            Space::Box(channels) => channels.len(),
+            Space::Simplex(names) => names.len(),
+            Space::Discrete(_) => 1,
+        }
+    }
+
+    /// True for a space without entries.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Column names of a vector in this space.
+    #[must_use]
+    pub fn names(&self) -> Vec<String> {
+        match self {
+            Space::Box(channels) => channels.iter().map(|channel| channel.name.clone()).collect(),
+            Space::Simplex(names) => names.clone(),
+            Space::Discrete(_) => vec!["choice".into()],
+        }
+    }
+}
+
+/// What one agent sees and does. A single-agent environment has one seat.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Seat {
+    /// Name, for example `agent_0`; empty for the only seat of a single-agent environment.
+    pub name: String,
+    /// What the seat observes.
+    pub observation: Space,
+    /// What the seat does.
+    pub action: Space,
+}
+
+/// Everything an agent needs to know of an environment to be built for it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Interface {
+    /// The seats, in order.
+    pub seats: Vec<Seat>,
+    /// Channels of the full state, which bounds and centralised critics read.
+    pub state: Vec<Channel>,
+}
+
+/// Whether and why an episode ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum End {
+    /// The environment reached a terminal state: no value follows.
+    Terminated,
+    /// The episode was cut off: the value of the last state still counts.
+    Truncated,
+}
+
+/// What all seats see at one time.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Observation {
+    /// One vector per seat.
+    pub seats: Vec<Vec<f64>>,
+    /// The full state, or empty where the agent does not read it.
+    pub state: Vec<f64>,
+}
+
+/// One vector per seat.
+pub type Action = Vec<Vec<f64>>;
+
+/// What one step gives back.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// What each seat sees now.
+    pub observations: Vec<Vec<f64>>,
+    /// What each seat earned.
+    pub rewards: Vec<f64>,
+    /// One value per entry of [`Environment::metrics`].
+    pub info: Vec<f64>,
+    /// Set on the last step of an episode.
+    pub end: Option<End>,
+}
+
+/// Which direction of a metric is the better one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Better {
+    /// More is better.
+    Higher,
+    /// Less is better.
+    Lower,
+}
+
+/// How the values of a metric over the steps of an episode become one value of the episode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum PerEpisode {
+    /// The sum over the steps.
+    Sum,
+    /// The mean over the steps.
+    Mean,
+    /// The value at the last step.
+    Last,
+}
+
+/// A number that a trial records under a name.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Metric {
+    /// Name, as studies write it.
+    pub name: String,
+    /// SI unit, empty where there is none.
+    pub unit: String,
+    /// What it is, in one line.
+    pub about: String,
+    /// The better direction.
+    pub better: Better,
+    /// How steps become an episode.
+    pub per_episode: PerEpisode,
+}
+
+impl Metric {
+    /// A metric of which more is better, summed over an episode.
+    #[must_use]
+    pub fn new(name: &str, unit: &str, about: &str) -> Self {
+        Self { name: name.into(), unit: unit.into(), about: about.into(), better: Better::Higher, per_episode: PerEpisode::Sum }
+    }
+
+    /// The same metric with less being better.
+    #[must_use]
+    pub fn lower_is_better(self) -> Self {
+        Self { better: Better::Lower, ..self }
+    }
+
+    /// The same metric with another way to become one value of an episode.
+    #[must_use]
+    pub fn per_episode(self, per_episode: PerEpisode) -> Self {
+        Self { per_episode, ..self }
+    }
+}
+
+/// A simulated system with one or more seats.
+///
+/// All randomness comes from the `rng` arguments; an environment reads no clock and no file after it was built.
+pub trait Environment: Send {
+    /// The seats, in order; fixed for the life of the environment.
+    fn seats(&self) -> &[Seat];
+
+    /// One entry per value of [`Step::info`].
+    fn metrics(&self) -> &[Metric] {
+        &[]
+    }
+
+    /// Starts an episode and returns what each seat sees.
+    ///
+    /// # Errors
+    /// Where the start that the config asks for does not exist.
+    fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error>;
+
+    /// Applies one action per seat.
+    ///
+    /// # Errors
+    /// Where an action lies outside its space or the model's equations fail.
+    fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error>;
+
+    /// Channels of [`Environment::state`].
+    fn state_channels(&self) -> Vec<Channel> {
+        Vec::new()
+    }
+
+    /// The full state, which no ordinary policy sees; read by bounds, regressions (as the target) and centralised critics.
+    fn state(&self) -> Vec<f64> {
+        Vec::new()
+    }
+
+    /// Channels of [`Environment::trace`]: what a rollout writes besides actions and rewards.
+    fn trace_channels(&self) -> Vec<Channel>;
+
+    /// What a rollout writes of the present time, one value per trace channel; `NaN` becomes an empty cell.
+    fn trace(&self) -> Vec<f64>;
+
+    /// Everything that changes during an episode, so that a stopped trial continues to the same bits.
+    fn snapshot(&self) -> serde_json::Value;
+
+    /// Continues from a snapshot of an environment with the same config.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where the snapshot does not fit.
+    fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), Error>;
+
+    /// What agents are built for.
+    fn interface(&self) -> Interface {
+        Interface { seats: self.seats().to_vec(), state: self.state_channels() }
+    }
+}

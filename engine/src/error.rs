@@ -1,0 +1,102 @@
+//! Every way in which the engine can fail below the spec, as one enum.
+
+use std::path::{Path, PathBuf};
+
+/// An error of the engine or of a plugin.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file could not be read or written.
+    #[error("cannot {doing} `{}`: {source}", path.display())]
+    File {
+        /// What was tried, as in "read".
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A value of a plugin's config is wrong in a way that its schema cannot say.
+    #[error("`{key}`: {problem}")]
+    Config {
+        /// The key inside the plugin's config, dotted.
+        key: String,
+        /// What is wrong and what to write instead.
+        problem: String,
+    },
+    /// An agent cannot be used with an environment.
+    #[error("agent `{agent}` cannot be used here: {problem}")]
+    Mismatch {
+        /// The agent.
+        agent: &'static str,
+        /// What it needs.
+        problem: String,
+    },
+    /// A number that must be finite is not.
+    #[error("{what} is not finite at step {step}: {value}")]
+    NotFinite {
+        /// Which number.
+        what: String,
+        /// At which step of the trial.
+        step: u64,
+        /// The value.
+        value: f64,
+    },
+    /// An action lies outside its space.
+    #[error("action outside its space: {problem}")]
+    Action {
+        /// Which entry, which value, which limit.
+        problem: String,
+    },
+    /// A model's equations cannot be continued.
+    #[error("{model}: {problem}")]
+    Model {
+        /// The model.
+        model: &'static str,
+        /// What failed, with time and values.
+        problem: String,
+    },
+    /// A checkpoint or snapshot does not fit.
+    #[error("checkpoint of {what} does not fit: {problem}")]
+    Checkpoint {
+        /// Whose checkpoint.
+        what: &'static str,
+        /// What does not fit.
+        problem: String,
+    },
+    /// A stored file is not what it should be.
+    #[error("`{}` is damaged: {problem}", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A table, figure or claim could not be made from what is stored.
+    #[error("{what}: {problem}")]
+    Render {
+        /// Which table, figure or claim.
+        what: String,
+        /// What is missing.
+        problem: String,
+    },
+    /// A worker process misbehaved.
+    #[error("worker process: {problem}")]
+    Worker {
+        /// What happened.
+        problem: String,
+    },
+}
+
+impl Error {
+    /// An error about a file, to be used with `map_err`.
+    pub fn file(doing: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_path_buf();
+        move |source| Self::File { doing, path, source }
+    }
+
+    /// An error about one key of a plugin's config.
+    pub fn config(key: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self::Config { key: key.into(), problem: problem.into() }
+    }
+}

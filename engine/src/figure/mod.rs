@@ -1,0 +1,152 @@
+//! Figures: what a study asks for, and how it is computed from the results.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// One figure of a study. Exactly one of the kinds is given.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FigureSpec {
+    /// What the figure shows, in one sentence.
+    pub caption: String,
+    /// A metric against training steps, one line per agent with a band over seeds.
+    pub learning_curve: Option<LearningCurve>,
+    /// Step-by-step values of one recorded episode, one panel per agent.
+    pub trajectory: Option<Trajectory>,
+    /// One metric by groups of bars, with intervals over seeds.
+    pub bars: Option<Bars>,
+    /// A metric against a swept key, one line per group.
+    pub grouped_lines: Option<GroupedLines>,
+    /// One metric against another, a point per seed.
+    pub scatter: Option<Scatter>,
+    /// A surface recorded as x, y, z metrics, as filled contours, with a path over it.
+    pub contour: Option<Contour>,
+    /// Names to print instead of the study's own.
+    pub labels: BTreeMap<String, String>,
+    /// Label of the horizontal axis; a sensible one where absent.
+    pub x_label: Option<String>,
+    /// Label of the vertical axis; a sensible one where absent.
+    pub y_label: Option<String>,
+    /// Sentences under the figure: departures, sources.
+    pub notes: Vec<String>,
+}
+
+/// A metric against training steps.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct LearningCurve {
+    /// The metric.
+    pub metric: String,
+    /// What the band around the mean shows.
+    pub band: Band,
+    /// Which agents, in this order; all where empty. Agents that do not learn become horizontal lines.
+    pub agents: Vec<String>,
+    /// Which environments, one panel each; all where empty.
+    pub environments: Vec<String>,
+    /// Vertical axis on a logarithmic scale.
+    pub log_y: bool,
+    /// Running mean y' = smooth y' + (1 - smooth) y, for drawing only.
+    #[schemars(range(min = 0.0, max = 0.999))]
+    pub smooth: f64,
+}
+
+impl Default for LearningCurve {
+    fn default() -> Self {
+        Self { metric: "return".into(), band: Band::Sd, agents: Vec::new(), environments: Vec::new(), log_y: false, smooth: 0.0 }
+    }
+}
+
+/// What a band around a mean over seeds shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Band {
+    /// One standard deviation to each side.
+    Sd,
+    /// 95 % bootstrap interval of the mean.
+    Interval,
+    /// Smallest to largest seed.
+    Range,
+    /// No band.
+    None,
+}
+
+/// Step-by-step values of one recorded episode.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Trajectory {
+    /// Trace channels to draw; a word without a number (`voltage`) stands for all channels `voltage_1`, `voltage_2`, ... One row of panels each.
+    pub channels: Vec<String>,
+    /// Which agents, one column of panels each.
+    pub agents: Vec<String>,
+    /// Which environment; the first where absent.
+    pub environment: Option<String>,
+    /// Which seed; the first where absent.
+    pub seed: Option<u64>,
+    /// Which recorded episode, from 0.
+    pub episode: u64,
+    /// A horizontal line at this value in the first row of panels.
+    pub threshold: Option<f64>,
+}
+
+/// One metric by groups of bars.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Bars {
+    /// The table's rows become groups, its columns bars.
+    pub of: crate::table::Comparison,
+}
+
+impl Default for Bars {
+    fn default() -> Self {
+        Self { of: crate::table::Comparison::default() }
+    }
+}
+
+/// A metric against a swept key.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct GroupedLines {
+    /// The metric on the vertical axis.
+    pub metric: String,
+    /// The swept key on the horizontal axis, as its last word (`learning_rate`).
+    pub x: String,
+    /// Which agents, one line each; all where empty.
+    pub agents: Vec<String>,
+    /// Which environments, one panel each; all where empty.
+    pub environments: Vec<String>,
+    /// Horizontal axis on a logarithmic scale.
+    pub log_x: bool,
+    /// Vertical axis on a logarithmic scale.
+    pub log_y: bool,
+}
+
+/// One metric against another.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Scatter {
+    /// The metric on the horizontal axis.
+    pub x: String,
+    /// The metric on the vertical axis.
+    pub y: String,
+    /// Which agents; all where empty.
+    pub agents: Vec<String>,
+    /// Which environments, one panel each; all where empty.
+    pub environments: Vec<String>,
+}
+
+/// A surface with a path over it, from trace rows.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Contour {
+    /// Trace metrics that hold x, y and z of the surface, a grid point per row.
+    pub surface: Vec<String>,
+    /// Trace metrics that hold x and y of the path, drawn from light to dark.
+    pub path: Vec<String>,
+    /// Which agents, one panel each; all where empty.
+    pub agents: Vec<String>,
+    /// Which environment; the first where absent.
+    pub environment: Option<String>,
+    /// Which seed; the first where absent.
+    pub seed: Option<u64>,
+}

@@ -1,0 +1,31 @@
+//! Regimen's engine: from one YAML file to trials, a store of metrics, statistics, tables, figures and a report.
+//!
+//! Data flows one way: spec -> plan -> trials -> workers -> store -> statistics -> tables and figures -> report.
+//!
+//! Invariants
+//! 1. The engine names no environment, agent or paper.
+//! 2. Nothing below [`trial`] reads a clock, an environment variable or global randomness.
+//! 3. A trial's numbers depend on its [`trial::TrialKey`] only: not on workers, order, machine load or other trials.
+//! 4. After `check` passes, a name, metric or key cannot be wrong.
+//! 5. Tables and figures read the store only.
+//! 6. What is on disk says what made it, and has a version.
+
+pub mod agent;
+pub mod environment;
+pub mod error;
+pub mod figure;
+pub mod protocol;
+pub mod random;
+pub mod recorder;
+pub mod registry;
+pub mod results;
+pub mod table;
+pub mod trial;
+
+pub use agent::{Agent, Mode, Transition};
+pub use environment::{Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, Seat, Space, Step};
+pub use error::Error;
+pub use protocol::Protocol;
+pub use random::Rng;
+pub use recorder::{Phase, Recorder};
+pub use registry::{AgentTraits, Config, Preset, Registry};

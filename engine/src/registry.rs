@@ -1,0 +1,180 @@
+//! The one door for plugins: names, typed configs, constructors.
+//!
+//! A plugin's config is a plain struct with `Default`, serde and a JSON Schema. The registry erases the type once, so the
+//! engine can fill in defaults, refuse typos, print parameters and build the plugin without ever naming its type.
+
+use crate::{Agent, Environment, Error, Interface, Metric, Protocol, Rng};
+use schemars::{JsonSchema, Schema};
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// What a plugin's config must be.
+///
+/// Derive `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc comments become
+/// the descriptions that `describe` prints; `#[schemars(range(min = .., max = ..))]` the limits that `check` holds;
+/// `#[schemars(extend("x-unit" = "s"))]` the unit and `#[schemars(extend("x-source" = "table 3.1"))]` the source of a default.
+pub trait Config: DeserializeOwned + Serialize + Default + JsonSchema + 'static {
+    /// Named settings that differ from the default.
+    fn presets() -> Vec<Preset> {
+        Vec::new()
+    }
+}
+
+/// A named setting of a plugin: keys that replace the defaults.
+#[derive(Debug, Clone, Serialize)]
+pub struct Preset {
+    /// The name, as in `preset: thesis`.
+    pub name: &'static str,
+    /// Where it comes from.
+    pub about: &'static str,
+    /// A JSON object with the keys that differ.
+    pub values: Value,
+}
+
+/// What the engine knows of every plugin.
+pub struct About {
+    /// One line.
+    pub about: &'static str,
+    /// Raised whenever a change of code changes the numbers of a trial.
+    pub version: u32,
+    /// The config with every default.
+    pub defaults: Value,
+    /// JSON Schema of the config.
+    pub schema: Schema,
+    /// Named settings.
+    pub presets: Vec<Preset>,
+    /// Parses a config and writes it back with every default.
+    pub resolve: Resolve,
+}
+
+/// Fills in the defaults of a config and refuses what does not fit.
+pub type Resolve = Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>;
+type Build<T> = Box<dyn Fn(&Value) -> Result<Box<T>, Error> + Send + Sync>;
+type BuildAgent = Box<dyn Fn(&Value, &Interface, &mut Rng) -> Result<Box<dyn Agent>, Error> + Send + Sync>;
+
+/// A registered environment.
+pub struct EnvironmentEntry {
+    /// Name, defaults, schema.
+    pub about: About,
+    /// Makes it from a resolved config.
+    pub build: Build<dyn Environment>,
+}
+
+/// A registered agent.
+pub struct AgentEntry {
+    /// Name, defaults, schema.
+    pub about: About,
+    /// False for rules and bounds: the protocol then trains for no step.
+    pub learns: bool,
+    /// What `learn` records.
+    pub metrics: Vec<Metric>,
+    /// Makes it from a resolved config for the seats of an environment.
+    pub build: BuildAgent,
+}
+
+/// A registered protocol.
+pub struct ProtocolEntry {
+    /// Name, defaults, schema.
+    pub about: About,
+    /// Makes it from a resolved config.
+    pub build: Build<dyn Protocol>,
+    /// The config for an agent that does not learn, so that its trials do not depend on training budgets.
+    pub without_training: Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>,
+}
+
+/// All plugins by name.
+#[derive(Default)]
+pub struct Registry {
+    /// Environments by name.
+    pub environments: BTreeMap<&'static str, EnvironmentEntry>,
+    /// Agents by name.
+    pub agents: BTreeMap<&'static str, AgentEntry>,
+    /// Protocols by name.
+    pub protocols: BTreeMap<&'static str, ProtocolEntry>,
+    /// Raised whenever shared numerical code changes the numbers of trials.
+    pub numerics_version: u32,
+}
+
+/// What a learning agent's registration says besides its constructor.
+#[derive(Debug, Clone, Default)]
+pub struct AgentTraits {
+    /// False for rules and bounds.
+    pub learns: bool,
+    /// What `learn` records.
+    pub metrics: Vec<Metric>,
+}
+
+impl Registry {
+    /// Registers an environment.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    pub fn environment<C: Config>(
+        &mut self,
+        name: &'static str,
+        version: u32,
+        about: &'static str,
+        build: fn(C) -> Result<Box<dyn Environment>, Error>,
+    ) {
+        let entry = EnvironmentEntry { about: describe::<C>(version, about), build: Box::new(move |raw| build(typed(raw)?)) };
+        assert!(self.environments.insert(name, entry).is_none(), "environment `{name}` is registered twice");
+    }
+
+    /// Registers an agent.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    pub fn agent<C: Config>(
+        &mut self,
+        name: &'static str,
+        version: u32,
+        about: &'static str,
+        traits: AgentTraits,
+        build: fn(C, &Interface, &mut Rng) -> Result<Box<dyn Agent>, Error>,
+    ) {
+        let entry = AgentEntry {
+            about: describe::<C>(version, about),
+            learns: traits.learns,
+            metrics: traits.metrics,
+            build: Box::new(move |raw, interface, rng| build(typed(raw)?, interface, rng)),
+        };
+        assert!(self.agents.insert(name, entry).is_none(), "agent `{name}` is registered twice");
+    }
+
+    /// Registers a protocol. `without_training` is the config that an agent which does not learn gets.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    pub fn protocol<C: Config>(
+        &mut self,
+        name: &'static str,
+        version: u32,
+        about: &'static str,
+        without_training: fn(C) -> C,
+        build: fn(C) -> Result<Box<dyn Protocol>, Error>,
+    ) {
+        let entry = ProtocolEntry {
+            about: describe::<C>(version, about),
+            build: Box::new(move |raw| build(typed(raw)?)),
+            without_training: Box::new(move |raw| serde_json::to_value(without_training(serde_json::from_value(raw.clone())?))),
+        };
+        assert!(self.protocols.insert(name, entry).is_none(), "protocol `{name}` is registered twice");
+    }
+}
+
+fn typed<C: Config>(raw: &Value) -> Result<C, Error> {
+    serde_json::from_value(raw.clone()).map_err(|source| Error::config("config", source.to_string()))
+}
+
+fn describe<C: Config>(version: u32, about: &'static str) -> About {
+    About {
+        about,
+        version,
+        // A config is a struct of numbers, words and lists with a default; serde_json refuses only maps with odd keys.
+        defaults: serde_json::to_value(C::default()).expect("a config serialises"),
+        schema: schemars::schema_for!(C),
+        presets: C::presets(),
+        resolve: Box::new(|raw| serde_json::to_value(serde_json::from_value::<C>(raw.clone())?)),
+    }
+}

@@ -1,0 +1,118 @@
+//! Tables: what a study asks for, and how it is computed from the results.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// One table of a study. Exactly one of the kinds (`improvement`, `comparison`) is given.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TableSpec {
+    /// What the table shows, in one sentence.
+    pub caption: String,
+    /// How much better agents are than one of them (`relative_to`), as a percentage unless `as` says otherwise.
+    pub improvement: Option<Comparison>,
+    /// A metric of agents and environments side by side.
+    pub comparison: Option<Comparison>,
+    /// Published values by row, or by row and column.
+    pub published: BTreeMap<String, Published>,
+    /// How far a reproduced value may lie from the published one, in the unit of the cell; 5 % of the published value if absent.
+    #[schemars(range(min = 0.0))]
+    pub margin: Option<f64>,
+    /// Sentences under the table: departures, sources.
+    pub notes: Vec<String>,
+}
+
+/// A published value of a row, or one for each column of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Published {
+    /// The value of the row's only column, or of every column that is not a bound or baseline.
+    Value(f64),
+    /// Values by column name.
+    Columns(BTreeMap<String, f64>),
+}
+
+/// Rows, columns and the value of a comparison.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Comparison {
+    /// What the rows are.
+    pub rows: Axis,
+    /// What the columns are; where absent, the first of agent, environment and setting that varies and is no row, or none.
+    pub columns: Option<Axis>,
+    /// The metric.
+    pub value: String,
+    /// How the seeds become one number.
+    pub statistic: Statistic,
+    /// The agent that the others are compared with.
+    pub relative_to: Option<String>,
+    /// How the comparison is written.
+    #[serde(rename = "as")]
+    pub form: Option<Form>,
+    /// Which agents, in this order; all where empty.
+    pub agents: Vec<String>,
+    /// Which environments, in this order; all where empty.
+    pub environments: Vec<String>,
+    /// Digits after the decimal point.
+    #[schemars(range(max = 9))]
+    pub decimals: Option<usize>,
+    /// Names to print instead of the study's own.
+    pub labels: BTreeMap<String, String>,
+}
+
+impl Default for Comparison {
+    fn default() -> Self {
+        Self {
+            rows: Axis::Agent,
+            columns: None,
+            value: "return".into(),
+            statistic: Statistic::Mean,
+            relative_to: None,
+            form: None,
+            agents: Vec::new(),
+            environments: Vec::new(),
+            decimals: None,
+            labels: BTreeMap::new(),
+        }
+    }
+}
+
+/// What varies along a table's rows or columns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Axis {
+    /// The study's agents.
+    Agent,
+    /// The study's environments.
+    Environment,
+    /// The points of the sweep.
+    Setting,
+}
+
+/// How the seeds become one number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Statistic {
+    /// Arithmetic mean.
+    #[default]
+    Mean,
+    /// Median.
+    Median,
+    /// Interquartile mean.
+    Iqm,
+}
+
+/// How a comparison with `relative_to` is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Form {
+    /// The value itself.
+    Value,
+    /// Value minus the other's value, seed by seed.
+    Difference,
+    /// Value over the other's value, seed by seed.
+    Ratio,
+    /// 100 (value / other - 1), seed by seed.
+    PercentChange,
+}

@@ -1,0 +1,137 @@
+//! One trial: an environment, an agent, a protocol and a seed, with an identity made of what determines its numbers.
+
+use crate::{Error, Recorder, Registry, protocol::Run, random::Streams};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+/// A plugin's name, version and complete config.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// Registered name.
+    pub plugin: String,
+    /// Version of the plugin's code.
+    pub version: u32,
+    /// Config with every default filled in.
+    pub config: Value,
+}
+
+/// Everything that determines the numbers of one trial, and nothing else.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrialKey {
+    /// The environment.
+    pub environment: Part,
+    /// The agent.
+    pub agent: Part,
+    /// The protocol.
+    pub protocol: Part,
+    /// The replicate.
+    pub seed: u64,
+    /// Version of the shared numerical code.
+    pub numerics: u32,
+    /// Kind of device, `cpu`.
+    pub device: String,
+}
+
+impl TrialKey {
+    /// The trial's id: 32 hexadecimal digits of a hash over the key.
+    #[must_use]
+    pub fn id(&self) -> String {
+        hash(&serde_json::to_value(self).unwrap_or(Value::Null))
+    }
+
+    /// Hash of the environment alone, which keys the environment's random streams.
+    #[must_use]
+    pub fn environment_id(&self) -> String {
+        hash(&json!([self.environment.plugin, self.environment.version, self.environment.config]))
+    }
+
+    /// Builds the parts and runs the protocol; `progress` is told steps done and steps in all.
+    ///
+    /// # Errors
+    /// Whatever a plugin reports.
+    pub fn run(
+        &self,
+        registry: &Registry,
+        policy_dir: Option<&std::path::Path>,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<Recorder, Error> {
+        let environment = find(&registry.environments, "environment", &self.environment.plugin)?;
+        let agent = find(&registry.agents, "agent", &self.agent.plugin)?;
+        let protocol = find(&registry.protocols, "protocol", &self.protocol.plugin)?;
+        let make_environment = || (environment.build)(&self.environment.config);
+        let streams = Streams::new(&self.id(), &self.environment_id(), self.seed);
+        let interface = make_environment()?.interface();
+        let agent = (agent.build)(&self.agent.config, &interface, &mut streams.agent("initialise"))?;
+        let mut run = Run { make_environment: &make_environment, agent, streams, record: Recorder::default(), progress };
+        (protocol.build)(&self.protocol.config)?.run(&mut run)?;
+        if let Some(dir) = policy_dir {
+            run.agent.export(dir)?;
+        }
+        Ok(run.record)
+    }
+}
+
+/// A trial of a study: its key and the names under which tables and figures speak of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    /// Hash of `key`.
+    pub id: String,
+    /// Name of the environment in the study.
+    pub environment: String,
+    /// Name of the agent in the study.
+    pub agent: String,
+    /// The point of the sweep, as `key=value` words; empty without a sweep.
+    pub setting: String,
+    /// What determines the numbers.
+    pub key: TrialKey,
+}
+
+fn find<'a, T>(entries: &'a std::collections::BTreeMap<&'static str, T>, kind: &str, name: &str) -> Result<&'a T, Error> {
+    entries.get(name).ok_or_else(|| Error::config(kind, format!("`{name}` is not registered in this program")))
+}
+
+/// Hash of a JSON value that does not depend on the order of keys.
+#[must_use]
+pub fn hash(value: &Value) -> String {
+    let mut text = String::new();
+    canonical(value, &mut text);
+    blake3::hash(text.as_bytes()).to_hex()[..32].to_string()
+}
+
+fn canonical(value: &Value, out: &mut String) {
+    match value {
+        Value::Object(map) => {
+            let mut keys: Vec<_> = map.keys().collect();
+            keys.sort();
+            out.push('{');
+            for key in keys {
+                out.push_str(&format!("{}:", Value::String(key.clone())));
+                canonical(&map[key], out);
+                out.push(',');
+            }
+            out.push('}');
+        }
+        Value::Array(items) => {
+            out.push('[');
+            for item in items {
+                canonical(item, out);
+                out.push(',');
+            }
+            out.push(']');
+        }
+        scalar => out.push_str(&scalar.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_order_of_keys_does_not_reach_the_hash() {
+        let (one, two) = (r#"{"a":1,"b":[2,{"c":3,"d":4}]}"#, r#"{"b":[2,{"d":4,"c":3}],"a":1}"#);
+        let parse = |text| serde_json::from_str::<Value>(text).unwrap();
+        assert_eq!(hash(&parse(one)), hash(&parse(two)));
+        assert_ne!(hash(&parse("[1,2]")), hash(&parse("[2,1]")));
+    }
+}
