@@ -11,6 +11,7 @@
 //! 6. What is on disk says what made it, and has a version.
 
 pub mod agent;
+
 pub mod environment;
 pub mod error;
 pub mod figure;
@@ -19,6 +20,9 @@ pub mod random;
 pub mod recorder;
 pub mod registry;
 pub mod results;
+pub mod rollout;
+pub mod scheduler;
+pub mod store;
 pub mod table;
 pub mod trial;
 

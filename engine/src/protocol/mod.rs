@@ -1,6 +1,19 @@
-//! What a protocol is: how one trial runs.
+//! What a protocol is: how one trial runs; and the protocols that fit any environment.
 
-use crate::{Agent, Environment, Error, Metric, Recorder, random::Streams};
+mod evaluation;
+mod supervised_fit;
+mod train_evaluate;
+
+use crate::{Agent, Environment, Error, Metric, Recorder, Registry, random::Streams};
+
+pub use supervised_fit::SupervisedFit;
+pub use train_evaluate::TrainEvaluate;
+
+/// Registers the protocols of the engine.
+pub fn register(registry: &mut Registry) {
+    train_evaluate::register(registry);
+    supervised_fit::register(registry);
+}
 
 /// What a protocol works with. Everything in it belongs to one trial.
 pub struct Run<'a> {

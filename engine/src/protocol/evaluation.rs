@@ -1,0 +1,154 @@
+//! Measuring a policy: whole episodes, every one on random numbers of its own.
+
+use super::Run;
+use crate::{End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent};
+
+/// Episodes that are stepped together, so that the policy sees many rows at a time.
+const ROWS: usize = 256;
+
+/// What to measure, and under which name it is stored.
+pub(super) struct Measurement {
+    /// `Evaluate` or `Final`.
+    pub(super) phase: Phase,
+    /// Training steps done so far.
+    pub(super) step: u64,
+    /// Number of episodes.
+    pub(super) episodes: u64,
+    /// How many of them, from the first, are recorded step by step.
+    pub(super) traced: u64,
+}
+
+/// One episode under way.
+struct Episode {
+    slot: usize,
+    index: u64,
+    environment: Box<dyn Environment>,
+    rng: Rng,
+    observation: Observation,
+    decisions: u64,
+    returns: Vec<f64>,
+    info: Vec<f64>,
+}
+
+/// Runs the episodes and records return, length and the environment's metrics of each.
+///
+/// Episode `k` starts and goes on with the same random numbers for every agent and at every call of the same phase.
+pub(super) fn measure(run: &mut Run<'_>, what: &Measurement) -> Result<(), Error> {
+    let mut rng = run.streams.agent(&format!("{} {}", what.phase.name(), what.step));
+    let rows = what.episodes.min(ROWS as u64);
+    // Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one that wears wears the same way
+    // whatever the other slots do.
+    let mut pool = (0..rows).map(|_| (run.make_environment)().map(Some)).collect::<Result<Vec<_>, _>>()?;
+    for first in (0..what.episodes).step_by(ROWS) {
+        let mut active = Vec::with_capacity(pool.len());
+        for (slot, index) in (first..what.episodes.min(first + rows)).enumerate() {
+            if let Some(environment) = pool[slot].take() {
+                active.push(start(run, what, slot, index, environment)?);
+            }
+        }
+        while !active.is_empty() {
+            active = advance(run, what, active, &mut rng, &mut pool)?;
+        }
+    }
+    Ok(())
+}
+
+fn start(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    slot: usize,
+    index: u64,
+    mut environment: Box<dyn Environment>,
+) -> Result<Episode, Error> {
+    let mut rng = run.streams.environment(what.phase.name(), index);
+    let seats = environment.reset(&mut rng)?;
+    let observation = observe(&*run.agent, &*environment, seats);
+    let (returns, info) = (vec![0.0; environment.seats().len()], vec![0.0; environment.metrics().len()]);
+    let episode = Episode { slot, index, environment, rng, observation, decisions: 0, returns, info };
+    trace(run, what, &episode);
+    Ok(episode)
+}
+
+/// Steps every active episode once; gives back those that go on and puts the environments of the others back in the pool.
+fn advance(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    active: Vec<Episode>,
+    rng: &mut Rng,
+    pool: &mut [Option<Box<dyn Environment>>],
+) -> Result<Vec<Episode>, Error> {
+    let observations: Vec<Observation> = active.iter().map(|episode| episode.observation.clone()).collect();
+    let actions = run.agent.act(&observations, Mode::Evaluate, rng)?;
+    let mut going_on = Vec::with_capacity(active.len());
+    for (mut episode, action) in active.into_iter().zip(actions) {
+        let step = episode.environment.step(&action, &mut episode.rng)?;
+        episode.decisions += 1;
+        episode.returns.iter_mut().zip(&step.rewards).for_each(|(sum, reward)| *sum += reward);
+        accumulate(&mut episode.info, episode.environment.metrics(), &step.info);
+        episode.observation = observe(&*run.agent, &*episode.environment, step.observations);
+        trace(run, what, &episode);
+        match step.end {
+            None => going_on.push(episode),
+            Some(End::Terminated | End::Truncated) => {
+                finish(run, what, &episode)?;
+                pool[episode.slot] = Some(episode.environment);
+            }
+        }
+    }
+    Ok(going_on)
+}
+
+pub(super) fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<f64>>) -> Observation {
+    let state = if agent.reads_state() { environment.state() } else { Vec::new() };
+    Observation { seats, state }
+}
+
+fn accumulate(sums: &mut [f64], metrics: &[Metric], info: &[f64]) {
+    for ((sum, metric), value) in sums.iter_mut().zip(metrics).zip(info) {
+        match metric.per_episode {
+            PerEpisode::Sum | PerEpisode::Mean => *sum += value,
+            PerEpisode::Last => *sum = *value,
+        }
+    }
+}
+
+fn finish(run: &mut Run<'_>, what: &Measurement, episode: &Episode) -> Result<(), Error> {
+    let Episode { index, decisions, .. } = *episode;
+    #[allow(clippy::cast_precision_loss, reason = "an episode has far fewer than 2^52 decisions")]
+    let length = decisions as f64;
+    for (seat, value) in episode.returns.iter().enumerate() {
+        finite("return", what.step, *value)?;
+        run.record.add(what.phase, what.step, index, seat, "return", *value);
+    }
+    run.record.add(what.phase, what.step, index, 0, "episode_length", length);
+    for (metric, value) in episode.environment.metrics().iter().zip(&episode.info) {
+        let value = if metric.per_episode == PerEpisode::Mean { value / length } else { *value };
+        finite(&metric.name, what.step, value)?;
+        run.record.add(what.phase, what.step, index, 0, &metric.name, value);
+    }
+    Ok(())
+}
+
+fn finite(what: &str, step: u64, value: f64) -> Result<(), Error> {
+    if value.is_finite() { Ok(()) } else { Err(Error::NotFinite { what: what.into(), step, value }) }
+}
+
+fn trace(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
+    if what.phase != Phase::Final || episode.index >= what.traced {
+        return;
+    }
+    let channels = episode.environment.trace_channels();
+    for (channel, value) in channels.iter().zip(episode.environment.trace()) {
+        if value.is_finite() {
+            run.record.add(Phase::Trace, episode.decisions, episode.index, 0, &channel.name, value);
+        }
+    }
+}
+
+/// What every protocol that measures episodes records.
+pub(super) fn metrics() -> Vec<Metric> {
+    vec![
+        Metric::new("return", "", "sum of the rewards of an episode, per seat"),
+        Metric::new("episode_length", "decisions", "decisions until the episode ended"),
+    ]
+}

@@ -1,0 +1,209 @@
+//! The store: what is on disk of every trial, by the trial's id. It is also the queue: what is missing is what runs.
+//!
+//! ```text
+//! <root>/trials/<first two digits>/<id>/metrics.parquet   what an `ok` trial recorded, long form
+//!                                       trial.json        key, end state, digest of metrics.parquet: the acknowledgement
+//!                                       policy.safetensors  the learned policy, where there is one
+//! ```
+//!
+//! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial without it
+//! has not run, whatever else lies in its folder.
+
+mod metrics_file;
+
+pub use metrics_file::{MetricsTable, SCHEMA_VERSION, read as read_metrics, write as write_metrics};
+
+use crate::{
+    Error, Recorder,
+    results::{EndState, TrialEnd, TrialResult},
+    trial::{Trial, TrialKey},
+};
+use serde::{Deserialize, Serialize};
+use std::{
+    fs::{self, File},
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+/// Trials on disk under one folder.
+#[derive(Debug, Clone)]
+pub struct Store {
+    root: PathBuf,
+}
+
+/// What `trial.json` holds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrialFile {
+    /// Version of this file's form.
+    pub schema: u32,
+    /// What determined the numbers.
+    pub key: TrialKey,
+    /// How the trial ended.
+    pub end: TrialEnd,
+}
+
+impl Store {
+    /// The store under `root`; nothing is created before the first trial ends.
+    #[must_use]
+    pub fn at(root: impl Into<PathBuf>) -> Self {
+        Self { root: root.into() }
+    }
+
+    /// Where the store lies.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The folder of a trial.
+    #[must_use]
+    pub fn folder(&self, id: &str) -> PathBuf {
+        self.root.join("trials").join(id.get(..2).unwrap_or("00")).join(id)
+    }
+
+    /// How a trial ended, or `None` where it has not run.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where its file is not what it should be.
+    pub fn end(&self, id: &str) -> Result<Option<TrialEnd>, Error> {
+        let path = self.folder(id).join("trial.json");
+        let text = match fs::read(&path) {
+            Ok(text) => text,
+            Err(source) if source.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(Error::file("read", &path)(source)),
+        };
+        let file: TrialFile =
+            serde_json::from_slice(&text).map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
+        if file.key.id() != id {
+            return Err(Error::Damaged { path, problem: format!("it belongs to trial {}", file.key.id()) });
+        }
+        Ok(Some(file.end))
+    }
+
+    /// Stores what an `ok` trial recorded and acknowledges it. Doing it twice changes nothing.
+    ///
+    /// # Errors
+    /// Where a file cannot be written.
+    pub fn finish(&self, trial: &Trial, record: &Recorder, wall_s: f64) -> Result<TrialEnd, Error> {
+        let folder = self.folder(&trial.id);
+        fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+        let bytes = metrics_file::encode(record, &trial.id)?;
+        let digest = blake3::hash(&bytes).to_hex()[..32].to_string();
+        write_durably(&folder.join("metrics.parquet"), &bytes)?;
+        let end = TrialEnd { state: EndState::Ok, reason: String::new(), wall_s, digest };
+        self.acknowledge(trial, &end)?;
+        Ok(end)
+    }
+
+    /// Acknowledges how a trial ended.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn acknowledge(&self, trial: &Trial, end: &TrialEnd) -> Result<(), Error> {
+        let folder = self.folder(&trial.id);
+        fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+        let file = TrialFile { schema: SCHEMA_VERSION, key: trial.key.clone(), end: end.clone() };
+        let path = folder.join("trial.json");
+        let text =
+            serde_json::to_vec(&file).map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
+        write_durably(&path, &text)
+    }
+
+    /// A trial with all it recorded.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where a file is not what was acknowledged.
+    pub fn load(&self, trial: &Trial) -> Result<TrialResult, Error> {
+        let end = self.end(&trial.id)?;
+        let mut result = TrialResult { trial: trial.clone(), end, names: Vec::new(), rows: Vec::new() };
+        if result.is_ok() {
+            let path = self.folder(&trial.id).join("metrics.parquet");
+            let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
+            let digest = &blake3::hash(&bytes).to_hex()[..32];
+            if result.end.as_ref().is_some_and(|end| end.digest != digest) {
+                return Err(Error::Damaged { path, problem: "its hash is not the acknowledged one".into() });
+            }
+            let table = metrics_file::decode(bytes, &path)?;
+            (result.names, result.rows) = (table.names, table.rows);
+        }
+        Ok(result)
+    }
+}
+
+/// Writes a file so that after a crash it is either the old one or the whole new one.
+///
+/// # Errors
+/// Where the folder or the file cannot be written.
+pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    // The process id keeps two processes that write the same trial apart.
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let temporary = folder.join(format!(".{name}.{}.tmp", std::process::id()));
+    let mut file = File::create(&temporary).map_err(Error::file("create", &temporary))?;
+    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(Error::file("write", &temporary))?;
+    fs::rename(&temporary, path).map_err(Error::file("rename to", path))?;
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(Error::file("flush", folder))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Phase;
+    use serde_json::json;
+
+    fn trial(seed: u64) -> Trial {
+        let part = |plugin: &str| serde_json::from_value(json!({"plugin": plugin, "version": 1, "config": {"a": 0.1}})).unwrap();
+        let key = TrialKey {
+            environment: part("battery"),
+            agent: part("equal"),
+            protocol: part("evaluate"),
+            seed,
+            numerics: 1,
+            device: "cpu".into(),
+        };
+        Trial { id: key.id(), environment: "four".into(), agent: "equal".into(), setting: String::new(), key }
+    }
+
+    fn record() -> Recorder {
+        let mut record = Recorder::default();
+        record.add(Phase::Evaluate, 1000, 0, 0, "return", 0.1 + 0.2);
+        record.add(Phase::Final, 2000, 3, 1, "cycle_length", -7.0);
+        record
+    }
+
+    #[test]
+    fn what_was_recorded_comes_back_to_the_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        assert_eq!(store.end(&trial(1).id).unwrap(), None);
+        let first = store.finish(&trial(1), &record(), 1.0).unwrap();
+        let second = store.finish(&trial(1), &record(), 2.0).unwrap();
+        assert_eq!(first.digest, second.digest);
+        let loaded = store.load(&trial(1)).unwrap();
+        assert_eq!(loaded.rows, record().rows());
+        assert_eq!(loaded.names, record().names());
+    }
+
+    #[test]
+    fn a_changed_byte_is_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        store.finish(&trial(1), &record(), 1.0).unwrap();
+        let path = store.folder(&trial(1).id).join("metrics.parquet");
+        let mut bytes = fs::read(&path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        fs::write(&path, bytes).unwrap();
+        assert!(matches!(store.load(&trial(1)), Err(Error::Damaged { .. })));
+    }
+
+    #[test]
+    fn a_file_of_another_trial_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        store.finish(&trial(1), &record(), 1.0).unwrap();
+        fs::create_dir_all(store.folder(&trial(2).id)).unwrap();
+        fs::copy(store.folder(&trial(1).id).join("trial.json"), store.folder(&trial(2).id).join("trial.json")).unwrap();
+        assert!(matches!(store.end(&trial(2).id), Err(Error::Damaged { .. })));
+    }
+}
