@@ -1,0 +1,227 @@
+//! The command line: what can be said, and which function answers.
+
+mod describe;
+mod progress;
+mod provenance;
+mod rollout;
+mod run;
+mod settings;
+mod study;
+
+use crate::Registry;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::{io::IsTerminal, path::PathBuf, process::ExitCode};
+
+/// Everything went well.
+pub const OK: u8 = 0;
+/// The command line or a spec is wrong.
+pub const BAD_SPEC: u8 = 2;
+/// Nothing matched what was selected.
+pub const NOTHING_SELECTED: u8 = 4;
+/// Some trials failed.
+pub const TRIALS_FAILED: u8 = 100;
+/// A published value or claim differs, under `--strict`.
+pub const DIFFERS: u8 = 101;
+/// Trials are missing.
+pub const INCOMPLETE: u8 = 106;
+
+/// A declarative experiment-pipeline engine for reinforcement learning in prescriptive maintenance and operation.
+#[derive(Debug, Parser)]
+#[command(name = "regimen", version, arg_required_else_help = true, after_help = EXIT_CODES)]
+struct Command {
+    #[command(subcommand)]
+    verb: Verb,
+    #[command(flatten)]
+    common: Common,
+}
+
+const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 4 nothing selected, 100 some trials failed, \
+101 a published value or claim differs under --strict, 106 incomplete, 128+n signal n.";
+
+/// What every command understands.
+#[derive(Debug, Clone, Args)]
+struct Common {
+    /// Folder of the store; `store` in regimen.toml, else `store`.
+    #[arg(long, global = true, env = "REGIMEN_STORE", value_name = "DIR")]
+    store: Option<PathBuf>,
+    /// Profile of regimen.toml to use.
+    #[arg(long, global = true, env = "REGIMEN_MACHINE", value_name = "NAME")]
+    machine: Option<String>,
+    /// How to print: for people or as JSON.
+    #[arg(long, global = true, value_enum, default_value_t = Format::Text)]
+    format: Format,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    Text,
+    Json,
+}
+
+/// Which studies, and with which budget.
+#[derive(Debug, Clone, Args)]
+struct Selection {
+    /// Study files.
+    #[arg(required = true, value_name = "SPEC")]
+    specs: Vec<PathBuf>,
+    /// Profile of the study (a named budget).
+    #[arg(long, short = 'P', value_name = "NAME")]
+    profile: Option<String>,
+    /// Replace one value, as in `--set dsac.discount=0.999`.
+    #[arg(long = "set", short = 'S', value_name = "PATH=VALUE")]
+    sets: Vec<String>,
+    /// Number of seeds, in place of the study's.
+    #[arg(long, value_name = "N")]
+    seeds: Option<u64>,
+    /// Only trials of these environments and agents (names of the study).
+    #[arg(long, value_name = "NAME")]
+    only: Vec<String>,
+}
+
+#[derive(Debug, Clone, Args)]
+struct RunOptions {
+    /// Worker processes; `workers` in regimen.toml, else the number of cores.
+    #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N")]
+    jobs: Option<usize>,
+    /// Say what would run, and run nothing.
+    #[arg(long, short = 'n')]
+    dry_run: bool,
+    /// Run failed trials again.
+    #[arg(long)]
+    retry_failed: bool,
+}
+
+#[derive(Debug, Clone, Args)]
+struct ReportOptions {
+    /// Folder for tables, figures and the report; `results/<study>` (`results/<study>-<profile>` with a profile).
+    #[arg(long, short = 'o', value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Leave with 101 where a published value or a claim differs.
+    #[arg(long)]
+    strict: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Check studies; nothing runs.
+    Check(Selection),
+    /// Say which trials a study has, which are done and what the rest will cost; nothing runs.
+    Plan(Selection),
+    /// Run what is missing, then write tables, figures and the report.
+    Run {
+        #[command(flatten)]
+        selection: Selection,
+        #[command(flatten)]
+        options: RunOptions,
+        #[command(flatten)]
+        report: ReportOptions,
+    },
+    /// Show end states, and what is missing or failed.
+    Status(Selection),
+    /// Write tables, figures and the report again from the store; nothing is trained.
+    Report {
+        #[command(flatten)]
+        selection: Selection,
+        #[command(flatten)]
+        report: ReportOptions,
+    },
+    /// Run missing trials from the store until none is left, without a report.
+    Worker {
+        #[command(flatten)]
+        selection: Selection,
+        /// Only every Nth trial, beginning with the Ith (from 0).
+        #[arg(long, value_name = "I/N")]
+        index: Option<String>,
+        /// Worker processes.
+        #[arg(long, short = 'j', default_value_t = 1)]
+        jobs: usize,
+    },
+    /// Print the study with every default written out.
+    Resolve(Selection),
+    /// Drive one environment with given actions or an agent and write what happens.
+    Rollout(rollout::RolloutOptions),
+    /// List what is registered.
+    List {
+        /// What to list; everything where absent.
+        #[arg(value_enum)]
+        kind: Option<describe::Kind>,
+    },
+    /// Print parameters, defaults, units and sources of one plugin.
+    Describe {
+        /// Name of an environment, agent or protocol.
+        name: String,
+    },
+    /// Print the JSON Schema of a study, with the parameters of all plugins.
+    Schema,
+    /// Serve trials on standard input; started by `run`.
+    #[command(hide = true)]
+    TrialWorker,
+}
+
+/// Reads the command line and does what it says.
+#[must_use]
+pub fn main(registry: &Registry) -> ExitCode {
+    let Command { verb, common } = Command::parse();
+    ExitCode::from(match answer(registry, verb, &common) {
+        Ok(code) => code,
+        Err(failure) => {
+            complain(&failure.text);
+            failure.code
+        }
+    })
+}
+
+fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failure> {
+    match verb {
+        Verb::Check(selection) => study::check(registry, &selection, common),
+        Verb::Plan(selection) => study::plan(registry, &selection, common),
+        Verb::Run { selection, options, report } => run::run(registry, &selection, &options, &report, common),
+        Verb::Status(selection) => study::status(registry, &selection, common),
+        Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
+        Verb::Worker { selection, index, jobs } => run::worker(registry, &selection, index.as_deref(), jobs, common),
+        Verb::Resolve(selection) => study::resolve(registry, &selection),
+        Verb::Rollout(options) => rollout::rollout(registry, &options),
+        Verb::List { kind } => describe::list(registry, kind, common),
+        Verb::Describe { name } => describe::describe(registry, &name),
+        Verb::Schema => describe::schema(registry),
+        Verb::TrialWorker => serve(registry),
+    }
+}
+
+fn serve(registry: &Registry) -> Result<u8, Failure> {
+    crate::scheduler::serve(registry, std::io::stdin().lock(), std::io::stdout())?;
+    Ok(OK)
+}
+
+/// A command that could not be carried out: what to print and the exit code.
+struct Failure {
+    code: u8,
+    text: String,
+}
+
+impl From<crate::Error> for Failure {
+    fn from(error: crate::Error) -> Self {
+        let code = if matches!(error, crate::Error::File { .. }) { INCOMPLETE } else { BAD_SPEC };
+        Self { code, text: format!("error: {error}") }
+    }
+}
+
+/// Standard output is for results.
+#[allow(clippy::print_stdout, reason = "the command line prints")]
+fn say(text: &str) {
+    use std::io::Write;
+    // A reader that closed the pipe (`| head`) has what it wanted.
+    let _ = writeln!(std::io::stdout(), "{}", text.trim_end_matches('\n'));
+}
+
+/// Standard error is for progress and complaints.
+#[allow(clippy::print_stderr, reason = "the command line prints")]
+fn complain(text: &str) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stderr(), "{}", text.trim_end_matches('\n'));
+}
+
+/// Colour on a terminal, unless `NO_COLOR` is set.
+fn colour() -> bool {
+    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
+}

@@ -1,0 +1,117 @@
+//! Shows what happens: bars on a terminal, plain lines elsewhere.
+
+use super::complain;
+use crate::{
+    results::{EndState, TrialEnd},
+    scheduler::Event,
+    trial::Trial,
+};
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use std::io::IsTerminal;
+
+/// What has been shown so far.
+pub(super) struct Progress<'a> {
+    trials: &'a [Trial],
+    done: usize,
+    failed: usize,
+    bars: Option<Bars>,
+}
+
+struct Bars {
+    all: MultiProgress,
+    study: ProgressBar,
+    slots: Vec<ProgressBar>,
+}
+
+impl<'a> Progress<'a> {
+    /// Starts showing the run of `trials` on `workers` slots.
+    pub(super) fn new(trials: &'a [Trial], workers: usize) -> Self {
+        let bars = std::io::stderr().is_terminal().then(|| Bars::new(trials.len() as u64, workers));
+        Self { trials, done: 0, failed: 0, bars }
+    }
+
+    /// Shows one event.
+    pub(super) fn show(&mut self, event: &Event) {
+        match event {
+            Event::Started { slot, trial } => self.started(*slot, *trial),
+            Event::Progress { slot, done, total } => self.advanced(*slot, *done, *total),
+            Event::Ended { slot, trial, end } => self.ended(*slot, *trial, end),
+            Event::Stopped { .. } => {}
+            Event::Broken { slot, problem } => self.line(&format!("worker {slot} cannot go on: {problem}")),
+        }
+    }
+
+    /// How many trials ended in another state than `ok`.
+    pub(super) fn failed(&self) -> usize {
+        self.failed
+    }
+
+    fn started(&mut self, slot: usize, trial: usize) {
+        if let Some(bar) = self.bars.as_ref().and_then(|bars| bars.slots.get(slot)) {
+            bar.reset();
+            bar.set_message(title(&self.trials[trial]));
+        }
+    }
+
+    fn advanced(&mut self, slot: usize, done: u64, total: u64) {
+        if let Some(bar) = self.bars.as_ref().and_then(|bars| bars.slots.get(slot)) {
+            bar.set_length(total);
+            bar.set_position(done);
+        }
+    }
+
+    fn ended(&mut self, slot: usize, trial: usize, end: &TrialEnd) {
+        self.done += 1;
+        self.failed += usize::from(end.state != EndState::Ok);
+        let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
+        let (title, wall_s) = (title(&self.trials[trial]), end.wall_s);
+        if self.bars.is_none() || end.state != EndState::Ok {
+            let width = self.trials.len().to_string().len();
+            self.line(&format!("[{:>width$}/{}] {:<8} {title} ({wall_s:.1} s){reason}", self.done, self.trials.len(), end.state.name()));
+        }
+        if let Some(bars) = &self.bars {
+            bars.study.inc(1);
+            if let Some(bar) = bars.slots.get(slot) {
+                bar.set_message("idle");
+            }
+        }
+    }
+
+    fn line(&self, text: &str) {
+        match &self.bars {
+            // A terminal that cannot show the line still has the bars.
+            Some(bars) => drop(bars.all.println(text)),
+            None => complain(text),
+        }
+    }
+}
+
+impl Drop for Progress<'_> {
+    fn drop(&mut self) {
+        if let Some(bars) = &self.bars {
+            bars.slots.iter().for_each(ProgressBar::finish_and_clear);
+            bars.study.abandon();
+        }
+    }
+}
+
+impl Bars {
+    fn new(trials: u64, workers: usize) -> Self {
+        let all = MultiProgress::new();
+        let study = all.add(ProgressBar::new(trials).with_style(style("{bar:30} {pos}/{len} trials  {elapsed} so far, {eta} left")));
+        study.enable_steady_tick(std::time::Duration::from_millis(500));
+        let slot = || all.add(ProgressBar::new(0).with_style(style("{bar:30.dim} {msg}  {human_pos}/{human_len} steps, {per_sec}, {eta} left")));
+        let slots = (0..workers.min(usize::try_from(trials).unwrap_or(usize::MAX))).map(|_| slot()).collect();
+        Self { all, study, slots }
+    }
+}
+
+fn style(template: &str) -> ProgressStyle {
+    // The templates are the constants above.
+    ProgressStyle::with_template(template).expect("a valid template").progress_chars("━╸─")
+}
+
+fn title(trial: &Trial) -> String {
+    let setting = if trial.setting.is_empty() { String::new() } else { format!(" [{}]", trial.setting) };
+    format!("{} {}{setting} seed {}", trial.environment, trial.agent, trial.key.seed)
+}

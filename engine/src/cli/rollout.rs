@@ -1,0 +1,79 @@
+//! `regimen rollout`: one environment, given actions or an agent, one CSV file.
+
+use super::{BAD_SPEC, Failure, OK, complain};
+use crate::{
+    Error, Registry,
+    random::Streams,
+    rollout::{self, Actions},
+    spec,
+};
+use clap::Args;
+use serde_json::Value;
+use std::path::PathBuf;
+
+/// Which environment, which actions, which file.
+#[derive(Debug, Clone, Args)]
+pub(super) struct RolloutOptions {
+    /// Name of the environment.
+    environment: String,
+    /// YAML file with the environment's config; defaults where absent.
+    #[arg(long, value_name = "FILE.yaml")]
+    config: Option<PathBuf>,
+    /// CSV file with one column per action channel and one row per decision.
+    #[arg(long, value_name = "FILE.csv", required_unless_present = "agent", conflicts_with = "agent")]
+    actions: Option<PathBuf>,
+    /// Name of an agent that decides, with its default config or that of `--agent-config`.
+    #[arg(long, value_name = "NAME")]
+    agent: Option<String>,
+    /// YAML file with the agent's config.
+    #[arg(long, value_name = "FILE.yaml", requires = "agent")]
+    agent_config: Option<PathBuf>,
+    /// Seed of the environment's and the agent's random numbers.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// The most decisions that an agent makes.
+    #[arg(long, default_value_t = 100_000)]
+    decisions: u64,
+    /// Where to write.
+    #[arg(long, value_name = "FILE.csv")]
+    out: PathBuf,
+}
+
+/// Rolls out and says how many decisions were made.
+pub(super) fn rollout(registry: &Registry, options: &RolloutOptions) -> Result<u8, Failure> {
+    let config = |kind, name, path: &Option<PathBuf>| {
+        spec::load_config(registry, kind, name, path.as_deref()).map_err(|text| Failure { code: BAD_SPEC, text })
+    };
+    let (name, environment_config) = (&options.environment, config(spec::PluginKind::Environment, &options.environment, &options.config)?);
+    let entry = registry.environments.get(name.as_str()).ok_or_else(|| unknown("environment", name))?;
+    let mut environment = (entry.build)(&environment_config)?;
+    let mut agent;
+    let actions = match (&options.actions, &options.agent) {
+        (Some(path), _) => Actions::Given(rollout::read_actions(environment.seats(), path)?),
+        (None, Some(name)) => {
+            let agent_config = config(spec::PluginKind::Agent, name, &options.agent_config)?;
+            agent = build_agent(registry, name, &agent_config, &*environment, options.seed)?;
+            Actions::Agent { agent: &mut *agent, decisions: options.decisions }
+        }
+        (None, None) => return Err(Failure { code: BAD_SPEC, text: "error: give --actions or --agent".into() }),
+    };
+    let decisions = rollout::write(&mut *environment, actions, options.seed, &options.out)?;
+    complain(&format!("{decisions} decisions written to {}", options.out.display()));
+    Ok(OK)
+}
+
+fn build_agent(
+    registry: &Registry,
+    name: &str,
+    config: &Value,
+    environment: &dyn crate::Environment,
+    seed: u64,
+) -> Result<Box<dyn crate::Agent>, Failure> {
+    let entry = registry.agents.get(name).ok_or_else(|| unknown("agent", name))?;
+    let streams = Streams::new("rollout", "rollout", seed);
+    Ok((entry.build)(config, &environment.interface(), &mut streams.agent("initialise"))?)
+}
+
+fn unknown(kind: &str, name: &str) -> Failure {
+    Error::config(kind, format!("`{name}` is not registered in this program")).into()
+}

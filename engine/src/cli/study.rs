@@ -1,0 +1,245 @@
+//! `check`, `plan`, `status`, `resolve`: what is known of studies without running anything.
+
+use super::{BAD_SPEC, Common, Failure, Format, NOTHING_SELECTED, OK, INCOMPLETE, TRIALS_FAILED, Selection, colour, complain, say, settings};
+use crate::{
+    Registry,
+    results::{EndState, TrialEnd},
+    spec::{self, Plan, Study},
+    store::Store,
+    trial::Trial,
+};
+use serde_json::json;
+use std::{collections::BTreeMap, path::Path};
+
+/// A study that passed its checks, and its trials.
+pub(super) struct Planned {
+    /// The study.
+    pub(super) study: Study,
+    /// Its trials, narrowed by `--only`.
+    pub(super) plan: Plan,
+}
+
+/// Loads and plans all selected studies; every problem of every file is in the failure.
+pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Planned>, Failure> {
+    let (mut planned, mut problems) = (Vec::new(), Vec::new());
+    for path in &selection.specs {
+        match load_one(registry, path, selection) {
+            Ok(one) => planned.push(one),
+            Err(text) => problems.push(text),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(Failure { code: BAD_SPEC, text: problems.join("\n") });
+    }
+    if planned.iter().all(|one| one.plan.trials.is_empty()) {
+        return Err(Failure { code: NOTHING_SELECTED, text: "no trial matches what was selected".into() });
+    }
+    Ok(planned)
+}
+
+fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
+    let options = spec::LoadOptions { profile: selection.profile.clone(), sets: selection.sets.clone(), seeds: selection.seeds };
+    let study = spec::load(path, registry, &options).map_err(|problems| spec::render_all(&problems, colour()))?;
+    let mut plan = study.plan();
+    if !selection.only.is_empty() {
+        let named = |name: &String| selection.only.contains(name);
+        let restricts = |names: &mut dyn Iterator<Item = &String>| names.any(named);
+        let by_environment = restricts(&mut plan.trials.iter().map(|trial| &trial.environment));
+        let by_agent = restricts(&mut plan.trials.iter().map(|trial| &trial.agent));
+        plan.trials.retain(|trial| {
+            (by_environment || by_agent) && (!by_environment || named(&trial.environment)) && (!by_agent || named(&trial.agent))
+        });
+    }
+    Ok(Planned { study, plan })
+}
+
+/// `check`: one line per good study.
+pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
+    if common.format == Format::Json {
+        return check_as_json(registry, selection);
+    }
+    for one in load(registry, selection)? {
+        let Planned { study, plan } = one;
+        say(&format!("{}: ok, {} trials, {} tables, {} figures, {} claims", study.name, plan.trials.len(), study.tables.len(), study.figures.len(), study.claims.len()));
+    }
+    Ok(OK)
+}
+
+fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failure> {
+    let options = spec::LoadOptions { profile: selection.profile.clone(), sets: selection.sets.clone(), seeds: selection.seeds };
+    let mut code = OK;
+    let mut reports = Vec::new();
+    for path in &selection.specs {
+        let problems = spec::load(path, registry, &options).err().unwrap_or_default();
+        code = if problems.is_empty() { code } else { BAD_SPEC };
+        reports.push(json!({"spec": path, "problems": problems.iter().map(spec::Diagnostic::to_json).collect::<Vec<_>>()}));
+    }
+    say(&serde_json::Value::Array(reports).to_string());
+    Ok(code)
+}
+
+/// The state of every trial; `None` where it has not run or must run again.
+pub(super) fn ends(store: &Store, trials: &[Trial]) -> Vec<Option<TrialEnd>> {
+    trials
+        .iter()
+        .map(|trial| match store.end(&trial.id) {
+            Ok(end) => end,
+            Err(error) => {
+                complain(&format!("warning: {error}; the trial counts as missing"));
+                None
+            }
+        })
+        .collect()
+}
+
+/// True where a trial has to run: it never did, or was killed from outside.
+pub(super) fn is_missing(end: Option<&TrialEnd>) -> bool {
+    end.is_none_or(|end| end.state == EndState::Killed)
+}
+
+/// `plan`: trials by cell, what is done, what the rest will cost.
+pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
+    let settings = settings::read(common)?;
+    let store = Store::at(&settings.store);
+    for one in load(registry, selection)? {
+        let ends = ends(&store, &one.plan.trials);
+        say(&overview(&one, &ends, settings.workers, common.format));
+    }
+    Ok(OK)
+}
+
+/// `status`: end states by cell, reasons of failures; 106 where trials are missing, 100 where some failed.
+pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
+    let settings = settings::read(common)?;
+    let store = Store::at(&settings.store);
+    let mut code = OK;
+    for one in load(registry, selection)? {
+        let ends = ends(&store, &one.plan.trials);
+        say(&overview(&one, &ends, settings.workers, common.format));
+        if common.format == Format::Text {
+            say(&failures(&one.plan.trials, &ends));
+        }
+        code = code.max(code_of(&ends));
+    }
+    Ok(code)
+}
+
+/// The exit code that fits the states of trials.
+pub(super) fn code_of(ends: &[Option<TrialEnd>]) -> u8 {
+    if ends.iter().any(|end| is_missing(end.as_ref())) {
+        INCOMPLETE
+    } else if ends.iter().flatten().any(|end| end.state != EndState::Ok) {
+        TRIALS_FAILED
+    } else {
+        OK
+    }
+}
+
+/// `resolve`: the study with every default.
+pub(super) fn resolve(registry: &Registry, selection: &Selection) -> Result<u8, Failure> {
+    for one in load(registry, selection)? {
+        say(&spec::resolved_yaml(&one.study));
+    }
+    Ok(OK)
+}
+
+/// Trials of one environment, agent and setting.
+#[derive(Default)]
+struct Cell {
+    ok: usize,
+    failed: usize,
+    missing: usize,
+    steps: u64,
+    wall_s: f64,
+    steps_missing: u64,
+}
+
+fn cells(plan: &Plan, ends: &[Option<TrialEnd>]) -> Vec<((String, String, String), Cell)> {
+    let mut order = Vec::new();
+    let mut cells: BTreeMap<(String, String, String), Cell> = BTreeMap::new();
+    for ((trial, end), cost) in plan.trials.iter().zip(ends).zip(&plan.costs) {
+        let key = (trial.environment.clone(), trial.agent.clone(), trial.setting.clone());
+        let cell = cells.entry(key.clone()).or_insert_with(|| {
+            order.push(key);
+            Cell::default()
+        });
+        match end {
+            Some(end) if end.state == EndState::Ok => {
+                cell.ok += 1;
+                cell.steps += cost + 1;
+                cell.wall_s += end.wall_s;
+            }
+            Some(end) if end.state != EndState::Killed => cell.failed += 1,
+            _ => {
+                cell.missing += 1;
+                cell.steps_missing += cost + 1;
+            }
+        }
+    }
+    order.into_iter().filter_map(|key| cells.remove_entry(&key)).collect()
+}
+
+fn overview(one: &Planned, ends: &[Option<TrialEnd>], workers: usize, format: Format) -> String {
+    let cells = cells(&one.plan, ends);
+    if format == Format::Json {
+        let rows: Vec<_> = cells
+            .iter()
+            .map(|((environment, agent, setting), cell)| {
+                json!({"environment": environment, "agent": agent, "setting": setting, "ok": cell.ok, "failed": cell.failed, "missing": cell.missing})
+            })
+            .collect();
+        return json!({"study": one.study.name, "trials": one.plan.trials.len(), "cells": rows}).to_string();
+    }
+    let mut lines = vec![format!("{}: {} trials", one.study.name, one.plan.trials.len())];
+    let width = |of: fn(&(String, String, String)) -> usize, least: usize| cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least);
+    let (first, second, third) = (width(|key| key.0.len(), 11), width(|key| key.1.len(), 5), width(|key| key.2.len(), 0));
+    let setting = if third > 0 { format!("{:<third$}  ", "setting") } else { String::new() };
+    let third = third.max(setting.trim_end().len());
+    lines.push(format!("  {:<first$}  {:<second$}  {setting}{:>6} {:>6} {:>7}", "environment", "agent", "ok", "failed", "missing"));
+    for ((environment, agent, setting), cell) in &cells {
+        let setting = if third > 0 { format!("{setting:<third$}  ") } else { String::new() };
+        lines.push(format!("  {environment:<first$}  {agent:<second$}  {setting}{:>6} {:>6} {:>7}", cell.ok, cell.failed, cell.missing));
+    }
+    lines.push(cost(&cells, workers));
+    lines.join("\n")
+}
+
+/// An estimate of the time that the missing trials will take, from the stored ones of the same agent.
+fn cost(cells: &[((String, String, String), Cell)], workers: usize) -> String {
+    let missing: usize = cells.iter().map(|(_, cell)| cell.missing).sum();
+    if missing == 0 {
+        return "  nothing is missing".into();
+    }
+    let mut rates: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
+    for ((_, agent, _), cell) in cells {
+        let rate = rates.entry(agent).or_default();
+        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+        let steps = cell.steps as f64;
+        *rate = (rate.0 + cell.wall_s, rate.1 + steps);
+    }
+    let known = |agent: &str| rates.get(agent).filter(|(_, steps)| *steps > 0.0).map(|(wall_s, steps)| wall_s / steps);
+    let unknown: usize = cells.iter().filter(|((_, agent, _), _)| known(agent).is_none()).map(|(_, cell)| cell.missing).sum();
+    #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+    let seconds: f64 = cells.iter().filter_map(|((_, agent, _), cell)| Some(known(agent)? * cell.steps_missing as f64)).sum();
+    #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+    let wall_s = seconds / workers as f64;
+    let about = if unknown == missing { "no stored trial tells how long".to_owned() } else { format!("about {} on {workers} workers", duration(wall_s)) };
+    let rest = if unknown > 0 && unknown < missing { format!(", and {unknown} trials of agents that never ran") } else { String::new() };
+    format!("  {missing} missing: {about}{rest}")
+}
+
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+fn failures(trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {
+    let failed = trials.iter().zip(ends).filter_map(|(trial, end)| Some((trial, end.as_ref().filter(|end| end.state != EndState::Ok)?)));
+    failed
+        .map(|(trial, end)| format!("  {:<8} {} {} {} seed {}: {}", end.state.name(), trial.environment, trial.agent, trial.setting, trial.key.seed, end.reason))
+        .collect::<Vec<_>>()
+        .join("\n")
+}
