@@ -1,1 +1,8 @@
+//! The one integration binary: everything here goes through the real program.
 
+mod architecture;
+mod experiments;
+mod other_programs;
+mod program;
+mod rollout;
+mod runs;

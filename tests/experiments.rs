@@ -1,0 +1,48 @@
+//! Every study of the repository: checked as it is, and run through its smoke profile to the report.
+
+use crate::program::{Bench, repository};
+
+fn studies() -> Vec<String> {
+    let mut names: Vec<String> = std::fs::read_dir(repository().join("experiments"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "yaml"))
+        .map(|path| path.to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn every_study_and_every_profile_passes_the_check() {
+    let bench = Bench::new();
+    let studies = studies();
+    assert!(studies.len() >= 8, "{studies:?}");
+    for profile in [None, Some("smoke"), Some("paper")] {
+        let mut arguments = vec!["check"];
+        arguments.extend(profile.iter().flat_map(|profile| ["--profile", profile]));
+        arguments.extend(studies.iter().map(String::as_str));
+        bench.ok(&arguments);
+    }
+}
+
+#[test]
+fn every_study_runs_its_smoke_profile_to_the_report() {
+    let bench = Bench::new();
+    let studies = studies();
+    let mut arguments = vec!["run", "--profile", "smoke"];
+    arguments.extend(studies.iter().map(String::as_str));
+    bench.ok(&arguments);
+    for study in &studies {
+        let name = std::path::Path::new(study).file_stem().unwrap().to_string_lossy().into_owned();
+        let folder = bench.path(&format!("results/{name}-smoke"));
+        for file in ["index.html", "report.md", "resolved.yaml"] {
+            assert!(folder.join(file).metadata().is_ok_and(|file| file.len() > 200), "{name}: {file}");
+        }
+        let page = std::fs::read_to_string(folder.join("index.html")).unwrap();
+        assert!(!page.contains("NaN"), "{name}: a number that is none reached the page");
+    }
+    let again = bench.run(&arguments);
+    assert_eq!(again.code, 0);
+    assert!(again.err.contains("nothing runs"), "a second run did something: {}", again.err);
+}
