@@ -1,1 +1,30 @@
-//! agents
+//! Agents: rules, bounds and learning algorithms, one file each, readable beside its paper.
+//!
+//! Invariants
+//! 1. No agent names an environment: it reads the seats, spaces and channel names of an [`engine::Interface`].
+//! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a number.
+//! 3. A saved and loaded agent continues to the same bits.
+
+pub mod equal_split;
+pub mod random_allocation;
+pub mod rank_rule;
+pub mod seat;
+pub mod water_filling;
+
+use engine::{AgentTraits, Registry};
+
+/// Registers every agent of this crate.
+pub fn register(registry: &mut Registry) {
+    let rule = AgentTraits::default;
+    registry.agent("equal_split", 1, "every asset gets the same share", rule(), equal_split::build);
+    registry.agent("random_allocation", 1, "shares drawn uniformly from the simplex", rule(), random_allocation::build);
+    registry.agent("rank_rule", 1, "fixed shares by the rank of the observed voltage", rule(), rank_rule::build);
+    registry.agent("water_filling", 1, "equal terminal voltages, from what is observed", rule(), water_filling::build);
+    registry.agent(
+        "water_filling_true_state",
+        1,
+        "equal terminal voltages, from the true state: a bound",
+        rule(),
+        water_filling::build_true_state,
+    );
+}

@@ -1,0 +1,57 @@
+//! Every asset gets the same share, always: the baseline of the thesis (section 3.5.2), to which its improvements relate.
+//!
+//! `a_i = 1 / N`. It observes nothing, learns nothing and records nothing.
+
+use crate::seat;
+use engine::{Action, Agent, Error, Interface, Mode, Observation, Rng};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// It has no parameters.
+#[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {}
+
+impl engine::Config for Config {}
+
+/// Equal shares for every seat.
+#[derive(Debug, Clone)]
+pub struct EqualSplit {
+    action: Action,
+}
+
+/// Builds the rule for any number of seats that act on simplexes.
+///
+/// # Errors
+/// [`Error::Mismatch`] where a seat's action is not on a simplex.
+pub fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let action = interface.seats.iter().map(|seat| Ok(equal_shares(seat::simplex("equal_split", seat)?.len())));
+    Ok(Box::new(EqualSplit { action: action.collect::<Result<_, Error>>()? }))
+}
+
+/// `n` equal shares.
+#[must_use]
+#[allow(clippy::cast_precision_loss, reason = "a number of assets is far below 2^52")]
+pub fn equal_shares(n: usize) -> Vec<f64> {
+    vec![1.0 / n as f64; n]
+}
+
+impl Agent for EqualSplit {
+    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
+        Ok(vec![self.action.clone(); observations.len()])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seat::tests::allocation;
+
+    #[test]
+    fn four_assets_get_a_quarter_each() {
+        let mut rng = engine::random::stream(&["test"]);
+        let mut agent = build(Config {}, &allocation(&["voltage_1"], &[], 4), &mut rng).unwrap();
+        let actions = agent.act(&[Observation::default(), Observation::default()], Mode::Evaluate, &mut rng).unwrap();
+        assert_eq!(actions, vec![vec![vec![0.25; 4]]; 2]);
+    }
+}

@@ -1,0 +1,64 @@
+//! Shares drawn anew at every decision, uniformly from the simplex: the least informed policy, a floor for comparisons.
+//!
+//! Uniform on the simplex is `Dirichlet(1, ..., 1)`: `a_i = e_i / sum_j e_j` with `e_i = -ln(1 - u_i)` exponential,
+//! `u_i` uniform in `[0, 1)`. It draws in both modes, learns nothing and records nothing.
+
+use crate::seat;
+use engine::{Action, Agent, Error, Interface, Mode, Observation, Rng};
+use rand::Rng as _;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// It has no parameters.
+#[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {}
+
+impl engine::Config for Config {}
+
+/// Uniformly random shares for every seat.
+#[derive(Debug, Clone)]
+pub struct RandomAllocation {
+    n_shares: Vec<usize>,
+}
+
+/// Builds the policy for any number of seats that act on simplexes.
+///
+/// # Errors
+/// [`Error::Mismatch`] where a seat's action is not on a simplex.
+pub fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let n_shares = interface.seats.iter().map(|seat| Ok(seat::simplex("random_allocation", seat)?.len()));
+    Ok(Box::new(RandomAllocation { n_shares: n_shares.collect::<Result<_, Error>>()? }))
+}
+
+impl Agent for RandomAllocation {
+    fn act(&mut self, observations: &[Observation], _: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        let mut draw = |_| self.n_shares.iter().map(|&n| uniform_shares(n, rng)).collect();
+        Ok(observations.iter().map(&mut draw).collect())
+    }
+}
+
+/// One draw from `Dirichlet(1, ..., 1)`, `n` shares that sum to 1.
+pub fn uniform_shares(n: usize, rng: &mut Rng) -> Vec<f64> {
+    // The smallest exponential is kept above zero so that a single asset never divides zero by zero.
+    let exponentials: Vec<f64> = (0..n).map(|_| (-(-rng.random::<f64>()).ln_1p()).max(f64::MIN_POSITIVE)).collect();
+    let total: f64 = exponentials.iter().sum();
+    exponentials.into_iter().map(|e| e / total).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seat::tests::allocation;
+
+    #[test]
+    fn shares_sum_to_one_and_have_the_moments_of_a_uniform_simplex() {
+        let mut rng = engine::random::stream(&["uniform"]);
+        let mut agent = build(Config {}, &allocation(&["voltage_1"], &[], 4), &mut rng).unwrap();
+        let actions = agent.act(&vec![Observation::default(); 20_000], Mode::Train, &mut rng).unwrap();
+        assert!(actions.iter().all(|action| (action[0].iter().sum::<f64>() - 1.0).abs() < 1e-12));
+        let mean = |power: i32| actions.iter().map(|action| action[0][1].powi(power)).sum::<f64>() / 20_000.0;
+        // Dirichlet(1,1,1,1): E[a] = 1/4, E[a^2] = 2/20.
+        assert!((mean(1) - 0.25).abs() < 0.005 && (mean(2) - 0.1).abs() < 0.004);
+    }
+}
