@@ -19,6 +19,7 @@ pub mod random;
 pub mod recorder;
 pub mod registry;
 pub mod results;
+pub mod statistics;
 pub mod table;
 pub mod trial;
 
