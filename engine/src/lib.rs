@@ -23,6 +23,7 @@ pub mod results;
 pub mod rollout;
 pub mod scheduler;
 pub mod store;
+pub mod statistics;
 pub mod table;
 pub mod trial;
 
