@@ -41,7 +41,8 @@ fn polars_for_python_reads_the_metrics() {
     bench.write("readable.yaml", STUDY);
     bench.ok(&["run", "readable.yaml"]);
     let files = trial_files(&bench.path("store"));
-    let metrics = files.iter().map(|file| file.with_file_name("metrics.parquet").to_string_lossy().into_owned()).collect::<Vec<_>>();
+    let metrics =
+        files.iter().map(|file| file.with_file_name("metrics.parquet").to_string_lossy().into_owned()).collect::<Vec<_>>();
     assert_eq!(metrics.len(), 3);
     check("read_metrics.py", "polars", &metrics);
 }

@@ -26,7 +26,10 @@ const STATES: [&str; 8] = ["tb", "Vo", "Vsn", "Vsp", "qnB", "qnS", "qpB", "qpS"]
 #[test]
 fn one_cell_at_constant_power_follows_the_other_program() {
     let bench = Bench::new();
-    bench.write("cell.yaml", "cells: 1\nthermal: true\ndecision_interval_s: 10\nload: { constant: { power_w: 8 } }\nstart: full\n");
+    bench.write(
+        "cell.yaml",
+        "cells: 1\nthermal: true\ndecision_interval_s: 10\nload: { constant: { power_w: 8 } }\nstart: full\n",
+    );
     let actions = format!("weight_1\n{}", "1\n".repeat(300));
     bench.write("actions.csv", &actions);
     bench.ok(&["rollout", "battery", "--config", "cell.yaml", "--actions", "actions.csv", "--out", "out.csv"]);

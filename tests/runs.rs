@@ -65,7 +65,8 @@ fn shards_of_a_study_together_equal_the_whole() {
 #[test]
 fn a_trial_that_fails_is_a_row_and_leaves_the_rest_alone() {
     let bench = Bench::new();
-    let broken = STUDY.replace("learning_starts: 64 }", "learning_starts: 64, actor_learning_rate: 1.0, critic_learning_rate: 1.0 }");
+    let broken =
+        STUDY.replace("learning_starts: 64 }", "learning_starts: 64, actor_learning_rate: 1.0, critic_learning_rate: 1.0 }");
     let broken = broken.replace("seeds: 3", "seeds: 1").replace("steps: 256", "steps: 4096");
     bench.write("small.yaml", &broken);
     let answer = bench.run(&["run", "small.yaml"]);

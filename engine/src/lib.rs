@@ -22,8 +22,8 @@ pub mod registry;
 pub mod results;
 pub mod rollout;
 pub mod scheduler;
-pub mod store;
 pub mod statistics;
+pub mod store;
 pub mod table;
 pub mod trial;
 

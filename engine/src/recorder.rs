@@ -56,6 +56,7 @@ pub struct Recorder {
     names: Vec<String>,
     rows: Vec<Row>,
     means: BTreeMap<String, (f64, u64)>,
+    latest: BTreeMap<String, f64>,
 }
 
 impl Recorder {
@@ -72,6 +73,18 @@ impl Recorder {
             *count += 1;
         } else {
             self.means.insert(metric.into(), (value, 1));
+        }
+    }
+
+    /// Replaces the latest value of a running estimate; `estimator_tracking` records it when due.
+    pub fn latest(&mut self, metric: &str, value: f64) {
+        self.latest.insert(metric.into(), value);
+    }
+
+    /// Records the latest value of every running estimate.
+    pub fn record_latest(&mut self, phase: Phase, step: u64) {
+        for (metric, value) in self.latest.clone() {
+            self.add(phase, step, 0, 0, &metric, value);
         }
     }
 

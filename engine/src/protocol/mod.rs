@@ -1,11 +1,13 @@
 //! What a protocol is: how one trial runs; and the protocols that fit any environment.
 
+mod estimator_tracking;
 mod evaluation;
 mod supervised_fit;
 mod train_evaluate;
 
 use crate::{Agent, Environment, Error, Metric, Recorder, Registry, random::Streams};
 
+pub use estimator_tracking::EstimatorTracking;
 pub use supervised_fit::SupervisedFit;
 pub use train_evaluate::TrainEvaluate;
 
@@ -13,6 +15,7 @@ pub use train_evaluate::TrainEvaluate;
 pub fn register(registry: &mut Registry) {
     train_evaluate::register(registry);
     supervised_fit::register(registry);
+    estimator_tracking::register(registry);
 }
 
 /// What a protocol works with. Everything in it belongs to one trial.
