@@ -117,7 +117,7 @@ impl Environment for SimplexReconstruction {
     }
 
     fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
-        let output = simplex::checked(actions, self.episode.target.len())?;
+        let output = simplex::checked(actions, self.episode.target.len(), simplex::SUM_TOLERANCE)?;
         let error = mean_absolute_error(&output, &self.episode.target);
         self.episode.output = Some(output);
         let observations = vec![self.episode.inputs.clone()];

@@ -22,6 +22,8 @@ mod ageing;
 mod cell;
 mod channels;
 mod config;
+#[cfg(test)]
+mod environment_tests;
 mod load;
 mod model;
 #[cfg(test)]
@@ -128,11 +130,12 @@ impl Battery {
     /// Puts a new cell in the place of each one that is worn out.
     fn replace_worn_cells(&mut self) {
         let Some(ageing) = self.config.ageing else { return };
+        let end_v = self.config.end_of_discharge_v;
         for (index, cell) in self.cells.iter_mut().enumerate() {
-            let reaches_start = self.starter.renew(index, cell.parameters());
+            let reaches_start = self.starter.renew(index, cell.parameters(), end_v);
             if ageing.has_ended(cell.parameters()) || !reaches_start {
                 cell.set_parameters(self.new_parameters[index]);
-                self.starter.renew(index, cell.parameters());
+                self.starter.renew(index, cell.parameters(), end_v);
             }
         }
     }
@@ -248,7 +251,7 @@ impl Environment for Battery {
     }
 
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
-        let weights = simplex::checked(actions, self.cells.len())?;
+        let weights = simplex::checked(actions, self.cells.len(), self.config.weight_sum_tolerance)?;
         let (power_w, energy_j) = self.discharge(&weights, rng);
         self.progress.decisions += 1;
         self.check_finite()?;
