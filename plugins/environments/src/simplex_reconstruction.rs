@@ -38,9 +38,9 @@ pub struct SimplexReconstruction {
 /// What one episode consists of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Episode {
-    /// The entries that are shown, [dimensions - 1].
+    /// The entries that are shown, `[dimensions - 1]`.
     inputs: Vec<f64>,
-    /// The whole point, ascending, [dimensions].
+    /// The whole point, ascending, `[dimensions]`.
     target: Vec<f64>,
     /// The action, once it is taken.
     output: Option<Vec<f64>>,

@@ -74,8 +74,9 @@ pub struct BatteryConfig {
     pub process_noise: bool,
     /// Adds uniform noise of at most 1 mV to observed voltages; the end of discharge is decided by the true ones.
     pub sensor_noise: bool,
-    /// Wear of the cells from episode to episode; left out, cells do not wear. A worn cell is replaced at the start of an
-    /// episode when it has reached its end of life, or when a start that `start` may ask for lies past its discharge.
+    /// Wear of the cells from episode to episode: `{}` for the published rates; left out, cells do not wear. A worn cell is
+    /// replaced at the start of an episode when it has reached its end of life, or when a start that `start` may ask for lies
+    /// past its discharge.
     pub ageing: Option<Ageing>,
     /// Step of the explicit Euler scheme.
     #[schemars(range(min = 1e-6, max = 10.0), extend("x-unit" = "s", "x-source" = "progpy 1.9.0"))]

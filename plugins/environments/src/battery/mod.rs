@@ -6,9 +6,9 @@
 //!
 //! | thesis | here                    | shape |
 //! |--------|-------------------------|-------|
-//! | a_t    | `weight_1..N`           | [N], sums to 1 |
-//! | V_t    | `voltage_1..N`, V       | [N]   |
-//! | I_t    | `current_1..N`, A       | [N], current of the last step; at the start 8 W / V from a profile, else 0 |
+//! | a_t    | `weight_1..N`           | `[N]`, sums to 1 |
+//! | V_t    | `voltage_1..N`, V       | `[N]` |
+//! | I_t    | `current_1..N`, A       | `[N]`, current of the last step; at the start 8 W / V from a profile, else 0 |
 //! | P_t    | `power_demand_w`, W     | demand of the coming decision |
 //!
 //! The current of cell k is w_k P / V_k with the voltage at the start of each step. A load given as a current is shared by
@@ -16,7 +16,9 @@
 //! of the last decision.
 //!
 //! Departures from the thesis, which leaves these open: the length of a decision, the start states, the parameters of aged
-//! cells and the initial currents; see the config for the values and their reasons.
+//! cells and the initial currents; see the config for the values and their reasons. Surface mole fractions are kept 0.001 from
+//! 0 and 1 where the authors' public code has 0.01: the lives under equal split and the
+//! rules of table 3.3 are the same, and the voltages of cells below 1.7 % charge are right.
 
 mod ageing;
 mod cell;
