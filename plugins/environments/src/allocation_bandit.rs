@@ -120,7 +120,7 @@ impl Environment for AllocationBandit {
     }
 
     fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
-        self.action = simplex::checked(actions, self.config.values.len())?;
+        self.action = simplex::checked(actions, self.config.values.len(), simplex::SUM_TOLERANCE)?;
         let earned = reward(&self.config, &self.action);
         let regret = reward(&self.config, &self.best) - earned;
         Ok(Step { observations: vec![vec![1.0]], rewards: vec![earned], info: vec![regret], end: Some(End::Terminated) })

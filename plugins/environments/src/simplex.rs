@@ -4,14 +4,14 @@ use engine::Error;
 
 /// How far an entry may lie below zero.
 const ENTRY_TOLERANCE: f64 = 1e-9;
-/// How far the sum of the entries may lie from one.
-const SUM_TOLERANCE: f64 = 1e-6;
+/// How far the sum of the entries may lie from one where nothing else is asked for.
+pub const SUM_TOLERANCE: f64 = 1e-6;
 
 /// The action of the only seat, with rounding errors below zero set to zero.
 ///
 /// # Errors
-/// [`Error::Action`] where there is not one seat with `entries` non-negative entries that sum to 1.
-pub fn checked(actions: &[Vec<f64>], entries: usize) -> Result<Vec<f64>, Error> {
+/// [`Error::Action`] where there is not one seat with `entries` non-negative entries whose sum is 1 to within `sum_tolerance`.
+pub fn checked(actions: &[Vec<f64>], entries: usize, sum_tolerance: f64) -> Result<Vec<f64>, Error> {
     let problem = |problem: String| Error::Action { problem };
     let [action] = actions else { return Err(problem(format!("{} seats in place of one", actions.len()))) };
     if action.len() != entries {
@@ -22,7 +22,7 @@ pub fn checked(actions: &[Vec<f64>], entries: usize) -> Result<Vec<f64>, Error> 
         return Err(problem(format!("entry {} is {}, below 0", index + 1, action[index])));
     }
     let sum: f64 = action.iter().sum();
-    if (sum - 1.0).abs() > SUM_TOLERANCE {
+    if (sum - 1.0).abs() > sum_tolerance {
         return Err(problem(format!("the entries sum to {sum}, not to 1")));
     }
     Ok(action.iter().map(|entry| entry.max(0.0)).collect())
@@ -36,10 +36,10 @@ mod tests {
     #[test]
     fn what_is_no_allocation_is_refused() {
         for action in [vec![0.5, 0.6], vec![1.1, -0.1], vec![f64::NAN, 1.0], vec![1.0], vec![f64::INFINITY, 0.0]] {
-            assert!(matches!(checked(&[action], 2), Err(Error::Action { .. })));
+            assert!(matches!(checked(&[action], 2, SUM_TOLERANCE), Err(Error::Action { .. })));
         }
-        assert!(checked(&[], 2).is_err());
-        assert_eq!(checked(&[vec![1.0, -1e-10]], 2).unwrap(), [1.0, 0.0]);
+        assert!(checked(&[], 2, SUM_TOLERANCE).is_err());
+        assert_eq!(checked(&[vec![1.0, -1e-10]], 2, SUM_TOLERANCE).unwrap(), [1.0, 0.0]);
     }
 
     proptest! {
@@ -47,9 +47,9 @@ mod tests {
         fn exactly_the_simplex_is_let_through(raw in prop::collection::vec(0.01_f64..1.0, 1..9), scale in 0.5_f64..1.5) {
             let sum: f64 = raw.iter().sum();
             let action: Vec<f64> = raw.iter().map(|entry| entry / sum).collect();
-            prop_assert_eq!(&checked(std::slice::from_ref(&action), action.len()).unwrap(), &action);
+            prop_assert_eq!(&checked(std::slice::from_ref(&action), action.len(), SUM_TOLERANCE).unwrap(), &action);
             let scaled: Vec<f64> = action.iter().map(|entry| entry * scale).collect();
-            prop_assert_eq!(checked(&[scaled], action.len()).is_ok(), (scale - 1.0).abs() <= 1e-6);
+            prop_assert_eq!(checked(&[scaled], action.len(), SUM_TOLERANCE).is_ok(), (scale - 1.0).abs() <= 1e-6);
         }
     }
 }

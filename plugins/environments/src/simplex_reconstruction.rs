@@ -38,9 +38,9 @@ pub struct SimplexReconstruction {
 /// What one episode consists of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Episode {
-    /// The entries that are shown, [dimensions - 1].
+    /// The entries that are shown, `[dimensions - 1]`.
     inputs: Vec<f64>,
-    /// The whole point, ascending, [dimensions].
+    /// The whole point, ascending, `[dimensions]`.
     target: Vec<f64>,
     /// The action, once it is taken.
     output: Option<Vec<f64>>,
@@ -117,7 +117,7 @@ impl Environment for SimplexReconstruction {
     }
 
     fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
-        let output = simplex::checked(actions, self.episode.target.len())?;
+        let output = simplex::checked(actions, self.episode.target.len(), simplex::SUM_TOLERANCE)?;
         let error = mean_absolute_error(&output, &self.episode.target);
         self.episode.output = Some(output);
         let observations = vec![self.episode.inputs.clone()];

@@ -4,7 +4,7 @@
 //! states from an operating discharge gives cells whose overpotentials are those of a cell at work.
 
 use super::cell::Cell;
-use super::model::{Physics, State};
+use super::model::{Model, Physics, State};
 use super::parameters::CellParameters;
 use engine::{Error, Rng};
 use rand::Rng as _;
@@ -80,11 +80,13 @@ impl Starter {
         Ok(Self { start, physics, profiles })
     }
 
-    /// Makes the profile of cell `cell` anew for worn parameters. False where it no longer reaches every start.
-    pub fn renew(&mut self, cell: usize, parameters: &CellParameters) -> bool {
+    /// Makes the profile of cell `cell` anew for worn parameters. False where some start of it now lies at or below
+    /// `end_of_discharge_v`.
+    pub fn renew(&mut self, cell: usize, parameters: &CellParameters, end_of_discharge_v: f64) -> bool {
         let Some((_, last)) = self.start.last_index(cell) else { return true };
         self.profiles[cell] = profile(parameters, self.physics);
-        last < self.profiles[cell].len()
+        let model = Model::new(parameters, self.physics);
+        self.profiles[cell].get(last).is_some_and(|state| model.voltage(state) > end_of_discharge_v)
     }
 
     /// Puts every cell into its start. A cell from a profile carries the profile's current at that state, 8 W / V, others none.
