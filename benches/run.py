@@ -1,0 +1,99 @@
+"""Runs every speed comparison side by side, pair by pair, and prints the ratios as a Markdown table.
+
+Build first: cargo build --release && cargo bench --no-run. Peers: python3 -m venv V && V/bin/pip install -r benches/peers/requirements.txt
+usage: run.py PYTHON_OF_THE_PEERS [ROUNDS] [ONLY...]
+"""
+
+import glob
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+PEERS = sys.argv[1]
+ROUNDS = int(sys.argv[2]) if len(sys.argv) > 2 else 3
+ONLY = sys.argv[3:]
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+
+
+def ask(command, env=None):
+    output = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env={**os.environ, **(env or {})}, check=True)
+    return json.loads(output.stdout.strip().splitlines()[-1])
+
+
+def bench(name, *words):
+    binaries = [path for path in glob.glob(f"{ROOT}/target/release/deps/{name}-*") if os.access(path, os.X_OK) and "." not in os.path.basename(path)]
+    return ask([max(binaries, key=os.path.getmtime), *map(str, words)])
+
+
+def peer(script, *words, cpu=None):
+    command = [PEERS, f"{ROOT}/benches/peers/{script}", *map(str, words)]
+    return ask(["taskset", "-c", str(cpu), *command] if cpu is not None else command)
+
+
+def both(script, words):
+    """Two peer processes at the same time, one for each core; the sum of their rates."""
+    command = lambda cpu: ["taskset", "-c", str(cpu), PEERS, f"{ROOT}/benches/peers/{script}", *map(str, words)]
+    running = [subprocess.Popen(command(cpu), stdout=subprocess.PIPE, text=True) for cpu in (0, 1)]
+    answers = [json.loads(process.communicate()[0].strip().splitlines()[-1]) for process in running]
+    return {"who": "two processes of " + answers[0]["who"], "updates_per_s": sum(answer["updates_per_s"] for answer in answers)}
+
+
+def sweep(batch, seconds_of_steps):
+    """Updates per second of a study with four seeds on two workers, start and reports included."""
+    study = f"""
+study: sweep
+title: Four seeds
+environments: {{ cells: {{ battery: {{ cells: 4 }} }} }}
+agents: {{ sac: {{ gaussian_softmax_sac: {{ batch_size: {batch}, critic_layers: 2, policy_layers: 2, updates_per_step: 1.0, learning_starts: 256 }} }} }}
+protocol: {{ train_evaluate: {{ steps: {seconds_of_steps}, environments: 1, evaluate_every: 0, final_episodes: 1, trace_episodes: 0 }} }}
+seeds: 4
+"""
+    seconds = timed(study, 2)
+    return {"who": "Regimen, 4 seeds on 2 workers", "updates_per_s": 4 * (seconds_of_steps - 256) / seconds}
+
+
+def overhead(trials):
+    study = f"""
+study: overhead
+title: Trivial trials
+environments: {{ task: {{ simplex_reconstruction: {{}} }} }}
+agents: {{ equal: {{ equal_split: {{}} }} }}
+protocol: {{ train_evaluate: {{ steps: 0, final_episodes: 1, trace_episodes: 0 }} }}
+seeds: {trials}
+"""
+    return {"who": "Regimen, 2 workers", "s_per_trial": timed(study, 2) / trials, "trials": trials}
+
+
+def timed(study, jobs):
+    with tempfile.TemporaryDirectory(dir=os.path.join(ROOT, "target")) as folder:
+        with open(os.path.join(folder, "study.yaml"), "w") as file:
+            file.write(study)
+        start = time.perf_counter()
+        subprocess.run([f"{ROOT}/target/release/regimen", "worker", "study.yaml", "-j", str(jobs)], cwd=folder, check=True, capture_output=True)
+        return time.perf_counter() - start
+
+
+def compare(what, key, ours, theirs, higher_is_better):
+    if ONLY and not any(word in what for word in ONLY):
+        return
+    pairs = [(ours(), theirs()) for _ in range(ROUNDS)]
+    ratios = [a[key] / b[key] if higher_is_better else b[key] / a[key] for a, b in pairs]
+    median = lambda values: statistics.median(values)
+    spread = f"{min(ratios):.2f} to {max(ratios):.2f}"
+    print(f"| {what} | {pairs[0][1]['who']} | {median([a[key] for a, _ in pairs]):.4g} | {median([b[key] for _, b in pairs]):.4g} | **{median(ratios):.2f}** | {spread} |", flush=True)
+
+
+print("| what | against | ours | theirs | times as fast | spread |\n|---|---|---|---|---|---|")
+for batch, critic, policy in ((256, 2, 2), (1024, 3, 3)):
+    what = f"SAC update, batch {batch}, {critic}-layer critics (s)"
+    ours = lambda: bench("learning", batch, critic, policy, 5)
+    compare(what, "median_s", ours, lambda: peer("sac_torch.py", batch, critic, policy, 5, cpu=0), False)
+    compare(what, "median_s", ours, lambda: peer("sac_jax.py", batch, critic, policy, 5, cpu=0), False)
+compare("sweep of 4 seeds on 2 cores (updates/s)", "updates_per_s", lambda: sweep(256, 2256), lambda: both("sac_sb3.py", (256, 2, 2, 10)), True)
+compare("battery (cell-seconds/s)", "cell_seconds_per_s", lambda: bench("battery", 3), lambda: peer("battery_progpy.py", 3, cpu=0), True)
+compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_optuna.py", 2000), False)
+compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_hydra.py", 100), False)
