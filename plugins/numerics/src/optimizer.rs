@@ -1,0 +1,250 @@
+//! Adam for the parameters of any `burn` module, and for a single number.
+//!
+//! Kingma and Ba 2015, "Adam: a method for stochastic optimization", arXiv:1412.6980, algorithm 1:
+//!
+//! `m <- b1 m + (1 - b1) g`, `v <- b2 v + (1 - b2) g^2`,
+//! `x <- x - rate (m / (1 - b1^t)) / (sqrt(v / (1 - b2^t)) + epsilon)`.
+//!
+//! `b1 = 0.9`, `b2 = 0.999`, `epsilon = 1e-8` as in the paper (`burn`'s own optimiser takes 1e-5). One pass over each
+//! parameter on the host does the whole step; the state can be stored and continues to the same bits.
+
+use crate::parameters::map_values;
+use crate::tensor_file::{TensorFile, TensorFileError};
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::{Gradients, Tensor};
+use serde::{Deserialize, Serialize};
+
+const BETA_1: f64 = 0.9;
+const BETA_2: f64 = 0.999;
+const EPSILON: f64 = 1e-8;
+
+/// Adam over all parameters of one module.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Adam {
+    learning_rate: f64,
+    largest_norm: Option<f64>,
+    n_steps: u64,
+    first: Vec<Vec<f32>>,
+    second: Vec<Vec<f32>>,
+}
+
+impl Adam {
+    /// Adam with a learning rate and, where given, gradients scaled down to a largest Euclidean norm over all parameters.
+    #[must_use]
+    pub fn new(learning_rate: f64, largest_norm: Option<f64>) -> Self {
+        Self { learning_rate, largest_norm, n_steps: 0, first: Vec::new(), second: Vec::new() }
+    }
+
+    /// The module after one step against the gradients of a loss; parameters that the loss does not reach stay.
+    pub fn step<M: Module>(&mut self, module: M, mut loss_gradients: Gradients) -> M {
+        let mut gradients = gradients(&module, &mut loss_gradients);
+        if let Some(largest) = self.largest_norm {
+            clip(&mut gradients, largest);
+        }
+        self.n_steps += 1;
+        self.first.resize_with(gradients.len(), Vec::new);
+        self.second.resize_with(gradients.len(), Vec::new);
+        let rates = Rates::at(self.n_steps, self.learning_rate);
+        let mut at = 0;
+        map_values(module, &mut |values| {
+            if !gradients[at].is_empty() {
+                descend(&rates, values, &gradients[at], &mut self.first[at], &mut self.second[at]);
+            }
+            at += 1;
+        })
+    }
+
+    /// Puts the state under `prefix` into a file; the number of steps goes to the caller's header.
+    pub fn store(&self, prefix: &str, file: &mut TensorFile) -> u64 {
+        for (at, (first, second)) in self.first.iter().zip(&self.second).enumerate() {
+            file.insert_vector(format!("{prefix}.first.{at}"), first.clone());
+            file.insert_vector(format!("{prefix}.second.{at}"), second.clone());
+        }
+        self.n_steps
+    }
+
+    /// Continues from a stored state of an optimiser for a module with `n_parameters` parameter tensors.
+    ///
+    /// # Errors
+    /// [`TensorFileError::Missing`] where the file holds no such state.
+    pub fn restore(&mut self, prefix: &str, file: &TensorFile, n_steps: u64, n_parameters: usize) -> Result<(), TensorFileError> {
+        let n_parameters = if n_steps == 0 { 0 } else { n_parameters };
+        let read = |moment: &str| {
+            let vector = |at| Ok(file.get(&format!("{prefix}.{moment}.{at}"))?.values.clone());
+            (0..n_parameters).map(vector).collect::<Result<Vec<_>, TensorFileError>>()
+        };
+        (self.first, self.second, self.n_steps) = (read("first")?, read("second")?, n_steps);
+        Ok(())
+    }
+}
+
+/// The gradient of each parameter on the host, in the order of the module's fields; empty where there is none.
+pub fn gradients<M: Module>(module: &M, loss_gradients: &mut Gradients) -> Vec<Vec<f32>> {
+    let mut collector = Collector { gradients: loss_gradients, found: Vec::new() };
+    module.visit(&mut collector);
+    collector.found
+}
+
+/// Scales gradients down so that their Euclidean norm over all parameters is at most `largest`; returns the norm before.
+#[allow(clippy::cast_possible_truncation, reason = "gradients are f32")]
+pub fn clip(gradients: &mut [Vec<f32>], largest: f64) -> f64 {
+    let norm = gradients.iter().flatten().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>().sqrt();
+    if norm > largest {
+        let scale = (largest / norm) as f32;
+        gradients.iter_mut().flatten().for_each(|g| *g *= scale);
+    }
+    norm
+}
+
+/// Step size and the correction of the second moment after `t` steps.
+struct Rates {
+    step: f32,
+    root_correction: f32,
+}
+
+impl Rates {
+    #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
+    fn at(t: u64, learning_rate: f64) -> Self {
+        let (bias_1, bias_2) = bias_corrections(t);
+        Self { step: (learning_rate / bias_1) as f32, root_correction: (1.0 / bias_2.sqrt()) as f32 }
+    }
+}
+
+/// `1 - b1^t` and `1 - b2^t`.
+#[allow(clippy::cast_precision_loss, reason = "a number of steps is far below 2^52")]
+fn bias_corrections(t: u64) -> (f64, f64) {
+    (1.0 - BETA_1.powf(t as f64), 1.0 - BETA_2.powf(t as f64))
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
+fn descend(rates: &Rates, x: &mut [f32], gradient: &[f32], first: &mut Vec<f32>, second: &mut Vec<f32>) {
+    let (b1, b2, epsilon) = (BETA_1 as f32, BETA_2 as f32, EPSILON as f32);
+    first.resize(x.len(), 0.0);
+    second.resize(x.len(), 0.0);
+    for (((x, g), m), v) in x.iter_mut().zip(gradient).zip(first).zip(second) {
+        *m = b1 * *m + (1.0 - b1) * g;
+        *v = b2 * *v + (1.0 - b2) * g * g;
+        *x -= rates.step * *m / (v.sqrt() * rates.root_correction + epsilon);
+    }
+}
+
+struct Collector<'a> {
+    gradients: &'a mut Gradients,
+    found: Vec<Vec<f32>>,
+}
+
+impl ModuleVisitor for Collector<'_> {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let gradient = param.val().grad_remove(self.gradients);
+        self.found.push(gradient.map(crate::network::values).unwrap_or_default());
+    }
+}
+
+/// Adam for one number, such as the logarithm of a temperature.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ScalarAdam {
+    learning_rate: f64,
+    n_steps: u64,
+    first: f64,
+    second: f64,
+}
+
+impl ScalarAdam {
+    /// Adam with a learning rate.
+    #[must_use]
+    pub fn new(learning_rate: f64) -> Self {
+        Self { learning_rate, n_steps: 0, first: 0.0, second: 0.0 }
+    }
+
+    /// The number after one step against a gradient.
+    #[must_use]
+    pub fn step(&mut self, x: f64, gradient: f64) -> f64 {
+        self.n_steps += 1;
+        self.first = BETA_1 * self.first + (1.0 - BETA_1) * gradient;
+        self.second = BETA_2 * self.second + (1.0 - BETA_2) * gradient * gradient;
+        let (bias_1, bias_2) = bias_corrections(self.n_steps);
+        x - self.learning_rate * (self.first / bias_1) / ((self.second / bias_2).sqrt() + EPSILON)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::{Activation, Mlp, device, matrix};
+    use crate::parameters::{parameters, restore, store};
+    use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+
+    fn network() -> Mlp {
+        Mlp::new(&[2, 4, 1], &[Activation::LeakyRelu], 1.0, &mut ChaCha8Rng::seed_from_u64(3), &device().autodiff())
+    }
+
+    fn step(network: Mlp, adam: &mut Adam) -> Mlp {
+        let loss = network.forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2)).powf_scalar(2.0).mean();
+        adam.step(network, loss.backward())
+    }
+
+    #[test]
+    fn two_steps_by_hand() {
+        // g = 1, then g = -2 at rate 0.1: m = 0.1, v = 0.001 -> step 0.1 (1 / (1 + 1e-8)).
+        // Then m = -0.11, v = 0.004999; corrected -0.11 / 0.19 and 0.004999 / 0.001999.
+        let mut adam = ScalarAdam::new(0.1);
+        let x1 = adam.step(1.0, 1.0);
+        assert!((x1 - 0.9).abs() < 1e-8);
+        let x2 = adam.step(x1, -2.0);
+        let expected = x1 + 0.1 * (0.11 / 0.19) / ((0.004_999f64 / 0.001_999).sqrt() + 1e-8);
+        assert!((x2 - expected).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_module_and_the_scalar_form_agree() {
+        let network = network();
+        let mut scalar = ScalarAdam::new(0.01);
+        let mut adam = Adam::new(0.01, None);
+        let loss = network.forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2)).powf_scalar(2.0).mean();
+        let gradient = f64::from(gradients(&network, &mut loss.backward())[3][0]);
+        let before = f64::from(parameters(&network)[3].values[0]);
+        let after = f64::from(parameters(&step(network, &mut adam))[3].values[0]);
+        assert!((after - scalar.step(before, gradient)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_loss_falls() {
+        let (mut network, mut adam) = (network(), Adam::new(0.01, Some(1.0)));
+        let loss = |network: &Mlp| {
+            crate::network::values(network.forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2)).powf_scalar(2.0).mean())[0]
+        };
+        let before = loss(&network);
+        for _ in 0..200 {
+            network = step(network, &mut adam);
+        }
+        assert!(loss(&network) < 1e-3 * before, "{} {before}", loss(&network));
+    }
+
+    #[test]
+    fn clipping_keeps_the_direction() {
+        let mut gradients = vec![vec![3.0], vec![0.0, 4.0]];
+        assert!((clip(&mut gradients, 1.0) - 5.0).abs() < 1e-12);
+        assert!((gradients[0][0] - 0.6).abs() < 1e-6 && (gradients[1][1] - 0.8).abs() < 1e-6);
+        assert!((clip(&mut gradients, 2.0) - 1.0).abs() < 1e-6);
+        assert!((gradients[0][0] - 0.6).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_stored_optimiser_takes_the_same_next_step() {
+        let (mut one, mut adam) = (network(), Adam::new(0.01, None));
+        for _ in 0..5 {
+            one = step(one, &mut adam);
+        }
+        let mut file = TensorFile::default();
+        store(&one, "network", &mut file);
+        let n_steps = adam.store("adam", &mut file);
+        let dir = tempfile::tempdir().unwrap();
+        file.write(&dir.path().join("state.safetensors")).unwrap();
+        let file = TensorFile::read(&dir.path().join("state.safetensors")).unwrap();
+        let two = restore(network(), "network", &file).unwrap();
+        let mut other = Adam::new(0.01, None);
+        other.restore("adam", &file, n_steps, parameters(&two).len()).unwrap();
+        assert_eq!(parameters(&step(one, &mut adam)), parameters(&step(two, &mut other)));
+        assert_eq!(adam, other);
+    }
+}

@@ -1,0 +1,244 @@
+//! A trained policy as one file that other programs can use: `policy.safetensors`.
+//!
+//! The file holds the tensors `policy.layers.<k>.weight` (`[inputs, outputs]`) and `policy.layers.<k>.bias` of a fully connected
+//! network, and a JSON text under the metadata key `header` ([`PolicyHeader`]). In numpy:
+//!
+//! ```python
+//! x = (observation - center) / spread
+//! for k, activation in enumerate(activations):          # "relu", "leaky_relu" (0.01 below zero), "tanh"
+//!     x = activation(x @ weight[k] + bias[k])
+//! x = x @ weight[-1] + bias[-1]                          # then the head
+//! ```
+
+use crate::network::{Activation, Mlp, device};
+use crate::parameters::{restore, store};
+use crate::tensor_file::{TensorFile, TensorFileError};
+use rand::RngCore;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The file's name inside a directory.
+pub const FILE_NAME: &str = "policy.safetensors";
+const FORMAT: u32 = 1;
+const PREFIX: &str = "policy";
+
+/// How the network's output becomes an action.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Head {
+    /// `alpha = softplus(x) + 1`, action `alpha / sum(alpha)`: the mean of the Dirichlet distribution.
+    DirichletMean,
+    /// `alpha = softplus(x) + 1`, action `(alpha - 1) / sum(alpha - 1)`: its mode.
+    DirichletMode,
+    /// Action `softmax(x)`; of a Gaussian candidate these outputs are the mean.
+    SoftmaxMean,
+    /// Action `tanh(x)`.
+    Tanh,
+    /// The entry of the greatest output, as an index.
+    Argmax,
+    /// The outputs themselves.
+    Identity,
+}
+
+/// What a program has to know besides the weights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PolicyHeader {
+    /// Version of this format, 1.
+    pub format: u32,
+    /// Layer sizes, input first.
+    pub sizes: Vec<usize>,
+    /// The activation of each hidden layer.
+    pub activations: Vec<Activation>,
+    /// Names of the observed channels, in order.
+    pub inputs: Vec<String>,
+    /// What is subtracted from each input.
+    pub center: Vec<f64>,
+    /// What each input is divided by after that.
+    pub spread: Vec<f64>,
+    /// Names of the entries of the action.
+    pub outputs: Vec<String>,
+    /// How the first `outputs.len()` outputs of the network become the action.
+    pub head: Head,
+}
+
+/// A policy that can be evaluated.
+#[derive(Debug, Clone)]
+pub struct Policy {
+    /// What the file says of itself.
+    pub header: PolicyHeader,
+    network: Mlp,
+}
+
+/// Names and scaling of a policy's inputs and outputs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ports {
+    /// Names of the observed channels.
+    pub inputs: Vec<String>,
+    /// What is subtracted from each input.
+    pub center: Vec<f64>,
+    /// What each input is divided by after that.
+    pub spread: Vec<f64>,
+    /// Names of the entries of the action.
+    pub outputs: Vec<String>,
+}
+
+impl Policy {
+    /// A policy of a network, to be written. The network may be a trained or a plain one.
+    #[must_use]
+    pub fn new(network: &Mlp, ports: Ports, head: Head) -> Self {
+        let Ports { inputs, center, spread, outputs } = ports;
+        let (sizes, activations) = (network.sizes(), network.activations().to_vec());
+        let header = PolicyHeader { format: FORMAT, sizes, activations, inputs, center, spread, outputs, head };
+        Self { header, network: burn::module::Module::valid(network) }
+    }
+
+    /// Writes `policy.safetensors` into `dir`.
+    ///
+    /// # Errors
+    /// [`TensorFileError::File`] where the system refuses.
+    pub fn write(&self, dir: &Path) -> Result<(), TensorFileError> {
+        let mut file = TensorFile::default();
+        store(&self.network, PREFIX, &mut file);
+        file.header = serde_json::to_value(&self.header).map_err(|source| format_error(&source))?;
+        file.write(&dir.join(FILE_NAME))
+    }
+
+    /// Reads `policy.safetensors` from `dir`.
+    ///
+    /// # Errors
+    /// [`TensorFileError`] where the file is missing, damaged or of another format.
+    pub fn read(dir: &Path) -> Result<Self, TensorFileError> {
+        let file = TensorFile::read(&dir.join(FILE_NAME))?;
+        let header: PolicyHeader = serde_json::from_value(file.header.clone()).map_err(|source| format_error(&source))?;
+        if header.format != FORMAT || header.activations.len() + 2 != header.sizes.len() {
+            return Err(TensorFileError::Format {
+                problem: format!("policy format {}, layers {:?}", header.format, header.sizes),
+            });
+        }
+        let blank = Mlp::new(&header.sizes, &header.activations, 0.0, &mut Zeros, &device());
+        Ok(Self { network: restore(blank, PREFIX, &file)?, header })
+    }
+
+    /// The action for one observation, in the units of the channels.
+    ///
+    /// # Panics
+    /// Where the observation has another length than `header.inputs`.
+    #[must_use]
+    pub fn act(&self, observation: &[f64]) -> Vec<f64> {
+        let PolicyHeader { center, spread, outputs, head, .. } = &self.header;
+        assert_eq!(observation.len(), center.len(), "entries of an observation");
+        #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+        let scaled = observation.iter().zip(center).zip(spread).map(|((x, c), s)| ((x - c) / s) as f32).collect();
+        let out = crate::network::values(self.network.forward(crate::network::matrix(scaled, center.len())));
+        let out: Vec<f64> = out.into_iter().take(outputs.len()).map(f64::from).collect();
+        head.apply(&out)
+    }
+}
+
+impl Head {
+    /// The action of the network's outputs.
+    #[must_use]
+    pub fn apply(self, x: &[f64]) -> Vec<f64> {
+        match self {
+            Head::DirichletMean => normalised(x.iter().map(|x| softplus(*x) + 1.0).collect()),
+            Head::DirichletMode => normalised(x.iter().map(|x| softplus(*x)).collect()),
+            Head::SoftmaxMean => softmax(x),
+            Head::Tanh => x.iter().map(|x| x.tanh()).collect(),
+            Head::Argmax => vec![argmax(x)],
+            Head::Identity => x.to_vec(),
+        }
+    }
+}
+
+/// `ln(1 + e^x)` without overflow.
+#[must_use]
+pub fn softplus(x: f64) -> f64 {
+    x.max(0.0) + (-x.abs()).exp().ln_1p()
+}
+
+/// `e^x_i / sum_j e^x_j`, with the greatest entry subtracted so that no exponential overflows.
+#[must_use]
+pub fn softmax(x: &[f64]) -> Vec<f64> {
+    let greatest = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    normalised(x.iter().map(|x| (x - greatest).exp()).collect())
+}
+
+fn normalised(x: Vec<f64>) -> Vec<f64> {
+    let total: f64 = x.iter().sum();
+    x.into_iter().map(|x| x / total).collect()
+}
+
+#[allow(clippy::cast_precision_loss, reason = "a number of choices is far below 2^52")]
+fn argmax(x: &[f64]) -> f64 {
+    let best = x.iter().enumerate().fold((0, f64::NEG_INFINITY), |best, (i, x)| if *x > best.1 { (i, *x) } else { best });
+    best.0 as f64
+}
+
+fn format_error(source: &serde_json::Error) -> TensorFileError {
+    TensorFileError::Format { problem: source.to_string() }
+}
+
+/// A generator that gives zeros: a network that is overwritten at once needs no random numbers.
+struct Zeros;
+
+impl RngCore for Zeros {
+    fn next_u32(&mut self) -> u32 {
+        0
+    }
+
+    fn next_u64(&mut self) -> u64 {
+        0
+    }
+
+    fn fill_bytes(&mut self, bytes: &mut [u8]) {
+        bytes.fill(0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+
+    fn policy(head: Head) -> Policy {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let network = Mlp::new(&[2, 8, 3], &[Activation::Tanh], 1.0, &mut rng, &device());
+        let words = |words: &[&str]| words.iter().map(ToString::to_string).collect();
+        let (inputs, outputs) = (words(&["voltage_1", "power_demand_w"]), words(&["share_1", "share_2", "share_3"]));
+        Policy::new(&network, Ports { inputs, center: vec![3.4, 34.0], spread: vec![0.2, 13.0], outputs }, head)
+    }
+
+    #[test]
+    fn a_written_policy_acts_the_same() {
+        let dir = tempfile::tempdir().unwrap();
+        let policy = policy(Head::DirichletMean);
+        policy.write(dir.path()).unwrap();
+        let back = Policy::read(dir.path()).unwrap();
+        assert_eq!(back.header, policy.header);
+        let action = back.act(&[3.5, 30.0]);
+        assert_eq!(action, policy.act(&[3.5, 30.0]));
+        assert!((action.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn heads_by_hand() {
+        let ln = |x: f64| x.ln();
+        // softplus(ln(e^k - 1)) = k.
+        let x = [ln(1f64.exp() - 1.0), ln(3f64.exp() - 1.0)];
+        let close = |a: Vec<f64>, b: [f64; 2]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+        assert!(close(Head::DirichletMean.apply(&x), [2.0 / 6.0, 4.0 / 6.0]));
+        assert!(close(Head::DirichletMode.apply(&x), [0.25, 0.75]));
+        assert!(close(Head::SoftmaxMean.apply(&[0.0, ln(3.0)]), [0.25, 0.75]));
+        assert_eq!(Head::Argmax.apply(&[0.1, 2.0, -1.0]), [1.0]);
+        assert!(softmax(&[1e4, 0.0])[0] > 0.999 && softplus(1e4) == 1e4);
+    }
+
+    #[test]
+    fn another_format_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut policy = policy(Head::SoftmaxMean);
+        policy.header.format = 2;
+        policy.write(dir.path()).unwrap();
+        assert!(matches!(Policy::read(dir.path()), Err(TensorFileError::Format { .. })));
+    }
+}
