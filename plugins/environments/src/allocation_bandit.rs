@@ -127,11 +127,12 @@ impl Environment for AllocationBandit {
     }
 
     fn state_channels(&self) -> Vec<Channel> {
-        (1..=self.best.len()).map(|number| Channel::new(format!("best_{number}"), "").within(0.0, 1.0)).collect()
+        let numbered = |word: &'static str| (1..=self.best.len()).map(move |number| Channel::new(format!("{word}_{number}"), ""));
+        numbered("best").map(|channel| channel.within(0.0, 1.0)).chain(numbered("value")).chain([Channel::new("curvature", "")]).collect()
     }
 
     fn state(&self) -> Vec<f64> {
-        self.best.clone()
+        self.best.iter().chain(&self.config.values).copied().chain([self.config.curvature]).collect()
     }
 
     fn trace_channels(&self) -> Vec<Channel> {
@@ -170,7 +171,7 @@ mod tests {
         let step = environment.step(&[vec![0.2, 0.6, 0.2]], &mut rng).unwrap();
         assert!((step.rewards[0] - 0.5).abs() < 1e-15 && (step.info[0] - 0.5).abs() < 1e-15);
         assert_eq!(step.end, Some(End::Terminated));
-        assert_eq!(environment.state(), [1.0, 0.0, 0.0]);
+        assert_eq!(environment.state(), [1.0, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0]);
         assert!(environment.step(&[vec![0.2, 0.6, 0.3]], &mut rng).is_err());
     }
 
