@@ -1,1 +1,9 @@
-//! numerics
+//! Numerical building blocks that know neither the engine nor reinforcement learning: special functions, distributions.
+
+pub mod dirichlet;
+pub mod dirichlet_policy;
+pub mod gamma;
+pub mod gaussian;
+pub mod gaussian_policy;
+mod linearised;
+pub mod special;
