@@ -51,7 +51,8 @@ fn main() {
 }
 
 fn interface() -> Interface {
-    let names = (1..=4).map(|i| format!("voltage_{i}")).chain((1..=4).map(|i| format!("current_{i}"))).chain(["power_demand_w".into()]);
+    let names =
+        (1..=4).map(|i| format!("voltage_{i}")).chain((1..=4).map(|i| format!("current_{i}"))).chain(["power_demand_w".into()]);
     let observation = Space::Box(names.map(|name| Channel::new(name, "")).collect());
     let action = Space::Simplex((1..=4).map(|i| format!("weight_{i}")).collect());
     Interface { seats: vec![Seat { name: String::new(), observation, action }], state: Vec::new() }

@@ -5,7 +5,10 @@
 //! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a number.
 //! 3. A saved and loaded agent continues to the same bits.
 
+pub mod dirichlet_gradient;
 pub mod equal_split;
+pub mod gaussian_softmax_gradient;
+mod gradient_moments;
 pub mod random_allocation;
 pub mod rank_rule;
 pub mod seat;
@@ -27,4 +30,10 @@ pub fn register(registry: &mut Registry) {
         rule(),
         water_filling::build_true_state,
     );
+    let name = "dirichlet_gradient";
+    let about = "policy gradient of a Dirichlet policy on a bandit, estimated and exact";
+    registry.agent(name, 1, about, dirichlet_gradient::traits(), dirichlet_gradient::build);
+    let name = "gaussian_softmax_gradient";
+    let about = "policy gradient of a Gaussian-softmax policy on a bandit, estimated and exact";
+    registry.agent(name, 1, about, gaussian_softmax_gradient::traits(), gaussian_softmax_gradient::build);
 }

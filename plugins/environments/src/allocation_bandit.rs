@@ -128,7 +128,11 @@ impl Environment for AllocationBandit {
 
     fn state_channels(&self) -> Vec<Channel> {
         let numbered = |word: &'static str| (1..=self.best.len()).map(move |number| Channel::new(format!("{word}_{number}"), ""));
-        numbered("best").map(|channel| channel.within(0.0, 1.0)).chain(numbered("value")).chain([Channel::new("curvature", "")]).collect()
+        numbered("best")
+            .map(|channel| channel.within(0.0, 1.0))
+            .chain(numbered("value"))
+            .chain([Channel::new("curvature", "")])
+            .collect()
     }
 
     fn state(&self) -> Vec<f64> {

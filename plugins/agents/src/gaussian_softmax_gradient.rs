@@ -1,0 +1,268 @@
+//! The score-function policy gradient of a Gaussian-softmax policy on a bandit, against the exact one. Thesis, section 3.4.1.
+//!
+//! | symbol | here | meaning |
+//! |---|---|---|
+//! | x ~ N(mu, sigma^2 I) | `candidate` | what the network would give out |
+//! | a = softmax(x) | action | eq. 3.3 |
+//! | pi_theta(x) | `gaussian::log_density` | what ordinary reinforcement learning code takes for the policy, eq. 3.7 |
+//! | pi(a) | `gaussian::softmax_log_density` | the density of the action, marginal over the common shift, eq. 3.5 |
+//! | J | | E r(a) - beta E ln pi(a), eq. 3.2 |
+//!
+//! The estimate of one sample is (r(a) - beta ln pi_theta(x)) grad_mu ln pi_theta(x). For beta = 0 its mean is the exact gradient: a
+//! candidate's score is an unbiased estimator of the gradient of any expected reward. The bias of section 3.4.1 enters with the
+//! entropy, for which the candidate's density stands in for the action's: the candidate's entropy does not depend on mu, the action's does.
+//! `density: action_as_candidate` is the variant of the thesis that puts the action into the candidate's density.
+//!
+//! The exact gradient comes from the tensor-product Gauss-Hermite rule over x and central differences in mu.
+//!
+//! `action_sd` sets how sharp the policy is, as for the Dirichlet policy: sigma is the one that gives the first share this deviation.
+
+use crate::{
+    dirichlet_gradient::mean_action,
+    gradient_moments::{Moments, Reward, RewardChannels, metrics},
+    seat,
+};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Rng, agent::Transition};
+use numerics::gaussian;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+const NAME: &str = "gaussian_softmax_gradient";
+/// Nodes of the quadrature in each dimension; 40^3 points leave an error far below that of any feasible number of samples.
+const NODES: usize = 40;
+
+/// The policy, the objective and the estimator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Softmax of the candidate's mean; equal shares where absent.
+    pub mean: Option<Vec<f64>>,
+    /// Standard deviation of the first share.
+    #[schemars(range(min = 1e-4, max = 0.4))]
+    pub action_sd: f64,
+    /// Weight beta of the entropy in the objective, eq. 3.2.
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub entropy_weight: f64,
+    /// Which density the estimator differentiates.
+    pub density: Density,
+}
+
+/// Which density the estimator differentiates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Density {
+    /// That of the candidate, eq. 3.7.
+    Candidate,
+    /// That of the candidate, evaluated at the action.
+    ActionAsCandidate,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { mean: None, action_sd: 0.1, entropy_weight: 0.1, density: Density::Candidate }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// What the registration says.
+pub fn traits() -> AgentTraits {
+    AgentTraits { learns: true, metrics: metrics() }
+}
+
+/// The estimator.
+#[derive(Debug)]
+pub struct GaussianSoftmaxGradient {
+    mean: Vec<f64>,
+    sd: f64,
+    config: Config,
+    channels: RewardChannels,
+    /// Candidates of the last batch, in the order of its actions: the softmax cannot be inverted.
+    candidates: Vec<Vec<f64>>,
+    exact: Option<(Reward, Vec<f64>)>,
+    moments: Moments,
+}
+
+/// Builds the estimator for an allocation bandit.
+///
+/// # Errors
+/// [`Error::Mismatch`] for other environments, [`Error::Config`] for a mean or a deviation that no such policy has.
+pub fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let channels = RewardChannels::find(NAME, interface)?;
+    seat::simplex(NAME, seat::only_seat(NAME, interface)?)?;
+    if channels.len() != 3 {
+        return Err(Error::Mismatch { agent: NAME, problem: "its quadrature is for three shares".into() });
+    }
+    let mean: Vec<f64> = mean_action(config.mean.clone(), channels.len())?.into_iter().map(f64::ln).collect();
+    let sd = matching_sd(&mean, config.action_sd)?;
+    Ok(Box::new(GaussianSoftmaxGradient {
+        mean,
+        sd,
+        config,
+        channels,
+        candidates: Vec::new(),
+        exact: None,
+        moments: Moments::default(),
+    }))
+}
+
+/// The sigma whose first share has the deviation `action_sd`, by bisection: the deviation grows with sigma.
+fn matching_sd(mean: &[f64], action_sd: f64) -> Result<f64, Error> {
+    let rule = gauss_hermite(NODES);
+    let deviation = |sd: f64| {
+        let first = expectation(mean, sd, &rule, &|action, _| action[0].exp());
+        let second = expectation(mean, sd, &rule, &|action, _| (2.0 * action[0]).exp());
+        (second - first * first).max(0.0).sqrt()
+    };
+    let (mut low, mut high) = (1e-6, 3.0);
+    if deviation(high) < action_sd {
+        return Err(Error::config("action_sd", format!("at most {:.3} with this mean", deviation(high))));
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if deviation(middle) < action_sd { low = middle } else { high = middle }
+    }
+    Ok(0.5 * (low + high))
+}
+
+/// E f(ln a, x) over x ~ N(mean, sd^2 I) in three dimensions.
+fn expectation(mean: &[f64], sd: f64, rule: &[(f64, f64)], f: &dyn Fn(&[f64], &[f64]) -> f64) -> f64 {
+    let mut sum = 0.0;
+    for (z1, w1) in rule {
+        for (z2, w2) in rule {
+            for (z3, w3) in rule {
+                let x = [mean[0] + sd * z1, mean[1] + sd * z2, mean[2] + sd * z3];
+                sum += w1 * w2 * w3 * f(&gaussian::log_softmax(&x), &x);
+            }
+        }
+    }
+    sum
+}
+
+/// J of the policy with this mean.
+fn objective(mean: &[f64], sd: f64, rule: &[(f64, f64)], reward: &Reward, entropy_weight: f64) -> f64 {
+    let log_sd = vec![sd.ln(); mean.len()];
+    expectation(mean, sd, rule, &|log_action, _| {
+        let earned: f64 = log_action
+            .iter()
+            .zip(&reward.values)
+            .map(|(log, value)| value * log.exp() - reward.curvature * (2.0 * log).exp())
+            .sum();
+        earned - entropy_weight * gaussian::softmax_log_density(mean, &log_sd, log_action)
+    })
+}
+
+/// Gradient of J in mu, by central differences on fixed nodes.
+fn exact(mean: &[f64], sd: f64, reward: &Reward, entropy_weight: f64) -> Vec<f64> {
+    let (rule, step) = (gauss_hermite(NODES), 1e-4);
+    let at = |entry: usize, shift: f64| {
+        let mut moved = mean.to_vec();
+        moved[entry] += shift;
+        objective(&moved, sd, &rule, reward, entropy_weight)
+    };
+    (0..mean.len()).map(|entry| (at(entry, step) - at(entry, -step)) / (2.0 * step)).collect()
+}
+
+/// Nodes and weights for expectations over N(0, 1): roots of the probabilists' Hermite polynomial by Newton's method.
+///
+/// The orthonormal recurrence h_{k+1} = (z h_k - sqrt(k) h_{k-1}) / sqrt(k + 1) does not overflow; weights are 1 / sum_k h_k(z)^2.
+fn gauss_hermite(n: usize) -> Vec<(f64, f64)> {
+    #[allow(clippy::cast_precision_loss, reason = "a few dozen nodes")]
+    let root = |k: usize| (k as f64).sqrt();
+    let polynomials = |z: f64| {
+        let mut h = vec![1.0, z];
+        for k in 1..n {
+            h.push((z * h[k] - root(k) * h[k - 1]) / root(k + 1));
+        }
+        h
+    };
+    // Roots are bracketed by sign changes on a grid that is finer than their least distance.
+    #[allow(clippy::cast_precision_loss, reason = "a grid of a few thousand points")]
+    let grid = |index: usize| -12.0 + 24.0 * index as f64 / 6001.0;
+    let value = |z: f64| polynomials(z)[n];
+    let mut rule = Vec::with_capacity(n);
+    for index in 0..6001 {
+        let (mut low, mut high) = (grid(index), grid(index + 1));
+        if value(low) * value(high) < 0.0 {
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if value(low) * value(middle) <= 0.0 { high = middle } else { low = middle }
+            }
+            let z = 0.5 * (low + high);
+            rule.push((z, 1.0 / polynomials(z)[..n].iter().map(|h| h * h).sum::<f64>()));
+        }
+    }
+    rule
+}
+
+impl GaussianSoftmaxGradient {
+    fn estimate(&self, candidate: &[f64], action: &[f64], reward: f64) -> Vec<f64> {
+        let log_sd = vec![self.sd.ln(); self.mean.len()];
+        let point = if self.config.density == Density::Candidate { candidate } else { action };
+        let weight = reward - self.config.entropy_weight * gaussian::log_density(&self.mean, &log_sd, point);
+        point.iter().zip(&self.mean).map(|(x, mean)| weight * (x - mean) / self.sd.powi(2)).collect()
+    }
+}
+
+impl Agent for GaussianSoftmaxGradient {
+    fn act(&mut self, observations: &[Observation], _: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        let log_sd = vec![self.sd.ln(); self.mean.len()];
+        self.candidates = observations.iter().map(|_| gaussian::sample(&self.mean, &log_sd, rng)).collect();
+        Ok(self.candidates.iter().map(|x| vec![gaussian::log_softmax(x).into_iter().map(f64::exp).collect()]).collect())
+    }
+
+    fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        for (transition, candidate) in transitions.iter().zip(&std::mem::take(&mut self.candidates)) {
+            self.moments.add(&self.estimate(candidate, &transition.action[0], transition.rewards[0]));
+        }
+        if let Some(transition) = transitions.first() {
+            let reward = self.channels.read(&transition.observation.state);
+            if self.exact.as_ref().is_none_or(|(known, _)| *known != reward) {
+                self.exact = Some((reward.clone(), exact(&self.mean, self.sd, &reward, self.config.entropy_weight)));
+            }
+            if let Some((_, exact)) = &self.exact {
+                self.moments.record(exact, record);
+            }
+        }
+        Ok(())
+    }
+
+    fn reads_state(&self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_quadrature_has_the_moments_of_a_normal() {
+        let rule = gauss_hermite(NODES);
+        assert_eq!(rule.len(), NODES);
+        for (power, expected) in [(0, 1.0), (2, 1.0), (4, 3.0), (6, 15.0), (3, 0.0)] {
+            let moment: f64 = rule.iter().map(|(z, w)| w * z.powi(power)).sum();
+            assert!((moment - expected).abs() < 1e-9, "{power}: {moment}");
+        }
+    }
+
+    /// For a small sigma the softmax is linear: E a = softmax(mu), its gradient a_i (v_i - v . a).
+    #[test]
+    fn the_exact_gradient_of_a_sharp_policy_is_the_softmax_slope() {
+        let mean = [0.2f64.ln(), 0.3f64.ln(), 0.5f64.ln()];
+        let gradient = exact(&mean, 1e-3, &Reward { values: vec![1.0, 0.5, 0.0], curvature: 0.0 }, 0.0);
+        let (shares, values) = ([0.2, 0.3, 0.5], [1.0, 0.5, 0.0]);
+        for entry in 0..3 {
+            let expected = shares[entry] * (values[entry] - 0.35);
+            assert!((gradient[entry] - expected).abs() < 1e-5, "{entry}: {} against {expected}", gradient[entry]);
+        }
+    }
+
+    #[test]
+    fn the_deviation_is_the_one_asked_for() {
+        let mean = [(1.0f64 / 3.0).ln(); 3];
+        let sd = matching_sd(&mean, 0.05).unwrap();
+        // Linearised: sd(a_1) = sigma sqrt(2 / 27).
+        assert!((sd - 0.05 / (2.0f64 / 27.0).sqrt()).abs() < 0.01, "{sd}");
+    }
+}

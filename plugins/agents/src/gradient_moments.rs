@@ -1,0 +1,114 @@
+//! What the two estimators of a policy gradient share: the bandit's reward and the running moments of the estimates.
+
+use engine::{Better, Error, Interface, Metric, Recorder};
+
+/// Reward `v . a - c |a|^2` of an allocation bandit, read from its full state.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Reward {
+    /// v, per entry of the action.
+    pub(crate) values: Vec<f64>,
+    /// c.
+    pub(crate) curvature: f64,
+}
+
+/// Where the reward's parameters stand in the full state.
+#[derive(Debug, Clone)]
+pub(crate) struct RewardChannels {
+    values: Vec<usize>,
+    curvature: usize,
+}
+
+impl RewardChannels {
+    /// Finds `value_1`, `value_2`, ... and `curvature` among the state channels.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] where the environment does not show its reward.
+    pub(crate) fn find(agent: &'static str, interface: &Interface) -> Result<Self, Error> {
+        let position = |name: &str| interface.state.iter().position(|channel| channel.name == name);
+        let values: Vec<usize> = (1..).map_while(|number| position(&format!("value_{number}"))).collect();
+        match position("curvature") {
+            Some(curvature) if values.len() >= 2 => Ok(Self { values, curvature }),
+            _ => Err(Error::Mismatch {
+                agent,
+                problem:
+                    "it needs an environment whose state has `value_1`, `value_2`, ... and `curvature`, as `allocation_bandit`"
+                        .into(),
+            }),
+        }
+    }
+
+    /// Number of entries of the action.
+    pub(crate) fn len(&self) -> usize {
+        self.values.len()
+    }
+
+    /// The reward that a state describes.
+    pub(crate) fn read(&self, state: &[f64]) -> Reward {
+        Reward { values: self.values.iter().map(|&index| state[index]).collect(), curvature: state[self.curvature] }
+    }
+}
+
+/// Running mean and variance of single-sample gradient estimates (Welford).
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Moments {
+    count: f64,
+    mean: Vec<f64>,
+    squares: Vec<f64>,
+}
+
+impl Moments {
+    /// Takes in one estimate.
+    pub(crate) fn add(&mut self, estimate: &[f64]) {
+        self.mean.resize(estimate.len(), 0.0);
+        self.squares.resize(estimate.len(), 0.0);
+        self.count += 1.0;
+        for ((mean, squares), value) in self.mean.iter_mut().zip(&mut self.squares).zip(estimate) {
+            let deviation = value - *mean;
+            *mean += deviation / self.count;
+            *squares += deviation * (value - *mean);
+        }
+    }
+
+    /// Records bias and spread of the estimates against the exact gradient.
+    pub(crate) fn record(&self, exact: &[f64], record: &mut Recorder) {
+        let difference: Vec<f64> = self.mean.iter().zip(exact).map(|(mean, exact)| mean - exact).collect();
+        let variance = self.squares.iter().sum::<f64>() / (self.count - 1.0).max(1.0);
+        record.latest("gradient_bias", norm(&difference) / norm(exact));
+        record.latest("gradient_bias_noise", (variance / self.count).sqrt() / norm(exact));
+        record.latest("gradient_variance", variance);
+        record.latest("gradient_relative_variance", variance / norm(exact).powi(2));
+        record.latest("gradient_norm", norm(exact));
+    }
+}
+
+/// Euclidean length.
+pub(crate) fn norm(vector: &[f64]) -> f64 {
+    vector.iter().map(|entry| entry * entry).sum::<f64>().sqrt()
+}
+
+/// What both estimators record.
+pub(crate) fn metrics() -> Vec<Metric> {
+    let metric = |name, about| Metric { better: Better::Lower, ..Metric::new(name, "", about) };
+    vec![
+        metric("gradient_bias", "|mean estimate - exact gradient| / |exact gradient|"),
+        metric("gradient_bias_noise", "what sampling alone leaves of the bias: sqrt(variance / samples) / |exact gradient|"),
+        metric("gradient_variance", "variance of a single-sample estimate, summed over the parameters"),
+        metric("gradient_relative_variance", "gradient_variance / |exact gradient|^2"),
+        metric("gradient_norm", "|exact gradient|"),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_by_hand() {
+        let mut moments = Moments::default();
+        for estimate in [[1.0, 0.0], [3.0, 0.0], [2.0, 3.0]] {
+            moments.add(&estimate);
+        }
+        assert_eq!(moments.mean, [2.0, 1.0]);
+        assert!((moments.squares.iter().sum::<f64>() - 8.0).abs() < 1e-12);
+    }
+}
