@@ -5,5 +5,5 @@ pub mod dirichlet_policy;
 pub mod gamma;
 pub mod gaussian;
 pub mod gaussian_policy;
-mod linearised;
+pub mod linearised;
 pub mod special;
