@@ -24,9 +24,7 @@ pub struct DirichletSample {
 /// Draws `a ~ Dirichlet(alpha)` for each row of `alpha` `[batch, n]`; gradients flow to `alpha`.
 ///
 /// The gamma draws carry their implicit derivative, `ln a = ln g - ln sum g` is differentiated by burn.
-///
-/// # Panics
-/// If a concentration is not positive and finite.
+/// A row with a concentration that is not positive and finite becomes NaN.
 pub fn sample(alpha: Tensor<2>, rng: &mut impl RngCore) -> DirichletSample {
     let device = alpha.device();
     let rows = HostRows::of(&alpha);
@@ -46,6 +44,9 @@ pub fn sample(alpha: Tensor<2>, rng: &mut impl RngCore) -> DirichletSample {
 /// The log density `[batch, 1]` of `log_action` `[batch, n]` under `Dirichlet(alpha)`, `alpha` `[batch, n]`.
 ///
 /// Gradients flow to both (thesis, equation 3.13, and `alpha - 1`).
+///
+/// # Panics
+/// If the two shapes differ.
 #[must_use]
 pub fn log_density(alpha: Tensor<2>, log_action: Tensor<2>) -> Tensor<2> {
     assert_eq!(alpha.dims(), log_action.dims(), "concentrations and actions are of one shape");

@@ -20,14 +20,13 @@ use crate::special::{digamma, is_upper_tail, upper_fraction};
 /// Above this shape the derivative comes from the expansion around the normal distribution.
 const LARGE_SHAPE: f64 = 1e6;
 
-/// Draws `ln x` of `x ~ Gamma(shape, 1)`, for any `shape > 0`.
+/// Draws `ln x` of `x ~ Gamma(shape, 1)`, for any finite `shape > 0`; NaN otherwise, so that a diverged network is seen as such.
 ///
 /// Below one the draw of `shape + 1` is multiplied by `u^(1 / shape)`, here a sum of logarithms that cannot underflow.
-///
-/// # Panics
-/// If `shape` is not positive and finite.
 pub fn sample_log_gamma(shape: f64, rng: &mut impl RngCore) -> f64 {
-    assert!(shape > 0.0 && shape.is_finite(), "the shape of a gamma distribution is positive and finite, not {shape}");
+    if !(shape > 0.0 && shape.is_finite()) {
+        return f64::NAN;
+    }
     if shape < 1.0 {
         return sample_log_gamma(shape + 1.0, rng) + standard_uniform(rng).ln() / shape;
     }
@@ -49,10 +48,14 @@ pub fn sample_log_gamma(shape: f64, rng: &mut impl RngCore) -> f64 {
 
 /// The derivative of `ln x` in `shape` at a fixed probability: what the implicit reparameterisation of a draw propagates.
 ///
-/// Relative error below 1e-9 for shapes from 1e-2 to 1e6 and any probability, measured against high-precision values. The cost
-/// grows with the square root of the shape (well below a microsecond up to 500) and is constant above a million.
+/// Relative error below 1e-10 for shapes from 1e-2 to 1e6 and 1e-7 above, at any probability, measured against high-precision
+/// values. The cost grows with the square root of the shape (about 0.4 microseconds at 500) and is constant above a million. NaN
+/// for a NaN, and for a shape that is not positive.
 #[must_use]
 pub fn log_gamma_slope(shape: f64, log_draw: f64) -> f64 {
+    if shape.is_nan() || shape <= 0.0 || log_draw.is_nan() {
+        return f64::NAN;
+    }
     let draw = log_draw.exp();
     if shape > LARGE_SHAPE {
         slope_by_expansion(shape, draw)
@@ -116,7 +119,8 @@ mod tests {
         for row in rows(EXACT) {
             let (shape, draw, want) = (row[0], row[1], row[2]);
             let got = log_gamma_slope(shape, draw.ln());
-            assert!((got / want - 1.0).abs() < 1e-9, "shape {shape}, draw {draw}: {got}, not {want}");
+            let tolerance = if shape > LARGE_SHAPE { 1e-7 } else { 1e-10 };
+            assert!((got / want - 1.0).abs() < tolerance, "shape {shape}, draw {draw}: {got}, not {want}");
         }
     }
 
@@ -172,6 +176,15 @@ mod tests {
             // 1.95 / sqrt(n) is exceeded by chance once in a thousand.
             assert!(distance(shape, 20_000) < 1.95 / 20_000_f64.sqrt(), "shape {shape}");
         }
+    }
+
+    #[test]
+    fn outside_the_domain_is_not_a_number() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        for shape in [0.0, -2.0, f64::NAN] {
+            assert!(sample_log_gamma(shape, &mut rng).is_nan() && log_gamma_slope(shape, 0.5).is_nan());
+        }
+        assert!(sample_log_gamma(f64::INFINITY, &mut rng).is_nan() && log_gamma_slope(1.0, f64::NAN).is_nan());
     }
 
     #[test]

@@ -6,7 +6,7 @@ pub mod dirichlet_policy;
 pub mod gamma;
 pub mod gaussian;
 pub mod gaussian_policy;
-mod linearised;
+pub mod linearised;
 pub mod network;
 pub mod optimizer;
 pub mod parameters;

@@ -4,7 +4,8 @@
 //! draw. burn has none of them, and `f32` is too coarse for the sums they enter, so they are computed on the host in `f64` and
 //! enter the graph here as one node: forward it returns the given value, backward it multiplies by the given derivative.
 //!
-//! The operation is registered for the Flex backend. A further backend is one more selector and one empty `impl`.
+//! The operation is registered for the Flex backend; on a device of another backend it panics. A further backend is one more
+//! selector in `backend_extension` and one empty `impl`.
 
 use burn::Tensor;
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
@@ -17,7 +18,8 @@ use burn::backend::{Autodiff, Backend, Dispatch, Flex, backend_extension};
 /// The tensor `value` `[batch, m]`, whose gradient in `input` `[batch, n]` is the upstream one times `derivative` `[batch, n]`.
 ///
 /// `m` is `n` (an element-wise function) or 1 (a function of each row). `value` and `derivative` are constants of the graph.
-pub(crate) fn linearised(input: Tensor<2>, value: Tensor<2>, derivative: Tensor<2>) -> Tensor<2> {
+#[must_use]
+pub fn linearised(input: Tensor<2>, value: Tensor<2>, derivative: Tensor<2>) -> Tensor<2> {
     let output =
         <Dispatch as LinearisedOperation>::linearised(input.into_dispatch(), value.into_dispatch(), derivative.into_dispatch());
     Tensor::from_dispatch(output)

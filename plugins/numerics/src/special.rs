@@ -68,7 +68,7 @@ pub fn ln_gamma(x: f64) -> f64 {
         f64::NAN
     } else if x >= ASYMPTOTIC_FROM {
         let inverse = 1.0 / x;
-        (x - 0.5) * x.ln() - x + 0.5 * (2.0 * PI).ln() + inverse * polynomial(&STIRLING, inverse * inverse)
+        (x - 0.5) * (x.ln() - 1.0) + 0.5 * ((2.0 * PI).ln() - 1.0) + inverse * polynomial(&STIRLING, inverse * inverse)
     } else if x < 0.5 {
         ln_gamma_near_one(x) - x.ln()
     } else if x <= 1.5 {
@@ -233,6 +233,7 @@ mod tests {
             assert!(ln_gamma(x).is_nan() && digamma(x).is_nan() && trigamma(x).is_nan());
         }
         assert!(lower_incomplete_gamma(-1.0, 1.0).is_nan() && lower_incomplete_gamma(1.0, -1.0).is_nan());
+        assert_eq!((ln_gamma(f64::INFINITY), trigamma(f64::INFINITY)), (f64::INFINITY, 0.0));
         assert_eq!((lower_incomplete_gamma(2.0, 0.0), lower_incomplete_gamma(2.0, f64::INFINITY)), (0.0, 1.0));
     }
 
