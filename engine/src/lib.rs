@@ -11,14 +11,19 @@
 //! 6. What is on disk says what made it, and has a version.
 
 pub mod agent;
+pub mod diagnostic;
+pub mod document;
 pub mod environment;
 pub mod error;
 pub mod figure;
+pub mod plan;
 pub mod protocol;
 pub mod random;
 pub mod recorder;
 pub mod registry;
 pub mod results;
+pub mod schema_check;
+pub mod spec;
 pub mod table;
 pub mod trial;
 
