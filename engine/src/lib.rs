@@ -11,10 +11,13 @@
 //! 6. What is on disk says what made it, and has a version.
 
 pub mod agent;
-
+pub mod cli;
+pub mod diagnostic;
+pub mod document;
 pub mod environment;
 pub mod error;
 pub mod figure;
+pub mod plan;
 pub mod protocol;
 pub mod random;
 pub mod recorder;
@@ -22,6 +25,8 @@ pub mod registry;
 pub mod results;
 pub mod rollout;
 pub mod scheduler;
+pub mod schema_check;
+pub mod spec;
 pub mod statistics;
 pub mod store;
 pub mod table;

@@ -3,6 +3,7 @@
 use crate::{Error, Recorder, Registry, protocol::Run, random::Streams};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 
 /// A plugin's name, version and complete config.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -13,6 +14,32 @@ pub struct Part {
     pub version: u32,
     /// Config with every default filled in.
     pub config: Value,
+    /// Hashes of the data files that the config names, by dotted key: what a file holds determines numbers, its path does not.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, String>,
+}
+
+impl Part {
+    /// Hash of plugin, version, config and the content of data files.
+    #[must_use]
+    pub fn id(&self) -> String {
+        if self.files.is_empty() {
+            return hash(&json!([self.plugin, self.version, self.config]));
+        }
+        let mut config = self.config.clone();
+        for (key, content) in &self.files {
+            if let Some(path) = config.pointer_mut(&format!("/{}", key.replace('.', "/"))) {
+                *path = json!({ "content": content });
+            }
+        }
+        hash(&json!([self.plugin, self.version, config]))
+    }
+}
+
+/// Id of a trial from the ids of its environment, agent and protocol.
+#[must_use]
+pub fn trial_id(parts: [&str; 3], seed: u64, numerics: u32, device: &str) -> String {
+    hash(&json!([parts, seed, numerics, device]))
 }
 
 /// Everything that determines the numbers of one trial, and nothing else.
@@ -36,13 +63,14 @@ impl TrialKey {
     /// The trial's id: 32 hexadecimal digits of a hash over the key.
     #[must_use]
     pub fn id(&self) -> String {
-        hash(&serde_json::to_value(self).unwrap_or(Value::Null))
+        let parts = [self.environment.id(), self.agent.id(), self.protocol.id()];
+        trial_id([&parts[0], &parts[1], &parts[2]], self.seed, self.numerics, &self.device)
     }
 
     /// Hash of the environment alone, which keys the environment's random streams.
     #[must_use]
     pub fn environment_id(&self) -> String {
-        hash(&json!([self.environment.plugin, self.environment.version, self.environment.config]))
+        self.environment.id()
     }
 
     /// Builds the parts and runs the protocol; `progress` is told steps done and steps in all.
@@ -86,7 +114,7 @@ pub struct Trial {
     pub key: TrialKey,
 }
 
-fn find<'a, T>(entries: &'a std::collections::BTreeMap<&'static str, T>, kind: &str, name: &str) -> Result<&'a T, Error> {
+fn find<'a, T>(entries: &'a BTreeMap<&'static str, T>, kind: &str, name: &str) -> Result<&'a T, Error> {
     entries.get(name).ok_or_else(|| Error::config(kind, format!("`{name}` is not registered in this program")))
 }
 

@@ -1,0 +1,315 @@
+//! What is wrong with a study, where, and what to write instead.
+//!
+//! A [`Diagnostic`] carries the text of the lines it points at, so it can be shown without the file it came from.
+
+use serde::Serialize;
+use std::fmt::Write;
+
+/// A stretch of characters on one line of one source.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub struct Span {
+    /// Index into [`Sources`].
+    pub source: usize,
+    /// Line, from 1.
+    pub line: usize,
+    /// Column in characters, from 1.
+    pub column: usize,
+    /// Number of characters, at least 1 when shown.
+    pub length: usize,
+}
+
+/// The texts that spans point into: the study's file, and the words of the command line.
+#[derive(Debug, Clone, Default)]
+pub struct Sources {
+    sources: Vec<Source>,
+}
+
+#[derive(Debug, Clone)]
+struct Source {
+    name: String,
+    lines: Vec<String>,
+    numbered: bool,
+}
+
+impl Sources {
+    /// Adds a file under the name that messages show; returns its index.
+    pub fn add_file(&mut self, name: &str, text: &str) -> usize {
+        self.add(name, text.lines().map(String::from).collect(), true)
+    }
+
+    /// Adds one option of the command line, as it was typed (`--set dsac.discount=0.9`); returns its index.
+    pub fn add_option(&mut self, option: &str) -> usize {
+        self.add("command line", vec![option.into()], false)
+    }
+
+    fn add(&mut self, name: &str, lines: Vec<String>, numbered: bool) -> usize {
+        self.sources.push(Source { name: name.into(), lines, numbered });
+        self.sources.len() - 1
+    }
+
+    /// An error at `span`; `path` is the dotted path of the key, empty for the whole file.
+    #[must_use]
+    pub fn error(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
+        Diagnostic { message: message.into(), path: path.into(), place: self.place(span), about: None, help: None, notes: vec![] }
+    }
+
+    /// The place of a span, with the text of its line.
+    #[must_use]
+    pub fn place(&self, span: Span) -> Place {
+        let source = self.sources.get(span.source);
+        Place {
+            file: source.map_or_else(String::new, |source| source.name.clone()),
+            line: span.line,
+            column: span.column,
+            length: span.length,
+            numbered: source.is_some_and(|source| source.numbered),
+            text: source.and_then(|source| source.lines.get(span.line.wrapping_sub(1))).cloned().unwrap_or_default(),
+            source: span.source,
+        }
+    }
+}
+
+/// A position that can be shown on its own.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Place {
+    /// Name of the file, or `command line`.
+    pub file: String,
+    /// Line, from 1.
+    pub line: usize,
+    /// Column in characters, from 1.
+    pub column: usize,
+    /// Number of characters.
+    pub length: usize,
+    /// The line's text.
+    pub text: String,
+    #[serde(skip)]
+    numbered: bool,
+    #[serde(skip)]
+    source: usize,
+}
+
+/// One mistake in a study.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Diagnostic {
+    /// What is wrong, one lower-case fragment.
+    pub message: String,
+    /// Dotted path of the key, empty for the whole file.
+    pub path: String,
+    /// Where.
+    pub place: Place,
+    /// What the key means: description, type, range, unit.
+    pub about: Option<String>,
+    /// What to write instead.
+    pub help: Option<String>,
+    /// Other places that belong to the mistake, each with a remark.
+    pub notes: Vec<(String, Place)>,
+}
+
+impl Diagnostic {
+    /// The same diagnostic with advice.
+    #[must_use]
+    pub fn help(self, help: impl Into<String>) -> Self {
+        Self { help: Some(help.into()), ..self }
+    }
+
+    /// The same diagnostic with what the key means; nothing where that is empty.
+    #[must_use]
+    pub fn about(self, about: String) -> Self {
+        Self { about: Some(about).filter(|text| !text.is_empty()), ..self }
+    }
+
+    /// The same diagnostic with one more place.
+    #[must_use]
+    pub fn note(mut self, remark: impl Into<String>, place: Place) -> Self {
+        self.notes.push((remark.into(), place));
+        self
+    }
+
+    fn order(&self) -> (usize, usize, usize) {
+        (self.place.source, self.place.line, self.place.column)
+    }
+}
+
+/// Sorts by position and drops what says the same twice.
+#[must_use]
+pub fn in_order(mut diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
+    diagnostics.sort_by_key(Diagnostic::order);
+    let mut kept: Vec<Diagnostic> = Vec::with_capacity(diagnostics.len());
+    for diagnostic in diagnostics {
+        let said = |other: &Diagnostic| other.order() == diagnostic.order() && other.message == diagnostic.message;
+        if !kept.iter().rev().take(8).any(said) {
+            kept.push(diagnostic);
+        }
+    }
+    kept
+}
+
+/// All diagnostics as text for a terminal or a log, separated by empty lines.
+#[must_use]
+pub fn render(diagnostics: &[Diagnostic], colour: bool) -> String {
+    diagnostics.iter().map(|diagnostic| one(diagnostic, Paint { colour })).collect::<Vec<_>>().join("\n")
+}
+
+/// All diagnostics for programs.
+#[must_use]
+pub fn to_json(diagnostics: &[Diagnostic]) -> serde_json::Value {
+    // Strings, numbers and lists only: this cannot fail.
+    serde_json::to_value(diagnostics).unwrap_or_default()
+}
+
+#[derive(Clone, Copy)]
+struct Paint {
+    colour: bool,
+}
+
+impl Paint {
+    fn with(self, code: &str, text: &str) -> String {
+        if self.colour { format!("\x1b[{code}m{text}\x1b[0m") } else { text.into() }
+    }
+
+    fn red(self, text: &str) -> String {
+        self.with("1;31", text)
+    }
+
+    fn blue(self, text: &str) -> String {
+        self.with("1;34", text)
+    }
+
+    fn bold(self, text: &str) -> String {
+        self.with("1", text)
+    }
+}
+
+fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
+    let places = std::iter::once(&diagnostic.place).chain(diagnostic.notes.iter().map(|(_, place)| place));
+    let gutter = places.map(|place| if place.numbered { place.line.to_string().len() } else { 1 }).max().unwrap_or(1);
+    let mut out = format!("{}: {}\n", paint.red("error"), paint.bold(&diagnostic.message));
+    excerpt(&mut out, &diagnostic.place, gutter, '^', paint);
+    let margin = " ".repeat(gutter);
+    let lines = [
+        ("at", Some(diagnostic.path.clone()).filter(|path| !path.is_empty())),
+        ("key", diagnostic.about.clone()),
+        ("help", diagnostic.help.clone()),
+    ];
+    for (word, text) in lines.into_iter().filter_map(|(word, text)| Some((word, text?))) {
+        line(&mut out, &format!("{margin} {} {}: {text}", paint.blue("="), paint.bold(word)));
+    }
+    for (remark, place) in &diagnostic.notes {
+        line(&mut out, &format!("{}: {remark}", paint.blue("note")));
+        excerpt(&mut out, place, gutter, '-', paint);
+    }
+    out
+}
+
+fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char, paint: Paint) {
+    let margin = " ".repeat(gutter);
+    let number = if place.numbered { place.line.to_string() } else { String::new() };
+    let position = if place.numbered { format!("{}:{}:{}", place.file, place.line, place.column) } else { place.file.clone() };
+    line(out, &format!("{margin}{} {position}", paint.blue("-->")));
+    line(out, &format!("{margin} {}", paint.blue("|")));
+    line(out, &format!("{} {} {}", paint.blue(&format!("{number:>gutter$}")), paint.blue("|"), place.text.replace('\t', " ")));
+    let before = place.column.saturating_sub(1);
+    let indent: String = place.text.chars().take(before).flat_map(|letter| std::iter::repeat_n(' ', columns(letter))).collect();
+    // A position behind the end of the line (a missing value, an open bracket) lies past every character.
+    let beyond = before.saturating_sub(place.text.chars().count());
+    let width: usize = place.text.chars().skip(before).take(place.length.max(1)).map(columns).sum();
+    let marks: String = std::iter::repeat_n(mark, width.max(1)).collect();
+    line(out, &format!("{margin} {} {indent}{}{}", paint.blue("|"), " ".repeat(beyond.min(1)), paint.red(&marks)));
+}
+
+/// Terminal columns of a character: two for East Asian wide ones and emoji, none for combining marks.
+fn columns(letter: char) -> usize {
+    match u32::from(letter) {
+        0x0300..=0x036F | 0x200B..=0x200F | 0xFE00..=0xFE0F => 0,
+        0x1100..=0x115F | 0x2E80..=0xA4CF | 0xAC00..=0xD7A3 | 0xF900..=0xFAFF | 0xFE30..=0xFE6F | 0xFF00..=0xFF60 => 2,
+        0x1F300..=0x1FAFF | 0x20000..=0x3FFFD => 2,
+        _ => 1,
+    }
+}
+
+fn line(out: &mut String, text: &str) {
+    // Writing to a string cannot fail.
+    let _ = writeln!(out, "{}", text.trim_end());
+}
+
+/// `did you mean ...?` and the known names, for a name that is not among them.
+#[must_use]
+pub fn suggest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    let known: Vec<&str> = known.into_iter().collect();
+    let list = known.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    match nearest(wrong, &known) {
+        _ if known.is_empty() => "none is known here".into(),
+        Some(name) if known.len() > 1 => format!("did you mean `{name}`? known: {list}"),
+        Some(name) => format!("did you mean `{name}`?"),
+        None => format!("known: {list}"),
+    }
+}
+
+/// The known name that the wrong one was probably meant to be.
+#[must_use]
+pub fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
+    let wrong = wrong.to_lowercase();
+    let scored = known.iter().map(|name| {
+        let lower = name.to_lowercase();
+        let part = wrong.len() >= 4 && (lower.contains(&wrong) || wrong.contains(&lower) && lower.len() >= 4);
+        (strsim::normalized_damerau_levenshtein(&wrong, &lower).max(if part { 0.61 } else { 0.0 }), *name)
+    });
+    // The first of equals wins, so that the advice does not depend on anything but the order of the names.
+    let best = scored.fold((0.0, ""), |best, next| if next.0 > best.0 { next } else { best });
+    (best.0 > 0.6).then_some(best.1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(text: &str, column: usize, length: usize) -> (Sources, Diagnostic) {
+        let mut sources = Sources::default();
+        let source = sources.add_file("a.yaml", text);
+        let error = sources.error(Span { source, line: 1, column, length }, "a.b", "unknown key `b`");
+        (sources, error)
+    }
+
+    #[test]
+    fn carets_stand_under_the_characters() {
+        let (_, error) = sample("größe: {b: 1}", 9, 1);
+        let text = render(&[error], false);
+        let lines: Vec<&str> = text.lines().collect();
+        let column = |line: &str, wanted: char| line.chars().position(|letter| letter == wanted).unwrap();
+        assert_eq!(column(lines[4], '^'), column(lines[3], 'b'));
+        assert_eq!(lines[4].matches('^').count(), 1);
+        assert_eq!(lines[1], " --> a.yaml:1:9");
+    }
+
+    #[test]
+    fn wide_characters_take_two_columns() {
+        let (_, error) = sample("電池: {b: 1}", 1, 2);
+        assert!(render(&[error], false).lines().nth(4).unwrap().ends_with("| ^^^^"));
+    }
+
+    #[test]
+    fn colour_adds_codes_only() {
+        let (_, error) = sample("a: {b: 1}", 5, 1);
+        let coloured = render(std::slice::from_ref(&error), true);
+        assert!(coloured.contains("\x1b[1;31merror\x1b[0m"));
+        let mut plain = coloured;
+        for code in ["\x1b[1;31m", "\x1b[1;34m", "\x1b[1m", "\x1b[0m"] {
+            plain = plain.replace(code, "");
+        }
+        assert_eq!(plain, render(&[error], false));
+    }
+
+    #[test]
+    fn diagnostics_are_sorted_and_said_once() {
+        let (sources, first) = sample("a: {b: 1}\nc: 2", 5, 1);
+        let second = sources.error(Span { source: 0, line: 2, column: 1, length: 1 }, "c", "unknown key `c`");
+        assert_eq!(in_order(vec![second.clone(), first.clone(), first.clone()]), vec![first, second]);
+    }
+
+    #[test]
+    fn names_that_are_far_off_get_no_suggestion() {
+        assert_eq!(nearest("cycle_lenght", &["return", "cycle_length"]), Some("cycle_length"));
+        assert_eq!(nearest("zzz", &["return", "cycle_length"]), None);
+        assert_eq!(suggest("zzz", ["a", "b"]), "known: `a`, `b`");
+    }
+}

@@ -1,0 +1,48 @@
+//! The plan of a study: its trials, in order.
+
+use crate::{
+    spec::Study,
+    trial::{Trial, TrialKey, trial_id},
+};
+
+/// The kind of device that trials run on.
+const DEVICE: &str = "cpu";
+
+/// The trials of a study: environments, then agents, settings and seeds, in the order of the study.
+///
+/// Two trials may have the same id: where a sweep does not reach an agent (a protocol's training budget and an agent that
+/// does not learn), its trials stand once in each setting, and the numbers are computed once.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// Name of the study.
+    pub study: String,
+    /// Its heading.
+    pub title: String,
+    /// The trials.
+    pub trials: Vec<Trial>,
+}
+
+impl Study {
+    /// The study's trials. Parts are hashed once, not once per seed.
+    #[must_use]
+    pub fn plan(&self) -> Plan {
+        let mut trials = Vec::with_capacity(self.cells.len() * self.seeds.len());
+        for cell in &self.cells {
+            let [environment, agent, protocol] = &cell.parts;
+            for &seed in &self.seeds {
+                let id = trial_id([&environment.id, &agent.id, &protocol.id], seed, self.numerics, DEVICE);
+                let key = TrialKey {
+                    environment: environment.part.clone(),
+                    agent: agent.part.clone(),
+                    protocol: protocol.part.clone(),
+                    seed,
+                    numerics: self.numerics,
+                    device: DEVICE.into(),
+                };
+                let (environment, agent) = (self.environments[cell.environment].clone(), self.agents[cell.agent].clone());
+                trials.push(Trial { id, environment, agent, setting: cell.setting.clone(), key });
+            }
+        }
+        Plan { study: self.name.clone(), title: self.title.clone(), trials }
+    }
+}

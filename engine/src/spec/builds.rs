@@ -1,0 +1,175 @@
+//! Builds what the cells name: a plugin may refuse a config for reasons that no schema can say, and only the built
+//! environment and protocol know what trials record.
+
+use super::{
+    cells::{Cell, Resolved, Sections},
+    config::locate,
+    path::Target,
+};
+use crate::{Error, Interface, diagnostic::Diagnostic, random};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Agents are built for each named pair, and for this many further settings; building networks takes time.
+const MOST_SETTINGS_BUILT: usize = 200;
+
+/// What the trials of a study record, and the names they have.
+#[derive(Debug, Default)]
+pub struct World {
+    /// Names of the environments.
+    pub environments: Vec<String>,
+    /// Names of the agents.
+    pub agents: Vec<String>,
+    /// Metrics by environment and agent; pairs without trials are absent.
+    pub recorded: BTreeMap<(usize, usize), BTreeSet<String>>,
+    /// Names of what traces hold, by environment.
+    pub traced: BTreeMap<usize, BTreeSet<String>>,
+    /// Points of the sweep, in order; one empty point without a sweep.
+    pub settings: Vec<String>,
+    /// Last words of the swept keys.
+    pub swept: Vec<String>,
+    /// The seeds.
+    pub seeds: Vec<u64>,
+}
+
+/// What is known of a built environment.
+struct Facts {
+    interface: Interface,
+    metrics: Vec<String>,
+    traced: BTreeSet<String>,
+}
+
+/// What is known of a built protocol.
+struct Measures {
+    metrics: Vec<String>,
+    of_environment: bool,
+}
+
+/// Builds the cells' parts.
+///
+/// # Errors
+/// What plugins refuse, at the key that they name.
+pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<World, Vec<Diagnostic>> {
+    let names = |list: &[super::written::Named]| list.iter().map(|named| named.name.clone()).collect();
+    let mut world = World {
+        environments: names(&sections.written.environments),
+        agents: names(&sections.written.agents),
+        seeds: seeds.to_vec(),
+        ..World::default()
+    };
+    for key in sections.dimensions.iter().flat_map(|dimension| &dimension.keys) {
+        let last = key.text.rsplit('.').next().unwrap_or_default().to_string();
+        if !world.swept.contains(&last) {
+            world.swept.push(last);
+        }
+    }
+    let mut builder =
+        Builder { sections, environments: BTreeMap::new(), protocols: BTreeMap::new(), agents: BTreeSet::new(), extra: 0 };
+    let (mut settings, mut found) = (BTreeSet::new(), Vec::new());
+    for cell in cells {
+        if settings.insert(cell.setting.clone()) {
+            world.settings.push(cell.setting.clone());
+        }
+        if let Err(error) = builder.cell(cell, &mut world) {
+            found.push(*error);
+        }
+    }
+    if found.is_empty() { Ok(world) } else { Err(found) }
+}
+
+struct Builder<'a> {
+    sections: &'a Sections<'a>,
+    /// By id; `None` where the build failed and was reported.
+    environments: BTreeMap<String, Option<Facts>>,
+    protocols: BTreeMap<String, Option<Measures>>,
+    agents: BTreeSet<(String, String)>,
+    extra: usize,
+}
+
+impl Builder<'_> {
+    fn cell(&mut self, cell: &Cell, world: &mut World) -> Result<(), Box<Diagnostic>> {
+        let [environment, agent, protocol] = &cell.parts;
+        self.environment(environment)?;
+        self.protocol(protocol)?;
+        let pair = (cell.environment, cell.agent);
+        let first = !world.recorded.contains_key(&pair);
+        let (Some(Some(facts)), Some(Some(measures))) =
+            (self.environments.get(&environment.id), self.protocols.get(&protocol.id))
+        else {
+            return Ok(());
+        };
+        let entry = &self.sections.registry.agents[agent.part.plugin.as_str()];
+        let recorded = world.recorded.entry(pair).or_default();
+        if first || !self.sections.dimensions.is_empty() {
+            recorded.extend(measures.metrics.iter().cloned());
+            recorded.extend(facts.metrics.iter().filter(|_| measures.of_environment).cloned());
+            recorded.extend(entry.metrics.iter().map(|metric| metric.name.clone()));
+            world.traced.entry(cell.environment).or_default().extend(facts.traced.iter().cloned());
+        }
+        self.extra += usize::from(!first);
+        let new = self.agents.insert((environment.id.clone(), agent.id.clone()));
+        if !new || !first && self.extra > MOST_SETTINGS_BUILT {
+            return Ok(());
+        }
+        let built = (entry.build)(&agent.part.config, &facts.interface, &mut random::stream(&["check"]));
+        built.map(drop).map_err(|error| {
+            let place = self.sections.sources.place(self.sections.written.environments[cell.environment].name_span);
+            let diagnostic = self.refused(agent, &error);
+            let pairing = matches!(error, Error::Mismatch { .. });
+            Box::new(if pairing { diagnostic.note("with this environment", place) } else { diagnostic })
+        })
+    }
+
+    fn environment(&mut self, resolved: &Resolved) -> Result<(), Box<Diagnostic>> {
+        if self.environments.contains_key(&resolved.id) {
+            return Ok(());
+        }
+        let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
+        let built = (entry.build)(&resolved.part.config);
+        let facts = built.as_ref().ok().map(|environment| {
+            let interface = environment.interface();
+            let spaces = interface.seats.iter().flat_map(|seat| [&seat.observation, &seat.action]);
+            let traced = spaces.flat_map(crate::Space::names);
+            let channels = environment.trace_channels().into_iter().map(|channel| channel.name);
+            Facts {
+                traced: traced.chain(channels).collect(),
+                metrics: environment.metrics().iter().map(|metric| metric.name.clone()).collect(),
+                interface,
+            }
+        });
+        self.environments.insert(resolved.id.clone(), facts);
+        built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))
+    }
+
+    fn protocol(&mut self, resolved: &Resolved) -> Result<(), Box<Diagnostic>> {
+        if self.protocols.contains_key(&resolved.id) {
+            return Ok(());
+        }
+        let entry = &self.sections.registry.protocols[resolved.part.plugin.as_str()];
+        let built = (entry.build)(&resolved.part.config);
+        let measures = built.as_ref().ok().map(|protocol| Measures {
+            metrics: protocol.metrics().into_iter().map(|metric| metric.name).collect(),
+            of_environment: protocol.records_environment_metrics(),
+        });
+        self.protocols.insert(resolved.id.clone(), measures);
+        built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))
+    }
+
+    /// A refusal, placed at the key that the plugin names where the study gives it.
+    fn refused(&self, resolved: &Resolved, error: &Error) -> Diagnostic {
+        let (sections, target) = (self.sections, resolved.given.target);
+        let plugin = sections.plugin(target);
+        let (at, plugin_span) = plugin.map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
+        match error {
+            Error::Config { key, problem } => {
+                let span = locate(&sections.assigned(&resolved.given), key).unwrap_or(plugin_span);
+                sections.sources.error(span, &format!("{at}.{key}"), format!("`{key}`: {problem}"))
+            }
+            Error::Mismatch { problem, .. } => {
+                let named = sections.written.part(target).map_or("", |named| &named.name);
+                let what = if matches!(target, Target::Agent(_)) { "agent" } else { "part" };
+                sections.sources.error(plugin_span, &at, format!("the {what} `{named}` cannot be used here: {problem}"))
+            }
+            other => sections.sources.error(plugin_span, &at, other.to_string()),
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! From the keys that a study gives to a plugin's complete config: defaults, then the preset, then the study's own keys.
+
+use crate::{
+    diagnostic::{Diagnostic, Sources, Span},
+    document::{Kind, Node},
+    registry::About,
+    schema_check::View,
+    trial::Part,
+};
+use serde_json::Value;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+/// A plugin to resolve a config for.
+pub struct Plugin<'a> {
+    /// Registered name.
+    pub name: &'a str,
+    /// Defaults, schema, presets.
+    pub about: &'a About,
+    /// Dotted path of the config in the study.
+    pub at: String,
+    /// Where the plugin's name stands.
+    pub span: Span,
+}
+
+/// Reads data files once and remembers their hashes.
+pub struct Files<'a> {
+    folder: &'a Path,
+    hashes: BTreeMap<PathBuf, Option<String>>,
+}
+
+impl<'a> Files<'a> {
+    /// Files named relative to the folder of the study.
+    #[must_use]
+    pub fn new(folder: &'a Path) -> Self {
+        Self { folder, hashes: BTreeMap::new() }
+    }
+
+    fn hash(&mut self, path: &Path) -> Option<String> {
+        if !self.hashes.contains_key(path) {
+            let hash = std::fs::read(path).ok().map(|bytes| blake3::hash(&bytes).to_hex()[..32].to_string());
+            self.hashes.insert(path.into(), hash);
+        }
+        self.hashes[path].clone()
+    }
+}
+
+/// The complete config of a plugin.
+///
+/// # Errors
+/// What the plugin refuses, and data files that do not exist.
+pub fn resolve(plugin: &Plugin<'_>, config: &Node, files: &mut Files<'_>, sources: &Sources) -> Result<Part, Vec<Diagnostic>> {
+    let mut found = Vec::new();
+    missing_files(config, &plugin.at, files, sources, &mut found);
+    if !found.is_empty() {
+        return Err(found);
+    }
+    let merged = merged(plugin.about, config);
+    let mut config = (plugin.about.resolve)(&merged).map_err(|error| {
+        let message = format!("`{}` does not take this config: {error}", plugin.name);
+        vec![sources.error(plugin.span, &plugin.at, message)]
+    })?;
+    let mut hashes = BTreeMap::new();
+    let absent = name_files(&mut config, "", files, &mut hashes);
+    if let Some((key, path)) = absent {
+        let message = format!("the data file `{}` that `{key}` names by default does not exist", path.display());
+        return Err(vec![sources.error(plugin.span, &plugin.at, message).help(format!("give `{key}` in the study"))]);
+    }
+    Ok(Part { plugin: plugin.name.into(), version: plugin.about.version, config, files: hashes })
+}
+
+fn merged(about: &About, config: &Node) -> Value {
+    let schema = about.schema.as_value();
+    let view = View::new(schema, schema);
+    let mut value = about.defaults.clone();
+    let preset = config.get("preset").and_then(Node::as_str);
+    if let Some(preset) = about.presets.iter().find(|it| Some(it.name) == preset) {
+        merge(&mut value, preset.values.clone(), Some(&view));
+    }
+    let mut own = config.to_value();
+    if let Some(map) = own.as_object_mut().filter(|_| !about.presets.is_empty()) {
+        map.remove("preset");
+    }
+    merge(&mut value, own, Some(&view));
+    value
+}
+
+/// Lays `over` on `value`. Mappings with fixed keys are merged key by key; everything else (an enum's variant, a list, a map
+/// of free names) is replaced as a whole.
+fn merge(value: &mut Value, over: Value, schema: Option<&View<'_>>) {
+    let fields = schema.and_then(View::as_struct);
+    match (value, over, fields) {
+        (Value::Object(base), Value::Object(over), Some(fields)) => {
+            for (key, item) in over {
+                merge(base.entry(key.clone()).or_insert(Value::Null), item, fields.property(&key).as_ref());
+            }
+        }
+        (value, over, _) => *value = over,
+    }
+}
+
+/// Strings under the key `file` that name no file.
+fn missing_files(config: &Node, at: &str, files: &mut Files<'_>, sources: &Sources, found: &mut Vec<Diagnostic>) {
+    match &config.kind {
+        Kind::Sequence(items) => items.iter().for_each(|item| missing_files(item, at, files, sources, found)),
+        Kind::Mapping(entries) => {
+            for entry in entries {
+                let below = format!("{at}.{}", entry.key);
+                match entry.value.as_str().filter(|text| entry.key == "file" && !text.is_empty()) {
+                    Some(text) => {
+                        let path = files.folder.join(text);
+                        if files.hash(&path).is_none() {
+                            let error = sources.error(entry.value.span, &below, format!("there is no data file `{text}`"));
+                            let help = format!("files are sought from the folder of the study: `{}`", path.display());
+                            found.push(error.help(help));
+                        }
+                    }
+                    None => missing_files(&entry.value, &below, files, sources, found),
+                }
+            }
+        }
+        Kind::Scalar(_) => {}
+    }
+}
+
+/// Makes the paths under `file` usable from the current folder and notes the hash of what they hold, by dotted key.
+/// Returns the first that does not exist.
+fn name_files(
+    value: &mut Value,
+    at: &str,
+    files: &mut Files<'_>,
+    hashes: &mut BTreeMap<String, String>,
+) -> Option<(String, PathBuf)> {
+    let below = |key: &str| if at.is_empty() { key.to_string() } else { format!("{at}.{key}") };
+    match value {
+        Value::Object(map) => map.iter_mut().find_map(|(key, item)| match item {
+            Value::String(text) if key == "file" && !text.is_empty() => {
+                let path = files.folder.join(&*text);
+                let Some(hash) = files.hash(&path) else { return Some((below(key), path)) };
+                *text = path.display().to_string();
+                hashes.insert(below(key), hash);
+                None
+            }
+            item => name_files(item, &below(key), files, hashes),
+        }),
+        Value::Array(items) => {
+            items.iter_mut().enumerate().find_map(|(index, item)| name_files(item, &below(&index.to_string()), files, hashes))
+        }
+        _ => None,
+    }
+}
+
+/// Span of the value at a dotted key, or of the deepest part of it that is written; `None` where nothing of it is.
+#[must_use]
+pub fn locate(config: &Node, key: &str) -> Option<Span> {
+    let (mut here, mut span) = (config, None);
+    for word in key.split('.') {
+        let Some(entry) = here.entry(word) else { break };
+        span = Some(if matches!(entry.value.kind, Kind::Scalar(_)) { entry.value.span } else { entry.key_span });
+        here = &entry.value;
+    }
+    span
+}

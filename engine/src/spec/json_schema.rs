@@ -1,0 +1,231 @@
+//! The JSON Schema of a study, the parameters of all registered plugins included. Editors complete by it and `check` holds
+//! studies against it, so the two cannot differ.
+
+use crate::{
+    Registry,
+    figure::FigureSpec,
+    registry::About,
+    schema_check::{NAME, SLUG},
+    table::TableSpec,
+};
+use serde_json::{Map, Value, json};
+
+/// Largest number of seeds of a study.
+const MOST_SEEDS: u64 = 1_000_000;
+
+/// JSON Schema (draft 2020-12) of a study.
+#[must_use]
+pub fn json_schema(registry: &Registry) -> Value {
+    let mut definitions = Map::new();
+    let environments = registry.environments.iter().map(|(name, entry)| (*name, &entry.about));
+    let environment = choice("environment plugin", environments, "environment", &mut definitions);
+    let agents = registry.agents.iter().map(|(name, entry)| (*name, &entry.about));
+    let agent = choice("agent plugin", agents, "agent", &mut definitions);
+    let protocols = registry.protocols.iter().map(|(name, entry)| (*name, &entry.about));
+    let protocol = choice("protocol plugin", protocols, "protocol", &mut definitions);
+    let table = embed(schemars::schema_for!(TableSpec).to_value(), "table", &mut definitions);
+    let figure = embed(schemars::schema_for!(FigureSpec).to_value(), "figure", &mut definitions);
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A study",
+        "description": "Environments, agents, seeds and sweeps, and the tables, figures and claims made of their trials.",
+        "type": "object",
+        "additionalProperties": false,
+        "required": ["study", "environments", "agents", "protocol"],
+        "properties": {
+            "study": { "description": "Name of the study and of its folder of results.", "type": "string", "pattern": SLUG },
+            "title": text("What the study is about, as a heading."),
+            "source": text("Where the published numbers come from."),
+            "departures": { "description": "What differs from the source, one sentence each.", "type": "array", "items": { "type": "string" } },
+            "environments": named("Environments by name, one plugin each.", environment, NAME),
+            "agents": named("Agents by name, one plugin each.", agent, NAME),
+            "protocol": described("How each trial runs.", protocol),
+            "seeds": seeds(),
+            "sweep": sweep(),
+            "profiles": profiles(),
+            "exclude": exclude(),
+            "overrides": overrides(),
+            "tables": { "description": "Tables by name.", "type": "object", "additionalProperties": table, "propertyNames": { "pattern": SLUG } },
+            "figures": { "description": "Figures by name.", "type": "object", "additionalProperties": figure, "propertyNames": { "pattern": SLUG } },
+            "claims": claims(),
+        },
+        "$defs": definitions,
+    })
+}
+
+fn text(description: &str) -> Value {
+    json!({ "description": description, "type": "string" })
+}
+
+fn described(description: &str, mut schema: Value) -> Value {
+    schema["description"] = description.into();
+    schema
+}
+
+fn named(description: &str, value: Value, pattern: &str) -> Value {
+    json!({
+        "description": description, "type": "object", "minProperties": 1, "additionalProperties": value,
+        "propertyNames": { "pattern": pattern },
+        "x-kind": "entry",
+    })
+}
+
+/// A mapping with exactly one key, the plugin, over the plugin's config.
+fn choice<'a>(
+    kind: &str,
+    plugins: impl Iterator<Item = (&'static str, &'a About)>,
+    prefix: &str,
+    definitions: &mut Map<String, Value>,
+) -> Value {
+    let properties: Map<String, Value> = plugins
+        .map(|(name, about)| {
+            let schema = with_presets(about);
+            (name.to_string(), embed(schema, &format!("{prefix}.{name}"), definitions))
+        })
+        .collect();
+    json!({
+        "type": "object", "properties": properties, "additionalProperties": false,
+        "minProperties": 1, "maxProperties": 1, "x-kind": kind,
+    })
+}
+
+/// A plugin's schema with the key `preset`, where it has presets.
+fn with_presets(about: &About) -> Value {
+    let mut schema = about.schema.clone().to_value();
+    if !schema["properties"].is_object() {
+        schema["properties"] = json!({});
+    }
+    schema["additionalProperties"] = false.into();
+    schema["description"] = about.about.into();
+    if !about.presets.is_empty() {
+        let names: Vec<&str> = about.presets.iter().map(|preset| preset.name).collect();
+        let description = "Named setting to begin from; keys given beside it win.";
+        schema["properties"]["preset"] = json!({ "description": description, "enum": names, "x-kind": "preset" });
+    }
+    schema
+}
+
+/// Moves a schema with its own definitions under `prefix`, and returns a reference to it.
+fn embed(mut schema: Value, prefix: &str, definitions: &mut Map<String, Value>) -> Value {
+    let own = schema.as_object_mut().and_then(|map| map.remove("$defs"));
+    if let Some(map) = schema.as_object_mut() {
+        map.remove("$schema");
+    }
+    if let Some(Value::Object(own)) = own {
+        for (name, mut definition) in own {
+            rename(&mut definition, prefix);
+            definitions.insert(format!("{prefix}.{name}"), definition);
+        }
+    }
+    rename(&mut schema, prefix);
+    definitions.insert(prefix.into(), schema);
+    json!({ "$ref": format!("#/$defs/{prefix}") })
+}
+
+fn rename(schema: &mut Value, prefix: &str) {
+    match schema {
+        Value::Object(map) => {
+            for (key, value) in map {
+                match value {
+                    Value::String(target) if key == "$ref" && target == "#" => *target = format!("#/$defs/{prefix}"),
+                    Value::String(target) if key == "$ref" => *target = target.replace("#/$defs/", &format!("#/$defs/{prefix}.")),
+                    other => rename(other, prefix),
+                }
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(|item| rename(item, prefix)),
+        _ => {}
+    }
+}
+
+fn seeds() -> Value {
+    let list = json!({ "type": "array", "minItems": 1, "maxItems": MOST_SEEDS, "uniqueItems": true, "items": { "type": "integer", "minimum": 0 } });
+    json!({
+        "description": "Number of replicates N (seeds 0 to N - 1), or the seeds themselves.",
+        "default": 1,
+        "oneOf": [{ "type": "integer", "minimum": 1, "maximum": MOST_SEEDS }, list],
+    })
+}
+
+fn sweep() -> Value {
+    let values = |description: &str| json!({ "description": description, "type": "array", "minItems": 1 });
+    let generators = [
+        ("grid", values("Values of which every combination is tried.")),
+        ("zip", values("Values that go together with those of the other `zip` keys, one by one.")),
+        ("random", samples("Samples spread evenly between two limits.", false)),
+        ("log_uniform", samples("Samples whose logarithm is spread evenly between two limits.", false)),
+        ("latin_hypercube", samples("Samples with one in each of equally likely slices.", true)),
+    ];
+    let generators: Vec<Value> = generators
+        .into_iter()
+        .map(|(name, schema)| {
+            json!({ "type": "object", "properties": { name: schema }, "required": [name], "additionalProperties": false })
+        })
+        .collect();
+    json!({
+        "description": "Swept keys, each with the way its values are made.", "type": "object",
+        "additionalProperties": { "oneOf": generators },
+    })
+}
+
+fn samples(description: &str, has_log: bool) -> Value {
+    let mut schema = json!({
+        "description": description, "type": "object", "additionalProperties": false, "required": ["low", "high", "samples"],
+        "properties": {
+            "low": { "description": "Smallest value.", "type": "number" },
+            "high": { "description": "Largest value.", "type": "number" },
+            "samples": { "description": "Number of samples.", "type": "integer", "minimum": 1, "maximum": 100_000 },
+        },
+    });
+    if has_log {
+        schema["properties"]["log"] =
+            json!({ "description": "Spread the logarithm evenly.", "type": "boolean", "default": false });
+    }
+    schema
+}
+
+fn profiles() -> Value {
+    json!({
+        "description": "Named budgets of the study: values that replace others, by dotted path.", "type": "object",
+        "additionalProperties": { "type": "object" }, "propertyNames": { "pattern": NAME },
+    })
+}
+
+fn exclude() -> Value {
+    json!({
+        "description": "Combinations that are left out.", "type": "array",
+        "items": {
+            "type": "object", "additionalProperties": false, "minProperties": 1, "x-kind": "environment or agent",
+            "properties": { "environment": text("The environment; all where absent."), "agent": text("The agent; all where absent.") },
+        },
+    })
+}
+
+fn overrides() -> Value {
+    json!({
+        "description": "Values for some combinations only.", "type": "array",
+        "items": {
+            "type": "object", "additionalProperties": false, "required": ["set"],
+            "properties": {
+                "environment": text("The environment; all where absent."),
+                "agent": text("The agent; all where absent."),
+                "set": { "description": "Values by dotted path.", "type": "object" },
+            },
+        },
+    })
+}
+
+fn claims() -> Value {
+    let long = json!({
+        "type": "object", "additionalProperties": false, "required": ["claim"],
+        "properties": {
+            "claim": text("The comparison, such as `dsac.return > equal.return`."),
+            "environment": text("The environment it is about; each in turn where absent."),
+            "about": text("Which sentence of the source it stands for."),
+        },
+    });
+    json!({
+        "description": "Comparisons that the results support, refute or leave open.", "type": "array",
+        "items": { "anyOf": [{ "type": "string" }, long] },
+    })
+}

@@ -1,0 +1,229 @@
+//! Studies: from one YAML file to everything that is asked for, checked so far that no name, metric, key or range can be
+//! wrong.
+//!
+//! | file | what it does |
+//! |---|---|
+//! | `json_schema` | the schema of a study with all plugins' parameters; sections are held against it first |
+//! | `written` | named parts and their positions |
+//! | `path` | dotted paths of sweeps, profiles, overrides and `--set` |
+//! | `settings` | the profile and the options of the command line |
+//! | `sweep`, `overrides` | what varies over the trials |
+//! | `config` | defaults, presets, data files: a plugin's complete config |
+//! | `cells` | combinations of environment, agent and setting |
+//! | `builds` | builds what the cells name, to hear what plugins refuse and what trials record |
+//! | `names` | tables, figures and claims against what trials record |
+//! | `resolved`, `describe` | a study with all defaults written out; plugins described for people |
+
+mod builds;
+mod cells;
+mod claims;
+mod config;
+mod describe;
+mod json_schema;
+mod names;
+mod overrides;
+mod path;
+mod resolved;
+mod settings;
+mod sweep;
+mod written;
+
+pub use claims::ClaimSpec;
+pub use describe::describe;
+pub use json_schema::json_schema;
+pub use resolved::resolved_yaml;
+
+use crate::{
+    Registry,
+    diagnostic::{Diagnostic, Sources, Span, in_order},
+    document::{self, Node},
+    figure::FigureSpec,
+    schema_check::{At, Checker, View},
+    table::TableSpec,
+};
+use cells::{Cell, MOST_TRIALS, Sections};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use written::Written;
+
+/// What a command line changes of a study.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Options {
+    /// The profile to use.
+    pub profile: Option<String>,
+    /// `PATH=VALUE` words, applied after the profile, in order.
+    pub sets: Vec<String>,
+    /// Number of seeds in place of the study's.
+    pub seeds: Option<u64>,
+}
+
+/// A study that passed every check.
+#[derive(Debug, Clone)]
+pub struct Study {
+    /// Name of the study and of its folder of results.
+    pub name: String,
+    /// What it is about, as a heading; empty where absent.
+    pub title: String,
+    /// Where the published numbers come from; empty where absent.
+    pub source: String,
+    /// What differs from the source, one sentence each.
+    pub departures: Vec<String>,
+    /// Names of the environments, in order.
+    pub environments: Vec<String>,
+    /// Names of the agents, in order.
+    pub agents: Vec<String>,
+    /// The seeds.
+    pub seeds: Vec<u64>,
+    /// The profile that was used.
+    pub profile: Option<String>,
+    /// Tables by name, in order.
+    pub tables: Vec<(String, TableSpec)>,
+    /// Figures by name, in order.
+    pub figures: Vec<(String, FigureSpec)>,
+    /// Claims, in order.
+    pub claims: Vec<ClaimSpec>,
+    /// Combinations of environment, agent and setting.
+    pub(crate) cells: Vec<Cell>,
+    /// Version of the shared numerical code.
+    pub(crate) numerics: u32,
+    /// The sections that trials are made of, with all defaults.
+    resolved: Vec<(String, Value)>,
+    /// The folder that data files were sought from.
+    folder: PathBuf,
+}
+
+/// Reads and checks the study in a file.
+///
+/// # Errors
+/// Everything that is wrong with it, sorted by position.
+pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study, Vec<Diagnostic>> {
+    let name = path.display().to_string();
+    let unreadable = |error: std::io::Error| {
+        let mut sources = Sources::default();
+        let source = sources.add_file(&name, "");
+        vec![sources.error(Span { source, ..Span::default() }, "", format!("cannot read the study: {error}"))]
+    };
+    let bytes = std::fs::read(path).map_err(unreadable)?;
+    let text = document::decode(&name, &bytes).map_err(|error| vec![error])?;
+    load_text(&text, &name, path.parent().unwrap_or(Path::new("")), registry, options)
+}
+
+/// Checks the study in a text. Messages call it `name`; data files are sought from `folder`.
+///
+/// # Errors
+/// Everything that is wrong with it, sorted by position.
+pub fn load_text(
+    text: &str,
+    name: &str,
+    folder: &Path,
+    registry: &Registry,
+    options: &Options,
+) -> Result<Study, Vec<Diagnostic>> {
+    let mut sources = Sources::default();
+    let source = sources.add_file(name, text);
+    let root = document::parse(&sources, source, text).map_err(in_order)?;
+    let schema = json_schema(registry);
+    let mut found = check_structure(&root, &schema, &sources);
+    let mut written = Written::read(&root);
+    found.extend(written.name_clashes(&sources));
+    let (fixed, errors) = settings::apply(&root, &mut written, &schema, &mut sources, options);
+    found.extend(errors);
+    let mut keep = |errors: Vec<Diagnostic>| found.extend(errors);
+    let dimensions = sweep::read(&root, &written, &schema, &sources, &fixed).map_err(&mut keep).unwrap_or_default();
+    let overrides = overrides::read(&root, &written, &schema, &sources, &dimensions).map_err(&mut keep).unwrap_or_default();
+    let excluded = overrides::read_exclude(&root, &written, &sources).map_err(&mut keep).unwrap_or_default();
+    if found.iter().any(blocks_trials) {
+        return Err(in_order(found));
+    }
+    let sections = Sections {
+        written: &written,
+        registry,
+        sources: &sources,
+        folder,
+        overrides: &overrides,
+        dimensions: &dimensions,
+        excluded: &excluded,
+    };
+    finish(&root, &sections, found).map(|study| Study { profile: options.profile.clone(), ..study })
+}
+
+/// The second half of loading: cells are made and built, and what is asked of them is checked.
+fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Result<Study, Vec<Diagnostic>> {
+    let with = |mut found: Vec<Diagnostic>, more: Vec<Diagnostic>| {
+        found.extend(more);
+        in_order(found)
+    };
+    let seeds = seeds(sections.written.seeds.as_ref());
+    if let Some(error) = too_many(root, sections, seeds.len()) {
+        return Err(with(found, vec![error]));
+    }
+    let cells = sections.cells().map_err(|errors| with(found.clone(), errors))?;
+    let world = builds::build(sections, &cells, &seeds).map_err(|errors| with(found.clone(), errors))?;
+    let asked = names::Asked::read(root, &world, sections.sources);
+    found.extend(asked.found);
+    if !found.is_empty() {
+        return Err(in_order(found));
+    }
+    let text = |key: &str| root.get(key).and_then(Node::as_str).unwrap_or_default().to_string();
+    Ok(Study {
+        name: text("study"),
+        title: text("title"),
+        source: text("source"),
+        departures: root
+            .get("departures")
+            .map_or(&[][..], Node::items)
+            .iter()
+            .filter_map(Node::as_str)
+            .map(String::from)
+            .collect(),
+        environments: world.environments,
+        agents: world.agents,
+        resolved: resolved::sections(root, sections, &seeds),
+        seeds,
+        profile: None,
+        tables: asked.tables,
+        figures: asked.figures,
+        claims: asked.claims,
+        cells,
+        numerics: sections.registry.numerics_version,
+        folder: sections.folder.to_path_buf(),
+    })
+}
+
+fn check_structure(root: &Node, schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
+    let mut checker = Checker::new(sources);
+    let start = Span { length: 1, ..root.span };
+    checker.check(root, &At { key: start, path: String::new() }, &View::new(schema, schema));
+    checker.found
+}
+
+/// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide others.
+fn blocks_trials(diagnostic: &Diagnostic) -> bool {
+    const SHOWN: [&str; 6] = ["title", "source", "departures", "tables", "figures", "claims"];
+    let first = diagnostic.path.split(['.', '[']).next().unwrap_or_default();
+    !SHOWN.contains(&first)
+}
+
+fn seeds(written: Option<&Node>) -> Vec<u64> {
+    match written.map(Node::to_value) {
+        Some(Value::Array(list)) => list.iter().filter_map(Value::as_u64).collect(),
+        Some(count) => (0..count.as_u64().unwrap_or(1)).collect(),
+        None => vec![0],
+    }
+}
+
+fn too_many(root: &Node, sections: &Sections<'_>, n_seeds: usize) -> Option<Diagnostic> {
+    let trials = sections.count().saturating_mul(n_seeds as u64);
+    if trials <= MOST_TRIALS {
+        return None;
+    }
+    let section = if sections.dimensions.is_empty() { "seeds" } else { "sweep" };
+    let span = root.entry(section).map_or(root.span, |entry| entry.key_span);
+    let count = if trials == u64::MAX { "far too many".into() } else { trials.to_string() };
+    let error =
+        sections.sources.error(span, section, format!("this makes {count} trials, but a study has at most {MOST_TRIALS}"));
+    Some(error.help("every `grid` key multiplies the trials; use `zip`, or sample with `random` or `latin_hypercube`"))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,114 @@
+//! `overrides` and `exclude`: what differs for some combinations of environment and agent.
+
+use super::{
+    path::{self, KeyPath, Target},
+    sweep::Dimension,
+    written::{Selection, Written},
+};
+use crate::{
+    diagnostic::{Diagnostic, Sources},
+    document::Node,
+};
+use serde_json::Value;
+
+/// Values that hold for the combinations of a selection.
+#[derive(Debug, Clone)]
+pub struct Override<'a> {
+    /// The combinations.
+    pub selection: Selection,
+    /// The values by key.
+    pub set: Vec<(KeyPath<'a>, Node)>,
+}
+
+impl Override<'_> {
+    /// True where a value belongs to this target.
+    #[must_use]
+    pub fn concerns(&self, target: Target) -> bool {
+        self.set.iter().any(|(path, _)| path.target == target)
+    }
+}
+
+/// Reads the section `overrides`.
+///
+/// # Errors
+/// Names and paths that do not exist, values that do not fit, values that apply nowhere or that a sweep sets as well.
+pub fn read<'a>(
+    root: &Node,
+    written: &Written,
+    schema: &'a Value,
+    sources: &Sources,
+    dimensions: &[Dimension<'_>],
+) -> Result<Vec<Override<'a>>, Vec<Diagnostic>> {
+    let (mut overrides, mut found) = (Vec::new(), Vec::new());
+    for (index, item) in root.get("overrides").map_or(&[][..], Node::items).iter().enumerate() {
+        let at = format!("overrides[{index}]");
+        let selection = Selection::read(item, &at, written, sources).unwrap_or_else(|errors| {
+            found.extend(errors);
+            Selection::default()
+        });
+        let mut set = Vec::new();
+        for entry in item.get("set").map_or(&[][..], Node::entries) {
+            let at = format!("{at}.set.{}", entry.key);
+            match path::find(&entry.key, entry.key_span, &at, written, schema, sources) {
+                Ok(path) => {
+                    found.extend(path.check(&entry.value, &at, sources));
+                    found.extend(useless(&path, &selection, &entry.key, &at, dimensions, sources));
+                    set.push((path, entry.value.clone()));
+                }
+                Err(error) => found.push(error),
+            }
+        }
+        overrides.push(Override { selection, set });
+    }
+    if found.is_empty() { Ok(overrides) } else { Err(found) }
+}
+
+fn useless(
+    path: &KeyPath<'_>,
+    selection: &Selection,
+    text: &str,
+    at: &str,
+    dimensions: &[Dimension<'_>],
+    sources: &Sources,
+) -> Option<Diagnostic> {
+    let error = |message: String| sources.error(path.span, at, message);
+    let elsewhere = match path.target {
+        Target::Environment(index) => selection.environment.is_some_and(|it| it != index),
+        Target::Agent(index) => selection.agent.is_some_and(|it| it != index),
+        Target::Protocol => false,
+        Target::Seeds => return Some(error("seeds are the same for all combinations, so an override cannot set them".into())),
+    };
+    if elsewhere {
+        return Some(error(format!("`{text}` belongs to another part than this override selects, so it would never apply")));
+    }
+    if path.is_preset() {
+        let help = "give the preset a name of its own under `environments` or `agents`";
+        return Some(error("an override cannot choose a preset".into()).help(help));
+    }
+    let mut swept = dimensions.iter().flat_map(|dimension| &dimension.keys);
+    let other = swept.find(|key| key.path.overlaps(path))?;
+    let error = error(format!("`{text}` is overridden and swept"));
+    Some(error.note("it is swept here", sources.place(other.path.span)).help("leave one of the two out"))
+}
+
+/// Reads the section `exclude`.
+///
+/// # Errors
+/// Names that do not exist, and sections that leave nothing.
+pub fn read_exclude(root: &Node, written: &Written, sources: &Sources) -> Result<Vec<Selection>, Vec<Diagnostic>> {
+    let (mut selections, mut found) = (Vec::new(), Vec::new());
+    let section = root.entry("exclude");
+    for (index, item) in section.map_or(&[][..], |entry| entry.value.items()).iter().enumerate() {
+        match Selection::read(item, &format!("exclude[{index}]"), written, sources) {
+            Ok(selection) => selections.push(selection),
+            Err(errors) => found.extend(errors),
+        }
+    }
+    let left_out = |environment, agent| selections.iter().any(|it: &Selection| it.matches(environment, agent));
+    let (environments, agents) = (written.environments.len(), written.agents.len());
+    let nothing = (0..environments).all(|environment| (0..agents).all(|agent| left_out(environment, agent)));
+    if let Some(entry) = section.filter(|_| nothing && found.is_empty() && environments * agents > 0) {
+        found.push(sources.error(entry.key_span, "exclude", "every combination is left out, so there is no trial"));
+    }
+    if found.is_empty() { Ok(selections) } else { Err(found) }
+}

@@ -1,0 +1,265 @@
+//! Sweeps: from generators to the points of each dimension.
+//!
+//! Every `grid` key is a dimension of its own; all `zip` keys are one dimension, and all sampled keys are one. Samples come
+//! from a stream named by the key alone, so more samples keep the earlier ones (but for `latin_hypercube`, whose slices move).
+
+use super::{
+    path::{self, KeyPath, Target},
+    written::Written,
+};
+use crate::{
+    diagnostic::{Diagnostic, Sources},
+    document::{Entry, Node},
+    random,
+};
+use rand::{Rng as _, seq::SliceRandom};
+use serde_json::{Value, json};
+
+/// A swept key with the value it has at each point of its dimension.
+#[derive(Debug, Clone)]
+pub struct SweptKey<'a> {
+    /// The key.
+    pub path: KeyPath<'a>,
+    /// The path as written.
+    pub text: String,
+    /// One value per point.
+    pub values: Vec<Node>,
+}
+
+/// Keys that change together.
+#[derive(Debug, Clone)]
+pub struct Dimension<'a> {
+    /// The keys; all have the same number of values.
+    pub keys: Vec<SweptKey<'a>>,
+}
+
+impl Dimension<'_> {
+    /// Number of points.
+    #[must_use]
+    pub fn n_points(&self) -> usize {
+        self.keys.first().map_or(0, |key| key.values.len())
+    }
+
+    /// True where a key of this dimension belongs to one of the targets.
+    #[must_use]
+    pub fn concerns(&self, targets: &[Target]) -> bool {
+        self.keys.iter().any(|key| targets.contains(&key.path.target))
+    }
+}
+
+/// Reads the section `sweep`; keys that a profile or `--set` fixed are left out.
+///
+/// # Errors
+/// Paths that do not exist, values that do not fit, lists of unequal length.
+pub fn read<'a>(
+    root: &Node,
+    written: &Written,
+    schema: &'a Value,
+    sources: &Sources,
+    fixed: &[KeyPath<'_>],
+) -> Result<Vec<Dimension<'a>>, Vec<Diagnostic>> {
+    let (mut dimensions, mut groups, mut found) = (Vec::<Dimension<'a>>::new(), Vec::<(&str, usize)>::new(), Vec::new());
+    for entry in root.get("sweep").map_or(&[][..], Node::entries) {
+        let [generator] = entry.value.entries() else { continue };
+        let key = match swept_key(entry, generator, written, schema, sources) {
+            Ok(key) if fixed.iter().any(|fixed| fixed.overlaps(&key.path)) => continue,
+            Ok(key) => key,
+            Err(errors) => {
+                found.extend(errors);
+                continue;
+            }
+        };
+        let group = match generator.key.as_str() {
+            "grid" => None,
+            "zip" => Some("zip"),
+            _ => Some("samples"),
+        };
+        match group.and_then(|group| groups.iter().find(|(name, _)| *name == group)).copied() {
+            Some((name, index)) => {
+                found.extend(unequal(&dimensions[index].keys[0], &key, name, sources));
+                dimensions[index].keys.push(key);
+            }
+            None => {
+                groups.extend(group.map(|name| (name, dimensions.len())));
+                dimensions.push(Dimension { keys: vec![key] });
+            }
+        }
+    }
+    found.extend(swept_twice(&dimensions, sources));
+    if found.is_empty() { Ok(dimensions) } else { Err(found) }
+}
+
+fn swept_key<'a>(
+    entry: &Entry,
+    generator: &Entry,
+    written: &Written,
+    schema: &'a Value,
+    sources: &Sources,
+) -> Result<SweptKey<'a>, Vec<Diagnostic>> {
+    let at = format!("sweep.{}", entry.key);
+    let path = path::find(&entry.key, entry.key_span, &at, written, schema, sources).map_err(|error| vec![error])?;
+    if path.target == Target::Seeds {
+        let error = sources.error(entry.key_span, &at, "seeds cannot be swept: a seed is a replicate, not a setting");
+        return Err(vec![error.help("write `seeds: N` or a list of seeds at the top level")]);
+    }
+    if path.is_preset() {
+        let error = sources.error(entry.key_span, &at, "a preset cannot be swept");
+        return Err(vec![error.help("give each preset a name of its own under `environments` or `agents`")]);
+    }
+    let values = values(generator, &path, &at, sources).map_err(|error| vec![*error])?;
+    let below = format!("{at}.{}", generator.key);
+    let wrong: Vec<Diagnostic> = values.iter().flat_map(|value| path.check(value, &below, sources)).take(1).collect();
+    if wrong.is_empty() { Ok(SweptKey { path, text: entry.key.clone(), values }) } else { Err(wrong) }
+}
+
+fn values(generator: &Entry, path: &KeyPath<'_>, at: &str, sources: &Sources) -> Result<Vec<Node>, Box<Diagnostic>> {
+    if ["grid", "zip"].contains(&generator.key.as_str()) {
+        return Ok(generator.value.items().to_vec());
+    }
+    let number = |key: &str| generator.value.get(key).and_then(|node| node.to_value().as_f64());
+    let (Some(low), Some(high), Some(samples)) = (number("low"), number("high"), number("samples")) else { return Ok(vec![]) };
+    let log = generator.key == "log_uniform" || generator.value.get("log").is_some_and(|node| node.to_value() == json!(true));
+    let span = |key: &str| generator.value.get(key).map_or(generator.key_span, |node| node.span);
+    let fail =
+        |key: &str, message: String| Err(Box::new(sources.error(span(key), &format!("{at}.{}.{key}", generator.key), message)));
+    if low >= high {
+        return fail("high", format!("`high` is {high}, but must be above `low`, which is {low}"));
+    }
+    if log && low <= 0.0 {
+        return fail("low", format!("`low` is {low}, but the logarithm is spread only over numbers above 0"));
+    }
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the schema holds samples to 1 to 100000")]
+    let count = samples as usize;
+    let range = Range { low, high, log, integer: path.schema.is_integer() };
+    let name = path.name();
+    let drawn = if generator.key == "latin_hypercube" { slices(&name, count) } else { independent(&name, &generator.key, count) };
+    Ok(drawn.into_iter().map(|share| Node::scalar(generator.key_span, range.at(share))).collect())
+}
+
+impl KeyPath<'_> {
+    /// The keys as one word, which names the random stream of a sampled key.
+    fn name(&self) -> String {
+        let target = match self.target {
+            Target::Environment(_) => "environment",
+            Target::Agent(_) => "agent",
+            Target::Protocol | Target::Seeds => "protocol",
+        };
+        format!("{target}.{}", self.keys.join("."))
+    }
+}
+
+/// Shares between 0 and 1, one per sample.
+fn independent(name: &str, generator: &str, count: usize) -> Vec<f64> {
+    let mut rng = random::stream(&["sweep", generator, name]);
+    (0..count).map(|_| rng.random::<f64>()).collect()
+}
+
+/// Shares between 0 and 1, one in each of `count` equal slices, in random order (McKay et al. 1979).
+fn slices(name: &str, count: usize) -> Vec<f64> {
+    let mut rng = random::stream(&["sweep", "latin_hypercube", name]);
+    let mut order: Vec<usize> = (0..count).collect();
+    order.shuffle(&mut rng);
+    #[allow(clippy::cast_precision_loss, reason = "a number of samples is far below 2^52")]
+    order.into_iter().map(|slice| (slice as f64 + rng.random::<f64>()) / count as f64).collect()
+}
+
+struct Range {
+    low: f64,
+    high: f64,
+    log: bool,
+    integer: bool,
+}
+
+impl Range {
+    /// The value at a share of the range, rounded to six digits so that a person can read and retype it.
+    fn at(&self, share: f64) -> Value {
+        if self.integer {
+            let (low, high) = (self.low.ceil(), self.high.floor());
+            let value = if self.log { self.between(share, low, high + 1.0) } else { low + share * (high + 1.0 - low) };
+            #[allow(clippy::cast_possible_truncation, reason = "limits of an integer key are integers of moderate size")]
+            return json!(value.floor().clamp(low, high) as i64);
+        }
+        let value = self.between(share, self.low, self.high);
+        let rounded = format!("{value:.5e}").parse().unwrap_or(value);
+        json!(f64::clamp(rounded, self.low, self.high))
+    }
+
+    fn between(&self, share: f64, low: f64, high: f64) -> f64 {
+        if self.log { (low.ln() + share * (high.ln() - low.ln())).exp() } else { low + share * (high - low) }
+    }
+}
+
+fn unequal(first: &SweptKey<'_>, key: &SweptKey<'_>, group: &str, sources: &Sources) -> Option<Diagnostic> {
+    let (mine, theirs) = (key.values.len(), first.values.len());
+    if mine == theirs {
+        return None;
+    }
+    let what = if group == "zip" { "values" } else { "samples" };
+    let message = format!("`{}` has {mine} {what}, but `{}` has {theirs}", key.text, first.text);
+    let error = sources.error(key.path.span, &format!("sweep.{}", key.text), message);
+    let rule = if group == "zip" { "`zip` keys go together, one by one" } else { "sampled keys share their sample index" };
+    Some(
+        error
+            .help(format!("{rule}: give all the same number of {what}"))
+            .note("the other key is here", sources.place(first.path.span)),
+    )
+}
+
+fn swept_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnostic> {
+    let keys: Vec<&SweptKey<'_>> = dimensions.iter().flat_map(|dimension| &dimension.keys).collect();
+    let mut found = Vec::new();
+    for (index, key) in keys.iter().enumerate() {
+        if let Some(other) = keys[..index].iter().find(|other| other.path.overlaps(&key.path)) {
+            let message = format!("`{}` is swept twice", key.text);
+            let error = sources.error(key.path.span, &format!("sweep.{}", key.text), message);
+            found.push(error.note("it is swept first here", sources.place(other.path.span)));
+        }
+    }
+    found
+}
+
+/// A value as a word of a setting's name.
+#[must_use]
+pub fn word(value: &Value) -> String {
+    match value {
+        Value::String(text) if !text.is_empty() && !text.contains([' ', '=', '"']) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_samples_keep_the_earlier_ones() {
+        assert_eq!(independent("agent.lr", "random", 8)[..], independent("agent.lr", "random", 20)[..8]);
+        assert_ne!(independent("agent.lr", "random", 8), independent("agent.tau", "random", 8));
+    }
+
+    #[test]
+    fn a_latin_hypercube_has_one_sample_in_each_slice() {
+        let mut slices: Vec<usize> = slices("agent.lr", 50).into_iter().map(|share| (share * 50.0) as usize).collect();
+        assert_ne!(slices, (0..50).collect::<Vec<_>>(), "the order is random");
+        slices.sort_unstable();
+        assert_eq!(slices, (0..50).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn ranges_are_kept_and_integers_reach_both_ends() {
+        let integers = Range { low: 2.0, high: 4.0, log: false, integer: true };
+        assert_eq!([0.0, 0.34, 0.999_999].map(|share| integers.at(share)), [json!(2), json!(3), json!(4)]);
+        let log = Range { low: 1e-5, high: 1e-1, log: true, integer: false };
+        assert_eq!(log.at(0.5), json!(1e-3));
+        assert_eq!(log.at(0.0), json!(1e-5));
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn samples_stay_inside(low in 1e-9f64..10.0, width in 1e-9f64..10.0, share in 0.0f64..1.0, log: bool, integer: bool) {
+            let range = Range { low: low.ceil(), high: low.ceil() + width.ceil(), log, integer };
+            let value = range.at(share).as_f64().unwrap();
+            proptest::prop_assert!(value >= range.low && value <= range.high);
+        }
+    }
+}

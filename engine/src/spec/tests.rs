@@ -1,0 +1,493 @@
+//! Studies of toy plugins: every message that a wrong one gets, and what right ones become.
+
+use super::*;
+use crate::{
+    Action, Agent, Channel, Environment, Error, Interface, Metric, Mode, Observation, Protocol, Rng, Seat, Space, Step,
+    registry::{AgentTraits, Config, Preset},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::collections::BTreeSet;
+
+const SPECS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/specs");
+
+/// A walk between two walls.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct CorridorConfig {
+    /// Number of cells. The walk starts in the first.
+    #[schemars(range(min = 2, max = 100))]
+    cells: u32,
+    /// Time that a step takes.
+    #[schemars(range(min = 0.01, max = 60.0), extend("x-unit" = "s", "x-source" = "table 1"))]
+    step_s: f64,
+    /// Probability that a step goes astray.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    slip: f64,
+    /// Whether walls are seen.
+    sees_walls: bool,
+    /// Number of walkers.
+    #[schemars(range(min = 1))]
+    walkers: usize,
+    /// Where a walk starts.
+    start: Start,
+    /// Heights of the cells.
+    terrain: Option<Terrain>,
+    /// Reward by cell, by the name of the cell.
+    prizes: std::collections::BTreeMap<String, f64>,
+}
+
+impl Default for CorridorConfig {
+    fn default() -> Self {
+        Self {
+            cells: 10,
+            step_s: 1.0,
+            slip: 0.0,
+            sees_walls: false,
+            walkers: 1,
+            start: Start::Fixed { cell: 0 },
+            terrain: None,
+            prizes: Default::default(),
+        }
+    }
+}
+
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+enum Start {
+    /// Anywhere.
+    Random,
+    /// Always in the same cell.
+    Fixed {
+        /// The cell, from 0.
+        cell: u32,
+    },
+    /// Around a cell.
+    Around {
+        /// The cell, from 0.
+        cell: u32,
+        /// Cells to each side.
+        width: u32,
+    },
+}
+
+#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct Terrain {
+    /// CSV file with one height per line.
+    file: String,
+}
+
+impl Config for CorridorConfig {
+    fn presets() -> Vec<Preset> {
+        let values = json!({ "cells": 50, "slip": 0.1 });
+        vec![
+            Preset { name: "thesis", about: "as printed", values },
+            Preset { name: "released_code", about: "as in the code", values: json!({ "cells": 51 }) },
+        ]
+    }
+}
+
+struct Corridor {
+    seats: Vec<Seat>,
+    metrics: Vec<Metric>,
+}
+
+impl Environment for Corridor {
+    fn seats(&self) -> &[Seat] {
+        &self.seats
+    }
+    fn metrics(&self) -> &[Metric] {
+        &self.metrics
+    }
+    fn reset(&mut self, _: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        Ok(vec![vec![0.0]])
+    }
+    fn step(&mut self, _: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
+        Ok(Step { observations: vec![vec![0.0]], rewards: vec![0.0], info: vec![0.0], end: None })
+    }
+    fn trace_channels(&self) -> Vec<Channel> {
+        vec![Channel::new("height_1", "m"), Channel::new("height_2", "m")]
+    }
+    fn trace(&self) -> Vec<f64> {
+        vec![0.0, 0.0]
+    }
+    fn snapshot(&self) -> Value {
+        Value::Null
+    }
+    fn restore(&mut self, _: &Value) -> Result<(), Error> {
+        Ok(())
+    }
+}
+
+fn corridor(config: CorridorConfig) -> Result<Box<dyn Environment>, Error> {
+    if let Start::Fixed { cell } | Start::Around { cell, .. } = config.start
+        && cell >= config.cells
+    {
+        return Err(Error::config("start.fixed.cell", format!("is {cell}, but the cells are 0 to {}", config.cells - 1)));
+    }
+    let seat = |index: usize| Seat {
+        name: format!("walker_{index}"),
+        observation: Space::Box(vec![Channel::new("position", "")]),
+        action: Space::Discrete(vec!["left".into(), "right".into()]),
+    };
+    let metrics = vec![Metric::new("distance", "m", "way that was walked")];
+    Ok(Box::new(Corridor { seats: (0..config.walkers).map(seat).collect(), metrics }))
+}
+
+/// Always the same way.
+#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct WalkerConfig {
+    /// Which way.
+    direction: Direction,
+}
+
+#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum Direction {
+    /// Towards the first cell.
+    #[default]
+    Left,
+    /// Towards the last cell.
+    Right,
+}
+
+impl Config for WalkerConfig {}
+
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct LearnerConfig {
+    /// Step size of the update.
+    #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0.0, "x-source" = "table 2"))]
+    learning_rate: f64,
+    /// Weight of later rewards.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    discount: f64,
+    /// Units of each hidden layer.
+    #[schemars(length(min = 1))]
+    layers: Vec<u32>,
+    /// The network.
+    network: Network,
+}
+
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct Network {
+    /// Units.
+    #[schemars(range(min = 1))]
+    width: u32,
+    /// Layers.
+    #[schemars(range(min = 1))]
+    depth: u32,
+}
+
+impl Default for Network {
+    fn default() -> Self {
+        Self { width: 64, depth: 2 }
+    }
+}
+
+impl Default for LearnerConfig {
+    fn default() -> Self {
+        Self { learning_rate: 0.1, discount: 0.99, layers: vec![64], network: Network { width: 256, depth: 2 } }
+    }
+}
+
+impl Config for LearnerConfig {}
+
+struct Idle;
+
+impl Agent for Idle {
+    fn act(&mut self, rows: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
+        Ok(vec![vec![vec![0.0]]; rows.len()])
+    }
+}
+
+fn learner(_: LearnerConfig, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    if interface.seats.len() != 1 {
+        let problem = format!("it plays one seat, but there are {}", interface.seats.len());
+        return Err(Error::Mismatch { agent: "learner", problem });
+    }
+    Ok(Box::new(Idle))
+}
+
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct TrainConfig {
+    /// Number of training steps.
+    #[schemars(range(min = 0))]
+    steps: u64,
+    /// Steps between two measurements.
+    #[schemars(range(min = 1))]
+    evaluate_every: u64,
+    /// Episodes of each measurement.
+    #[schemars(range(min = 1))]
+    episodes: u64,
+}
+
+impl Default for TrainConfig {
+    fn default() -> Self {
+        Self { steps: 1000, evaluate_every: 100, episodes: 10 }
+    }
+}
+
+impl Config for TrainConfig {}
+
+struct Train(u64);
+
+impl Protocol for Train {
+    fn metrics(&self) -> Vec<Metric> {
+        vec![Metric::new("return", "", "sum of rewards"), Metric::new("length", "", "steps of an episode")]
+    }
+    fn total_steps(&self) -> u64 {
+        self.0
+    }
+    fn run(&self, _: &mut crate::protocol::Run<'_>) -> Result<(), Error> {
+        Ok(())
+    }
+}
+
+fn train(config: TrainConfig) -> Result<Box<dyn Protocol>, Error> {
+    if config.steps > 0 && config.steps % config.evaluate_every != 0 {
+        let problem = format!("is {}, which does not divide the {} steps", config.evaluate_every, config.steps);
+        return Err(Error::config("evaluate_every", problem));
+    }
+    Ok(Box::new(Train(config.steps)))
+}
+
+fn toys() -> Registry {
+    let mut registry = Registry { numerics_version: 1, ..Registry::default() };
+    registry.environment("corridor", 1, "A walk between two walls.", corridor);
+    registry.agent("walker", 1, "Always the same way.", AgentTraits::default(), |_: WalkerConfig, _, _| Ok(Box::new(Idle)));
+    let traits = AgentTraits { learns: true, metrics: vec![Metric::new("loss", "", "squared error").lower_is_better()] };
+    registry.agent("q_learning", 3, "Learns the value of each step.", traits, learner);
+    let without_training = |config| TrainConfig { steps: 0, ..config };
+    registry.protocol("train_evaluate", 1, "Trains and measures.", without_training, train);
+    registry
+}
+
+fn read(text: &str) -> Result<Study, Vec<Diagnostic>> {
+    load_text(text, "study.yaml", Path::new(SPECS), &toys(), &Options::default())
+}
+
+fn ids(study: &Study) -> Vec<String> {
+    study.plan().trials.into_iter().map(|trial| trial.id).collect()
+}
+
+/// Options in the first line of a file: `# regimen check --profile fast --set a.b=1`.
+fn options(bytes: &[u8]) -> Options {
+    let text = String::from_utf8_lossy(bytes);
+    let words: Vec<&str> = text.lines().next().unwrap_or_default().split(' ').collect();
+    let mut options = Options::default();
+    for pair in words.windows(2).filter(|pair| pair[0].starts_with("--")) {
+        match pair[0] {
+            "--profile" => options.profile = Some(pair[1].into()),
+            "--set" => options.sets.push(pair[1].into()),
+            "--seeds" => options.seeds = Some(pair[1].parse().unwrap()),
+            other => panic!("no option {other}"),
+        }
+    }
+    options
+}
+
+fn files(folder: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(Path::new(SPECS).join(folder)).unwrap().map(|entry| entry.unwrap().path());
+    let mut files: Vec<PathBuf> = entries.filter(|path| path.extension().is_some_and(|end| end == "yaml")).collect();
+    files.sort();
+    files
+}
+
+fn load_file(path: &Path) -> Result<Study, Vec<Diagnostic>> {
+    let bytes = std::fs::read(path).unwrap();
+    let name = path.file_name().unwrap().to_string_lossy().into_owned();
+    let text = document::decode(&name, &bytes).map_err(|error| vec![error])?;
+    load_text(&text, &name, Path::new(SPECS), &toys(), &options(&bytes))
+}
+
+fn snapshot(folder: &str, path: &Path, text: &str) {
+    let mut settings = insta::Settings::clone_current();
+    settings.set_snapshot_path(Path::new(SPECS).join(folder));
+    settings.set_prepend_module_to_snapshot(false);
+    settings.set_omit_expression(true);
+    let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+    settings.bind(|| insta::assert_snapshot!(name, text.replace(SPECS, "tests/specs")));
+}
+
+#[test]
+fn every_mistake_has_its_message() {
+    let files = files("invalid");
+    assert!(files.len() >= 36, "{} mistakes", files.len());
+    for path in files {
+        let Err(found) = load_file(&path) else { panic!("{} passes the check", path.display()) };
+        snapshot("invalid/messages", &path, &crate::diagnostic::render(&found, false));
+        for diagnostic in found {
+            assert!(!diagnostic.place.file.is_empty(), "{} has a message without a place", path.display());
+        }
+    }
+}
+
+#[test]
+fn right_studies_resolve_and_their_resolved_form_makes_the_same_trials() {
+    let files = files("valid");
+    assert!(files.len() >= 4);
+    for path in files {
+        let study = load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        let resolved = resolved_yaml(&study, Path::new(SPECS));
+        let again = read(&resolved).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        assert_eq!(ids(&study), ids(&again), "{}", path.display());
+        assert_eq!((&study.tables, &study.figures, &study.claims), (&again.tables, &again.figures, &again.claims));
+        assert_eq!(resolved, resolved_yaml(&again, Path::new(SPECS)), "resolving twice changes nothing");
+        let trials = study.plan().trials;
+        let lines =
+            trials.iter().map(|it| format!("# {} / {} / {} / seed {}\n", it.environment, it.agent, it.setting, it.key.seed));
+        snapshot("valid/resolved", &path, &(resolved + &lines.collect::<String>()));
+    }
+}
+
+const HEAD: &str = "study: walk\nenvironments: { short: { corridor: { cells: 5 } }, long: { corridor: { cells: 20 } } }\n\
+    agents: { right: { walker: { direction: right } }, learner: { q_learning: {} } }\nprotocol: { train_evaluate: { steps: 1000 } }\n";
+
+fn with(rest: &str) -> Study {
+    read(&format!("{HEAD}{rest}")).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)))
+}
+
+#[test]
+fn a_sweep_multiplies_only_the_trials_of_its_owner() {
+    let study = with("seeds: 3\nsweep: { learner.learning_rate: { grid: [0.1, 0.2] }, long.slip: { grid: [0.0, 0.1] } }");
+    let trials = study.plan().trials;
+    let count = |environment: &str, agent: &str| {
+        trials.iter().filter(|trial| trial.environment == environment && trial.agent == agent).count()
+    };
+    assert_eq!(count("short", "right"), 3);
+    assert_eq!(count("short", "learner"), 6);
+    assert_eq!(count("long", "right"), 6);
+    assert_eq!(count("long", "learner"), 12);
+    assert_eq!(trials.last().unwrap().setting, "learning_rate=0.2 slip=0.1");
+}
+
+#[test]
+fn trial_ids_are_those_of_their_keys_and_forget_names() {
+    let study = with("seeds: 2");
+    for trial in study.plan().trials {
+        assert_eq!(trial.id, trial.key.id());
+    }
+    let renamed = read(&HEAD.replace("learner:", "other:").replace("study: walk", "study: stroll")).unwrap();
+    assert_eq!(ids(&with("")), ids(&renamed));
+}
+
+#[test]
+fn agents_that_do_not_learn_do_not_depend_on_the_training_budget() {
+    let (short, long) = (with(""), read(&HEAD.replace("steps: 1000", "steps: 5000")).unwrap());
+    let of = |study: &Study, agent: &str| {
+        study.plan().trials.into_iter().filter(|trial| trial.agent == agent).map(|trial| trial.id).collect::<Vec<_>>()
+    };
+    assert_eq!(of(&short, "right"), of(&long, "right"));
+    assert_ne!(of(&short, "learner"), of(&long, "learner"));
+}
+
+#[test]
+fn presets_and_nested_defaults_are_laid_in_order() {
+    let text =
+        HEAD.replace("cells: 5", "preset: thesis, slip: 0.2").replace("q_learning: {}", "q_learning: { network: { depth: 3 } }");
+    let trials = read(&text).unwrap().plan().trials;
+    let environment = &trials[0].key.environment.config;
+    assert_eq!((&environment["cells"], &environment["slip"]), (&json!(50), &json!(0.2)));
+    assert!(environment.get("preset").is_none());
+    let agent = &trials.iter().find(|trial| trial.agent == "learner").unwrap().key.agent.config;
+    assert_eq!(agent["network"], json!({ "width": 256, "depth": 3 }), "the width is the agent's default, not the network's");
+}
+
+#[test]
+fn options_come_after_the_profile_and_take_keys_out_of_the_sweep() {
+    let text = format!(
+        "{HEAD}sweep: {{ learner.discount: {{ grid: [0.9, 0.99] }} }}\nprofiles: {{ smoke: {{ protocol.steps: 100, seeds: 4 }} }}"
+    );
+    let options = Options {
+        profile: Some("smoke".into()),
+        sets: vec!["learner.discount=0.5".into(), "agents.learner.q_learning.network.width=8".into()],
+        seeds: Some(2),
+    };
+    let study = load_text(&text, "a.yaml", Path::new(""), &toys(), &options).unwrap();
+    let trials = study.plan().trials;
+    assert_eq!(study.seeds, [0, 1]);
+    assert_eq!(trials.len(), 2 * 2 * 2);
+    let learner = &trials.iter().find(|trial| trial.agent == "learner").unwrap().key;
+    assert_eq!((&learner.agent.config["discount"], &learner.protocol.config["steps"]), (&json!(0.5), &json!(100)));
+    assert_eq!(learner.agent.config["network"]["width"], json!(8));
+}
+
+#[test]
+fn overrides_hold_for_their_combinations_only() {
+    let study = with("overrides: [{ environment: long, set: { protocol.steps: 2000, learner.discount: 0.5 } }]");
+    for trial in study.plan().trials.iter().filter(|trial| trial.agent == "learner") {
+        let expected = if trial.environment == "long" { (json!(2000), json!(0.5)) } else { (json!(1000), json!(0.99)) };
+        assert_eq!((&trial.key.protocol.config["steps"], &trial.key.agent.config["discount"]), (&expected.0, &expected.1));
+    }
+}
+
+#[test]
+fn zipped_keys_go_together_and_samplers_share_their_index() {
+    let zip = with("sweep: { learner.discount: { zip: [0.9, 0.99] }, learner.learning_rate: { zip: [0.1, 0.2] } }");
+    let settings: BTreeSet<String> = zip.plan().trials.into_iter().map(|trial| trial.setting).collect();
+    assert_eq!(settings, ["", "discount=0.9 learning_rate=0.1", "discount=0.99 learning_rate=0.2"].map(String::from).into());
+    let sampled = with(
+        "sweep: { learner.discount: { random: { low: 0, high: 1, samples: 7 } }, \
+         learner.network.width: { log_uniform: { low: 8, high: 512, samples: 7 } } }",
+    );
+    let trials = sampled.plan().trials;
+    assert_eq!(trials.iter().filter(|trial| trial.agent == "learner").count(), 2 * 7);
+    assert!(trials.iter().filter(|it| it.agent == "learner").all(|it| it.key.agent.config["network"]["width"].is_u64()));
+}
+
+#[test]
+fn what_a_data_file_holds_is_hashed_and_its_path_is_not() {
+    let (one, two) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let text = HEAD.replace("cells: 5", "cells: 5, terrain: { file: heights.csv }");
+    let plan = |dir: &Path, content: &str| {
+        std::fs::write(dir.join("heights.csv"), content).unwrap();
+        load_text(&text, "a.yaml", dir, &toys(), &Options::default()).unwrap().plan().trials[0].clone()
+    };
+    let (first, elsewhere, changed) = (plan(one.path(), "1\n"), plan(two.path(), "1\n"), plan(two.path(), "2\n"));
+    assert_eq!(first.id, elsewhere.id);
+    assert_ne!(first.id, changed.id);
+    assert_eq!(first.key.environment.config["terrain"]["file"], json!(one.path().join("heights.csv").display().to_string()));
+    assert_eq!(first.id, first.key.id());
+}
+
+#[test]
+fn a_hundred_thousand_trials_are_planned_within_two_seconds() {
+    let begin = std::time::Instant::now();
+    let seeds = with("seeds: 25000");
+    assert_eq!(seeds.plan().trials.len(), 100_000);
+    assert!(begin.elapsed().as_secs_f64() < 2.0, "many seeds: {:?}", begin.elapsed());
+    let begin = std::time::Instant::now();
+    let grid: Vec<f64> = (1..=250).map(|index| f64::from(index) / 1000.0).collect();
+    let settings = with(&format!(
+        "exclude: [{{ agent: right }}, {{ environment: short }}]\nsweep: {{ learner.discount: {{ grid: {grid:?} }}, learner.learning_rate: {{ grid: {:?} }} }}",
+        &grid[..200]
+    ));
+    assert_eq!(settings.plan().trials.len(), 50_000);
+    assert!(begin.elapsed().as_secs_f64() < 2.0, "many settings: {:?}", begin.elapsed());
+}
+
+#[test]
+fn the_schema_names_all_plugins_and_describe_tells_of_them() {
+    let registry = toys();
+    let schema = json_schema(&registry);
+    let learner = &schema["$defs"]["agent.q_learning"];
+    assert_eq!(learner["properties"]["learning_rate"]["exclusiveMinimum"], json!(0.0));
+    assert_eq!(learner["properties"]["network"]["$ref"], json!("#/$defs/agent.q_learning.Network"));
+    assert_eq!(schema["$defs"]["agent.q_learning.Network"]["properties"]["width"]["minimum"], json!(1));
+    insta::assert_snapshot!("describe", ["corridor", "q_learning"].map(|name| describe(&registry, name).unwrap()).join("\n"));
+    assert!(describe(&registry, "coridor").unwrap_err().contains("did you mean `corridor`?"));
+}
+
+#[test]
+fn mistakes_have_a_form_for_programs() {
+    let found = read(&HEAD.replace("cells: 5", "cels: 5")).unwrap_err();
+    let json = crate::diagnostic::to_json(&found);
+    assert_eq!(json[0]["path"], json!("environments.short.corridor.cels"));
+    assert_eq!((&json[0]["place"]["line"], &json[0]["place"]["length"]), (&json!(2), &json!(4)));
+}

@@ -1,0 +1,158 @@
+//! The study as written: its sections read from the document, with the positions of all names.
+
+use super::path::Target;
+use crate::{
+    diagnostic::{Diagnostic, Sources, Span, suggest},
+    document::{Entry, Node},
+};
+
+/// A plugin with a config, under a name of the study.
+#[derive(Debug, Clone)]
+pub struct Named {
+    /// Name in the study; `protocol` for the protocol.
+    pub name: String,
+    /// Where the name stands.
+    pub name_span: Span,
+    /// Registered name of the plugin.
+    pub plugin: String,
+    /// Where the plugin's name stands.
+    pub plugin_span: Span,
+    /// The keys that are given.
+    pub config: Node,
+}
+
+/// The parts of a study that trials are made of.
+#[derive(Debug, Clone)]
+pub struct Written {
+    /// The environments, in order.
+    pub environments: Vec<Named>,
+    /// The agents, in order.
+    pub agents: Vec<Named>,
+    /// The protocol.
+    pub protocol: Named,
+    /// The seeds: a count or a list.
+    pub seeds: Option<Node>,
+}
+
+impl Written {
+    /// Reads what can be read; what cannot was reported by the check against the schema.
+    #[must_use]
+    pub fn read(root: &Node) -> Self {
+        let section = |key: &str| root.get(key).map_or_else(Vec::new, |node| node.entries().iter().filter_map(named).collect());
+        let nothing = Named {
+            name: "protocol".into(),
+            name_span: root.span,
+            plugin: String::new(),
+            plugin_span: root.span,
+            config: Node::empty_mapping(root.span),
+        };
+        Self {
+            environments: section("environments"),
+            agents: section("agents"),
+            protocol: root.entry("protocol").and_then(named).unwrap_or(nothing),
+            seeds: root.get("seeds").cloned(),
+        }
+    }
+
+    /// Names of the environments and agents.
+    #[must_use]
+    pub fn names(&self) -> Vec<&str> {
+        self.environments.iter().chain(&self.agents).map(|named| named.name.as_str()).collect()
+    }
+
+    /// The plugin of a target; empty for the seeds.
+    #[must_use]
+    pub fn plugin(&self, target: Target) -> &str {
+        self.part(target).map_or("", |named| &named.plugin)
+    }
+
+    /// The part that a target names.
+    #[must_use]
+    pub fn part(&self, target: Target) -> Option<&Named> {
+        match target {
+            Target::Environment(index) => self.environments.get(index),
+            Target::Agent(index) => self.agents.get(index),
+            Target::Protocol => Some(&self.protocol),
+            Target::Seeds => None,
+        }
+    }
+
+    /// Replaces a value, as profiles and `--set` do.
+    pub fn set(&mut self, target: Target, keys: &[String], key_span: Span, value: Node) {
+        match target {
+            Target::Environment(index) => self.environments[index].config.set(keys, key_span, value),
+            Target::Agent(index) => self.agents[index].config.set(keys, key_span, value),
+            Target::Protocol => self.protocol.config.set(keys, key_span, value),
+            Target::Seeds => self.seeds = Some(value),
+        }
+    }
+
+    /// Names that are taken by something else: an environment and an agent of one name, or a word that begins paths.
+    #[must_use]
+    pub fn name_clashes(&self, sources: &Sources) -> Vec<Diagnostic> {
+        let mut found = Vec::new();
+        for agent in &self.agents {
+            if let Some(other) = self.environments.iter().find(|environment| environment.name == agent.name) {
+                let message = format!("`{}` names an environment and an agent", agent.name);
+                let error = sources.error(agent.name_span, &format!("agents.{}", agent.name), message);
+                let note = ("the environment is named here", sources.place(other.name_span));
+                found.push(error.note(note.0, note.1).help("rename one of the two: dotted paths begin with the name"));
+            }
+        }
+        for named in self.environments.iter().chain(&self.agents) {
+            if ["protocol", "seeds", "environments", "agents"].contains(&named.name.as_str()) {
+                let message = format!("`{}` cannot be a name: dotted paths begin with this word", named.name);
+                found.push(sources.error(named.name_span, &named.name, message).help("choose another name"));
+            }
+        }
+        found
+    }
+}
+
+fn named(entry: &Entry) -> Option<Named> {
+    let [plugin] = entry.value.entries() else { return None };
+    Some(Named {
+        name: entry.key.clone(),
+        name_span: entry.key_span,
+        plugin: plugin.key.clone(),
+        plugin_span: plugin.key_span,
+        config: plugin.value.clone(),
+    })
+}
+
+/// Which environments and agents an entry of `exclude` or `overrides` is about; `None` stands for all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Selection {
+    /// Index of the environment.
+    pub environment: Option<usize>,
+    /// Index of the agent.
+    pub agent: Option<usize>,
+}
+
+impl Selection {
+    /// Reads the keys `environment` and `agent`.
+    ///
+    /// # Errors
+    /// Names that the study does not have.
+    pub fn read(node: &Node, at: &str, written: &Written, sources: &Sources) -> Result<Self, Vec<Diagnostic>> {
+        let mut found = Vec::new();
+        let mut index = |key: &str, known: &[Named]| {
+            let value = node.get(key)?;
+            let name = value.as_str()?;
+            let index = known.iter().position(|named| named.name == name);
+            if index.is_none() {
+                let error = sources.error(value.span, &format!("{at}.{key}"), format!("no {key} is named `{name}`"));
+                found.push(error.help(suggest(name, known.iter().map(|named| named.name.as_str()))));
+            }
+            index
+        };
+        let (environment, agent) = (index("environment", &written.environments), index("agent", &written.agents));
+        if found.is_empty() { Ok(Self { environment, agent }) } else { Err(found) }
+    }
+
+    /// True where the combination is meant.
+    #[must_use]
+    pub fn matches(&self, environment: usize, agent: usize) -> bool {
+        self.environment.is_none_or(|it| it == environment) && self.agent.is_none_or(|it| it == agent)
+    }
+}
