@@ -67,7 +67,12 @@ impl<'a> Progress<'a> {
         let (title, wall_s) = (title(&self.trials[trial]), end.wall_s);
         if self.bars.is_none() || end.state != EndState::Ok {
             let width = self.trials.len().to_string().len();
-            self.line(&format!("[{:>width$}/{}] {:<8} {title} ({wall_s:.1} s){reason}", self.done, self.trials.len(), end.state.name()));
+            self.line(&format!(
+                "[{:>width$}/{}] {:<8} {title} ({wall_s:.1} s){reason}",
+                self.done,
+                self.trials.len(),
+                end.state.name()
+            ));
         }
         if let Some(bars) = &self.bars {
             bars.study.inc(1);
@@ -98,9 +103,14 @@ impl Drop for Progress<'_> {
 impl Bars {
     fn new(trials: u64, workers: usize) -> Self {
         let all = MultiProgress::new();
-        let study = all.add(ProgressBar::new(trials).with_style(style("{bar:30} {pos}/{len} trials  {elapsed} so far, {eta} left")));
+        let study =
+            all.add(ProgressBar::new(trials).with_style(style("{bar:30} {pos}/{len} trials  {elapsed} so far, {eta} left")));
         study.enable_steady_tick(std::time::Duration::from_millis(500));
-        let slot = || all.add(ProgressBar::new(0).with_style(style("{bar:30.dim} {msg}  {human_pos}/{human_len} steps, {per_sec}, {eta} left")));
+        let slot = || {
+            all.add(
+                ProgressBar::new(0).with_style(style("{bar:30.dim} {msg}  {human_pos}/{human_len} steps, {per_sec}, {eta} left")),
+            )
+        };
         let slots = (0..workers.min(usize::try_from(trials).unwrap_or(usize::MAX))).map(|_| slot()).collect();
         Self { all, study, slots }
     }

@@ -1,15 +1,16 @@
 //! `regimen rollout`: one environment, given actions or an agent, one CSV file.
 
-use super::{BAD_SPEC, Failure, OK, complain};
+use super::{BAD_SPEC, Failure, OK, colour, complain};
 use crate::{
-    Error, Registry,
+    Registry, diagnostic,
     random::Streams,
+    registry::About,
     rollout::{self, Actions},
     spec,
 };
 use clap::Args;
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Which environment, which actions, which file.
 #[derive(Debug, Clone, Args)]
@@ -41,18 +42,15 @@ pub(super) struct RolloutOptions {
 
 /// Rolls out and says how many decisions were made.
 pub(super) fn rollout(registry: &Registry, options: &RolloutOptions) -> Result<u8, Failure> {
-    let config = |kind, name, path: &Option<PathBuf>| {
-        spec::load_config(registry, kind, name, path.as_deref()).map_err(|text| Failure { code: BAD_SPEC, text })
-    };
-    let (name, environment_config) = (&options.environment, config(spec::PluginKind::Environment, &options.environment, &options.config)?);
-    let entry = registry.environments.get(name.as_str()).ok_or_else(|| unknown("environment", name))?;
-    let mut environment = (entry.build)(&environment_config)?;
+    let name = &options.environment;
+    let entry =
+        registry.environments.get(name.as_str()).ok_or_else(|| unknown("environment", name, registry.environments.keys()))?;
+    let mut environment = (entry.build)(&config(name, &entry.about, options.config.as_deref())?)?;
     let mut agent;
     let actions = match (&options.actions, &options.agent) {
         (Some(path), _) => Actions::Given(rollout::read_actions(environment.seats(), path)?),
         (None, Some(name)) => {
-            let agent_config = config(spec::PluginKind::Agent, name, &options.agent_config)?;
-            agent = build_agent(registry, name, &agent_config, &*environment, options.seed)?;
+            agent = build_agent(registry, name, options, &*environment)?;
             Actions::Agent { agent: &mut *agent, decisions: options.decisions }
         }
         (None, None) => return Err(Failure { code: BAD_SPEC, text: "error: give --actions or --agent".into() }),
@@ -65,15 +63,21 @@ pub(super) fn rollout(registry: &Registry, options: &RolloutOptions) -> Result<u
 fn build_agent(
     registry: &Registry,
     name: &str,
-    config: &Value,
+    options: &RolloutOptions,
     environment: &dyn crate::Environment,
-    seed: u64,
 ) -> Result<Box<dyn crate::Agent>, Failure> {
-    let entry = registry.agents.get(name).ok_or_else(|| unknown("agent", name))?;
-    let streams = Streams::new("rollout", "rollout", seed);
-    Ok((entry.build)(config, &environment.interface(), &mut streams.agent("initialise"))?)
+    let entry = registry.agents.get(name).ok_or_else(|| unknown("agent", name, registry.agents.keys()))?;
+    let config = config(name, &entry.about, options.agent_config.as_deref())?;
+    let streams = Streams::new("rollout", "rollout", options.seed);
+    Ok((entry.build)(&config, &environment.interface(), &mut streams.agent("initialise"))?)
 }
 
-fn unknown(kind: &str, name: &str) -> Failure {
-    Error::config(kind, format!("`{name}` is not registered in this program")).into()
+fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {
+    let part = spec::load_config(name, about, path);
+    Ok(part.map_err(|problems| Failure { code: BAD_SPEC, text: diagnostic::render(&problems, colour()) })?.config)
+}
+
+fn unknown<'a>(kind: &str, name: &str, known: impl Iterator<Item = &'a &'static str> + Clone) -> Failure {
+    let nearest = diagnostic::suggest(name, known.copied());
+    Failure { code: BAD_SPEC, text: format!("error: unknown {kind} `{name}`; {nearest}") }
 }

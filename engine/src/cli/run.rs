@@ -44,7 +44,13 @@ pub(super) fn run(
 }
 
 /// `worker`: the missing trials, or every Nth of them, without a report.
-pub(super) fn worker(registry: &Registry, selection: &Selection, index: Option<&str>, jobs: usize, common: &Common) -> Result<u8, Failure> {
+pub(super) fn worker(
+    registry: &Registry,
+    selection: &Selection,
+    index: Option<&str>,
+    jobs: usize,
+    common: &Common,
+) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let (part, parts) = index.map_or(Ok((0, 1)), parse_index)?;
     let planned = study::load(registry, selection)?;
@@ -59,7 +65,12 @@ fn parse_index(text: &str) -> Result<(usize, usize), Failure> {
 }
 
 /// `report`: tables, figures and the page from the store.
-pub(super) fn report(registry: &Registry, selection: &Selection, reporting: &ReportOptions, common: &Common) -> Result<u8, Failure> {
+pub(super) fn report(
+    registry: &Registry,
+    selection: &Selection,
+    reporting: &ReportOptions,
+    common: &Common,
+) -> Result<u8, Failure> {
     let store = Store::at(&settings::read(common)?.store);
     let mut code = OK;
     for one in &study::load(registry, selection)? {
@@ -69,7 +80,13 @@ pub(super) fn report(registry: &Registry, selection: &Selection, reporting: &Rep
 }
 
 /// Runs the trials that are missing (of those that `mine` picks by position); 106 where some still are.
-fn compute(planned: &[Planned], store: &Store, workers: usize, retry_failed: bool, mine: impl Fn(usize) -> bool) -> Result<u8, Failure> {
+fn compute(
+    planned: &[Planned],
+    store: &Store,
+    workers: usize,
+    retry_failed: bool,
+    mine: impl Fn(usize) -> bool,
+) -> Result<u8, Failure> {
     let (trials, costs) = missing(planned, store, retry_failed, mine);
     if trials.is_empty() {
         complain("every trial is in the store already; nothing runs");

@@ -1,10 +1,14 @@
 //! `check`, `plan`, `status`, `resolve`: what is known of studies without running anything.
 
-use super::{BAD_SPEC, Common, Failure, Format, NOTHING_SELECTED, OK, INCOMPLETE, TRIALS_FAILED, Selection, colour, complain, say, settings};
+use super::{
+    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain, say,
+    settings,
+};
 use crate::{
-    Registry,
+    Registry, diagnostic,
+    plan::Plan,
     results::{EndState, TrialEnd},
-    spec::{self, Plan, Study},
+    spec::{self, Study},
     store::Store,
     trial::Trial,
 };
@@ -17,6 +21,8 @@ pub(super) struct Planned {
     pub(super) study: Study,
     /// Its trials, narrowed by `--only`.
     pub(super) plan: Plan,
+    /// Steps of every trial, for progress and estimates.
+    pub(super) costs: Vec<u64>,
 }
 
 /// Loads and plans all selected studies; every problem of every file is in the failure.
@@ -38,8 +44,7 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
 }
 
 fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
-    let options = spec::LoadOptions { profile: selection.profile.clone(), sets: selection.sets.clone(), seeds: selection.seeds };
-    let study = spec::load(path, registry, &options).map_err(|problems| spec::render_all(&problems, colour()))?;
+    let study = spec::load(path, registry, &options(selection)).map_err(|problems| diagnostic::render(&problems, colour()))?;
     let mut plan = study.plan();
     if !selection.only.is_empty() {
         let named = |name: &String| selection.only.contains(name);
@@ -50,7 +55,32 @@ fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<P
             (by_environment || by_agent) && (!by_environment || named(&trial.environment)) && (!by_agent || named(&trial.agent))
         });
     }
-    Ok(Planned { study, plan })
+    let costs = costs(registry, &plan);
+    Ok(Planned { study, plan, costs })
+}
+
+fn options(selection: &Selection) -> spec::Options {
+    spec::Options { profile: selection.profile.clone(), sets: selection.sets.clone(), seeds: selection.seeds }
+}
+
+/// Steps of every trial; neighbours in a plan mostly share their protocol, so that few protocols are built.
+fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
+    let mut known: Option<(&serde_json::Value, u64)> = None;
+    let cost = |trial: &Trial| {
+        let entry = registry.protocols.get(trial.key.protocol.plugin.as_str())?;
+        (entry.build)(&trial.key.protocol.config).ok().map(|protocol| protocol.total_steps())
+    };
+    let mut costs = Vec::with_capacity(plan.trials.len());
+    for trial in &plan.trials {
+        let config = &trial.key.protocol.config;
+        let steps = match known {
+            Some((same, steps)) if same == config => steps,
+            _ => cost(trial).unwrap_or(0),
+        };
+        known = Some((config, steps));
+        costs.push(steps);
+    }
+    costs
 }
 
 /// `check`: one line per good study.
@@ -59,20 +89,26 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
         return check_as_json(registry, selection);
     }
     for one in load(registry, selection)? {
-        let Planned { study, plan } = one;
-        say(&format!("{}: ok, {} trials, {} tables, {} figures, {} claims", study.name, plan.trials.len(), study.tables.len(), study.figures.len(), study.claims.len()));
+        let Planned { study, plan, .. } = one;
+        say(&format!(
+            "{}: ok, {} trials, {} tables, {} figures, {} claims",
+            study.name,
+            plan.trials.len(),
+            study.tables.len(),
+            study.figures.len(),
+            study.claims.len()
+        ));
     }
     Ok(OK)
 }
 
 fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failure> {
-    let options = spec::LoadOptions { profile: selection.profile.clone(), sets: selection.sets.clone(), seeds: selection.seeds };
     let mut code = OK;
     let mut reports = Vec::new();
     for path in &selection.specs {
-        let problems = spec::load(path, registry, &options).err().unwrap_or_default();
+        let problems = spec::load(path, registry, &options(selection)).err().unwrap_or_default();
         code = if problems.is_empty() { code } else { BAD_SPEC };
-        reports.push(json!({"spec": path, "problems": problems.iter().map(spec::Diagnostic::to_json).collect::<Vec<_>>()}));
+        reports.push(json!({"spec": path, "problems": diagnostic::to_json(&problems)}));
     }
     say(&serde_json::Value::Array(reports).to_string());
     Ok(code)
@@ -138,7 +174,7 @@ pub(super) fn code_of(ends: &[Option<TrialEnd>]) -> u8 {
 /// `resolve`: the study with every default.
 pub(super) fn resolve(registry: &Registry, selection: &Selection) -> Result<u8, Failure> {
     for one in load(registry, selection)? {
-        say(&spec::resolved_yaml(&one.study));
+        say(&spec::resolved_yaml(&one.study, Path::new("")));
     }
     Ok(OK)
 }
@@ -154,10 +190,10 @@ struct Cell {
     steps_missing: u64,
 }
 
-fn cells(plan: &Plan, ends: &[Option<TrialEnd>]) -> Vec<((String, String, String), Cell)> {
+fn cells(one: &Planned, ends: &[Option<TrialEnd>]) -> Vec<((String, String, String), Cell)> {
     let mut order = Vec::new();
     let mut cells: BTreeMap<(String, String, String), Cell> = BTreeMap::new();
-    for ((trial, end), cost) in plan.trials.iter().zip(ends).zip(&plan.costs) {
+    for ((trial, end), cost) in one.plan.trials.iter().zip(ends).zip(&one.costs) {
         let key = (trial.environment.clone(), trial.agent.clone(), trial.setting.clone());
         let cell = cells.entry(key.clone()).or_insert_with(|| {
             order.push(key);
@@ -180,7 +216,7 @@ fn cells(plan: &Plan, ends: &[Option<TrialEnd>]) -> Vec<((String, String, String
 }
 
 fn overview(one: &Planned, ends: &[Option<TrialEnd>], workers: usize, format: Format) -> String {
-    let cells = cells(&one.plan, ends);
+    let cells = cells(one, ends);
     if format == Format::Json {
         let rows: Vec<_> = cells
             .iter()
@@ -191,14 +227,22 @@ fn overview(one: &Planned, ends: &[Option<TrialEnd>], workers: usize, format: Fo
         return json!({"study": one.study.name, "trials": one.plan.trials.len(), "cells": rows}).to_string();
     }
     let mut lines = vec![format!("{}: {} trials", one.study.name, one.plan.trials.len())];
-    let width = |of: fn(&(String, String, String)) -> usize, least: usize| cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least);
+    let width = |of: fn(&(String, String, String)) -> usize, least: usize| {
+        cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least)
+    };
     let (first, second, third) = (width(|key| key.0.len(), 11), width(|key| key.1.len(), 5), width(|key| key.2.len(), 0));
     let setting = if third > 0 { format!("{:<third$}  ", "setting") } else { String::new() };
     let third = third.max(setting.trim_end().len());
-    lines.push(format!("  {:<first$}  {:<second$}  {setting}{:>6} {:>6} {:>7}", "environment", "agent", "ok", "failed", "missing"));
+    lines.push(format!(
+        "  {:<first$}  {:<second$}  {setting}{:>6} {:>6} {:>7}",
+        "environment", "agent", "ok", "failed", "missing"
+    ));
     for ((environment, agent, setting), cell) in &cells {
         let setting = if third > 0 { format!("{setting:<third$}  ") } else { String::new() };
-        lines.push(format!("  {environment:<first$}  {agent:<second$}  {setting}{:>6} {:>6} {:>7}", cell.ok, cell.failed, cell.missing));
+        lines.push(format!(
+            "  {environment:<first$}  {agent:<second$}  {setting}{:>6} {:>6} {:>7}",
+            cell.ok, cell.failed, cell.missing
+        ));
     }
     lines.push(cost(&cells, workers));
     lines.join("\n")
@@ -223,8 +267,13 @@ fn cost(cells: &[((String, String, String), Cell)], workers: usize) -> String {
     let seconds: f64 = cells.iter().filter_map(|((_, agent, _), cell)| Some(known(agent)? * cell.steps_missing as f64)).sum();
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
     let wall_s = seconds / workers as f64;
-    let about = if unknown == missing { "no stored trial tells how long".to_owned() } else { format!("about {} on {workers} workers", duration(wall_s)) };
-    let rest = if unknown > 0 && unknown < missing { format!(", and {unknown} trials of agents that never ran") } else { String::new() };
+    let about = if unknown == missing {
+        "no stored trial tells how long".to_owned()
+    } else {
+        format!("about {} on {workers} workers", duration(wall_s))
+    };
+    let rest =
+        if unknown > 0 && unknown < missing { format!(", and {unknown} trials of agents that never ran") } else { String::new() };
     format!("  {missing} missing: {about}{rest}")
 }
 
@@ -237,9 +286,20 @@ fn duration(seconds: f64) -> String {
 }
 
 fn failures(trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {
-    let failed = trials.iter().zip(ends).filter_map(|(trial, end)| Some((trial, end.as_ref().filter(|end| end.state != EndState::Ok)?)));
+    let failed =
+        trials.iter().zip(ends).filter_map(|(trial, end)| Some((trial, end.as_ref().filter(|end| end.state != EndState::Ok)?)));
     failed
-        .map(|(trial, end)| format!("  {:<8} {} {} {} seed {}: {}", end.state.name(), trial.environment, trial.agent, trial.setting, trial.key.seed, end.reason))
+        .map(|(trial, end)| {
+            format!(
+                "  {:<8} {} {} {} seed {}: {}",
+                end.state.name(),
+                trial.environment,
+                trial.agent,
+                trial.setting,
+                trial.key.seed,
+                end.reason
+            )
+        })
         .collect::<Vec<_>>()
         .join("\n")
 }

@@ -90,7 +90,7 @@ fn choice<'a>(
 }
 
 /// A plugin's schema with the key `preset`, where it has presets.
-fn with_presets(about: &About) -> Value {
+pub(super) fn with_presets(about: &About) -> Value {
     let mut schema = about.schema.clone().to_value();
     if !schema["properties"].is_object() {
         schema["properties"] = json!({});

@@ -23,6 +23,7 @@ mod json_schema;
 mod names;
 mod overrides;
 mod path;
+mod plugin_config;
 mod resolved;
 mod settings;
 mod sweep;
@@ -31,6 +32,7 @@ mod written;
 pub use claims::ClaimSpec;
 pub use describe::describe;
 pub use json_schema::json_schema;
+pub use plugin_config::load_config;
 pub use resolved::resolved_yaml;
 
 use crate::{

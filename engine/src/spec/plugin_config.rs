@@ -1,0 +1,45 @@
+//! One plugin's config in a file of its own, as `rollout` takes it.
+
+use super::{config, json_schema::with_presets};
+use crate::{
+    diagnostic::{Diagnostic, Sources, Span, in_order},
+    document,
+    registry::About,
+    schema_check::{At, Checker, View},
+    trial::Part,
+};
+use std::path::Path;
+
+/// Reads, checks and completes the config of the plugin `name` in a YAML file; the defaults where there is no file.
+///
+/// # Errors
+/// Everything that is wrong with it, sorted by position.
+pub fn load_config(name: &str, about: &About, path: Option<&Path>) -> Result<Part, Vec<Diagnostic>> {
+    let mut sources = Sources::default();
+    let (title, text) = match path {
+        Some(path) => (path.display().to_string(), read(path)?),
+        None => (format!("the defaults of `{name}`"), "{}".into()),
+    };
+    let source = sources.add_file(&title, &text);
+    let root = document::parse(&sources, source, &text).map_err(in_order)?;
+    let schema = with_presets(about);
+    let mut checker = Checker::new(&sources);
+    let start = Span { length: 1, ..root.span };
+    checker.check(&root, &At { key: start, path: String::new() }, &View::new(&schema, &schema));
+    if !checker.found.is_empty() {
+        return Err(in_order(checker.found));
+    }
+    let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));
+    let plugin = config::Plugin { name, about, at: String::new(), span: start };
+    config::resolve(&plugin, &root, &mut config::Files::new(folder), &sources)
+}
+
+fn read(path: &Path) -> Result<String, Vec<Diagnostic>> {
+    let name = path.display().to_string();
+    let bytes = std::fs::read(path).map_err(|error| {
+        let mut sources = Sources::default();
+        let source = sources.add_file(&name, "");
+        vec![sources.error(Span { source, ..Span::default() }, "", format!("cannot read the config: {error}"))]
+    })?;
+    document::decode(&name, &bytes).map_err(|error| vec![error])
+}
