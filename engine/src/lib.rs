@@ -18,6 +18,7 @@ pub mod protocol;
 pub mod random;
 pub mod recorder;
 pub mod registry;
+pub mod report;
 pub mod results;
 pub mod statistics;
 pub mod table;
