@@ -22,6 +22,7 @@ pub mod protocol;
 pub mod random;
 pub mod recorder;
 pub mod registry;
+pub mod report;
 pub mod results;
 pub mod rollout;
 pub mod scheduler;

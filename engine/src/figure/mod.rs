@@ -1,5 +1,26 @@
 //! Figures: what a study asks for, and how it is computed from the results.
 
+mod axes;
+mod build;
+mod chart;
+mod contour;
+mod groups;
+mod layout;
+mod learning_curve;
+mod legend;
+mod paint;
+mod series;
+mod style;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod ticks;
+mod trajectory;
+
+pub use build::{Context, build};
+pub use chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style, Surface};
+
+use crate::Error;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -90,17 +111,11 @@ pub struct Trajectory {
 }
 
 /// One metric by groups of bars.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Bars {
     /// The table's rows become groups, its columns bars.
     pub of: crate::table::Comparison,
-}
-
-impl Default for Bars {
-    fn default() -> Self {
-        Self { of: crate::table::Comparison::default() }
-    }
 }
 
 /// A metric against a swept key.
@@ -149,4 +164,20 @@ pub struct Contour {
     pub environment: Option<String>,
     /// Which seed; the first where absent.
     pub seed: Option<u64>,
+}
+
+/// A chart as an SVG file, sized in millimetres for one or two columns of a paper.
+///
+/// # Errors
+/// [`Error::Render`] where the drawing is refused.
+pub fn svg(chart: &Chart) -> Result<String, Error> {
+    paint::svg(&layout::draw(chart))
+}
+
+/// Writes a chart as a PNG file of 288 pixels per inch; the path must end in `.png`.
+///
+/// # Errors
+/// [`Error::Render`] where the drawing is refused or the file cannot be written.
+pub fn png(chart: &Chart, path: &std::path::Path) -> Result<(), Error> {
+    paint::png(&layout::draw(chart), path)
 }

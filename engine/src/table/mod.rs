@@ -1,5 +1,25 @@
 //! Tables: what a study asks for, and how it is computed from the results.
 
+mod build;
+mod comma_separated;
+mod grid;
+mod html;
+mod latex;
+mod markdown;
+mod seeds;
+mod terminal;
+#[cfg(test)]
+mod tests;
+
+pub use build::{build, compare};
+pub use comma_separated::{csv, write as write_csv};
+pub use grid::{Cell, Grid, Heading, NumberFormat, Part};
+pub use html::{escape as escape_html, html, word as verdict_word};
+pub use latex::latex;
+pub use markdown::{escape as escape_markdown, markdown};
+pub use seeds::Scope;
+pub use terminal::{terminal, wrap};
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -1,0 +1,109 @@
+//! From results to a chart: which kind it is, and what all kinds need.
+
+use super::{
+    FigureSpec,
+    chart::{Chart, Scale, Series, Shape, Style},
+    contour, groups, learning_curve, trajectory,
+};
+use crate::{
+    Error,
+    results::Results,
+    table::{Axis, Scope},
+};
+use std::collections::BTreeMap;
+
+/// What every figure of a study shares.
+#[derive(Debug, Clone, Copy)]
+pub struct Context<'a> {
+    /// The results.
+    pub results: &'a Results,
+    /// The study's agents in its order, which gives each its colour.
+    pub agents: &'a [String],
+    /// Units by metric, for the labels of axes; a metric without one has no entry.
+    pub units: &'a BTreeMap<String, String>,
+}
+
+/// Computes a figure.
+///
+/// # Errors
+/// [`Error::Render`] where the spec names no kind of figure, or the results hold nothing of what it shows.
+pub fn build(spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+    let kinds: [Option<Result<Chart, Error>>; 6] = [
+        spec.learning_curve.as_ref().map(|kind| learning_curve::build(kind, spec, context)),
+        spec.trajectory.as_ref().map(|kind| trajectory::build(kind, spec, context)),
+        spec.bars.as_ref().map(|kind| groups::bars(kind, spec, context)),
+        spec.grouped_lines.as_ref().map(|kind| groups::lines(kind, spec, context)),
+        spec.scatter.as_ref().map(|kind| groups::scatter(kind, spec, context)),
+        spec.contour.as_ref().map(|kind| contour::build(kind, spec, context)),
+    ];
+    let mut given = kinds.into_iter().flatten();
+    let (Some(chart), None) = (given.next(), given.next()) else {
+        return Err(problem("exactly one kind of figure must be given"));
+    };
+    let mut chart = chart?;
+    for panel in &mut chart.panels {
+        panel.x.label = spec.x_label.clone().unwrap_or_else(|| std::mem::take(&mut panel.x.label));
+        panel.y.label = spec.y_label.clone().unwrap_or_else(|| std::mem::take(&mut panel.y.label));
+    }
+    chart.notes.extend(spec.notes.iter().cloned());
+    Ok(chart)
+}
+
+impl Context<'_> {
+    /// The look of an agent, the same in all figures of the study.
+    pub(super) fn style(&self, agent: &str) -> Style {
+        let position = self.agents.iter().position(|name| name == agent);
+        let all = Scope { trials: self.results.trials.iter().collect() };
+        Style::of_agent(position.or_else(|| all.names(Axis::Agent, &[]).iter().position(|name| name == agent)).unwrap_or(0))
+    }
+
+    /// Label of an axis that shows a metric: its name with spaces, and its unit.
+    pub(super) fn scale(&self, spec: &FigureSpec, metric: &str, log: bool) -> Scale {
+        let name = spec.labels.get(metric).cloned().unwrap_or_else(|| metric.replace('_', " "));
+        let unit = self.units.get(metric).filter(|unit| !unit.is_empty() && *unit != "1");
+        Scale { label: unit.map_or(name.clone(), |unit| format!("{name} ({unit})")), log, ..Scale::default() }
+    }
+}
+
+/// The name to print.
+pub(super) fn label(spec: &FigureSpec, name: &str) -> String {
+    spec.labels.get(name).cloned().unwrap_or_else(|| name.into())
+}
+
+/// An agent's name with its setting, where the agent has more than one.
+pub(super) fn label_with_setting(spec: &FigureSpec, agent: &str, setting: &str) -> String {
+    if setting.is_empty() { label(spec, agent) } else { format!("{}, {}", label(spec, agent), label(spec, setting)) }
+}
+
+/// A chart with one panel per environment, titled where there are several.
+pub(super) fn by_environment(
+    spec: &FigureSpec,
+    scope: &Scope<'_>,
+    listed: &[String],
+    scales: (Scale, Scale),
+    series: impl Fn(&Scope<'_>) -> Vec<Series>,
+) -> Result<Chart, Error> {
+    let environments = scope.names(Axis::Environment, listed);
+    let titled = environments.len() > 1;
+    let panel = |name: &String| super::chart::Panel {
+        title: if titled { label(spec, name) } else { String::new() },
+        x: scales.0.clone(),
+        y: scales.1.clone(),
+        series: series(&scope.at(Axis::Environment, name)),
+    };
+    let panels: Vec<_> = environments.iter().map(panel).collect();
+    if panels.iter().all(|panel| panel.series.is_empty()) {
+        return Err(problem("no trial has recorded what it shows"));
+    }
+    let columns = if panels.len() == 4 { 2 } else { panels.len().clamp(1, 3) };
+    Ok(Chart { columns, panels, ..Chart::default() })
+}
+
+/// A line across the panel at the mean of agents that do not learn.
+pub(super) fn level(label: String, style: Style, seeds: (usize, usize), value: f64) -> Series {
+    Series { label, seeds: Some(seeds), style, shape: Shape::Level(value) }
+}
+
+pub(super) fn problem(problem: &str) -> Error {
+    Error::Render { what: "figure".into(), problem: problem.into() }
+}

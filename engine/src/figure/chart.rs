@@ -1,0 +1,221 @@
+//! A computed figure: panels with series, as data.
+
+use crate::{Error, table::write_csv};
+
+/// A figure as data: what the drawing and the CSV file read.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Chart {
+    /// The panels, row by row.
+    pub panels: Vec<Panel>,
+    /// Panels in a row.
+    pub columns: usize,
+    /// True where all panels of a column have one horizontal axis, written under the lowest.
+    pub shared_x: bool,
+    /// True where all panels of a row have one vertical axis, written beside the first.
+    pub shared_y: bool,
+    /// Sentences under the figure.
+    pub notes: Vec<String>,
+}
+
+/// One pair of axes with what is drawn between them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Panel {
+    /// What stands above it.
+    pub title: String,
+    /// The horizontal axis.
+    pub x: Scale,
+    /// The vertical axis.
+    pub y: Scale,
+    /// What is drawn, the first at the bottom.
+    pub series: Vec<Series>,
+}
+
+/// An axis.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Scale {
+    /// What it shows, with the unit.
+    pub label: String,
+    /// Logarithmic.
+    pub log: bool,
+    /// Names at 0, 1, 2, ... in place of numbers; empty on an axis of numbers.
+    pub categories: Vec<String>,
+    /// Always part of the axis, as the zero of bars is.
+    pub includes: Vec<f64>,
+}
+
+/// One line, set of points, set of bars or surface.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Series {
+    /// Its name in the legend; empty where it has no entry.
+    pub label: String,
+    /// Seeds it rests on and seeds that are planned.
+    pub seeds: Option<(usize, usize)>,
+    /// Colour, dash and marker.
+    pub style: Style,
+    /// The data.
+    pub shape: Shape,
+}
+
+/// How a series looks. Equal numbers look equal in every figure of a study.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Style {
+    /// Which hue: the agent's place in the study.
+    pub hue: Hue,
+    /// Which dash and marker.
+    pub variant: usize,
+}
+
+/// Where a colour comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hue {
+    /// The n-th colour of the palette.
+    Palette(usize),
+    /// The i-th of n steps from dark to light, for things that are no agents.
+    Ramp(usize, usize),
+    /// Dark grey, for thresholds.
+    Grey,
+}
+
+impl Default for Hue {
+    fn default() -> Self {
+        Self::Palette(0)
+    }
+}
+
+/// The data of a series.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Shape {
+    /// A line through points with a band around it where low and high are given.
+    Line(Vec<Point>),
+    /// A line through marked points with an error bar at each.
+    MarkedLine(Vec<Point>),
+    /// A horizontal dashed line across the panel.
+    Level(f64),
+    /// Points that are not joined.
+    Points(Vec<Point>),
+    /// Bars from zero with an interval each: centre, height, and the width of all.
+    Bars(Vec<Point>, f64),
+    /// A surface over a full grid.
+    Surface(Surface),
+    /// A path whose points go from light to dark.
+    Path(Vec<Point>),
+}
+
+/// A point, with the interval of its vertical value where there is one.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Point {
+    /// Horizontal value.
+    pub x: f64,
+    /// Vertical value.
+    pub y: f64,
+    /// Lower and upper end of the interval.
+    pub interval: Option<(f64, f64)>,
+}
+
+/// A surface over a full grid.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Surface {
+    /// What its height is, with the unit.
+    pub label: String,
+    /// Increasing grid positions.
+    pub x: Vec<f64>,
+    /// Increasing grid positions.
+    pub y: Vec<f64>,
+    /// Heights, `[y][x]`.
+    pub z: Vec<Vec<f64>>,
+}
+
+impl Shape {
+    /// The points of a series; none for a level and a surface.
+    #[must_use]
+    pub fn points(&self) -> &[Point] {
+        match self {
+            Shape::Line(points)
+            | Shape::MarkedLine(points)
+            | Shape::Points(points)
+            | Shape::Bars(points, _)
+            | Shape::Path(points) => points,
+            Shape::Level(_) | Shape::Surface(_) => &[],
+        }
+    }
+
+    /// All vertical values that the axis must hold, bands included.
+    pub fn heights(&self) -> impl Iterator<Item = f64> + '_ {
+        let level = if let Shape::Level(level) = self { Some(*level) } else { None };
+        let surface = if let Shape::Surface(surface) = self { surface.y.as_slice() } else { &[] };
+        let ends = |point: &Point| [Some(point.y), point.interval.map(|ends| ends.0), point.interval.map(|ends| ends.1)];
+        self.points().iter().flat_map(ends).flatten().chain(level).chain(surface.iter().copied())
+    }
+
+    /// All horizontal values that the axis must hold, widths of bars included.
+    pub fn places(&self) -> impl Iterator<Item = f64> + '_ {
+        let half = if let Shape::Bars(_, width) = self { width / 2.0 } else { 0.0 };
+        let surface = if let Shape::Surface(surface) = self { surface.x.as_slice() } else { &[] };
+        self.points().iter().flat_map(move |point| [point.x - half, point.x + half]).chain(surface.iter().copied())
+    }
+}
+
+impl Series {
+    /// The legend's text: the name and the number of seeds.
+    #[must_use]
+    pub fn legend(&self) -> String {
+        match self.seeds {
+            Some((n, planned)) if n < planned => format!("{} (n = {n} of {planned})", self.label),
+            Some((n, _)) => format!("{} (n = {n})", self.label),
+            None => self.label.clone(),
+        }
+    }
+}
+
+impl Chart {
+    /// The data of the figure, one line per point.
+    ///
+    /// # Errors
+    /// [`Error::Render`] where the writer refuses.
+    pub fn csv(&self) -> Result<String, Error> {
+        let header = ["panel", "series", "n", "x", "y", "low", "high", "z"].map(String::from).to_vec();
+        let mut lines = vec![header];
+        for (index, panel) in self.panels.iter().enumerate() {
+            let name = if panel.title.is_empty() { (index + 1).to_string() } else { panel.title.clone() };
+            for series in &panel.series {
+                let n = series.seeds.map_or(String::new(), |(n, _)| n.to_string());
+                let head = [name.clone(), series.label.clone(), n];
+                lines.extend(fields(&series.shape, &panel.x).into_iter().map(|tail| head.iter().cloned().chain(tail).collect()));
+            }
+        }
+        write_csv(&lines)
+    }
+}
+
+fn fields(shape: &Shape, x: &Scale) -> Vec<[String; 5]> {
+    let none = String::new;
+    match shape {
+        Shape::Level(level) => vec![[none(), level.to_string(), none(), none(), none()]],
+        Shape::Surface(surface) => {
+            let row = |(y, z): (&f64, &Vec<f64>)| {
+                let cell = |(x, z): (&f64, &f64)| [x.to_string(), y.to_string(), none(), none(), z.to_string()];
+                surface.x.iter().zip(z).map(cell).collect::<Vec<_>>()
+            };
+            surface.y.iter().zip(&surface.z).flat_map(row).collect()
+        }
+        _ => shape.points().iter().map(|point| point_fields(point, x)).collect(),
+    }
+}
+
+fn point_fields(point: &Point, x: &Scale) -> [String; 5] {
+    let (low, high) = point.interval.map_or((String::new(), String::new()), |(low, high)| (low.to_string(), high.to_string()));
+    [x.name_at(point.x).unwrap_or_else(|| point.x.to_string()), point.y.to_string(), low, high, String::new()]
+}
+
+impl Scale {
+    /// The category nearest to a place; `None` on an axis of numbers.
+    #[must_use]
+    pub fn name_at(&self, x: f64) -> Option<String> {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a negative place becomes 0, one beyond the end is no category"
+        )]
+        self.categories.get(x.round() as usize).cloned()
+    }
+}

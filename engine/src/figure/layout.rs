@@ -1,0 +1,202 @@
+//! From a chart to a drawing: where legend, panels, axes and labels lie.
+
+use super::{
+    axes::{self, Frame, Range, TEXT},
+    chart::{Chart, Panel, Scale, Shape},
+    legend,
+    paint::{Drawing, Mark, text_width},
+    series, surface,
+    ticks::Tick,
+};
+use plotters::style::text_anchor::HPos;
+
+/// Width of one column of a paper, 85 mm, in points.
+const SINGLE: f64 = 241.0;
+/// Width of two columns with the gap between them, 174 mm.
+const DOUBLE: f64 = 493.0;
+/// Height of a line of text.
+const LINE: f64 = 10.0;
+/// Room between a row's axis labels and the next row.
+const GAP: f64 = 7.0;
+/// Room right of a panel, for the half of its last tick label that stands out.
+const OVERHANG: f64 = 9.0;
+/// Room for the colour bar of surfaces, its numbers and label.
+const COLOR_BAR: f64 = 42.0;
+
+/// Lays a chart out for paper: one column wide with one column of panels, else two columns wide.
+pub(super) fn draw(chart: &Chart) -> Drawing {
+    let width = if chart.columns <= 1 { SINGLE } else { DOUBLE };
+    let mut marks = Vec::new();
+    let top = legend::draw(chart, width, &mut marks);
+    let frames = Grid::of(chart, width, top);
+    let height = frames.place(chart, &mut marks);
+    Drawing { width, height, marks }
+}
+
+/// The widths of the columns of panels and what the axes need.
+struct Grid {
+    ranges: Vec<(Range, Range)>,
+    /// Left edge of each column's plots, and the room before it.
+    lefts: Vec<f64>,
+    margins: Vec<f64>,
+    plot: (f64, f64),
+    top: f64,
+    heights: Option<Range>,
+}
+
+impl Grid {
+    fn of(chart: &Chart, width: f64, top: f64) -> Self {
+        let columns = chart.columns.max(1);
+        let ranges = ranges(chart);
+        let height = plot_height(chart);
+        let margins: Vec<f64> = (0..columns).map(|column| left_margin(chart, &ranges, column, height)).collect();
+        let heights = surface::heights(chart);
+        let right = if heights.is_some() { COLOR_BAR } else { 0.0 };
+        let plot_width = (width - right - margins.iter().sum::<f64>()) / count(columns) - OVERHANG;
+        let left = |column: usize| margins[..=column].iter().sum::<f64>() + count(column) * (plot_width + OVERHANG);
+        Self { lefts: (0..columns).map(left).collect(), margins, ranges, plot: (plot_width, height), top, heights }
+    }
+
+    /// Draws all panels; returns the height of the drawing.
+    fn place(&self, chart: &Chart, marks: &mut Vec<Mark>) -> f64 {
+        let columns = chart.columns.max(1);
+        let mut top = self.top;
+        for (row, panels) in chart.panels.chunks(columns).enumerate() {
+            let titled = panels.iter().any(|panel| !panel.title.is_empty());
+            top += if titled { LINE + 2.0 } else { 4.0 };
+            for (column, panel) in panels.iter().enumerate() {
+                self.panel(chart, panel, (row, column), top, marks);
+            }
+            let below = panels.iter().enumerate().map(|(column, panel)| self.room_below(chart, panel, row * columns + column));
+            top += self.plot.1 + below.fold(0.0, f64::max) + GAP;
+        }
+        if let Some(heights) = self.heights {
+            let last = self.frame(0, self.lefts.len() - 1, self.top + LINE + 2.0);
+            surface::color_bar(chart, heights, &last, marks);
+        }
+        top - GAP + 3.0
+    }
+
+    fn panel(&self, chart: &Chart, panel: &Panel, (row, column): (usize, usize), top: f64, marks: &mut Vec<Mark>) {
+        let index = row * chart.columns.max(1) + column;
+        let frame = self.frame(index, column, top);
+        axes::background(&frame, panel, self.heights.is_none(), marks);
+        series::draw(panel, &frame, self.heights, marks);
+        axes::border(&frame, marks);
+        if !panel.title.is_empty() {
+            marks.push(text(((frame.left + frame.right) / 2.0, top - LINE / 2.0 - 1.5), &panel.title, HPos::Center));
+        }
+        if !(chart.shared_y && column > 0) {
+            axes::vertical(&frame, &panel.y, marks);
+            if column == 0 || panel.y.label != chart.panels[index - 1].y.label {
+                let middle = (frame.top + frame.bottom) / 2.0;
+                let edge = frame.left - self.margins[column] + 5.5;
+                axes::upright(&panel.y.label, (edge, middle), self.plot.1 + 24.0, marks);
+            }
+        }
+        if shows_x(chart, index) {
+            let depth = axes::horizontal(&frame, &panel.x, marks);
+            let at = ((frame.left + frame.right) / 2.0, frame.bottom + depth + LINE / 2.0);
+            marks.push(text(at, &panel.x.label, HPos::Center));
+        }
+    }
+
+    fn frame(&self, index: usize, column: usize, top: f64) -> Frame {
+        let (x, y) = self.ranges[index];
+        let left = self.lefts[column];
+        Frame { left, right: left + self.plot.0, top, bottom: top + self.plot.1, x, y }
+    }
+
+    fn room_below(&self, chart: &Chart, panel: &Panel, index: usize) -> f64 {
+        if !shows_x(chart, index) {
+            return 0.0;
+        }
+        let frame = self.frame(index, index % self.lefts.len(), 0.0);
+        let label = if panel.x.label.is_empty() { 0.0 } else { LINE };
+        axes::horizontal(&frame, &panel.x, &mut Vec::new()) + label
+    }
+}
+
+/// With a shared horizontal axis only the lowest panel of a column shows it.
+fn shows_x(chart: &Chart, index: usize) -> bool {
+    !chart.shared_x || index + chart.columns >= chart.panels.len()
+}
+
+fn plot_height(chart: &Chart) -> f64 {
+    let has_surface = chart.panels.iter().flat_map(|panel| &panel.series).any(|series| matches!(series.shape, Shape::Surface(_)));
+    match chart.columns {
+        _ if has_surface => 150.0,
+        _ if chart.shared_x => 72.0,
+        0 | 1 => 132.0,
+        2 => 125.0,
+        _ => 104.0,
+    }
+}
+
+fn left_margin(chart: &Chart, ranges: &[(Range, Range)], column: usize, height: f64) -> f64 {
+    if chart.shared_y && column > 0 {
+        return 5.0;
+    }
+    let of_panel = |index: usize| {
+        let panel = &chart.panels[index];
+        let labelled = column == 0 || panel.y.label != chart.panels[index - 1].y.label;
+        widest(&axes::ticks(&panel.y, ranges[index].1, height, false)) + if labelled { 17.0 } else { 7.0 }
+    };
+    (column..chart.panels.len()).step_by(chart.columns.max(1)).map(of_panel).fold(0.0, f64::max)
+}
+
+fn widest(ticks: &[Tick]) -> f64 {
+    ticks.iter().map(|tick| text_width(&tick.text, TEXT)).fold(0.0, f64::max)
+}
+
+/// The range of both axes of each panel: of its own data, or of all panels that share the axis.
+fn ranges(chart: &Chart) -> Vec<(Range, Range)> {
+    let columns = chart.columns.max(1);
+    let group = |shared: bool, same: &dyn Fn(usize) -> bool, index: usize| -> Vec<&Panel> {
+        let belongs = |(other, _): &(usize, &Panel)| if shared { same(*other) } else { *other == index };
+        chart.panels.iter().enumerate().filter(belongs).map(|(_, panel)| panel).collect()
+    };
+    let of_panel = |index: usize| {
+        let in_column = group(chart.shared_x, &|other| other % columns == index % columns || chart.shared_y, index);
+        let in_row = group(chart.shared_y, &|other| other / columns == index / columns, index);
+        (horizontal_range(&in_column), vertical_range(&in_row))
+    };
+    (0..chart.panels.len()).map(of_panel).collect()
+}
+
+fn horizontal_range(panels: &[&Panel]) -> Range {
+    let scale: &Scale = &panels[0].x;
+    if !scale.categories.is_empty() {
+        return Range { low: -0.5, high: count(scale.categories.len()) - 0.5, log: false };
+    }
+    let shapes = || panels.iter().flat_map(|panel| &panel.series).map(|series| &series.shape);
+    let padding = match shapes().next() {
+        Some(Shape::Surface(_)) => 0.0,
+        Some(Shape::Points(_)) => 0.06,
+        _ => 0.02,
+    };
+    Range::around(shapes().flat_map(Shape::places).chain(scale.includes.iter().copied()), scale.log, padding)
+}
+
+fn vertical_range(panels: &[&Panel]) -> Range {
+    let scale: &Scale = &panels[0].y;
+    let shapes = || panels.iter().flat_map(|panel| &panel.series).map(|series| &series.shape);
+    let padding = if shapes().any(|shape| matches!(shape, Shape::Surface(_))) { 0.0 } else { 0.06 };
+    let mut range = Range::around(shapes().flat_map(Shape::heights).chain(scale.includes.iter().copied()), scale.log, padding);
+    // Bars stand on the axis: no room between zero and its end.
+    if scale.includes.contains(&0.0) {
+        let values = || shapes().flat_map(Shape::heights);
+        range.low = if values().all(|value| value >= 0.0) { 0.0 } else { range.low };
+        range.high = if values().all(|value| value <= 0.0) { 0.0 } else { range.high };
+    }
+    range
+}
+
+pub(super) fn text(at: (f64, f64), text: &str, align: HPos) -> Mark {
+    Mark::Text { at, text: text.into(), size: TEXT, align, upright: false }
+}
+
+#[allow(clippy::cast_precision_loss, reason = "a handful of panels or categories")]
+pub(super) fn count(number: usize) -> f64 {
+    number as f64
+}

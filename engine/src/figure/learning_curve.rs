@@ -1,0 +1,113 @@
+//! Learning curves: the mean over seeds at each measurement, with a band.
+
+use super::{
+    Band, FigureSpec, LearningCurve,
+    build::{Context, by_environment, label_with_setting, level},
+    chart::{Chart, Point, Scale, Series, Shape, Style},
+};
+use crate::{
+    Error, Phase,
+    statistics::{Bootstrap, Summary, estimators},
+    table::{Axis, Scope},
+};
+use std::collections::BTreeMap;
+
+/// One panel per environment, one line per agent and setting; agents that do not learn are levels at their final mean.
+pub(super) fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+    let scope = Scope::of(context.results, &kind.agents, &kind.environments);
+    let x = Scale { label: "environment steps".into(), ..Scale::default() };
+    let y = context.scale(spec, &kind.metric, kind.log_y);
+    let mut chart = by_environment(spec, &scope, &kind.environments, (x, y), |scope| panel(kind, spec, context, scope))?;
+    chart.notes.push(explain(kind));
+    Ok(chart)
+}
+
+fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &Scope<'_>) -> Vec<Series> {
+    let agents = scope.names(Axis::Agent, &kind.agents);
+    let of_agent = |agent: &String| {
+        let scope = scope.at(Axis::Agent, agent);
+        let settings = scope.names(Axis::Setting, &[]);
+        let several = settings.len() > 1;
+        let series = move |(index, setting): (usize, &String)| {
+            let variant = if several { index } else { context.style(agent).variant };
+            let style = Style { variant, ..context.style(agent) };
+            let label = label_with_setting(spec, agent, if several { setting } else { "" });
+            one(kind, &scope.at(Axis::Setting, setting), label, style)
+        };
+        settings.iter().enumerate().filter_map(series).collect::<Vec<_>>()
+    };
+    agents.iter().flat_map(of_agent).collect()
+}
+
+fn one(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> Option<Series> {
+    if !scope.learns(&kind.metric) {
+        let values: Vec<f64> = scope.finals(&kind.metric).into_values().collect();
+        return Summary::of(&values).map(|summary| level(label, style, (summary.n, scope.planned()), summary.mean));
+    }
+    let mut seeds: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
+    let mut n = 0;
+    for trial in scope.trials.iter().filter(|trial| trial.is_ok()) {
+        let curve = smooth(trial.curve(Phase::Evaluate, &kind.metric), kind.smooth);
+        n += usize::from(!curve.is_empty());
+        for (step, value) in curve {
+            seeds.entry(step).or_default().push(value);
+        }
+    }
+    let points = seeds.iter().map(|(step, values)| point(*step, values, kind.band)).collect();
+    Some(Series { label, seeds: Some((n, scope.planned())), style, shape: Shape::Line(points) })
+}
+
+fn point(step: u64, values: &[f64], band: Band) -> Point {
+    let mean = estimators::mean(values);
+    let many = values.len() > 1;
+    let interval = match band {
+        Band::None => None,
+        Band::Sd => many.then(|| (mean - estimators::sd(values), mean + estimators::sd(values))),
+        Band::Interval => Bootstrap::CURVE
+            .stratified(&[values.to_vec()], |tasks| estimators::mean(&tasks[0]))
+            .map(|interval| (interval.low, interval.high)),
+        Band::Range => many.then(|| (estimators::quantile(values, 0.0), estimators::quantile(values, 1.0))),
+    };
+    #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
+    Point { x: step as f64, y: mean, interval }
+}
+
+/// The running mean y' = smooth y' + (1 - smooth) y, started at the first value.
+fn smooth(mut curve: Vec<(u64, f64)>, smooth: f64) -> Vec<(u64, f64)> {
+    for index in 1..curve.len() {
+        curve[index].1 = smooth * curve[index - 1].1 + (1.0 - smooth) * curve[index].1;
+    }
+    curve
+}
+
+fn explain(kind: &LearningCurve) -> String {
+    let band = match kind.band {
+        Band::Sd => ", bands one standard deviation to each side",
+        Band::Interval => ", bands 95 % bootstrap intervals of the mean",
+        Band::Range => ", bands from the smallest to the largest seed",
+        Band::None => "",
+    };
+    let smooth = if kind.smooth > 0.0 { format!(" Drawn with a running mean of weight {}.", kind.smooth) } else { String::new() };
+    format!("Lines are means over n seeds{band}; straight lines are agents that do not learn.{smooth}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_by_hand() {
+        let of = |band| point(5, &[1.0, 2.0, 6.0], band);
+        assert_eq!((of(Band::None).y, of(Band::None).interval), (3.0, None));
+        assert_eq!(of(Band::Range).interval, Some((1.0, 6.0)));
+        let (low, high) = of(Band::Sd).interval.unwrap();
+        assert!((high - 3.0 - 7f64.sqrt()).abs() < 1e-12 && (low - 3.0 + 7f64.sqrt()).abs() < 1e-12);
+        assert_eq!(point(5, &[1.0], Band::Sd).interval, None);
+    }
+
+    #[test]
+    fn smoothing_by_hand() {
+        assert_eq!(smooth(vec![(0, 1.0), (1, 3.0), (2, 3.0)], 0.5), [(0, 1.0), (1, 2.0), (2, 2.5)]);
+        assert_eq!(smooth(vec![(0, 1.0), (1, 3.0)], 0.0), [(0, 1.0), (1, 3.0)]);
+    }
+}

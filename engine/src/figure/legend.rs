@@ -1,0 +1,82 @@
+//! The legend above the panels: outside, so that it hides no data.
+
+use super::{
+    axes::TEXT,
+    chart::{Chart, Series, Shape},
+    layout::text,
+    paint::{Mark, text_width},
+    series,
+};
+use plotters::style::text_anchor::HPos;
+
+const GAP: f64 = 12.0;
+const LINE: f64 = 11.0;
+
+/// Draws the legend centred in the width, in as many lines as it needs; returns its height, 0 without entries.
+pub(super) fn draw(chart: &Chart, width: f64, marks: &mut Vec<Mark>) -> f64 {
+    let lines = lines(&entries(chart), width - 8.0);
+    let mut y = LINE / 2.0 + 2.0;
+    for line in &lines {
+        let used: f64 = line.iter().map(|(series, entry)| entry_width(series, entry)).sum::<f64>() - GAP;
+        let mut x = ((width - used) / 2.0).max(4.0);
+        for (series, entry) in line {
+            series::sample(series, (x, y), sample_width(series), marks);
+            marks.push(text((x + sample_width(series) + 4.0, y), entry, HPos::Left));
+            x += entry_width(series, entry);
+        }
+        y += LINE;
+    }
+    if lines.is_empty() { 0.0 } else { y - LINE / 2.0 + 2.0 }
+}
+
+/// One entry per name and look. Where panels differ in the number of seeds, it says from how many to how many.
+fn entries(chart: &Chart) -> Vec<(&Series, String)> {
+    let mut groups: Vec<Vec<&Series>> = Vec::new();
+    for series in chart.panels.iter().flat_map(|panel| &panel.series).filter(|series| !series.label.is_empty()) {
+        let same = |group: &&mut Vec<&Series>| group[0].label == series.label && group[0].style == series.style;
+        match groups.iter_mut().find(same) {
+            Some(group) => group.push(series),
+            None => groups.push(vec![series]),
+        }
+    }
+    groups.into_iter().map(|group| (first_line(&group), name(&group))).collect()
+}
+
+/// A line rather than a level where an agent has both, so that the sample shows its dash.
+fn first_line<'a>(group: &[&'a Series]) -> &'a Series {
+    group.iter().copied().find(|series| !matches!(series.shape, Shape::Level(_))).unwrap_or(group[0])
+}
+
+fn name(group: &[&Series]) -> String {
+    let counts = || group.iter().filter_map(|series| series.seeds).map(|(n, _)| n);
+    match (counts().min(), counts().max()) {
+        (Some(low), Some(high)) if low < high => format!("{} (n = {low} to {high})", group[0].label),
+        _ => group[0].legend(),
+    }
+}
+
+fn lines<'a>(entries: &[(&'a Series, String)], width: f64) -> Vec<Vec<(&'a Series, String)>> {
+    let mut lines: Vec<Vec<(&Series, String)>> = Vec::new();
+    let mut used = f64::INFINITY;
+    for (series, entry) in entries {
+        let room = entry_width(series, entry);
+        if used + room - GAP > width {
+            lines.push(Vec::new());
+            used = 0.0;
+        }
+        used += room;
+        if let Some(line) = lines.last_mut() {
+            line.push((*series, entry.clone()));
+        }
+    }
+    lines
+}
+
+/// Lines need room to show their dashes.
+fn sample_width(series: &Series) -> f64 {
+    if matches!(series.shape, Shape::Line(_) | Shape::MarkedLine(_) | Shape::Level(_)) { 20.0 } else { 8.0 }
+}
+
+fn entry_width(series: &Series, entry: &str) -> f64 {
+    sample_width(series) + 4.0 + text_width(entry, TEXT) + GAP
+}

@@ -1,0 +1,200 @@
+//! Draws the series of a panel: lines with bands, marked lines, levels, points, bars, paths.
+
+use super::{
+    axes::{Frame, Range},
+    chart::{Panel, Point, Series, Shape, Style},
+    layout::count,
+    paint::{Mark, Place},
+    style::{INK, Marker, Rgb, blend},
+    surface,
+};
+
+const LINE_WIDTH: f64 = 1.2;
+const MARKER: f64 = 2.2;
+const BAND_OPACITY: f64 = 0.18;
+
+/// All series of a panel; bands lie under all lines, so that none is hidden.
+pub(super) fn draw(panel: &Panel, frame: &Frame, heights: Option<Range>, marks: &mut Vec<Mark>) {
+    for series in &panel.series {
+        if let Shape::Line(points) = &series.shape {
+            marks.extend(bands(points, frame, series.style.color()));
+        }
+    }
+    for series in &panel.series {
+        one(series, frame, heights, marks);
+    }
+}
+
+fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<Mark>) {
+    let color = series.style.color();
+    match &series.shape {
+        Shape::Line(points) => marks.extend(dashed(&places(points, frame), series.style.dashes(), LINE_WIDTH, color)),
+        Shape::MarkedLine(points) => {
+            marks.extend(whiskers(points, frame, color));
+            marks.extend(dashed(&places(points, frame), series.style.dashes(), LINE_WIDTH, color));
+            marks.extend(places(points, frame).into_iter().map(|at| marker(series.style, at)));
+        }
+        Shape::Level(level) => {
+            let ends = [frame.x.low, frame.x.high].map(|x| frame.at(x, *level));
+            marks.extend(dashed(&ends, level_dashes(series.style), LINE_WIDTH, color));
+        }
+        Shape::Points(points) => marks.extend(places(points, frame).into_iter().map(|at| marker(series.style, at))),
+        Shape::Bars(points, width) => bars(points, *width, frame, color, marks),
+        Shape::Surface(surface) => surface::draw(surface, heights, frame, marks),
+        Shape::Path(points) => path(&places(points, frame), marks),
+    }
+}
+
+/// A short piece of the series for the legend, from `at` to the right.
+pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Vec<Mark>) {
+    let color = series.style.color();
+    let ends = [(x, y), (x + length, y)];
+    let middle = (x + length / 2.0, y);
+    match series.shape {
+        Shape::Line(_) => {
+            if series.shape.points().iter().any(|point| point.interval.is_some()) {
+                marks.push(Mark::Fill { points: rectangle((x, y - 3.0), (x + length, y + 3.0)), color, opacity: BAND_OPACITY });
+            }
+            marks.extend(dashed(&ends, series.style.dashes(), LINE_WIDTH, color));
+        }
+        Shape::MarkedLine(_) => {
+            marks.extend(dashed(&ends, series.style.dashes(), LINE_WIDTH, color));
+            marks.push(marker(series.style, middle));
+        }
+        Shape::Level(_) => marks.extend(dashed(&ends, level_dashes(series.style), LINE_WIDTH, color)),
+        Shape::Points(_) => marks.push(marker(series.style, middle)),
+        Shape::Bars(..) | Shape::Surface(_) | Shape::Path(_) => {
+            marks.push(Mark::Fill {
+                points: rectangle((middle.0 - 4.0, y - 3.5), (middle.0 + 4.0, y + 3.5)),
+                color,
+                opacity: 1.0,
+            });
+        }
+    }
+}
+
+fn places(points: &[Point], frame: &Frame) -> Vec<Place> {
+    points.iter().filter(|point| point.y.is_finite()).map(|point| frame.at(point.x, point.y)).collect()
+}
+
+/// A band for each run of points that have intervals.
+fn bands(points: &[Point], frame: &Frame, color: Rgb) -> Vec<Mark> {
+    let runs = points.chunk_by(|one, next| one.interval.is_some() == next.interval.is_some());
+    let band = |run: &[Point]| {
+        let ends = |point: &Point| point.interval.map(|(low, high)| (frame.at(point.x, low), frame.at(point.x, high)));
+        let (lows, highs): (Vec<Place>, Vec<Place>) = run.iter().filter_map(ends).unzip();
+        let points: Vec<Place> = highs.into_iter().chain(lows.into_iter().rev()).collect();
+        (points.len() > 3).then_some(Mark::Fill { points, color, opacity: BAND_OPACITY })
+    };
+    runs.filter_map(band).collect()
+}
+
+/// Agents that do not learn are dashed in any case.
+fn level_dashes(style: Style) -> &'static [f64] {
+    if style.dashes().is_empty() { &[4.0, 2.0] } else { style.dashes() }
+}
+
+/// A line cut into dashes, since the painters draw full lines only.
+fn dashed(points: &[Place], dashes: &[f64], width: f64, color: Rgb) -> Vec<Mark> {
+    let line = |points: Vec<Place>| Mark::Line { points, width, color };
+    if dashes.is_empty() {
+        return vec![line(points.to_vec())];
+    }
+    let mut pieces = Vec::new();
+    let (mut index, mut left) = (0, dashes[0]);
+    let mut piece: Vec<Place> = points.first().copied().into_iter().collect();
+    for ends in points.windows(2) {
+        let (dx, dy) = (ends[1].0 - ends[0].0, ends[1].1 - ends[0].1);
+        let length = dx.hypot(dy);
+        let mut done = 0.0;
+        while length - done > left {
+            done += left;
+            let at = (ends[0].0 + dx * done / length, ends[0].1 + dy * done / length);
+            piece.push(at);
+            if index % 2 == 0 {
+                pieces.push(line(std::mem::take(&mut piece)));
+            }
+            piece = vec![at];
+            index += 1;
+            left = dashes[index % dashes.len()];
+        }
+        left -= length - done;
+        piece.push(ends[1]);
+    }
+    if index % 2 == 0 && piece.len() > 1 {
+        pieces.push(line(piece));
+    }
+    pieces
+}
+
+fn whiskers(points: &[Point], frame: &Frame, color: Rgb) -> Vec<Mark> {
+    let whisker = |point: &Point| {
+        let (low, high) = point.interval?;
+        let ((x, bottom), (_, top)) = (frame.at(point.x, low), frame.at(point.x, high));
+        let cap = |y: f64| [(x - 1.8, y), (x + 1.8, y)];
+        let lines = [vec![(x, bottom), (x, top)], cap(bottom).to_vec(), cap(top).to_vec()];
+        Some(lines.map(|points| Mark::Line { points, width: 0.7, color }))
+    };
+    points.iter().filter_map(whisker).flatten().collect()
+}
+
+fn bars(points: &[Point], width: f64, frame: &Frame, color: Rgb, marks: &mut Vec<Mark>) {
+    for point in points {
+        let half = width * 0.46;
+        let corners = (frame.at(point.x - half, point.y), frame.at(point.x + half, 0.0));
+        marks.push(Mark::Fill { points: rectangle(corners.0, corners.1), color, opacity: 1.0 });
+    }
+    marks.extend(whiskers(points, frame, INK));
+}
+
+fn rectangle((left, top): Place, (right, bottom): Place) -> Vec<Place> {
+    vec![(left, top), (right, top), (right, bottom), (left, bottom)]
+}
+
+fn marker(style: Style, (x, y): Place) -> Mark {
+    let polygon = |corners: usize, radius: f64, turn: f64| -> Vec<Place> {
+        let angle = |index: usize| turn + std::f64::consts::TAU * count(index) / count(corners);
+        (0..corners).map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos())).collect()
+    };
+    let points = match style.marker() {
+        Marker::Circle => polygon(20, MARKER, 0.0),
+        Marker::Square => polygon(4, MARKER * 1.3, std::f64::consts::FRAC_PI_4),
+        Marker::Triangle => polygon(3, MARKER * 1.4, 0.0),
+        Marker::Diamond => polygon(4, MARKER * 1.4, 0.0),
+    };
+    Mark::Fill { points, color: style.color(), opacity: 0.9 }
+}
+
+/// A path from light to dark with a dark rim, an open circle at its start and a full one at its end.
+fn path(points: &[Place], marks: &mut Vec<Mark>) {
+    const LIGHT: Rgb = (0xff, 0xff, 0xff);
+    const DARK: Rgb = (0xb0, 0x1c, 0x1c);
+    marks.push(Mark::Line { points: points.to_vec(), width: 2.2, color: INK });
+    let steps = count(points.len().saturating_sub(2).max(1));
+    for (index, ends) in points.windows(2).enumerate() {
+        marks.push(Mark::Line { points: ends.to_vec(), width: 1.3, color: blend(LIGHT, DARK, count(index) / steps) });
+    }
+    for (place, color) in [(points.first(), LIGHT), (points.last(), DARK)] {
+        for (radius, color) in [(3.0, INK), (2.2, color)] {
+            marks.extend(place.map(|place| Mark::Fill { points: disc(*place, radius), color, opacity: 1.0 }));
+        }
+    }
+}
+
+fn disc((x, y): Place, radius: f64) -> Vec<Place> {
+    let angle = |index: usize| std::f64::consts::TAU * count(index) / 24.0;
+    (0..24).map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dashes_run_on_over_corners() {
+        let pieces = dashed(&[(0.0, 0.0), (3.0, 0.0), (3.0, 9.0)], &[4.0, 2.0], 1.0, INK);
+        let points: Vec<_> =
+            pieces.iter().map(|mark| if let Mark::Line { points, .. } = mark { points.clone() } else { vec![] }).collect();
+        assert_eq!(points, [vec![(0.0, 0.0), (3.0, 0.0), (3.0, 1.0)], vec![(3.0, 3.0), (3.0, 7.0)]]);
+    }
+}

@@ -1,0 +1,175 @@
+//! Figures of synthetic results: their data by snapshot, their drawing by what must hold of it.
+
+use super::{Band, Bars, Chart, Context, Contour, FigureSpec, GroupedLines, LearningCurve, Scatter, Trajectory, build, png, svg};
+use crate::{
+    Phase,
+    report::synthetic::{AGENTS, Rows, noise, study, trial},
+    results::Results,
+    table::{Axis, Comparison},
+};
+use std::collections::BTreeMap;
+
+fn chart(spec: &FigureSpec, results: &Results) -> Chart {
+    let agents = AGENTS.map(String::from);
+    let units =
+        BTreeMap::from([("cycle_length".into(), "h".into()), ("voltage".into(), "V".into()), ("load".into(), "W".into())]);
+    build(spec, Context { results, agents: &agents, units: &units }).unwrap()
+}
+
+fn names(names: &[&str]) -> Vec<String> {
+    names.iter().map(|name| (*name).into()).collect()
+}
+
+fn learning_curve(band: Band) -> FigureSpec {
+    let kind = LearningCurve { metric: "cycle_length".into(), band, ..LearningCurve::default() };
+    FigureSpec {
+        learning_curve: Some(kind),
+        labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into())]),
+        ..FigureSpec::default()
+    }
+}
+
+fn trajectory() -> FigureSpec {
+    let kind = Trajectory {
+        channels: names(&["voltage", "load"]),
+        agents: names(&["equal", "dsac", "ddpg"]),
+        threshold: Some(3.2),
+        ..Trajectory::default()
+    };
+    FigureSpec { trajectory: Some(kind), ..FigureSpec::default() }
+}
+
+fn bars() -> FigureSpec {
+    let of = Comparison { rows: Axis::Environment, value: "cycle_length".into(), ..Comparison::default() };
+    FigureSpec { bars: Some(Bars { of }), ..FigureSpec::default() }
+}
+
+/// A sweep of one agent's learning rate, beside an agent without it.
+fn sweep() -> (FigureSpec, Results) {
+    let mut trials = Vec::new();
+    for seed in 0..3 {
+        let value =
+            |value| vec![(Phase::Final, 1, 0, "return", value), (Phase::Final, 1, 0, "cost", 2.0 * value + noise(seed, 1, 2))];
+        for (index, rate) in ["1e-5", "1e-4", "1e-3", "1e-2"].into_iter().enumerate() {
+            let mean = [2.0, 5.0, 6.0, 1.0][index] + noise(seed, index as u64, 0);
+            trials.push(trial("e", "dsac", &format!("dsac.learning_rate={rate}"), seed, &value(mean)));
+        }
+        trials.push(trial("e", "equal", "", seed, &value(3.0)));
+    }
+    let kind = GroupedLines { metric: "return".into(), x: "learning_rate".into(), log_x: true, ..GroupedLines::default() };
+    (FigureSpec { grouped_lines: Some(kind), ..FigureSpec::default() }, Results { trials })
+}
+
+/// A valley with a path down it.
+fn contour(size: u64) -> (FigureSpec, Results) {
+    let mut rows: Rows = Vec::new();
+    let at = |index: u64| 4.0 * index as f64 / (size - 1) as f64 - 2.0;
+    for (x, y) in (0..size).flat_map(|x| (0..size).map(move |y| (at(x), at(y)))) {
+        let z = (1.0 - x).powi(2) + 5.0 * (y - x * x / 2.0).powi(2);
+        rows.extend([("x", x), ("y", y), ("loss", z.ln_1p())].map(|(name, value)| (Phase::Trace, 0, 0, name, value)));
+    }
+    for step in 0..=40 {
+        let x = -1.5 + 2.5 * f64::from(step) / 40.0;
+        let y = x * x / 2.0 + 0.4 * (-f64::from(step) / 10.0).exp();
+        rows.extend([("path_x", x), ("path_y", y)].map(|(name, value)| (Phase::Trace, 1, 0, name, value)));
+    }
+    let trials = ["dsac", "ddpg"].map(|agent| trial("e", agent, "", 0, &rows)).into();
+    let kind = Contour { surface: names(&["x", "y", "loss"]), path: names(&["path_x", "path_y"]), ..Contour::default() };
+    (FigureSpec { contour: Some(kind), ..FigureSpec::default() }, Results { trials })
+}
+
+fn scatter() -> FigureSpec {
+    FigureSpec { scatter: Some(Scatter { x: "return".into(), y: "cost".into(), ..Scatter::default() }), ..FigureSpec::default() }
+}
+
+/// Every kind once.
+fn all() -> Vec<(&'static str, Chart)> {
+    let (sweep, sweep_results) = sweep();
+    let (contour, contour_results) = contour(41);
+    let one = Results { trials: study().trials.into_iter().filter(|trial| trial.trial.environment == "four_cells").collect() };
+    vec![
+        ("learning-curves", chart(&learning_curve(Band::Sd), &study())),
+        ("learning-curve", chart(&learning_curve(Band::Interval), &one)),
+        ("trajectory", chart(&trajectory(), &study())),
+        ("bars", chart(&bars(), &study())),
+        ("sweep", chart(&sweep, &sweep_results)),
+        ("scatter", chart(&scatter(), &sweep_results)),
+        ("contour", chart(&contour, &contour_results)),
+    ]
+}
+
+#[test]
+fn every_kind_is_drawn_in_both_formats_and_to_the_same_bytes() {
+    let dir = tempfile::tempdir().unwrap();
+    // `FIGURES=DIR` keeps the pictures, to be looked at.
+    let dir = std::env::var_os("FIGURES").map_or_else(|| dir.path().to_owned(), Into::into);
+    for (name, chart) in all() {
+        let text = svg(&chart).unwrap();
+        assert_eq!(text, svg(&chart).unwrap(), "{name}");
+        assert!(text.starts_with("<svg width=\"") && text.contains("mm\"") && !text.contains("NaN"), "{name}");
+        std::fs::write(dir.join(name).with_extension("svg"), text).unwrap();
+        let path = dir.join(name).with_extension("png");
+        png(&chart, &path).unwrap();
+        let first = std::fs::read(&path).unwrap();
+        png(&chart, &path).unwrap();
+        assert!(first == std::fs::read(&path).unwrap() && first.starts_with(b"\x89PNG"), "{name}");
+    }
+}
+
+#[test]
+fn the_data_of_learning_curves() {
+    let chart = chart(&learning_curve(Band::Sd), &study());
+    let csv = chart.csv().unwrap();
+    let thinned: Vec<&str> = csv.lines().enumerate().filter(|(index, _)| index % 12 == 0).map(|(_, line)| line).collect();
+    insta::assert_snapshot!(thinned.join("\n"));
+    let legends: Vec<String> = chart.panels[1].series.iter().map(super::Series::legend).collect();
+    assert_eq!(legends, ["equal (n = 5)", "Dirichlet SAC (n = 5)", "ddpg (n = 3 of 5)", "bound (n = 5)"]);
+    assert_eq!((chart.panels[0].x.label.as_str(), chart.panels[0].y.label.as_str()), ("environment steps", "cycle length (h)"));
+}
+
+#[test]
+fn the_data_of_bars_and_sweeps() {
+    let (sweep, results) = sweep();
+    insta::assert_snapshot!("bars", chart(&bars(), &study()).csv().unwrap());
+    insta::assert_snapshot!("sweep", chart(&sweep, &results).csv().unwrap());
+    insta::assert_snapshot!("scatter", chart(&scatter(), &results).csv().unwrap());
+}
+
+#[test]
+fn trajectories_have_a_row_per_channel_and_a_column_per_agent() {
+    let chart = chart(&trajectory(), &study());
+    assert_eq!((chart.panels.len(), chart.columns), (6, 3));
+    let labels: Vec<&str> = chart.panels[0].series.iter().map(|series| series.label.as_str()).collect();
+    assert_eq!(labels, ["voltage 1", "voltage 2", "voltage 3", "voltage 4", "threshold 3.2"]);
+    assert_eq!(chart.panels[4].series.len(), 1);
+    assert_eq!(chart.notes, ["Episode 0 of seed 0 in four_cells."]);
+}
+
+#[test]
+fn an_agent_has_one_colour_in_all_figures() {
+    let color = |chart: &Chart, label: &str| {
+        let series = chart.panels.iter().flat_map(|panel| &panel.series).find(|series| series.label == label);
+        series.map(|series| series.style.color())
+    };
+    let (sweep, results) = sweep();
+    let (curve, bars, sweep) = (chart(&learning_curve(Band::None), &study()), chart(&bars(), &study()), chart(&sweep, &results));
+    assert_eq!(color(&curve, "Dirichlet SAC"), color(&bars, "dsac"));
+    assert_eq!(color(&curve, "equal"), color(&sweep, "equal"));
+    assert_ne!(color(&curve, "equal"), color(&curve, "Dirichlet SAC"));
+}
+
+#[test]
+fn nothing_to_draw_is_said() {
+    let agents = Vec::new();
+    let units = BTreeMap::new();
+    let results = study();
+    let message =
+        |spec: &FigureSpec| build(spec, Context { results: &results, agents: &agents, units: &units }).unwrap_err().to_string();
+    assert!(message(&FigureSpec::default()).contains("exactly one kind"));
+    let unknown = LearningCurve { metric: "nothing".into(), ..LearningCurve::default() };
+    assert!(message(&FigureSpec { learning_curve: Some(unknown), ..FigureSpec::default() }).contains("no trial has recorded"));
+    let untraced = Trajectory { channels: names(&["pressure"]), ..Trajectory::default() };
+    assert!(
+        message(&FigureSpec { trajectory: Some(untraced), ..FigureSpec::default() }).contains("no trial has recorded a trace")
+    );
+}

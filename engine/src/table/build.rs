@@ -1,0 +1,295 @@
+//! From results to a grid: which rows and columns there are, and what each cell holds.
+
+use super::{Axis, Cell, Comparison, Form, Grid, Heading, NumberFormat, Published, Statistic, TableSpec, seeds::Scope};
+use crate::{
+    Error, Phase,
+    results::{Results, TrialResult},
+    statistics::{Bootstrap, Summary, estimators, verdict},
+};
+
+/// Computes a table. Seeds that are missing are counted in their cells, never left out in silence.
+///
+/// # Errors
+/// [`Error::Render`] where the spec names no kind of table, or names an agent that the results do not know.
+pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
+    let comparison = match (&spec.improvement, &spec.comparison) {
+        (Some(improvement), None) => improvement,
+        (None, Some(comparison)) => comparison,
+        _ => return Err(problem("exactly one of `improvement` and `comparison` must be given")),
+    };
+    let mut grid = compare(comparison, results)?;
+    grid.caption.clone_from(&spec.caption);
+    grid.notes.clone_from(&spec.notes);
+    let baselines = baselines(comparison, results);
+    for (row, published) in &spec.published {
+        if !publish(&mut grid, row, published, spec.margin, &baselines) {
+            grid.notes.push(format!("Published values of `{row}` have no place in this table."));
+        }
+    }
+    Ok(grid)
+}
+
+/// Computes the cells of a comparison, without published values.
+///
+/// # Errors
+/// [`Error::Render`] where no trial fits, or `relative_to` is missing or unknown.
+pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error> {
+    let relation = Relation::of(comparison, results)?;
+    let mut scope = Scope::of(results, &comparison.agents, &comparison.environments);
+    if let Some(baseline) = relation.hidden_baseline(comparison) {
+        scope.trials.retain(|trial| trial.trial.agent != baseline);
+    }
+    if scope.trials.is_empty() {
+        return Err(problem("no trial of the study belongs to it"));
+    }
+    let (rows, columns) = places(comparison, &scope);
+    let cell = |row: &Place, column: &Place| make_cell(&column.narrow(&row.narrow(&scope)), comparison, &relation, results);
+    let cells: Vec<Vec<Cell>> = rows.iter().map(|row| columns.iter().map(|column| cell(row, column)).collect()).collect();
+    Ok(Grid {
+        caption: String::new(),
+        quantity: relation.quantity(comparison),
+        unit: relation.unit().into(),
+        statistic: comparison.statistic.name(),
+        row_axis: comparison.rows.name(),
+        format: format(comparison, relation.form, &cells),
+        rows: rows.into_iter().map(|place| place.heading).collect(),
+        columns: columns.into_iter().map(|place| place.heading).collect(),
+        cells,
+        notes: Vec::new(),
+    })
+}
+
+impl Statistic {
+    /// The statistic's name in words.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Statistic::Mean => "mean",
+            Statistic::Median => "median",
+            Statistic::Iqm => "interquartile mean",
+        }
+    }
+}
+
+/// How values relate to those of another agent.
+struct Relation<'a> {
+    form: Form,
+    to: Option<&'a str>,
+}
+
+impl<'a> Relation<'a> {
+    fn of(comparison: &'a Comparison, results: &Results) -> Result<Self, Error> {
+        let to = comparison.relative_to.as_deref();
+        let form = comparison.form.unwrap_or(if to.is_some() { Form::PercentChange } else { Form::Value });
+        match to {
+            None if form != Form::Value => Err(problem("`relative_to` must name the agent that the others are compared with")),
+            Some(agent) if !results.trials.iter().any(|trial| trial.trial.agent == agent) => {
+                Err(problem(&format!("`relative_to`: no trial has the agent `{agent}`")))
+            }
+            _ => Ok(Self { form, to }),
+        }
+    }
+
+    /// The agent that would only be compared with itself, unless the study lists it.
+    fn hidden_baseline(&self, comparison: &Comparison) -> Option<&'a str> {
+        self.to.filter(|agent| self.form != Form::Value && !comparison.agents.iter().any(|listed| listed == agent))
+    }
+
+    fn quantity(&self, comparison: &Comparison) -> String {
+        let value = label(comparison, &comparison.value);
+        let to = self.to.map_or(String::new(), |agent| label(comparison, agent));
+        match self.form {
+            Form::Value => value,
+            Form::Difference => format!("{value} minus that of {to}, by seed"),
+            Form::Ratio => format!("{value} over that of {to}, by seed"),
+            Form::PercentChange => format!("{value}, change from {to}, by seed"),
+        }
+    }
+
+    fn unit(&self) -> &'static str {
+        if self.form == Form::PercentChange { "%" } else { "" }
+    }
+
+    fn apply(&self, value: f64, other: f64) -> f64 {
+        match self.form {
+            Form::Value => value,
+            Form::Difference => value - other,
+            Form::Ratio => value / other,
+            Form::PercentChange => 100.0 * (value / other - 1.0),
+        }
+    }
+}
+
+/// A row or column: its heading and where it lies on each of its axes.
+struct Place {
+    heading: Heading,
+    at: Vec<(Axis, String)>,
+}
+
+impl Place {
+    fn narrow<'a>(&self, scope: &Scope<'a>) -> Scope<'a> {
+        self.at.iter().fold(scope.clone(), |scope, (axis, name)| scope.at(*axis, name))
+    }
+}
+
+fn places(comparison: &Comparison, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>) {
+    let free = |axis: &Axis| *axis != comparison.rows && scope.varies(*axis);
+    let column_axis = comparison.columns.or_else(|| Axis::ALL.into_iter().find(free));
+    let columns = match column_axis {
+        Some(axis) => names(comparison, scope, axis).iter().map(|name| place(comparison, &[(axis, name.clone())])).collect(),
+        None => vec![Place { heading: heading(comparison, &comparison.value), at: Vec::new() }],
+    };
+    // What varies and is neither row nor column splits the rows: different settings are never averaged as if they were seeds.
+    let splitting: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| free(axis) && Some(*axis) != column_axis).collect();
+    let rows = names(comparison, scope, comparison.rows).into_iter().flat_map(|name| {
+        let first = vec![(comparison.rows, name)];
+        splitting.iter().fold(vec![first], |rows, axis| split(comparison, scope, rows, *axis))
+    });
+    (rows.map(|at| place(comparison, &at)).collect(), columns)
+}
+
+fn split(comparison: &Comparison, scope: &Scope<'_>, rows: Vec<Vec<(Axis, String)>>, axis: Axis) -> Vec<Vec<(Axis, String)>> {
+    let parts = |row: Vec<(Axis, String)>| {
+        let inside = row.iter().fold(scope.clone(), |scope, (axis, name)| scope.at(*axis, name));
+        names(comparison, &inside, axis)
+            .into_iter()
+            .map(move |name| [row.clone(), vec![(axis, name)]].concat())
+            .collect::<Vec<_>>()
+    };
+    rows.into_iter().flat_map(parts).collect()
+}
+
+fn names(comparison: &Comparison, scope: &Scope<'_>, axis: Axis) -> Vec<String> {
+    let listed: &[String] = match axis {
+        Axis::Agent => &comparison.agents,
+        Axis::Environment => &comparison.environments,
+        Axis::Setting => &[],
+    };
+    scope.names(axis, listed)
+}
+
+fn place(comparison: &Comparison, at: &[(Axis, String)]) -> Place {
+    let words = |write: &dyn Fn(&str) -> String| {
+        let words: Vec<String> = at.iter().map(|(_, name)| write(name)).filter(|word| !word.is_empty()).collect();
+        words.join(", ")
+    };
+    let label = words(&|name| label(comparison, name));
+    let label = if label.is_empty() { "as given".into() } else { label };
+    Place { heading: Heading { name: words(&str::to_owned), label }, at: at.to_vec() }
+}
+
+fn heading(comparison: &Comparison, name: &str) -> Heading {
+    Heading { name: name.into(), label: label(comparison, name) }
+}
+
+fn label(comparison: &Comparison, name: &str) -> String {
+    comparison.labels.get(name).cloned().unwrap_or_else(|| name.into())
+}
+
+fn make_cell(scope: &Scope<'_>, comparison: &Comparison, relation: &Relation<'_>, results: &Results) -> Cell {
+    let (mut seeds, mut missing) = (std::collections::BTreeMap::new(), scope.absences());
+    for trial in scope.trials.iter().filter(|trial| trial.is_ok()) {
+        match seed_value(trial, &comparison.value, relation, results) {
+            Ok(value) => {
+                seeds.insert(trial.trial.key.seed, value);
+            }
+            Err(reason) => missing.push(format!("seed {}: {reason}", trial.trial.key.seed)),
+        }
+    }
+    summarise(
+        seeds.into_iter().collect(),
+        comparison.statistic,
+        Cell { planned: scope.planned(), failed: scope.failed(), missing, ..Cell::default() },
+    )
+}
+
+fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell) -> Cell {
+    let values: Vec<f64> = seeds.iter().map(|(_, value)| *value).collect();
+    let Some(summary) = Summary::of(&values) else { return cell };
+    let resampled =
+        |estimator: fn(&[f64]) -> f64| Bootstrap::TABLE.stratified(std::slice::from_ref(&values), |tasks| estimator(&tasks[0]));
+    let (estimate, interval) = match statistic {
+        Statistic::Mean => (summary.mean, summary.interval),
+        Statistic::Median => (summary.median, resampled(estimators::median)),
+        Statistic::Iqm => (summary.iqm, resampled(estimators::iqm)),
+    };
+    let interval = interval.map(|interval| (interval.low, interval.high));
+    Cell { seeds, estimate: Some(estimate), sd: summary.sd, interval, ..cell }
+}
+
+/// The value of one seed, or why there is none.
+fn seed_value(trial: &TrialResult, metric: &str, relation: &Relation<'_>, results: &Results) -> Result<f64, String> {
+    let mean = |trial: &TrialResult| trial.mean(Phase::Final, metric).ok_or_else(|| format!("no `{metric}` recorded"));
+    let value = mean(trial)?;
+    let Some(agent) = relation.to.filter(|_| relation.form != Form::Value) else { return Ok(value) };
+    let other = counterpart(trial, agent, results).ok_or_else(|| format!("no trial of `{agent}` to compare with"))?;
+    if !other.is_ok() {
+        return Err(format!("`{agent}` has no result"));
+    }
+    let related = relation.apply(value, mean(other)?);
+    if related.is_finite() { Ok(related) } else { Err(format!("`{metric}` of `{agent}` is zero")) }
+}
+
+/// The other agent's trial in the same environment with the same seed: of the same setting, or its only one.
+fn counterpart<'a>(trial: &TrialResult, agent: &str, results: &'a Results) -> Option<&'a TrialResult> {
+    let own = &trial.trial;
+    let fits = |other: &&TrialResult| {
+        other.trial.agent == agent && other.trial.environment == own.environment && other.trial.key.seed == own.key.seed
+    };
+    let candidates: Vec<&TrialResult> = results.trials.iter().filter(fits).collect();
+    let same = candidates.iter().copied().find(|other| other.trial.setting == own.setting);
+    same.or(if candidates.len() == 1 { Some(candidates[0]) } else { None })
+}
+
+fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFormat {
+    match (comparison.decimals, form) {
+        (Some(decimals), _) => NumberFormat::Fixed(decimals),
+        (None, Form::PercentChange) => NumberFormat::Fixed(1),
+        _ => NumberFormat::fitting(cells.iter().flatten().filter_map(|cell| cell.estimate)),
+    }
+}
+
+/// Agents that a row's single published value does not speak of: the one compared with, and rules beside learners.
+fn baselines(comparison: &Comparison, results: &Results) -> Vec<String> {
+    let scope = Scope::of(results, &comparison.agents, &comparison.environments);
+    let agents = scope.names(Axis::Agent, &comparison.agents);
+    let learns = |agent: &String| scope.at(Axis::Agent, agent).learns(&comparison.value);
+    let any_learns = agents.iter().any(learns);
+    let is_baseline = |agent: &String| comparison.relative_to.as_ref() == Some(agent) || (any_learns && !learns(agent));
+    agents.into_iter().filter(is_baseline).collect()
+}
+
+/// Puts a row's published values into its cells; false where one of them has no cell.
+fn publish(grid: &mut Grid, row: &str, published: &Published, margin: Option<f64>, baselines: &[String]) -> bool {
+    let Some(row) = grid.rows.iter().position(|heading| heading.name == row || heading.label == row) else { return false };
+    let columns = grid.columns.iter().map(|heading| heading.name.clone()).collect::<Vec<_>>();
+    let is_meant = |column: &str| columns.len() == 1 || !baselines.iter().any(|name| name == column);
+    let mut placed = true;
+    match published {
+        Published::Value(value) => {
+            for column in (0..columns.len()).filter(|column| is_meant(&columns[*column])) {
+                compare_with(&mut grid.cells[row][column], *value, margin);
+            }
+        }
+        Published::Columns(values) => {
+            let only = (columns.len() == 1 && values.len() == 1).then_some(0);
+            for (name, value) in values {
+                match columns.iter().position(|column| column == name).or(only) {
+                    Some(column) => compare_with(&mut grid.cells[row][column], *value, margin),
+                    None => placed = false,
+                }
+            }
+        }
+    }
+    placed
+}
+
+fn compare_with(cell: &mut Cell, published: f64, margin: Option<f64>) {
+    let values: Vec<f64> = cell.seeds.iter().map(|(_, value)| *value).collect();
+    let margin = margin.unwrap_or_else(|| verdict::default_margin(published));
+    cell.judgement = Some(verdict::judge(published, margin, &values, cell.failed));
+}
+
+fn problem(problem: &str) -> Error {
+    Error::Render { what: "table".into(), problem: problem.into() }
+}

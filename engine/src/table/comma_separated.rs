@@ -1,0 +1,52 @@
+//! A table as comma-separated values in long form: one line per cell, all digits.
+
+use super::{Cell, Grid};
+use crate::{Error, statistics::Verdict};
+
+const HEADER: [&str; 12] =
+    ["row", "column", "statistic", "n", "planned", "value", "sd", "low", "high", "published", "verdict", "missing"];
+
+/// One line per cell under a header; empty fields where there is no number.
+///
+/// # Errors
+/// [`Error::Render`] where the writer refuses, which a buffer in memory does not do.
+pub fn csv(grid: &Grid) -> Result<String, Error> {
+    let mut lines = vec![HEADER.map(String::from).to_vec()];
+    for (row, cells) in grid.rows.iter().zip(&grid.cells) {
+        for (column, cell) in grid.columns.iter().zip(cells) {
+            let mut line = vec![row.name.clone(), column.name.clone(), grid.statistic.into()];
+            line.extend(fields(cell));
+            lines.push(line);
+        }
+    }
+    write(&lines)
+}
+
+fn fields(cell: &Cell) -> [String; 9] {
+    let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
+    [
+        cell.seeds.len().to_string(),
+        cell.planned.to_string(),
+        number(cell.estimate),
+        number(cell.sd),
+        number(cell.interval.map(|interval| interval.0)),
+        number(cell.interval.map(|interval| interval.1)),
+        number(cell.published()),
+        cell.verdict().map_or("", Verdict::word).into(),
+        cell.missing.join("; "),
+    ]
+}
+
+/// Lines of fields as comma-separated values, quoted where needed.
+///
+/// # Errors
+/// [`Error::Render`] where the writer refuses, which a buffer in memory does not do.
+pub fn write(lines: &[Vec<String>]) -> Result<String, Error> {
+    let refused = |problem: String| Error::Render { what: "comma-separated values".into(), problem };
+    let mut writer = csv::WriterBuilder::new().flexible(true).from_writer(Vec::new());
+    for line in lines {
+        writer.write_record(line).map_err(|error| refused(error.to_string()))?;
+    }
+    let bytes = writer.into_inner().map_err(|error| refused(error.to_string()))?;
+    String::from_utf8(bytes).map_err(|error| refused(error.to_string()))
+}

@@ -1,0 +1,286 @@
+//! A computed table: numbers with what they rest on, and the few words that every renderer shows of them.
+
+use crate::statistics::{Judgement, Verdict};
+
+/// A table as data: what the renderers read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid {
+    /// What the table shows, in one sentence.
+    pub caption: String,
+    /// What the numbers are, as in `cycle_length, percent change from equal`.
+    pub quantity: String,
+    /// Unit of the numbers; empty where there is none or it is not known.
+    pub unit: String,
+    /// How seeds became one number: `mean`, `median` or `interquartile mean`.
+    pub statistic: &'static str,
+    /// What the rows are: `agent`, `environment` or `setting`.
+    pub row_axis: &'static str,
+    /// One heading per row.
+    pub rows: Vec<Heading>,
+    /// One heading per column of values.
+    pub columns: Vec<Heading>,
+    /// The cells, `[row][column]`.
+    pub cells: Vec<Vec<Cell>>,
+    /// How numbers are written.
+    pub format: NumberFormat,
+    /// Sentences under the table.
+    pub notes: Vec<String>,
+}
+
+/// Heading of a row or column.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Heading {
+    /// Name in the study, by which published values are found.
+    pub name: String,
+    /// What is printed.
+    pub label: String,
+}
+
+/// One number of a table with what it rests on.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Cell {
+    /// The number of each seed, in the order of seeds.
+    pub seeds: Vec<(u64, f64)>,
+    /// How many seeds the study plans.
+    pub planned: usize,
+    /// How many seeds ended, but not well.
+    pub failed: usize,
+    /// The seeds as one number; `None` where no seed has one.
+    pub estimate: Option<f64>,
+    /// Standard deviation over seeds; `None` below two seeds.
+    pub sd: Option<f64>,
+    /// 95 % interval of the estimate; `None` below two seeds.
+    pub interval: Option<(f64, f64)>,
+    /// The published number and how the seeds compare with it; `None` where nothing is published.
+    pub judgement: Option<Judgement>,
+    /// Why seeds are missing, as in `1 failed: oom`.
+    pub missing: Vec<String>,
+}
+
+/// How the numbers of a table are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NumberFormat {
+    /// Digits after the decimal point.
+    Fixed(usize),
+    /// One digit before the decimal point, this many after it, and a power of ten.
+    Scientific(usize),
+}
+
+/// One printed column: a column of the grid, or what stands beside it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// The reproduced value with its interval.
+    Value(usize),
+    /// The published value.
+    Published(usize),
+    /// The verdict.
+    Verdict(usize),
+}
+
+impl Grid {
+    /// The printed columns from left to right: each column, followed by published value and verdict where it has any.
+    #[must_use]
+    pub fn parts(&self) -> Vec<Part> {
+        let has_published = |column: usize| self.cells.iter().any(|row| row[column].judgement.is_some());
+        let beside = |column| [Part::Value(column), Part::Published(column), Part::Verdict(column)];
+        (0..self.columns.len()).flat_map(|c| beside(c).into_iter().take(if has_published(c) { 3 } else { 1 })).collect()
+    }
+
+    /// Heading of a printed column.
+    #[must_use]
+    pub fn heading(&self, part: Part) -> &str {
+        match part {
+            Part::Value(column) => &self.columns[column].label,
+            Part::Published(_) => "published",
+            Part::Verdict(_) => "verdict",
+        }
+    }
+
+    /// Text of one printed cell.
+    #[must_use]
+    pub fn text(&self, row: usize, part: Part) -> String {
+        match part {
+            Part::Value(column) => self.value(&self.cells[row][column]),
+            Part::Published(column) => {
+                self.cells[row][column].published().map_or(String::new(), |value| self.format.published(value))
+            }
+            Part::Verdict(column) => self.cells[row][column].verdict().map_or("", Verdict::word).into(),
+        }
+    }
+
+    /// Heading over the row headings: what the rows are.
+    #[must_use]
+    pub fn corner(&self) -> &str {
+        self.row_axis
+    }
+
+    /// What the numbers are, how they were made, which seeds are missing, and the notes of the study, a sentence each.
+    #[must_use]
+    pub fn footnotes(&self) -> Vec<String> {
+        let mut notes = vec![self.reading()];
+        notes.extend(self.judging());
+        notes.extend(self.each(|cell| cell.is_incomplete().then(|| cell.incompleteness())).map(|note| format!("* {note}")));
+        notes.extend(self.each(|cell| cell.judgement.map(|judgement| judgement.note()).filter(|note| !note.is_empty())));
+        notes.extend(self.notes.iter().cloned());
+        notes
+    }
+
+    /// All cells with the labels of their row and column, row by row.
+    pub fn places(&self) -> impl Iterator<Item = (String, &Cell)> {
+        let label = |row: &Heading, column: &Heading| {
+            if self.columns.len() == 1 { row.label.clone() } else { format!("{}, {}", row.label, column.label) }
+        };
+        let places = self.rows.iter().zip(&self.cells);
+        places.flat_map(move |(row, cells)| self.columns.iter().zip(cells).map(move |(column, cell)| (label(row, column), cell)))
+    }
+
+    fn each(&self, note: impl Fn(&Cell) -> Option<String>) -> impl Iterator<Item = String> {
+        self.places().filter_map(move |(place, cell)| note(cell).map(|note| format!("{place}: {note}.")))
+    }
+
+    /// How the verdicts come about.
+    fn judging(&self) -> Option<String> {
+        let mut judgements = self.cells.iter().flatten().filter_map(|cell| cell.judgement);
+        let first = judgements.next()?;
+        let margin = match judgements.all(|judgement| judgement.margin == first.margin) {
+            true => format!("{} {}", self.format.published(first.margin), self.unit),
+            false => "5 % of it".into(),
+        };
+        Some(format!(
+            "A value counts as reproduced where the 90 % interval of the mean lies within the published value ± {}.",
+            margin.trim_end()
+        ))
+    }
+
+    /// The number of seeds that most cells rest on; cells with another number say theirs. `None` where no cell has a seed.
+    #[must_use]
+    pub fn usual_n(&self) -> Option<usize> {
+        let mut counts: std::collections::BTreeMap<usize, usize> = std::collections::BTreeMap::new();
+        for cell in self.cells.iter().flatten().filter(|cell| cell.estimate.is_some()) {
+            *counts.entry(cell.seeds.len()).or_default() += 1;
+        }
+        counts.into_iter().max_by_key(|(n, cells)| (*cells, *n)).map(|(n, _)| n)
+    }
+
+    fn reading(&self) -> String {
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" [{}]", self.unit) };
+        let seeds = match self.usual_n() {
+            None => "no seed has a value yet".into(),
+            Some(1) => "one seed, so no interval".into(),
+            Some(n) => format!("{} over n = {n} seeds, 95 % interval in brackets", self.statistic),
+        };
+        format!("{}{unit}: {seeds}.", self.quantity)
+    }
+
+    fn value(&self, cell: &Cell) -> String {
+        let Some(estimate) = cell.estimate else { return cell.absence().into() };
+        let mut text = self.format.write(estimate);
+        if let Some((low, high)) = cell.interval {
+            text += &format!(" [{}, {}]", self.format.write(low), self.format.write(high));
+        }
+        if self.usual_n() != Some(cell.seeds.len()) {
+            text += &format!(" (n = {})", cell.seeds.len());
+        }
+        if cell.is_incomplete() {
+            text += " *";
+        }
+        text
+    }
+}
+
+impl Cell {
+    /// True where the study plans more seeds than the cell has.
+    #[must_use]
+    pub fn is_incomplete(&self) -> bool {
+        self.seeds.len() < self.planned
+    }
+
+    /// How many seeds there are and why the others are missing.
+    #[must_use]
+    pub fn incompleteness(&self) -> String {
+        let count = format!("{} of {} seeds", self.seeds.len(), self.planned);
+        std::iter::once(count).chain(self.missing.iter().cloned()).collect::<Vec<_>>().join("; ")
+    }
+
+    /// The published number.
+    #[must_use]
+    pub fn published(&self) -> Option<f64> {
+        self.judgement.map(|judgement| judgement.published)
+    }
+
+    /// How the seeds compare with the published number.
+    #[must_use]
+    pub fn verdict(&self) -> Option<Verdict> {
+        self.judgement.map(|judgement| judgement.verdict)
+    }
+
+    fn absence(&self) -> &'static str {
+        match self.planned {
+            0 => "–",
+            _ if self.failed > 0 => "failed *",
+            _ if self.missing.iter().any(|reason| !reason.ends_with("not run")) => "none *",
+            _ => "not run *",
+        }
+    }
+}
+
+impl NumberFormat {
+    /// A format that shows about four digits of the largest of some numbers.
+    #[must_use]
+    pub fn fitting(numbers: impl Iterator<Item = f64>) -> Self {
+        let largest = numbers.filter(|number| number.is_finite()).fold(0.0, |largest: f64, number| largest.max(number.abs()));
+        match largest {
+            0.0 => Self::Fixed(1),
+            _ if !(1e-3..1e7).contains(&largest) => Self::Scientific(3),
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 0..=6 first")]
+            _ => Self::Fixed((3.0 - largest.log10().floor()).clamp(0.0, 6.0) as usize),
+        }
+    }
+
+    /// Writes a number.
+    #[must_use]
+    pub fn write(self, number: f64) -> String {
+        let text = match self {
+            Self::Fixed(decimals) => format!("{number:.decimals$}"),
+            Self::Scientific(decimals) => format!("{number:.decimals$e}"),
+        };
+        // A number that rounds to zero from below is written without its sign.
+        if text.starts_with('-') && !text.bytes().any(|byte| (b'1'..=b'9').contains(&byte)) { text[1..].into() } else { text }
+    }
+
+    /// Writes a published number with the digits it was published with.
+    #[must_use]
+    pub fn published(self, number: f64) -> String {
+        match self {
+            Self::Fixed(_) => number.to_string(),
+            Self::Scientific(_) => format!("{number:e}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_format_shows_about_four_digits() {
+        assert_eq!(NumberFormat::fitting([12.3, 1.0].into_iter()), NumberFormat::Fixed(2));
+        assert_eq!(NumberFormat::fitting([51234.0].into_iter()), NumberFormat::Fixed(0));
+        assert_eq!(NumberFormat::fitting([2e-5, f64::NAN].into_iter()), NumberFormat::Scientific(3));
+        assert_eq!(NumberFormat::fitting(std::iter::empty()), NumberFormat::Fixed(1));
+    }
+
+    #[test]
+    fn a_number_that_rounds_to_zero_has_no_sign() {
+        assert_eq!(NumberFormat::Fixed(1).write(-0.04), "0.0");
+        assert_eq!(NumberFormat::Fixed(1).write(-0.06), "-0.1");
+        assert_eq!(NumberFormat::Scientific(2).write(-1.234e-5), "-1.23e-5");
+    }
+
+    #[test]
+    fn a_cell_says_why_seeds_are_missing() {
+        let cell = Cell { planned: 2, failed: 1, missing: vec!["1 failed: oom".into(), "1 not run".into()], ..Cell::default() };
+        assert_eq!(cell.absence(), "failed *");
+        assert_eq!(cell.incompleteness(), "0 of 2 seeds; 1 failed: oom; 1 not run");
+    }
+}

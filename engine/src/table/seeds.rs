@@ -1,0 +1,119 @@
+//! Which trials stand behind a cell or a line, and what each seed of them measured.
+
+use super::Axis;
+use crate::{
+    Phase,
+    results::{EndState, Results, TrialResult},
+};
+use std::collections::BTreeMap;
+
+/// Trials that share an agent, an environment or a setting.
+#[derive(Debug, Clone)]
+pub struct Scope<'a> {
+    /// The trials, in the order of the plan.
+    pub trials: Vec<&'a TrialResult>,
+}
+
+impl Axis {
+    /// All axes, in the order in which columns are chosen.
+    pub const ALL: [Axis; 3] = [Axis::Agent, Axis::Environment, Axis::Setting];
+
+    /// The word for what varies.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Axis::Agent => "agent",
+            Axis::Environment => "environment",
+            Axis::Setting => "setting",
+        }
+    }
+
+    /// A trial's place on the axis.
+    #[must_use]
+    pub fn of(self, trial: &TrialResult) -> &str {
+        match self {
+            Axis::Agent => &trial.trial.agent,
+            Axis::Environment => &trial.trial.environment,
+            Axis::Setting => &trial.trial.setting,
+        }
+    }
+}
+
+impl<'a> Scope<'a> {
+    /// The trials of some agents and environments; an empty list stands for all.
+    #[must_use]
+    pub fn of(results: &'a Results, agents: &[String], environments: &[String]) -> Self {
+        let listed = |list: &[String], name: &str| list.is_empty() || list.iter().any(|item| item == name);
+        let wanted = |trial: &&TrialResult| listed(agents, &trial.trial.agent) && listed(environments, &trial.trial.environment);
+        Self { trials: results.trials.iter().filter(wanted).collect() }
+    }
+
+    /// The trials at one place on an axis.
+    #[must_use]
+    pub fn at(&self, axis: Axis, name: &str) -> Self {
+        Self { trials: self.trials.iter().copied().filter(|trial| axis.of(trial) == name).collect() }
+    }
+
+    /// The names along an axis: as listed, then in the order of the plan.
+    #[must_use]
+    pub fn names(&self, axis: Axis, listed: &[String]) -> Vec<String> {
+        let present = |name: &str| self.trials.iter().any(|trial| axis.of(trial) == name);
+        let mut names: Vec<String> = listed.iter().filter(|name| present(name)).cloned().collect();
+        for trial in &self.trials {
+            let name = axis.of(trial);
+            if !names.iter().any(|known| known == name) {
+                names.push(name.into());
+            }
+        }
+        names
+    }
+
+    /// True where the trials differ along an axis.
+    #[must_use]
+    pub fn varies(&self, axis: Axis) -> bool {
+        self.names(axis, &[]).len() > 1
+    }
+
+    /// How many seeds are planned.
+    #[must_use]
+    pub fn planned(&self) -> usize {
+        self.trials.iter().map(|trial| trial.trial.key.seed).collect::<std::collections::BTreeSet<_>>().len()
+    }
+
+    /// True where the agent is measured while it learns; rules and bounds are measured at the end only.
+    #[must_use]
+    pub fn learns(&self, metric: &str) -> bool {
+        self.trials.iter().any(|trial| trial.curve(Phase::Evaluate, metric).len() > 1)
+    }
+
+    /// What each seed measured at the end: the mean over its episodes.
+    #[must_use]
+    pub fn finals(&self, metric: &str) -> BTreeMap<u64, f64> {
+        let value = |trial: &&TrialResult| Some((trial.trial.key.seed, trial.mean(Phase::Final, metric)?));
+        self.trials.iter().filter(|trial| trial.is_ok()).filter_map(value).collect()
+    }
+
+    /// How many trials ended, but not well.
+    #[must_use]
+    pub fn failed(&self) -> usize {
+        self.trials.iter().filter(|trial| trial.end.is_some() && !trial.is_ok()).count()
+    }
+
+    /// Why trials have no number, each reason with its count, as in `2 failed: oom`.
+    #[must_use]
+    pub fn absences(&self) -> Vec<String> {
+        let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+        for trial in self.trials.iter().filter(|trial| !trial.is_ok()) {
+            *counts.entry(absence(trial)).or_default() += 1;
+        }
+        counts.into_iter().map(|(reason, count)| format!("{count} {reason}")).collect()
+    }
+}
+
+fn absence(trial: &TrialResult) -> String {
+    match &trial.end {
+        None => "not run".into(),
+        Some(end) if end.state == EndState::Failed => "failed".into(),
+        Some(end) => format!("failed: {}", end.state.name()),
+    }
+}

@@ -1,0 +1,106 @@
+//! Tables of synthetic results, as every renderer writes them.
+
+use super::{Axis, Comparison, Form, Published, Statistic, TableSpec, build, csv, html, latex, markdown, terminal};
+use crate::{
+    Phase,
+    report::synthetic::{ended, study, trial},
+    results::{EndState, Results},
+};
+use std::collections::BTreeMap;
+
+/// The improvement over an equal split, with published values for both environments.
+fn improvement() -> TableSpec {
+    TableSpec {
+        caption: "Average improvement of the working cycle & what it costs".into(),
+        improvement: Some(Comparison {
+            rows: Axis::Environment,
+            value: "cycle_length".into(),
+            relative_to: Some("equal".into()),
+            labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into())]),
+            ..Comparison::default()
+        }),
+        published: BTreeMap::from([("four_cells".into(), Published::Value(15.2)), ("nine_cells".into(), Published::Value(1.0))]),
+        notes: vec!["The load is drawn anew for each episode <100 % of the time>.".into()],
+        ..TableSpec::default()
+    }
+}
+
+fn final_value(environment: &str, agent: &str, seed: u64, value: f64) -> crate::results::TrialResult {
+    trial(
+        environment,
+        agent,
+        "",
+        seed,
+        &vec![(Phase::Final, 1, 0, "return", value - 1.0), (Phase::Final, 1, 1, "return", value + 1.0)],
+    )
+}
+
+#[test]
+fn an_improvement_in_every_format() {
+    let grid = build(&improvement(), &study()).unwrap();
+    insta::assert_snapshot!("improvement_markdown", markdown(&grid));
+    insta::assert_snapshot!("improvement_latex", latex(&grid, "table-3.2"));
+    insta::assert_snapshot!("improvement_csv", csv(&grid).unwrap());
+    insta::assert_snapshot!("improvement_html", html(&grid));
+    insta::assert_snapshot!("improvement_terminal", format!("{}\n{}", terminal(&grid, 160), terminal(&grid, 80)));
+}
+
+#[test]
+fn a_comparison_by_agent_and_environment() {
+    let comparison = Comparison { value: "cycle_length".into(), statistic: Statistic::Iqm, ..Comparison::default() };
+    let published = BTreeMap::from([("dsac".into(), Published::Columns(BTreeMap::from([("eight_cells".into(), 23.0)])))]);
+    let spec = TableSpec { comparison: Some(comparison), published, margin: Some(0.5), ..TableSpec::default() };
+    insta::assert_snapshot!(markdown(&build(&spec, &study()).unwrap()));
+}
+
+#[test]
+fn ratios_are_paired_by_seed_and_made_of_means() {
+    let pairs = [(0, 3.0, 2.0), (1, 10.0, 5.0), (2, 1.0, 4.0)];
+    let mut trials: Vec<_> =
+        pairs.iter().flat_map(|&(seed, a, b)| [final_value("e", "a", seed, a), final_value("e", "b", seed, b)]).collect();
+    trials.push(final_value("e", "a", 7, 100.0));
+    trials.push(ended(final_value("e", "b", 7, 1.0), EndState::Timeout, "60 s"));
+    let results = Results { trials };
+    let of = |form| {
+        let comparison = Comparison { relative_to: Some("b".into()), form: Some(form), ..Comparison::default() };
+        super::compare(&comparison, &results).unwrap().cells[0][0].clone()
+    };
+    assert_eq!(of(Form::Ratio).seeds, [(0, 1.5), (1, 2.0), (2, 0.25)]);
+    assert_eq!(of(Form::Ratio).estimate, Some(1.25));
+    assert_eq!(of(Form::Difference).seeds, [(0, 1.0), (1, 5.0), (2, -3.0)]);
+    assert_eq!(of(Form::PercentChange).seeds, [(0, 50.0), (1, 100.0), (2, -75.0)]);
+    assert_eq!(of(Form::Value).seeds.len(), 4);
+    assert_eq!(of(Form::Ratio).incompleteness(), "3 of 4 seeds; seed 7: `b` has no result");
+}
+
+#[test]
+fn settings_split_the_rows_and_are_never_pooled() {
+    let with = |setting: &str, value| trial("e", "a", setting, 0, &vec![(Phase::Final, 1, 0, "return", value)]);
+    let results = Results { trials: vec![with("a.rate=1", 1.0), with("a.rate=2", 5.0), final_value("f", "a", 0, 9.0)] };
+    let grid = super::compare(&Comparison { columns: Some(Axis::Environment), ..Comparison::default() }, &results).unwrap();
+    let rows: Vec<&str> = grid.rows.iter().map(|row| row.label.as_str()).collect();
+    assert_eq!(rows, ["a, a.rate=1", "a, a.rate=2", "a"]);
+    assert_eq!(grid.cells[1][0].estimate, Some(5.0));
+    assert_eq!(grid.cells[1][1].planned, 0);
+}
+
+#[test]
+fn a_baseline_without_the_setting_serves_all_settings() {
+    let with = |setting: &str, value| trial("e", "a", setting, 0, &vec![(Phase::Final, 1, 0, "return", value)]);
+    let results = Results { trials: vec![with("a.rate=1", 1.0), with("a.rate=2", 5.0), final_value("e", "b", 0, 2.0)] };
+    let comparison =
+        Comparison { rows: Axis::Setting, relative_to: Some("b".into()), form: Some(Form::Ratio), ..Comparison::default() };
+    let grid = super::compare(&comparison, &results).unwrap();
+    assert_eq!(grid.cells.iter().map(|row| row[0].estimate.unwrap()).collect::<Vec<_>>(), [0.5, 2.5]);
+}
+
+#[test]
+fn nothing_to_show_is_said() {
+    let missing = Comparison { relative_to: Some("nobody".into()), ..Comparison::default() };
+    let message = |comparison: &Comparison, results: &Results| super::compare(comparison, results).unwrap_err().to_string();
+    assert_eq!(message(&missing, &study()), "table: `relative_to`: no trial has the agent `nobody`");
+    assert_eq!(message(&Comparison::default(), &Results::default()), "table: no trial of the study belongs to it");
+    let no_other = Comparison { form: Some(Form::Ratio), ..Comparison::default() };
+    assert!(message(&no_other, &study()).contains("`relative_to` must name"));
+    assert!(build(&TableSpec::default(), &study()).unwrap_err().to_string().contains("exactly one"));
+}
