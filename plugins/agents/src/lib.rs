@@ -5,10 +5,19 @@
 //! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a number.
 //! 3. A saved and loaded agent continues to the same bits.
 
+pub mod allocation;
+#[cfg(test)]
+mod bandit;
+pub mod checkpoint;
+pub mod dirichlet_sac;
 pub mod equal_split;
 pub mod random_allocation;
 pub mod rank_rule;
+pub mod replay;
+pub mod scaling;
+pub mod schedule;
 pub mod seat;
+pub mod targets;
 pub mod water_filling;
 
 use engine::{AgentTraits, Registry};
@@ -27,4 +36,7 @@ pub fn register(registry: &mut Registry) {
         rule(),
         water_filling::build_true_state,
     );
+    let learner = |metrics| AgentTraits { learns: true, metrics };
+    let about = "soft actor-critic with a Dirichlet policy";
+    registry.agent("dirichlet_sac", 1, about, learner(dirichlet_sac::metrics()), dirichlet_sac::build);
 }

@@ -5,7 +5,9 @@
 //! | s, a, r, s' | `observations`, `actions`, `rewards`, `next_observations` | `[batch, ..]`, rewards `[batch, 1]` |
 //! | 1 - d | `continues`: 0 where s' is terminal, 1 elsewhere, also where an episode was only cut off | `[batch, 1]` |
 
+use crate::scaling::Scaling;
 use burn::tensor::Tensor;
+use engine::{End, Transition};
 use numerics::network::matrix;
 use numerics::tensor_file::{HostTensor, TensorFile, TensorFileError};
 use rand::{Rng, RngCore};
@@ -54,22 +56,18 @@ impl Replay {
         self.rows.is_empty()
     }
 
-    /// Adds a transition; the oldest one gives way where the buffer is full.
+    /// Adds what one seat went through; the oldest transition gives way where the buffer is full.
     ///
     /// # Panics
     /// Where the observations and the action do not have the lengths of the buffer.
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-    pub fn push(
-        &mut self,
-        observation: impl IntoIterator<Item = f32>,
-        action: &[f64],
-        reward: f64,
-        next_observation: impl IntoIterator<Item = f32>,
-        continues: bool,
-    ) {
-        let action = action.iter().map(|a| *a as f32);
-        let row = observation.into_iter().chain(action).chain([reward as f32]).chain(next_observation);
-        let row: Vec<f32> = row.chain([f32::from(u8::from(continues))]).collect();
+    pub fn push(&mut self, transition: &Transition, seat: usize, scaling: &Scaling) {
+        let action = transition.action[seat].iter().map(|a| *a as f32);
+        let seen = scaling.apply(&transition.observation.seats[seat]);
+        let next = scaling.apply(&transition.next_observation.seats[seat]);
+        let continues = f32::from(u8::from(transition.end != Some(End::Terminated)));
+        let row = seen.chain(action).chain([transition.rewards[seat] as f32]).chain(next).chain([continues]);
+        let row: Vec<f32> = row.collect();
         assert_eq!(row.len(), self.row_length(), "entries of a transition");
         if self.len() < self.capacity {
             self.rows.extend(row);
@@ -132,16 +130,27 @@ impl Replay {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scaling::ObservationScaling;
+    use engine::{Channel, Observation};
     use numerics::network::values;
 
-    fn push(replay: &mut Replay, x: f32) {
-        replay.push([x, -x], &[f64::from(x) / 2.0], f64::from(x) * 10.0, [x + 1.0, -x - 1.0], x != 3.0);
+    fn push(replay: &mut Replay, x: f64) {
+        let channels = [Channel::new("x", ""), Channel::new("y", "")];
+        let observe = |x: f64| Observation { seats: vec![vec![x, -x]], state: Vec::new() };
+        let transition = Transition {
+            observation: observe(x),
+            action: vec![vec![x / 2.0]],
+            rewards: vec![x * 10.0],
+            next_observation: observe(x + 1.0),
+            end: if x == 3.0 { Some(End::Terminated) } else { Some(End::Truncated) },
+        };
+        replay.push(&transition, 0, &Scaling::new(ObservationScaling::None, &channels));
     }
 
     #[test]
     fn the_oldest_gives_way_and_rows_stay_together() {
         let mut replay = Replay::new(3, 2, 1);
-        (1..=5u8).for_each(|x| push(&mut replay, f32::from(x)));
+        (1..=5u8).for_each(|x| push(&mut replay, f64::from(x)));
         assert_eq!(replay.len(), 3);
         let batch = replay.sample(200, &mut engine::random::stream(&["replay"]));
         let (seen, done) = (values(batch.observations), values(batch.actions));
@@ -158,7 +167,7 @@ mod tests {
     #[test]
     fn a_stored_buffer_continues() {
         let mut one = Replay::new(3, 2, 1);
-        (1..=4u8).for_each(|x| push(&mut one, f32::from(x)));
+        (1..=4u8).for_each(|x| push(&mut one, f64::from(x)));
         let mut file = TensorFile::default();
         one.store(&mut file);
         let mut two = Replay::new(3, 2, 1);

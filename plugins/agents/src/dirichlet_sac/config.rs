@@ -2,7 +2,7 @@
 
 use crate::scaling::ObservationScaling;
 use engine::Preset;
-use numerics::special::{digamma, ln_gamma};
+use numerics::dirichlet::entropy;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -142,19 +142,11 @@ impl TargetEntropy {
     #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
     pub fn nats(self, n: usize) -> f64 {
         match self {
-            TargetEntropy::Concentration(c) => symmetric_entropy(n, c),
+            TargetEntropy::Concentration(c) => entropy(&vec![c; n]),
             TargetEntropy::Entropy(nats) => nats,
             TargetEntropy::MinusSqrtD => -(n as f64).sqrt(),
         }
     }
-}
-
-/// Entropy of `Dirichlet(c, ..., c)` with `n` shares:
-/// `n ln Gamma(c) - ln Gamma(n c) + (n c - n) psi(n c) - n (c - 1) psi(c)`.
-#[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
-fn symmetric_entropy(n: usize, c: f64) -> f64 {
-    let n = n as f64;
-    n * ln_gamma(c) - ln_gamma(n * c) + (n * c - n) * digamma(n * c) - n * (c - 1.0) * digamma(c)
 }
 
 #[cfg(test)]
@@ -175,7 +167,10 @@ mod tests {
     #[test]
     fn targets_are_written_as_words_or_maps() {
         let read = |text: &str| serde_json::from_str::<Config>(text);
-        assert_eq!(read(r#"{"target_entropy": {"concentration": 100}}"#).unwrap().target_entropy, TargetEntropy::Concentration(100.0));
+        assert_eq!(
+            read(r#"{"target_entropy": {"concentration": 100}}"#).unwrap().target_entropy,
+            TargetEntropy::Concentration(100.0)
+        );
         assert_eq!(read(r#"{"target_entropy": "minus_sqrt_d"}"#).unwrap().target_entropy, TargetEntropy::MinusSqrtD);
         assert!(read(r#"{"target_entropie": "minus_sqrt_d"}"#).is_err());
         let preset = &<Config as engine::Config>::presets()[0];

@@ -35,11 +35,13 @@ pub use config::{ActionScaling, Config, EvaluationAction, TargetEntropy};
 use crate::checkpoint::{self, finite};
 use crate::replay::{Batch, Replay};
 use crate::scaling::Scaling;
-use crate::seat;
+use crate::schedule::UpdateSchedule;
+use crate::targets::{bootstrapped, half_squared_error, mean};
+use crate::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, End, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
-use numerics::dirichlet_tensor::{log_density, sample};
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use numerics::dirichlet_policy::{log_density, sample};
 use numerics::network::{Activation, Mlp, TwinMlp, device, matrix, softplus, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
 use numerics::parameters::{restore, soft_update, store};
@@ -65,8 +67,14 @@ pub struct DirichletSac {
     log_temperature: f64,
     temperature_adam: ScalarAdam,
     replay: Replay,
-    n_steps: u64,
-    updates_due: f64,
+    schedule: UpdateSchedule,
+}
+
+/// Means over a batch at the policy's actions.
+struct PolicyMeans {
+    log_pi: f64,
+    concentration: f64,
+    value: f64,
 }
 
 /// What is stored of the agent besides tensors.
@@ -74,8 +82,7 @@ pub struct DirichletSac {
 struct Counters {
     log_temperature: f64,
     temperature_adam: ScalarAdam,
-    n_steps: u64,
-    updates_due: f64,
+    schedule: UpdateSchedule,
 }
 
 /// Builds the agent for one seat that observes a box and acts on a simplex.
@@ -117,8 +124,7 @@ impl DirichletSac {
             log_temperature: config.first_temperature.ln(),
             temperature_adam: ScalarAdam::new(config.temperature_learning_rate),
             replay: Replay::new(config.replay_capacity, n_observed, n_shares),
-            n_steps: 0,
-            updates_due: 0.0,
+            schedule: UpdateSchedule::new(),
             config,
             scaling,
             shares,
@@ -137,42 +143,51 @@ impl DirichletSac {
 
     /// Eq. 3.16: both critics descend half the squared error.
     fn update_critics(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let target = self.soft_target(batch, rng);
+        let target = self.soft_target(batch, rng)?;
         let (q1, q2) = self.critics.network().forward(self.critic_input(&batch.observations, batch.actions.clone()));
         let loss = half_squared_error(q1, target.clone()) + half_squared_error(q2, target);
-        record.mean("critic_loss", finite("critic_loss", self.n_steps, values(loss.clone())[0])?);
+        record.mean("critic_loss", finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
         self.critics.descend(&loss);
         Ok(())
     }
 
     /// Eq. 3.17: reward plus the discounted soft value of what follows, without gradients.
-    fn soft_target(&self, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
+    fn soft_target(&self, batch: &Batch, rng: &mut Rng) -> Result<Tensor<2>, Error> {
         let alpha = self.concentrations(&self.policy.network().valid(), &batch.next_observations);
+        finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
         let next = sample(alpha.clone(), rng);
         let log_pi = log_density(alpha, next.log_action);
         let (q1, q2) = self.target_critics.forward(self.critic_input(&batch.next_observations, next.action));
         let shift = if self.config.shifted_entropy_bonus { self.target_entropy } else { 0.0 };
         let soft_value = q1.min_pair(q2) - (log_pi + shift) * self.temperature();
-        bootstrapped(batch.rewards.clone(), batch.continues.clone(), soft_value, self.config.discount)
+        Ok(bootstrapped(batch.rewards.clone(), batch.continues.clone(), soft_value, self.config.discount))
     }
 
-    /// Eq. 3.18: the policy descends `beta log pi - Q` through its reparameterised sample; returns the mean of `log pi`.
+    /// One step against eq. 3.18; returns the mean of `log pi`.
     fn update_policy(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<f64, Error> {
-        let alpha = self.concentrations(self.policy.network(), &batch.observations);
+        let (loss, parts) = self.policy_loss(&batch.observations, rng)?;
+        record.mean("policy_loss", finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
+        self.policy.descend(&loss);
+        record.mean("policy_entropy", -parts.log_pi);
+        record.mean("mean_concentration", parts.concentration);
+        record.mean("mean_value", parts.value);
+        record.mean("temperature", self.temperature());
+        Ok(parts.log_pi)
+    }
+
+    /// Eq. 3.18: `beta log pi - Q` at reparameterised samples, and the means it is made of.
+    fn policy_loss(&self, observations: &Tensor<2>, rng: &mut Rng) -> Result<(Tensor<1>, PolicyMeans), Error> {
+        let alpha = self.concentrations(self.policy.network(), observations);
+        // The sampler has no answer for a concentration that is not finite.
+        let concentration = finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
         let drawn = sample(alpha.clone(), rng);
-        let log_pi = log_density(alpha.clone(), drawn.log_action);
+        let log_pi = log_density(alpha, drawn.log_action);
         // Plain critics: the gradient passes through them to the action, and none of their own is computed.
-        let (q1, q2) = self.critics.network().valid().forward(self.critic_input(&batch.observations, drawn.action));
+        let (q1, q2) = self.critics.network().valid().forward(self.critic_input(observations, drawn.action));
         let q = q1.min_pair(q2);
         let loss = (log_pi.clone() * self.temperature() - q.clone()).mean();
-        record.mean("policy_loss", finite("policy_loss", self.n_steps, values(loss.clone())[0])?);
-        self.policy.descend(&loss);
-        let mean_log_pi = finite("log pi", self.n_steps, mean(log_pi))?;
-        record.mean("policy_entropy", -mean_log_pi);
-        record.mean("mean_concentration", f64::from(mean(alpha)));
-        record.mean("mean_value", f64::from(mean(q)));
-        record.mean("temperature", self.temperature());
-        Ok(mean_log_pi)
+        let (log_pi, value) = (f64::from(mean(log_pi)), f64::from(mean(q)));
+        Ok((loss, PolicyMeans { log_pi, concentration, value }))
     }
 
     /// The temperature rises where the entropy `-mean_log_pi` is below its target.
@@ -210,62 +225,31 @@ impl DirichletSac {
         }
     }
 
-    fn actions(&self, observations: Tensor<2>, mode: Mode, rng: &mut impl RngCore) -> Vec<f32> {
-        let alpha = self.concentrations(&self.policy.network().valid(), &observations);
-        values(match (mode, self.config.evaluation_action) {
+    /// Rows of positive weights: a sample in training, the mean or the mode (up to their sum) where actions are scored.
+    fn weights(&self, observations: &Tensor<2>, mode: Mode, rng: &mut impl RngCore) -> Result<Vec<f32>, Error> {
+        let alpha = self.concentrations(&self.policy.network().valid(), observations);
+        finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
+        Ok(values(match (mode, self.config.evaluation_action) {
             (Mode::Train, _) => sample(alpha, rng).action,
             (Mode::Evaluate, EvaluationAction::Mean) => alpha,
             (Mode::Evaluate, EvaluationAction::Mode) => alpha - 1.0,
-        })
+        }))
     }
-}
-
-/// `r + gamma (1 - d) v`.
-fn bootstrapped(rewards: Tensor<2>, continues: Tensor<2>, value: Tensor<2>, discount: f64) -> Tensor<2> {
-    rewards + continues * value * discount
-}
-
-fn half_squared_error(q: Tensor<2>, target: Tensor<2>) -> Tensor<1> {
-    (q - target).powf_scalar(2.0).mean() * 0.5
-}
-
-fn mean(x: Tensor<2>) -> f32 {
-    values(x.mean())[0]
-}
-
-/// Rows of positive weights as shares that sum to 1 in double precision.
-fn shares_of(weights: &[f32]) -> Vec<f64> {
-    let total: f64 = weights.iter().map(|w| f64::from(*w)).sum();
-    weights.iter().map(|w| f64::from(*w) / total).collect()
 }
 
 impl Agent for DirichletSac {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
-        let weights = self.actions(matrix(scaled, self.scaling.n_channels()), mode, rng);
-        let action = |row: &[f32]| {
-            let shares = shares_of(row);
-            let finite = shares.iter().all(|share| share.is_finite());
-            if finite { Ok(vec![shares]) } else { Err(Error::NotFinite { what: "action".into(), step: self.n_steps, value: f64::NAN }) }
-        };
-        weights.chunks(self.shares.len()).map(action).collect()
+        let weights = self.weights(&matrix(scaled, self.scaling.n_channels()), mode, rng)?;
+        allocation::actions(&weights, self.shares.len(), self.schedule.n_steps())
     }
 
     fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        for step in transitions {
-            let seen = self.scaling.apply(&step.observation.seats[0]);
-            let next = self.scaling.apply(&step.next_observation.seats[0]);
-            self.replay.push(seen, &step.action[0], step.rewards[0], next, step.end != Some(End::Terminated));
+        for transition in transitions {
+            self.replay.push(transition, 0, &self.scaling);
         }
-        self.n_steps += transitions.len() as u64;
-        if self.n_steps < self.config.learning_starts {
-            return Ok(());
-        }
-        #[allow(clippy::cast_precision_loss, reason = "a number of environments is far below 2^52")]
-        let new = transitions.len() as f64;
-        self.updates_due += self.config.updates_per_step * new;
-        while self.updates_due >= 1.0 {
-            self.updates_due -= 1.0;
+        let Config { learning_starts, updates_per_step, .. } = self.config;
+        for _ in 0..self.schedule.advance(transitions.len(), learning_starts, updates_per_step) {
             self.update(rng, record)?;
         }
         Ok(())
@@ -277,8 +261,8 @@ impl Agent for DirichletSac {
         self.critics.store("critics", &mut file);
         store(&self.target_critics, "target_critics", &mut file);
         self.replay.store(&mut file);
-        let Self { log_temperature, temperature_adam, n_steps, updates_due, .. } = *self;
-        checkpoint::write(NAME, dir, file, &Counters { log_temperature, temperature_adam, n_steps, updates_due })
+        let Self { log_temperature, temperature_adam, schedule, .. } = *self;
+        checkpoint::write(NAME, dir, file, &Counters { log_temperature, temperature_adam, schedule })
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
@@ -288,12 +272,8 @@ impl Agent for DirichletSac {
         self.critics.restore("critics", &file).map_err(&misfit)?;
         self.target_critics = restore(self.target_critics.clone(), "target_critics", &file).map_err(&misfit)?;
         self.replay.restore(&file).map_err(&misfit)?;
-        Counters {
-            log_temperature: self.log_temperature,
-            temperature_adam: self.temperature_adam,
-            n_steps: self.n_steps,
-            updates_due: self.updates_due,
-        } = counters;
+        let Counters { log_temperature, temperature_adam, schedule } = counters;
+        (self.log_temperature, self.temperature_adam, self.schedule) = (log_temperature, temperature_adam, schedule);
         Ok(())
     }
 
