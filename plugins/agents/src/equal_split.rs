@@ -2,7 +2,7 @@
 //!
 //! `a_i = 1 / N`. It observes nothing, learns nothing and records nothing.
 
-use crate::seat;
+use crate::{allocation::equal_shares, seat};
 use engine::{Action, Agent, Error, Interface, Mode, Observation, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -27,13 +27,6 @@ pub struct EqualSplit {
 pub fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let action = interface.seats.iter().map(|seat| Ok(equal_shares(seat::simplex("equal_split", seat)?.len())));
     Ok(Box::new(EqualSplit { action: action.collect::<Result<_, Error>>()? }))
-}
-
-/// `n` equal shares.
-#[must_use]
-#[allow(clippy::cast_precision_loss, reason = "a number of assets is far below 2^52")]
-pub fn equal_shares(n: usize) -> Vec<f64> {
-    vec![1.0 / n as f64; n]
 }
 
 impl Agent for EqualSplit {

@@ -6,12 +6,21 @@
 //! 3. A saved and loaded agent continues to the same bits.
 
 pub mod dirichlet_gradient;
+pub mod allocation;
+#[cfg(test)]
+mod bandit;
+pub mod checkpoint;
+pub mod dirichlet_sac;
 pub mod equal_split;
 pub mod gaussian_softmax_gradient;
 mod gradient_moments;
 pub mod random_allocation;
 pub mod rank_rule;
+pub mod replay;
+pub mod scaling;
+pub mod schedule;
 pub mod seat;
+pub mod targets;
 pub mod water_filling;
 
 use engine::{AgentTraits, Registry};
@@ -36,4 +45,7 @@ pub fn register(registry: &mut Registry) {
     let name = "gaussian_softmax_gradient";
     let about = "policy gradient of a Gaussian-softmax policy on a bandit, estimated and exact";
     registry.agent(name, 1, about, gaussian_softmax_gradient::traits(), gaussian_softmax_gradient::build);
+    let learner = |metrics| AgentTraits { learns: true, metrics };
+    let about = "soft actor-critic with a Dirichlet policy";
+    registry.agent("dirichlet_sac", 1, about, learner(dirichlet_sac::metrics()), dirichlet_sac::build);
 }

@@ -19,7 +19,7 @@
 //! Of two levels that meet `P` the higher one is taken, since it needs less current. Where no level meets `P`, the level of
 //! the greatest power is taken. The rule is myopic: it looks at the present decision only. It records nothing.
 
-use crate::{equal_split::equal_shares, seat};
+use crate::{allocation::equal_shares, seat};
 use engine::{Action, Agent, Error, Interface, Mode, Observation, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

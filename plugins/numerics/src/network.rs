@@ -71,6 +71,12 @@ pub fn device() -> Device {
     Device::flex()
 }
 
+/// `ln(1 + e^x)`, without overflow for any `x`.
+#[must_use]
+pub fn softplus(x: Tensor<2>) -> Tensor<2> {
+    activation::log_sigmoid(x.neg()).neg()
+}
+
 /// Rows of one length as a plain tensor `[rows, columns]`.
 ///
 /// # Panics
@@ -93,8 +99,8 @@ pub fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.into_data().try_into_vec::<f32>().expect("f32 in the processor's memory")
 }
 
-/// A fully connected network.
-#[derive(Module, Debug)]
+/// A fully connected network. The default is one without layers, which only holds a place.
+#[derive(Module, Debug, Default)]
 pub struct Mlp {
     layers: Vec<Linear>,
     #[module(skip)]
@@ -153,7 +159,7 @@ fn kaiming(inputs: usize, outputs: usize, gain: f64, rng: &mut impl RngCore, dev
 ///
 /// They are evaluated one after the other: stacked as one batched product they took the same time (within 4 % on one
 /// thread at 256 units, batch 256).
-#[derive(Module, Debug)]
+#[derive(Module, Debug, Default)]
 pub struct TwinMlp {
     /// The first network.
     pub first: Mlp,

@@ -54,27 +54,73 @@ impl Adam {
         })
     }
 
-    /// Puts the state under `prefix` into a file; the number of steps goes to the caller's header.
-    pub fn store(&self, prefix: &str, file: &mut TensorFile) -> u64 {
+    /// Puts the state under `prefix` into a file and its header.
+    pub fn store(&self, prefix: &str, file: &mut TensorFile) {
         for (at, (first, second)) in self.first.iter().zip(&self.second).enumerate() {
             file.insert_vector(format!("{prefix}.first.{at}"), first.clone());
             file.insert_vector(format!("{prefix}.second.{at}"), second.clone());
         }
-        self.n_steps
+        file.header[prefix] = serde_json::json!({ "n_steps": self.n_steps, "n_tensors": self.first.len() });
     }
 
-    /// Continues from a stored state of an optimiser for a module with `n_parameters` parameter tensors.
+    /// Continues from the state that [`Adam::store`] put under `prefix`.
     ///
     /// # Errors
     /// [`TensorFileError::Missing`] where the file holds no such state.
-    pub fn restore(&mut self, prefix: &str, file: &TensorFile, n_steps: u64, n_parameters: usize) -> Result<(), TensorFileError> {
-        let n_parameters = if n_steps == 0 { 0 } else { n_parameters };
+    pub fn restore(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
+        let count = |key: &str| file.header[prefix][key].as_u64();
+        let (Some(n_steps), Some(n_tensors)) = (count("n_steps"), count("n_tensors")) else {
+            return Err(TensorFileError::Missing { name: prefix.into() });
+        };
         let read = |moment: &str| {
             let vector = |at| Ok(file.get(&format!("{prefix}.{moment}.{at}"))?.values.clone());
-            (0..n_parameters).map(vector).collect::<Result<Vec<_>, TensorFileError>>()
+            (0..n_tensors).map(vector).collect::<Result<Vec<_>, TensorFileError>>()
         };
         (self.first, self.second, self.n_steps) = (read("first")?, read("second")?, n_steps);
         Ok(())
+    }
+}
+
+/// A network together with its optimiser.
+#[derive(Debug, Clone)]
+pub struct Trained<M> {
+    network: M,
+    adam: Adam,
+}
+
+impl<M: Module + Default> Trained<M> {
+    /// A network (on a device with autodiff) that `adam` improves.
+    #[must_use]
+    pub fn new(network: M, adam: Adam) -> Self {
+        Self { network, adam }
+    }
+
+    /// The network, tracked: losses computed with it can be descended.
+    #[must_use]
+    pub fn network(&self) -> &M {
+        &self.network
+    }
+
+    /// One step against the gradient of a loss of shape `[1]`.
+    pub fn descend(&mut self, loss: &Tensor<1>) {
+        // Taken out of its place, the network owns its numbers alone and they are changed without a copy.
+        let network = std::mem::take(&mut self.network);
+        self.network = self.adam.step(network, loss.backward());
+    }
+
+    /// Puts network and optimiser under `prefix` into a file.
+    pub fn store(&self, prefix: &str, file: &mut TensorFile) {
+        crate::parameters::store(&self.network, prefix, file);
+        self.adam.store(&format!("{prefix}.adam"), file);
+    }
+
+    /// Continues from what [`Trained::store`] put under `prefix`.
+    ///
+    /// # Errors
+    /// [`TensorFileError`] where the file does not fit.
+    pub fn restore(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
+        self.network = crate::parameters::restore(self.network.clone(), prefix, file)?;
+        self.adam.restore(&format!("{prefix}.adam"), file)
     }
 }
 
@@ -171,7 +217,7 @@ impl ScalarAdam {
 mod tests {
     use super::*;
     use crate::network::{Activation, Mlp, device, matrix};
-    use crate::parameters::{parameters, restore, store};
+    use crate::parameters::parameters;
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
     fn network() -> Mlp {
@@ -230,21 +276,24 @@ mod tests {
     }
 
     #[test]
-    fn a_stored_optimiser_takes_the_same_next_step() {
-        let (mut one, mut adam) = (network(), Adam::new(0.01, None));
-        for _ in 0..5 {
-            one = step(one, &mut adam);
-        }
+    fn a_stored_network_and_optimiser_take_the_same_next_step() {
+        let mut one = Trained::new(network(), Adam::new(0.01, None));
+        let improve = |trained: &mut Trained<Mlp>| {
+            let loss = trained.network().forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2)).powf_scalar(2.0).mean();
+            trained.descend(&loss);
+        };
+        (0..5).for_each(|_| improve(&mut one));
         let mut file = TensorFile::default();
-        store(&one, "network", &mut file);
-        let n_steps = adam.store("adam", &mut file);
+        one.store("policy", &mut file);
         let dir = tempfile::tempdir().unwrap();
         file.write(&dir.path().join("state.safetensors")).unwrap();
         let file = TensorFile::read(&dir.path().join("state.safetensors")).unwrap();
-        let two = restore(network(), "network", &file).unwrap();
-        let mut other = Adam::new(0.01, None);
-        other.restore("adam", &file, n_steps, parameters(&two).len()).unwrap();
-        assert_eq!(parameters(&step(one, &mut adam)), parameters(&step(two, &mut other)));
-        assert_eq!(adam, other);
+        let mut two = Trained::new(network(), Adam::new(0.01, None));
+        two.restore("policy", &file).unwrap();
+        improve(&mut one);
+        improve(&mut two);
+        assert_eq!(parameters(one.network()), parameters(two.network()));
+        assert_eq!(one.adam, two.adam);
+        assert!(two.restore("critic", &file).is_err());
     }
 }

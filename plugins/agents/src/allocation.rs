@@ -1,0 +1,39 @@
+//! From weights to shares on a simplex.
+
+use engine::{Action, Error};
+
+/// `n` equal shares.
+#[must_use]
+#[allow(clippy::cast_precision_loss, reason = "a number of assets is far below 2^52")]
+pub fn equal_shares(n: usize) -> Vec<f64> {
+    vec![1.0 / n as f64; n]
+}
+
+/// Rows of `n` positive `f32` weights as one action each, shares that sum to 1 in double precision.
+///
+/// # Errors
+/// [`Error::NotFinite`] where a row makes no shares.
+pub fn actions(weights: &[f32], n: usize, step: u64) -> Result<Vec<Action>, Error> {
+    weights.chunks(n).map(|row| Ok(vec![shares(row, step)?])).collect()
+}
+
+fn shares(weights: &[f32], step: u64) -> Result<Vec<f64>, Error> {
+    let total: f64 = weights.iter().map(|weight| f64::from(*weight)).sum();
+    if !total.is_finite() || total <= 0.0 {
+        return Err(Error::NotFinite { what: "sum of an action's weights".into(), step, value: total });
+    }
+    Ok(weights.iter().map(|weight| f64::from(*weight) / total).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_become_shares() {
+        assert_eq!(actions(&[1.0, 3.0, 2.0, 2.0], 2, 0).unwrap(), [[[0.25, 0.75]], [[0.5, 0.5]]]);
+        assert!(matches!(actions(&[f32::NAN, 1.0], 2, 7), Err(Error::NotFinite { step: 7, .. })));
+        assert!(actions(&[0.0, 0.0], 2, 7).is_err());
+        assert_eq!(equal_shares(4), [0.25; 4]);
+    }
+}

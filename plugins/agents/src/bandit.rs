@@ -1,0 +1,66 @@
+//! A tiny problem for the tests of learning agents: one decision per episode, reward minus the distance to a known answer.
+
+use engine::{Agent, End, Interface, Mode, Observation, Recorder, Rng, Transition};
+use rand::Rng as _;
+
+/// The best shares where the observation is `x` in `[-1, 1]`: `(0.5 + 0.3 x, 0.3 - 0.2 x, 0.2 - 0.1 x)`.
+pub fn best(x: f64) -> Vec<f64> {
+    vec![0.5 + 0.3 * x, 0.3 - 0.2 * x, 0.2 - 0.1 * x]
+}
+
+/// One observed channel, three shares, the answer as the state.
+pub fn interface() -> Interface {
+    crate::seat::tests::allocation(&["x"], &["best_1", "best_2", "best_3"], 3)
+}
+
+/// `n` decisions at random observations, as the agent takes them in training.
+pub fn decide(agent: &mut dyn Agent, n: usize, rng: &mut Rng) -> Vec<Transition> {
+    let seen: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
+    let observe = |x: &f64| Observation { seats: vec![vec![*x]], state: best(*x) };
+    let observations: Vec<Observation> = seen.iter().map(observe).collect();
+    let actions = agent.act(&observations, Mode::Train, rng).unwrap();
+    let transition = |(observation, action): (Observation, engine::Action)| {
+        let reward = -distance(&action[0], &observation.state);
+        let next_observation = observation.clone();
+        Transition { observation, action, rewards: vec![reward], next_observation, end: Some(End::Terminated) }
+    };
+    observations.into_iter().zip(actions).map(transition).collect()
+}
+
+/// Trains for `rounds` rounds of 16 decisions.
+pub fn train(agent: &mut dyn Agent, rounds: usize, rng: &mut Rng) -> Recorder {
+    let mut record = Recorder::default();
+    for _ in 0..rounds {
+        let transitions = decide(agent, 16, rng);
+        agent.learn(&transitions, rng, &mut record).unwrap();
+    }
+    record
+}
+
+/// Mean distance of the scored actions to the best ones, over 21 observations.
+pub fn error(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
+    let seen: Vec<f64> = (0..=20).map(|i| f64::from(i) / 10.0 - 1.0).collect();
+    let observations: Vec<_> = seen.iter().map(|x| Observation { seats: vec![vec![*x]], state: best(*x) }).collect();
+    let actions = agent.act(&observations, Mode::Evaluate, rng).unwrap();
+    actions.iter().zip(&seen).map(|(action, x)| distance(&action[0], &best(*x))).sum::<f64>() / 21.0
+}
+
+/// Asserts that an agent which was saved and loaded takes the same next updates and actions as the one that went on.
+pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
+    let mut rng = engine::random::stream(&["continues"]);
+    let mut one = build(&mut rng);
+    train(one.as_mut(), 5, &mut rng);
+    let dir = tempfile::tempdir().unwrap();
+    one.save(dir.path()).unwrap();
+    let mut two = build(&mut engine::random::stream(&["another start"]));
+    two.load(dir.path()).unwrap();
+    let (mut rng_one, mut rng_two) = (rng.clone(), rng);
+    let (record_one, record_two) = (train(one.as_mut(), 3, &mut rng_one), train(two.as_mut(), 3, &mut rng_two));
+    assert_eq!(format!("{record_one:?}"), format!("{record_two:?}"));
+    assert_eq!(decide(one.as_mut(), 4, &mut rng_one), decide(two.as_mut(), 4, &mut rng_two));
+    assert!(matches!(two.load(&dir.path().join("nowhere")), Err(engine::Error::File { .. })));
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum()
+}

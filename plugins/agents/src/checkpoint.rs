@@ -1,0 +1,50 @@
+//! The one file in which a learning agent keeps everything it needs to continue to the same bits.
+
+use engine::Error;
+use numerics::tensor_file::{TensorFile, TensorFileError};
+use serde::{Serialize, de::DeserializeOwned};
+use std::path::Path;
+
+const FILE_NAME: &str = "agent.safetensors";
+const COUNTERS: &str = "counters";
+
+/// Writes tensors and counters into `dir`.
+///
+/// # Errors
+/// [`Error::File`] where the system refuses.
+pub fn write(agent: &'static str, dir: &Path, mut file: TensorFile, counters: &impl Serialize) -> Result<(), Error> {
+    let counters = serde_json::to_value(counters).map_err(|source| misfit(agent, source))?;
+    file.header[COUNTERS] = counters;
+    file.write(&dir.join(FILE_NAME)).map_err(error_of(agent))
+}
+
+/// Reads tensors and counters from `dir`.
+///
+/// # Errors
+/// [`Error::File`] or [`Error::Checkpoint`] where they are not there or not whole.
+pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(TensorFile, C), Error> {
+    let file = TensorFile::read(&dir.join(FILE_NAME)).map_err(error_of(agent))?;
+    let counters = serde_json::from_value(file.header[COUNTERS].clone()).map_err(|source| misfit(agent, source))?;
+    Ok((file, counters))
+}
+
+/// Turns an error about a file of tensors into one of the engine.
+pub fn error_of(agent: &'static str) -> impl Fn(TensorFileError) -> Error {
+    move |error| match error {
+        TensorFileError::File { doing, path, source } => Error::File { doing, path, source },
+        other => misfit(agent, other),
+    }
+}
+
+fn misfit(agent: &'static str, source: impl std::fmt::Display) -> Error {
+    Error::Checkpoint { what: agent, problem: source.to_string() }
+}
+
+/// A loss as a number, refused where it is not finite.
+///
+/// # Errors
+/// [`Error::NotFinite`].
+pub fn finite(what: &str, step: u64, value: f32) -> Result<f64, Error> {
+    let value = f64::from(value);
+    if value.is_finite() { Ok(value) } else { Err(Error::NotFinite { what: what.into(), step, value }) }
+}

@@ -1,0 +1,179 @@
+//! The hyper-parameters of the Dirichlet soft actor-critic, each with the source of its default.
+
+use crate::scaling::ObservationScaling;
+use engine::Preset;
+use numerics::dirichlet::entropy;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+/// Hyper-parameters. The defaults are the setting that learns; `preset: thesis` is the one that is printed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Step size of Adam for the policy.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 3.1"))]
+    pub actor_learning_rate: f64,
+    /// Step size of Adam for both critics.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 3.1"))]
+    pub critic_learning_rate: f64,
+    /// Step size of Adam for the logarithm of the temperature beta.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "own choice, the critics' rate"))]
+    pub temperature_learning_rate: f64,
+    /// Temperature beta before learning. A Dirichlet's entropy is negative, so a high temperature makes dying pay.
+    #[schemars(range(min = 1e-9, max = 1e3), extend("x-source" = "pilot study"))]
+    pub first_temperature: f64,
+    /// Transitions per update.
+    #[schemars(range(min = 1, max = 65536), extend("x-source" = "pilot study; thesis, table 3.1: 1024"))]
+    pub batch_size: usize,
+    /// Discount gamma.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 3.1"))]
+    pub discount: f64,
+    /// Smoothing tau of the target critics.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 3.1"))]
+    pub target_smoothing: f64,
+    /// Updates per environment step, all environments counted; below 1 for more data per update.
+    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "pilot study, 16 per 256 steps; thesis, table 3.1: 1"))]
+    pub updates_per_step: f64,
+    /// Units of each of the three hidden layers of policy and critics.
+    #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.5"))]
+    pub width: usize,
+    /// Entropy that the temperature steers to.
+    pub target_entropy: TargetEntropy,
+    /// Transitions that the replay buffer holds.
+    #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub replay_capacity: usize,
+    /// Environment steps before the first update; until then the untrained policy acts.
+    #[schemars(range(min = 1), extend("x-source" = "pilot study"))]
+    pub learning_starts: u64,
+    /// Largest Euclidean norm of a gradient, or null for no limit.
+    #[schemars(range(min = 0.0))]
+    pub gradient_clip: Option<f64>,
+    /// The action that is scored.
+    pub evaluation_action: EvaluationAction,
+    /// How observations reach the networks.
+    pub observation_scaling: ObservationScaling,
+    /// How actions reach the critics.
+    pub critic_action_scaling: ActionScaling,
+    /// Take `beta (-log pi - target)` in place of `beta (-log pi)` as the bonus, so that it does not make dying pay.
+    pub shifted_entropy_bonus: bool,
+    /// Largest concentration of one share, or null for no limit.
+    #[schemars(range(min = 1.0))]
+    pub concentration_cap: Option<f64>,
+}
+
+/// Entropy that the temperature steers to.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum TargetEntropy {
+    /// That of `Dirichlet(c, ..., c)` with this concentration `c` of each share.
+    Concentration(f64),
+    /// This many nats.
+    Entropy(f64),
+    /// Minus the square root of the number of shares, as printed in the thesis (table 3.1). For 4 shares it is nearly the
+    /// largest entropy that a policy with concentrations of at least 1 can have, for 8 it is out of reach.
+    MinusSqrtD,
+}
+
+/// The deterministic action of a Dirichlet distribution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum EvaluationAction {
+    /// `alpha / sum(alpha)`.
+    #[default]
+    Mean,
+    /// `(alpha - 1) / sum(alpha - 1)`.
+    Mode,
+}
+
+/// How actions reach the critics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ActionScaling {
+    /// `N (a - 1 / N)`: zero for equal shares, of order 1 otherwise.
+    #[default]
+    Centred,
+    /// The shares.
+    None,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            actor_learning_rate: 1e-4,
+            critic_learning_rate: 3e-4,
+            temperature_learning_rate: 3e-4,
+            first_temperature: 0.1,
+            batch_size: 256,
+            discount: 0.99,
+            target_smoothing: 0.005,
+            updates_per_step: 0.0625,
+            width: 256,
+            target_entropy: TargetEntropy::Concentration(30.0),
+            replay_capacity: 1_000_000,
+            learning_starts: 5_000,
+            gradient_clip: None,
+            evaluation_action: EvaluationAction::Mean,
+            observation_scaling: ObservationScaling::Typical,
+            critic_action_scaling: ActionScaling::Centred,
+            shifted_entropy_bonus: false,
+            concentration_cap: None,
+        }
+    }
+}
+
+impl engine::Config for Config {
+    fn presets() -> Vec<Preset> {
+        let values = json!({
+            "batch_size": 1024,
+            "target_entropy": "minus_sqrt_d",
+            "updates_per_step": 1.0,
+            "first_temperature": 1.0,
+            "critic_action_scaling": "none",
+        });
+        let about = "thesis, table 3.1, as printed; observations stay scaled, on which the text is silent";
+        vec![Preset { name: "thesis", about, values }]
+    }
+}
+
+impl TargetEntropy {
+    /// The target in nats for `n` shares.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
+    pub fn nats(self, n: usize) -> f64 {
+        match self {
+            TargetEntropy::Concentration(c) => entropy(&vec![c; n]),
+            TargetEntropy::Entropy(nats) => nats,
+            TargetEntropy::MinusSqrtD => -(n as f64).sqrt(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_by_hand() {
+        // The uniform distribution on the simplex of N shares has the density Gamma(N).
+        assert!((TargetEntropy::Concentration(1.0).nats(4) + 6f64.ln()).abs() < 1e-12);
+        assert!((TargetEntropy::Concentration(1.0).nats(8) + 5040f64.ln()).abs() < 1e-11);
+        assert_eq!(TargetEntropy::MinusSqrtD.nats(4), -2.0);
+        assert_eq!(TargetEntropy::Entropy(-3.5).nats(4), -3.5);
+        // Beta(2, 2) has the density 6 x (1 - x) and the entropy 5/3 - ln 6.
+        assert!((TargetEntropy::Concentration(2.0).nats(2) - (5.0 / 3.0 - 6f64.ln())).abs() < 1e-12);
+    }
+
+    #[test]
+    fn targets_are_written_as_words_or_maps() {
+        let read = |text: &str| serde_json::from_str::<Config>(text);
+        assert_eq!(
+            read(r#"{"target_entropy": {"concentration": 100}}"#).unwrap().target_entropy,
+            TargetEntropy::Concentration(100.0)
+        );
+        assert_eq!(read(r#"{"target_entropy": "minus_sqrt_d"}"#).unwrap().target_entropy, TargetEntropy::MinusSqrtD);
+        assert!(read(r#"{"target_entropie": "minus_sqrt_d"}"#).is_err());
+        let preset = &<Config as engine::Config>::presets()[0];
+        assert_eq!(serde_json::from_value::<Config>(preset.values.clone()).unwrap().batch_size, 1024);
+    }
+}

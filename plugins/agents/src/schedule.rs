@@ -1,0 +1,57 @@
+//! When an off-policy agent updates: a number of updates per environment step, after a first stretch without.
+
+use serde::{Deserialize, Serialize};
+
+/// Counts environment steps and says how many updates are due.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct UpdateSchedule {
+    n_steps: u64,
+    updates_due: f64,
+}
+
+impl UpdateSchedule {
+    /// A schedule at its start.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { n_steps: 0, updates_due: 0.0 }
+    }
+
+    /// Environment steps so far, all environments counted.
+    #[must_use]
+    pub fn n_steps(&self) -> u64 {
+        self.n_steps
+    }
+
+    /// Takes in `n_new` environment steps; returns the updates that are due now and carries the fraction.
+    #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small counts")]
+    pub fn advance(&mut self, n_new: usize, learning_starts: u64, updates_per_step: f64) -> u64 {
+        self.n_steps += n_new as u64;
+        if self.n_steps < learning_starts {
+            return 0;
+        }
+        self.updates_due += updates_per_step * n_new as f64;
+        let due = self.updates_due.floor();
+        self.updates_due -= due;
+        due as u64
+    }
+}
+
+impl Default for UpdateSchedule {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fractions_are_carried_and_the_first_stretch_is_free() {
+        let mut schedule = UpdateSchedule::new();
+        let due: Vec<u64> = (0..6).map(|_| schedule.advance(10, 30, 0.0625)).collect();
+        // 0.625 per call from the third on: 0.625, 1.25, 1.875, 2.5.
+        assert_eq!(due, [0, 0, 0, 1, 0, 1]);
+        assert_eq!(schedule.n_steps(), 60);
+    }
+}
