@@ -48,9 +48,8 @@ fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<P
     let mut plan = study.plan();
     if !selection.only.is_empty() {
         let named = |name: &String| selection.only.contains(name);
-        let restricts = |names: &mut dyn Iterator<Item = &String>| names.any(named);
-        let by_environment = restricts(&mut plan.trials.iter().map(|trial| &trial.environment));
-        let by_agent = restricts(&mut plan.trials.iter().map(|trial| &trial.agent));
+        let by_environment = plan.trials.iter().any(|trial| named(&trial.environment));
+        let by_agent = plan.trials.iter().any(|trial| named(&trial.agent));
         plan.trials.retain(|trial| {
             (by_environment || by_agent) && (!by_environment || named(&trial.environment)) && (!by_agent || named(&trial.agent))
         });

@@ -5,11 +5,11 @@
 //! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a number.
 //! 3. A saved and loaded agent continues to the same bits.
 
-pub mod dirichlet_gradient;
 pub mod allocation;
 #[cfg(test)]
 mod bandit;
 pub mod checkpoint;
+pub mod dirichlet_gradient;
 pub mod dirichlet_sac;
 pub mod equal_split;
 pub mod gaussian_softmax_gradient;
