@@ -80,7 +80,7 @@ fn loss_at_fixed_quantiles(agent: &DirichletSac, policy: &Mlp, observations: &Te
 #[test]
 fn the_policy_gradient_agrees_with_finite_differences_through_the_sample() {
     let agent = agent(Config { width: 4, ..tiny() });
-    let observations = matrix((0..16u8).map(|i| f32::from(i) / 8.0 - 1.0).collect(), 1);
+    let observations = matrix((0..16u8).map(|i| (f32::from(i) + 0.5) / 8.0 - 1.0).collect(), 1);
     let (loss, _) = agent.policy_loss(&observations, &mut stream(&["fixed"])).unwrap();
     let analytic = numerics::optimizer::gradients(agent.policy.network(), &mut loss.backward());
     let plain = agent.policy.network().valid();
