@@ -9,8 +9,10 @@ pub mod allocation;
 #[cfg(test)]
 mod bandit;
 pub mod checkpoint;
+pub mod ddpg;
 pub mod dirichlet_sac;
 pub mod equal_split;
+pub mod gaussian_softmax_sac;
 pub mod random_allocation;
 pub mod rank_rule;
 pub mod replay;
@@ -39,4 +41,8 @@ pub fn register(registry: &mut Registry) {
     let learner = |metrics| AgentTraits { learns: true, metrics };
     let about = "soft actor-critic with a Dirichlet policy";
     registry.agent("dirichlet_sac", 1, about, learner(dirichlet_sac::metrics()), dirichlet_sac::build);
+    let about = "soft actor-critic with a Gaussian-softmax policy";
+    registry.agent("gaussian_softmax_sac", 1, about, learner(gaussian_softmax_sac::metrics()), gaussian_softmax_sac::build);
+    let about = "deep deterministic policy gradient with a softmax output";
+    registry.agent("ddpg", 1, about, learner(ddpg::metrics()), ddpg::build);
 }
