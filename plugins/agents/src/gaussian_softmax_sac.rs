@@ -249,7 +249,7 @@ impl GaussianSoftmaxSac {
 }
 
 /// The first half of the columns, and the second half within the limits of `ln sd`.
-fn mean_and_log_sd(output: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
+pub(crate) fn mean_and_log_sd(output: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
     let [rows, columns] = output.dims();
     let mean = output.clone().slice([0..rows, 0..columns / 2]);
     (mean, output.slice([0..rows, columns / 2..columns]).clamp(LOG_SD_LOW, LOG_SD_HIGH))
