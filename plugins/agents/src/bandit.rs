@@ -1,6 +1,7 @@
 //! A tiny problem for the tests of learning agents: one decision per episode, reward minus the distance to a known answer.
 
-use engine::{Agent, End, Interface, Mode, Observation, Recorder, Rng, Transition};
+use engine::{Agent, End, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use numerics::policy_file::Policy;
 use rand::Rng as _;
 
 /// The best shares where the observation is `x` in `[-1, 1]`: `(0.5 + 0.3 x, 0.3 - 0.2 x, 0.2 - 0.1 x)`.
@@ -59,6 +60,27 @@ pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     assert_eq!(format!("{record_one:?}"), format!("{record_two:?}"));
     assert_eq!(decide(one.as_mut(), 4, &mut rng_one), decide(two.as_mut(), 4, &mut rng_two));
     assert!(matches!(two.load(&dir.path().join("nowhere")), Err(engine::Error::File { .. })));
+}
+
+/// Asserts that a trained agent records every declared metric and no other.
+pub fn assert_declared(agent: &mut dyn Agent, declared: &[Metric]) {
+    let mut record = train(agent, 5, &mut engine::random::stream(&["record"]));
+    record.flush_means(1);
+    let mut declared: Vec<_> = declared.iter().map(|metric| metric.name.as_str()).collect();
+    let mut recorded: Vec<_> = record.names().iter().map(String::as_str).collect();
+    declared.sort_unstable();
+    recorded.sort_unstable();
+    assert_eq!(recorded, declared);
+}
+
+/// Asserts that the exported policy acts as the agent does where it is scored.
+pub fn assert_exports(agent: &mut dyn Agent) {
+    let dir = tempfile::tempdir().unwrap();
+    assert!(agent.export(dir.path()).unwrap());
+    let observation = Observation { seats: vec![vec![0.3]], state: Vec::new() };
+    let action = agent.act(&[observation], Mode::Evaluate, &mut engine::random::stream(&["x"])).unwrap().remove(0).remove(0);
+    let exported = Policy::read(dir.path()).unwrap().act(&[0.3]);
+    assert!(action.iter().zip(&exported).all(|(a, b)| (a - b).abs() < 1e-6), "{action:?} {exported:?}");
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {

@@ -14,6 +14,12 @@ pub mod dirichlet_sac;
 pub mod equal_split;
 pub mod gaussian_softmax_gradient;
 mod gradient_moments;
+pub mod ddpg;
+pub mod dirichlet_regression;
+pub mod dirichlet_sac;
+pub mod equal_split;
+pub mod gaussian_softmax_regression;
+pub mod gaussian_softmax_sac;
 pub mod random_allocation;
 pub mod rank_rule;
 pub mod replay;
@@ -48,4 +54,30 @@ pub fn register(registry: &mut Registry) {
     let learner = |metrics| AgentTraits { learns: true, metrics };
     let about = "soft actor-critic with a Dirichlet policy";
     registry.agent("dirichlet_sac", 1, about, learner(dirichlet_sac::metrics()), dirichlet_sac::build);
+    let about = "soft actor-critic with a Gaussian-softmax policy";
+    registry.agent("gaussian_softmax_sac", 1, about, learner(gaussian_softmax_sac::metrics()), gaussian_softmax_sac::build);
+    let about = "deep deterministic policy gradient with a softmax output";
+    registry.agent("ddpg", 1, about, learner(ddpg::metrics()), ddpg::build);
+    let about = "regression onto a simplex with a Dirichlet distribution";
+    registry.agent("dirichlet_regression", 1, about, learner(dirichlet_regression::metrics()), dirichlet_regression::build);
+    let about = "regression onto a simplex with a Gaussian-softmax distribution";
+    let metrics = gaussian_softmax_regression::metrics();
+    registry.agent("gaussian_softmax_regression", 1, about, learner(metrics), gaussian_softmax_regression::build);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_and_presets_resolve_to_themselves() {
+        let mut registry = Registry::default();
+        register(&mut registry);
+        assert_eq!(registry.agents.len(), 10);
+        for (name, entry) in &registry.agents {
+            assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
+            assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");
+            assert_eq!(entry.learns, !entry.metrics.is_empty(), "{name}");
+        }
+    }
 }

@@ -68,6 +68,18 @@ pub fn positions(agent: &'static str, channels: &[Channel], prefix: &str, suffix
     suffixes.iter().map(|suffix| position(agent, channels, &format!("{prefix}{suffix}"))).collect()
 }
 
+/// Checks that the full state has one channel per entry of the target.
+///
+/// # Errors
+/// [`Error::Mismatch`] where it has another number.
+pub fn state_of_length(agent: &'static str, interface: &Interface, n_targets: usize) -> Result<(), Error> {
+    let found = interface.state.len();
+    if found == n_targets {
+        return Ok(());
+    }
+    Err(mismatch(agent, format!("it reads its target from a state of {n_targets} channels, the environment has {found}")))
+}
+
 /// The error of an agent that does not fit an environment.
 #[must_use]
 pub fn mismatch(agent: &'static str, problem: impl Into<String>) -> Error {

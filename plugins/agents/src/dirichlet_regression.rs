@@ -1,0 +1,249 @@
+//! Regression onto a simplex with a Dirichlet distribution: the numerical experiment of the thesis (section 3.4.3, fig. 3.2).
+//!
+//! A network maps what is observed to concentrations; the target, a point of the simplex, is the environment's full state.
+//!
+//! | paper | here | shape |
+//! |---|---|---|
+//! | s | `observations` | `[batch, observed]` |
+//! | alpha | `softplus(network) + 1` | `[batch, n_shares]` |
+//! | a | a draw from `Dirichlet(alpha)` | `[batch, n_shares]` |
+//! | target | `targets`, rows sum to 1 | `[batch, n_shares]` |
+//!
+//! Departures from the thesis, which names the error but not the loss
+//! - `expected_error`: mean absolute error of a reparameterised draw, so that the policy is trained as it acts.
+//! - `log_likelihood`: minus the log density of the target.
+//! - The third hidden layer has leaky rectifiers; the text names the activations of the first two.
+//!
+//! It samples in training and takes the mean `alpha / sum(alpha)` where it is scored. Metric: `loss`, mean over the calls
+//! since the last measurement.
+
+use crate::checkpoint::{self, finite};
+use crate::scaling::{ObservationScaling, Scaling};
+use crate::targets::mean;
+use crate::{allocation, seat};
+use burn::module::Module;
+use burn::tensor::Tensor;
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use numerics::dirichlet::LOG_ACTION_FLOOR;
+use numerics::dirichlet_policy::{log_density, sample};
+use numerics::network::{Activation, Mlp, device, matrix, softplus, values};
+use numerics::optimizer::{Adam, Trained};
+use numerics::policy_file::{Head, Policy};
+use numerics::tensor_file::TensorFile;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+const NAME: &str = "dirichlet_regression";
+const LAYERS: [Activation; 3] = [Activation::LeakyRelu, Activation::Tanh, Activation::LeakyRelu];
+
+/// Hyper-parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Step size of Adam.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, section 3.4.3: 0.01 and 0.1"))]
+    pub learning_rate: f64,
+    /// What is minimised.
+    pub loss: RegressionLoss,
+    /// Units of each of the three hidden layers.
+    #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.3"))]
+    pub width: usize,
+    /// How observations reach the network.
+    pub observation_scaling: ObservationScaling,
+}
+
+/// What a regression onto the simplex minimises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RegressionLoss {
+    /// Mean absolute error of a reparameterised draw against the target.
+    #[default]
+    ExpectedError,
+    /// Minus the log likelihood of the target.
+    LogLikelihood,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        let loss = RegressionLoss::ExpectedError;
+        Self { learning_rate: 0.01, loss, width: 64, observation_scaling: ObservationScaling::None }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The agent.
+#[derive(Debug, Clone)]
+pub struct DirichletRegression {
+    loss: RegressionLoss,
+    scaling: Scaling,
+    shares: Vec<String>,
+    network: Trained<Mlp>,
+    n_examples: u64,
+}
+
+/// Builds the agent for one seat that acts on a simplex, in an environment whose state is the target.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other environment.
+pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    Ok(Box::new(DirichletRegression::new(&config, interface, rng)?))
+}
+
+/// What [`DirichletRegression::learn`] records.
+#[must_use]
+pub fn metrics() -> Vec<Metric> {
+    vec![Metric::new("loss", "", "what the regression minimises").lower_is_better()]
+}
+
+impl DirichletRegression {
+    fn new(config: &Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+        let seat = seat::only_seat(NAME, interface)?;
+        let shares = seat::simplex(NAME, seat)?.to_vec();
+        seat::state_of_length(NAME, interface, shares.len())?;
+        let scaling = Scaling::new(config.observation_scaling, seat::observed(NAME, seat)?);
+        let sizes = [scaling.n_channels(), config.width, config.width, config.width, shares.len()];
+        let network = Mlp::new(&sizes, &LAYERS, 1.0, rng, &device().autodiff());
+        let network = Trained::new(network, Adam::new(config.learning_rate, None));
+        Ok(Self { loss: config.loss, scaling, shares, network, n_examples: 0 })
+    }
+
+    fn loss(&self, observations: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Result<Tensor<1>, Error> {
+        let alpha = self.concentrations(self.network.network(), observations)?;
+        Ok(match self.loss {
+            RegressionLoss::ExpectedError => mean_absolute_error(sample(alpha, rng).action, targets),
+            RegressionLoss::LogLikelihood => log_density(alpha, log_shares(targets)).mean().neg(),
+        })
+    }
+
+    /// `alpha = softplus(f(s)) + 1`.
+    fn concentrations(&self, network: &Mlp, observations: Tensor<2>) -> Result<Tensor<2>, Error> {
+        let alpha = softplus(network.forward(observations)) + 1.0;
+        finite("concentration", self.n_examples, mean(alpha.clone()))?;
+        Ok(alpha)
+    }
+}
+
+/// Mean over rows and shares of `|action - target|`.
+pub(crate) fn mean_absolute_error(action: Tensor<2>, targets: Tensor<2>) -> Tensor<1> {
+    (action - targets).abs().mean()
+}
+
+/// Logarithms of shares, with a floor below which a share counts as zero.
+pub(crate) fn log_shares(shares: Tensor<2>) -> Tensor<2> {
+    shares.clamp_min(LOG_ACTION_FLOOR.exp()).log()
+}
+
+/// Observations as the network sees them and targets, of a batch of transitions.
+#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+pub(crate) fn examples(transitions: &[Transition], scaling: &Scaling) -> (Tensor<2>, Tensor<2>) {
+    let seen = transitions.iter().flat_map(|transition| scaling.apply(&transition.observation.seats[0])).collect();
+    let targets = transitions.iter().flat_map(|transition| &transition.observation.state).map(|x| *x as f32).collect();
+    let n_shares = transitions.first().map_or(1, |transition| transition.observation.state.len());
+    (matrix(seen, scaling.n_channels()), matrix(targets, n_shares))
+}
+
+impl Agent for DirichletRegression {
+    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
+        let scaled = matrix(scaled, self.scaling.n_channels());
+        let alpha = self.concentrations(&self.network.network().valid(), scaled)?;
+        let weights = match mode {
+            Mode::Train => sample(alpha, rng).action,
+            Mode::Evaluate => alpha,
+        };
+        allocation::actions(&values(weights), self.shares.len(), self.n_examples)
+    }
+
+    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        self.n_examples += transitions.len() as u64;
+        let (observations, targets) = examples(transitions, &self.scaling);
+        let loss = self.loss(observations, targets, rng)?;
+        record.mean("loss", finite("loss", self.n_examples, values(loss.clone())[0])?);
+        self.network.descend(&loss);
+        Ok(())
+    }
+
+    fn reads_state(&self) -> bool {
+        true
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        let mut file = TensorFile::default();
+        self.network.store("network", &mut file);
+        checkpoint::write(NAME, dir, file, &self.n_examples)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        let (file, n_examples) = checkpoint::read(NAME, dir)?;
+        self.network.restore("network", &file).map_err(checkpoint::error_of(NAME))?;
+        self.n_examples = n_examples;
+        Ok(())
+    }
+
+    fn export(&self, dir: &Path) -> Result<bool, Error> {
+        let policy = Policy::new(self.network.network(), self.scaling.ports(&self.shares), Head::DirichletMean);
+        policy.write(dir).map_err(checkpoint::error_of(NAME))?;
+        Ok(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bandit;
+    use engine::random::stream;
+
+    fn agent(loss: RegressionLoss) -> DirichletRegression {
+        let config = Config { loss, width: 16, ..Config::default() };
+        DirichletRegression::new(&config, &bandit::interface(), &mut stream(&["regression"])).unwrap()
+    }
+
+    #[test]
+    fn losses_by_hand() {
+        let error = mean_absolute_error(matrix(vec![0.5, 0.5, 0.25, 0.75], 2), matrix(vec![0.25, 0.75, 0.25, 0.75], 2));
+        assert_eq!(values(error), [0.125]);
+        let logs = values(log_shares(matrix(vec![1.0, 0.0], 2)));
+        assert!(logs[0] == 0.0 && (f64::from(logs[1]) - LOG_ACTION_FLOOR).abs() < 1e-3, "{logs:?}");
+    }
+
+    #[test]
+    fn the_likelihood_is_that_of_the_target() {
+        let agent = agent(RegressionLoss::LogLikelihood);
+        let (x, target) = (matrix(vec![0.3], 1), [0.5f32, 0.3, 0.2]);
+        let loss = agent.loss(x.clone(), matrix(target.to_vec(), 3), &mut stream(&["x"])).unwrap();
+        let alpha = values(agent.concentrations(&agent.network.network().valid(), x).unwrap());
+        let alpha: Vec<f64> = alpha.into_iter().map(f64::from).collect();
+        let expected = -numerics::dirichlet::log_density(&alpha, &target.map(|a| f64::from(a).ln()));
+        assert!((f64::from(values(loss)[0]) - expected).abs() < 1e-5);
+    }
+
+    #[test]
+    fn both_losses_find_the_target() {
+        for loss in [RegressionLoss::ExpectedError, RegressionLoss::LogLikelihood] {
+            let (mut agent, mut rng) = (agent(loss), stream(&["find"]));
+            let before = bandit::error(&mut agent, &mut rng);
+            bandit::train(&mut agent, 400, &mut rng);
+            let after = bandit::error(&mut agent, &mut rng);
+            assert!(before > 0.2 && after < 0.06, "{loss:?} {before} {after}");
+        }
+    }
+
+    #[test]
+    fn a_saved_agent_continues() {
+        bandit::assert_continues(|rng| build(Config::default(), &bandit::interface(), rng).unwrap());
+    }
+
+    #[test]
+    fn what_it_records_is_declared_and_what_it_exports_acts() {
+        bandit::assert_declared(&mut agent(RegressionLoss::ExpectedError), &metrics());
+        bandit::assert_exports(&mut agent(RegressionLoss::ExpectedError));
+    }
+
+    #[test]
+    fn a_state_that_is_no_target_is_refused() {
+        let interface = crate::seat::tests::allocation(&["x"], &["best_1"], 3);
+        assert!(matches!(build(Config::default(), &interface, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
+    }
+}

@@ -1,0 +1,210 @@
+//! Regression onto a simplex with a Gaussian-softmax distribution: the other side of the thesis' numerical experiment
+//! (section 3.4.3, fig. 3.2).
+//!
+//! A network maps what is observed to mean and deviation of a Gaussian candidate; softmax makes it a point of the simplex.
+//!
+//! | paper | here | shape |
+//! |---|---|---|
+//! | s | `observations` | `[batch, observed]` |
+//! | mu, sigma | `mean`, `exp(log_sd)` | `[batch, n_shares]` each |
+//! | a | `softmax(u)`, `u ~ N(mu, sigma)` | `[batch, n_shares]` |
+//! | target | `targets`, rows sum to 1 | `[batch, n_shares]` |
+//!
+//! Departures from the thesis, which names the error but not the loss
+//! - `expected_error`: mean absolute error of a reparameterised draw, so that the policy is trained as it acts.
+//! - `log_likelihood`: minus the log density of a candidate of the target, `ln target` (its softmax is the target); as
+//!   ordinary code has it, the density on the simplex itself is not formed.
+//! - `ln sd` is clamped to [-20, 2], as in the usual soft actor-critic.
+//!
+//! It samples in training and takes `softmax(mean)` where it is scored. Metric: `loss`, mean over the calls since the last
+//! measurement.
+
+use crate::checkpoint::{self, finite};
+use crate::dirichlet_regression::{RegressionLoss, examples, log_shares, mean_absolute_error};
+use crate::gaussian_softmax_sac::mean_and_log_sd;
+use crate::scaling::{ObservationScaling, Scaling};
+use crate::{allocation, seat};
+use burn::module::Module;
+use burn::tensor::{Tensor, activation::softmax};
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use numerics::gaussian::HALF_LN_TWO_PI;
+use numerics::gaussian_policy::gaussian_softmax_sample;
+use numerics::network::{Activation, Mlp, device, matrix, values};
+use numerics::optimizer::{Adam, Trained};
+use numerics::policy_file::{Head, Policy};
+use numerics::tensor_file::TensorFile;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+const NAME: &str = "gaussian_softmax_regression";
+const LAYERS: [Activation; 3] = [Activation::LeakyRelu; 3];
+
+/// Hyper-parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Step size of Adam.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, section 3.4.3: 0.01 and 0.1"))]
+    pub learning_rate: f64,
+    /// What is minimised.
+    pub loss: RegressionLoss,
+    /// Units of each of the three hidden layers.
+    #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.3"))]
+    pub width: usize,
+    /// How observations reach the network.
+    pub observation_scaling: ObservationScaling,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        let loss = RegressionLoss::ExpectedError;
+        Self { learning_rate: 0.01, loss, width: 64, observation_scaling: ObservationScaling::None }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The agent.
+#[derive(Debug, Clone)]
+pub struct GaussianSoftmaxRegression {
+    loss: RegressionLoss,
+    scaling: Scaling,
+    shares: Vec<String>,
+    network: Trained<Mlp>,
+    n_examples: u64,
+}
+
+/// Builds the agent for one seat that acts on a simplex, in an environment whose state is the target.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other environment.
+pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    Ok(Box::new(GaussianSoftmaxRegression::new(&config, interface, rng)?))
+}
+
+/// What [`GaussianSoftmaxRegression::learn`] records.
+#[must_use]
+pub fn metrics() -> Vec<Metric> {
+    vec![Metric::new("loss", "", "what the regression minimises").lower_is_better()]
+}
+
+impl GaussianSoftmaxRegression {
+    fn new(config: &Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+        let seat = seat::only_seat(NAME, interface)?;
+        let shares = seat::simplex(NAME, seat)?.to_vec();
+        seat::state_of_length(NAME, interface, shares.len())?;
+        let scaling = Scaling::new(config.observation_scaling, seat::observed(NAME, seat)?);
+        let sizes = [scaling.n_channels(), config.width, config.width, config.width, 2 * shares.len()];
+        let network = Mlp::new(&sizes, &LAYERS, 1.0, rng, &device().autodiff());
+        let network = Trained::new(network, Adam::new(config.learning_rate, None));
+        Ok(Self { loss: config.loss, scaling, shares, network, n_examples: 0 })
+    }
+
+    fn loss(&self, observations: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Tensor<1> {
+        let (mean, log_sd) = mean_and_log_sd(self.network.network().forward(observations));
+        match self.loss {
+            RegressionLoss::ExpectedError => mean_absolute_error(gaussian_softmax_sample(mean, log_sd, rng).action, targets),
+            RegressionLoss::LogLikelihood => log_density(mean, log_sd, log_shares(targets)).mean().neg(),
+        }
+    }
+}
+
+/// `ln N(u; mean, sd)`, `[batch, 1]`.
+fn log_density(mean: Tensor<2>, log_sd: Tensor<2>, candidate: Tensor<2>) -> Tensor<2> {
+    let residual = (candidate - mean) / log_sd.clone().exp();
+    (residual.powf_scalar(2.0) * -0.5 - log_sd - HALF_LN_TWO_PI).sum_dim(1)
+}
+
+impl Agent for GaussianSoftmaxRegression {
+    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
+        let scaled = matrix(scaled, self.scaling.n_channels());
+        let (mean, log_sd) = mean_and_log_sd(self.network.network().valid().forward(scaled));
+        let shares = match mode {
+            Mode::Train => gaussian_softmax_sample(mean, log_sd, rng).action,
+            Mode::Evaluate => softmax(mean, 1),
+        };
+        allocation::actions(&values(shares), self.shares.len(), self.n_examples)
+    }
+
+    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        self.n_examples += transitions.len() as u64;
+        let (observations, targets) = examples(transitions, &self.scaling);
+        let loss = self.loss(observations, targets, rng);
+        record.mean("loss", finite("loss", self.n_examples, values(loss.clone())[0])?);
+        self.network.descend(&loss);
+        Ok(())
+    }
+
+    fn reads_state(&self) -> bool {
+        true
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        let mut file = TensorFile::default();
+        self.network.store("network", &mut file);
+        checkpoint::write(NAME, dir, file, &self.n_examples)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        let (file, n_examples) = checkpoint::read(NAME, dir)?;
+        self.network.restore("network", &file).map_err(checkpoint::error_of(NAME))?;
+        self.n_examples = n_examples;
+        Ok(())
+    }
+
+    fn export(&self, dir: &Path) -> Result<bool, Error> {
+        let policy = Policy::new(self.network.network(), self.scaling.ports(&self.shares), Head::SoftmaxMean);
+        policy.write(dir).map_err(checkpoint::error_of(NAME))?;
+        Ok(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bandit;
+    use engine::random::stream;
+
+    fn agent(loss: RegressionLoss) -> GaussianSoftmaxRegression {
+        let config = Config { loss, width: 16, ..Config::default() };
+        GaussianSoftmaxRegression::new(&config, &bandit::interface(), &mut stream(&["regression"])).unwrap()
+    }
+
+    #[test]
+    fn the_density_by_hand() {
+        // Two standard deviations of 0.5 above the mean: -2 + ln 2 - ln(2 pi) / 2.
+        let ln_sd = matrix(vec![0.5f32.ln()], 1);
+        let density = values(log_density(matrix(vec![1.0], 1), ln_sd, matrix(vec![2.0], 1)))[0];
+        assert!((f64::from(density) - (-2.0 + 2f64.ln() - HALF_LN_TWO_PI)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn both_losses_find_the_target() {
+        for loss in [RegressionLoss::ExpectedError, RegressionLoss::LogLikelihood] {
+            let (mut agent, mut rng) = (agent(loss), stream(&["find"]));
+            let before = bandit::error(&mut agent, &mut rng);
+            bandit::train(&mut agent, 400, &mut rng);
+            let after = bandit::error(&mut agent, &mut rng);
+            assert!(before > 0.2 && after < 0.06, "{loss:?} {before} {after}");
+        }
+    }
+
+    #[test]
+    fn a_saved_agent_continues() {
+        bandit::assert_continues(|rng| build(Config::default(), &bandit::interface(), rng).unwrap());
+    }
+
+    #[test]
+    fn what_it_records_is_declared_and_what_it_exports_acts() {
+        bandit::assert_declared(&mut agent(RegressionLoss::ExpectedError), &metrics());
+        bandit::assert_exports(&mut agent(RegressionLoss::ExpectedError));
+    }
+
+    #[test]
+    fn a_state_that_is_no_target_is_refused() {
+        let interface = crate::seat::tests::allocation(&["x"], &["best_1"], 3);
+        assert!(matches!(build(Config::default(), &interface, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
+    }
+}
