@@ -37,7 +37,7 @@ impl Sources {
         self.add(name, text.lines().map(String::from).collect(), true)
     }
 
-    /// Adds one option of the command line, as it was typed (`--set dsac.discount=0.9`); returns its index.
+    /// Adds one option of the command line, as it was typed (`--set protocol.steps=1000`); returns its index.
     pub fn add_option(&mut self, option: &str) -> usize {
         self.add("command line", vec![option.into()], false)
     }
@@ -207,7 +207,7 @@ fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char, paint: Pa
     let position = if place.numbered { format!("{}:{}:{}", place.file, place.line, place.column) } else { place.file.clone() };
     line(out, &format!("{margin}{} {position}", paint.blue("-->")));
     line(out, &format!("{margin} {}", paint.blue("|")));
-    line(out, &format!("{} {} {}", paint.blue(&format!("{number:>gutter$}")), paint.blue("|"), place.text.replace('\t', " ")));
+    line(out, &format!("{} {} {}", paint.blue(&format!("{number:>gutter$}")), paint.blue("|"), place.text.replace('\t', "→")));
     let before = place.column.saturating_sub(1);
     let indent: String = place.text.chars().take(before).flat_map(|letter| std::iter::repeat_n(' ', columns(letter))).collect();
     // A position behind the end of the line (a missing value, an open bracket) lies past every character.

@@ -25,7 +25,7 @@ pub struct World {
     pub traced: BTreeMap<usize, BTreeSet<String>>,
     /// Points of the sweep, in order; one empty point without a sweep.
     pub settings: Vec<String>,
-    /// Last words of the swept keys.
+    /// The swept keys, each as its last word and as a whole.
     pub swept: Vec<String>,
     /// The seeds.
     pub seeds: Vec<u64>,
@@ -57,9 +57,12 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
         ..World::default()
     };
     for key in sections.dimensions.iter().flat_map(|dimension| &dimension.keys) {
+        // Settings write a key with its last word, or as a whole where that is not unique.
         let last = key.text.rsplit('.').next().unwrap_or_default().to_string();
-        if !world.swept.contains(&last) {
-            world.swept.push(last);
+        for name in [last, key.text.clone()] {
+            if !world.swept.contains(&name) {
+                world.swept.push(name);
+            }
         }
     }
     let mut builder =
@@ -161,8 +164,14 @@ impl Builder<'_> {
         let (at, plugin_span) = plugin.map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
         match error {
             Error::Config { key, problem } => {
-                let span = locate(&sections.assigned(&resolved.given), key).unwrap_or(plugin_span);
-                sections.sources.error(span, &format!("{at}.{key}"), format!("`{key}`: {problem}"))
+                let given = locate(&sections.assigned(&resolved.given), key);
+                let span = given.unwrap_or(plugin_span);
+                let error = sections.sources.error(span, &format!("{at}.{key}"), format!("`{key}`: {problem}"));
+                let default = resolved.part.config.pointer(&format!("/{}", key.replace('.', "/")));
+                match default.filter(|_| given.is_none()) {
+                    Some(value) => error.help(format!("`{key}` is not given here; its value is {value}")),
+                    None => error,
+                }
             }
             Error::Mismatch { problem, .. } => {
                 let named = sections.written.part(target).map_or("", |named| &named.name);

@@ -3,7 +3,7 @@
 use super::{
     config::{self, Files, Plugin},
     overrides::Override,
-    path::Target,
+    path::{self, Target},
     sweep::{Dimension, word},
     written::{Selection, Written},
 };
@@ -11,8 +11,10 @@ use crate::{
     Registry,
     diagnostic::{Diagnostic, Sources},
     document::Node,
+    schema_check::View,
     trial::Part,
 };
+use serde_json::Value;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 /// Largest number of trials of one study.
@@ -61,6 +63,8 @@ pub struct Sections<'a> {
     pub written: &'a Written,
     /// The plugins.
     pub registry: &'a Registry,
+    /// The schema of a study.
+    pub schema: &'a Value,
     /// The texts.
     pub sources: &'a Sources,
     /// Folder of the study.
@@ -130,13 +134,13 @@ impl Sections<'_> {
         let mut config =
             self.written.part(given.target).map_or_else(|| Node::empty_mapping(Default::default()), |it| it.config.clone());
         for index in &given.overrides {
-            for (path, value) in self.overrides[*index].set.iter().filter(|(path, _)| path.target == given.target) {
-                config.set(&path.keys, path.span, value.clone());
+            for (_, path, value) in self.overrides[*index].set.iter().filter(|(_, path, _)| path.target == given.target) {
+                path.assign(&mut config, value);
             }
         }
         for (index, point) in &given.points {
             for key in self.dimensions[*index].keys.iter().filter(|key| key.path.target == given.target) {
-                config.set(&key.path.keys, key.path.span, key.values[*point].clone());
+                key.path.assign(&mut config, &key.values[*point]);
             }
         }
         config
@@ -167,7 +171,8 @@ impl Sections<'_> {
             Target::Protocol => (&self.registry.protocols.get(named.plugin.as_str())?.about, "protocol".into()),
             Target::Seeds => return None,
         };
-        Some(Plugin { name: &named.plugin, about, at: format!("{at}.{}", named.plugin), span: named.plugin_span })
+        let schema = path::config_schema(View::new(self.schema, self.schema), target, &named.plugin)?;
+        Some(Plugin { name: &named.plugin, about, schema, at: format!("{at}.{}", named.plugin), span: named.plugin_span })
     }
 }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ClaimSpec {
-    /// The comparison, such as `dsac.return > equal.return`.
+    /// The comparison, such as `learner.return > rule.return`.
     pub claim: String,
     /// The environment it is about; each in turn where absent.
     pub environment: Option<String>,
@@ -33,6 +33,15 @@ pub struct Mistake {
     pub position: usize,
     /// What.
     pub message: String,
+}
+
+impl Mistake {
+    /// Number of characters that are wrong: a word, or the whole text.
+    #[must_use]
+    pub fn length(&self, text: &str) -> usize {
+        let rest = text.chars().skip(self.position);
+        if self.position == 0 { rest.count() } else { rest.take_while(|letter| !letter.is_whitespace()).count().max(1) }
+    }
 }
 
 /// The operands of a claim.
@@ -64,9 +73,9 @@ pub fn operands(text: &str) -> Result<Vec<Operand>, Mistake> {
     }
     match (comparisons, operands.is_empty()) {
         (1, false) => Ok(operands),
-        (1, true) => Err(Mistake { position: 0, message: "a claim speaks of a metric of an agent".into() }),
-        (0, _) => Err(Mistake { position: 0, message: "a claim compares: it has one of `>`, `<`, `>=`, `<=`".into() }),
-        _ => Err(Mistake { position: 0, message: "a claim has one comparison only".into() }),
+        (1, true) => Err(Mistake { position: 0, message: "this names no metric of an agent".into() }),
+        (0, _) => Err(Mistake { position: 0, message: "this compares nothing".into() }),
+        _ => Err(Mistake { position: 0, message: "this compares more than once".into() }),
     }
 }
 
@@ -90,14 +99,14 @@ mod tests {
 
     #[test]
     fn operands_are_found_with_their_positions() {
-        let found = operands("dsac.cycle_length > 1.1 * equal.cycle_length").unwrap();
-        assert_eq!(found.iter().map(|it| (it.agent.as_str(), it.position)).collect::<Vec<_>>(), [("dsac", 0), ("equal", 26)]);
+        let found = operands("one.length > 1.1 * other.length").unwrap();
+        assert_eq!(found.iter().map(|it| (it.agent.as_str(), it.position)).collect::<Vec<_>>(), [("one", 0), ("other", 19)]);
     }
 
     #[test]
     fn what_is_no_comparison_is_refused() {
-        assert_eq!(operands("dsac.return").unwrap_err().position, 0);
-        assert_eq!(operands("dsac.return > best").unwrap_err().position, 14);
+        assert_eq!(operands("one.return").unwrap_err().position, 0);
+        assert_eq!(operands("one.return > best").unwrap_err().position, 13);
         assert_eq!(operands("a.b > c.d ; e.f").unwrap_err().position, 10);
     }
 }

@@ -4,7 +4,7 @@ use crate::{
     diagnostic::{Diagnostic, Sources, Span},
     document::{Kind, Node},
     registry::About,
-    schema_check::View,
+    schema_check::{At, Checker, View},
     trial::Part,
 };
 use serde_json::Value;
@@ -19,6 +19,8 @@ pub struct Plugin<'a> {
     pub name: &'a str,
     /// Defaults, schema, presets.
     pub about: &'a About,
+    /// Schema of the config, as a study writes it.
+    pub schema: View<'a>,
     /// Dotted path of the config in the study.
     pub at: String,
     /// Where the plugin's name stands.
@@ -58,10 +60,7 @@ pub fn resolve(plugin: &Plugin<'_>, config: &Node, files: &mut Files<'_>, source
         return Err(found);
     }
     let merged = merged(plugin.about, config);
-    let mut config = (plugin.about.resolve)(&merged).map_err(|error| {
-        let message = format!("`{}` does not take this config: {error}", plugin.name);
-        vec![sources.error(plugin.span, &plugin.at, message)]
-    })?;
+    let mut config = (plugin.about.resolve)(&merged).map_err(|error| refused(plugin, config, &error, sources))?;
     let mut hashes = BTreeMap::new();
     let absent = name_files(&mut config, "", files, &mut hashes);
     if let Some((key, path)) = absent {
@@ -69,6 +68,17 @@ pub fn resolve(plugin: &Plugin<'_>, config: &Node, files: &mut Files<'_>, source
         return Err(vec![sources.error(plugin.span, &plugin.at, message).help(format!("give `{key}` in the study"))]);
     }
     Ok(Part { plugin: plugin.name.into(), version: plugin.about.version, config, files: hashes })
+}
+
+/// Why a config does not fit its plugin: what the schema says of it, or else what the plugin's reader says.
+fn refused(plugin: &Plugin<'_>, config: &Node, error: &serde_json::Error, sources: &Sources) -> Vec<Diagnostic> {
+    let mut checker = Checker::new(sources);
+    checker.check(config, &At { key: plugin.span, name: plugin.name.into(), path: plugin.at.clone() }, &plugin.schema);
+    if checker.found.is_empty() {
+        let message = format!("`{}` does not take this config: {error}", plugin.name);
+        checker.found.push(sources.error(plugin.span, &plugin.at, message));
+    }
+    checker.found
 }
 
 fn merged(about: &About, config: &Node) -> Value {

@@ -219,7 +219,7 @@ fn claims() -> Value {
     let long = json!({
         "type": "object", "additionalProperties": false, "required": ["claim"],
         "properties": {
-            "claim": text("The comparison, such as `dsac.return > equal.return`."),
+            "claim": text("The comparison, such as `learner.return > rule.return`."),
             "environment": text("The environment it is about; each in turn where absent."),
             "about": text("Which sentence of the source it stands for."),
         },

@@ -89,7 +89,7 @@ pub struct Study {
     /// Version of the shared numerical code.
     pub(crate) numerics: u32,
     /// The sections that trials are made of, with all defaults.
-    resolved: Vec<(String, Value)>,
+    resolved: Vec<(String, resolved::Section)>,
     /// The folder that data files were sought from.
     folder: PathBuf,
 }
@@ -132,7 +132,8 @@ pub fn load_text(
     found.extend(errors);
     let mut keep = |errors: Vec<Diagnostic>| found.extend(errors);
     let dimensions = sweep::read(&root, &written, &schema, &sources, &fixed).map_err(&mut keep).unwrap_or_default();
-    let overrides = overrides::read(&root, &written, &schema, &sources, &dimensions).map_err(&mut keep).unwrap_or_default();
+    let overrides =
+        overrides::read(&root, &written, &schema, &sources, &dimensions, &fixed).map_err(&mut keep).unwrap_or_default();
     let excluded = overrides::read_exclude(&root, &written, &sources).map_err(&mut keep).unwrap_or_default();
     if found.iter().any(blocks_trials) {
         return Err(in_order(found));
@@ -140,6 +141,7 @@ pub fn load_text(
     let sections = Sections {
         written: &written,
         registry,
+        schema: &schema,
         sources: &sources,
         folder,
         overrides: &overrides,
@@ -195,7 +197,7 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
 fn check_structure(root: &Node, schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
     let mut checker = Checker::new(sources);
     let start = Span { length: 1, ..root.span };
-    checker.check(root, &At { key: start, path: String::new() }, &View::new(schema, schema));
+    checker.check(root, &At { key: start, name: String::new(), path: String::new() }, &View::new(schema, schema));
     checker.found
 }
 

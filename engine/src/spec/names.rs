@@ -109,7 +109,7 @@ impl Names<'_> {
         let given: Vec<_> = kinds.into_iter().filter_map(|(kind, it)| Some((kind, it.as_ref()?))).collect();
         let [(kind, comparison)] = given.as_slice() else {
             let named = given.iter().map(|(kind, _)| *kind).collect::<Vec<_>>();
-            return self.one_kind("table", &place, &named, "`improvement` or `comparison`");
+            return self.one_kind(&format!("the table `{}`", entry.key), &place, &named, "`improvement` or `comparison`");
         };
         let Some(inner) = place.below(kind) else { return };
         let (rows, columns) = self.comparison(comparison, &inner, *kind == "improvement");
@@ -119,10 +119,9 @@ impl Names<'_> {
     }
 
     fn one_kind(&mut self, what: &str, place: &Place<'_>, given: &[&str], kinds: &str) {
-        let name = place.at.rsplit_once("s.").map_or("", |(_, name)| name).to_string();
         let message = match given {
-            [] => format!("the {what} `{name}` does not say what it shows"),
-            [first, second, ..] => format!("the {what} `{name}` shows both `{first}` and `{second}`"),
+            [] => format!("{what} does not say what it shows"),
+            [first, second, ..] => format!("{what} shows both `{first}` and `{second}`"),
             [_] => return,
         };
         self.say((place.key, place.at.clone()), message, format!("give exactly one of {kinds}"));
@@ -214,7 +213,8 @@ impl Names<'_> {
         let place = Place::of(entry, format!("figures.{}", entry.key));
         let given: Vec<&str> = KINDS.into_iter().filter(|kind| place.node.entry(kind).is_some()).collect();
         let [kind] = given.as_slice() else {
-            return self.one_kind("figure", &place, &given, &KINDS.map(|kind| format!("`{kind}`")).join(", "));
+            let kinds = KINDS.map(|kind| format!("`{kind}`")).join(", ");
+            return self.one_kind(&format!("the figure `{}`", entry.key), &place, &given, &kinds);
         };
         let Some(inner) = place.below(kind) else { return };
         if let Some(bars) = &spec.bars {
@@ -341,13 +341,15 @@ impl Names<'_> {
             environments: if environments.is_empty() { all(world.environments.len()) } else { environments.clone() },
         };
         let has_trial = |pair| world.recorded.contains_key(&pair);
+        let before = self.found.len();
         for agent in agents {
             if !picked.environments.iter().any(|environment| has_trial((*environment, agent))) {
                 let message = format!("no trial feeds the agent `{}` here", world.agents[agent]);
                 self.say(place.value("agents"), message, "`exclude` leaves out its combinations with these environments");
             }
         }
-        for environment in environments {
+        // One remark is enough for agents and environments that never meet.
+        for environment in environments.into_iter().filter(|_| before == self.found.len()).collect::<Vec<_>>() {
             if !picked.agents.iter().any(|agent| has_trial((environment, *agent))) {
                 let message = format!("no trial feeds the environment `{}` here", world.environments[environment]);
                 self.say(place.value("environments"), message, "`exclude` leaves out its combinations with these agents");
@@ -405,29 +407,32 @@ impl Names<'_> {
         let word = |position: usize, length: usize| Span { column: text.span.column + quote + position, length, ..text.span };
         match claims::operands(&spec.claim) {
             Err(mistake) => {
-                self.say((word(mistake.position, 1), at.into()), mistake.message, "such as `dsac.return > equal.return`")
+                let length = mistake.length(&spec.claim);
+                let example = "a claim reads `AGENT.METRIC > AGENT.METRIC`, with `>`, `<`, `>=` or `<=` and numbers where needed";
+                self.say((word(mistake.position, length), at.into()), mistake.message, example);
             }
             Ok(operands) => {
                 for operand in operands {
-                    let span = word(operand.position, operand.agent.chars().count() + 1 + operand.metric.chars().count());
-                    self.operand(&operand, environment, (span, at.into()));
+                    let (agent, metric) = (operand.agent.chars().count(), operand.metric.chars().count());
+                    let spans = [word(operand.position, agent), word(operand.position + agent + 1, metric)];
+                    self.operand(&operand, environment, spans.map(|span| (span, at.to_string())));
                 }
             }
         }
         Some(spec)
     }
 
-    fn operand(&mut self, operand: &claims::Operand, environment: Option<usize>, place: (Span, String)) {
+    fn operand(&mut self, operand: &claims::Operand, environment: Option<usize>, [agent_at, metric_at]: [(Span, String); 2]) {
         let Some(agent) = self.world.agents.iter().position(|known| *known == operand.agent) else {
             let help = suggest(&operand.agent, self.world.agents.iter().map(String::as_str));
-            return self.say(place, format!("no agent is named `{}`", operand.agent), help);
+            return self.say(agent_at, format!("no agent is named `{}`", operand.agent), help);
         };
         let environments = environment.map_or_else(|| (0..self.world.environments.len()).collect(), |index| vec![index]);
         let recorded = self.recorded(&Picked { agents: vec![agent], environments });
         if recorded.is_empty() {
-            self.say(place, format!("no trial feeds the agent `{}` here", operand.agent), "`exclude` leaves it out");
+            self.say(agent_at, format!("no trial feeds the agent `{}` here", operand.agent), "`exclude` leaves it out");
         } else if !recorded.contains(&operand.metric) {
-            self.unknown_metric(&operand.metric, place, &recorded);
+            self.unknown_metric(&operand.metric, metric_at, &recorded);
         }
     }
 }

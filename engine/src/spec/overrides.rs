@@ -16,19 +16,19 @@ use serde_json::Value;
 pub struct Override<'a> {
     /// The combinations.
     pub selection: Selection,
-    /// The values by key.
-    pub set: Vec<(KeyPath<'a>, Node)>,
+    /// The keys, as written and as found, with their values.
+    pub set: Vec<(String, KeyPath<'a>, Node)>,
 }
 
 impl Override<'_> {
     /// True where a value belongs to this target.
     #[must_use]
     pub fn concerns(&self, target: Target) -> bool {
-        self.set.iter().any(|(path, _)| path.target == target)
+        self.set.iter().any(|(_, path, _)| path.target == target)
     }
 }
 
-/// Reads the section `overrides`.
+/// Reads the section `overrides`; keys that a profile or `--set` fixed are left out.
 ///
 /// # Errors
 /// Names and paths that do not exist, values that do not fit, values that apply nowhere or that a sweep sets as well.
@@ -38,6 +38,7 @@ pub fn read<'a>(
     schema: &'a Value,
     sources: &Sources,
     dimensions: &[Dimension<'_>],
+    fixed: &[KeyPath<'_>],
 ) -> Result<Vec<Override<'a>>, Vec<Diagnostic>> {
     let (mut overrides, mut found) = (Vec::new(), Vec::new());
     for (index, item) in root.get("overrides").map_or(&[][..], Node::items).iter().enumerate() {
@@ -50,12 +51,13 @@ pub fn read<'a>(
         for entry in item.get("set").map_or(&[][..], Node::entries) {
             let at = format!("{at}.set.{}", entry.key);
             match path::find(&entry.key, entry.key_span, &at, written, schema, sources) {
+                Ok(path) if fixed.iter().any(|fixed| fixed.overlaps(&path)) => {}
                 Ok(path) => {
                     found.extend(path.check(&entry.value, &at, sources));
                     found.extend(useless(&path, &selection, &entry.key, &at, dimensions, sources));
-                    set.push((path, entry.value.clone()));
+                    set.push((entry.key.clone(), path, entry.value.clone()));
                 }
-                Err(error) => found.push(error),
+                Err(errors) => found.extend(errors),
             }
         }
         overrides.push(Override { selection, set });

@@ -1,9 +1,9 @@
-//! Dotted paths such as `dsac.actor_learning_rate` or `protocol.steps`: what they name and whether it exists.
+//! Dotted paths such as `learner.discount` or `protocol.steps`: what they name and whether it exists.
 
 use super::written::Written;
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
-    document::Node,
+    document::{Kind, Node},
     schema_check::{At, Checker, View},
 };
 use serde_json::Value;
@@ -28,6 +28,8 @@ pub struct KeyPath<'a> {
     pub target: Target,
     /// Keys inside the plugin's config.
     pub keys: Vec<String>,
+    /// Schema of the plugin's config.
+    pub config: View<'a>,
     /// What a value there must fit.
     pub schema: View<'a>,
     /// Where the path is written.
@@ -37,7 +39,8 @@ pub struct KeyPath<'a> {
 /// Finds the key that `text` names.
 ///
 /// # Errors
-/// Where it does not exist: the part that is unknown, with the nearest known one.
+/// Where it does not exist: the part that is unknown, with the nearest known one. Nothing where the plugin itself is
+/// unknown, which the check against the schema says.
 pub fn find<'a>(
     text: &str,
     span: Span,
@@ -45,16 +48,17 @@ pub fn find<'a>(
     written: &Written,
     schema: &'a Value,
     sources: &Sources,
-) -> Result<KeyPath<'a>, Diagnostic> {
+) -> Result<KeyPath<'a>, Vec<Diagnostic>> {
     let words: Vec<&str> = text.split('.').collect();
     let study = View::new(schema, schema);
     let fail = |index: usize, message: String, known: Vec<&str>| {
         let before: usize = words[..index].iter().map(|word| word.chars().count() + 1).sum();
         let span = Span { column: span.column + before, length: words[index].chars().count(), ..span };
-        Err(sources.error(span, at, message).help(suggest(words[index], known)))
+        Err(vec![sources.error(span, at, message).help(suggest(words[index], known))])
     };
     if text == "seeds" {
-        return Ok(KeyPath { target: Target::Seeds, keys: vec![], schema: study.property("seeds").unwrap_or(study), span });
+        let schema = study.property("seeds").unwrap_or(study);
+        return Ok(KeyPath { target: Target::Seeds, keys: vec![], config: schema.clone(), schema, span });
     }
     let Some((target, used)) = begin(&words, written) else {
         let index = usize::from(words.len() > 1 && ["environments", "agents"].contains(&words[0]));
@@ -62,20 +66,17 @@ pub fn find<'a>(
         return fail(index, format!("no environment or agent is named `{}`", words[index]), known.collect());
     };
     let plugin = written.plugin(target);
-    let Some(config) = config_schema(study, target, plugin) else {
-        return Err(sources.error(span, at, format!("`{plugin}` is no known plugin, so it has no keys")));
-    };
+    let config = config_schema(study, target, plugin).ok_or_else(Vec::new)?;
     let named_twice = words.get(used) == Some(&plugin) && config.property(plugin).is_none();
     let first = used + usize::from(named_twice);
     let keys: Vec<String> = words[first..].iter().map(ToString::to_string).collect();
     if keys.is_empty() {
         let example = format!("{}.{}", words[used - 1], config.property_names().first().unwrap_or(&"key"));
-        return Err(sources
-            .error(span, at, format!("`{text}` names no key"))
-            .help(format!("write a key behind it: `{example}`")));
+        let error = sources.error(span, at, format!("`{text}` names no key"));
+        return Err(vec![error.help(format!("write a key behind it: `{example}`"))]);
     }
     match config.descend(&keys) {
-        Ok(schema) => Ok(KeyPath { target, keys, schema, span }),
+        Ok(schema) => Ok(KeyPath { target, keys, config, schema, span }),
         Err((index, known)) if index == 0 => fail(first, format!("`{plugin}` has no key `{}`", keys[0]), known),
         Err((index, known)) => {
             let owner = keys[..index].join(".");
@@ -97,7 +98,8 @@ fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
     }
 }
 
-fn config_schema<'a>(study: View<'a>, target: Target, plugin: &str) -> Option<View<'a>> {
+/// Schema of the config of a plugin, as part of the schema `study`.
+pub fn config_schema<'a>(study: View<'a>, target: Target, plugin: &str) -> Option<View<'a>> {
     match target {
         Target::Environment(_) => study.property("environments")?.property("any")?.property(plugin),
         Target::Agent(_) => study.property("agents")?.property("any")?.property(plugin),
@@ -111,8 +113,14 @@ impl KeyPath<'_> {
     #[must_use]
     pub fn check(&self, value: &Node, at: &str, sources: &Sources) -> Vec<Diagnostic> {
         let mut checker = Checker::new(sources);
-        checker.check(value, &At { key: self.span, path: at.into() }, &self.schema);
+        let name = self.keys.last().map_or("seeds", String::as_str).into();
+        checker.check(value, &At { key: self.span, name, path: at.into() }, &self.schema);
         checker.found
+    }
+
+    /// Writes a value at this key of a config.
+    pub fn assign(&self, config: &mut Node, value: &Node) {
+        assign(config, &self.config, &self.keys, self.span, value);
     }
 
     /// True for the key `preset`, which is no key of the config itself.
@@ -125,5 +133,33 @@ impl KeyPath<'_> {
     #[must_use]
     pub fn overlaps(&self, other: &KeyPath<'_>) -> bool {
         self.target == other.target && self.keys.iter().zip(&other.keys).all(|(mine, theirs)| mine == theirs)
+    }
+}
+
+/// Writes a value at `keys` below `node`. A mapping with fixed keys is written key by key, so that its other keys stay; a
+/// variant of an enum takes the place of another variant.
+fn assign(node: &mut Node, schema: &View<'_>, keys: &[String], span: Span, value: &Node) {
+    let Some((first, rest)) = keys.split_first() else {
+        match schema.as_struct().filter(|_| matches!(value.kind, Kind::Mapping(_))) {
+            Some(_) => value.entries().iter().for_each(|entry| {
+                assign(node, schema, std::slice::from_ref(&entry.key), entry.key_span, &entry.value);
+            }),
+            None => *node = value.clone(),
+        }
+        return;
+    };
+    let places = schema.alternatives();
+    if let Kind::Mapping(entries) = &mut node.kind
+        && places.len() > 1
+        && places.iter().any(|place| place.variant() == Some(first))
+    {
+        entries.retain(|entry| entry.key == *first);
+    }
+    let below = places.iter().find_map(|place| place.property(first));
+    if let (Some(entry), Some(below)) = (node.entry_or_insert(first, span), below) {
+        if rest.is_empty() {
+            entry.key_span = span;
+        }
+        assign(&mut entry.value, &below, rest, span, value);
     }
 }

@@ -1,6 +1,6 @@
 //! A study with every default written out.
 
-use super::{Study, cells::Sections, config, written::Named};
+use super::{Study, cells::Sections, config, path::Target, written::Named};
 use crate::document::{Entry, Node};
 use serde_json::{Value, json};
 use std::{
@@ -14,31 +14,60 @@ use std::{
 /// same trials.
 #[must_use]
 pub fn resolved_yaml(study: &Study, folder: &Path) -> String {
-    let mut sections: Vec<(String, Value)> = vec![("study".into(), json!(study.name))];
-    sections.extend([("title", &study.title), ("source", &study.source)].map(|(key, text)| (key.into(), json!(text))));
-    sections.push(("departures".into(), json!(study.departures)));
+    let texts = [("study", &study.name), ("title", &study.title), ("source", &study.source)];
+    let mut sections: Vec<(String, Section)> = texts.map(|(key, text)| (key.into(), Section::Plain(json!(text)))).into();
+    sections.push(("departures".into(), Section::Plain(json!(study.departures))));
     // In the resolved configs files are named from the current folder, in sweeps and overrides from the study's.
-    let relocated = study.resolved.iter().map(|(key, value)| {
+    let relocated = study.resolved.iter().map(|(key, section)| {
         let from = if ["sweep", "overrides"].contains(&key.as_str()) { study.folder.as_path() } else { Path::new("") };
-        (key.clone(), relocate(value.clone(), key, from, folder))
+        (key.clone(), section.clone().map(|key, value| relocate(value, key, from, folder)))
     });
     sections.extend(relocated);
-    let named = |section: Vec<(String, Value)>| json!({ "": section });
     let tables = study.tables.iter().map(|(name, spec)| (name.clone(), given(json!(spec)))).collect();
     let figures = study.figures.iter().map(|(name, spec)| (name.clone(), given(json!(spec)))).collect();
-    sections.extend([("tables".to_string(), named(tables)), ("figures".to_string(), named(figures))]);
-    sections.push(("claims".into(), given(json!(study.claims))));
+    sections.extend([("tables".to_string(), Section::Named(tables)), ("figures".to_string(), Section::Named(figures))]);
+    sections.push(("claims".into(), Section::Plain(given(json!(study.claims)))));
     let mut out = String::new();
-    for (key, value) in &sections {
-        entry(&mut out, 0, key, value);
+    for (key, section) in &sections {
+        match section {
+            Section::Plain(value) => entry(&mut out, 0, key, value),
+            Section::Named(pairs) => {
+                let _ = write!(out, "{key}:");
+                mapping(&mut out, 0, pairs.iter().map(|(name, value)| (name.as_str(), value)).collect());
+            }
+        }
     }
     out
 }
 
+/// A section of a study.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Section {
+    /// A value whose keys are sorted.
+    Plain(Value),
+    /// A mapping whose order is the study's.
+    Named(Vec<(String, Value)>),
+}
+
+impl Section {
+    fn map(self, change: impl Fn(&str, Value) -> Value) -> Self {
+        match self {
+            Section::Plain(value) => Section::Plain(change("", value)),
+            Section::Named(pairs) => Section::Named(
+                pairs
+                    .into_iter()
+                    .map(|(name, value)| {
+                        let value = change(&name, value);
+                        (name, value)
+                    })
+                    .collect(),
+            ),
+        }
+    }
+}
+
 /// The sections that trials are made of, in the order of a study, with all defaults.
-///
-/// A mapping whose order matters is a list of pairs under the empty key.
-pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64]) -> Vec<(String, Value)> {
+pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64]) -> Vec<(String, Section)> {
     let mut files = config::Files::new(sections.folder);
     let mut full = |target, named: &Named| {
         let plugin = sections.plugin(target);
@@ -46,35 +75,46 @@ pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64]) -> Vec<(Str
         // A config that is complete only with a sweep or an override stays as it is written.
         json!({ named.plugin.clone(): part.map_or_else(|| named.config.to_value(), |part| part.config) })
     };
-    let mut parts = |list: &[Named], target: fn(usize) -> super::path::Target| {
-        let pairs = list.iter().enumerate().map(|(index, named)| json!([named.name, full(target(index), named)]));
-        json!({ "": pairs.collect::<Vec<_>>() })
+    let mut parts = |list: &[Named], target: fn(usize) -> Target| {
+        let pairs = list.iter().enumerate().map(|(index, named)| (named.name.clone(), full(target(index), named)));
+        Section::Named(pairs.collect())
     };
-    let environments = parts(&sections.written.environments, super::path::Target::Environment);
-    let agents = parts(&sections.written.agents, super::path::Target::Agent);
-    let protocol = full(super::path::Target::Protocol, &sections.written.protocol);
+    let environments = parts(&sections.written.environments, Target::Environment);
+    let agents = parts(&sections.written.agents, Target::Agent);
+    let protocol = full(Target::Protocol, &sections.written.protocol);
     let counted = seeds.iter().enumerate().all(|(index, seed)| index as u64 == *seed);
     let seeds = if counted { json!(seeds.len()) } else { json!(seeds) };
-    let list = |key: &str| root.get(key).map_or_else(|| json!([]), Node::to_value);
+    let exclude = root.get("exclude").map_or_else(|| json!([]), Node::to_value);
     vec![
         ("environments".into(), environments),
         ("agents".into(), agents),
-        ("protocol".into(), protocol),
-        ("seeds".into(), seeds),
+        ("protocol".into(), Section::Plain(protocol)),
+        ("seeds".into(), Section::Plain(seeds)),
         ("sweep".into(), sweep(root, sections)),
-        ("exclude".into(), list("exclude")),
-        ("overrides".into(), list("overrides")),
+        ("exclude".into(), Section::Plain(exclude)),
+        ("overrides".into(), Section::Plain(overrides(root, sections))),
     ]
 }
 
 /// The sweep without keys that a profile or an option fixed.
-fn sweep(root: &Node, sections: &Sections<'_>) -> Value {
+fn sweep(root: &Node, sections: &Sections<'_>) -> Section {
     let kept = |entry: &&Entry| {
         let mut keys = sections.dimensions.iter().flat_map(|dimension| &dimension.keys);
         keys.any(|key| key.text == entry.key)
     };
     let entries = root.get("sweep").map_or(&[][..], Node::entries).iter().filter(kept);
-    json!({ "": entries.map(|entry| json!([entry.key, entry.value.to_value()])).collect::<Vec<_>>() })
+    Section::Named(entries.map(|entry| (entry.key.clone(), entry.value.to_value())).collect())
+}
+
+/// The overrides without keys that a profile or an option fixed.
+fn overrides(root: &Node, sections: &Sections<'_>) -> Value {
+    let items = root.get("overrides").map_or(&[][..], Node::items).iter().zip(sections.overrides);
+    let written = items.map(|(item, kept)| {
+        let mut value = item.to_value();
+        value["set"] = kept.set.iter().map(|(text, _, node)| (text.clone(), node.to_value())).collect();
+        value
+    });
+    written.collect()
 }
 
 /// Leaves out what is not given: exactly one kind of a table or figure is, and the others would be noise.
@@ -94,11 +134,7 @@ fn relocate(value: Value, key: &str, from: &Path, folder: &Path) -> Value {
     let is_file = key == "file" || key.ends_with(".file");
     match value {
         Value::String(text) if is_file && !text.is_empty() => json!(way(folder, &from.join(text)).display().to_string()),
-        Value::Array(items) => match items.as_slice() {
-            // A pair of an ordered mapping.
-            [Value::String(name), value] if !is_file => json!([name, relocate(value.clone(), name, from, folder)]),
-            _ => Value::Array(items.into_iter().map(|item| relocate(item, key, from, folder)).collect()),
-        },
+        Value::Array(items) => Value::Array(items.into_iter().map(|item| relocate(item, key, from, folder)).collect()),
         Value::Object(map) => {
             // The generators of a sweep stand between the key and its values.
             let name = |inner: &str| if is_file { key.to_string() } else { inner.to_string() };
@@ -136,35 +172,27 @@ fn entry(out: &mut String, indent: usize, key: &str, value: &Value) {
 
 /// What stands behind a key: on the same line where it is short by nature, else indented below.
 fn below(out: &mut String, indent: usize, value: &Value) {
-    match pairs(value) {
-        Some(pairs) if pairs.is_empty() => out.push_str(" {}\n"),
-        Some(pairs) => {
-            out.push('\n');
-            pairs.iter().for_each(|(key, value)| entry(out, indent + 2, key, value));
+    match value {
+        Value::Object(map) => {
+            let mut pairs: Vec<(&str, &Value)> = map.iter().map(|(key, value)| (key.as_str(), value)).collect();
+            pairs.sort_by_key(|(key, _)| *key);
+            mapping(out, indent, pairs);
         }
-        None => match value.as_array().filter(|items| items.iter().any(|item| item.is_object() || item.is_array())) {
-            Some(items) => {
-                out.push('\n');
-                for item in items {
-                    let _ = writeln!(out, "{:width$}- {}", "", flow(item), width = indent + 2);
-                }
+        Value::Array(items) if items.iter().any(|item| item.is_object() || item.is_array()) => {
+            out.push('\n');
+            for item in items {
+                let _ = writeln!(out, "{:width$}- {}", "", flow(item), width = indent + 2);
             }
-            None => {
-                let _ = writeln!(out, " {}", flow(value));
-            }
-        },
+        }
+        other => {
+            let _ = writeln!(out, " {}", flow(other));
+        }
     }
 }
 
-/// The pairs of a mapping: in order where it is a list under the empty key, else sorted.
-fn pairs(value: &Value) -> Option<Vec<(&str, &Value)>> {
-    let map = value.as_object()?;
-    if let Some(Value::Array(list)) = map.get("") {
-        return Some(list.iter().filter_map(|pair| Some((pair.get(0)?.as_str()?, pair.get(1)?))).collect());
-    }
-    let mut pairs: Vec<(&str, &Value)> = map.iter().map(|(key, value)| (key.as_str(), value)).collect();
-    pairs.sort_by_key(|(key, _)| *key);
-    Some(pairs)
+fn mapping(out: &mut String, indent: usize, pairs: Vec<(&str, &Value)>) {
+    out.push_str(if pairs.is_empty() { " {}\n" } else { "\n" });
+    pairs.into_iter().for_each(|(key, value)| entry(out, indent + 2, key, value));
 }
 
 fn flow(value: &Value) -> String {

@@ -2,7 +2,7 @@
 
 use super::{
     Options,
-    path::{self, KeyPath, Target},
+    path::{self, KeyPath},
     written::Written,
 };
 use crate::{
@@ -48,7 +48,7 @@ pub fn apply<'a>(
 }
 
 fn fix<'a>(path: KeyPath<'a>, value: Node, written: &mut Written, fixed: &mut Vec<KeyPath<'a>>) {
-    written.set(path.target, &path.keys, path.span, value);
+    written.set(&path, value);
     fixed.push(path);
 }
 
@@ -59,7 +59,7 @@ fn value_at<'a>(
     schema: &'a Value,
     sources: &Sources,
 ) -> Result<KeyPath<'a>, Vec<Diagnostic>> {
-    let path = path::find(&entry.key, entry.key_span, at, written, schema, sources).map_err(|error| vec![error])?;
+    let path = path::find(&entry.key, entry.key_span, at, written, schema, sources)?;
     let wrong = path.check(&entry.value, at, sources);
     if wrong.is_empty() { Ok(path) } else { Err(wrong) }
 }
@@ -110,10 +110,10 @@ fn seeds_option(seeds: u64, written: &mut Written, schema: &Value, sources: &mut
         Ok(path) => {
             let wrong = path.check(&value, "seeds", sources);
             if wrong.is_empty() {
-                written.set(Target::Seeds, &[], span, value);
+                written.set(&path, value);
             }
             wrong
         }
-        Err(error) => vec![error],
+        Err(errors) => errors,
     }
 }

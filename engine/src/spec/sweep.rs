@@ -97,7 +97,7 @@ fn swept_key<'a>(
     sources: &Sources,
 ) -> Result<SweptKey<'a>, Vec<Diagnostic>> {
     let at = format!("sweep.{}", entry.key);
-    let path = path::find(&entry.key, entry.key_span, &at, written, schema, sources).map_err(|error| vec![error])?;
+    let path = path::find(&entry.key, entry.key_span, &at, written, schema, sources)?;
     if path.target == Target::Seeds {
         let error = sources.error(entry.key_span, &at, "seeds cannot be swept: a seed is a replicate, not a setting");
         return Err(vec![error.help("write `seeds: N` or a list of seeds at the top level")]);
@@ -107,8 +107,7 @@ fn swept_key<'a>(
         return Err(vec![error.help("give each preset a name of its own under `environments` or `agents`")]);
     }
     let values = values(generator, &path, &at, sources).map_err(|error| vec![*error])?;
-    let below = format!("{at}.{}", generator.key);
-    let wrong: Vec<Diagnostic> = values.iter().flat_map(|value| path.check(value, &below, sources)).take(1).collect();
+    let wrong: Vec<Diagnostic> = values.iter().flat_map(|value| path.check(value, &at, sources)).take(1).collect();
     if wrong.is_empty() { Ok(SweptKey { path, text: entry.key.clone(), values }) } else { Err(wrong) }
 }
 
@@ -124,6 +123,9 @@ fn values(generator: &Entry, path: &KeyPath<'_>, at: &str, sources: &Sources) ->
         |key: &str, message: String| Err(Box::new(sources.error(span(key), &format!("{at}.{}.{key}", generator.key), message)));
     if low >= high {
         return fail("high", format!("`high` is {high}, but must be above `low`, which is {low}"));
+    }
+    if path.schema.is_integer() && low.ceil() > high.floor() {
+        return fail("low", format!("no integer lies between {low} and {high}"));
     }
     if log && low <= 0.0 {
         return fail("low", format!("`low` is {low}, but the logarithm is spread only over numbers above 0"));

@@ -1,6 +1,6 @@
 //! The study as written: its sections read from the document, with the positions of all names.
 
-use super::path::Target;
+use super::path::{KeyPath, Target};
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{Entry, Node},
@@ -38,7 +38,7 @@ impl Written {
     /// Reads what can be read; what cannot was reported by the check against the schema.
     #[must_use]
     pub fn read(root: &Node) -> Self {
-        let section = |key: &str| root.get(key).map_or_else(Vec::new, |node| node.entries().iter().filter_map(named).collect());
+        let section = |key: &str| root.get(key).map_or_else(Vec::new, |node| node.entries().iter().map(named).collect());
         let nothing = Named {
             name: "protocol".into(),
             name_span: root.span,
@@ -49,7 +49,7 @@ impl Written {
         Self {
             environments: section("environments"),
             agents: section("agents"),
-            protocol: root.entry("protocol").and_then(named).unwrap_or(nothing),
+            protocol: root.entry("protocol").map(named).unwrap_or(nothing),
             seeds: root.get("seeds").cloned(),
         }
     }
@@ -78,11 +78,11 @@ impl Written {
     }
 
     /// Replaces a value, as profiles and `--set` do.
-    pub fn set(&mut self, target: Target, keys: &[String], key_span: Span, value: Node) {
-        match target {
-            Target::Environment(index) => self.environments[index].config.set(keys, key_span, value),
-            Target::Agent(index) => self.agents[index].config.set(keys, key_span, value),
-            Target::Protocol => self.protocol.config.set(keys, key_span, value),
+    pub fn set(&mut self, path: &KeyPath<'_>, value: Node) {
+        match path.target {
+            Target::Environment(index) => path.assign(&mut self.environments[index].config, &value),
+            Target::Agent(index) => path.assign(&mut self.agents[index].config, &value),
+            Target::Protocol => path.assign(&mut self.protocol.config, &value),
             Target::Seeds => self.seeds = Some(value),
         }
     }
@@ -109,15 +109,15 @@ impl Written {
     }
 }
 
-fn named(entry: &Entry) -> Option<Named> {
-    let [plugin] = entry.value.entries() else { return None };
-    Some(Named {
-        name: entry.key.clone(),
-        name_span: entry.key_span,
-        plugin: plugin.key.clone(),
-        plugin_span: plugin.key_span,
-        config: plugin.value.clone(),
-    })
+/// A named part. Where it has not exactly one plugin, which is reported elsewhere, the name alone is known.
+fn named(entry: &Entry) -> Named {
+    let (name, name_span) = (entry.key.clone(), entry.key_span);
+    match entry.value.entries() {
+        [plugin] => {
+            Named { name, name_span, plugin: plugin.key.clone(), plugin_span: plugin.key_span, config: plugin.value.clone() }
+        }
+        _ => Named { name, name_span, plugin: String::new(), plugin_span: name_span, config: Node::empty_mapping(name_span) },
+    }
 }
 
 /// Which environments and agents an entry of `exclude` or `overrides` is about; `None` stands for all.

@@ -4,230 +4,41 @@
 //! `enum`, `const`, `oneOf` and `anyOf`, `$ref` into `$defs`, limits of numbers and lists. Besides these it knows `x-unit`
 //! (shown with ranges), `x-kind` (what the keys or words of a place are: `agent plugin`, `preset`) and two patterns of names.
 
+mod view;
+
+pub use view::View;
+
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, nearest, suggest},
     document::{Kind, Node, Scalar},
 };
 use serde_json::Value;
+use view::quoted;
 
 /// Pattern of a study's name, which becomes a folder.
 pub const SLUG: &str = "^[a-z0-9][a-z0-9._-]*$";
 /// Pattern of the names of environments and agents, which begin dotted paths.
 pub const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
 
-/// A schema with its references followed: the outermost layer that has a keyword wins.
-#[derive(Debug, Clone)]
-pub struct View<'a> {
-    root: &'a Value,
-    layers: Vec<&'a Value>,
-}
-
-impl<'a> View<'a> {
-    /// The schema `schema`, whose references point into `root`.
-    #[must_use]
-    pub fn new(root: &'a Value, schema: &'a Value) -> Self {
-        let mut layers = vec![schema];
-        // A reference to itself ends here; no schema of ours nests references deeper.
-        while let Some(next) = layers.last().and_then(|last| referenced(root, last)).filter(|_| layers.len() < 16) {
-            layers.push(next);
-        }
-        Self { root, layers }
-    }
-
-    /// The value of a keyword.
-    #[must_use]
-    pub fn get(&self, keyword: &str) -> Option<&'a Value> {
-        self.layers.iter().find_map(|layer| layer.get(keyword))
-    }
-
-    /// Names of the properties.
-    #[must_use]
-    pub fn property_names(&self) -> Vec<&'a str> {
-        self.get("properties").and_then(Value::as_object).map_or_else(Vec::new, |map| map.keys().map(String::as_str).collect())
-    }
-
-    /// The schema of the values under a key; `None` where the key is not allowed.
-    #[must_use]
-    pub fn property(&self, key: &str) -> Option<View<'a>> {
-        if let Some(found) = self.get("properties").and_then(|properties| properties.get(key)) {
-            return Some(View::new(self.root, found));
-        }
-        match self.get("additionalProperties") {
-            Some(Value::Bool(false)) => None,
-            Some(schema) => Some(View::new(self.root, schema)),
-            None if self.get("properties").is_some() => None,
-            None => Some(View::new(self.root, &Value::Null)),
-        }
-    }
-
-    /// The schema of a list's items.
-    #[must_use]
-    pub fn item(&self, index: usize) -> Option<View<'a>> {
-        let listed = self.get("prefixItems").and_then(|items| items.get(index));
-        listed.or_else(|| self.get("items")).map(|schema| View::new(self.root, schema))
-    }
-
-    /// The schemas one of which a value must fit; the schema itself where there is no choice.
-    #[must_use]
-    pub fn alternatives(&self) -> Vec<View<'a>> {
-        let choice = self.get("oneOf").or_else(|| self.get("anyOf")).and_then(Value::as_array);
-        match choice {
-            None => vec![self.clone()],
-            Some(list) => list.iter().flat_map(|schema| View::new(self.root, schema).alternatives()).collect(),
-        }
-    }
-
-    /// The schema below a dotted path.
-    ///
-    /// # Errors
-    /// The index of the first key that does not exist, and the names known there.
-    pub fn descend(&self, keys: &[String]) -> Result<View<'a>, (usize, Vec<&'a str>)> {
-        let mut here = self.clone();
-        for (index, key) in keys.iter().enumerate() {
-            let places = here.alternatives();
-            let Some(next) = places.iter().find_map(|place| place.property(key).filter(|_| place.is_mapping())) else {
-                return Err((index, places.iter().flat_map(View::property_names).collect()));
-            };
-            here = next;
-        }
-        Ok(here)
-    }
-
-    /// True where a whole number is wanted and nothing else.
-    #[must_use]
-    pub fn is_integer(&self) -> bool {
-        let places = self.alternatives();
-        let types: Vec<&str> = places.iter().flat_map(View::types).filter(|name| *name != "null").collect();
-        !types.is_empty() && types.iter().all(|name| *name == "integer")
-    }
-
-    /// True for a mapping with fixed keys, whose defaults are filled in key by key.
-    #[must_use]
-    pub fn as_struct(&self) -> Option<View<'a>> {
-        let mut places: Vec<View<'a>> = self.alternatives();
-        places.retain(|place| place.types() != ["null"]);
-        match places.as_slice() {
-            [one] if one.get("properties").is_some() && one.variant().is_none() => Some(one.clone()),
-            _ => None,
-        }
-    }
-
-    fn is_mapping(&self) -> bool {
-        self.types().contains(&"object") || self.types().is_empty()
-    }
-
-    /// Allowed types; empty where any is.
-    fn types(&self) -> Vec<&'a str> {
-        match self.get("type") {
-            Some(Value::String(one)) => vec![one],
-            Some(Value::Array(several)) => several.iter().filter_map(Value::as_str).collect(),
-            _ if self.get("properties").is_some() => vec!["object"],
-            _ => self.words().first().map_or_else(Vec::new, |_| vec!["string"]),
-        }
-    }
-
-    /// The words of an `enum` or `const`.
-    fn words(&self) -> Vec<&'a str> {
-        let listed = self.get("enum").and_then(Value::as_array).map_or_else(Vec::new, |list| list.iter().collect());
-        listed.into_iter().chain(self.get("const")).filter_map(Value::as_str).collect()
-    }
-
-    /// The name of an enum's variant that is written as a mapping with one key.
-    fn variant(&self) -> Option<&'a str> {
-        let required = self.get("required").and_then(Value::as_array)?;
-        match (required.as_slice(), self.property_names().as_slice()) {
-            ([Value::String(key)], [only]) if key == only => Some(only),
-            _ => None,
-        }
-    }
-
-    fn accepts(&self, node: &Node) -> bool {
-        let types = self.types();
-        types.is_empty() || types.iter().any(|name| fits(node, name))
-    }
-
-    fn number(&self, keyword: &str) -> Option<f64> {
-        self.get(keyword).and_then(Value::as_f64)
-    }
-
-    /// First sentence of the description.
-    #[must_use]
-    pub fn sentence(&self) -> String {
-        let text = self.get("description").and_then(Value::as_str).unwrap_or_default().replace('\n', " ");
-        let end = text.find(". ").map_or(text.trim_end_matches('.').len(), |index| index);
-        text[..end].to_string()
-    }
-
-    /// The range of a number in words, with its unit: `from 0 to 1 s`; empty where every number is allowed.
-    #[must_use]
-    pub fn range(&self) -> String {
-        let limit = |words: [&str; 2], keywords: [&str; 2]| {
-            let found = keywords.iter().zip(words).find_map(|(keyword, word)| Some((self.number(keyword)?, word)));
-            found.map(|(value, word)| format!("{word} {}", short(value)))
-        };
-        let low = limit(["at least", "above"], ["minimum", "exclusiveMinimum"]);
-        let high = limit(["at most", "below"], ["maximum", "exclusiveMaximum"]);
-        let multiple = self.number("multipleOf").map(|value| format!("a multiple of {}", short(value)));
-        [low, high, multiple].into_iter().flatten().collect::<Vec<_>>().join(" and ")
-    }
-
-    /// What a value must be, in words: `an integer at least 1`, `one of ...`.
-    #[must_use]
-    pub fn expected(&self) -> String {
-        let places = self.alternatives();
-        let mut parts: Vec<String> = Vec::new();
-        let words: Vec<&str> = places.iter().flat_map(View::words).collect();
-        if !words.is_empty() {
-            parts.push(format!("{}{}", if words.len() > 1 { "one of " } else { "" }, quoted(&words)));
-        }
-        let variants: Vec<&str> = places.iter().filter_map(View::variant).collect();
-        if !variants.is_empty() {
-            parts.push(format!("a mapping with one of the keys {}", quoted(&variants)));
-        }
-        for place in places.iter().filter(|place| place.words().is_empty() && place.variant().is_none()) {
-            parts.extend(place.types().into_iter().filter(|name| *name != "null").map(|name| type_in_words(name).to_string()));
-        }
-        parts.dedup();
-        parts.join(" or ")
-    }
-
-    /// What a key means: first sentence, range, unit.
-    #[must_use]
-    pub fn facts(&self) -> String {
-        let unit = self.get("x-unit").and_then(Value::as_str).filter(|unit| !unit.is_empty());
-        let places = self.alternatives();
-        let range = places.iter().map(View::range).find(|range| !range.is_empty());
-        let number = self.is_integer().then(|| "integer".to_string());
-        let kind = [number, range, unit.map(|unit| format!("in {unit}"))].into_iter().flatten().collect::<Vec<_>>().join(", ");
-        match (self.sentence(), kind) {
-            (sentence, kind) if kind.is_empty() => sentence,
-            (sentence, kind) if sentence.is_empty() => kind,
-            (sentence, kind) => format!("{sentence} ({kind})"),
-        }
-    }
-}
-
-fn referenced<'a>(root: &'a Value, schema: &Value) -> Option<&'a Value> {
-    let target = schema.get("$ref")?.as_str()?.strip_prefix("#")?;
-    root.pointer(target)
-}
-
-/// Where a value stands: the span of its key and its dotted path.
+/// Where a value stands: its key's span and name, and its dotted path.
 #[derive(Debug, Clone)]
 pub struct At {
     /// Span of the key, which errors about missing or unfit content point at.
     pub key: Span,
+    /// What messages call the value; empty for the whole study.
+    pub name: String,
     /// Dotted path of the value.
     pub path: String,
 }
 
 impl At {
     fn below(&self, key: Span, name: &str) -> Self {
-        Self { key, path: if self.path.is_empty() { name.into() } else { format!("{}.{name}", self.path) } }
+        let path = if self.path.is_empty() { name.into() } else { format!("{}.{name}", self.path) };
+        Self { key, name: name.into(), path }
     }
 
-    fn name(&self) -> &str {
-        self.path.rsplit('.').next().filter(|name| !name.is_empty()).unwrap_or("the study")
+    fn in_words(&self) -> String {
+        if self.name.is_empty() { "the study".into() } else { format!("`{}`", self.name) }
     }
 }
 
@@ -280,7 +91,7 @@ impl<'a> Checker<'a> {
         let names: Vec<&str> = places.iter().filter_map(|place| place.variant()).collect();
         let [entry] = node.entries() else {
             let found: Vec<&str> = node.entries().iter().map(|entry| entry.key.as_str()).collect();
-            let message = format!("`{}` takes exactly one of {}, found {}", at.name(), quoted(&names), quoted(&found));
+            let message = format!("{} takes exactly one of {}, found {}", at.in_words(), quoted(&names), quoted(&found));
             return self.found.push(self.sources.error(at.key, &at.path, message));
         };
         match places.iter().find(|place| place.variant() == Some(&entry.key)) {
@@ -302,7 +113,7 @@ impl<'a> Checker<'a> {
                 if !place.words().is_empty() {
                     self.word(node, at, &place.words(), outer);
                 } else if let Some(problem) = place.get("pattern").and_then(Value::as_str).and_then(|it| mismatch(it, text)) {
-                    let error = self.sources.error(node.span, &at.path, format!("`{text}` cannot be the name here: {problem}"));
+                    let error = self.sources.error(node.span, &at.path, format!("`{text}` cannot be a name: {problem}"));
                     self.found.push(error.about(outer.facts()));
                 }
             }
@@ -328,7 +139,7 @@ impl<'a> Checker<'a> {
         for key in required.iter().filter_map(Value::as_str).filter(|key| node.get(key).is_none()) {
             let missing = place.property(key);
             let written = node.entries().iter().map(|entry| entry.key.as_str()).collect::<Vec<_>>();
-            let error = self.sources.error(at.key, &at.path, format!("`{key}` is missing in {}", place_in_words(at)));
+            let error = self.sources.error(at.key, &at.path, format!("`{key}` is missing in {}", at.in_words()));
             let error = error.about(missing.map_or_else(String::new, |schema| format!("{key}: {}", schema.facts())));
             // A required key that was mistyped is reported as unknown already.
             let mistyped = written.iter().any(|name| place.property(name).is_none() && nearest(name, &[key]).is_some());
@@ -350,11 +161,18 @@ impl<'a> Checker<'a> {
         let limit = |keyword| place.get(keyword).and_then(Value::as_u64);
         let (least, most) = (limit("minProperties").unwrap_or(0), limit("maxProperties").unwrap_or(u64::MAX));
         if (keys.len() as u64) < least {
-            let error = self.sources.error(at.key, &at.path, format!("`{}` names no {kind}", at.name()));
-            self.found.push(error.help(format!("known: {}", quoted(&place.property_names()))));
+            let known = place.property_names();
+            self.found.push(if known.is_empty() {
+                self.sources
+                    .error(at.key, &at.path, format!("{} is empty", at.in_words()))
+                    .help("write `NAME: { PLUGIN: { ... } }`")
+            } else {
+                let error = self.sources.error(at.key, &at.path, format!("{} names no {kind}", at.in_words()));
+                error.help(format!("known: {}", quoted(&known)))
+            });
         } else if keys.len() as u64 > most {
             let second = node.entries()[usize::try_from(most).unwrap_or(0)].key_span;
-            let message = format!("`{}` names {} {kind}s, {}; exactly one is wanted", at.name(), keys.len(), quoted(&keys));
+            let message = format!("{} names {} {kind}s, {}; exactly one is wanted", at.in_words(), keys.len(), quoted(&keys));
             let error = self.sources.error(second, &at.path, message);
             self.found.push(error.help("give each a name of its own"));
         }
@@ -365,18 +183,22 @@ impl<'a> Checker<'a> {
         let count = items.len() as u64;
         if let Some(least) = limit("minItems").filter(|least| count < *least) {
             let message = match (count, least) {
-                (0, 1) => format!("`{}` is an empty list", at.name()),
-                _ => format!("`{}` has {count} items, but needs at least {least}", at.name()),
+                (0, 1) => format!("{} is an empty list", at.in_words()),
+                _ => format!("{} has {count} items, but needs at least {least}", at.in_words()),
             };
             self.found.push(self.sources.error(at.key, &at.path, message).about(place.facts()));
         }
         if let Some(most) = limit("maxItems").filter(|most| count > *most) {
-            let message = format!("`{}` has {count} items, but takes at most {most}", at.name());
+            let message = format!("{} has {count} items, but takes at most {most}", at.in_words());
             self.found.push(self.sources.error(at.key, &at.path, message).about(place.facts()));
         }
         for (index, item) in items.iter().enumerate() {
             if let Some(schema) = place.item(index) {
-                self.check(item, &At { key: item.span, path: format!("{}[{index}]", at.path) }, &schema);
+                self.check(
+                    item,
+                    &At { key: item.span, name: format!("{}[{index}]", at.name), path: format!("{}[{index}]", at.path) },
+                    &schema,
+                );
             }
         }
         if place.get("uniqueItems") == Some(&Value::Bool(true)) {
@@ -389,7 +211,7 @@ impl<'a> Checker<'a> {
         for item in items {
             let text = item.to_value().to_string();
             if let Some(first) = seen.insert(text.clone(), item.span) {
-                let error = self.sources.error(item.span, &at.path, format!("`{}` has {text} twice", at.name()));
+                let error = self.sources.error(item.span, &at.path, format!("{} has {text} twice", at.in_words()));
                 self.found.push(error.note("it is given first here", self.sources.place(first)));
             }
         }
@@ -408,7 +230,7 @@ impl<'a> Checker<'a> {
         if broken.contains(&true) {
             let unit = outer.get("x-unit").and_then(Value::as_str).unwrap_or_default();
             let range = format!("{} {unit}", place.range());
-            let message = format!("`{}` is {text}, but must be {}", at.name(), range.trim_end());
+            let message = format!("{} is {text}, but must be {}", at.in_words(), range.trim_end());
             self.found.push(self.sources.error(node.span, &at.path, message).about(outer.facts()));
         }
     }
@@ -418,18 +240,18 @@ impl<'a> Checker<'a> {
         if words.contains(&text) {
             return;
         }
-        let kind = outer.get("x-kind").and_then(Value::as_str);
-        let message = match kind {
+        if let Some(variant) = outer.alternatives().into_iter().find(|place| place.variant() == Some(text)) {
+            let inner = variant.property(text).map_or_else(Vec::new, |inner| inner.property_names());
+            let keys = inner.iter().map(|key| format!("{key}: ...")).collect::<Vec<_>>().join(", ");
+            let error = self.sources.error(node.span, &at.path, format!("{} cannot be `{text}` alone", at.in_words()));
+            return self.found.push(error.about(outer.sentence()).help(format!("write `{text}: {{ {keys} }}`")));
+        }
+        let message = match outer.get("x-kind").and_then(Value::as_str) {
             Some(kind) => format!("unknown {kind} `{text}`"),
-            None => format!("`{}` cannot be `{text}`", at.name()),
+            None => format!("{} cannot be `{text}`", at.in_words()),
         };
         let error = self.sources.error(node.span, &at.path, message).about(outer.sentence());
-        let variants: Vec<View<'_>> = outer.alternatives();
-        self.found.push(if variants.iter().any(|place| place.variant() == Some(text)) {
-            error.help(format!("`{text}` needs settings: write `{text}: {{...}}`"))
-        } else {
-            error.help(suggest(text, words.iter().copied()))
-        });
+        self.found.push(error.help(suggest(text, words.iter().copied())));
     }
 
     fn wrong_type(&mut self, node: &Node, at: &At, schema: &View<'_>) {
@@ -441,9 +263,9 @@ impl<'a> Checker<'a> {
         let span = if scalar.is_none() || nothing { at.key } else { node.span };
         let expected = schema.expected();
         let message = if nothing {
-            format!("`{}` has no value; expected {expected}", at.name())
+            format!("{} has no value; expected {expected}", at.in_words())
         } else {
-            format!("`{}` must be {expected}, found {}", at.name(), in_words(node))
+            format!("{} must be {expected}, found {}", at.in_words(), in_words(node))
         };
         let error = self.sources.error(span, &at.path, message).about(schema.facts());
         let advice = match scalar {
@@ -485,10 +307,6 @@ fn advice(scalar: &Scalar, schema: &View<'_>) -> Option<String> {
     }
 }
 
-fn place_in_words(at: &At) -> String {
-    if at.path.is_empty() { "the study".into() } else { format!("`{}`", at.name()) }
-}
-
 fn mismatch(pattern: &str, text: &str) -> Option<&'static str> {
     let legal = |extra: &str, letter: char| letter.is_ascii_alphanumeric() || extra.contains(letter);
     match pattern {
@@ -506,20 +324,6 @@ fn mismatch(pattern: &str, text: &str) -> Option<&'static str> {
     }
 }
 
-fn fits(node: &Node, name: &str) -> bool {
-    match (&node.kind, name) {
-        (Kind::Mapping(_), "object") | (Kind::Sequence(_), "array") => true,
-        (Kind::Scalar(scalar), _) => match &scalar.value {
-            Value::Null => name == "null",
-            Value::Bool(_) => name == "boolean",
-            Value::String(_) => name == "string",
-            Value::Number(number) => name == "number" || name == "integer" && !number.is_f64(),
-            _ => false,
-        },
-        _ => false,
-    }
-}
-
 fn in_words(node: &Node) -> String {
     match &node.kind {
         Kind::Mapping(_) => "a mapping".into(),
@@ -531,24 +335,4 @@ fn in_words(node: &Node) -> String {
             _ => format!("`{}`", scalar.text),
         },
     }
-}
-
-fn type_in_words(name: &str) -> &str {
-    match name {
-        "object" => "a mapping",
-        "array" => "a list",
-        "string" => "a text",
-        "integer" => "an integer",
-        "number" => "a number",
-        "boolean" => "`true` or `false`",
-        other => other,
-    }
-}
-
-fn quoted(names: &[&str]) -> String {
-    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
-}
-
-fn short(value: f64) -> String {
-    if value.abs() >= 1e-4 && value.abs() < 1e15 || value == 0.0 { format!("{value}") } else { format!("{value:e}") }
 }

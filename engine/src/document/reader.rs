@@ -1,0 +1,243 @@
+//! Reads the parser's events into nodes, within bounds.
+
+use super::{DEEPEST, Entry, Kind, MOST_NODES, Node, scalar::scalar};
+use crate::diagnostic::{Diagnostic, Sources, Span};
+use saphyr_parser::{Event, Parser, ScalarStyle, StrInput};
+use std::collections::BTreeMap;
+
+/// Reads events into nodes. Mistakes that leave the tree readable are collected, others end the reading.
+pub struct Reader<'a> {
+    parser: Parser<'a, StrInput<'a>>,
+    lines: Vec<&'a str>,
+    sources: &'a Sources,
+    start: Span,
+    anchors: BTreeMap<usize, (Node, usize)>,
+    nodes: usize,
+    found: Vec<Diagnostic>,
+}
+
+type Fatal = Box<Diagnostic>;
+
+impl<'a> Reader<'a> {
+    /// A reader of `text`, which begins at `start`.
+    pub fn new(sources: &'a Sources, start: Span, text: &'a str) -> Self {
+        let (parser, lines) = (Parser::new_from_str(text), text.lines().collect());
+        Self { parser, lines, sources, start, anchors: BTreeMap::new(), nodes: 0, found: Vec::new() }
+    }
+
+    /// The document, or everything that is wrong with it.
+    pub fn read(mut self) -> Result<Node, Vec<Diagnostic>> {
+        match self.document() {
+            Ok(node) if self.found.is_empty() => return Ok(node),
+            Ok(_) => {}
+            Err(fatal) => self.found.push(*fatal),
+        }
+        Err(self.found)
+    }
+
+    fn document(&mut self) -> Result<Node, Fatal> {
+        let root = loop {
+            let (event, span) = self.next()?;
+            match event {
+                Event::StreamStart | Event::DocumentStart(_) => {}
+                Event::StreamEnd => return Err(Box::new(self.empty())),
+                event => break self.node(event, span, 0)?,
+            }
+        };
+        if matches!(&root.kind, Kind::Scalar(scalar) if scalar.value.is_null() && scalar.text.is_empty()) {
+            return Err(Box::new(self.empty()));
+        }
+        loop {
+            match self.next()? {
+                (Event::StreamEnd, _) => return Ok(root),
+                (Event::DocumentStart(_), span) => {
+                    let error = self.sources.error(span, "", "a second document begins here, but a study is one document");
+                    return Err(Box::new(error.help("remove the `---` line, or put the second document into a file of its own")));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn empty(&self) -> Diagnostic {
+        self.sources.error(self.start, "", "the file is empty").help("a study begins with `study: NAME`")
+    }
+
+    fn next(&mut self) -> Result<(Event<'a>, Span), Fatal> {
+        match self.parser.next_event() {
+            Some(Ok((event, span))) => {
+                let length = if span.start.line() == span.end.line() { span.len() } else { 1 };
+                let span = self.span(span.start.line(), span.start.col() + 1, length);
+                Ok((event, span))
+            }
+            Some(Err(error)) => Err(Box::new(self.syntax(&error))),
+            None => Ok((Event::StreamEnd, self.start)),
+        }
+    }
+
+    fn span(&self, line: usize, column: usize, length: usize) -> Span {
+        let shift = if line == 1 { self.start.column - 1 } else { 0 };
+        Span { source: self.start.source, line: line + self.start.line - 1, column: column + shift, length }
+    }
+
+    fn syntax(&self, error: &saphyr_parser::ScanError) -> Diagnostic {
+        let (line, column) = (error.marker().line().max(1), error.marker().col() + 1);
+        if let Some(tab) = self.tab_indentation(line) {
+            let at = self.lines[tab - 1].chars().position(|letter| letter == '\t').unwrap_or(0) + 1;
+            let error = self.sources.error(self.span(tab, at, 1), "", "a tab indents this line; YAML allows spaces only");
+            return error.help("replace each tab by spaces (two per level)");
+        }
+        // The reader stops behind the last line where something is still open: show the last line instead.
+        let (line, column) = match self.lines.len() {
+            0 => (1, 1),
+            last if line > last => (last, self.lines[last - 1].chars().count() + 1),
+            _ => (line, column),
+        };
+        let words = error.info().trim_end_matches('.');
+        let diagnostic = self.sources.error(self.span(line, column, 1), "", format!("not valid YAML: {words}"));
+        let Some((line, column, bracket)) = self.open_bracket() else { return diagnostic.help(self.advice()) };
+        let place = self.sources.place(self.span(line, column, 1));
+        diagnostic.help(self.advice()).note(format!("this `{bracket}` is never closed"), place)
+    }
+
+    fn advice(&self) -> &'static str {
+        if self.start.column > 1 {
+            "write a list as [1, 2] and a mapping as {a: 1}, in quotes so that the shell leaves them alone"
+        } else {
+            "look at this line and the one above: brackets, quotes, indentation, a space after `:`"
+        }
+    }
+
+    /// The last bracket that opens a list or mapping and has no partner. Brackets count only where a value can begin, and
+    /// quoted text and remarks are passed over.
+    fn open_bracket(&self) -> Option<(usize, usize, char)> {
+        let mut open = Vec::new();
+        for (index, line) in self.lines.iter().enumerate() {
+            let (mut quote, mut before, mut last) = (None, ' ', ':');
+            for (column, letter) in line.chars().enumerate() {
+                let begins = open.is_empty() && ":-".contains(last) || !open.is_empty();
+                match (quote, letter) {
+                    (Some(mark), _) if mark == letter => quote = None,
+                    (Some(_), _) => {}
+                    (None, '"' | '\'') if ":-,[{".contains(last) => quote = Some(letter),
+                    (None, '#') if before == ' ' => break,
+                    (None, '[' | '{') if begins => open.push((index + 1, column + 1, letter)),
+                    (None, ']' | '}') => drop(open.pop()),
+                    _ => {}
+                }
+                before = letter;
+                last = if letter.is_whitespace() { last } else { letter };
+            }
+        }
+        open.last().copied()
+    }
+
+    /// The first line up to `last` (or the one after it) that is indented by a tab.
+    fn tab_indentation(&self, last: usize) -> Option<usize> {
+        let indented = |text: &&str| {
+            let indent: &str = &text[..text.len() - text.trim_start().len()];
+            indent.contains('\t') && !text.trim().is_empty() && !text.trim().starts_with('#')
+        };
+        self.lines.iter().take(last + 1).position(indented).map(|index| index + 1)
+    }
+
+    fn node(&mut self, event: Event<'a>, span: Span, depth: usize) -> Result<Node, Fatal> {
+        self.count(1, span)?;
+        if depth > DEEPEST {
+            return Err(Box::new(self.sources.error(span, "", format!("nested more than {DEEPEST} levels deep"))));
+        }
+        let before = self.nodes;
+        let (anchor, node) = match event {
+            Event::Alias(id) => return self.alias(id, span),
+            Event::Scalar(text, style, anchor, tag) => {
+                let as_text = tag.as_ref().is_some_and(|tag| tag.is_yaml_core_schema() && tag.suffix == "str");
+                if let Some(tag) = tag.filter(|_| !as_text) {
+                    self.refuse_tag(&tag.to_string(), span);
+                }
+                let plain = style == ScalarStyle::Plain && !as_text;
+                (anchor, Node { span, kind: Kind::Scalar(scalar(text.into_owned(), plain)) })
+            }
+            Event::SequenceStart(anchor, tag) => {
+                tag.inspect(|tag| self.refuse_tag(&tag.to_string(), span));
+                (anchor, Node { span, kind: Kind::Sequence(self.items(depth)?) })
+            }
+            Event::MappingStart(anchor, tag) => {
+                tag.inspect(|tag| self.refuse_tag(&tag.to_string(), span));
+                (anchor, Node { span, kind: Kind::Mapping(self.entries(depth)?) })
+            }
+            _ => return Err(Box::new(self.sources.error(span, "", "not valid YAML: a value is missing here"))),
+        };
+        if anchor > 0 {
+            self.anchors.insert(anchor, (node.clone(), self.nodes - before + 1));
+        }
+        Ok(node)
+    }
+
+    fn refuse_tag(&mut self, tag: &str, span: Span) {
+        let error = self.sources.error(span, "", format!("the YAML tag `{tag}` has no meaning in a study"));
+        self.found.push(error.help("remove the tag"));
+    }
+
+    /// A copy of the anchored node; the copy keeps the positions of the original.
+    fn alias(&mut self, id: usize, span: Span) -> Result<Node, Fatal> {
+        match self.anchors.get(&id).cloned() {
+            Some((node, size)) => {
+                self.count(size, span)?;
+                Ok(node)
+            }
+            None => Err(Box::new(self.sources.error(span, "", "this alias stands inside the value that it names"))),
+        }
+    }
+
+    fn count(&mut self, more: usize, span: Span) -> Result<(), Fatal> {
+        self.nodes += more;
+        if self.nodes <= MOST_NODES {
+            return Ok(());
+        }
+        let message = format!("with its aliases written out the document has more than {MOST_NODES} values");
+        Err(Box::new(self.sources.error(span, "", message).help("a study is small; write the values where they are used")))
+    }
+
+    fn items(&mut self, depth: usize) -> Result<Vec<Node>, Fatal> {
+        let mut items = Vec::new();
+        loop {
+            match self.next()? {
+                (Event::SequenceEnd, _) => return Ok(items),
+                (event, span) => items.push(self.node(event, span, depth + 1)?),
+            }
+        }
+    }
+
+    fn entries(&mut self, depth: usize) -> Result<Vec<Entry>, Fatal> {
+        let mut entries: Vec<Entry> = Vec::new();
+        let mut known: BTreeMap<String, Span> = BTreeMap::new();
+        loop {
+            let (event, key_span) = self.next()?;
+            if event == Event::MappingEnd {
+                return Ok(entries);
+            }
+            let key = self.key(event, key_span)?;
+            let (event, span) = self.next()?;
+            let value = self.node(event, span, depth + 1)?;
+            if let Some(first) = known.get(&key) {
+                let error = self.sources.error(key_span, "", format!("the key `{key}` is given twice"));
+                self.found.push(error.note("it is given first here", self.sources.place(*first)).help("remove one of the two"));
+                continue;
+            }
+            known.insert(key.clone(), key_span);
+            entries.push(Entry { key, key_span, value });
+        }
+    }
+
+    fn key(&mut self, event: Event<'a>, span: Span) -> Result<String, Fatal> {
+        match event {
+            Event::Scalar(text, ..) if text == "<<" => {
+                let error = self.sources.error(span, "", "merge keys (`<<`) belong to YAML 1.1 and are not read");
+                self.found.push(error.help("write the keys out"));
+                Ok(text.into_owned())
+            }
+            Event::Scalar(text, ..) => Ok(text.into_owned()),
+            _ => Err(Box::new(self.sources.error(span, "", "a key must be one word"))),
+        }
+    }
+}
