@@ -1,4 +1,147 @@
-//! The report of a study: tables, figures, claims and what they rest on.
+//! The report of a study: tables, figures and claims with what they rest on, as files and as one self-contained page.
+//!
+//! Everything is a function of what is passed in: no clock, no random number and no version control is read here, so that
+//! the same results give the same bytes.
 
+mod contents;
+mod files;
+mod markdown;
+mod page;
+mod summary;
 #[cfg(test)]
 pub(crate) mod synthetic;
+#[cfg(test)]
+mod tests;
+
+pub use contents::{CLAIM_WORDS, ClaimLine, Contents, VERDICT_WORDS};
+pub use summary::summary;
+
+use crate::{Error, figure, figure::FigureSpec, results::Results, table, table::TableSpec};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+/// What a report must know of a study besides its results.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct StudyInfo {
+    /// Its name, which is the name of its folder.
+    pub name: String,
+    /// Its title.
+    pub title: String,
+    /// What it reproduces.
+    pub source: String,
+    /// Where it departs from that.
+    pub departures: Vec<String>,
+    /// Tables by name, in order.
+    pub tables: Vec<(String, TableSpec)>,
+    /// Figures by name, in order.
+    pub figures: Vec<(String, FigureSpec)>,
+    /// Claims, each with the environment that it speaks of; all environments, one by one, where absent.
+    pub claims: Vec<(String, Option<String>)>,
+    /// Agents in the study's order, which gives them their colours.
+    pub agents: Vec<String>,
+    /// Environments in the study's order.
+    pub environments: Vec<String>,
+    /// Units by metric.
+    pub units: BTreeMap<String, String>,
+}
+
+/// What made the results.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Provenance {
+    /// Version of the source code, where known.
+    pub commit: Option<String>,
+    /// True where files differed from that version.
+    pub dirty: bool,
+    /// The program and its version.
+    pub program: String,
+    /// Plugins by kind and name, with their versions.
+    pub plugins: Vec<(String, u32)>,
+    /// Kind of processor.
+    pub cpu: String,
+    /// Operating system.
+    pub operating_system: String,
+    /// The seeds of the study.
+    pub seeds: Vec<u64>,
+    /// Name of the profile, where one was chosen.
+    pub profile: Option<String>,
+    /// When the report was made, where it shall say so.
+    pub date: Option<String>,
+}
+
+/// Where a report was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReportPaths {
+    /// The page.
+    pub page: PathBuf,
+    /// The report in Markdown.
+    pub markdown: PathBuf,
+    /// Files of tables and figures.
+    pub files: Vec<PathBuf>,
+}
+
+/// Writes `tables/`, `figures/`, `report.md` and `index.html` into a folder. Each file appears whole or not at all.
+///
+/// # Errors
+/// [`Error::File`] where a file cannot be written, [`Error::Render`] where a drawing is refused. A table or figure that could
+/// not be made is no error here: the report says why.
+pub fn write(
+    dir: &Path,
+    study: &StudyInfo,
+    results: &Results,
+    contents: &Contents,
+    provenance: &Provenance,
+) -> Result<ReportPaths, Error> {
+    let mut files = Vec::new();
+    for (name, grid) in &contents.tables {
+        if let Ok(grid) = grid {
+            files.extend(write_table(&dir.join("tables"), name, grid)?);
+        }
+    }
+    let mut drawings = BTreeMap::new();
+    for (name, chart) in &contents.figures {
+        if let Ok(chart) = chart {
+            let svg = figure::svg(chart)?;
+            files.extend(write_figure(&dir.join("figures"), name, chart, &svg)?);
+            drawings.insert(name.as_str(), svg);
+        }
+    }
+    let parts = Parts { study, results, contents, provenance, drawings: &drawings };
+    let (markdown, page) = (dir.join("report.md"), dir.join("index.html"));
+    files::write(&markdown, markdown::report(&parts).as_bytes())?;
+    files::write(&page, page::page(&parts).as_bytes())?;
+    Ok(ReportPaths { page, markdown, files })
+}
+
+/// What the renderers of the report read.
+struct Parts<'a> {
+    study: &'a StudyInfo,
+    results: &'a Results,
+    contents: &'a Contents,
+    provenance: &'a Provenance,
+    /// SVG of each figure, by name.
+    drawings: &'a BTreeMap<&'a str, String>,
+}
+
+fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 4], Error> {
+    let texts = [
+        ("md", table::markdown(grid)),
+        ("tex", table::latex(grid, name)),
+        ("csv", table::csv(grid)?),
+        ("html", table::html(grid)),
+    ];
+    let mut paths = texts.each_ref().map(|(extension, _)| dir.join(files::name(name, extension)));
+    for (path, (_, text)) in paths.iter_mut().zip(&texts) {
+        files::write(path, text.as_bytes())?;
+    }
+    Ok(paths)
+}
+
+fn write_figure(dir: &Path, name: &str, chart: &figure::Chart, svg: &str) -> Result<[PathBuf; 3], Error> {
+    let paths = ["svg", "png", "csv"].map(|extension| dir.join(files::name(name, extension)));
+    files::write(&paths[0], svg.as_bytes())?;
+    files::write_with(&paths[1], |path| figure::png(chart, path))?;
+    files::write(&paths[2], chart.csv()?.as_bytes())?;
+    Ok(paths)
+}

@@ -59,6 +59,20 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
     })
 }
 
+impl Comparison {
+    /// How values are written: as given, else as a percentage where they are compared with an agent.
+    #[must_use]
+    pub fn resolved_form(&self) -> Form {
+        self.form.unwrap_or(if self.relative_to.is_some() { Form::PercentChange } else { Form::Value })
+    }
+
+    /// True where values have the unit of the metric.
+    #[must_use]
+    pub fn has_unit_of_metric(&self) -> bool {
+        matches!(self.resolved_form(), Form::Value | Form::Difference)
+    }
+}
+
 impl Statistic {
     /// The statistic's name in words.
     #[must_use]
@@ -80,7 +94,7 @@ struct Relation<'a> {
 impl<'a> Relation<'a> {
     fn of(comparison: &'a Comparison, results: &Results) -> Result<Self, Error> {
         let to = comparison.relative_to.as_deref();
-        let form = comparison.form.unwrap_or(if to.is_some() { Form::PercentChange } else { Form::Value });
+        let form = comparison.resolved_form();
         match to {
             None if form != Form::Value => Err(problem("`relative_to` must name the agent that the others are compared with")),
             Some(agent) if !results.trials.iter().any(|trial| trial.trial.agent == agent) => {

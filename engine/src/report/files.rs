@@ -1,0 +1,61 @@
+//! Files that appear whole or not at all.
+
+use crate::Error;
+use std::{fs, path::Path};
+
+/// Writes a file and the folder it lies in.
+pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    write_with(path, |temporary| fs::write(temporary, bytes).map_err(Error::file("write", temporary)))
+}
+
+/// Lets `fill` write a temporary file beside `path` and renames it. Its name ends as that of `path` does, since a writer may
+/// choose its format by the ending.
+pub(super) fn write_with(path: &Path, fill: impl FnOnce(&Path) -> Result<(), Error>) -> Result<(), Error> {
+    let dir = path.parent().unwrap_or(Path::new("."));
+    fs::create_dir_all(dir).map_err(Error::file("create", dir))?;
+    let file_name = path.file_name().unwrap_or_default().to_string_lossy();
+    let temporary = dir.join(format!(".{}-{file_name}", std::process::id()));
+    let filled = fill(&temporary).and_then(|()| fs::rename(&temporary, path).map_err(Error::file("write", path)));
+    if filled.is_err() {
+        // The first error is the one to report; what is left over is hidden and harmless.
+        let _ = fs::remove_file(&temporary);
+    }
+    filled
+}
+
+/// A file name made of a table's or figure's name.
+pub(super) fn name(name: &str, extension: &str) -> String {
+    format!("{}.{extension}", slug(name))
+}
+
+/// A name with everything but letters, digits, `.`, `_` and `-` replaced.
+pub(super) fn slug(name: &str) -> String {
+    let keep = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
+    let slug: String = name.chars().map(|c| if keep(c) { c } else { '-' }).collect();
+    slug.trim_start_matches('.').to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_cannot_leave_the_folder() {
+        assert_eq!(name("../table 3.2/x", "md"), "-table-3.2-x.md");
+        assert_eq!(name("table-3.2", "csv"), "table-3.2.csv");
+    }
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("deep/file.txt");
+        write(&path, b"old").unwrap();
+        let failed = write_with(&path, |temporary| {
+            fs::write(temporary, b"half").unwrap();
+            Err(Error::config("x", "y"))
+        });
+        assert!(failed.is_err());
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+}

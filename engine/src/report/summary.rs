@@ -1,0 +1,45 @@
+//! The report in short, for a terminal.
+
+use super::{Contents, StudyInfo};
+use crate::table::{terminal, wrap};
+use std::path::Path;
+
+/// Tables, claims, counts of verdicts and the path of the page, as plain text of at most `width` characters a line.
+#[must_use]
+pub fn summary(study: &StudyInfo, contents: &Contents, page: &Path, width: usize) -> String {
+    let mut parts = vec![wrap(if study.title.is_empty() { &study.name } else { &study.title }, width)];
+    for (name, grid) in &contents.tables {
+        parts.push(match grid {
+            Ok(grid) => format!("{name}\n{}", terminal(grid, width).trim_end()),
+            Err(reason) => wrap(&format!("{name}: could not be made: {reason}"), width),
+        });
+    }
+    let failed = contents.figures.iter().filter_map(|(name, chart)| chart.as_ref().err().map(|reason| (name, reason)));
+    parts.extend(failed.map(|(name, reason)| wrap(&format!("{name}: could not be drawn: {reason}"), width)));
+    if !contents.claims.is_empty() {
+        parts.push(claims(contents, width));
+    }
+    parts.push(format!("{}Report: {}", counts(contents), page.display()));
+    parts.join("\n\n") + "\n"
+}
+
+fn claims(contents: &Contents, width: usize) -> String {
+    let line = |line: &super::ClaimLine| {
+        let place =
+            if line.place.is_empty() || line.text.ends_with(&line.place) { String::new() } else { format!(" in {}", line.place) };
+        let numbers = line.numbers();
+        let numbers = if numbers.is_empty() { String::new() } else { format!(": difference {numbers}") };
+        let notes: String = line.notes().iter().map(|note| format!("; {note}")).collect();
+        let text = wrap(&format!("{}{place}{numbers}{notes}", line.text), width.saturating_sub(14).max(20));
+        format!("{:<12}  {}", line.word(), text.replace('\n', "\n              "))
+    };
+    contents.claims.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+fn counts(contents: &Contents) -> String {
+    let list = |what: &str, counts: &[(&str, usize)]| {
+        let present: Vec<String> = counts.iter().filter(|(_, n)| *n > 0).map(|(word, n)| format!("{n} {word}")).collect();
+        if present.is_empty() { String::new() } else { format!("{what}: {}\n", present.join(", ")) }
+    };
+    list("Published values", &contents.verdicts()) + &list("Claims", &contents.outcomes())
+}
