@@ -1,41 +1,34 @@
 //! Where numbers come from: program, commit, machine.
 
-use crate::Registry;
+use crate::{Registry, report::Provenance, spec::Study};
 use std::process::Command;
 
-/// Facts about this program and machine, read once for a report.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Machine {
-    /// Commit of the folder the command was given in, with `-dirty` where files differ from it; empty outside a repository.
-    pub(super) commit: String,
-    /// True where files differ from the commit.
-    pub(super) dirty: bool,
-    /// Name and version of this program.
-    pub(super) program: String,
-    /// Processor.
-    pub(super) cpu: String,
-    /// Operating system.
-    pub(super) system: String,
-}
-
-/// Reads the facts.
-pub(super) fn read() -> Machine {
-    let dirty = git(&["status", "--porcelain", "--untracked-files=no"]).is_some_and(|text| !text.is_empty());
-    Machine {
-        commit: git(&["rev-parse", "--short=12", "HEAD"]).unwrap_or_default(),
-        dirty,
+/// Facts about this program, machine and study, read once for a report.
+pub(super) fn of(registry: &Registry, study: &Study) -> Provenance {
+    Provenance {
+        commit: git(&["rev-parse", "--short=12", "HEAD"]),
+        dirty: git(&["status", "--porcelain", "--untracked-files=no"]).is_some_and(|text| !text.is_empty()),
         program: format!("regimen {}", env!("CARGO_PKG_VERSION")),
+        plugins: used(registry, study),
         cpu: cpu(),
-        system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        operating_system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        seeds: study.seeds.clone(),
+        profile: study.profile.clone(),
+        date: std::env::var("SOURCE_DATE_EPOCH").ok(),
     }
 }
 
-/// Name and version of every plugin, in order.
-pub(super) fn plugin_versions(registry: &Registry) -> Vec<(String, u32)> {
-    let environments = registry.environments.iter().map(|(name, entry)| ((*name).to_owned(), entry.about.version));
-    let agents = registry.agents.iter().map(|(name, entry)| ((*name).to_owned(), entry.about.version));
-    let protocols = registry.protocols.iter().map(|(name, entry)| ((*name).to_owned(), entry.about.version));
-    environments.chain(agents).chain(protocols).collect()
+/// Name and version of every plugin that the study's trials use, in order.
+fn used(registry: &Registry, study: &Study) -> Vec<(String, u32)> {
+    let mut names = std::collections::BTreeMap::new();
+    for trial in study.plan().trials {
+        let key = trial.key;
+        for (kind, part) in [("environment", key.environment), ("agent", key.agent), ("protocol", key.protocol)] {
+            names.insert(format!("{kind} {}", part.plugin), part.version);
+        }
+    }
+    names.insert("numerics".into(), registry.numerics_version);
+    names.into_iter().collect()
 }
 
 fn git(arguments: &[&str]) -> Option<String> {

@@ -7,16 +7,17 @@ use super::{
     study::{self, Planned},
 };
 use crate::{
-    Registry,
-    report::{self, Provenance, StudyInfo},
+    Metric, Registry,
+    report::{self, Contents, ReportPaths, StudyInfo},
     results::{EndState, Results},
     scheduler::{self, Workers},
     spec,
-    store::{Store, write_durably},
+    store::{self, Store, write_durably},
     trial::Trial,
 };
+use serde_json::json;
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     sync::{Arc, atomic::AtomicBool, mpsc},
 };
@@ -155,19 +156,74 @@ fn write_report(
     reporting: &ReportOptions,
     common: &Common,
 ) -> Result<u8, Failure> {
-    let results = collect(one, store);
-    let dir = folder(one, selection, reporting);
-    let info = info(one, registry);
-    let written = report::write(&dir, &info, &results, &provenance_of(registry, one, selection))?;
-    write_durably(&dir.join("resolved.yaml"), spec::resolved_yaml(&one.study).as_bytes())?;
+    let (results, dir, study) = (collect(one, store), folder(one, selection, reporting), info(one, registry));
+    let contents = Contents::of(&study, &results);
+    let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, &one.study))?;
+    write_durably(&dir.join("resolved.yaml"), spec::resolved_yaml(&one.study, &dir).as_bytes())?;
+    store::write_results(&dir.join("evaluations.parquet"), &results)?;
     if common.format == Format::Json {
-        say(&written.to_json().to_string());
+        say(&as_json(&study, &contents, &paths).to_string());
     } else {
-        say(&written.summary);
+        say(&report::summary(&study, &contents, &paths.page, terminal_width()));
     }
     let ends: Vec<_> = results.trials.iter().map(|result| result.end.clone()).collect();
     let code = study::code_of(&ends);
-    Ok(if code == OK && reporting.strict && written.differs { DIFFERS } else { code })
+    Ok(if code == OK && reporting.strict && contents.contradicts() { DIFFERS } else { code })
+}
+
+fn info(one: &Planned, registry: &Registry) -> StudyInfo {
+    let study = &one.study;
+    StudyInfo {
+        name: study.name.clone(),
+        title: study.title.clone(),
+        source: study.source.clone(),
+        departures: study.departures.clone(),
+        tables: study.tables.clone(),
+        figures: study.figures.clone(),
+        claims: study.claims.iter().map(|claim| (claim.claim.clone(), claim.environment.clone())).collect(),
+        agents: study.agents.clone(),
+        environments: study.environments.clone(),
+        units: units(one, registry),
+    }
+}
+
+/// Units of everything that the trials record, by metric or trace channel. What cannot be built here was refused by the check.
+fn units(one: &Planned, registry: &Registry) -> BTreeMap<String, String> {
+    let mut units = BTreeMap::new();
+    let mut built = BTreeSet::new();
+    for trial in &one.plan.trials {
+        let key = &trial.key;
+        if !built.insert((&trial.environment, &trial.agent)) {
+            continue;
+        }
+        let mut note = |metrics: &[Metric]| units.extend(metrics.iter().map(|metric| (metric.name.clone(), metric.unit.clone())));
+        if let Some(entry) = registry.agents.get(key.agent.plugin.as_str()) {
+            note(&entry.metrics);
+        }
+        if let Some(Ok(protocol)) =
+            registry.protocols.get(key.protocol.plugin.as_str()).map(|entry| (entry.build)(&key.protocol.config))
+        {
+            note(&protocol.metrics());
+        }
+        let entry = registry.environments.get(key.environment.plugin.as_str());
+        if let Some(Ok(environment)) = entry.map(|entry| (entry.build)(&key.environment.config)) {
+            note(environment.metrics());
+            units.extend(environment.trace_channels().into_iter().map(|channel| (channel.name, channel.unit)));
+        }
+    }
+    units
+}
+
+fn as_json(study: &StudyInfo, contents: &Contents, paths: &ReportPaths) -> serde_json::Value {
+    let counts = |pairs: &[(&'static str, usize)]| pairs.iter().map(|(word, count)| ((*word).to_owned(), json!(count))).collect();
+    let verdicts: serde_json::Map<String, serde_json::Value> = counts(&contents.verdicts());
+    let claims: serde_json::Map<String, serde_json::Value> = counts(&contents.outcomes());
+    json!({"study": study.name, "published": verdicts, "claims": claims, "page": paths.page, "files": paths.files})
+}
+
+/// Columns of the terminal, as the shell tells; 100 elsewhere.
+fn terminal_width() -> usize {
+    std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok()).filter(|width| *width >= 40).unwrap_or(100)
 }
 
 fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> PathBuf {

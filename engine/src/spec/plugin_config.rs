@@ -25,12 +25,12 @@ pub fn load_config(name: &str, about: &About, path: Option<&Path>) -> Result<Par
     let schema = with_presets(about);
     let mut checker = Checker::new(&sources);
     let start = Span { length: 1, ..root.span };
-    checker.check(&root, &At { key: start, path: String::new() }, &View::new(&schema, &schema));
+    checker.check(&root, &At { key: start, name: name.into(), path: String::new() }, &View::new(&schema, &schema));
     if !checker.found.is_empty() {
         return Err(in_order(checker.found));
     }
     let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));
-    let plugin = config::Plugin { name, about, at: String::new(), span: start };
+    let plugin = config::Plugin { name, about, schema: View::new(&schema, &schema), at: String::new(), span: start };
     config::resolve(&plugin, &root, &mut config::Files::new(folder), &sources)
 }
 

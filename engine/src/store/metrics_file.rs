@@ -14,6 +14,8 @@
 use crate::{
     Error, Recorder,
     recorder::{Phase, Row},
+    results::Results,
+    trial::Trial,
 };
 use polars::prelude::{Column, DataFrame, PolarsError};
 use polars_io::{
@@ -37,12 +39,41 @@ pub struct MetricsTable {
     pub rows: Vec<Row>,
 }
 
-/// Writes what was recorded to a file.
+/// Writes a study's evaluations as one small file that stands without the store: the mean over the episodes of every measurement,
+/// one row per trial, phase, step and metric, with the names of environment, agent and setting beside the seed.
 ///
 /// # Errors
 /// Where the file cannot be written.
-pub fn write(path: &Path, record: &Recorder, trial_id: &str) -> Result<(), Error> {
-    super::write_durably(path, &encode(record, trial_id)?)
+pub fn write_results(path: &Path, results: &Results) -> Result<(), Error> {
+    let mut rows = Vec::new();
+    for result in &results.trials {
+        for phase in [Phase::Evaluate, Phase::Final] {
+            for metric in &result.names {
+                rows.extend(
+                    result.curve(phase, metric).into_iter().map(|(step, value)| (&result.trial, phase, step, metric, value)),
+                );
+            }
+        }
+    }
+    let text = |name: &str, of: &dyn Fn(&(&Trial, Phase, u64, &String, f64)) -> String| {
+        Column::new(name.into(), rows.iter().map(of).collect::<Vec<_>>())
+    };
+    let columns = vec![
+        text("environment", &|row| row.0.environment.clone()),
+        text("agent", &|row| row.0.agent.clone()),
+        text("setting", &|row| row.0.setting.clone()),
+        Column::new("seed".into(), rows.iter().map(|row| row.0.key.seed).collect::<Vec<_>>()),
+        text("phase", &|row| row.1.name().to_owned()),
+        Column::new("step".into(), rows.iter().map(|row| row.2).collect::<Vec<_>>()),
+        text("metric", &|row| row.3.clone()),
+        Column::new("value".into(), rows.iter().map(|row| row.4).collect::<Vec<_>>()),
+    ];
+    let mut bytes = Vec::new();
+    let mut frame = DataFrame::new(rows.len(), columns).map_err(|source| unreadable(path, &source))?;
+    let written =
+        ParquetWriter::new(&mut bytes).with_compression(ParquetCompression::Zstd(None)).set_parallel(false).finish(&mut frame);
+    written.map_err(|source| unreadable(path, &source))?;
+    super::write_durably(path, &bytes)
 }
 
 /// Reads a metrics file.

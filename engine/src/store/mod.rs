@@ -11,7 +11,7 @@
 
 mod metrics_file;
 
-pub use metrics_file::{MetricsTable, SCHEMA_VERSION, read as read_metrics, write as write_metrics};
+pub use metrics_file::{MetricsTable, SCHEMA_VERSION, read as read_metrics, write_results};
 
 use crate::{
     Error, Recorder,
