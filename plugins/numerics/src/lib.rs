@@ -1,6 +1,7 @@
 //! Numerics that environments and agents share, and that know neither the engine nor reinforcement learning: special functions,
 //! distributions, networks, optimisers, files of parameters.
 
+pub mod activation;
 pub mod dirichlet;
 pub mod dirichlet_policy;
 pub mod gamma;

@@ -15,55 +15,9 @@
 use burn::module::{Module, Param};
 use burn::nn::Linear;
 use burn::tensor::{Device, Tensor, TensorData, activation};
+
+pub use crate::activation::Activation;
 use rand::{Rng, RngCore};
-use serde::{Deserialize, Serialize};
-
-/// Slope of the leaky rectifier below zero (Maas et al. 2013).
-pub const LEAKY_SLOPE: f64 = 0.01;
-
-/// The non-linearity after a hidden layer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Activation {
-    /// `max(x, 0)`.
-    Relu,
-    /// `x` above zero, `0.01 x` below.
-    LeakyRelu,
-    /// Hyperbolic tangent.
-    Tanh,
-}
-
-impl Activation {
-    /// Applies it to every entry.
-    #[must_use]
-    pub fn apply(self, x: Tensor<2>) -> Tensor<2> {
-        match self {
-            Activation::Relu => activation::relu(x),
-            Activation::LeakyRelu => leaky_relu(x),
-            Activation::Tanh => x.tanh(),
-        }
-    }
-
-    /// What keeps the variance of a layer's output at that of its input.
-    #[must_use]
-    pub fn gain(self) -> f64 {
-        match self {
-            Activation::Relu => std::f64::consts::SQRT_2,
-            Activation::LeakyRelu => (2.0 / (1.0 + LEAKY_SLOPE * LEAKY_SLOPE)).sqrt(),
-            Activation::Tanh => 5.0 / 3.0,
-        }
-    }
-}
-
-/// `x s(x)` with the slope `s` as a constant: one multiplication on the tape in place of three masked operations.
-fn leaky_relu(x: Tensor<2>) -> Tensor<2> {
-    if !x.is_tracked() {
-        return activation::leaky_relu(x, LEAKY_SLOPE);
-    }
-    // Times 1e37 every positive normal number exceeds 1, so that the clamp gives the slope.
-    let slope = x.clone().inner().mul_scalar(1e37).clamp(LEAKY_SLOPE, 1.0);
-    x * Tensor::from_inner(slope)
-}
 
 /// The processor, without gradients. Every tensor that carries data starts here.
 #[must_use]
