@@ -6,6 +6,7 @@
 //! 3. A saved and loaded agent continues to the same bits.
 
 pub mod allocation;
+pub mod asset_network;
 #[cfg(test)]
 mod bandit;
 pub mod checkpoint;

@@ -35,11 +35,22 @@ pub struct Config {
     /// Updates per environment step, all environments counted; below 1 for more data per update.
     #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "pilot study, 16 per 256 steps; thesis, table 3.1: 1"))]
     pub updates_per_step: f64,
-    /// Units of each of the three hidden layers of policy and critics.
+    /// Whether the networks are fully connected or treat assets alike.
+    pub network: NetworkKind,
+    /// Units of each hidden layer of policy and critics.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.5"))]
     pub width: usize,
-    /// Entropy that the temperature steers to.
-    pub target_entropy: TargetEntropy,
+    /// Hidden layers of a fully connected policy.
+    #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 3.4.5"))]
+    pub policy_layers: usize,
+    /// Hidden layers of a fully connected critic.
+    #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 3.4.5"))]
+    pub critic_layers: usize,
+    /// The temperature steers to the entropy of `Dirichlet(c, ..., c)` with this concentration c of each share.
+    #[schemars(range(min = 1.0, max = 1e6), extend("x-source" = "pilot study"))]
+    pub target_concentration: f64,
+    /// Entropy that the temperature steers to, in place of that of a concentration.
+    pub target_entropy: Option<TargetEntropy>,
     /// Transitions that the replay buffer holds.
     #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub replay_capacity: usize,
@@ -62,14 +73,23 @@ pub struct Config {
     pub concentration_cap: Option<f64>,
 }
 
+/// What the networks know of the assets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NetworkKind {
+    /// Nothing: fully connected, as in the thesis.
+    #[default]
+    Dense,
+    /// That they are interchangeable: permuted assets get permuted shares.
+    Equivariant,
+}
+
 /// Entropy that the temperature steers to.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum TargetEntropy {
-    /// That of `Dirichlet(c, ..., c)` with this concentration `c` of each share.
-    Concentration(f64),
     /// This many nats.
-    Entropy(f64),
+    Nats(f64),
     /// Minus the square root of the number of shares, as printed in the thesis (table 3.1). For 4 shares it is nearly the
     /// largest entropy that a policy with concentrations of at least 1 can have, for 8 it is out of reach.
     MinusSqrtD,
@@ -108,8 +128,12 @@ impl Default for Config {
             discount: 0.99,
             target_smoothing: 0.005,
             updates_per_step: 0.0625,
+            network: NetworkKind::Dense,
             width: 256,
-            target_entropy: TargetEntropy::Concentration(30.0),
+            policy_layers: 3,
+            critic_layers: 3,
+            target_concentration: 30.0,
+            target_entropy: None,
             replay_capacity: 1_000_000,
             learning_starts: 5_000,
             gradient_clip: None,
@@ -136,15 +160,15 @@ impl engine::Config for Config {
     }
 }
 
-impl TargetEntropy {
-    /// The target in nats for `n` shares.
+impl Config {
+    /// The target entropy in nats for `n` shares.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
-    pub fn nats(self, n: usize) -> f64 {
-        match self {
-            TargetEntropy::Concentration(c) => entropy(&vec![c; n]),
-            TargetEntropy::Entropy(nats) => nats,
-            TargetEntropy::MinusSqrtD => -(n as f64).sqrt(),
+    pub fn target_nats(&self, n: usize) -> f64 {
+        match self.target_entropy {
+            None => entropy(&vec![self.target_concentration; n]),
+            Some(TargetEntropy::Nats(nats)) => nats,
+            Some(TargetEntropy::MinusSqrtD) => -(n as f64).sqrt(),
         }
     }
 }
@@ -155,23 +179,22 @@ mod tests {
 
     #[test]
     fn targets_by_hand() {
+        let concentration = |c: f64, n| Config { target_concentration: c, ..Config::default() }.target_nats(n);
         // The uniform distribution on the simplex of N shares has the density Gamma(N).
-        assert!((TargetEntropy::Concentration(1.0).nats(4) + 6f64.ln()).abs() < 1e-12);
-        assert!((TargetEntropy::Concentration(1.0).nats(8) + 5040f64.ln()).abs() < 1e-11);
-        assert_eq!(TargetEntropy::MinusSqrtD.nats(4), -2.0);
-        assert_eq!(TargetEntropy::Entropy(-3.5).nats(4), -3.5);
+        assert!((concentration(1.0, 4) + 6f64.ln()).abs() < 1e-12);
+        assert!((concentration(1.0, 8) + 5040f64.ln()).abs() < 1e-11);
         // Beta(2, 2) has the density 6 x (1 - x) and the entropy 5/3 - ln 6.
-        assert!((TargetEntropy::Concentration(2.0).nats(2) - (5.0 / 3.0 - 6f64.ln())).abs() < 1e-12);
+        assert!((concentration(2.0, 2) - (5.0 / 3.0 - 6f64.ln())).abs() < 1e-12);
+        let entropy = |target| Config { target_entropy: Some(target), ..Config::default() }.target_nats(4);
+        assert_eq!(entropy(TargetEntropy::MinusSqrtD), -2.0);
+        assert_eq!(entropy(TargetEntropy::Nats(-3.5)), -3.5);
     }
 
     #[test]
     fn targets_are_written_as_words_or_maps() {
         let read = |text: &str| serde_json::from_str::<Config>(text);
-        assert_eq!(
-            read(r#"{"target_entropy": {"concentration": 100}}"#).unwrap().target_entropy,
-            TargetEntropy::Concentration(100.0)
-        );
-        assert_eq!(read(r#"{"target_entropy": "minus_sqrt_d"}"#).unwrap().target_entropy, TargetEntropy::MinusSqrtD);
+        assert_eq!(read(r#"{"target_entropy": {"nats": -3}}"#).unwrap().target_entropy, Some(TargetEntropy::Nats(-3.0)));
+        assert_eq!(read(r#"{"target_entropy": "minus_sqrt_d"}"#).unwrap().target_entropy, Some(TargetEntropy::MinusSqrtD));
         assert!(read(r#"{"target_entropie": "minus_sqrt_d"}"#).is_err());
         let preset = &<Config as engine::Config>::presets()[0];
         assert_eq!(serde_json::from_value::<Config>(preset.values.clone()).unwrap().batch_size, 1024);

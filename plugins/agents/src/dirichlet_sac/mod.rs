@@ -29,8 +29,10 @@
 //! `mean_value` mean of the lower critic at the policy's actions.
 
 mod config;
+mod networks;
 
-pub use config::{ActionScaling, Config, EvaluationAction, TargetEntropy};
+pub use config::{ActionScaling, Config, EvaluationAction, NetworkKind, TargetEntropy};
+use networks::{Critics, PolicyNetwork, Shape};
 
 use crate::checkpoint::{self, finite};
 use crate::replay::{Batch, Replay};
@@ -42,7 +44,7 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
 use numerics::dirichlet_policy::{log_density, sample};
-use numerics::network::{Activation, Mlp, TwinMlp, device, matrix, softplus, values};
+use numerics::network::{device, matrix, softplus, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
 use numerics::parameters::{restore, soft_update, store};
 use numerics::policy_file::{Head, Policy};
@@ -51,8 +53,6 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "dirichlet_sac";
-const POLICY_LAYERS: [Activation; 3] = [Activation::LeakyRelu, Activation::Tanh, Activation::LeakyRelu];
-const CRITIC_LAYERS: [Activation; 3] = [Activation::LeakyRelu; 3];
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -60,10 +60,11 @@ pub struct DirichletSac {
     config: Config,
     scaling: Scaling,
     shares: Vec<String>,
+    shape: Shape,
     target_entropy: f64,
-    policy: Trained<Mlp>,
-    critics: Trained<TwinMlp>,
-    target_critics: TwinMlp,
+    policy: Trained<PolicyNetwork>,
+    critics: Trained<Critics>,
+    target_critics: Critics,
     log_temperature: f64,
     temperature_adam: ScalarAdam,
     replay: Replay,
@@ -110,14 +111,17 @@ impl DirichletSac {
     fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         let seat = seat::only_seat(NAME, interface)?;
         let shares = seat::simplex(NAME, seat)?.to_vec();
-        let scaling = Scaling::new(config.observation_scaling, seat::observed(NAME, seat)?);
-        let (n_observed, n_shares, width) = (scaling.n_channels(), shares.len(), config.width);
+        let channels = seat::observed(NAME, seat)?;
+        let scaling = Scaling::new(config.observation_scaling, channels);
+        let (n_observed, n_shares) = (scaling.n_channels(), shares.len());
+        let shape = Shape::new(&config, channels, n_shares)?;
         let tracked = device().autodiff();
-        let policy = Mlp::new(&[n_observed, width, width, width, n_shares], &POLICY_LAYERS, 1.0, rng, &tracked);
-        let critics = TwinMlp::new(&[n_observed + n_shares, width, width, width, 1], &CRITIC_LAYERS, 1.0, rng, &tracked);
+        let policy = shape.policy(rng, &tracked);
+        let critics = shape.critics(rng, &tracked);
         let adam = |rate| Adam::new(rate, config.gradient_clip);
         Ok(Self {
-            target_entropy: config.target_entropy.nats(n_shares),
+            target_entropy: config.target_nats(n_shares),
+            shape,
             target_critics: critics.valid(),
             policy: Trained::new(policy, adam(config.actor_learning_rate)),
             critics: Trained::new(critics, adam(config.critic_learning_rate)),
@@ -144,7 +148,7 @@ impl DirichletSac {
     /// Eq. 3.16: both critics descend half the squared error.
     fn update_critics(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let target = self.soft_target(batch, rng)?;
-        let (q1, q2) = self.critics.network().forward(self.critic_input(&batch.observations, batch.actions.clone()));
+        let (q1, q2) = self.q_values(self.critics.network(), &batch.observations, batch.actions.clone());
         let loss = half_squared_error(q1, target.clone()) + half_squared_error(q2, target);
         record.mean("critic_loss", finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
         self.critics.descend(&loss);
@@ -157,7 +161,7 @@ impl DirichletSac {
         finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
         let next = sample(alpha.clone(), rng);
         let log_pi = log_density(alpha, next.log_action);
-        let (q1, q2) = self.target_critics.forward(self.critic_input(&batch.next_observations, next.action));
+        let (q1, q2) = self.q_values(&self.target_critics, &batch.next_observations, next.action);
         let shift = if self.config.shifted_entropy_bonus { self.target_entropy } else { 0.0 };
         let soft_value = q1.min_pair(q2) - (log_pi + shift) * self.temperature();
         Ok(bootstrapped(batch.rewards.clone(), batch.continues.clone(), soft_value, self.config.discount))
@@ -183,7 +187,7 @@ impl DirichletSac {
         let drawn = sample(alpha.clone(), rng);
         let log_pi = log_density(alpha, drawn.log_action);
         // Plain critics: the gradient passes through them to the action, and none of their own is computed.
-        let (q1, q2) = self.critics.network().valid().forward(self.critic_input(observations, drawn.action));
+        let (q1, q2) = self.q_values(&self.critics.network().valid(), observations, drawn.action);
         let q = q1.min_pair(q2);
         let loss = (log_pi.clone() * self.temperature() - q.clone()).mean();
         let (log_pi, value) = (f64::from(mean(log_pi)), f64::from(mean(q)));
@@ -201,8 +205,8 @@ impl DirichletSac {
     }
 
     /// `alpha = softplus(f(s)) + 1` (section 3.4.3), so that the density has one mode inside the simplex.
-    fn concentrations(&self, policy: &Mlp, observations: &Tensor<2>) -> Tensor<2> {
-        let alpha = softplus(policy.forward(observations.clone())) + 1.0;
+    fn concentrations(&self, policy: &PolicyNetwork, observations: &Tensor<2>) -> Tensor<2> {
+        let alpha = softplus(self.shape.shares(policy, observations)) + 1.0;
         match self.config.concentration_cap {
             Some(cap) => alpha.clamp_max(cap),
             None => alpha,
@@ -210,12 +214,12 @@ impl DirichletSac {
     }
 
     #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
-    fn critic_input(&self, observations: &Tensor<2>, action: Tensor<2>) -> Tensor<2> {
+    fn q_values(&self, critics: &Critics, observations: &Tensor<2>, action: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
         let action = match self.config.critic_action_scaling {
             ActionScaling::Centred => action * (self.shares.len() as f64) - 1.0,
             ActionScaling::None => action,
         };
-        Tensor::cat(vec![observations.clone(), action], 1)
+        self.shape.values(critics, observations, action)
     }
 
     fn head(&self) -> Head {
@@ -278,7 +282,9 @@ impl Agent for DirichletSac {
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(self.policy.network(), self.scaling.ports(&self.shares), self.head());
+        // The policy file describes fully connected networks.
+        let PolicyNetwork::Dense(network) = self.policy.network() else { return Ok(false) };
+        let policy = Policy::new(network, self.scaling.ports(&self.shares), self.head());
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }

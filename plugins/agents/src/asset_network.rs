@@ -1,0 +1,148 @@
+//! Networks that treat assets alike: permuting the assets permutes the shares of the policy and leaves the value of the critic.
+//!
+//! Zaheer et al. 2017, "Deep sets", arXiv:1703.06114. One small network, the same for every asset, reads the asset's own channels, their
+//! means over all assets and the channels that belong to none; what it gives out is pooled over the assets, and a second network reads
+//! own and pooled features. What is learned of one asset is so learned of all, which matters more the more assets there are.
+//!
+//! | symbol | here | shape |
+//! |---|---|---|
+//! | x_i | own channels of asset i, their means, common channels | `[batch * assets, features]` |
+//! | h_i | `encoder(x_i)` | `[batch * assets, width]` |
+//! | h | mean of h_i over the assets | `[batch, width]` |
+//! | policy | `head(h_i, h)` | `[batch, assets]` |
+//! | critic | `head(h)`, where x_i also holds the share of asset i | `[batch, 1]` |
+
+use crate::seat;
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use engine::{Channel, Error};
+use numerics::network::{Activation, Mlp};
+use rand::RngCore;
+
+/// Which channels of an observation belong to which asset.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AssetChannels {
+    n_assets: usize,
+    /// First channel of each block of `n_assets` neighbouring channels, one channel per asset.
+    blocks: Vec<usize>,
+    /// Channels that belong to no asset.
+    common: Vec<usize>,
+}
+
+impl AssetChannels {
+    /// Finds blocks of channels `<word>_1` to `<word>_N`.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] where no such block is observed.
+    pub fn find(agent: &'static str, channels: &[Channel], n_assets: usize) -> Result<Self, Error> {
+        let (mut blocks, mut common, mut index) = (Vec::new(), Vec::new(), 0);
+        while index < channels.len() {
+            if begins_block(&channels[index..], n_assets) {
+                blocks.push(index);
+                index += n_assets;
+            } else {
+                common.push(index);
+                index += 1;
+            }
+        }
+        if blocks.is_empty() {
+            let problem = format!("`network: equivariant` needs channels that are numbered from 1 to {n_assets}, one per share");
+            return Err(seat::mismatch(agent, problem));
+        }
+        Ok(Self { n_assets, blocks, common })
+    }
+
+    /// Own, mean and common features of each asset, with `more` own ones: `[batch * assets, features]`.
+    fn features(&self, observations: &Tensor<2>, more: Option<Tensor<2>>) -> Tensor<2> {
+        let batch = observations.dims()[0];
+        let rows = batch * self.n_assets;
+        let spread = |column: Tensor<2>| column.expand([batch, self.n_assets]).reshape([rows, 1]);
+        let mut columns = Vec::new();
+        for &first in &self.blocks {
+            let block = observations.clone().slice([0..batch, first..first + self.n_assets]);
+            columns.push(spread(block.clone().mean_dim(1)));
+            columns.push(block.reshape([rows, 1]));
+        }
+        for &channel in &self.common {
+            columns.push(spread(observations.clone().slice([0..batch, channel..channel + 1])));
+        }
+        columns.extend(more.map(|block| block.reshape([rows, 1])));
+        Tensor::cat(columns, 1)
+    }
+
+    fn n_features(&self) -> usize {
+        2 * self.blocks.len() + self.common.len()
+    }
+
+    /// Mean over the assets: `[batch * assets, width]` to `[batch, width]`.
+    fn pool(&self, features: Tensor<2>) -> Tensor<2> {
+        let [rows, width] = features.dims();
+        features.reshape([rows / self.n_assets, self.n_assets, width]).mean_dim(1).reshape([rows / self.n_assets, width])
+    }
+
+    /// The pooled features beside each asset's own: `[batch * assets, 2 width]`.
+    fn beside(&self, features: Tensor<2>) -> Tensor<2> {
+        let [rows, width] = features.dims();
+        let batch = rows / self.n_assets;
+        let pooled = self.pool(features.clone()).reshape([batch, 1, width]).expand([batch, self.n_assets, width]);
+        Tensor::cat(vec![features, pooled.reshape([rows, width])], 1)
+    }
+}
+
+fn begins_block(channels: &[Channel], n_assets: usize) -> bool {
+    let word = |channel: &Channel| channel.name.rsplit_once('_').map(|(word, _)| word.to_owned());
+    let Some(first) = channels.first().and_then(word) else { return false };
+    let fits = |(index, channel): (usize, &Channel)| channel.name == format!("{first}_{}", index + 1);
+    channels.len() >= n_assets && channels.iter().take(n_assets).enumerate().all(fits)
+}
+
+/// A policy network: shares' parameters from an observation.
+#[derive(Module, Debug)]
+pub struct AssetPolicy {
+    encoder: Mlp,
+    head: Mlp,
+}
+
+impl AssetPolicy {
+    /// Two hidden layers of `width` in the encoder, one in the head.
+    pub fn new(channels: &AssetChannels, width: usize, rng: &mut impl RngCore, device: &Device) -> Self {
+        let (encoder, head) = ([channels.n_features(), width, width], [2 * width, width, 1]);
+        Self {
+            encoder: Mlp::new(&encoder, &[Activation::LeakyRelu], Activation::LeakyRelu.gain(), rng, device),
+            head: Mlp::new(&head, &[Activation::LeakyRelu], 1.0, rng, device),
+        }
+    }
+
+    /// `[batch, observed]` to `[batch, assets]`.
+    #[must_use]
+    pub fn forward(&self, channels: &AssetChannels, observations: &Tensor<2>) -> Tensor<2> {
+        let own = Activation::LeakyRelu.apply(self.encoder.forward(channels.features(observations, None)));
+        let batch = observations.dims()[0];
+        self.head.forward(channels.beside(own)).reshape([batch, channels.n_assets])
+    }
+}
+
+/// A critic: the value of an observation and an action.
+#[derive(Module, Debug)]
+pub struct AssetCritic {
+    encoder: Mlp,
+    head: Mlp,
+}
+
+impl AssetCritic {
+    /// Two hidden layers of `width` in the encoder, one in the head.
+    pub fn new(channels: &AssetChannels, width: usize, rng: &mut impl RngCore, device: &Device) -> Self {
+        let (encoder, head) = ([channels.n_features() + 1, width, width], [width, width, 1]);
+        Self {
+            encoder: Mlp::new(&encoder, &[Activation::LeakyRelu], Activation::LeakyRelu.gain(), rng, device),
+            head: Mlp::new(&head, &[Activation::LeakyRelu], 1.0, rng, device),
+        }
+    }
+
+    /// `[batch, observed]` and `[batch, assets]` to `[batch, 1]`.
+    #[must_use]
+    pub fn forward(&self, channels: &AssetChannels, observations: &Tensor<2>, action: Tensor<2>) -> Tensor<2> {
+        let own = Activation::LeakyRelu.apply(self.encoder.forward(channels.features(observations, Some(action))));
+        self.head.forward(channels.pool(own))
+    }
+}

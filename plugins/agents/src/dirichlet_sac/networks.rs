@@ -1,0 +1,122 @@
+//! The two shapes of network that the agent can have: fully connected as in the thesis, or alike for every asset.
+
+use super::{
+    NAME,
+    config::{Config, NetworkKind},
+};
+use crate::asset_network::{AssetChannels, AssetCritic, AssetPolicy};
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use engine::{Channel, Error};
+use numerics::network::{Activation, Mlp, TwinMlp};
+use rand::RngCore;
+
+/// What both shapes are made from.
+#[derive(Debug, Clone)]
+pub(super) struct Shape {
+    sizes: (usize, usize),
+    width: usize,
+    layers: (usize, usize),
+    /// Set where networks treat assets alike.
+    assets: Option<AssetChannels>,
+}
+
+/// The policy: parameters of the shares `[batch, n_shares]` from observations `[batch, observed]`.
+#[derive(Module, Debug)]
+pub(super) enum PolicyNetwork {
+    /// Fully connected.
+    Dense(Mlp),
+    /// Alike for every asset.
+    Assets(AssetPolicy),
+}
+
+/// Two critics.
+#[derive(Module, Debug)]
+pub(super) enum Critics {
+    /// Fully connected.
+    Dense(TwinMlp),
+    /// Alike for every asset.
+    Assets(AssetCritics),
+}
+
+/// Two critics that treat assets alike.
+#[derive(Module, Debug)]
+pub(super) struct AssetCritics {
+    first: AssetCritic,
+    second: AssetCritic,
+}
+
+impl Default for PolicyNetwork {
+    fn default() -> Self {
+        Self::Dense(Mlp::default())
+    }
+}
+
+impl Default for Critics {
+    fn default() -> Self {
+        Self::Dense(TwinMlp::default())
+    }
+}
+
+impl Shape {
+    /// The shape that a config asks for.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] where assets cannot be told apart in the observation.
+    pub(super) fn new(config: &Config, channels: &[Channel], n_shares: usize) -> Result<Self, Error> {
+        let assets = match config.network {
+            NetworkKind::Dense => None,
+            NetworkKind::Equivariant => Some(AssetChannels::find(NAME, channels, n_shares)?),
+        };
+        Ok(Self {
+            sizes: (channels.len(), n_shares),
+            width: config.width,
+            layers: (config.policy_layers, config.critic_layers),
+            assets,
+        })
+    }
+
+    /// A policy with fresh parameters. Its second hidden layer has tanh, the others leaky rectifiers (thesis, section 3.4.3).
+    pub(super) fn policy(&self, rng: &mut impl RngCore, device: &Device) -> PolicyNetwork {
+        if let Some(assets) = &self.assets {
+            return PolicyNetwork::Assets(AssetPolicy::new(assets, self.width, rng, device));
+        }
+        let activation = |layer| if layer == 1 { Activation::Tanh } else { Activation::LeakyRelu };
+        let activations: Vec<_> = (0..self.layers.0).map(activation).collect();
+        PolicyNetwork::Dense(Mlp::new(&self.dense(self.sizes.0, self.layers.0, self.sizes.1), &activations, 1.0, rng, device))
+    }
+
+    /// Two critics with fresh parameters.
+    pub(super) fn critics(&self, rng: &mut impl RngCore, device: &Device) -> Critics {
+        if let Some(assets) = &self.assets {
+            let mut critic = || AssetCritic::new(assets, self.width, rng, device);
+            return Critics::Assets(AssetCritics { first: critic(), second: critic() });
+        }
+        let sizes = self.dense(self.sizes.0 + self.sizes.1, self.layers.1, 1);
+        Critics::Dense(TwinMlp::new(&sizes, &vec![Activation::LeakyRelu; self.layers.1], 1.0, rng, device))
+    }
+
+    fn dense(&self, inputs: usize, layers: usize, outputs: usize) -> Vec<usize> {
+        [vec![inputs], vec![self.width; layers], vec![outputs]].concat()
+    }
+
+    /// Outputs of a policy of this shape.
+    pub(super) fn shares(&self, policy: &PolicyNetwork, observations: &Tensor<2>) -> Tensor<2> {
+        match (policy, &self.assets) {
+            (PolicyNetwork::Dense(network), _) => network.forward(observations.clone()),
+            (PolicyNetwork::Assets(network), Some(assets)) => network.forward(assets, observations),
+            (PolicyNetwork::Assets(_), None) => unreachable!("the shape that made this network knows its assets"),
+        }
+    }
+
+    /// Values of both critics of this shape.
+    pub(super) fn values(&self, critics: &Critics, observations: &Tensor<2>, action: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
+        match (critics, &self.assets) {
+            (Critics::Dense(pair), _) => pair.forward(Tensor::cat(vec![observations.clone(), action], 1)),
+            (Critics::Assets(pair), Some(assets)) => {
+                (pair.first.forward(assets, observations, action.clone()), pair.second.forward(assets, observations, action))
+            }
+            (Critics::Assets(_), None) => unreachable!("the shape that made these critics knows its assets"),
+        }
+    }
+}
