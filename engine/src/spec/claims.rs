@@ -73,9 +73,9 @@ pub fn operands(text: &str) -> Result<Vec<Operand>, Mistake> {
     }
     match (comparisons, operands.is_empty()) {
         (1, false) => Ok(operands),
-        (1, true) => Err(Mistake { position: 0, message: "this names no metric of an agent".into() }),
-        (0, _) => Err(Mistake { position: 0, message: "this compares nothing".into() }),
-        _ => Err(Mistake { position: 0, message: "this compares more than once".into() }),
+        (1, true) => Err(Mistake { position: 0, message: "this claim names no metric of an agent".into() }),
+        (0, _) => Err(Mistake { position: 0, message: "this claim compares nothing".into() }),
+        _ => Err(Mistake { position: 0, message: "this claim compares more than once".into() }),
     }
 }
 
