@@ -19,7 +19,11 @@ impl Names<'_> {
             let of = inner.below("of").unwrap_or(inner.clone());
             self.comparison(&bars.of, &of, false);
         }
-        let picked = self.pick(&inner);
+        let mut picked = self.pick(&inner);
+        if spec.trajectory.is_some() || spec.contour.is_some() {
+            // One environment is shown: the one that is named, else the first.
+            picked.environments.truncate(1);
+        }
         if let Some(curve) = &spec.learning_curve {
             self.metric(&curve.metric, &inner, "metric", &picked);
         }
