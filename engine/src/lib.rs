@@ -24,6 +24,7 @@ pub mod registry;
 pub mod results;
 pub mod schema_check;
 pub mod spec;
+pub mod statistics;
 pub mod table;
 pub mod trial;
 

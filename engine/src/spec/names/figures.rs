@@ -9,7 +9,8 @@ impl Names<'_> {
     pub(super) fn figure(&mut self, spec: &FigureSpec, entry: &Entry) {
         const KINDS: [&str; 6] = ["learning_curve", "trajectory", "bars", "grouped_lines", "scatter", "contour"];
         let place = Place::of(entry, format!("figures.{}", entry.key));
-        let given: Vec<&str> = KINDS.into_iter().filter(|kind| place.node.entry(kind).is_some()).collect();
+        let given: Vec<&str> =
+            KINDS.into_iter().filter(|kind| place.node.get(kind).is_some_and(|node| !node.to_value().is_null())).collect();
         let [kind] = given.as_slice() else {
             let kinds = KINDS.map(|kind| format!("`{kind}`")).join(", ");
             return self.one_kind(&format!("the figure `{}`", entry.key), &place, &given, &kinds);

@@ -1,0 +1,220 @@
+//! Claims: sentences about a study's agents that its seeds support, refute or leave open.
+//!
+//! ```text
+//! claim       = quantity relation quantity [ "in" ENVIRONMENT ]
+//! quantity    = NUMBER | operand | NUMBER "*" operand | operand "*" NUMBER
+//! operand     = AGENT "." METRIC | aggregate "(" AGENT "." METRIC ")"
+//! aggregate   = "final" | "auc" | "max" | "min"
+//! relation    = ">" | ">=" | "<" | "<=" | "~" | "within" NUMBER [ "%" ] "of"
+//! ```
+//!
+//! `dsac.cycle_length >= 1.15 * equal.cycle_length in four_cells` compares the final measurements; `~` is `within 5 % of`;
+//! `auc` is the mean of the learning curve, `max` and `min` its largest and smallest point. Names are made of letters,
+//! digits, `_` and `-`; a name does not start with `-`.
+
+mod evaluate;
+mod parse;
+
+pub use evaluate::{ClaimOutcome, ClaimVerdict, evaluate};
+pub use parse::parse;
+
+use super::estimators::mean;
+use crate::{recorder::Phase, results::TrialResult};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Why a claim cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{message} (at byte {position})")]
+pub struct ClaimError {
+    /// Where in the text, in bytes from its start; always on a character's edge, at most the text's length.
+    pub position: usize,
+    /// What is wrong and what to write instead.
+    pub message: String,
+}
+
+/// How the measurements of one trial become one number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Aggregate {
+    /// Mean of the final measurement.
+    #[default]
+    Final,
+    /// Mean over the points of the learning curve (the area under it, per point).
+    Auc,
+    /// The largest point of the learning curve.
+    Max,
+    /// The smallest point of the learning curve.
+    Min,
+}
+
+impl Aggregate {
+    /// All of them, in the order of the documentation.
+    pub const ALL: [Aggregate; 4] = [Aggregate::Final, Aggregate::Auc, Aggregate::Max, Aggregate::Min];
+
+    /// The word that is written in a claim.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Aggregate::Final => "final",
+            Aggregate::Auc => "auc",
+            Aggregate::Max => "max",
+            Aggregate::Min => "min",
+        }
+    }
+
+    /// The number of one trial: from its final phase, or from the curve of its evaluate phase; `None` where the phase has
+    /// no row of the metric.
+    #[must_use]
+    pub fn of_trial(self, trial: &TrialResult, metric: &str) -> Option<f64> {
+        let points: Vec<f64> = trial.curve(Phase::Evaluate, metric).into_iter().map(|(_, value)| value).collect();
+        match self {
+            Aggregate::Final => trial.mean(Phase::Final, metric),
+            Aggregate::Auc => (!points.is_empty()).then(|| mean(&points)),
+            Aggregate::Max => points.into_iter().reduce(f64::max),
+            Aggregate::Min => points.into_iter().reduce(f64::min),
+        }
+    }
+}
+
+/// One agent's metric, one number per seed.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Operand {
+    /// How a trial's measurements become one number.
+    pub aggregate: Aggregate,
+    /// The agent's name in the study.
+    pub agent: String,
+    /// The metric.
+    pub metric: String,
+}
+
+impl fmt::Display for Operand {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.aggregate {
+            Aggregate::Final => write!(f, "{}.{}", self.agent, self.metric),
+            aggregate => write!(f, "{}({}.{})", aggregate.name(), self.agent, self.metric),
+        }
+    }
+}
+
+/// One side of a claim.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// A number that does not depend on seeds.
+    Number(f64),
+    /// A factor times an agent's metric.
+    Measured {
+        /// The factor; 1 where none is written.
+        factor: f64,
+        /// The metric.
+        operand: Operand,
+    },
+}
+
+impl Quantity {
+    fn operand(&self) -> Option<&Operand> {
+        match self {
+            Quantity::Number(_) => None,
+            Quantity::Measured { operand, .. } => Some(operand),
+        }
+    }
+}
+
+impl fmt::Display for Quantity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Quantity::Number(number) => write!(f, "{number}"),
+            Quantity::Measured { factor: 1.0, operand } => write!(f, "{operand}"),
+            Quantity::Measured { factor, operand } => write!(f, "{factor} * {operand}"),
+        }
+    }
+}
+
+/// What a claim says of its left and right side.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Relation {
+    /// `>`
+    Greater,
+    /// `>=`
+    GreaterOrEqual,
+    /// `<`
+    Less,
+    /// `<=`
+    LessOrEqual,
+    /// `within N % of` the size of the right side's mean, or `~` for 5 %.
+    WithinPercent(f64),
+    /// `within N of` the right side, in its unit.
+    Within(f64),
+}
+
+impl fmt::Display for Relation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Relation::Greater => f.write_str(">"),
+            Relation::GreaterOrEqual => f.write_str(">="),
+            Relation::Less => f.write_str("<"),
+            Relation::LessOrEqual => f.write_str("<="),
+            Relation::WithinPercent(percent) => write!(f, "within {percent} % of"),
+            Relation::Within(distance) => write!(f, "within {distance} of"),
+        }
+    }
+}
+
+/// A claim that has been read. Its display is the claim in a canonical form that reads back to the same claim.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Claim {
+    /// Left side.
+    pub left: Quantity,
+    /// What is said of the two sides.
+    pub relation: Relation,
+    /// Right side.
+    pub right: Quantity,
+    /// The only environment it speaks of; all of the study, one by one, where absent.
+    pub environment: Option<String>,
+}
+
+impl Claim {
+    /// The agents' metrics that it compares: one or two.
+    #[must_use]
+    pub fn operands(&self) -> Vec<&Operand> {
+        [&self.left, &self.right].into_iter().filter_map(Quantity::operand).collect()
+    }
+}
+
+impl fmt::Display for Claim {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {} {}", self.left, self.relation, self.right)?;
+        self.environment.iter().try_for_each(|environment| write!(f, " in {environment}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        recorder::Row,
+        trial::{Part, Trial, TrialKey},
+    };
+
+    fn trial(rows: &[(Phase, u64, f64)]) -> TrialResult {
+        let part = || Part::new("x", 1, serde_json::Value::Null);
+        let (environment, agent, protocol) = (part(), part(), part());
+        let key = TrialKey { environment, agent, protocol, seed: 0, numerics: 1, device: "cpu".into() };
+        let trial = Trial { id: key.id(), environment: "e".into(), agent: "a".into(), setting: String::new(), key };
+        let row = |&(phase, step, value): &(Phase, u64, f64)| Row { phase, step, episode: 0, seat: 0, metric: 0, value };
+        TrialResult { trial, end: None, names: vec!["return".into()], rows: rows.iter().map(row).collect() }
+    }
+
+    #[test]
+    fn one_number_per_trial() {
+        use Phase::{Evaluate, Final, Train};
+        // Two episodes at step 10 are one point of the curve, at 3.
+        let rows = [(Evaluate, 0, 1.0), (Evaluate, 10, 2.0), (Evaluate, 10, 4.0), (Evaluate, 20, 2.0), (Train, 5, 99.0)];
+        let trial = trial(&[&rows[..], &[(Final, 20, 7.0), (Final, 20, 8.0)]].concat());
+        let numbers = Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "return"));
+        assert_eq!(numbers, [Some(7.5), Some(2.0), Some(3.0), Some(1.0)]);
+        assert_eq!(Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "cost")), [None; 4]);
+    }
+}

@@ -1,0 +1,294 @@
+//! Reads a claim from its text, by recursive descent over the grammar of the parent module.
+
+use super::{Aggregate, Claim, ClaimError, Operand, Quantity, Relation};
+
+/// Reads one claim.
+///
+/// # Errors
+/// [`ClaimError`] with the byte position of the first thing that does not fit and what to write instead.
+pub fn parse(text: &str) -> Result<Claim, ClaimError> {
+    let mut reader = Reader { text, position: 0 };
+    let left = reader.quantity()?;
+    let relation = reader.relation()?;
+    let right = reader.quantity()?;
+    let environment = reader.environment()?;
+    let claim = Claim { left, relation, right, environment };
+    if claim.operands().is_empty() {
+        return Err(ClaimError {
+            position: 0,
+            message: "a claim names at least one agent's metric, as in `agent.return > 0.2`".into(),
+        });
+    }
+    Ok(claim)
+}
+
+struct Reader<'a> {
+    text: &'a str,
+    position: usize,
+}
+
+impl<'a> Reader<'a> {
+    /// What is not yet read, without spaces in front.
+    fn rest(&mut self) -> &'a str {
+        let rest = &self.text[self.position..];
+        let trimmed = rest.trim_start();
+        self.position += rest.len() - trimmed.len();
+        trimmed
+    }
+
+    /// Reads `symbol` if it comes next.
+    fn eat(&mut self, symbol: &str) -> bool {
+        let found = self.rest().starts_with(symbol);
+        self.position += if found { symbol.len() } else { 0 };
+        found
+    }
+
+    /// Reads the word `word` if it comes next and ends there.
+    fn eat_word(&mut self, word: &str) -> bool {
+        let found = name_at(self.rest()) == Some(word);
+        self.position += if found { word.len() } else { 0 };
+        found
+    }
+
+    fn error<T>(&mut self, message: impl Into<String>) -> Result<T, ClaimError> {
+        self.rest();
+        Err(ClaimError { position: self.position, message: message.into() })
+    }
+
+    fn quantity(&mut self) -> Result<Quantity, ClaimError> {
+        if let Some(number) = self.number() {
+            return if self.eat("*") {
+                Ok(Quantity::Measured { factor: number, operand: self.operand()? })
+            } else {
+                Ok(Quantity::Number(number))
+            };
+        }
+        let operand = self.operand()?;
+        let factor = if self.eat("*") { self.expect_number("a factor after `*`")? } else { 1.0 };
+        Ok(Quantity::Measured { factor, operand })
+    }
+
+    fn operand(&mut self) -> Result<Operand, ClaimError> {
+        let Some(name) = name_at(self.rest()) else {
+            return self.error("expected a number or an agent's metric, as in `agent.return`");
+        };
+        let start = self.position;
+        self.position += name.len();
+        if !self.eat("(") {
+            return self.metric_of(Aggregate::Final, name);
+        }
+        let Some(aggregate) = Aggregate::ALL.into_iter().find(|aggregate| aggregate.name() == name) else {
+            let known = Aggregate::ALL.map(Aggregate::name).join(", ");
+            return Err(ClaimError { position: start, message: format!("unknown function `{name}`; known: {known}") });
+        };
+        let Some(agent) = name_at(self.rest()) else {
+            return self.error(format!("expected an agent's metric, as in `{name}(agent.return)`"));
+        };
+        self.position += agent.len();
+        let operand = self.metric_of(aggregate, agent)?;
+        if self.eat(")") { Ok(operand) } else { self.error(format!("expected `)` to close `{name}(`")) }
+    }
+
+    /// Reads `.metric` after the agent's name, without spaces between.
+    fn metric_of(&mut self, aggregate: Aggregate, agent: &str) -> Result<Operand, ClaimError> {
+        let Some(after) = self.text[self.position..].strip_prefix('.') else {
+            return self.error(format!("expected `.` and a metric after the agent `{agent}`, as in `{agent}.return`"));
+        };
+        self.position += 1;
+        let Some(metric) = name_at(after) else {
+            return self.error(format!("expected a metric's name after `{agent}.`"));
+        };
+        self.position += metric.len();
+        Ok(Operand { aggregate, agent: agent.into(), metric: metric.into() })
+    }
+
+    fn relation(&mut self) -> Result<Relation, ClaimError> {
+        // The longer symbols first.
+        let symbols = [
+            (">=", Relation::GreaterOrEqual),
+            ("<=", Relation::LessOrEqual),
+            (">", Relation::Greater),
+            ("<", Relation::Less),
+            ("~", Relation::WithinPercent(5.0)),
+        ];
+        if let Some((_, relation)) = symbols.into_iter().find(|(symbol, _)| self.eat(symbol)) {
+            return Ok(relation);
+        }
+        if self.eat_word("within") {
+            return self.tolerance();
+        }
+        let rest = self.rest();
+        if rest.starts_with('=') || rest.starts_with("!=") {
+            return self.error("measured values are never exactly equal: write `within 5 % of`, or `~` for short");
+        }
+        self.error("expected `>`, `>=`, `<`, `<=`, `~` or `within N % of`")
+    }
+
+    /// Reads `N % of` or `N of` after `within`.
+    fn tolerance(&mut self) -> Result<Relation, ClaimError> {
+        self.rest();
+        let start = self.position;
+        let size = self.expect_number("how far, as in `within 5 % of`")?;
+        if size < 0.0 {
+            return Err(ClaimError { position: start, message: "a tolerance cannot be negative".into() });
+        }
+        let relation = if self.eat("%") { Relation::WithinPercent(size) } else { Relation::Within(size) };
+        if self.eat_word("of") { Ok(relation) } else { self.error("expected `of`, as in `within 5 % of 143`") }
+    }
+
+    fn environment(&mut self) -> Result<Option<String>, ClaimError> {
+        let named = self.eat_word("in");
+        let environment = if named { name_at(self.rest()).map(str::to_owned) } else { None };
+        if named && environment.is_none() {
+            return self.error("expected an environment's name after `in`");
+        }
+        self.position += environment.as_ref().map_or(0, String::len);
+        let rest = self.rest();
+        if rest.is_empty() {
+            return Ok(environment);
+        }
+        if rest.starts_with(['<', '>', '~']) {
+            return self.error("one comparison per claim: write a second claim");
+        }
+        self.error(if named { "expected the end of the claim" } else { "expected the end of the claim or `in ENVIRONMENT`" })
+    }
+
+    fn expect_number(&mut self, what: &str) -> Result<f64, ClaimError> {
+        match self.number() {
+            Some(number) => Ok(number),
+            None => self.error(format!("expected a number: {what}")),
+        }
+    }
+
+    /// Reads a number if one comes next; `4_cells.mae` and `1.mae` are names.
+    fn number(&mut self) -> Option<f64> {
+        let rest = self.rest();
+        let length = number_length(rest);
+        let number = rest[..length].parse().ok().filter(|number: &f64| number.is_finite())?;
+        if rest[length..].starts_with(|next: char| next == '.' || is_name_character(next)) {
+            return None;
+        }
+        self.position += length;
+        Some(number)
+    }
+}
+
+/// Length of the longest text at the start of the form `-1.5e-3`; 0 where there is none.
+fn number_length(text: &str) -> usize {
+    let digits = |from: usize| text[from..].bytes().take_while(u8::is_ascii_digit).count();
+    let mut length = usize::from(text.starts_with('-'));
+    let whole = digits(length);
+    length += whole;
+    if text[length..].starts_with('.') && (whole == 0 || digits(length + 1) > 0) {
+        length += 1 + digits(length + 1);
+    }
+    if text[length..].starts_with(['e', 'E']) {
+        let sign = usize::from(text[length + 1..].starts_with(['+', '-']));
+        let exponent = digits(length + 1 + sign);
+        length += if exponent > 0 { 1 + sign + exponent } else { 0 };
+    }
+    length
+}
+
+/// The name that `text` starts with. A name does not start with `-`.
+fn name_at(text: &str) -> Option<&str> {
+    let length = text.find(|character| !is_name_character(character)).unwrap_or(text.len());
+    (length > 0 && !text.starts_with('-')).then_some(&text[..length])
+}
+
+fn is_name_character(character: char) -> bool {
+    character.is_alphanumeric() || character == '_' || character == '-'
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn measured(factor: f64, aggregate: Aggregate, agent: &str, metric: &str) -> Quantity {
+        Quantity::Measured { factor, operand: Operand { aggregate, agent: agent.into(), metric: metric.into() } }
+    }
+
+    fn claim(left: Quantity, relation: Relation, right: Quantity, environment: Option<&str>) -> Claim {
+        Claim { left, relation, right, environment: environment.map(Into::into) }
+    }
+
+    #[test]
+    fn every_form() {
+        use {Aggregate::*, Relation::*};
+        let dsac = || measured(1.0, Final, "dsac", "cycle_length");
+        let cases = [
+            (
+                "dsac.cycle_length > equal.cycle_length",
+                claim(dsac(), Greater, measured(1.0, Final, "equal", "cycle_length"), None),
+            ),
+            (
+                " dsac.cycle_length>=1.15*equal.cycle_length in 4-cells ",
+                claim(dsac(), GreaterOrEqual, measured(1.15, Final, "equal", "cycle_length"), Some("4-cells")),
+            ),
+            ("gaussian_hot.mae > 0.2", claim(measured(1.0, Final, "gaussian_hot", "mae"), Greater, Quantity::Number(0.2), None)),
+            ("-1e-3 <= 4_cells.x", claim(Quantity::Number(-1e-3), LessOrEqual, measured(1.0, Final, "4_cells", "x"), None)),
+            ("a.x * 2 < 1e5.y", claim(measured(2.0, Final, "a", "x"), Less, measured(1.0, Final, "1e5", "y"), None)),
+            ("auc(a.x) > max( in.y )", claim(measured(1.0, Auc, "a", "x"), Greater, measured(1.0, Max, "in", "y"), None)),
+            ("final(dsac.cycle_length) ~ 143", claim(dsac(), WithinPercent(5.0), Quantity::Number(143.0), None)),
+            ("dsac.cycle_length within 2.5% of 143", claim(dsac(), WithinPercent(2.5), Quantity::Number(143.0), None)),
+            ("dsac.cycle_length within 3 of 143 in of", claim(dsac(), Within(3.0), Quantity::Number(143.0), Some("of"))),
+            ("auc.x > min(größe.x)", claim(measured(1.0, Final, "auc", "x"), Greater, measured(1.0, Min, "größe", "x"), None)),
+        ];
+        for (text, expected) in cases {
+            assert_eq!(parse(text).as_ref(), Ok(&expected), "{text}");
+            assert_eq!(parse(&expected.to_string()), Ok(expected), "the canonical form of {text}");
+        }
+    }
+
+    /// The position is marked by `|`, which is taken out before reading.
+    #[test]
+    fn errors_point_at_the_place() {
+        let cases = [
+            ("|", "a number or an agent's metric"),
+            ("dsac| > 3", "`.` and a metric after the agent `dsac`"),
+            ("dsac.| > 3", "metric's name after `dsac.`"),
+            ("dsac.x |= 3", "within 5 % of"),
+            ("dsac.x |3", "expected `>`"),
+            ("dsac.x > |", "a number or an agent's metric"),
+            ("dsac.x > |* 3", "a number or an agent's metric"),
+            ("|mean(dsac.x) > 3", "unknown function `mean`; known: final, auc, max, min"),
+            ("auc(dsac.x| > 3", "`)` to close `auc(`"),
+            ("auc(|> 3", "`auc(agent.return)`"),
+            ("a.x > b.x |> c.x", "one comparison per claim"),
+            ("a.x > b.x |and c.x > 2", "or `in ENVIRONMENT`"),
+            ("a.x > b.x in |", "environment's name after `in`"),
+            ("a.x > b.x in four |eight", "expected the end of the claim"),
+            ("a.x within |of 3", "how far"),
+            ("a.x within |-2 of 3", "cannot be negative"),
+            ("a.x within 5 % |3", "expected `of`"),
+            ("a.x * |b.x > 2", "a factor after `*`"),
+            ("|1 > 2", "at least one agent's metric"),
+            ("ä.x > |€", "a number or an agent's metric"),
+        ];
+        for (marked, message) in cases {
+            let position = marked.find('|').unwrap();
+            let error = parse(&marked.replace('|', "")).unwrap_err();
+            assert!(error.message.contains(message), "{marked}: {error}");
+            let text = marked.replace('|', "");
+            assert_eq!(text[error.position..].trim_start(), text[position..].trim_start(), "{marked}: {error}");
+        }
+    }
+
+    #[test]
+    fn operands_are_listed() {
+        let claim = parse("dirichlet.mae < 0.6 * auc(gaussian.mae)").unwrap();
+        assert_eq!(claim.operands().iter().map(ToString::to_string).collect::<Vec<_>>(), ["dirichlet.mae", "auc(gaussian.mae)"]);
+        assert_eq!(parse("2 < a.x").unwrap().operands().len(), 1);
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_read_or_refused_at_a_place_inside_it(text in "[a-c.*<>=~%() 0-9eäin-]{0,24}") {
+            match parse(&text) {
+                Ok(claim) => prop_assert_eq!(parse(&claim.to_string()), Ok(claim)),
+                Err(error) => prop_assert!(text.is_char_boundary(error.position)),
+            }
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! Point estimates of one value per seed, and of a suite of tasks with several seeds each.
+//!
+//! All of them return NaN where there are too few values, and none depends on the order of the values: sums run over
+//! the sorted values.
+
+/// `values` in ascending order.
+pub(super) fn sorted(values: &[f64]) -> Vec<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted
+}
+
+/// Arithmetic mean; exact where all values are equal.
+#[must_use]
+pub fn mean(values: &[f64]) -> f64 {
+    mean_of_sorted(&sorted(values))
+}
+
+/// Deviations from the first value are summed, so that equal values have no rounding error and a variance of exactly 0.
+fn mean_of_sorted(sorted: &[f64]) -> f64 {
+    let Some(&first) = sorted.first() else { return f64::NAN };
+    first + sorted.iter().map(|value| value - first).sum::<f64>() / count(sorted.len())
+}
+
+/// Sample variance (divisor n - 1); NaN for fewer than two values.
+#[must_use]
+pub fn variance(values: &[f64]) -> f64 {
+    let sorted = sorted(values);
+    let mean = mean_of_sorted(&sorted);
+    if sorted.len() < 2 {
+        return f64::NAN;
+    }
+    sorted.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count(sorted.len() - 1)
+}
+
+/// Sample standard deviation (divisor n - 1); NaN for fewer than two values.
+#[must_use]
+pub fn sd(values: &[f64]) -> f64 {
+    variance(values).sqrt()
+}
+
+/// Median; the mean of the middle two for an even number of values.
+#[must_use]
+pub fn median(values: &[f64]) -> f64 {
+    quantile(values, 0.5)
+}
+
+/// Interquartile mean: the mean without the `floor(n / 4)` smallest and as many largest values, as SciPy's
+/// `trim_mean(values, 0.25)` (Agarwal et al. 2021, arXiv:2108.13264, section 4.3).
+#[must_use]
+pub fn iqm(values: &[f64]) -> f64 {
+    let sorted = sorted(values);
+    let cut = sorted.len() / 4;
+    mean_of_sorted(&sorted[cut..sorted.len() - cut])
+}
+
+/// Quantile at `probability` (0 to 1) with linear interpolation between order statistics (type 7 of Hyndman and Fan).
+#[must_use]
+pub fn quantile(values: &[f64], probability: f64) -> f64 {
+    quantile_of_sorted(&sorted(values), probability)
+}
+
+/// [`quantile`] of values that are in ascending order already.
+pub(super) fn quantile_of_sorted(sorted: &[f64], probability: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+    let position = probability.clamp(0.0, 1.0) * count(last);
+    // Below 2^53, since it is at most the number of values.
+    let below = position.floor() as usize;
+    let above = (below + 1).min(last);
+    sorted[below] + (position - position.floor()) * (sorted[above] - sorted[below])
+}
+
+/// Mean over tasks of the mean over seeds; `tasks` holds the seeds of one task per entry, possibly of unequal number.
+#[must_use]
+pub fn suite_mean(tasks: &[Vec<f64>]) -> f64 {
+    mean(&task_means(tasks))
+}
+
+/// Median over tasks of the mean over seeds, shape as in [`suite_mean`].
+#[must_use]
+pub fn suite_median(tasks: &[Vec<f64>]) -> f64 {
+    median(&task_means(tasks))
+}
+
+/// Interquartile mean of all seeds of all tasks together, shape as in [`suite_mean`].
+#[must_use]
+pub fn suite_iqm(tasks: &[Vec<f64>]) -> f64 {
+    iqm(&tasks.concat())
+}
+
+fn task_means(tasks: &[Vec<f64>]) -> Vec<f64> {
+    tasks.iter().map(|seeds| mean(seeds)).collect()
+}
+
+/// A number of values as a float; exact below 2^53.
+pub(super) fn count(n: usize) -> f64 {
+    n as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::statistics::tests::{assert_close, numbers, reference};
+
+    /// Worked by hand.
+    #[test]
+    fn small_samples() {
+        assert_eq!(mean(&[1.0, 2.0, 6.0]), 3.0);
+        assert_eq!(variance(&[1.0, 2.0, 6.0]), 7.0);
+        assert_eq!(median(&[5.0, 1.0, 3.0, 2.0]), 2.5);
+        // One of four values is cut at each end, none of three.
+        assert_eq!(iqm(&[100.0, 1.0, 3.0, -50.0]), 2.0);
+        assert_eq!(iqm(&[1.0, 2.0, 6.0]), 3.0);
+        assert_eq!(quantile(&[10.0, 20.0, 30.0, 40.0, 50.0], 0.3), 22.0);
+    }
+
+    #[test]
+    fn equal_values_have_no_variance() {
+        for n in 2..20 {
+            assert_eq!((mean(&vec![0.1; n]), variance(&vec![0.1; n])), (0.1, 0.0));
+        }
+    }
+
+    #[test]
+    fn too_few_values_are_no_number() {
+        assert!(mean(&[]).is_nan() && median(&[]).is_nan() && iqm(&[]).is_nan());
+        assert!(sd(&[]).is_nan() && sd(&[1.0]).is_nan());
+    }
+
+    #[test]
+    fn suites_agree_with_rliable() {
+        let suite = &reference()["suite"];
+        let tasks: Vec<Vec<f64>> = suite["x"].as_array().unwrap().iter().map(numbers).collect();
+        let expected = numbers(&suite["mean_median_iqm"]);
+        assert_close(suite_mean(&tasks), expected[0], 1e-13);
+        assert_close(suite_median(&tasks), expected[1], 1e-13);
+        assert_close(suite_iqm(&tasks), expected[2], 1e-13);
+    }
+}
