@@ -183,7 +183,7 @@ impl Paint {
 fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
     let places = std::iter::once(&diagnostic.place).chain(diagnostic.notes.iter().map(|(_, place)| place));
     let gutter = places.map(|place| if place.numbered { place.line.to_string().len() } else { 1 }).max().unwrap_or(1);
-    let mut out = format!("{}: {}\n", paint.red("error"), paint.bold(&diagnostic.message));
+    let mut out = format!("{}: {}\n", paint.red("error"), paint.bold(&printable(&diagnostic.message)));
     excerpt(&mut out, &diagnostic.place, gutter, '^', paint);
     let margin = " ".repeat(gutter);
     let lines = [
@@ -201,20 +201,45 @@ fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
     out
 }
 
+/// Longest part of a line that is shown, and how much of it stands in front of the place.
+const WINDOW: (usize, usize) = (150, 60);
+
 fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char, paint: Paint) {
     let margin = " ".repeat(gutter);
+    if place.line == 0 {
+        return line(out, &format!("{margin}{} {}", paint.blue("-->"), place.file));
+    }
     let number = if place.numbered { place.line.to_string() } else { String::new() };
     let position = if place.numbered { format!("{}:{}:{}", place.file, place.line, place.column) } else { place.file.clone() };
     line(out, &format!("{margin}{} {position}", paint.blue("-->")));
     line(out, &format!("{margin} {}", paint.blue("|")));
-    line(out, &format!("{} {} {}", paint.blue(&format!("{number:>gutter$}")), paint.blue("|"), place.text.replace('\t', "→")));
-    let before = place.column.saturating_sub(1);
-    let indent: String = place.text.chars().take(before).flat_map(|letter| std::iter::repeat_n(' ', columns(letter))).collect();
+    let (shown, before) = window(place);
+    line(out, &format!("{} {} {shown}", paint.blue(&format!("{number:>gutter$}")), paint.blue("|")));
+    let indent: String = shown.chars().take(before).flat_map(|letter| std::iter::repeat_n(' ', columns(letter))).collect();
     // A position behind the end of the line (a missing value, an open bracket) lies past every character.
-    let beyond = before.saturating_sub(place.text.chars().count());
-    let width: usize = place.text.chars().skip(before).take(place.length.max(1)).map(columns).sum();
+    let beyond = before.saturating_sub(shown.chars().count()).min(1);
+    let width: usize = shown.chars().skip(before).take(place.length.max(1)).map(columns).sum();
     let marks: String = std::iter::repeat_n(mark, width.max(1)).collect();
-    line(out, &format!("{margin} {} {indent}{}{}", paint.blue("|"), " ".repeat(beyond.min(1)), paint.red(&marks)));
+    line(out, &format!("{margin} {} {indent}{}{}", paint.blue("|"), " ".repeat(beyond), paint.red(&marks)));
+}
+
+/// The line around the place, and how many of its characters stand in front of the place.
+fn window(place: &Place) -> (String, usize) {
+    let visible = |letter: char| match letter {
+        '\t' => '→',
+        letter if letter.is_control() => '\u{fffd}',
+        letter => letter,
+    };
+    let (before, count) = (place.column.saturating_sub(1), place.text.chars().count());
+    let start = if count > WINDOW.0 { before.saturating_sub(WINDOW.1) } else { 0 };
+    let mut shown: String = place.text.chars().skip(start).take(WINDOW.0).map(visible).collect();
+    if start > 0 {
+        shown = format!("… {}", shown.chars().skip(2).collect::<String>());
+    }
+    if count > start + WINDOW.0 {
+        shown.push_str(" …");
+    }
+    (shown, before - start)
 }
 
 /// Terminal columns of a character: two for East Asian wide ones and emoji, none for combining marks.
@@ -225,6 +250,11 @@ fn columns(letter: char) -> usize {
         0x1F300..=0x1FAFF | 0x20000..=0x3FFFD => 2,
         _ => 1,
     }
+}
+
+/// Names in messages come from the file: control characters in them are not passed to the terminal.
+fn printable(text: &str) -> String {
+    text.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect()
 }
 
 fn line(out: &mut String, text: &str) {
@@ -285,6 +315,23 @@ mod tests {
     fn wide_characters_take_two_columns() {
         let (_, error) = sample("電池: {b: 1}", 1, 2);
         assert!(render(&[error], false).lines().nth(4).unwrap().ends_with("| ^^^^"));
+    }
+
+    #[test]
+    fn of_a_long_line_the_part_around_the_place_is_shown() {
+        let text = format!("{}b{}", "a".repeat(500), "c".repeat(500));
+        let (_, error) = sample(&text, 501, 1);
+        let rendered = render(&[error], false);
+        let lines: Vec<&str> = rendered.lines().collect();
+        let column = |line: &str, wanted: char| line.chars().position(|letter| letter == wanted).unwrap();
+        assert_eq!(column(lines[4], '^'), column(lines[3], 'b'));
+        assert!(lines[3].chars().count() < 170);
+    }
+
+    #[test]
+    fn control_characters_do_not_reach_the_terminal() {
+        let (_, error) = sample("a: \u{1b}[31m", 1, 1);
+        assert!(!render(&[error], false).contains('\u{1b}'));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::{Error, Recorder, Registry, protocol::Run, random::Streams};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 /// A plugin's name, version and complete config.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -12,27 +12,49 @@ pub struct Part {
     pub plugin: String,
     /// Version of the plugin's code.
     pub version: u32,
-    /// Config with every default filled in.
-    pub config: Value,
-    /// Hashes of the data files that the config names, by dotted key: what a file holds determines numbers, its path does not.
+    /// Config with every default filled in; the trials of a plan share it.
+    #[serde(with = "shared")]
+    pub config: Arc<Value>,
+    /// Hashes of the data files that the config names, by JSON pointer: what a file holds determines numbers, its path does not.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
 }
 
 impl Part {
+    /// A part without data files.
+    #[must_use]
+    pub fn new(plugin: impl Into<String>, version: u32, config: Value) -> Self {
+        Self { plugin: plugin.into(), version, config: Arc::new(config), files: BTreeMap::new() }
+    }
+
     /// Hash of plugin, version, config and the content of data files.
     #[must_use]
     pub fn id(&self) -> String {
         if self.files.is_empty() {
-            return hash(&json!([self.plugin, self.version, self.config]));
+            return hash(&json!([self.plugin, self.version, *self.config]));
         }
-        let mut config = self.config.clone();
+        let mut config = (*self.config).clone();
         for (key, content) in &self.files {
-            if let Some(path) = config.pointer_mut(&format!("/{}", key.replace('.', "/"))) {
+            if let Some(path) = config.pointer_mut(key) {
                 *path = json!({ "content": content });
             }
         }
         hash(&json!([self.plugin, self.version, config]))
+    }
+}
+
+/// A shared value is stored as the value itself.
+mod shared {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+    use serde_json::Value;
+    use std::sync::Arc;
+
+    pub(super) fn serialize<S: Serializer>(value: &Arc<Value>, serializer: S) -> Result<S::Ok, S::Error> {
+        value.as_ref().serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Arc<Value>, D::Error> {
+        Value::deserialize(deserializer).map(Arc::new)
     }
 }
 
@@ -129,12 +151,13 @@ pub fn hash(value: &Value) -> String {
 fn canonical(value: &Value, out: &mut String) {
     match value {
         Value::Object(map) => {
-            let mut keys: Vec<_> = map.keys().collect();
-            keys.sort();
+            let mut entries: Vec<_> = map.iter().collect();
+            entries.sort_by_key(|(key, _)| *key);
             out.push('{');
-            for key in keys {
-                out.push_str(&format!("{}:", Value::String(key.clone())));
-                canonical(&map[key], out);
+            for (key, value) in entries {
+                out.push_str(&json!(key).to_string());
+                out.push(':');
+                canonical(value, out);
                 out.push(',');
             }
             out.push('}');

@@ -141,7 +141,7 @@ impl Node {
 ///
 /// # Errors
 /// Where the bytes are no UTF-8: offset, line and column of the first that is wrong.
-pub fn decode(name: &str, bytes: &[u8]) -> Result<String, Diagnostic> {
+pub fn decode(name: &str, bytes: &[u8]) -> Result<String, Vec<Diagnostic>> {
     std::str::from_utf8(bytes).map(|text| text.trim_start_matches('\u{feff}').to_string()).map_err(|error| {
         let offset = error.valid_up_to();
         let before = String::from_utf8_lossy(&bytes[..offset]).into_owned();
@@ -150,7 +150,7 @@ pub fn decode(name: &str, bytes: &[u8]) -> Result<String, Diagnostic> {
         let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
         let span = Span { source, line: before.matches('\n').count() + 1, column, length: 1 };
         let message = format!("not UTF-8: byte 0x{:02x} at offset {offset} begins no character", bytes[offset]);
-        sources.error(span, "", message).help("save the file as UTF-8")
+        vec![sources.error(span, "", message).help("save the file as UTF-8")]
     })
 }
 

@@ -268,9 +268,11 @@ impl<'a> Checker<'a> {
             format!("{} must be {expected}, found {}", at.in_words(), in_words(node))
         };
         let error = self.sources.error(span, &at.path, message).about(schema.facts());
-        let advice = match scalar {
-            Some(scalar) => advice(scalar, schema),
-            None => None,
+        let variants: Vec<&str> = schema.alternatives().iter().filter_map(View::variant).collect();
+        let advice = match (scalar, variants.first()) {
+            (Some(scalar), _) => advice(scalar, schema),
+            (None, Some(variant)) => Some(format!("for example `{{ {variant}: ... }}`")),
+            (None, None) => None,
         };
         self.found.push(match advice {
             Some(advice) => error.help(advice),
@@ -302,6 +304,10 @@ fn advice(scalar: &Scalar, schema: &View<'_>) -> Option<String> {
             whole.map(|value| format!("write {value:.0}"))
         }
         Value::Number(_) | Value::Bool(_) if wants("string") => Some(format!("write '{}' with quotes", scalar.text)),
+        _ if schema.as_struct().is_some_and(|fields| !fields.property_names().is_empty()) => {
+            let names = schema.as_struct().map(|fields| fields.property_names()).unwrap_or_default();
+            Some(format!("for example `{{ {}: ... }}`; keys: {}", names[0], quoted(&names)))
+        }
         _ if wants("array") && !wants("object") => Some(format!("write [{}]", scalar.text)),
         _ => None,
     }

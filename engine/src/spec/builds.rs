@@ -6,8 +6,11 @@ use super::{
     config::locate,
     path::Target,
 };
-use crate::{Error, Interface, diagnostic::Diagnostic, random};
-use std::collections::{BTreeMap, BTreeSet};
+use crate::{Error, Interface, Metric, diagnostic::Diagnostic, random};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// Agents are built for each named pair, and for this many further settings; building networks takes time.
 const MOST_SETTINGS_BUILT: usize = 200;
@@ -29,18 +32,32 @@ pub struct World {
     pub swept: Vec<String>,
     /// The seeds.
     pub seeds: Vec<u64>,
+    /// Everything that is recorded, each name once.
+    pub metrics: Vec<Metric>,
+}
+
+impl World {
+    fn record<'a>(&mut self, pair: (usize, usize), metrics: impl Iterator<Item = &'a Metric>) {
+        let recorded = self.recorded.entry(pair).or_default();
+        for metric in metrics {
+            recorded.insert(metric.name.clone());
+            if !self.metrics.iter().any(|known| known.name == metric.name) {
+                self.metrics.push(metric.clone());
+            }
+        }
+    }
 }
 
 /// What is known of a built environment.
 struct Facts {
     interface: Interface,
-    metrics: Vec<String>,
+    metrics: Vec<Metric>,
     traced: BTreeSet<String>,
 }
 
 /// What is known of a built protocol.
 struct Measures {
-    metrics: Vec<String>,
+    metrics: Vec<Metric>,
     of_environment: bool,
 }
 
@@ -65,8 +82,14 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
             }
         }
     }
-    let mut builder =
-        Builder { sections, environments: BTreeMap::new(), protocols: BTreeMap::new(), agents: BTreeSet::new(), extra: 0 };
+    let mut builder = Builder {
+        sections,
+        environments: BTreeMap::new(),
+        protocols: BTreeMap::new(),
+        agents: BTreeSet::new(),
+        recorded: BTreeSet::new(),
+        extra: 0,
+    };
     let (mut settings, mut found) = (BTreeSet::new(), Vec::new());
     for cell in cells {
         if settings.insert(cell.setting.clone()) {
@@ -79,12 +102,19 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
     if found.is_empty() { Ok(world) } else { Err(found) }
 }
 
+fn address(part: &Arc<Resolved>) -> usize {
+    Arc::as_ptr(part).addr()
+}
+
 struct Builder<'a> {
     sections: &'a Sections<'a>,
     /// By id; `None` where the build failed and was reported.
     environments: BTreeMap<String, Option<Facts>>,
     protocols: BTreeMap<String, Option<Measures>>,
-    agents: BTreeSet<(String, String)>,
+    /// Pairs of environment and agent that were built, by address: equal parts of cells are one.
+    agents: BTreeSet<(usize, usize)>,
+    /// Environments and agents, each with the variants of environment and protocol that were noted.
+    recorded: BTreeSet<(usize, usize, usize, usize)>,
     extra: usize,
 }
 
@@ -101,15 +131,13 @@ impl Builder<'_> {
             return Ok(());
         };
         let entry = &self.sections.registry.agents[agent.part.plugin.as_str()];
-        let recorded = world.recorded.entry(pair).or_default();
-        if first || !self.sections.dimensions.is_empty() {
-            recorded.extend(measures.metrics.iter().cloned());
-            recorded.extend(facts.metrics.iter().filter(|_| measures.of_environment).cloned());
-            recorded.extend(entry.metrics.iter().map(|metric| metric.name.clone()));
+        if self.recorded.insert((cell.environment, cell.agent, address(environment), address(protocol))) {
+            let environment = facts.metrics.iter().filter(|_| measures.of_environment);
+            world.record(pair, measures.metrics.iter().chain(environment).chain(&entry.metrics));
             world.traced.entry(cell.environment).or_default().extend(facts.traced.iter().cloned());
         }
         self.extra += usize::from(!first);
-        let new = self.agents.insert((environment.id.clone(), agent.id.clone()));
+        let new = self.agents.insert((address(environment), address(agent)));
         if !new || !first && self.extra > MOST_SETTINGS_BUILT {
             return Ok(());
         }
@@ -133,11 +161,7 @@ impl Builder<'_> {
             let spaces = interface.seats.iter().flat_map(|seat| [&seat.observation, &seat.action]);
             let traced = spaces.flat_map(crate::Space::names);
             let channels = environment.trace_channels().into_iter().map(|channel| channel.name);
-            Facts {
-                traced: traced.chain(channels).collect(),
-                metrics: environment.metrics().iter().map(|metric| metric.name.clone()).collect(),
-                interface,
-            }
+            Facts { traced: traced.chain(channels).collect(), metrics: environment.metrics().to_vec(), interface }
         });
         self.environments.insert(resolved.id.clone(), facts);
         built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))
@@ -149,10 +173,10 @@ impl Builder<'_> {
         }
         let entry = &self.sections.registry.protocols[resolved.part.plugin.as_str()];
         let built = (entry.build)(&resolved.part.config);
-        let measures = built.as_ref().ok().map(|protocol| Measures {
-            metrics: protocol.metrics().into_iter().map(|metric| metric.name).collect(),
-            of_environment: protocol.records_environment_metrics(),
-        });
+        let measures = built
+            .as_ref()
+            .ok()
+            .map(|protocol| Measures { metrics: protocol.metrics(), of_environment: protocol.records_environment_metrics() });
         self.protocols.insert(resolved.id.clone(), measures);
         built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))
     }

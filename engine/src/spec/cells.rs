@@ -18,7 +18,7 @@ use serde_json::Value;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 /// Largest number of trials of one study.
-pub const MOST_TRIALS: u64 = 10_000_000;
+pub const MOST_TRIALS: u64 = 1_000_000;
 
 /// One combination of environment, agent and setting; each seed makes a trial of it.
 #[derive(Debug, Clone)]
@@ -217,10 +217,11 @@ impl Known<'_> {
         let mut part = config::resolve(&plugin, &config, &mut self.files, self.sections.sources)?;
         if !given.training {
             let entry = &self.sections.registry.protocols[plugin.name];
-            part.config = (entry.without_training)(&part.config).map_err(|error| {
+            let config = (entry.without_training)(&part.config).map_err(|error| {
                 let message = format!("`{}` has no form without training: {error}", plugin.name);
                 vec![self.sections.sources.error(plugin.span, &plugin.at, message)]
             })?;
+            part.config = Arc::new(config);
         }
         Ok(Arc::new(Resolved { id: part.id(), part, given }))
     }

@@ -63,11 +63,12 @@ pub fn resolve(plugin: &Plugin<'_>, config: &Node, files: &mut Files<'_>, source
     let mut config = (plugin.about.resolve)(&merged).map_err(|error| refused(plugin, config, &error, sources))?;
     let mut hashes = BTreeMap::new();
     let absent = name_files(&mut config, "", files, &mut hashes);
-    if let Some((key, path)) = absent {
+    if let Some((pointer, path)) = absent {
+        let key = pointer.trim_start_matches('/').replace('/', ".");
         let message = format!("the data file `{}` that `{key}` names by default does not exist", path.display());
         return Err(vec![sources.error(plugin.span, &plugin.at, message).help(format!("give `{key}` in the study"))]);
     }
-    Ok(Part { plugin: plugin.name.into(), version: plugin.about.version, config, files: hashes })
+    Ok(Part { files: hashes, ..Part::new(plugin.name, plugin.about.version, config) })
 }
 
 /// Why a config does not fit its plugin: what the schema says of it, or else what the plugin's reader says.
@@ -100,7 +101,7 @@ fn merged(about: &About, config: &Node) -> Value {
 /// Lays `over` on `value`. Mappings with fixed keys are merged key by key; everything else (an enum's variant, a list, a map
 /// of free names) is replaced as a whole.
 fn merge(value: &mut Value, over: Value, schema: Option<&View<'_>>) {
-    let fields = schema.and_then(View::as_struct);
+    let fields = if value.is_object() && over.is_object() { schema.and_then(View::as_struct) } else { None };
     match (value, over, fields) {
         (Value::Object(base), Value::Object(over), Some(fields)) => {
             for (key, item) in over {
@@ -135,7 +136,7 @@ fn missing_files(config: &Node, at: &str, files: &mut Files<'_>, sources: &Sourc
     }
 }
 
-/// Makes the paths under `file` usable from the current folder and notes the hash of what they hold, by dotted key.
+/// Makes the paths under `file` usable from the current folder and notes the hash of what they hold, by JSON pointer.
 /// Returns the first that does not exist.
 fn name_files(
     value: &mut Value,
@@ -143,7 +144,7 @@ fn name_files(
     files: &mut Files<'_>,
     hashes: &mut BTreeMap<String, String>,
 ) -> Option<(String, PathBuf)> {
-    let below = |key: &str| if at.is_empty() { key.to_string() } else { format!("{at}.{key}") };
+    let below = |key: &str| format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
     match value {
         Value::Object(map) => map.iter_mut().find_map(|(key, item)| match item {
             Value::String(text) if key == "file" && !text.is_empty() => {
@@ -153,7 +154,8 @@ fn name_files(
                 hashes.insert(below(key), hash);
                 None
             }
-            item => name_files(item, &below(key), files, hashes),
+            Value::Object(_) | Value::Array(_) => name_files(item, &below(key), files, hashes),
+            _ => None,
         }),
         Value::Array(items) => {
             items.iter_mut().enumerate().find_map(|(index, item)| name_files(item, &below(&index.to_string()), files, hashes))

@@ -73,11 +73,8 @@ fn kind(property: &View<'_>, default: &Value) -> String {
         Value::Null => Some("default none".to_string()),
         value => Some(format!("default {value}")),
     };
-    [Some(property.expected()), range, unit.map(|unit| format!("in {unit}")), default]
-        .into_iter()
-        .flatten()
-        .collect::<Vec<_>>()
-        .join(", ")
+    let expected = [Some(property.expected()), range].into_iter().flatten().collect::<Vec<_>>().join(" ");
+    [Some(expected), unit.map(|unit| format!("in {unit}")), default].into_iter().flatten().collect::<Vec<_>>().join(", ")
 }
 
 fn line(out: &mut String, level: usize, text: &str) {

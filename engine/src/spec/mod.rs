@@ -36,7 +36,7 @@ pub use plugin_config::load_config;
 pub use resolved::resolved_yaml;
 
 use crate::{
-    Registry,
+    Metric, Registry,
     diagnostic::{Diagnostic, Sources, Span, in_order},
     document::{self, Node},
     figure::FigureSpec,
@@ -84,6 +84,8 @@ pub struct Study {
     pub figures: Vec<(String, FigureSpec)>,
     /// Claims, in order.
     pub claims: Vec<ClaimSpec>,
+    /// Everything that its trials record, by name; where parts share a name, the first of protocol, environments and agents.
+    pub metrics: Vec<Metric>,
     /// Combinations of environment, agent and setting.
     pub(crate) cells: Vec<Cell>,
     /// Version of the shared numerical code.
@@ -106,7 +108,7 @@ pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study
         vec![sources.error(Span { source, ..Span::default() }, "", format!("cannot read the study: {error}"))]
     };
     let bytes = std::fs::read(path).map_err(unreadable)?;
-    let text = document::decode(&name, &bytes).map_err(|error| vec![error])?;
+    let text = document::decode(&name, &bytes)?;
     load_text(&text, &name, path.parent().unwrap_or(Path::new("")), registry, options)
 }
 
@@ -188,6 +190,7 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         tables: asked.tables,
         figures: asked.figures,
         claims: asked.claims,
+        metrics: world.metrics,
         cells,
         numerics: sections.registry.numerics_version,
         folder: sections.folder.to_path_buf(),
@@ -231,3 +234,5 @@ fn too_many(root: &Node, sections: &Sections<'_>, n_seeds: usize) -> Option<Diag
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+pub(crate) mod toys;

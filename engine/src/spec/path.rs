@@ -77,7 +77,7 @@ pub fn find<'a>(
     }
     match config.descend(&keys) {
         Ok(schema) => Ok(KeyPath { target, keys, config, schema, span }),
-        Err((index, known)) if index == 0 => fail(first, format!("`{plugin}` has no key `{}`", keys[0]), known),
+        Err((0, known)) => fail(first, format!("`{plugin}` has no key `{}`", keys[0]), known),
         Err((index, known)) => {
             let owner = keys[..index].join(".");
             fail(first + index, format!("`{owner}` of `{plugin}` has no key `{}`", keys[index]), known)

@@ -73,7 +73,7 @@ pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64]) -> Vec<(Str
         let plugin = sections.plugin(target);
         let part = plugin.and_then(|plugin| config::resolve(&plugin, &named.config, &mut files, sections.sources).ok());
         // A config that is complete only with a sweep or an override stays as it is written.
-        json!({ named.plugin.clone(): part.map_or_else(|| named.config.to_value(), |part| part.config) })
+        json!({ named.plugin.clone(): part.map_or_else(|| named.config.to_value(), |part| (*part.config).clone()) })
     };
     let mut parts = |list: &[Named], target: fn(usize) -> Target| {
         let pairs = list.iter().enumerate().map(|(index, named)| (named.name.clone(), full(target(index), named)));

@@ -1,272 +1,10 @@
 //! Studies of toy plugins: every message that a wrong one gets, and what right ones become.
 
-use super::*;
-use crate::{
-    Action, Agent, Channel, Environment, Error, Interface, Metric, Mode, Observation, Protocol, Rng, Seat, Space, Step,
-    registry::{AgentTraits, Config, Preset},
-};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use super::{toys::toys, *};
 use serde_json::json;
 use std::collections::BTreeSet;
 
 const SPECS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/specs");
-
-/// A walk between two walls.
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-struct CorridorConfig {
-    /// Number of cells. The walk starts in the first.
-    #[schemars(range(min = 2, max = 100))]
-    cells: u32,
-    /// Time that a step takes.
-    #[schemars(range(min = 0.01, max = 60.0), extend("x-unit" = "s", "x-source" = "table 1"))]
-    step_s: f64,
-    /// Probability that a step goes astray.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    slip: f64,
-    /// Whether walls are seen.
-    sees_walls: bool,
-    /// Number of walkers.
-    #[schemars(range(min = 1))]
-    walkers: usize,
-    /// Where a walk starts.
-    start: Start,
-    /// Heights of the cells.
-    terrain: Option<Terrain>,
-    /// Reward by cell, by the name of the cell.
-    prizes: std::collections::BTreeMap<String, f64>,
-}
-
-impl Default for CorridorConfig {
-    fn default() -> Self {
-        Self {
-            cells: 10,
-            step_s: 1.0,
-            slip: 0.0,
-            sees_walls: false,
-            walkers: 1,
-            start: Start::Fixed { cell: 0 },
-            terrain: None,
-            prizes: Default::default(),
-        }
-    }
-}
-
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-enum Start {
-    /// Anywhere.
-    Random,
-    /// Always in the same cell.
-    Fixed {
-        /// The cell, from 0.
-        cell: u32,
-    },
-    /// Around a cell.
-    Around {
-        /// The cell, from 0.
-        cell: u32,
-        /// Cells to each side.
-        width: u32,
-    },
-}
-
-#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-struct Terrain {
-    /// CSV file with one height per line.
-    file: String,
-}
-
-impl Config for CorridorConfig {
-    fn presets() -> Vec<Preset> {
-        let values = json!({ "cells": 50, "slip": 0.1 });
-        vec![
-            Preset { name: "thesis", about: "as printed", values },
-            Preset { name: "released_code", about: "as in the code", values: json!({ "cells": 51 }) },
-        ]
-    }
-}
-
-struct Corridor {
-    seats: Vec<Seat>,
-    metrics: Vec<Metric>,
-}
-
-impl Environment for Corridor {
-    fn seats(&self) -> &[Seat] {
-        &self.seats
-    }
-    fn metrics(&self) -> &[Metric] {
-        &self.metrics
-    }
-    fn reset(&mut self, _: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-        Ok(vec![vec![0.0]])
-    }
-    fn step(&mut self, _: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
-        Ok(Step { observations: vec![vec![0.0]], rewards: vec![0.0], info: vec![0.0], end: None })
-    }
-    fn trace_channels(&self) -> Vec<Channel> {
-        vec![Channel::new("height_1", "m"), Channel::new("height_2", "m")]
-    }
-    fn trace(&self) -> Vec<f64> {
-        vec![0.0, 0.0]
-    }
-    fn snapshot(&self) -> Value {
-        Value::Null
-    }
-    fn restore(&mut self, _: &Value) -> Result<(), Error> {
-        Ok(())
-    }
-}
-
-fn corridor(config: CorridorConfig) -> Result<Box<dyn Environment>, Error> {
-    if let Start::Fixed { cell } | Start::Around { cell, .. } = config.start
-        && cell >= config.cells
-    {
-        return Err(Error::config("start.fixed.cell", format!("is {cell}, but the cells are 0 to {}", config.cells - 1)));
-    }
-    let seat = |index: usize| Seat {
-        name: format!("walker_{index}"),
-        observation: Space::Box(vec![Channel::new("position", "")]),
-        action: Space::Discrete(vec!["left".into(), "right".into()]),
-    };
-    let metrics = vec![Metric::new("distance", "m", "way that was walked")];
-    Ok(Box::new(Corridor { seats: (0..config.walkers).map(seat).collect(), metrics }))
-}
-
-/// Always the same way.
-#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-struct WalkerConfig {
-    /// Which way.
-    direction: Direction,
-}
-
-#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-enum Direction {
-    /// Towards the first cell.
-    #[default]
-    Left,
-    /// Towards the last cell.
-    Right,
-}
-
-impl Config for WalkerConfig {}
-
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-struct LearnerConfig {
-    /// Step size of the update.
-    #[schemars(range(max = 1.0), extend("exclusiveMinimum" = 0.0, "x-source" = "table 2"))]
-    learning_rate: f64,
-    /// Weight of later rewards.
-    #[schemars(range(min = 0.0, max = 1.0))]
-    discount: f64,
-    /// Units of each hidden layer.
-    #[schemars(length(min = 1))]
-    layers: Vec<u32>,
-    /// The network.
-    network: Network,
-}
-
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-struct Network {
-    /// Units.
-    #[schemars(range(min = 1))]
-    width: u32,
-    /// Layers.
-    #[schemars(range(min = 1))]
-    depth: u32,
-}
-
-impl Default for Network {
-    fn default() -> Self {
-        Self { width: 64, depth: 2 }
-    }
-}
-
-impl Default for LearnerConfig {
-    fn default() -> Self {
-        Self { learning_rate: 0.1, discount: 0.99, layers: vec![64], network: Network { width: 256, depth: 2 } }
-    }
-}
-
-impl Config for LearnerConfig {}
-
-struct Idle;
-
-impl Agent for Idle {
-    fn act(&mut self, rows: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        Ok(vec![vec![vec![0.0]]; rows.len()])
-    }
-}
-
-fn learner(_: LearnerConfig, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    if interface.seats.len() != 1 {
-        let problem = format!("it plays one seat, but there are {}", interface.seats.len());
-        return Err(Error::Mismatch { agent: "learner", problem });
-    }
-    Ok(Box::new(Idle))
-}
-
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-struct TrainConfig {
-    /// Number of training steps.
-    #[schemars(range(min = 0))]
-    steps: u64,
-    /// Steps between two measurements.
-    #[schemars(range(min = 1))]
-    evaluate_every: u64,
-    /// Episodes of each measurement.
-    #[schemars(range(min = 1))]
-    episodes: u64,
-}
-
-impl Default for TrainConfig {
-    fn default() -> Self {
-        Self { steps: 1000, evaluate_every: 100, episodes: 10 }
-    }
-}
-
-impl Config for TrainConfig {}
-
-struct Train(u64);
-
-impl Protocol for Train {
-    fn metrics(&self) -> Vec<Metric> {
-        vec![Metric::new("return", "", "sum of rewards"), Metric::new("length", "", "steps of an episode")]
-    }
-    fn total_steps(&self) -> u64 {
-        self.0
-    }
-    fn run(&self, _: &mut crate::protocol::Run<'_>) -> Result<(), Error> {
-        Ok(())
-    }
-}
-
-fn train(config: TrainConfig) -> Result<Box<dyn Protocol>, Error> {
-    if config.steps > 0 && config.steps % config.evaluate_every != 0 {
-        let problem = format!("is {}, which does not divide the {} steps", config.evaluate_every, config.steps);
-        return Err(Error::config("evaluate_every", problem));
-    }
-    Ok(Box::new(Train(config.steps)))
-}
-
-fn toys() -> Registry {
-    let mut registry = Registry { numerics_version: 1, ..Registry::default() };
-    registry.environment("corridor", 1, "A walk between two walls.", corridor);
-    registry.agent("walker", 1, "Always the same way.", AgentTraits::default(), |_: WalkerConfig, _, _| Ok(Box::new(Idle)));
-    let traits = AgentTraits { learns: true, metrics: vec![Metric::new("loss", "", "squared error").lower_is_better()] };
-    registry.agent("q_learning", 3, "Learns the value of each step.", traits, learner);
-    let without_training = |config| TrainConfig { steps: 0, ..config };
-    registry.protocol("train_evaluate", 1, "Trains and measures.", without_training, train);
-    registry
-}
 
 fn read(text: &str) -> Result<Study, Vec<Diagnostic>> {
     load_text(text, "study.yaml", Path::new(SPECS), &toys(), &Options::default())
@@ -302,7 +40,7 @@ fn files(folder: &str) -> Vec<PathBuf> {
 fn load_file(path: &Path) -> Result<Study, Vec<Diagnostic>> {
     let bytes = std::fs::read(path).unwrap();
     let name = path.file_name().unwrap().to_string_lossy().into_owned();
-    let text = document::decode(&name, &bytes).map_err(|error| vec![error])?;
+    let text = document::decode(&name, &bytes)?;
     load_text(&text, &name, Path::new(SPECS), &toys(), &options(&bytes))
 }
 
@@ -466,9 +204,9 @@ fn a_hundred_thousand_trials_are_planned_within_two_seconds() {
     let grid: Vec<f64> = (1..=250).map(|index| f64::from(index) / 1000.0).collect();
     let settings = with(&format!(
         "exclude: [{{ agent: right }}, {{ environment: short }}]\nsweep: {{ learner.discount: {{ grid: {grid:?} }}, learner.learning_rate: {{ grid: {:?} }} }}",
-        &grid[..200]
+        &grid[..80]
     ));
-    assert_eq!(settings.plan().trials.len(), 50_000);
+    assert_eq!(settings.plan().trials.len(), 20_000);
     assert!(begin.elapsed().as_secs_f64() < 2.0, "many settings: {:?}", begin.elapsed());
 }
 
@@ -490,4 +228,81 @@ fn mistakes_have_a_form_for_programs() {
     let json = crate::diagnostic::to_json(&found);
     assert_eq!(json[0]["path"], json!("environments.short.corridor.cels"));
     assert_eq!((&json[0]["place"]["line"], &json[0]["place"]["length"]), (&json!(2), &json!(4)));
+}
+
+#[test]
+fn an_override_of_a_mapping_keeps_its_other_keys() {
+    let text = HEAD.replace("q_learning: {}", "q_learning: { network: { depth: 5 } }");
+    let study = read(&format!("{text}overrides: [{{ set: {{ learner.network: {{ width: 8 }} }} }}]")).unwrap();
+    let trials = study.plan().trials;
+    let learner = trials.iter().find(|trial| trial.agent == "learner").unwrap();
+    assert_eq!(learner.key.agent.config["network"], json!({ "width": 8, "depth": 5 }));
+    assert_eq!(ids(&study), ids(&read(&resolved_yaml(&study, Path::new(SPECS))).unwrap()));
+}
+
+#[test]
+fn a_swept_variant_takes_the_place_of_the_written_one() {
+    let text = HEAD.replace("cells: 5", "cells: 5, start: random");
+    let study = read(&format!("{text}sweep: {{ short.start.fixed.cell: {{ grid: [1, 2] }} }}")).unwrap();
+    let starts: BTreeSet<String> =
+        study.plan().trials.iter().map(|trial| trial.key.environment.config["start"].to_string()).collect();
+    assert_eq!(
+        starts,
+        [r#"{"fixed":{"cell":0}}"#, r#"{"fixed":{"cell":1}}"#, r#"{"fixed":{"cell":2}}"#].map(String::from).into()
+    );
+    assert_eq!(ids(&study), ids(&read(&resolved_yaml(&study, Path::new(SPECS))).unwrap()));
+}
+
+#[test]
+fn every_setting_is_built_and_refused_where_it_is_written() {
+    let Err(found) = read(&format!("{HEAD}sweep: {{ short.start.fixed.cell: {{ grid: [1, 5] }} }}")) else {
+        panic!("cell 5 of cells 0 to 4")
+    };
+    assert_eq!(found.len(), 1);
+    assert_eq!((found[0].place.line, found[0].place.text.chars().nth(found[0].place.column - 1)), (5, Some('5')));
+}
+
+#[test]
+fn the_resolved_study_can_be_stored_in_another_folder() {
+    let dir = tempfile::tempdir().unwrap();
+    let (study_dir, results) = (dir.path().join("experiments"), dir.path().join("results/walk"));
+    std::fs::create_dir_all(&study_dir).unwrap();
+    std::fs::create_dir_all(&results).unwrap();
+    std::fs::write(study_dir.join("one.csv"), "1").unwrap();
+    std::fs::write(study_dir.join("two.csv"), "2").unwrap();
+    let text = HEAD.replace("cells: 5", "cells: 5, terrain: { file: one.csv }");
+    let sweep = "sweep: { short.terrain.file: { grid: [one.csv, two.csv] } }";
+    let study = load_text(&format!("{text}{sweep}"), "a.yaml", &study_dir, &toys(), &Options::default()).unwrap();
+    let path = results.join("resolved.yaml");
+    std::fs::write(&path, resolved_yaml(&study, &results)).unwrap();
+    let stored = std::fs::read_to_string(&path).unwrap();
+    assert!(stored.contains(r#"grid: ["../../experiments/one.csv", "../../experiments/two.csv"]"#), "{stored}");
+    assert_eq!(ids(&study), ids(&load(&path, &toys(), &Options::default()).unwrap()));
+}
+
+#[test]
+fn a_study_that_cannot_be_read_is_a_message() {
+    let found = load(Path::new("no/such/study.yaml"), &toys(), &Options::default()).unwrap_err();
+    assert!(crate::diagnostic::render(&found, false).contains("--> no/such/study.yaml"));
+}
+
+/// A right study with most kinds of sections, to be broken at random.
+fn material() -> String {
+    std::fs::read_to_string(Path::new(SPECS).join("valid/tables_and_figures.yaml")).unwrap()
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig { cases: 300, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn no_broken_study_makes_the_check_panic(at in 0usize..1600, length in 0usize..12, word in "[a-z0-9:{}\\[\\],. \n'\"-]{0,6}") {
+        let text = material();
+        let at = text.char_indices().map(|(index, _)| index).nth(at % text.chars().count()).unwrap();
+        let end = (at + length..=text.len()).find(|end| text.is_char_boundary(*end)).unwrap_or(text.len());
+        let broken = format!("{}{word}{}", &text[..at], &text[end..]);
+        if let Err(found) = read(&broken) {
+            proptest::prop_assert!(!found.is_empty(), "an error without a message:\n{broken}");
+            proptest::prop_assert!(!crate::diagnostic::render(&found, true).is_empty());
+        }
+    }
 }

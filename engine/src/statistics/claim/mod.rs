@@ -199,7 +199,7 @@ mod tests {
     };
 
     fn trial(rows: &[(Phase, u64, f64)]) -> TrialResult {
-        let part = || Part { plugin: "x".into(), version: 1, config: serde_json::Value::Null };
+        let part = || Part::new("x", 1, serde_json::Value::Null);
         let (environment, agent, protocol) = (part(), part(), part());
         let key = TrialKey { environment, agent, protocol, seed: 0, numerics: 1, device: "cpu".into() };
         let trial = Trial { id: key.id(), environment: "e".into(), agent: "a".into(), setting: String::new(), key };

@@ -1,0 +1,101 @@
+//! Claims against what trials record.
+
+use super::{Names, Picked, typed};
+use crate::{
+    diagnostic::{Span, suggest},
+    document::Node,
+    spec::claims::ClaimSpec,
+    statistics::claim::{self, Claim, ClaimError},
+};
+
+/// The text of a claim and where it stands.
+struct Text<'a> {
+    text: &'a str,
+    span: Span,
+    at: &'a str,
+}
+
+impl Text<'_> {
+    /// The place of `length` bytes from byte `start`.
+    fn place(&self, start: usize, length: usize) -> (Span, String) {
+        let characters = |from: usize, to: usize| self.text.get(from..to).map_or(0, |part| part.chars().count());
+        // The text may begin with a quotation mark, which is part of the span but not of the claim.
+        let quote = usize::from(self.span.length > self.text.chars().count());
+        let column = self.span.column + quote + characters(0, start);
+        (Span { column, length: characters(start, start + length), ..self.span }, self.at.into())
+    }
+
+    /// The place of a word that the parser found in the text.
+    fn word(&self, word: &str) -> (Span, String) {
+        self.place(self.text.find(word).unwrap_or(0), word.len())
+    }
+}
+
+impl Names<'_> {
+    /// Checks every name in a claim.
+    pub(super) fn claim(&mut self, item: &Node, at: &str) -> Option<ClaimSpec> {
+        let (spec, node) = match item.as_str() {
+            Some(text) => (ClaimSpec { claim: text.into(), ..ClaimSpec::default() }, item),
+            None => (typed::<ClaimSpec>(item)?, item.get("claim")?),
+        };
+        let outer = match item.get("environment") {
+            Some(node) => Some(self.known(node, "environment", &self.world.environments, &format!("{at}.environment"))?),
+            None => None,
+        };
+        let text = Text { text: &spec.claim, span: node.span, at };
+        match claim::parse(&spec.claim) {
+            Err(ClaimError { position, message }) => {
+                let rest = &spec.claim[position..];
+                let length = rest.find(char::is_whitespace).unwrap_or(rest.len());
+                self.say(
+                    text.place(position, length),
+                    message,
+                    "a claim reads `AGENT.METRIC > AGENT.METRIC`, with numbers where needed",
+                );
+            }
+            Ok(claim) => {
+                let environment = self.claimed_environment(&claim, outer, &text);
+                self.operands(&claim, environment, &text);
+            }
+        }
+        Some(spec)
+    }
+
+    /// The environment that a claim names in its text or beside it.
+    fn claimed_environment(&mut self, claim: &Claim, outer: Option<usize>, text: &Text<'_>) -> Option<usize> {
+        let Some(name) = &claim.environment else { return outer };
+        let start = text.text.rfind(name.as_str()).unwrap_or(0);
+        let place = text.place(start, name.len());
+        let index = self.world.environments.iter().position(|known| known == name);
+        if index.is_none() {
+            let help = suggest(name, self.world.environments.iter().map(String::as_str));
+            self.say(place, format!("no environment is named `{name}`"), help);
+        } else if outer.is_some() && outer != index {
+            self.say(place, "the claim names another environment than the key `environment`", "remove one of the two");
+        }
+        index.or(outer)
+    }
+
+    fn operands(&mut self, claim: &Claim, environment: Option<usize>, text: &Text<'_>) {
+        let environments = environment.map_or_else(|| (0..self.world.environments.len()).collect(), |index| vec![index]);
+        for operand in claim.operands() {
+            let (whole, _) = text.word(&format!("{}.{}", operand.agent, operand.metric));
+            let place = |skip: usize, word: &str| {
+                (Span { column: whole.column + skip, length: word.chars().count(), ..whole }, text.at.to_string())
+            };
+            let Some(agent) = self.world.agents.iter().position(|known| *known == operand.agent) else {
+                let help = suggest(&operand.agent, self.world.agents.iter().map(String::as_str));
+                self.say(place(0, &operand.agent), format!("no agent is named `{}`", operand.agent), help);
+                continue;
+            };
+            let recorded = self.recorded(&Picked { agents: vec![agent], environments: environments.clone() });
+            if recorded.is_empty() {
+                let help = "`exclude` leaves out its combinations with these environments";
+                self.say(place(0, &operand.agent), format!("no trial feeds the agent `{}` here", operand.agent), help);
+            } else if !recorded.contains(&operand.metric) {
+                let skip = operand.agent.chars().count() + 1;
+                self.unknown_metric(&operand.metric, place(skip, &operand.metric), &recorded);
+            }
+        }
+    }
+}

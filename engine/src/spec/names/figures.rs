@@ -1,0 +1,101 @@
+//! Figures against what trials record and trace.
+
+use super::{Names, Picked, Place};
+use crate::{diagnostic::suggest, document::Entry, figure::FigureSpec};
+use std::collections::BTreeSet;
+
+impl Names<'_> {
+    /// Checks every name in a figure.
+    pub(super) fn figure(&mut self, spec: &FigureSpec, entry: &Entry) {
+        const KINDS: [&str; 6] = ["learning_curve", "trajectory", "bars", "grouped_lines", "scatter", "contour"];
+        let place = Place::of(entry, format!("figures.{}", entry.key));
+        let given: Vec<&str> =
+            KINDS.into_iter().filter(|kind| place.node.get(kind).is_some_and(|node| !node.to_value().is_null())).collect();
+        let [kind] = given.as_slice() else {
+            let kinds = KINDS.map(|kind| format!("`{kind}`")).join(", ");
+            return self.one_kind(&format!("the figure `{}`", entry.key), &place, &given, &kinds);
+        };
+        let Some(inner) = place.below(kind) else { return };
+        if let Some(bars) = &spec.bars {
+            let of = inner.below("of").unwrap_or(inner.clone());
+            self.comparison(&bars.of, &of, false);
+        }
+        let mut picked = self.pick(&inner);
+        if spec.trajectory.is_some() || spec.contour.is_some() {
+            // One environment is shown: the one that is named, else the first.
+            picked.environments.truncate(1);
+        }
+        if let Some(curve) = &spec.learning_curve {
+            self.metric(&curve.metric, &inner, "metric", &picked);
+        }
+        if let Some(lines) = &spec.grouped_lines {
+            self.metric(&lines.metric, &inner, "metric", &picked);
+            self.swept(&lines.x, &inner);
+        }
+        if let Some(scatter) = &spec.scatter {
+            self.metric(&scatter.x, &inner, "x", &picked);
+            self.metric(&scatter.y, &inner, "y", &picked);
+        }
+        if let Some(trajectory) = &spec.trajectory {
+            self.channels(&inner, "channels", 1, usize::MAX, &picked);
+            self.seed(trajectory.seed, &inner);
+        }
+        if let Some(contour) = &spec.contour {
+            self.channels(&inner, "surface", 3, 3, &picked);
+            self.channels(&inner, "path", 0, 2, &picked);
+            self.seed(contour.seed, &inner);
+        }
+        self.figure_labels(&place);
+    }
+
+    fn figure_labels(&mut self, place: &Place<'_>) {
+        let Some(labels) = place.below("labels") else { return };
+        let all =
+            Picked { agents: (0..self.world.agents.len()).collect(), environments: (0..self.world.environments.len()).collect() };
+        let mut known = self.traced(&all);
+        known.extend(self.recorded(&all));
+        known.extend(self.world.agents.iter().chain(&self.world.environments).chain(&self.world.settings).cloned());
+        for entry in labels.node.entries().iter().filter(|entry| !known.contains(&entry.key)) {
+            let message = format!("nothing in this figure is called `{}`, so its label is never printed", entry.key);
+            let help = suggest(&entry.key, known.iter().map(String::as_str).filter(|name| !name.is_empty()));
+            self.say((entry.key_span, format!("{}.{}", labels.at, entry.key)), message, help);
+        }
+    }
+
+    fn swept(&mut self, key: &str, place: &Place<'_>) {
+        if self.world.swept.is_empty() {
+            self.say(place.value("x"), format!("`x` is `{key}`, but the study has no `sweep`"), "");
+        } else if !self.world.swept.iter().any(|known| known == key) {
+            let help = suggest(key, self.world.swept.iter().map(String::as_str));
+            self.say(place.value("x"), format!("no sweep varies `{key}`"), help);
+        }
+    }
+
+    fn seed(&mut self, seed: Option<u64>, place: &Place<'_>) {
+        if let Some(seed) = seed.filter(|seed| !self.world.seeds.contains(seed)) {
+            let seeds = self.world.seeds.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+            self.say(place.value("seed"), format!("no trial has the seed {seed}"), format!("seeds of this study: {seeds}"));
+        }
+    }
+
+    /// Names of recorded or traced values, where a word without a number stands for all numbered ones.
+    fn channels(&mut self, place: &Place<'_>, key: &str, least: usize, most: usize, picked: &Picked) {
+        let list = place.below(key);
+        let items = list.as_ref().map_or(&[][..], |list| list.node.items());
+        if items.len() < least || items.len() > most || (1..most).contains(&items.len()) && most == 2 {
+            let wanted = if least == most || most == 2 { most.to_string() } else { format!("at least {least}") };
+            self.say(place.value(key), format!("`{key}` needs {wanted} names, but has {}", items.len()), "");
+        }
+        let mut known = self.traced(picked);
+        known.extend(self.recorded(picked));
+        let whole = |name: &str| {
+            name.rsplit_once('_').filter(|(_, number)| number.parse::<u32>().is_ok()).map(|(word, _)| word.to_string())
+        };
+        let words: BTreeSet<String> = known.iter().filter_map(|name| whole(name)).collect();
+        for item in items {
+            let Some(name) = item.as_str().filter(|name| !known.contains(*name) && !words.contains(*name)) else { continue };
+            let help = suggest(name, words.iter().chain(known.iter().filter(|name| whole(name).is_none())).map(String::as_str));
+            self.say((item.span, format!("{}.{key}", place.at)), format!("no trial traces `{name}`"), help);
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! Tables, figures and claims against what trials record: every metric, agent, environment, setting, channel and row.
+
+mod claims;
+mod figures;
+mod tables;
+
+use super::{builds::World, claims::ClaimSpec};
+use crate::{
+    diagnostic::{Diagnostic, Sources, Span, suggest},
+    document::{Entry, Kind, Node},
+    figure::FigureSpec,
+    table::TableSpec,
+};
+use serde::de::DeserializeOwned;
+use std::collections::BTreeSet;
+
+/// What a study asks for, and what is wrong with it.
+#[derive(Debug, Default)]
+pub struct Asked {
+    /// Tables by name.
+    pub tables: Vec<(String, TableSpec)>,
+    /// Figures by name.
+    pub figures: Vec<(String, FigureSpec)>,
+    /// Claims.
+    pub claims: Vec<ClaimSpec>,
+    /// Mistakes.
+    pub found: Vec<Diagnostic>,
+}
+
+impl Asked {
+    /// Reads the sections `tables`, `figures` and `claims`. What the check against the schema refused is passed over.
+    #[must_use]
+    pub fn read(root: &Node, world: &World, sources: &Sources) -> Self {
+        let mut asked = Self::default();
+        let mut names = Names { world, sources, found: Vec::new() };
+        for entry in root.get("tables").map_or(&[][..], Node::entries) {
+            if let Some(spec) = typed::<TableSpec>(&entry.value) {
+                names.table(&spec, entry);
+                asked.tables.push((entry.key.clone(), spec));
+            }
+        }
+        for entry in root.get("figures").map_or(&[][..], Node::entries) {
+            if let Some(spec) = typed::<FigureSpec>(&entry.value) {
+                names.figure(&spec, entry);
+                asked.figures.push((entry.key.clone(), spec));
+            }
+        }
+        for (index, item) in root.get("claims").map_or(&[][..], Node::items).iter().enumerate() {
+            asked.claims.extend(names.claim(item, &format!("claims[{index}]")));
+        }
+        asked.found = names.found;
+        asked
+    }
+}
+
+fn typed<T: DeserializeOwned>(node: &Node) -> Option<T> {
+    // A list would be read as the fields in their order.
+    matches!(node.kind, Kind::Mapping(_)).then(|| serde_json::from_value(node.to_value()).ok()).flatten()
+}
+
+/// The part of the study that a table or figure takes its values from.
+struct Picked {
+    agents: Vec<usize>,
+    environments: Vec<usize>,
+}
+
+/// A mapping of the study with its place.
+#[derive(Clone)]
+struct Place<'a> {
+    node: &'a Node,
+    key: Span,
+    at: String,
+}
+
+impl<'a> Place<'a> {
+    fn of(entry: &'a Entry, at: String) -> Self {
+        Self { node: &entry.value, key: entry.key_span, at }
+    }
+
+    fn below(&self, key: &str) -> Option<Place<'a>> {
+        self.node.entry(key).map(|entry| Place::of(entry, format!("{}.{key}", self.at)))
+    }
+
+    /// Where the value under a key stands, or the mapping's own key where it is not given.
+    fn value(&self, key: &str) -> (Span, String) {
+        let at = format!("{}.{key}", self.at);
+        match self.node.entry(key) {
+            Some(entry) if matches!(entry.value.kind, Kind::Scalar(_)) => (entry.value.span, at),
+            Some(entry) => (entry.key_span, at),
+            None => (self.key, at),
+        }
+    }
+}
+
+struct Names<'a> {
+    world: &'a World,
+    sources: &'a Sources,
+    found: Vec<Diagnostic>,
+}
+
+impl Names<'_> {
+    fn say(&mut self, (span, at): (Span, String), message: impl Into<String>, help: impl Into<String>) {
+        let help = help.into();
+        let error = self.sources.error(span, &at, message);
+        self.found.push(if help.is_empty() { error } else { error.help(help) });
+    }
+
+    fn one_kind(&mut self, what: &str, place: &Place<'_>, given: &[&str], kinds: &str) {
+        let message = match given {
+            [] => format!("{what} does not say what it shows"),
+            [first, second, ..] => format!("{what} shows both `{first}` and `{second}`"),
+            [_] => return,
+        };
+        self.say((place.key, place.at.clone()), message, format!("give exactly one of {kinds}"));
+    }
+
+    fn traced(&self, picked: &Picked) -> BTreeSet<String> {
+        picked.environments.iter().filter_map(|index| self.world.traced.get(index)).flatten().cloned().collect()
+    }
+
+    fn recorded(&self, picked: &Picked) -> BTreeSet<String> {
+        let pairs =
+            picked.environments.iter().flat_map(|environment| picked.agents.iter().map(move |agent| (*environment, *agent)));
+        pairs.filter_map(|pair| self.world.recorded.get(&pair)).flatten().cloned().collect()
+    }
+
+    fn metric(&mut self, name: &str, place: &Place<'_>, key: &str, picked: &Picked) {
+        if name.is_empty() {
+            return self.say((place.key, place.at.clone()), format!("`{key}` is missing: it names a metric"), "");
+        }
+        let recorded = self.recorded(picked);
+        if !recorded.contains(name) && !recorded.is_empty() {
+            self.unknown_metric(name, place.value(key), &recorded);
+        }
+    }
+
+    fn unknown_metric(&mut self, name: &str, place: (Span, String), recorded: &BTreeSet<String>) {
+        let list = recorded.iter().map(String::as_str).collect::<Vec<_>>();
+        let known = list.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+        let help = match crate::diagnostic::nearest(name, &list) {
+            Some(near) => format!("did you mean `{near}`? recorded here: {known}"),
+            None => format!("recorded here: {known}"),
+        };
+        self.say(place, format!("no trial records `{name}`"), help);
+    }
+
+    /// The agents and environments that a table or figure names; all that have trials where it names none.
+    fn pick(&mut self, place: &Place<'_>) -> Picked {
+        let world = self.world;
+        let one = |key: &str| place.node.entry(key).filter(|entry| entry.value.as_str().is_some());
+        let mut environments = self.listed(place, "environments", "environment", &world.environments);
+        if let Some(entry) = one("environment") {
+            environments = self.known(&entry.value, "environment", &world.environments, &place.at).into_iter().collect();
+        }
+        let agents = self.listed(place, "agents", "agent", &world.agents);
+        let all = |n: usize| (0..n).collect::<Vec<_>>();
+        let picked = Picked {
+            agents: if agents.is_empty() { all(world.agents.len()) } else { agents.clone() },
+            environments: if environments.is_empty() { all(world.environments.len()) } else { environments.clone() },
+        };
+        let has_trial = |pair| world.recorded.contains_key(&pair);
+        let before = self.found.len();
+        for agent in agents {
+            if !picked.environments.iter().any(|environment| has_trial((*environment, agent))) {
+                let message = format!("no trial feeds the agent `{}` here", world.agents[agent]);
+                self.say(place.value("agents"), message, "`exclude` leaves out its combinations with these environments");
+            }
+        }
+        // One remark is enough for agents and environments that never meet.
+        for environment in environments.into_iter().filter(|_| before == self.found.len()).collect::<Vec<_>>() {
+            if !picked.agents.iter().any(|agent| has_trial((environment, *agent))) {
+                let message = format!("no trial feeds the environment `{}` here", world.environments[environment]);
+                self.say(place.value("environments"), message, "`exclude` leaves out its combinations with these agents");
+            }
+        }
+        picked
+    }
+
+    fn listed(&mut self, place: &Place<'_>, key: &str, kind: &str, known: &[String]) -> Vec<usize> {
+        let Some(list) = place.below(key) else { return Vec::new() };
+        let mut indices = Vec::new();
+        for item in list.node.items() {
+            let Some(index) = self.known(item, kind, known, &list.at) else { continue };
+            if indices.contains(&index) {
+                self.say((item.span, list.at.clone()), format!("`{}` is listed twice", known[index]), "remove one of the two");
+            } else {
+                indices.push(index);
+            }
+        }
+        indices
+    }
+
+    fn known(&mut self, item: &Node, kind: &str, known: &[String], at: &str) -> Option<usize> {
+        let name = item.as_str()?;
+        let index = known.iter().position(|it| it == name);
+        if index.is_none() {
+            let help = suggest(name, known.iter().map(String::as_str));
+            self.say((item.span, at.into()), format!("no {kind} is named `{name}`"), help);
+        }
+        index
+    }
+}
+
+fn quoted(names: &[String]) -> String {
+    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,123 @@
+//! Tables against what trials record: metrics, rows, columns, published values.
+
+use super::{Names, Picked, Place, quoted};
+use crate::{
+    diagnostic::suggest,
+    document::Entry,
+    table::{Axis, Comparison, Form, Published, TableSpec},
+};
+
+impl Names<'_> {
+    /// Checks every name in a table.
+    pub(super) fn table(&mut self, spec: &TableSpec, entry: &Entry) {
+        let place = Place::of(entry, format!("tables.{}", entry.key));
+        let kinds = [("improvement", &spec.improvement), ("comparison", &spec.comparison)];
+        let given: Vec<_> = kinds.into_iter().filter_map(|(kind, it)| Some((kind, it.as_ref()?))).collect();
+        let [(kind, comparison)] = given.as_slice() else {
+            let named = given.iter().map(|(kind, _)| *kind).collect::<Vec<_>>();
+            return self.one_kind(&format!("the table `{}`", entry.key), &place, &named, "`improvement` or `comparison`");
+        };
+        let Some(inner) = place.below(kind) else { return };
+        let (rows, columns) = self.comparison(comparison, &inner, *kind == "improvement");
+        for (row, published) in &spec.published {
+            self.published(row, published, &rows, &columns, &place);
+        }
+    }
+
+    /// Checks a comparison; returns the names of its rows and columns.
+    pub(super) fn comparison(&mut self, spec: &Comparison, place: &Place<'_>, improvement: bool) -> (Vec<String>, Vec<String>) {
+        let picked = self.pick(place);
+        self.metric(&spec.value, place, "value", &picked);
+        if let Some(other) = &spec.relative_to {
+            self.reference(other, &spec.value, place, &picked);
+        }
+        let needs = improvement || matches!(spec.form, Some(Form::Difference | Form::Ratio | Form::PercentChange));
+        if needs && spec.relative_to.is_none() {
+            let message = "`relative_to` is missing: this compares agents with one of them";
+            self.say((place.key, place.at.clone()), message, format!("agents: {}", quoted(&self.world.agents)));
+        }
+        if spec.columns == Some(spec.rows) {
+            self.say(
+                place.value("columns"),
+                "rows and columns are the same",
+                "choose another of `agent`, `environment`, `setting`",
+            );
+        }
+        let has_sweep = self.world.settings.iter().any(|setting| !setting.is_empty());
+        for (key, axis) in [("rows", Some(spec.rows)), ("columns", spec.columns)] {
+            if axis == Some(Axis::Setting) && !has_sweep {
+                self.say(place.value(key), format!("`{key}` are settings, but the study has no `sweep`"), "");
+            }
+        }
+        let rows = self.names_of(spec.rows, &picked);
+        let columns = self.columns(spec, &picked);
+        self.labels(place, &rows, &columns);
+        (rows, columns)
+    }
+
+    /// Checks the agent that others are compared with: it has trials here, and they record the metric.
+    fn reference(&mut self, name: &str, metric: &str, place: &Place<'_>, picked: &Picked) {
+        let Some(index) = self.world.agents.iter().position(|known| known == name) else {
+            let help = suggest(name, self.world.agents.iter().map(String::as_str));
+            return self.say(place.value("relative_to"), format!("no agent is named `{name}`"), help);
+        };
+        let recorded = self.recorded(&Picked { agents: vec![index], environments: picked.environments.clone() });
+        if recorded.is_empty() {
+            let message = format!("no trial feeds the agent `{name}` here");
+            self.say(place.value("relative_to"), message, "`exclude` leaves out its combinations with these environments");
+        } else if !recorded.contains(metric) && self.recorded(picked).contains(metric) {
+            let message = format!("`{name}` does not record `{metric}`, so nothing can be compared with it");
+            self.say(place.value("relative_to"), message, "");
+        }
+    }
+
+    fn names_of(&self, axis: Axis, picked: &Picked) -> Vec<String> {
+        match axis {
+            Axis::Agent => picked.agents.iter().map(|index| self.world.agents[*index].clone()).collect(),
+            Axis::Environment => picked.environments.iter().map(|index| self.world.environments[*index].clone()).collect(),
+            Axis::Setting => self.world.settings.iter().filter(|setting| !setting.is_empty()).cloned().collect(),
+        }
+    }
+
+    /// Names of the columns: those asked for, or the first of agent, environment and setting that varies and is no row.
+    fn columns(&self, spec: &Comparison, picked: &Picked) -> Vec<String> {
+        if let Some(axis) = spec.columns {
+            return self.names_of(axis, picked);
+        }
+        let rest = [Axis::Agent, Axis::Environment, Axis::Setting].into_iter().filter(|axis| *axis != spec.rows);
+        rest.map(|axis| self.names_of(axis, picked)).find(|names| names.len() > 1).unwrap_or_default()
+    }
+
+    fn published(&mut self, row: &str, published: &Published, rows: &[String], columns: &[String], place: &Place<'_>) {
+        let Some(section) = place.below("published") else { return };
+        let Some(inner) = section.below(row) else { return };
+        if !rows.iter().any(|known| known == row) {
+            let message = format!("no trial feeds the row `{row}` of published values");
+            self.say((inner.key, inner.at.clone()), message, suggest(row, rows.iter().map(String::as_str)));
+        }
+        let Published::Columns(values) = published else { return };
+        for column in values.keys().filter(|column| !columns.contains(column)) {
+            let span = inner.node.entry(column).map_or(inner.key, |entry| entry.key_span);
+            let message = format!("no trial feeds the column `{column}` of published values");
+            let help = if columns.is_empty() {
+                format!("the table has one column: write `{row}: VALUE`")
+            } else {
+                suggest(column, columns.iter().map(String::as_str))
+            };
+            self.say((span, format!("{}.{column}", inner.at)), message, help);
+        }
+    }
+
+    fn labels(&mut self, place: &Place<'_>, rows: &[String], columns: &[String]) {
+        let Some(labels) = place.below("labels") else { return };
+        let known: Vec<&str> = rows.iter().chain(columns).map(String::as_str).collect();
+        for entry in labels.node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str())) {
+            let message = format!("`{}` is no row or column, so its label is never printed", entry.key);
+            self.say(
+                (entry.key_span, format!("{}.{}", labels.at, entry.key)),
+                message,
+                suggest(&entry.key, known.iter().copied()),
+            );
+        }
+    }
+}
