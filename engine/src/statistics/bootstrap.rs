@@ -7,7 +7,7 @@
 //! Indices come from the stream named `["statistics", "bootstrap"]`, opened anew for every interval: an interval is a
 //! function of its scores only.
 //!
-//! Percentile intervals are too narrow for few seeds (for the mean of 5 seeds of one task about 83 % instead of 95 %);
+//! Percentile intervals are too narrow for few seeds (for the mean of 5 seeds of one task about 84 % instead of 95 %);
 //! the Student-t interval of [`MeanEstimate`](super::MeanEstimate) is the one for a single cell.
 
 use super::{
@@ -96,7 +96,7 @@ mod tests {
         let suite = &reference()["suite"];
         let tasks: Vec<Vec<f64>> = suite["x"].as_array().unwrap().iter().map(numbers).collect();
         for (index, statistic) in [suite_mean, suite_median, suite_iqm].into_iter().enumerate() {
-            let Some(ends) = suite["intervals_95"].get(index).map(numbers) else { continue };
+            let ends = numbers(&suite["intervals_95"][index]);
             let interval = Bootstrap::TABLE.stratified(&tasks, statistic).unwrap();
             let tolerance = 0.02 * (ends[1] - ends[0]);
             assert_close(interval.low, ends[0], tolerance);
@@ -149,7 +149,7 @@ mod tests {
             let tasks: Vec<Vec<f64>> = (0..3).map(|_| (0..10).map(|_| score()).collect()).collect();
             covered += u32::from(Bootstrap::CURVE.stratified(&tasks, suite_mean).unwrap().contains(0.5));
         }
-        // Nominal 285; percentile intervals of 10 seeds cover about 93 %, with a standard error of 1.5 %.
-        assert!((264..=294).contains(&covered), "{covered}");
+        // Nominal 285; percentile intervals of 10 seeds cover about 92 %, 277, with a standard error of 5.
+        assert!((262..=292).contains(&covered), "{covered}");
     }
 }

@@ -61,7 +61,8 @@ impl MeanEstimate {
     #[must_use]
     pub fn interval(&self, level: f64) -> Option<Interval> {
         let half = self.half_width(level, 0);
-        (half.is_finite() && self.value.is_finite()).then(|| Interval { low: self.value - half, high: self.value + half, level })
+        let interval = Interval { low: self.value - half, high: self.value + half, level };
+        (half.is_finite() && self.value.is_finite()).then_some(interval)
     }
 
     /// Degrees of freedom of the interval; NaN where there is no spread.

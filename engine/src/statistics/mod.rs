@@ -1,8 +1,7 @@
 //! Statistics over seeds: estimates with intervals, comparisons, and verdicts on published values and on claims.
 //!
-//! Everything here is a pure function of plain numbers: the same numbers give the same result, bit for bit, on every
-//! machine, and the order of the seeds does not matter. What resamples or permutes at random draws from a stream with a
-//! fixed name.
+//! Everything here is a pure function of plain numbers: the same numbers give the same result, whatever the order of the
+//! seeds. What resamples or permutes at random draws from a stream with a fixed name.
 //!
 //! A **seed** is a replicate; an episode never is. One seed gives one number (its mean over episodes) before anything of
 //! this module sees it. A seed that occurs twice counts once, with the mean of its values.

@@ -1,8 +1,9 @@
 //! Student's t distribution: cumulative probability and quantile for any positive, also fractional, degrees of freedom.
 //!
 //! With `x = v / (v + t^2)` the upper tail is half the regularised incomplete beta function `I_x(v / 2, 1 / 2)` (DLMF
-//! 8.17), evaluated by its continued fraction (DLMF 8.17.22) with the modified Lentz algorithm. Relative accuracy is
-//! about 1e-12, in the tails too.
+//! 8.17), evaluated by its continued fraction (DLMF 8.17.22) with the modified Lentz algorithm. The relative
+//! error, in the tails too, is below 1e-12 up to a thousand degrees of freedom and grows in proportion to them (1e-11 at
+//! 250 000), by the cancellation in the fraction's first denominators.
 //!
 //! | equation   | here                 |
 //! |------------|----------------------|
@@ -46,9 +47,9 @@ fn upper_quantile(tail: f64, degrees_of_freedom: f64) -> f64 {
     for _ in 0..60 {
         let excess = upper_tail(t, degrees_of_freedom) - tail;
         if excess > 0.0 {
-            low = t
+            low = t;
         } else {
-            high = t
+            high = t;
         }
         let newton = t + excess / density(t, degrees_of_freedom);
         let next = if newton > low && newton < high { newton } else { f64::midpoint(low, high) };
@@ -135,18 +136,21 @@ mod tests {
         assert!((left - right).abs() <= tolerance * right.abs(), "{left} is not {right} at {what:?}");
     }
 
+    fn tolerance(degrees_of_freedom: f64) -> f64 {
+        if degrees_of_freedom < 1e3 { 1e-12 } else { 1e-11 }
+    }
+
     #[test]
     fn the_distribution_agrees_with_scipy() {
         for case in reference()["student_t"]["cdf"].as_array().unwrap().iter().map(numbers) {
-            assert_relative(cdf(case[1], case[0]), case[2], 1e-10, &case);
+            assert_relative(cdf(case[1], case[0]), case[2], tolerance(case[0]), &case);
         }
     }
 
     #[test]
     fn quantiles_agree_with_scipy() {
         for case in reference()["student_t"]["quantile"].as_array().unwrap().iter().map(numbers) {
-            let quantile = quantile(case[1], case[0]);
-            assert!((quantile - case[2]).abs() <= 1e-10 * case[2].abs().max(1e-3), "{quantile} at {case:?}");
+            assert_relative(quantile(case[1], case[0]), case[2], tolerance(case[0]), &case);
         }
     }
 

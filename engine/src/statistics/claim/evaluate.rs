@@ -1,10 +1,12 @@
 //! Holds a claim against the seeds.
 //!
-//! | claim                | rests on                                                                                   |
-//! |----------------------|--------------------------------------------------------------------------------------------|
-//! | metric against number | differences seed by seed, Student-t                                                       |
-//! | two metrics, at least three seeds in common | paired differences over the common seeds, Student-t                 |
-//! | two metrics otherwise | difference of means of unrelated samples, Welch                                           |
+//! | claim                                       | rests on                                           |
+//! |---------------------------------------------|-----------------------------------------------------|
+//! | metric against number                       | differences from the number, Student-t              |
+//! | two metrics, at least three seeds in common | paired differences over the common seeds, Student-t |
+//! | two metrics, otherwise                      | difference of means of unrelated samples, Welch     |
+//!
+//! Where a side has fewer than three seeds and all of them are common, they are paired too, though they rarely decide.
 //!
 //! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a published value
 //! (90 % interval, as in [`verdict`](crate::statistics::verdict)).
@@ -167,7 +169,7 @@ impl Compared {
         let (differences, design) = match (left, right) {
             (Side::BySeed(left), Side::BySeed(right)) => {
                 let common: Vec<f64> = left.iter().filter_map(|(seed, l)| right.get(seed).map(|r| l - r)).collect();
-                if common.len() < FEWEST_SEEDS {
+                if common.len() < FEWEST_SEEDS.min(left.len()).min(right.len()) {
                     return Self::unrelated(&values_of(left), &values_of(right), has_no_spread);
                 }
                 (common, Design::Paired)
@@ -264,6 +266,7 @@ fn notes(compared: &Compared, enough: bool, permutation: Option<PermutationTest>
 mod tests {
     use super::*;
     use crate::statistics::claim::parse;
+    use proptest::prelude::*;
 
     /// Evaluates `text` where agent `a` has `left` and `b` has `right`, both with seeds counted from the given first one.
     fn outcome(text: &str, (first_a, a): (u64, &[f64]), (first_b, b): (u64, &[f64])) -> ClaimVerdict {
@@ -332,7 +335,7 @@ mod tests {
     #[test]
     fn too_few_seeds_decide_nothing() {
         let two = outcome("a.x > b.x", (0, &[100.0, 100.1]), (0, &[1.0, 1.1]));
-        assert_eq!((two.verdict, two.n, two.more_seeds), (ClaimOutcome::Inconclusive, 2, Some(1)));
+        assert_eq!((two.verdict, two.n, two.paired, two.more_seeds), (ClaimOutcome::Inconclusive, 2, true, Some(1)));
         assert_eq!(two.notes[0], "too few seeds (2): at least 3 are needed");
         let one = outcome("a.x > 1", (0, &[100.0]), (0, &[]));
         assert_eq!((one.verdict, one.interval, one.more_seeds), (ClaimOutcome::Inconclusive, None, Some(2)));
@@ -353,5 +356,35 @@ mod tests {
     fn values_that_are_not_finite_decide_nothing() {
         assert_eq!(word("a.x > 1", &[2.0, f64::NAN, 3.0], &[]), "INCONCLUSIVE");
         assert_eq!(word("a.x > 1", &[2.0, f64::INFINITY, 3.0], &[]), "INCONCLUSIVE");
+    }
+    #[test]
+    fn the_order_and_the_episodes_of_seeds_do_not_matter() {
+        let claim = parse("a.x > b.x").unwrap();
+        let a = |operand: &Operand| operand.agent == "a";
+        let one = evaluate(&claim, &|operand| {
+            Some(if a(operand) { vec![(0, 3.0), (1, 4.0), (2, 6.0)] } else { vec![(0, 1.0), (1, 1.5), (2, 1.0)] })
+        });
+        let other = evaluate(&claim, &|operand| {
+            Some(if a(operand) { vec![(2, 6.0), (0, 3.0), (1, 3.5), (1, 4.5)] } else { vec![(1, 1.5), (2, 1.0), (0, 1.0)] })
+        });
+        assert_eq!(one, other);
+    }
+
+    proptest! {
+        #[test]
+        fn a_mirrored_claim_has_the_same_outcome(pairs in prop::collection::vec((0.0..2.0, 0.5..2.5), 1..9), factor in 0.5..2.0) {
+            let (a, b): (Vec<f64>, Vec<f64>) = pairs.into_iter().unzip();
+            let claims = [format!("a.x > {factor} * b.x"), format!("{factor} * b.x < a.x")];
+            let [one, other] = claims.map(|claim| outcome(&claim, (0, &a), (0, &b)));
+            prop_assert_eq!((one.verdict, one.n, one.more_seeds), (other.verdict, other.n, other.more_seeds));
+            prop_assert_eq!(one.permutation.map(|test| test.p), other.permutation.map(|test| test.p));
+        }
+
+        #[test]
+        fn a_claim_and_its_contrary_are_never_both_supported(a in prop::collection::vec(0.0..9.0, 3..9), limit in 0.0..9.0) {
+            let [above, below] = [">", "<="].map(|relation| outcome(&format!("a.x {relation} {limit}"), (0, &a), (0, &[])).verdict);
+            prop_assert_eq!(above == ClaimOutcome::Supported, below == ClaimOutcome::Refuted);
+            prop_assert_eq!(above == ClaimOutcome::Refuted, below == ClaimOutcome::Supported);
+        }
     }
 }

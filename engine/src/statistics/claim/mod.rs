@@ -10,7 +10,7 @@
 //!
 //! `dsac.cycle_length >= 1.15 * equal.cycle_length in four_cells` compares the final measurements; `~` is `within 5 % of`;
 //! `auc` is the mean of the learning curve, `max` and `min` its largest and smallest point. Names are made of letters,
-//! digits, `_` and `-`.
+//! digits, `_` and `-`; a name does not start with `-`.
 
 mod evaluate;
 mod parse;
@@ -18,6 +18,7 @@ mod parse;
 pub use evaluate::{ClaimOutcome, ClaimVerdict, evaluate};
 pub use parse::parse;
 
+use super::estimators::mean;
 use crate::{recorder::Phase, results::TrialResult};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -66,12 +67,12 @@ impl Aggregate {
     /// no row of the metric.
     #[must_use]
     pub fn of_trial(self, trial: &TrialResult, metric: &str) -> Option<f64> {
-        let points = || trial.curve(Phase::Evaluate, metric).into_iter().map(|(_, value)| value);
+        let points: Vec<f64> = trial.curve(Phase::Evaluate, metric).into_iter().map(|(_, value)| value).collect();
         match self {
             Aggregate::Final => trial.mean(Phase::Final, metric),
-            Aggregate::Auc => Some(points().sum::<f64>() / points().count() as f64).filter(|_| points().count() > 0),
-            Aggregate::Max => points().reduce(f64::max),
-            Aggregate::Min => points().reduce(f64::min),
+            Aggregate::Auc => (!points.is_empty()).then(|| mean(&points)),
+            Aggregate::Max => points.into_iter().reduce(f64::max),
+            Aggregate::Min => points.into_iter().reduce(f64::min),
         }
     }
 }
@@ -142,7 +143,7 @@ pub enum Relation {
     Less,
     /// `<=`
     LessOrEqual,
-    /// `within N % of` the size of the right side, or `~` for 5 %.
+    /// `within N % of` the size of the right side's mean, or `~` for 5 %.
     WithinPercent(f64),
     /// `within N of` the right side, in its unit.
     Within(f64),
@@ -186,5 +187,34 @@ impl fmt::Display for Claim {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {} {}", self.left, self.relation, self.right)?;
         self.environment.iter().try_for_each(|environment| write!(f, " in {environment}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        recorder::Row,
+        trial::{Part, Trial, TrialKey},
+    };
+
+    fn trial(rows: &[(Phase, u64, f64)]) -> TrialResult {
+        let part = || Part { plugin: "x".into(), version: 1, config: serde_json::Value::Null };
+        let (environment, agent, protocol) = (part(), part(), part());
+        let key = TrialKey { environment, agent, protocol, seed: 0, numerics: 1, device: "cpu".into() };
+        let trial = Trial { id: key.id(), environment: "e".into(), agent: "a".into(), setting: String::new(), key };
+        let row = |&(phase, step, value): &(Phase, u64, f64)| Row { phase, step, episode: 0, seat: 0, metric: 0, value };
+        TrialResult { trial, end: None, names: vec!["return".into()], rows: rows.iter().map(row).collect() }
+    }
+
+    #[test]
+    fn one_number_per_trial() {
+        use Phase::{Evaluate, Final, Train};
+        // Two episodes at step 10 are one point of the curve, at 3.
+        let rows = [(Evaluate, 0, 1.0), (Evaluate, 10, 2.0), (Evaluate, 10, 4.0), (Evaluate, 20, 2.0), (Train, 5, 99.0)];
+        let trial = trial(&[&rows[..], &[(Final, 20, 7.0), (Final, 20, 8.0)]].concat());
+        let numbers = Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "return"));
+        assert_eq!(numbers, [Some(7.5), Some(2.0), Some(3.0), Some(1.0)]);
+        assert_eq!(Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "cost")), [None; 4]);
     }
 }
