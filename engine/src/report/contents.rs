@@ -74,7 +74,7 @@ fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<
     let mut grid = table::build(spec, results)?;
     let comparison = spec.improvement.as_ref().or(spec.comparison.as_ref());
     if let Some(comparison) = comparison.filter(|comparison| comparison.has_unit_of_metric()) {
-        grid.unit = study.units.get(&comparison.value).cloned().unwrap_or_default();
+        grid.unit = study.units.get(&comparison.value).filter(|unit| *unit != "1").cloned().unwrap_or_default();
     }
     Ok(grid)
 }
