@@ -30,7 +30,7 @@ pub(super) fn bars(kind: &Bars, spec: &FigureSpec, context: Context<'_>) -> Resu
         Series { label, seeds: None, style, shape: Shape::Bars(bar_points(&grid, column), 0.8 / count(grid.columns.len())) }
     });
     let panel = Panel { series: series.collect(), x: Scale { categories, ..Scale::default() }, y, ..Panel::default() };
-    let notes = vec![grid.footnotes().into_iter().next().unwrap_or_default().replace("in brackets", "as lines")];
+    let notes = grid.footnotes().iter().map(|note| note.replace("in brackets", "as lines").replace("* ", "")).collect();
     Ok(Chart { panels: vec![panel], columns: 1, notes, ..Chart::default() })
 }
 

@@ -176,3 +176,22 @@ fn load_font() {
 fn refused(error: impl std::fmt::Display) -> Error {
     Error::Render { what: "figure".into(), problem: error.to_string() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bundled_font_is_loaded_and_measured() {
+        // Advance widths of DejaVu Sans: 1995 of 2048 units for "m", 569 for "i".
+        assert!((text_width("m", 2048.0) - 1995.0).abs() < 4.0);
+        assert!((text_width("i", 2048.0) - 569.0).abs() < 4.0);
+        assert!(text_width("10⁻⁵ × α ± −", 10.0) > text_width("10", 10.0));
+    }
+
+    #[test]
+    fn pixels_are_means_of_four() {
+        let fine = [0, 0, 0, 4, 4, 4, 8, 8, 8, 8, 8, 8].map(|value| value + 1);
+        assert_eq!(shrink(&fine, 2, 2), [6, 6, 6]);
+    }
+}

@@ -144,6 +144,14 @@ fn bars(points: &[Point], width: f64, frame: &Frame, color: Rgb, marks: &mut Vec
         let corners = (frame.at(point.x - half, point.y), frame.at(point.x + half, 0.0));
         marks.push(Mark::Fill { points: rectangle(corners.0, corners.1), color, opacity: 1.0 });
     }
+    if frame.y.low < 0.0 && frame.y.high > 0.0 {
+        marks.push(Mark::Line { points: vec![frame.at(frame.x.low, 0.0), frame.at(frame.x.high, 0.0)], width: 0.6, color: INK });
+    }
+    // A light rim keeps the whisker visible on a dark bar.
+    marks.extend(whiskers(points, frame, (0xff, 0xff, 0xff)).into_iter().map(|mark| match mark {
+        Mark::Line { points, color, .. } => Mark::Line { points, color, width: 1.7 },
+        other => other,
+    }));
     marks.extend(whiskers(points, frame, INK));
 }
 

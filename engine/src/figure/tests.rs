@@ -82,7 +82,37 @@ fn scatter() -> FigureSpec {
     FigureSpec { scatter: Some(Scatter { x: "return".into(), y: "cost".into(), ..Scatter::default() }), ..FigureSpec::default() }
 }
 
-/// Every kind once.
+/// Five environments on a logarithmic axis, long names, small numbers, and a seed that stopped early.
+fn many() -> (FigureSpec, Results) {
+    let agents = ["soft_actor_critic", "deterministic_policy_gradient", "random_allocation_by_draw", "rule_of_thumb"];
+    let mut trials = Vec::new();
+    for (place, environment) in ["one", "two_cells", "three_cells", "four_cells_in_series", "five"].into_iter().enumerate() {
+        for (index, agent) in agents.into_iter().enumerate() {
+            for seed in 0..3 {
+                let at = |step: u64| {
+                    1e-5 * 10f64.powf(1.5 * (place as f64 - step as f64 / 1e6) + 0.1 * noise(step, index as u64, seed))
+                };
+                let last = if seed == 2 { 1_000_000 } else { 2_000_000 };
+                let steps = (0..=last).step_by(if index < 2 { 100_000 } else { 4_000_000 });
+                let mut rows: Rows = steps.map(|step| (Phase::Evaluate, step, 0, "loss", at(step))).collect();
+                rows.push((Phase::Final, last, 0, "loss", at(500_000 * index as u64)));
+                trials.push(trial(environment, agent, "", seed, &rows));
+            }
+        }
+    }
+    let kind = LearningCurve { metric: "loss".into(), band: Band::Range, log_y: true, ..LearningCurve::default() };
+    (FigureSpec { learning_curve: Some(kind), ..FigureSpec::default() }, Results { trials })
+}
+
+/// Negative bars under long names.
+fn changes() -> FigureSpec {
+    let of = Comparison { value: "cycle_length".into(), relative_to: Some("dsac".into()), ..Comparison::default() };
+    let labels = [("equal", "equal split of the load"), ("bound", "upper bound, solved with foresight")];
+    let labels = labels.map(|(name, label)| (name.to_owned(), label.to_owned())).into();
+    FigureSpec { bars: Some(Bars { of }), labels, ..FigureSpec::default() }
+}
+
+/// Every kind, and hard cases.
 fn all() -> Vec<(&'static str, Chart)> {
     let (sweep, sweep_results) = sweep();
     let (contour, contour_results) = contour(41);
@@ -92,6 +122,8 @@ fn all() -> Vec<(&'static str, Chart)> {
         ("learning-curve", chart(&learning_curve(Band::Interval), &one)),
         ("trajectory", chart(&trajectory(), &study())),
         ("bars", chart(&bars(), &study())),
+        ("changes", chart(&changes(), &study())),
+        ("many", chart(&many().0, &many().1)),
         ("sweep", chart(&sweep, &sweep_results)),
         ("scatter", chart(&scatter(), &sweep_results)),
         ("contour", chart(&contour, &contour_results)),

@@ -11,7 +11,8 @@ use crate::{
 /// The words of verdicts on published values, in the order in which they are shown.
 pub const VERDICT_WORDS: [&str; 5] = ["REPRODUCED", "DIFFERS", "INCONCLUSIVE", "NOT RUN", "FAILED"];
 /// The words of verdicts on claims, in the order in which they are shown.
-pub const CLAIM_WORDS: [&str; 4] = ["SUPPORTED", "REFUTED", "INCONCLUSIVE", "NOT RUN"];
+pub const CLAIM_WORDS: [&str; 5] = ["SUPPORTED", "REFUTED", "INCONCLUSIVE", "NOT RUN", UNREAD];
+const UNREAD: &str = "NOT READ";
 
 /// Everything that a report shows, in the order of the study. What could not be made holds the reason in its place.
 #[derive(Debug, Clone, Default)]
@@ -58,7 +59,7 @@ impl Contents {
 
     /// How many claims have each verdict, in the order of [`CLAIM_WORDS`]; a claim counts once per environment.
     #[must_use]
-    pub fn outcomes(&self) -> [(&'static str, usize); 4] {
+    pub fn outcomes(&self) -> [(&'static str, usize); 5] {
         CLAIM_WORDS.map(|word| (word, self.claims.iter().filter(|line| line.word() == word).count()))
     }
 
@@ -73,7 +74,7 @@ fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<
     let mut grid = table::build(spec, results)?;
     let comparison = spec.improvement.as_ref().or(spec.comparison.as_ref());
     if let Some(comparison) = comparison.filter(|comparison| comparison.has_unit_of_metric()) {
-        grid.unit = study.units.get(&comparison.value).cloned().unwrap_or_default();
+        grid.unit = study.units.get(&comparison.value).filter(|unit| *unit != "1").cloned().unwrap_or_default();
     }
     Ok(grid)
 }
@@ -82,7 +83,7 @@ impl ClaimLine {
     /// The word of the verdict.
     #[must_use]
     pub fn word(&self) -> &'static str {
-        self.verdict.as_ref().map_or("NOT READ", |verdict| verdict.verdict.word())
+        self.verdict.as_ref().map_or(UNREAD, |verdict| verdict.verdict.word())
     }
 
     /// The difference between the sides with its interval and the number of seeds; empty where nothing has run.

@@ -129,10 +129,10 @@ fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 4
         ("md", table::markdown(grid)),
         ("tex", table::latex(grid, name)),
         ("csv", table::csv(grid)?),
-        ("html", table::html(grid)),
+        ("html", page::document(&table::escape_html(name), &table::html(grid))),
     ];
-    let mut paths = texts.each_ref().map(|(extension, _)| dir.join(files::name(name, extension)));
-    for (path, (_, text)) in paths.iter_mut().zip(&texts) {
+    let paths = texts.each_ref().map(|(extension, _)| dir.join(files::name(name, extension)));
+    for (path, (_, text)) in paths.iter().zip(&texts) {
         files::write(path, text.as_bytes())?;
     }
     Ok(paths)

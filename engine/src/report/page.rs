@@ -23,11 +23,15 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
         section("What was run", &runs(parts)),
         section("Provenance", &entries(parts)),
     ];
+    document(&title, &sections.concat())
+}
+
+/// A page of its own around a body; `title` is escaped already.
+pub(super) fn document(title: &str, body: &str) -> String {
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{title}</title>\n\
-         <style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n{}</main>\n</body>\n</html>\n",
-        sections.concat()
+         <style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n{body}</main>\n</body>\n</html>\n"
     )
 }
 
@@ -72,7 +76,7 @@ fn figures(parts: &Parts<'_>) -> String {
 fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &FigureSpec) -> String {
     let body = match (chart, parts.drawings.get(name)) {
         (Ok(chart), Some(svg)) => {
-            let caption = escape(&[&[spec.caption.clone()], chart.notes.as_slice()].concat().join(" "));
+            let caption = escape(&format!("{} {}", spec.caption, chart.notes.join(" ")));
             let width = if chart.columns > 1 { "double" } else { "single" };
             let drawing = inline(svg, if spec.caption.is_empty() { name } else { &spec.caption });
             format!(

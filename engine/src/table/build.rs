@@ -110,7 +110,7 @@ impl<'a> Relation<'a> {
     }
 
     fn quantity(&self, comparison: &Comparison) -> String {
-        let value = label(comparison, &comparison.value);
+        let value = comparison.labels.get(&comparison.value).cloned().unwrap_or_else(|| comparison.value.replace('_', " "));
         let to = self.to.map_or(String::new(), |agent| label(comparison, agent));
         match self.form {
             Form::Value => value,

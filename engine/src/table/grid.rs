@@ -143,7 +143,8 @@ impl Grid {
         let mut judgements = self.cells.iter().flatten().filter_map(|cell| cell.judgement);
         let first = judgements.next()?;
         let margin = match judgements.all(|judgement| judgement.margin == first.margin) {
-            true => format!("{} {}", self.format.published(first.margin), self.unit),
+            true if self.unit == "%" => format!("{} percentage points", short(first.margin)),
+            true => format!("{} {}", short(first.margin), self.unit),
             false => "5 % of it".into(),
         };
         Some(format!(
@@ -186,6 +187,11 @@ impl Grid {
         }
         text
     }
+}
+
+/// A margin without the digits of its rounding error.
+fn short(margin: f64) -> f64 {
+    format!("{margin:.3e}").parse().unwrap_or(margin)
 }
 
 impl Cell {

@@ -28,9 +28,15 @@ fn line(grid: &Grid, row: usize, parts: &[Part]) -> String {
     std::iter::once(escape(&grid.rows[row].label)).chain(cells).collect::<Vec<_>>().join(" & ")
 }
 
-/// Hyphens before digits as minus signs: cells of numbers hold no other hyphens but the one of a power of ten.
+/// Hyphens before digits as minus signs.
 fn signs(text: &str) -> String {
-    text.replace('-', "$-$")
+    let mut out = String::new();
+    let mut rest = text.chars().peekable();
+    while let Some(character) = rest.next() {
+        let is_sign = character == '-' && rest.peek().is_some_and(char::is_ascii_digit);
+        if is_sign { out.push_str("$-$") } else { out.push(character) }
+    }
+    out
 }
 
 /// Text with the characters that LaTeX reads as commands made plain.
@@ -51,4 +57,19 @@ pub fn escape(text: &str) -> String {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn signs_and_special_characters() {
+        assert_eq!(signs(&escape("-1.5 [-2, 1e-5]")), "$-$1.5 [$-$2, 1e$-$5]");
+        assert_eq!(signs(&escape("–")), "--");
+        assert_eq!(
+            escape("a_b & 5 % of {c} ~ d^2 \\ #1 $"),
+            "a\\_b \\& 5 \\% of \\{c\\} \\textasciitilde{} d\\textasciicircum{}2 \\textbackslash{} \\#1 \\$"
+        );
+    }
 }
