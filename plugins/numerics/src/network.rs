@@ -13,7 +13,6 @@
 //! gradient of its own weights is computed: this is how a policy is improved through a critic.
 
 use burn::module::{Module, Param};
-use burn::nn::Linear;
 use burn::tensor::{Device, Tensor, TensorData, activation};
 
 pub use crate::activation::Activation;
@@ -53,6 +52,13 @@ pub fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.into_data().try_into_vec::<f32>().expect("f32 in the processor's memory")
 }
 
+/// `x W + b`.
+#[derive(Module, Debug)]
+struct Linear {
+    weight: Param<Tensor<2>>,
+    bias: Param<Tensor<1>>,
+}
+
 /// A fully connected network. The default is one without layers, which only holds a place.
 #[derive(Module, Debug, Default)]
 pub struct Mlp {
@@ -79,10 +85,11 @@ impl Mlp {
     #[must_use]
     pub fn forward(&self, mut x: Tensor<2>) -> Tensor<2> {
         for (layer, activation) in self.layers.iter().zip(&self.activations) {
-            x = activation.apply(layer.forward(x));
+            x = activation.apply(x.matmul(layer.weight.val()), layer.bias.val());
         }
         // The constructor makes one layer more than there are activations.
-        self.layers[self.activations.len()].forward(x)
+        let last = &self.layers[self.activations.len()];
+        x.matmul(last.weight.val()) + last.bias.val().unsqueeze()
     }
 
     /// Layer sizes, input first.
@@ -106,7 +113,7 @@ fn kaiming(inputs: usize, outputs: usize, gain: f64, rng: &mut impl RngCore, dev
     let weight: Vec<f32> = (0..inputs * outputs).map(|_| ((2.0 * rng.random::<f64>() - 1.0) * bound) as f32).collect();
     let weight = Tensor::<2>::from_data(TensorData::new(weight, [inputs, outputs]), device);
     let bias = Tensor::<1>::from_data(TensorData::new(vec![0.0f32; outputs], [outputs]), device);
-    Linear { weight: Param::from_tensor(weight), bias: Some(Param::from_tensor(bias)) }
+    Linear { weight: Param::from_tensor(weight), bias: Param::from_tensor(bias) }
 }
 
 /// Two networks of one shape with their own parameters, such as the two critics of clipped double Q-learning.
