@@ -73,8 +73,9 @@ fn build_agent(
 }
 
 fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {
-    let part = spec::load_config(name, about, path);
-    Ok(part.map_err(|problems| Failure { code: BAD_SPEC, text: diagnostic::render(&problems, colour()) })?.config)
+    let part = spec::load_config(name, about, path)
+        .map_err(|problems| Failure { code: BAD_SPEC, text: diagnostic::render(&problems, colour()) })?;
+    Ok((*part.config).clone())
 }
 
 fn unknown<'a>(kind: &str, name: &str, known: impl Iterator<Item = &'a &'static str> + Clone) -> Failure {

@@ -13,7 +13,7 @@ use crate::{
     trial::Trial,
 };
 use serde_json::json;
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 /// A study that passed its checks, and its trials.
 pub(super) struct Planned {
@@ -64,7 +64,7 @@ fn options(selection: &Selection) -> spec::Options {
 
 /// Steps of every trial; neighbours in a plan mostly share their protocol, so that few protocols are built.
 fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
-    let mut known: Option<(&serde_json::Value, u64)> = None;
+    let mut known: Option<(&Arc<serde_json::Value>, u64)> = None;
     let cost = |trial: &Trial| {
         let entry = registry.protocols.get(trial.key.protocol.plugin.as_str())?;
         (entry.build)(&trial.key.protocol.config).ok().map(|protocol| protocol.total_steps())
@@ -73,7 +73,7 @@ fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
     for trial in &plan.trials {
         let config = &trial.key.protocol.config;
         let steps = match known {
-            Some((same, steps)) if same == config => steps,
+            Some((same, steps)) if Arc::ptr_eq(same, config) => steps,
             _ => cost(trial).unwrap_or(0),
         };
         known = Some((config, steps));

@@ -41,5 +41,5 @@ fn read(path: &Path) -> Result<String, Vec<Diagnostic>> {
         let source = sources.add_file(&name, "");
         vec![sources.error(Span { source, ..Span::default() }, "", format!("cannot read the config: {error}"))]
     })?;
-    document::decode(&name, &bytes).map_err(|error| vec![error])
+    document::decode(&name, &bytes)
 }

@@ -104,11 +104,11 @@ pub struct AssetPolicy {
 }
 
 impl AssetPolicy {
-    /// Two hidden layers of `width` in the encoder, one in the head.
+    /// One hidden layer of `width` in the encoder and one in the head; between them `width` linear features, which are pooled.
     pub fn new(channels: &AssetChannels, width: usize, rng: &mut impl RngCore, device: &Device) -> Self {
         let (encoder, head) = ([channels.n_features(), width, width], [2 * width, width, 1]);
         Self {
-            encoder: Mlp::new(&encoder, &[Activation::LeakyRelu], Activation::LeakyRelu.gain(), rng, device),
+            encoder: Mlp::new(&encoder, &[Activation::LeakyRelu], 1.0, rng, device),
             head: Mlp::new(&head, &[Activation::LeakyRelu], 1.0, rng, device),
         }
     }
@@ -116,7 +116,7 @@ impl AssetPolicy {
     /// `[batch, observed]` to `[batch, assets]`.
     #[must_use]
     pub fn forward(&self, channels: &AssetChannels, observations: &Tensor<2>) -> Tensor<2> {
-        let own = Activation::LeakyRelu.apply(self.encoder.forward(channels.features(observations, None)));
+        let own = self.encoder.forward(channels.features(observations, None));
         let batch = observations.dims()[0];
         self.head.forward(channels.beside(own)).reshape([batch, channels.n_assets])
     }
@@ -130,11 +130,11 @@ pub struct AssetCritic {
 }
 
 impl AssetCritic {
-    /// Two hidden layers of `width` in the encoder, one in the head.
+    /// One hidden layer of `width` in the encoder and one in the head; between them `width` linear features, which are pooled.
     pub fn new(channels: &AssetChannels, width: usize, rng: &mut impl RngCore, device: &Device) -> Self {
         let (encoder, head) = ([channels.n_features() + 1, width, width], [width, width, 1]);
         Self {
-            encoder: Mlp::new(&encoder, &[Activation::LeakyRelu], Activation::LeakyRelu.gain(), rng, device),
+            encoder: Mlp::new(&encoder, &[Activation::LeakyRelu], 1.0, rng, device),
             head: Mlp::new(&head, &[Activation::LeakyRelu], 1.0, rng, device),
         }
     }
@@ -142,7 +142,7 @@ impl AssetCritic {
     /// `[batch, observed]` and `[batch, assets]` to `[batch, 1]`.
     #[must_use]
     pub fn forward(&self, channels: &AssetChannels, observations: &Tensor<2>, action: Tensor<2>) -> Tensor<2> {
-        let own = Activation::LeakyRelu.apply(self.encoder.forward(channels.features(observations, Some(action))));
+        let own = self.encoder.forward(channels.features(observations, Some(action)));
         self.head.forward(channels.pool(own))
     }
 }
