@@ -176,3 +176,144 @@ impl<B: DensePasses> Backward<B, 3> for DenseBackward<B> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::{matrix, values};
+    use burn::tensor::{Gradients, activation};
+
+    const ACTIVATIONS: [Option<Activation>; 4] =
+        [None, Some(Activation::Relu), Some(Activation::LeakyRelu), Some(Activation::Tanh)];
+    const SHAPE: [usize; 3] = [5, 4, 3];
+
+    /// Numbers without a pattern between -1 and 1.
+    fn numbers(count: usize, seed: f32) -> Vec<f32> {
+        (0..count).map(|i| ((i as f32 + seed) * 12.9898).sin()).collect()
+    }
+
+    /// Input, weight and bias, of which the named ones are tracked.
+    fn parents(tracked: [bool; 3]) -> (Tensor<2>, Tensor<2>, Tensor<1>) {
+        let [rows, inputs, outputs] = SHAPE;
+        let place = |x: Tensor<2>, tracked| if tracked { Tensor::from_inner(x).require_grad() } else { x };
+        let bias: Tensor<1> = matrix(numbers(outputs, 0.7), outputs).flatten(0, 1);
+        (
+            place(matrix(numbers(rows * inputs, 0.1), inputs), tracked[0]),
+            place(matrix(numbers(inputs * outputs, 0.4), outputs), tracked[1]),
+            if tracked[2] { Tensor::from_inner(bias).require_grad() } else { bias },
+        )
+    }
+
+    /// The same layer of the tensor library's own operations, all on the tape.
+    fn composed((x, w, b): (Tensor<2>, Tensor<2>, Tensor<1>), f: Option<Activation>) -> Tensor<2> {
+        let z = x.matmul(w) + b.unsqueeze();
+        match f {
+            None => z,
+            Some(Activation::Relu) => activation::relu(z),
+            Some(Activation::LeakyRelu) => activation::leaky_relu(z, crate::activation::LEAKY_SLOPE),
+            Some(Activation::Tanh) => z.tanh(),
+        }
+    }
+
+    /// A weighted sum, so that every entry has another upstream gradient.
+    fn gradients(output: Tensor<2>) -> Gradients {
+        let upstream = matrix(numbers(SHAPE[0] * SHAPE[2], 0.9), SHAPE[2]);
+        (output * Tensor::from_inner(upstream)).sum().backward()
+    }
+
+    fn assert_close(actual: &[f32], expected: &[f32], what: &str) {
+        assert_eq!(actual.len(), expected.len(), "{what}");
+        let close = actual.iter().zip(expected).all(|(a, e)| (a - e).abs() < 2e-6);
+        assert!(close, "{what}: {actual:?} {expected:?}");
+    }
+
+    #[test]
+    fn agrees_with_the_composed_layer_whatever_is_tracked() {
+        for f in ACTIVATIONS {
+            let all = parents([true; 3]);
+            let reference = composed(all.clone(), f);
+            let of_all = gradients(reference.clone());
+            let expected = [all.0.grad(&of_all), all.1.grad(&of_all)].map(|g| values(g.unwrap()));
+            for pattern in 0..8 {
+                let tracked = [0, 1, 2].map(|bit| pattern >> bit & 1 == 1);
+                let (x, w, b) = parents(tracked);
+                let output = dense(x.clone(), w.clone(), b.clone(), f);
+                let what = format!("{f:?} {tracked:?}");
+                assert_close(&values(output.clone()), &values(reference.clone()), &what);
+                assert_eq!(output.is_tracked(), pattern > 0, "{what}");
+                if pattern == 0 {
+                    continue;
+                }
+                let found = gradients(output);
+                for (at, parent) in [x, w].into_iter().enumerate().filter(|(at, _)| tracked[*at]) {
+                    assert_close(&values(parent.grad(&found).unwrap()), &expected[at], &what);
+                }
+                if tracked[2] {
+                    assert_close(&values(b.grad(&found).unwrap()), &values(all.2.grad(&of_all).unwrap()), &what);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn gradients_agree_with_finite_differences() {
+        let step = 1e-2;
+        for f in ACTIVATIONS {
+            let (x, w, b) = parents([true; 3]);
+            let analytic = values(w.grad(&gradients(dense(x.clone(), w.clone(), b.clone(), f))).unwrap());
+            let (x, w, b) = (x.inner(), values(w), b.inner());
+            let upstream = matrix(numbers(SHAPE[0] * SHAPE[2], 0.9), SHAPE[2]);
+            for i in 0..w.len() {
+                let at = |step: f32| {
+                    let mut moved = w.clone();
+                    moved[i] += step;
+                    values((dense(x.clone(), matrix(moved, SHAPE[2]), b.clone(), f) * upstream.clone()).sum())[0]
+                };
+                let difference = (at(step) - at(-step)) / (2.0 * step);
+                assert!((difference - analytic[i]).abs() < 1e-2, "{f:?} {i}: {difference} {}", analytic[i]);
+            }
+        }
+    }
+
+    #[test]
+    fn parents_that_are_used_again_stay_as_they_were() {
+        let (x, w, b) = parents([false; 3]);
+        let before = [values(x.clone()), values(w.clone())];
+        let first = values(dense(x.clone(), w.clone(), b.clone(), Some(Activation::Tanh)));
+        let second = values(dense(x.clone(), w.clone(), b, Some(Activation::Tanh)));
+        assert_eq!((first, before), (second, [values(x), values(w)]));
+    }
+
+    #[test]
+    fn views_are_read_as_they_are_seen() {
+        let (x, w, b) = parents([true; 3]);
+        let transposed = |x: &Tensor<2>| Tensor::from_inner(matrix(values(x.clone().transpose()), x.dims()[0]));
+        let view = dense(transposed(&x).transpose(), transposed(&w).transpose(), b.clone(), Some(Activation::Tanh));
+        // An upstream gradient that is a transposed view, and an output that is sliced.
+        let loss = |y: Tensor<2>| (y.clone().transpose() * 2.0).sum() + y.slice([1..3, 0..2]).sum();
+        let plain = dense(x.clone(), w, b.clone(), Some(Activation::Tanh));
+        assert_eq!(values(view), values(plain.clone()));
+        let reference = parents([true; 3]);
+        let expected = loss(composed(reference.clone(), Some(Activation::Tanh))).backward();
+        let found = loss(plain).backward();
+        assert_close(&values(x.grad(&found).unwrap()), &values(reference.0.grad(&expected).unwrap()), "input");
+        assert_close(&values(b.grad(&found).unwrap()), &values(reference.2.grad(&expected).unwrap()), "bias");
+    }
+
+    #[test]
+    fn a_row_does_not_depend_on_the_others() {
+        let (w, b) = (matrix(numbers(40 * 50, 0.2), 50), matrix(numbers(50, 0.3), 50).flatten(0, 1));
+        let rows = numbers(33 * 40, 0.5);
+        let together = values(dense(matrix(rows.clone(), 40), w.clone(), b.clone(), Some(Activation::Tanh)));
+        let reversed: Vec<f32> = rows.chunks(40).rev().flatten().copied().collect();
+        let reversed = values(dense(matrix(reversed, 40), w, b, Some(Activation::Tanh)));
+        assert!(together.chunks(50).eq(reversed.chunks(50).rev()));
+    }
+
+    #[test]
+    #[should_panic(expected = "one bias per output")]
+    fn a_bias_of_another_length_is_refused() {
+        let (x, w, _) = parents([false; 3]);
+        let _ = dense(x, w, matrix(vec![0.0; 2], 2).flatten(0, 1), None);
+    }
+}
