@@ -87,11 +87,10 @@ fn tanh(x: f32) -> f32 {
 }
 
 /// `(tanh x - x) / x^3` in powers of `x^2`, highest first.
-const SMALL_TANH: [f32; 5] = [-5.704_988_7e-3, 2.063_908_8e-2, -5.373_971_6e-2, 1.333_144_2e-1, -3.333_328_2e-1];
+const SMALL_TANH: [f32; 5] = [-5.704_988_7e-3, 2.063_908_8e-2, -5.373_971_6e-2, 1.333_144_2e-1, -3.333_328e-1];
 
 /// `2^f` for `|f| <= 1/2`, highest power first: its interpolation at Chebyshev nodes, relative error 3e-9.
-const POWER_OF_TWO: [f32; 7] =
-    [1.546_973_2e-4, 1.340_043_2e-3, 9.618_025_6e-3, 5.550_327_2e-2, 2.402_265_1e-1, 6.931_472e-1, 1.0];
+const POWER_OF_TWO: [f32; 7] = [1.546_973_2e-4, 1.340_043_2e-3, 9.618_025e-3, 5.550_327e-2, 2.402_265e-1, 6.931_472e-1, 1.0];
 
 fn polynomial<const N: usize>(coefficients: [f32; N], x: f32) -> f32 {
     coefficients.into_iter().fold(0.0, |sum, c| sum * x + c)
