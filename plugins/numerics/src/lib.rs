@@ -2,6 +2,7 @@
 //! distributions, networks, optimisers, files of parameters.
 
 pub mod activation;
+pub mod dense;
 pub mod dirichlet;
 pub mod dirichlet_policy;
 pub mod gamma;

@@ -16,6 +16,7 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData, activation};
 
 pub use crate::activation::Activation;
+use crate::dense::dense;
 use rand::{Rng, RngCore};
 
 /// The processor, without gradients. Every tensor that carries data starts here.
@@ -84,12 +85,11 @@ impl Mlp {
     /// Outputs `[rows, outputs]` of inputs `[rows, inputs]`.
     #[must_use]
     pub fn forward(&self, mut x: Tensor<2>) -> Tensor<2> {
-        for (layer, activation) in self.layers.iter().zip(&self.activations) {
-            x = activation.apply(x.matmul(layer.weight.val()), layer.bias.val());
+        let activations = self.activations.iter().copied().map(Some).chain([None]);
+        for (layer, activation) in self.layers.iter().zip(activations) {
+            x = dense(x, layer.weight.val(), layer.bias.val(), activation);
         }
-        // The constructor makes one layer more than there are activations.
-        let last = &self.layers[self.activations.len()];
-        x.matmul(last.weight.val()) + last.bias.val().unsqueeze()
+        x
     }
 
     /// Layer sizes, input first.
