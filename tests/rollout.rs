@@ -44,7 +44,7 @@ fn one_cell_at_constant_power_follows_the_other_program() {
         }
         compared += 1;
     }
-    assert!(compared >= 10, "only {compared} rows could be compared");
+    assert!(compared >= 8, "only {compared} rows could be compared");
 }
 
 #[test]

@@ -71,7 +71,6 @@ fn a_trial_that_fails_is_a_row_and_leaves_the_rest_alone() {
     bench.write("small.yaml", &broken);
     let answer = bench.run(&["run", "small.yaml"]);
     let page = std::fs::read_to_string(bench.path("results/small/report.md")).unwrap();
-    // Learning rates of 1 drive the networks to infinity; should they ever survive it, this test has to find another way.
     assert_eq!(answer.code, 100, "{}\n{}", answer.out, answer.err);
     assert!(page.contains("nan"), "{page}");
     assert!(page.contains("is not finite"), "{page}");

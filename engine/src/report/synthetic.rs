@@ -13,7 +13,7 @@ pub(crate) type Rows = Vec<(Phase, u64, u64, &'static str, f64)>;
 
 /// A trial that ended well and recorded some rows.
 pub(crate) fn trial(environment: &str, agent: &str, setting: &str, seed: u64, rows: &Rows) -> TrialResult {
-    let part = |plugin: &str| Part { plugin: plugin.into(), version: 1, config: Value::Null };
+    let part = |plugin: &str| Part::new(plugin, 1, Value::Null);
     let key = TrialKey {
         environment: part(environment),
         agent: part(agent),

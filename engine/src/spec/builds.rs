@@ -134,7 +134,10 @@ impl Builder<'_> {
         if self.recorded.insert((cell.environment, cell.agent, address(environment), address(protocol))) {
             let environment = facts.metrics.iter().filter(|_| measures.of_environment);
             world.record(pair, measures.metrics.iter().chain(environment).chain(&entry.metrics));
-            world.traced.entry(cell.environment).or_default().extend(facts.traced.iter().cloned());
+            let traced = world.traced.entry(cell.environment).or_default();
+            traced.extend(facts.traced.iter().cloned());
+            // A protocol that measures no episodes of an environment traces what it measures.
+            traced.extend(measures.metrics.iter().filter(|_| !measures.of_environment).map(|metric| metric.name.clone()));
         }
         self.extra += usize::from(!first);
         let new = self.agents.insert((address(environment), address(agent)));
@@ -156,12 +159,10 @@ impl Builder<'_> {
         }
         let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
         let built = (entry.build)(&resolved.part.config);
-        let facts = built.as_ref().ok().map(|environment| {
-            let interface = environment.interface();
-            let spaces = interface.seats.iter().flat_map(|seat| [&seat.observation, &seat.action]);
-            let traced = spaces.flat_map(crate::Space::names);
-            let channels = environment.trace_channels().into_iter().map(|channel| channel.name);
-            Facts { traced: traced.chain(channels).collect(), metrics: environment.metrics().to_vec(), interface }
+        let facts = built.as_ref().ok().map(|environment| Facts {
+            traced: environment.trace_channels().into_iter().map(|channel| channel.name).collect(),
+            metrics: environment.metrics().to_vec(),
+            interface: environment.interface(),
         });
         self.environments.insert(resolved.id.clone(), facts);
         built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))

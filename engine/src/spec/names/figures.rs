@@ -78,7 +78,7 @@ impl Names<'_> {
         }
     }
 
-    /// Names of recorded or traced values, where a word without a number stands for all numbered ones.
+    /// Names of traced values, where a word without a number stands for all numbered ones.
     fn channels(&mut self, place: &Place<'_>, key: &str, least: usize, most: usize, picked: &Picked) {
         let list = place.below(key);
         let items = list.as_ref().map_or(&[][..], |list| list.node.items());
@@ -86,8 +86,7 @@ impl Names<'_> {
             let wanted = if least == most || most == 2 { most.to_string() } else { format!("at least {least}") };
             self.say(place.value(key), format!("`{key}` needs {wanted} names, but has {}", items.len()), "");
         }
-        let mut known = self.traced(picked);
-        known.extend(self.recorded(picked));
+        let known = self.traced(picked);
         let whole = |name: &str| {
             name.rsplit_once('_').filter(|(_, number)| number.parse::<u32>().is_ok()).map(|(word, _)| word.to_string())
         };

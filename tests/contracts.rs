@@ -1,0 +1,145 @@
+//! What every registered plugin must do, whatever it is: these tests loop over the registry.
+
+use engine::{Action, Environment, Registry, Rng, Space, random::stream};
+use rand::Rng as _;
+
+fn registry() -> Registry {
+    let mut registry = Registry { numerics_version: numerics::VERSION, ..Registry::default() };
+    engine::protocol::register(&mut registry);
+    environments::register(&mut registry);
+    agents::register(&mut registry);
+    registry
+}
+
+fn default_environment(registry: &Registry, name: &str) -> Box<dyn Environment> {
+    let entry = &registry.environments[name];
+    (entry.build)(&entry.about.defaults).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// Any action of each seat's space.
+fn random_action(environment: &dyn Environment, rng: &mut Rng) -> Action {
+    let draw = |space: &Space, rng: &mut Rng| match space {
+        Space::Box(channels) => channels.iter().map(|channel| rng.random_range(channel.low.max(-1.0)..=channel.high.min(1.0))).collect(),
+        Space::Simplex(names) => {
+            let draws: Vec<f64> = names.iter().map(|_| -rng.random::<f64>().max(1e-300).ln()).collect();
+            let sum: f64 = draws.iter().sum();
+            draws.into_iter().map(|draw| draw / sum).collect()
+        }
+        Space::Discrete(names) => vec![f64::from(rng.random_range(0..u32::try_from(names.len()).unwrap()))],
+    };
+    environment.seats().iter().map(|seat| draw(&seat.action, rng)).collect()
+}
+
+#[test]
+fn every_plugin_describes_itself() {
+    let registry = registry();
+    let names = registry.environments.keys().chain(registry.agents.keys()).chain(registry.protocols.keys());
+    for name in names {
+        let text = engine::spec::describe(&registry, name).unwrap();
+        assert!(text.len() > 40, "{name}: {text}");
+    }
+    for (name, entry) in &registry.environments {
+        let schema = entry.about.schema.clone().to_value();
+        for (key, property) in schema["properties"].as_object().unwrap() {
+            assert!(property["description"].is_string(), "{name}.{key} has no description");
+        }
+    }
+    for (name, entry) in &registry.agents {
+        let schema = entry.about.schema.clone().to_value();
+        for (key, property) in schema["properties"].as_object().into_iter().flatten() {
+            assert!(property["description"].is_string(), "{name}.{key} has no description");
+        }
+    }
+}
+
+#[test]
+fn every_preset_is_a_config() {
+    let registry = registry();
+    let abouts = registry.environments.values().map(|entry| &entry.about).chain(registry.agents.values().map(|entry| &entry.about));
+    for about in abouts {
+        for preset in &about.presets {
+            (about.resolve)(&preset.values).unwrap_or_else(|error| panic!("{}: {error}", preset.name));
+        }
+    }
+}
+
+#[test]
+fn what_environments_give_out_fits_what_they_say() {
+    let registry = registry();
+    for name in registry.environments.keys() {
+        let mut environment = default_environment(&registry, name);
+        let mut rng = stream(&["contract", name]);
+        let seats = environment.reset(&mut rng).unwrap();
+        assert_eq!(seats.len(), environment.seats().len(), "{name}: one observation per seat");
+        for (seat, observation) in environment.seats().iter().zip(&seats) {
+            assert_eq!(observation.len(), seat.observation.len(), "{name}: {observation:?}");
+            assert!(observation.iter().all(|value| value.is_finite()), "{name}: {observation:?}");
+        }
+        assert_eq!(environment.state().len(), environment.state_channels().len(), "{name}: state");
+        assert_eq!(environment.trace().len(), environment.trace_channels().len(), "{name}: trace");
+        let action = random_action(&*environment, &mut rng);
+        let step = environment.step(&action, &mut rng).unwrap();
+        assert_eq!(step.rewards.len(), seats.len(), "{name}: one reward per seat");
+        assert_eq!(step.info.len(), environment.metrics().len(), "{name}: one value per metric");
+    }
+}
+
+#[test]
+fn channels_have_names_of_their_own_and_a_spread() {
+    let registry = registry();
+    for name in registry.environments.keys() {
+        let environment = default_environment(&registry, name);
+        let mut names: Vec<String> = environment.trace_channels().into_iter().map(|channel| channel.name).collect();
+        names.sort();
+        let count = names.len();
+        names.dedup();
+        assert_eq!(names.len(), count, "{name}: two trace channels of one name");
+        for seat in environment.seats() {
+            if let Space::Box(channels) = &seat.observation {
+                assert!(channels.iter().all(|channel| channel.spread > 0.0 && channel.low <= channel.high), "{name}: {channels:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_restored_environment_continues_to_the_same_bits() {
+    let registry = registry();
+    for name in registry.environments.keys() {
+        let (mut first, mut second) = (default_environment(&registry, name), default_environment(&registry, name));
+        let mut rng = stream(&["contract", name]);
+        first.reset(&mut rng).unwrap();
+        let text = first.snapshot().to_string();
+        second.reset(&mut stream(&["another start"])).unwrap();
+        second.restore(&serde_json::from_str(&text).unwrap()).unwrap();
+        let mut other = rng.clone();
+        let action = random_action(&*first, &mut stream(&["action"]));
+        let (one, two) = (first.step(&action, &mut rng).unwrap(), second.step(&action, &mut other).unwrap());
+        assert_eq!(one, two, "{name}");
+    }
+}
+
+#[test]
+fn agents_act_within_the_space_of_an_environment_that_takes_them() {
+    let registry = registry();
+    for (name, entry) in &registry.agents {
+        let mut taken = 0;
+        for environment_name in registry.environments.keys() {
+            let mut environment = default_environment(&registry, environment_name);
+            let mut rng = stream(&["contract", name]);
+            let Ok(mut agent) = (entry.build)(&entry.about.defaults, &environment.interface(), &mut rng) else { continue };
+            taken += 1;
+            let seats = environment.reset(&mut rng).unwrap();
+            let state = if agent.reads_state() { environment.state() } else { Vec::new() };
+            let observation = engine::Observation { seats, state };
+            for mode in [engine::Mode::Train, engine::Mode::Evaluate] {
+                let actions = agent.act(&[observation.clone(), observation.clone()], mode, &mut rng).unwrap();
+                assert_eq!(actions.len(), 2, "{name}: one action per row");
+                let mut copy = default_environment(&registry, environment_name);
+                copy.reset(&mut stream(&["contract", name])).unwrap();
+                copy.step(&actions[0], &mut rng).unwrap_or_else(|error| panic!("{name} in {environment_name}: {error}"));
+            }
+        }
+        assert!(taken > 0, "no environment takes {name}");
+    }
+}
