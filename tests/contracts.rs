@@ -19,7 +19,9 @@ fn default_environment(registry: &Registry, name: &str) -> Box<dyn Environment> 
 /// Any action of each seat's space.
 fn random_action(environment: &dyn Environment, rng: &mut Rng) -> Action {
     let draw = |space: &Space, rng: &mut Rng| match space {
-        Space::Box(channels) => channels.iter().map(|channel| rng.random_range(channel.low.max(-1.0)..=channel.high.min(1.0))).collect(),
+        Space::Box(channels) => {
+            channels.iter().map(|channel| rng.random_range(channel.low.max(-1.0)..=channel.high.min(1.0))).collect()
+        }
         Space::Simplex(names) => {
             let draws: Vec<f64> = names.iter().map(|_| -rng.random::<f64>().max(1e-300).ln()).collect();
             let sum: f64 = draws.iter().sum();
@@ -55,7 +57,8 @@ fn every_plugin_describes_itself() {
 #[test]
 fn every_preset_is_a_config() {
     let registry = registry();
-    let abouts = registry.environments.values().map(|entry| &entry.about).chain(registry.agents.values().map(|entry| &entry.about));
+    let abouts =
+        registry.environments.values().map(|entry| &entry.about).chain(registry.agents.values().map(|entry| &entry.about));
     for about in abouts {
         for preset in &about.presets {
             (about.resolve)(&preset.values).unwrap_or_else(|error| panic!("{}: {error}", preset.name));
@@ -96,7 +99,10 @@ fn channels_have_names_of_their_own_and_a_spread() {
         assert_eq!(names.len(), count, "{name}: two trace channels of one name");
         for seat in environment.seats() {
             if let Space::Box(channels) = &seat.observation {
-                assert!(channels.iter().all(|channel| channel.spread > 0.0 && channel.low <= channel.high), "{name}: {channels:?}");
+                assert!(
+                    channels.iter().all(|channel| channel.spread > 0.0 && channel.low <= channel.high),
+                    "{name}: {channels:?}"
+                );
             }
         }
     }

@@ -146,3 +146,52 @@ impl AssetCritic {
         self.head.forward(channels.pool(own))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use engine::random::stream;
+    use numerics::network::{device, matrix, values};
+
+    const N: usize = 3;
+
+    fn channels() -> AssetChannels {
+        let names = ["voltage_1", "voltage_2", "voltage_3", "current_1", "current_2", "current_3", "power_demand_w"];
+        let channels: Vec<Channel> = names.into_iter().map(|name| Channel::new(name, "")).collect();
+        AssetChannels::find("test", &channels, N).unwrap()
+    }
+
+    /// Two observations of one pack: the second has its assets in the order 3, 1, 2.
+    fn observations() -> Tensor<2> {
+        matrix(vec![0.1, 0.5, -0.4, 1.0, -1.0, 0.3, 0.7, -0.4, 0.1, 0.5, 0.3, 1.0, -1.0, 0.7], 7)
+    }
+
+    fn close(left: f32, right: f32) -> bool {
+        (left - right).abs() < 1e-5
+    }
+
+    #[test]
+    fn blocks_and_common_channels_are_told_apart() {
+        assert_eq!(channels(), AssetChannels { n_assets: N, blocks: vec![0, 3], common: vec![6] });
+        let unnumbered = [Channel::new("constant", "")];
+        assert!(matches!(AssetChannels::find("test", &unnumbered, N), Err(Error::Mismatch { .. })));
+    }
+
+    #[test]
+    fn permuted_assets_get_permuted_shares() {
+        let policy = AssetPolicy::new(&channels(), 8, &mut stream(&["policy"]), &device());
+        let out = values(policy.forward(&channels(), &observations()));
+        assert!(close(out[3], out[2]) && close(out[4], out[0]) && close(out[5], out[1]), "{out:?}");
+        assert!(!close(out[0], out[1]), "{out:?}");
+    }
+
+    #[test]
+    fn the_value_does_not_depend_on_the_order_of_the_assets() {
+        let critic = AssetCritic::new(&channels(), 8, &mut stream(&["critic"]), &device());
+        let action = matrix(vec![0.2, 0.3, 0.5, 0.5, 0.2, 0.3], N);
+        let out = values(critic.forward(&channels(), &observations(), action));
+        assert!(close(out[0], out[1]), "{out:?}");
+        let moved = matrix(vec![0.3, 0.2, 0.5, 0.5, 0.3, 0.2], N);
+        assert!(!close(values(critic.forward(&channels(), &observations(), moved))[0], out[0]));
+    }
+}

@@ -28,7 +28,7 @@ fn the_soft_target_has_the_lower_critic_and_the_entropy() {
     let target = values(agent.soft_target(&batch, &mut stream(&["noise"])).unwrap());
     let alpha = agent.concentrations(&agent.policy.network().valid(), &batch.next_observations);
     let drawn = sample(alpha.clone(), &mut stream(&["noise"]));
-    let (q1, q2) = agent.target_critics.forward(agent.critic_input(&batch.next_observations, drawn.action.clone()));
+    let (q1, q2) = agent.q_values(&agent.target_critics, &batch.next_observations, drawn.action.clone());
     let (q1, q2, alpha, action) = (values(q1), values(q2), values(alpha), values(drawn.action));
     for i in 0..4 {
         let row = |x: &[f32]| x[3 * i..3 * i + 3].iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
@@ -41,10 +41,13 @@ fn the_soft_target_has_the_lower_critic_and_the_entropy() {
 
 #[test]
 fn critics_see_centred_shares() {
-    let centred = agent(tiny()).critic_input(&column(&[7.0]), matrix(vec![0.5, 0.5, 0.0], 3));
-    assert_eq!(values(centred), [7.0, 0.5, 0.5, -1.0]);
-    let plain = agent(Config { critic_action_scaling: ActionScaling::None, ..tiny() });
-    assert_eq!(values(plain.critic_input(&column(&[7.0]), matrix(vec![0.5, 0.5, 0.0], 3))), [7.0, 0.5, 0.5, 0.0]);
+    let (centred, plain) = (agent(tiny()), agent(Config { critic_action_scaling: ActionScaling::None, ..tiny() }));
+    let q = |agent: &DirichletSac, shares: [f32; 3]| {
+        values(agent.q_values(&agent.target_critics, &column(&[7.0]), matrix(shares.to_vec(), 3)).0)[0]
+    };
+    // Both agents draw the same critics, so that the scaled shares given as they are must have the same value.
+    assert_eq!(q(&centred, [0.5, 0.5, 0.0]), q(&plain, [0.5, 0.5, -1.0]));
+    assert_ne!(q(&centred, [0.5, 0.5, 0.0]), q(&plain, [0.5, 0.5, 0.0]));
 }
 
 #[test]
@@ -56,7 +59,7 @@ fn the_temperature_rises_where_the_entropy_is_too_low() {
 }
 
 /// The loss of eq. 3.18 at draws that move with the concentrations along their known slopes `d ln g / d alpha`.
-fn loss_at_fixed_quantiles(agent: &DirichletSac, policy: &Mlp, observations: &Tensor<2>) -> f64 {
+fn loss_at_fixed_quantiles(agent: &DirichletSac, policy: &PolicyNetwork, observations: &Tensor<2>) -> f64 {
     let start = agent.concentrations(&agent.policy.network().valid(), observations);
     let mut rng = stream(&["fixed"]);
     let draws: Vec<_> = values(start.clone())
@@ -73,7 +76,7 @@ fn loss_at_fixed_quantiles(agent: &DirichletSac, policy: &Mlp, observations: &Te
     let alpha = agent.concentrations(policy, observations);
     let log_gamma = tensor(|draw| &draw.log_action) + tensor(|draw| &draw.slope) * (alpha.clone() - start);
     let log_action = burn::tensor::activation::log_softmax(log_gamma, 1);
-    let (q1, q2) = agent.critics.network().valid().forward(agent.critic_input(observations, log_action.clone().exp()));
+    let (q1, q2) = agent.q_values(&agent.critics.network().valid(), observations, log_action.clone().exp());
     f64::from(mean(log_density(alpha, log_action) * agent.temperature() - q1.min_pair(q2)))
 }
 
@@ -101,7 +104,7 @@ fn it_learns_a_bandit() {
     let config = Config {
         actor_learning_rate: 3e-3,
         critic_learning_rate: 3e-3,
-        target_entropy: TargetEntropy::Concentration(100.0),
+        target_concentration: 100.0,
         first_temperature: 0.01,
         ..tiny()
     };
