@@ -12,6 +12,7 @@ environments:
 agents:
   equal: { equal_split: {} }
   dsac: { dirichlet_sac: { width: 16, batch_size: 16, learning_starts: 64 } }
+  alike: { dirichlet_sac: { network: equivariant, width: 16, batch_size: 16, learning_starts: 64 } }
   sac: { gaussian_softmax_sac: { width: 16, batch_size: 16, learning_starts: 64 } }
 protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 128, episodes: 2, final_episodes: 4, trace_episodes: 1 } }
 seeds: 1
@@ -43,7 +44,7 @@ fn polars_for_python_reads_the_metrics() {
     let files = trial_files(&bench.path("store"));
     let metrics =
         files.iter().map(|file| file.with_file_name("metrics.parquet").to_string_lossy().into_owned()).collect::<Vec<_>>();
-    assert_eq!(metrics.len(), 3);
+    assert_eq!(metrics.len(), 4);
     check("read_metrics.py", "polars", &metrics);
 }
 
@@ -58,6 +59,6 @@ fn numpy_evaluates_an_exported_policy_to_the_same_allocation() {
         .filter(|file| file.exists())
         .map(|file| file.to_string_lossy().into_owned())
         .collect();
-    assert_eq!(policies.len(), 2, "two agents learn");
+    assert_eq!(policies.len(), 3, "three agents learn");
     check("evaluate_policy.py", "numpy, polars", &policies);
 }

@@ -42,8 +42,28 @@ def head(kind, x):
     return x / x.sum()
 
 
+def two_layers(tensors, name, x):
+    weight = lambda layer: tensors[f"{name}.layers.{layer}.weight"].astype(float)
+    x = ACTIVATIONS["leaky_relu"](x @ weight(0) + tensors[f"{name}.layers.0.bias"])
+    return x @ weight(1) + tensors[f"{name}.layers.1.bias"]
+
+
+def evaluate_alike(metadata, tensors, x):
+    assets = metadata["n_assets"]
+    columns = []
+    for first in metadata["blocks"]:
+        block = x[first : first + assets]
+        columns += [numpy.full(assets, block.mean()), block]
+    columns += [numpy.full(assets, x[channel]) for channel in metadata["common"]]
+    own = two_layers(tensors, "encoder", numpy.stack(columns, axis=1))
+    beside = numpy.concatenate([own, numpy.tile(own.mean(axis=0), (assets, 1))], axis=1)
+    return head(metadata["head"], two_layers(tensors, "head", beside)[:, 0])
+
+
 def evaluate(metadata, tensors, observation):
     x = (numpy.asarray(observation) - metadata["center"]) / metadata["spread"]
+    if metadata.get("architecture") == "equivariant":
+        return evaluate_alike(metadata, tensors, x)
     layers = len(metadata["sizes"]) - 1
     for layer in range(layers):
         x = x @ tensors[f"policy.layers.{layer}.weight"].astype(float) + tensors[f"policy.layers.{layer}.bias"]

@@ -17,7 +17,12 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use engine::{Channel, Error};
 use numerics::network::{Activation, Mlp};
+use numerics::parameters::store;
+use numerics::policy_file::{FILE_NAME, Head, Ports};
+use numerics::tensor_file::{TensorFile, TensorFileError};
 use rand::RngCore;
+use serde_json::json;
+use std::path::Path;
 
 /// Which channels of an observation belong to which asset.
 #[derive(Debug, Clone, PartialEq)]
@@ -111,6 +116,27 @@ impl AssetPolicy {
             encoder: Mlp::new(&encoder, &[Activation::LeakyRelu], 1.0, rng, device),
             head: Mlp::new(&head, &[Activation::LeakyRelu], 1.0, rng, device),
         }
+    }
+
+    /// Writes the policy for other programs: the tensors `encoder.*` and `head.*` of the two networks, each
+    /// `x W + b` with a leaky rectifier (0.01) between its two layers, and a JSON header.
+    ///
+    /// The header's `blocks` are the first channels of the blocks, `common` the channels of no asset. Features of asset i: for each
+    /// block its mean and its i-th channel, then the common channels. The head reads the encoder's output of the asset and its mean
+    /// over the assets.
+    ///
+    /// # Errors
+    /// [`TensorFileError::File`] where the system refuses.
+    pub fn write(&self, channels: &AssetChannels, ports: &Ports, head: Head, dir: &Path) -> Result<(), TensorFileError> {
+        let mut file = TensorFile::default();
+        store(&self.encoder, "encoder", &mut file);
+        store(&self.head, "head", &mut file);
+        let Ports { inputs, center, spread, outputs } = ports;
+        file.header = json!({
+            "format": 1, "architecture": "equivariant", "head": head, "n_assets": channels.n_assets, "blocks": channels.blocks,
+            "common": channels.common, "inputs": inputs, "center": center, "spread": spread, "outputs": outputs,
+        });
+        file.write(&dir.join(FILE_NAME))
     }
 
     /// `[batch, observed]` to `[batch, assets]`.

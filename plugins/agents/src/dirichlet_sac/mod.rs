@@ -47,7 +47,7 @@ use numerics::dirichlet_policy::{log_density, sample};
 use numerics::network::{device, matrix, softplus, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
 use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy};
+use numerics::policy_file::Head;
 use rand::RngCore;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -282,10 +282,8 @@ impl Agent for DirichletSac {
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        // The policy file describes fully connected networks.
-        let PolicyNetwork::Dense(network) = self.policy.network() else { return Ok(false) };
-        let policy = Policy::new(network, self.scaling.ports(&self.shares), self.head());
-        policy.write(dir).map_err(checkpoint::error_of(NAME))?;
+        let ports = self.scaling.ports(&self.shares);
+        self.shape.write(self.policy.network(), ports, self.head(), dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 }

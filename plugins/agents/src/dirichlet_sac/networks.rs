@@ -9,7 +9,10 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use engine::{Channel, Error};
 use numerics::network::{Activation, Mlp, TwinMlp};
+use numerics::policy_file::{Head, Policy, Ports};
+use numerics::tensor_file::TensorFileError;
 use rand::RngCore;
+use std::path::Path;
 
 /// What both shapes are made from.
 #[derive(Debug, Clone)]
@@ -105,6 +108,15 @@ impl Shape {
         match (policy, &self.assets) {
             (PolicyNetwork::Dense(network), _) => network.forward(observations.clone()),
             (PolicyNetwork::Assets(network), Some(assets)) => network.forward(assets, observations),
+            (PolicyNetwork::Assets(_), None) => unreachable!("the shape that made this network knows its assets"),
+        }
+    }
+
+    /// Writes a policy of this shape as `policy.safetensors` into `dir`.
+    pub(super) fn write(&self, policy: &PolicyNetwork, ports: Ports, head: Head, dir: &Path) -> Result<(), TensorFileError> {
+        match (policy, &self.assets) {
+            (PolicyNetwork::Dense(network), _) => Policy::new(network, ports, head).write(dir),
+            (PolicyNetwork::Assets(network), Some(assets)) => network.write(assets, &ports, head, dir),
             (PolicyNetwork::Assets(_), None) => unreachable!("the shape that made this network knows its assets"),
         }
     }
