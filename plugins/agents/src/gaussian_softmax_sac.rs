@@ -42,7 +42,6 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "gaussian_softmax_sac";
-const LAYERS: [Activation; 3] = [Activation::LeakyRelu; 3];
 const LOG_SD_LOW: f64 = -20.0;
 const LOG_SD_HIGH: f64 = 2.0;
 
@@ -77,9 +76,15 @@ pub struct Config {
     /// Updates per environment step, all environments counted.
     #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "as for the Dirichlet policy; thesis, table 3.1: 1"))]
     pub updates_per_step: f64,
-    /// Units of each of the three hidden layers of policy and critics.
+    /// Units of each hidden layer of policy and critics.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.5"))]
     pub width: usize,
+    /// Hidden layers of the policy.
+    #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 3.4.5"))]
+    pub policy_layers: usize,
+    /// Hidden layers of each critic.
+    #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 3.4.5"))]
+    pub critic_layers: usize,
     /// Transitions that the replay buffer holds.
     #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub replay_capacity: usize,
@@ -106,6 +111,8 @@ impl Default for Config {
             target_smoothing: 0.005,
             updates_per_step: 0.0625,
             width: 256,
+            policy_layers: 3,
+            critic_layers: 3,
             replay_capacity: 1_000_000,
             learning_starts: 5_000,
             gradient_clip: None,
@@ -168,8 +175,12 @@ impl GaussianSoftmaxSac {
         let scaling = Scaling::new(config.observation_scaling, seat::observed(NAME, seat)?);
         let (n_observed, n_shares, width) = (scaling.n_channels(), shares.len(), config.width);
         let tracked = device().autodiff();
-        let policy = Mlp::new(&[n_observed, width, width, width, 2 * n_shares], &LAYERS, 1.0, rng, &tracked);
-        let critics = TwinMlp::new(&[n_observed + n_shares, width, width, width, 1], &LAYERS, 1.0, rng, &tracked);
+        let sizes = |inputs, layers, outputs| [vec![inputs], vec![width; layers], vec![outputs]].concat();
+        let activations = |layers| vec![Activation::LeakyRelu; layers];
+        let (layers, outputs) = (config.policy_layers, 2 * n_shares);
+        let policy = Mlp::new(&sizes(n_observed, layers, outputs), &activations(layers), 1.0, rng, &tracked);
+        let (layers, inputs) = (config.critic_layers, n_observed + n_shares);
+        let critics = TwinMlp::new(&sizes(inputs, layers, 1), &activations(layers), 1.0, rng, &tracked);
         let adam = |rate| Adam::new(rate, config.gradient_clip);
         Ok(Self {
             target_entropy: config.target_entropy.unwrap_or(-(n_shares as f64)),
