@@ -12,6 +12,7 @@
 //! Departures from the thesis, which names the error but not the loss
 //! - `expected_error`: mean absolute error of a reparameterised draw, so that the policy is trained as it acts.
 //! - `log_likelihood`: minus the log density of the target.
+//! - `score_function`: the policy gradient of equation 3.4 with the error of a draw as the cost, less its mean over the batch.
 //! - The third hidden layer has leaky rectifiers; the text names the activations of the first two.
 //!
 //! It samples in training and takes the mean `alpha / sum(alpha)` where it is scored. Metric: `loss`, mean over the calls
@@ -62,6 +63,9 @@ pub enum RegressionLoss {
     ExpectedError,
     /// Minus the log likelihood of the target.
     LogLikelihood,
+    /// Mean absolute error of a draw, by the score-function policy gradient (thesis, eq. 3.4 and 3.7): the draw is not
+    /// differentiated, its log density is weighted with its error less the mean error of the batch.
+    ScoreFunction,
 }
 
 impl Default for Config {
@@ -114,6 +118,11 @@ impl DirichletRegression {
         Ok(match self.loss {
             RegressionLoss::ExpectedError => mean_absolute_error(sample(alpha, rng).action, targets),
             RegressionLoss::LogLikelihood => log_density(alpha, log_shares(targets)).mean().neg(),
+            RegressionLoss::ScoreFunction => {
+                let drawn = sample(alpha.clone().inner(), rng);
+                let density = log_density(alpha, Tensor::from_inner(drawn.log_action));
+                (density * Tensor::from_inner(excess_error(drawn.action, targets))).mean()
+            }
         })
     }
 
@@ -128,6 +137,13 @@ impl DirichletRegression {
 /// Mean over rows and shares of `|action - target|`.
 pub(crate) fn mean_absolute_error(action: Tensor<2>, targets: Tensor<2>) -> Tensor<1> {
     (action - targets).abs().mean()
+}
+
+/// Mean absolute error of each row less that of the batch, `[batch, 1]`, without gradients.
+pub(crate) fn excess_error(action: Tensor<2>, targets: Tensor<2>) -> Tensor<2> {
+    let errors = (action - targets).abs().mean_dim(1);
+    let batch = errors.clone().mean_dim(0);
+    errors - batch
 }
 
 /// Logarithms of shares, with a floor below which a share counts as zero.

@@ -20,7 +20,7 @@
 //! measurement.
 
 use crate::checkpoint::{self, finite};
-use crate::dirichlet_regression::{RegressionLoss, examples, log_shares, mean_absolute_error};
+use crate::dirichlet_regression::{RegressionLoss, examples, excess_error, log_shares, mean_absolute_error};
 use crate::gaussian_softmax_sac::mean_and_log_sd;
 use crate::scaling::{ObservationScaling, Scaling};
 use crate::{allocation, seat};
@@ -106,6 +106,11 @@ impl GaussianSoftmaxRegression {
         match self.loss {
             RegressionLoss::ExpectedError => mean_absolute_error(gaussian_softmax_sample(mean, log_sd, rng).action, targets),
             RegressionLoss::LogLikelihood => log_density(mean, log_sd, log_shares(targets)).mean().neg(),
+            RegressionLoss::ScoreFunction => {
+                let drawn = gaussian_softmax_sample(mean.clone().inner(), log_sd.clone().inner(), rng);
+                let density = log_density(mean, log_sd, Tensor::from_inner(drawn.candidate));
+                (density * Tensor::from_inner(excess_error(drawn.action, targets))).mean()
+            }
         }
     }
 }
