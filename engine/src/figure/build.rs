@@ -60,7 +60,12 @@ impl Context<'_> {
     /// Label of an axis that shows a metric: its name with spaces, and its unit.
     pub(super) fn scale(&self, spec: &FigureSpec, metric: &str, log: bool) -> Scale {
         let name = spec.labels.get(metric).cloned().unwrap_or_else(|| metric.replace('_', " "));
-        let unit = self.units.get(metric).filter(|unit| !unit.is_empty() && *unit != "1");
+        // A word that stands for numbered channels has the unit of the first of them.
+        let unit = self
+            .units
+            .get(metric)
+            .or_else(|| self.units.get(&format!("{metric}_1")))
+            .filter(|unit| !unit.is_empty() && *unit != "1");
         Scale { label: unit.map_or(name.clone(), |unit| format!("{name} ({unit})")), log, ..Scale::default() }
     }
 }
