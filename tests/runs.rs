@@ -65,9 +65,9 @@ fn shards_of_a_study_together_equal_the_whole() {
 #[test]
 fn a_trial_that_fails_is_a_row_and_leaves_the_rest_alone() {
     let bench = Bench::new();
-    let broken =
-        STUDY.replace("learning_starts: 64 }", "learning_starts: 64, actor_learning_rate: 1.0, critic_learning_rate: 1.0 }");
-    let broken = broken.replace("seeds: 3", "seeds: 1").replace("steps: 256", "steps: 4096");
+    // An entropy out of reach drives the temperature up by a factor of e with every update, until it overflows.
+    let diverging = "learning_starts: 64, updates_per_step: 1, temperature_learning_rate: 1, target_entropy: { nats: 1000 } }";
+    let broken = STUDY.replace("learning_starts: 64 }", diverging).replace("seeds: 3", "seeds: 1");
     bench.write("small.yaml", &broken);
     let answer = bench.run(&["run", "small.yaml"]);
     let page = std::fs::read_to_string(bench.path("results/small/report.md")).unwrap();
