@@ -17,6 +17,7 @@ PEERS = sys.argv[1]
 ROUNDS = int(sys.argv[2]) if len(sys.argv) > 2 else 3
 ONLY = sys.argv[3:]
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+TARGET = os.environ.get("CARGO_TARGET_DIR", os.path.join(ROOT, "target"))
 
 
 def ask(command, env=None):
@@ -25,7 +26,7 @@ def ask(command, env=None):
 
 
 def bench(name, *words):
-    binaries = [path for path in glob.glob(f"{ROOT}/target/release/deps/{name}-*") if os.access(path, os.X_OK) and "." not in os.path.basename(path)]
+    binaries = [path for path in glob.glob(f"{TARGET}/release/deps/{name}-*") if os.access(path, os.X_OK) and "." not in os.path.basename(path)]
     return ask([max(binaries, key=os.path.getmtime), *map(str, words)])
 
 
@@ -69,11 +70,11 @@ seeds: {trials}
 
 
 def timed(study, jobs):
-    with tempfile.TemporaryDirectory(dir=os.path.join(ROOT, "target")) as folder:
+    with tempfile.TemporaryDirectory(dir=TARGET) as folder:
         with open(os.path.join(folder, "study.yaml"), "w") as file:
             file.write(study)
         start = time.perf_counter()
-        subprocess.run([f"{ROOT}/target/release/regimen", "worker", "study.yaml", "-j", str(jobs)], cwd=folder, check=True, capture_output=True)
+        subprocess.run([f"{TARGET}/release/regimen", "worker", "study.yaml", "-j", str(jobs)], cwd=folder, check=True, capture_output=True)
         return time.perf_counter() - start
 
 
@@ -93,7 +94,11 @@ for batch, critic, policy in ((256, 2, 2), (1024, 3, 3)):
     ours = lambda: bench("learning", batch, critic, policy, 5)
     compare(what, "median_s", ours, lambda: peer("sac_torch.py", batch, critic, policy, 5, cpu=0), False)
     compare(what, "median_s", ours, lambda: peer("sac_jax.py", batch, critic, policy, 5, cpu=0), False)
+decision = bench("learning", 256, 3, 3, 5, "dirichlet_sac") if not ONLY else None
 compare("sweep of 4 seeds on 2 cores (updates/s)", "updates_per_s", lambda: sweep(256, 2256), lambda: both("sac_sb3.py", (256, 2, 2, 10)), True)
 compare("battery (cell-seconds/s)", "cell_seconds_per_s", lambda: bench("battery", 3), lambda: peer("battery_progpy.py", 3, cpu=0), True)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_optuna.py", 2000), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_hydra.py", 100), False)
+if decision:
+    print(f"\nOne decision of a trained Dirichlet policy (three hidden layers of 256): median {1e6 * decision['decision_median_s']:.0f} us, 99th percentile {1e6 * decision['decision_p99_s']:.0f} us.")
+    print(f"One update of Dirichlet SAC, batch 256, three hidden layers: {1e3 * decision['median_s']:.1f} ms.")
