@@ -9,7 +9,7 @@
 //! Where a side has fewer than three seeds and all of them are common, they are paired too, though they rarely decide.
 //!
 //! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a published value
-//! (90 % interval, as in [`verdict`](crate::statistics::verdict)).
+//! (90 % interval, as in [`verdict`]).
 
 use super::{Claim, Operand, Quantity, Relation};
 use crate::statistics::{
