@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | alpha | `concentration` | parameters of the policy, one per entry |
 //! | A | their sum | |
-//! | r(a) | [`Reward`] | v . a - c a . a |
+//! | r(a) | `Reward` | v . a - c a . a |
 //! | beta | `entropy_weight` | weight of the entropy, eq. 3.2 |
 //! | J | | E r(a) + beta H |
 //!
