@@ -62,7 +62,7 @@ pub struct Recorder {
 impl Recorder {
     /// Records one value.
     pub fn add(&mut self, phase: Phase, step: u64, episode: u64, seat: usize, metric: &str, value: f64) {
-        let metric = self.index(metric);
+        let metric = intern(&mut self.names, metric);
         self.rows.push(Row { phase, step, episode, seat: u16::try_from(seat).unwrap_or(u16::MAX), metric, value });
     }
 
@@ -107,12 +107,13 @@ impl Recorder {
     pub fn rows(&self) -> &[Row] {
         &self.rows
     }
+}
 
-    fn index(&mut self, metric: &str) -> u16 {
-        let index = self.names.iter().position(|name| name == metric).unwrap_or_else(|| {
-            self.names.push(metric.into());
-            self.names.len() - 1
-        });
-        u16::try_from(index).unwrap_or(u16::MAX)
-    }
+/// Index of a name in a list of names, which grows by it where it is new.
+pub(crate) fn intern(names: &mut Vec<String>, name: &str) -> u16 {
+    let index = names.iter().position(|known| known == name).unwrap_or_else(|| {
+        names.push(name.into());
+        names.len() - 1
+    });
+    u16::try_from(index).unwrap_or(u16::MAX)
 }

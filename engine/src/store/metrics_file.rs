@@ -13,7 +13,7 @@
 
 use crate::{
     Error, Recorder,
-    recorder::{Phase, Row},
+    recorder::{Phase, Row, intern},
     results::Results,
     trial::Trial,
 };
@@ -134,7 +134,7 @@ fn rows(frame: &DataFrame) -> Result<Option<MetricsTable>, PolarsError> {
         else {
             return Ok(None);
         };
-        let metric = index(&mut table.names, metric);
+        let metric = intern(&mut table.names, metric);
         let seat = u16::try_from(seat).unwrap_or(u16::MAX);
         table.rows.push(Row { phase, step, episode: u64::from(episode), seat, metric, value });
     }
@@ -143,14 +143,6 @@ fn rows(frame: &DataFrame) -> Result<Option<MetricsTable>, PolarsError> {
 
 fn phase_named(name: &str) -> Option<Phase> {
     Phase::ALL.into_iter().find(|phase| phase.name() == name)
-}
-
-fn index(names: &mut Vec<String>, metric: &str) -> u16 {
-    let index = names.iter().position(|name| name == metric).unwrap_or_else(|| {
-        names.push(metric.into());
-        names.len() - 1
-    });
-    u16::try_from(index).unwrap_or(u16::MAX)
 }
 
 fn unreadable(path: &Path, source: &PolarsError) -> Error {
