@@ -80,6 +80,15 @@ pub enum Error {
         /// What is missing.
         problem: String,
     },
+    /// The store cannot be written: a full disk, missing rights.
+    #[error("the store cannot be written: {problem}")]
+    Store {
+        /// What was tried, where, and what the system said.
+        problem: String,
+    },
+    /// The trial was asked to stop; it continues from its checkpoint.
+    #[error("the trial was asked to stop; it continues from its checkpoint")]
+    Stopped,
     /// A worker process misbehaved.
     #[error("worker process: {problem}")]
     Worker {

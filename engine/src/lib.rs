@@ -17,6 +17,7 @@ pub mod document;
 pub mod environment;
 pub mod error;
 pub mod figure;
+pub mod limits;
 pub mod plan;
 pub mod protocol;
 pub mod random;

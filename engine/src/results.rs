@@ -4,10 +4,11 @@ use crate::{
     recorder::{Phase, Row},
     trial::Trial,
 };
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How a trial ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EndState {
     /// It finished and its numbers are stored.
@@ -27,6 +28,10 @@ pub enum EndState {
 }
 
 impl EndState {
+    /// Every state but `ok`.
+    pub const FAILURES: [EndState; 6] =
+        [EndState::Failed, EndState::Panicked, EndState::Timeout, EndState::Oom, EndState::Nan, EndState::Killed];
+
     /// The word that is stored and shown.
     #[must_use]
     pub fn name(self) -> &'static str {

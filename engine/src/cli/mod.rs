@@ -1,5 +1,6 @@
 //! The command line: what can be said, and which function answers.
 
+mod compute;
 mod describe;
 mod progress;
 mod provenance;
@@ -89,6 +90,41 @@ struct RunOptions {
     /// Run failed trials again.
     #[arg(long)]
     retry_failed: bool,
+    #[command(flatten)]
+    limits: LimitOptions,
+}
+
+/// What one trial may use, and what is tried again; each in place of what the study and regimen.toml say.
+#[derive(Debug, Clone, Default, Args)]
+struct LimitOptions {
+    /// Stop at the first trial that does not end `ok`; the running ones save a checkpoint.
+    #[arg(long, conflicts_with = "keep_going")]
+    fail_fast: bool,
+    /// Go on after trials that fail (the default).
+    #[arg(long)]
+    keep_going: bool,
+    /// How often a trial that was killed from outside is tried again.
+    #[arg(long, value_name = "N")]
+    retries: Option<u32>,
+    /// End states after which a trial is tried again, in place of `killed`.
+    #[arg(long, value_name = "STATE", value_delimiter = ',', value_parser = end_state)]
+    retry_on: Vec<crate::results::EndState>,
+    /// Wait before the first retry; it doubles with each further one.
+    #[arg(long, value_name = "SECONDS")]
+    retry_delay_s: Option<f64>,
+    /// Longest time of an attempt at a trial.
+    #[arg(long, value_name = "SECONDS")]
+    wall_time_s: Option<f64>,
+    /// Most memory of a trial's process.
+    #[arg(long, value_name = "MB")]
+    memory_mb: Option<u64>,
+}
+
+/// An end state by its word.
+fn end_state(word: &str) -> Result<crate::results::EndState, String> {
+    use crate::results::EndState;
+    let known = || EndState::FAILURES.iter().map(|state| state.name()).collect::<Vec<_>>().join(", ");
+    EndState::FAILURES.into_iter().find(|state| state.name() == word).ok_or_else(|| format!("known: {}", known()))
 }
 
 #[derive(Debug, Clone, Args)]
@@ -135,6 +171,8 @@ enum Verb {
         /// Worker processes.
         #[arg(long, short = 'j', default_value_t = 1)]
         jobs: usize,
+        #[command(flatten)]
+        limits: LimitOptions,
     },
     /// Print the study with every default written out.
     Resolve(Selection),
@@ -178,7 +216,9 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failur
         Verb::Run { selection, options, report } => run::run(registry, &selection, &options, &report, common),
         Verb::Status(selection) => study::status(registry, &selection, common),
         Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
-        Verb::Worker { selection, index, jobs } => run::worker(registry, &selection, index.as_deref(), jobs, common),
+        Verb::Worker { selection, index, jobs, limits } => {
+            run::worker(registry, &selection, index.as_deref(), jobs, &limits, common)
+        }
         Verb::Resolve(selection) => study::resolve(registry, &selection),
         Verb::Rollout(options) => rollout::rollout(registry, &options),
         Verb::List { kind } => describe::list(registry, kind, common),
@@ -189,7 +229,7 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failur
 }
 
 fn serve(registry: &Registry) -> Result<u8, Failure> {
-    crate::scheduler::serve(registry, std::io::stdin().lock(), std::io::stdout())?;
+    crate::scheduler::serve(registry, std::io::BufReader::new(std::io::stdin()), std::io::stdout())?;
     Ok(OK)
 }
 
@@ -201,7 +241,7 @@ struct Failure {
 
 impl From<crate::Error> for Failure {
     fn from(error: crate::Error) -> Self {
-        let code = if matches!(error, crate::Error::File { .. }) { INCOMPLETE } else { BAD_SPEC };
+        let code = if matches!(error, crate::Error::File { .. } | crate::Error::Store { .. }) { INCOMPLETE } else { BAD_SPEC };
         Self { code, text: format!("error: {error}") }
     }
 }

@@ -3,17 +3,20 @@
 use super::complain;
 use crate::{
     results::{EndState, TrialEnd},
-    scheduler::Event,
+    scheduler::{Event, Task},
+    store::Owner,
     trial::Trial,
 };
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
-use std::io::IsTerminal;
+use std::{collections::BTreeSet, io::IsTerminal, time::Duration};
 
 /// What has been shown so far.
 pub(super) struct Progress<'a> {
-    trials: &'a [Trial],
+    tasks: &'a [Task],
     done: usize,
     failed: usize,
+    /// Trials that other programs have, each said once.
+    held: BTreeSet<usize>,
     bars: Option<Bars>,
 }
 
@@ -24,10 +27,10 @@ struct Bars {
 }
 
 impl<'a> Progress<'a> {
-    /// Starts showing the run of `trials` on `workers` slots.
-    pub(super) fn new(trials: &'a [Trial], workers: usize) -> Self {
-        let bars = std::io::stderr().is_terminal().then(|| Bars::new(trials.len() as u64, workers));
-        Self { trials, done: 0, failed: 0, bars }
+    /// Starts showing the run of `tasks` on `workers` slots.
+    pub(super) fn new(tasks: &'a [Task], workers: usize) -> Self {
+        let bars = std::io::stderr().is_terminal().then(|| Bars::new(tasks.len() as u64, workers));
+        Self { tasks, done: 0, failed: 0, held: BTreeSet::new(), bars }
     }
 
     /// Shows one event.
@@ -35,7 +38,10 @@ impl<'a> Progress<'a> {
         match event {
             Event::Started { slot, trial } => self.started(*slot, *trial),
             Event::Progress { slot, done, total } => self.advanced(*slot, *done, *total),
-            Event::Ended { slot, trial, end } => self.ended(*slot, *trial, end),
+            Event::Ended { slot, trial, end } => self.ended(Some(*slot), *trial, end),
+            Event::EndedElsewhere { trial, end } => self.ended(None, *trial, end),
+            Event::Retried { trial, end, wait, .. } => self.retried(*trial, end, *wait),
+            Event::Held { trial, owner } => self.held(*trial, owner),
             Event::Stopped { .. } => {}
             Event::Broken { slot, problem } => self.line(&format!("worker {slot} cannot go on: {problem}")),
         }
@@ -49,7 +55,7 @@ impl<'a> Progress<'a> {
     fn started(&mut self, slot: usize, trial: usize) {
         if let Some(bar) = self.bars.as_ref().and_then(|bars| bars.slots.get(slot)) {
             bar.reset();
-            bar.set_message(title(&self.trials[trial]));
+            bar.set_message(title(&self.tasks[trial].trial));
         }
     }
 
@@ -60,23 +66,36 @@ impl<'a> Progress<'a> {
         }
     }
 
-    fn ended(&mut self, slot: usize, trial: usize, end: &TrialEnd) {
+    fn retried(&self, trial: usize, end: &TrialEnd, wait: Duration) {
+        let title = title(&self.tasks[trial].trial);
+        self.line(&format!("{:<8} {title}: {}; tried again in {:.1} s", end.state.name(), end.reason, wait.as_secs_f64()));
+    }
+
+    fn held(&mut self, trial: usize, owner: &Owner) {
+        if self.held.insert(trial) {
+            let job = owner.slurm_job.as_ref().map_or_else(String::new, |job| format!(", Slurm job {job}"));
+            let title = title(&self.tasks[trial].trial);
+            self.line(&format!("waiting for {title}: process {} on {}{job} has it", owner.pid, owner.host));
+        }
+    }
+
+    fn ended(&mut self, slot: Option<usize>, trial: usize, end: &TrialEnd) {
         self.done += 1;
         self.failed += usize::from(end.state != EndState::Ok);
         let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
-        let (title, wall_s) = (title(&self.trials[trial]), end.wall_s);
+        let (title, wall_s) = (title(&self.tasks[trial].trial), end.wall_s);
         if self.bars.is_none() || end.state != EndState::Ok {
-            let width = self.trials.len().to_string().len();
+            let width = self.tasks.len().to_string().len();
             self.line(&format!(
                 "[{:>width$}/{}] {:<8} {title} ({wall_s:.1} s){reason}",
                 self.done,
-                self.trials.len(),
+                self.tasks.len(),
                 end.state.name()
             ));
         }
         if let Some(bars) = &self.bars {
             bars.study.inc(1);
-            if let Some(bar) = bars.slots.get(slot) {
+            if let Some(bar) = slot.and_then(|slot| bars.slots.get(slot)) {
                 bar.set_message("idle");
             }
         }

@@ -1,25 +1,22 @@
 //! `run`, `worker`, `report`: compute what is missing, then show what is there.
 
 use super::{
-    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, OK, ReportOptions, RunOptions, Selection, TRIALS_FAILED, complain,
-    progress::Progress,
+    BAD_SPEC, Common, DIFFERS, Failure, Format, LimitOptions, OK, ReportOptions, RunOptions, Selection, complain,
+    compute::Compute,
     provenance, say, settings,
     study::{self, Planned},
 };
 use crate::{
     Metric, Registry,
     report::{self, Contents, ReportPaths, StudyInfo},
-    results::{EndState, Results},
-    scheduler::{self, Workers},
+    results::Results,
     spec,
     store::{self, Store, write_durably},
-    trial::Trial,
 };
 use serde_json::json;
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
-    sync::{Arc, atomic::AtomicBool, mpsc},
 };
 
 /// `run`: the missing trials of all studies together, then a report of each.
@@ -36,12 +33,19 @@ pub(super) fn run(
     let settings = settings::read(common)?;
     let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
     let planned = study::load(registry, selection)?;
-    let computed = compute(&planned, &store, workers, options.retry_failed, |_| true)?;
+    let how = Compute {
+        settings: &settings,
+        limits: &options.limits,
+        workers,
+        retry_failed: options.retry_failed,
+        wait_for_others: true,
+    };
+    let computed = how.run(&planned, |_| true)?;
     let mut code = OK;
     for one in &planned {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
-    Ok(if computed == INCOMPLETE { INCOMPLETE } else { code })
+    Ok(if computed == OK { code } else { computed })
 }
 
 /// `worker`: the missing trials, or every Nth of them, without a report.
@@ -50,12 +54,14 @@ pub(super) fn worker(
     selection: &Selection,
     index: Option<&str>,
     jobs: usize,
+    limits: &LimitOptions,
     common: &Common,
 ) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let (part, parts) = index.map_or(Ok((0, 1)), parse_index)?;
     let planned = study::load(registry, selection)?;
-    compute(&planned, &Store::at(&settings.store), jobs.max(1), false, |position| position % parts == part)
+    let how = Compute { settings: &settings, limits, workers: jobs.max(1), retry_failed: false, wait_for_others: false };
+    how.run(&planned, |position| position % parts == part)
 }
 
 fn parse_index(text: &str) -> Result<(usize, usize), Failure> {
@@ -78,74 +84,6 @@ pub(super) fn report(
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
     Ok(code)
-}
-
-/// Runs the trials that are missing (of those that `mine` picks by position); 106 where some still are.
-fn compute(
-    planned: &[Planned],
-    store: &Store,
-    workers: usize,
-    retry_failed: bool,
-    mine: impl Fn(usize) -> bool,
-) -> Result<u8, Failure> {
-    let (trials, costs) = missing(planned, store, retry_failed, mine);
-    if trials.is_empty() {
-        complain("every trial is in the store already; nothing runs");
-        return Ok(OK);
-    }
-    complain(&format!("running {} trials on {} worker processes", trials.len(), workers.min(trials.len())));
-    let stop = Arc::new(AtomicBool::new(false));
-    listen_for_signals(&stop)?;
-    let (events, received) = mpsc::channel();
-    let mut progress = Progress::new(&trials, workers);
-    let ran = std::thread::scope(|scope| {
-        let workers = Workers { count: workers, stop: Arc::clone(&stop) };
-        let (trials, costs) = (&trials, &costs);
-        let running = scope.spawn(move || scheduler::run(trials, costs, store, &workers, &events));
-        received.iter().for_each(|event| progress.show(&event));
-        running.join()
-    });
-    match ran {
-        Ok(outcome) => outcome?,
-        Err(panic) => std::panic::resume_unwind(panic),
-    }
-    let failed = progress.failed();
-    drop(progress);
-    let left = trials.iter().zip(study::ends(store, &trials)).filter(|(_, end)| study::is_missing(end.as_ref())).count();
-    if left > 0 {
-        complain(&format!("{left} trials are still missing; the same command goes on"));
-        return Ok(INCOMPLETE);
-    }
-    Ok(if failed > 0 { TRIALS_FAILED } else { OK })
-}
-
-/// The trials to run, each once though several studies share it, and their costs in steps.
-fn missing(planned: &[Planned], store: &Store, retry_failed: bool, mine: impl Fn(usize) -> bool) -> (Vec<Trial>, Vec<u64>) {
-    let (mut seen, mut trials, mut costs) = (BTreeSet::new(), Vec::new(), Vec::new());
-    for one in planned {
-        let ends = study::ends(store, &one.plan.trials);
-        for (position, ((trial, cost), end)) in one.plan.trials.iter().zip(&one.costs).zip(&ends).enumerate() {
-            let retry = retry_failed && end.as_ref().is_some_and(|end| end.state != EndState::Ok);
-            if mine(position) && (retry || study::is_missing(end.as_ref())) && seen.insert(trial.id.clone()) {
-                trials.push(trial.clone());
-                costs.push(*cost);
-            }
-        }
-    }
-    (trials, costs)
-}
-
-/// The first Ctrl-C (or SIGTERM) stops the run in order, the second one at once.
-fn listen_for_signals(stop: &Arc<AtomicBool>) -> Result<(), Failure> {
-    use signal_hook::{consts::SIGINT, consts::SIGTERM, flag};
-    let listen = || -> std::io::Result<()> {
-        for signal in [SIGINT, SIGTERM] {
-            flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(stop))?;
-            flag::register(signal, Arc::clone(stop))?;
-        }
-        Ok(())
-    };
-    listen().map_err(|error| Failure { code: INCOMPLETE, text: format!("error: cannot listen for signals: {error}") })
 }
 
 fn write_report(

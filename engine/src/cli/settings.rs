@@ -3,14 +3,22 @@
 //! ```toml
 //! store = "store"
 //! workers = 2
+//! checkpoint_every_s = 60     # time between two checkpoints of a trial
+//! lease_expiry_s = 30         # when leases of silent machines count as dead
 //!
-//! [profile.big]        # chosen by --machine big or REGIMEN_MACHINE=big
+//! [limits]                    # the tighter of these and the study's holds
+//! wall_time_s = 3600
+//! memory_mb = 4000
+//! retries = 2
+//!
+//! [profile.big]               # chosen by --machine big or REGIMEN_MACHINE=big
 //! workers = 16
 //! ```
 
 use super::{BAD_SPEC, Common, Failure};
+use crate::limits::Limits;
 use serde::Deserialize;
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{collections::BTreeMap, path::PathBuf, time::Duration};
 
 const FILE: &str = "regimen.toml";
 
@@ -21,6 +29,12 @@ pub(super) struct Settings {
     pub(super) store: PathBuf,
     /// Worker processes.
     pub(super) workers: usize,
+    /// Time between two checkpoints of a trial.
+    pub(super) checkpoint_every: Duration,
+    /// Leases of machines that are silent for this long count as dead.
+    pub(super) lease_expiry: Duration,
+    /// Limits that hold here, whatever the study says.
+    pub(super) limits: Limits,
 }
 
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
@@ -28,6 +42,9 @@ pub(super) struct Settings {
 struct Table {
     store: Option<PathBuf>,
     workers: Option<usize>,
+    checkpoint_every_s: Option<f64>,
+    lease_expiry_s: Option<f64>,
+    limits: Option<Limits>,
 }
 
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
@@ -35,6 +52,9 @@ struct Table {
 struct Document {
     store: Option<PathBuf>,
     workers: Option<usize>,
+    checkpoint_every_s: Option<f64>,
+    lease_expiry_s: Option<f64>,
+    limits: Option<Limits>,
     profile: BTreeMap<String, Table>,
 }
 
@@ -58,10 +78,19 @@ fn combine(text: &str, common: &Common) -> Result<Settings, Failure> {
         })?,
     };
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let checkpoint_every_s = profile.checkpoint_every_s.or(document.checkpoint_every_s).unwrap_or(60.0);
+    let lease_expiry_s = profile.lease_expiry_s.or(document.lease_expiry_s).unwrap_or(30.0);
     Ok(Settings {
         store: common.store.clone().or(profile.store).or(document.store).unwrap_or_else(|| "store".into()),
         workers: profile.workers.or(document.workers).unwrap_or(cores).max(1),
+        checkpoint_every: seconds("checkpoint_every_s", checkpoint_every_s)?,
+        lease_expiry: seconds("lease_expiry_s", lease_expiry_s)?,
+        limits: profile.limits.or(document.limits).unwrap_or_default(),
     })
+}
+
+fn seconds(key: &str, value: f64) -> Result<Duration, Failure> {
+    Duration::try_from_secs_f64(value).map_err(|_| wrong(&format!("{key} = {value}: a time in seconds, at least 0")))
 }
 
 fn wrong(problem: &str) -> Failure {
@@ -79,14 +108,18 @@ mod tests {
 
     #[test]
     fn a_profile_overrides_the_top() {
-        let text = "store = \"a\"\nworkers = 2\n[profile.big]\nworkers = 16\n";
+        let text = "store = \"a\"\nworkers = 2\n[limits]\nretries = 1\n[profile.big]\nworkers = 16\nlimits = { memory_mb = 5 }\n";
         let settings = combine(text, &common(Some("big"))).ok().unwrap();
-        assert_eq!(settings, Settings { store: "a".into(), workers: 16 });
+        assert_eq!((settings.store, settings.workers), (PathBuf::from("a"), 16));
+        assert_eq!(settings.limits, Limits { memory_mb: Some(5), ..Limits::default() });
+        assert_eq!(settings.checkpoint_every, Duration::from_secs(60));
     }
 
     #[test]
-    fn unknown_keys_and_profiles_are_refused() {
+    fn unknown_keys_profiles_and_times_are_refused() {
         assert!(combine("wrokers = 2\n", &common(None)).err().unwrap().text.contains("wrokers"));
         assert!(combine("", &common(Some("big"))).err().unwrap().text.contains("[profile.big]"));
+        assert!(combine("checkpoint_every_s = -1\n", &common(None)).err().unwrap().text.contains("checkpoint_every_s"));
+        assert!(combine("[limits]\nwall_time = 1\n", &common(None)).err().unwrap().text.contains("wall_time"));
     }
 }

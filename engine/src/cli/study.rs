@@ -9,7 +9,7 @@ use crate::{
     plan::Plan,
     results::{EndState, TrialEnd},
     spec::{self, Study},
-    store::Store,
+    store::{Store, is_missing},
     trial::Trial,
 };
 use serde_json::json;
@@ -125,11 +125,6 @@ pub(super) fn ends(store: &Store, trials: &[Trial]) -> Vec<Option<TrialEnd>> {
             }
         })
         .collect()
-}
-
-/// True where a trial has to run: it never did, or was killed from outside.
-pub(super) fn is_missing(end: Option<&TrialEnd>) -> bool {
-    end.is_none_or(|end| end.state == EndState::Killed)
 }
 
 /// `plan`: trials by cell, what is done, what the rest will cost.

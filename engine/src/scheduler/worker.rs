@@ -11,8 +11,23 @@ use std::{
     io::{BufRead, Write},
     panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc,
+    },
     time::{Duration, Instant},
 };
+
+/// A line to a worker.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Message {
+    /// Run a trial.
+    Run(Box<Request>),
+    /// Save a checkpoint of the running trial and leave it.
+    Stop,
+}
 
 /// What a worker is asked.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -21,6 +36,8 @@ pub struct Request {
     pub trial: Trial,
     /// The store's folder.
     pub store: PathBuf,
+    /// Time between two checkpoints.
+    pub checkpoint_every_s: f64,
 }
 
 /// What a worker says.
@@ -39,31 +56,82 @@ pub enum Reply {
         /// How.
         end: TrialEnd,
     },
+    /// The trial was stopped as asked and will continue from its checkpoint.
+    Stopped,
+    /// The store cannot be written; the trial stays missing.
+    StoreRefused {
+        /// What was tried and what the system said.
+        problem: String,
+    },
 }
 
 /// Answers requests until the input ends.
 ///
+/// The end of the input while a trial runs means that the program that asked is gone: the process leaves at once, so that
+/// whoever takes the trial over has it alone.
+///
 /// # Errors
-/// Where the store cannot be written or the other side is gone.
-pub fn serve(registry: &Registry, requests: impl BufRead, mut replies: impl Write) -> Result<(), Error> {
-    for line in requests.lines() {
-        let broken = |problem: String| Error::Worker { problem };
-        let line = line.map_err(|source| broken(source.to_string()))?;
-        let request: Request = serde_json::from_str(&line).map_err(|source| broken(source.to_string()))?;
-        let end = run(registry, &request, &mut replies)?;
-        let panicked = end.state == EndState::Panicked;
-        say(&mut replies, &Reply::Ended { end })?;
-        if panicked {
+/// Where the other side is gone.
+pub fn serve(registry: &Registry, input: impl BufRead + Send + 'static, mut replies: impl Write) -> Result<(), Error> {
+    let stop = Arc::new(AtomicBool::new(false));
+    ignore_signals()?;
+    let (sender, requests) = mpsc::channel();
+    let asked = Arc::clone(&stop);
+    std::thread::spawn(move || {
+        listen(input, &asked, &sender);
+        std::process::exit(0);
+    });
+    while let Ok(request) = requests.recv() {
+        let reply = run(registry, &request, &stop, &mut replies);
+        let last = matches!(&reply, Reply::Ended { end } if end.state == EndState::Panicked);
+        say(&mut replies, &reply)?;
+        if last {
             // Code that panicked may have left its memory in any state: the next trial gets a fresh process.
-            return Ok(());
+            break;
         }
     }
     Ok(())
 }
 
-fn run(registry: &Registry, request: &Request, replies: &mut impl Write) -> Result<TrialEnd, Error> {
-    let store = Store::at(&request.store);
-    let trial = &request.trial;
+/// Reads messages until the input ends.
+fn listen(input: impl BufRead, stop: &AtomicBool, requests: &mpsc::Sender<Request>) {
+    for line in input.lines() {
+        match line.map(|line| serde_json::from_str(&line)) {
+            Ok(Ok(Message::Stop)) => stop.store(true, Ordering::SeqCst),
+            Ok(Ok(Message::Run(request))) => {
+                stop.store(false, Ordering::SeqCst);
+                if requests.send(*request).is_err() {
+                    return;
+                }
+            }
+            // Only our own program writes here; what it did not write whole ends the conversation.
+            _ => return,
+        }
+    }
+}
+
+/// A signal to the whole group of processes (Ctrl-C, the end of a batch job) is the scheduler's to answer.
+fn ignore_signals() -> Result<(), Error> {
+    use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+    for signal in [SIGINT, SIGTERM, SIGUSR1] {
+        signal_hook::flag::register(signal, Arc::new(AtomicBool::new(false)))
+            .map_err(|source| Error::Worker { problem: format!("cannot listen for signals: {source}") })?;
+    }
+    Ok(())
+}
+
+fn run(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: &mut impl Write) -> Reply {
+    match attempt(registry, request, stop, replies) {
+        Ok(end) => Reply::Ended { end },
+        Err(Error::Stopped) => Reply::Stopped,
+        Err(Error::Store { problem }) => Reply::StoreRefused { problem },
+        Err(error) => Reply::StoreRefused { problem: error.to_string() },
+    }
+}
+
+/// Runs the trial and stores how it ended; an error is about the store, or says that the trial was stopped.
+fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: &mut impl Write) -> Result<TrialEnd, Error> {
+    let (store, trial) = (Store::at(&request.store), &request.trial);
     let started = now();
     let mut told = started;
     let mut progress = |done, total| {
@@ -75,10 +143,17 @@ fn run(registry: &Registry, request: &Request, replies: &mut impl Write) -> Resu
     };
     let folder = store.folder(&trial.id);
     std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-    let outcome = catch_unwind(AssertUnwindSafe(|| trial.key.run(registry, Some(&folder), &mut progress)));
+    let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
+    let mut keeper = crate::NoKeeper;
+    let _ = (every, stop);
+    let outcome = catch_unwind(AssertUnwindSafe(|| trial.key.run(registry, Some(&folder), &mut progress, &mut keeper)));
     let wall_s = started.elapsed().as_secs_f64();
     let (state, reason) = match outcome {
-        Ok(Ok(record)) => return store.finish(trial, &record, wall_s),
+        Ok(Ok(record)) => {
+            let end = store.finish(trial, &record, wall_s)?;
+            return Ok(end);
+        }
+        Ok(Err(error @ (Error::Stopped | Error::Store { .. }))) => return Err(error),
         Ok(Err(error @ Error::NotFinite { .. })) => (EndState::Nan, error.to_string()),
         Ok(Err(error)) => (EndState::Failed, error.to_string()),
         Err(panic) => (EndState::Panicked, message(&*panic)),

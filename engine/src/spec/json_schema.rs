@@ -4,6 +4,7 @@
 use crate::{
     Registry,
     figure::FigureSpec,
+    limits::Limits,
     registry::About,
     schema_check::{NAME, SLUG},
     table::TableSpec,
@@ -25,6 +26,7 @@ pub fn json_schema(registry: &Registry) -> Value {
     let protocol = choice("protocol plugin", protocols, "protocol", &mut definitions);
     let table = embed(schemars::schema_for!(TableSpec).to_value(), "table", &mut definitions);
     let figure = embed(schemars::schema_for!(FigureSpec).to_value(), "figure", &mut definitions);
+    let limits = embed(schemars::schema_for!(Limits).to_value(), "limits", &mut definitions);
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "A study",
@@ -48,6 +50,7 @@ pub fn json_schema(registry: &Registry) -> Value {
             "tables": { "description": "Tables by name.", "type": "object", "additionalProperties": table, "propertyNames": { "pattern": SLUG } },
             "figures": { "description": "Figures by name.", "type": "object", "additionalProperties": figure, "propertyNames": { "pattern": SLUG } },
             "claims": claims(),
+            "limits": described("What one trial may use, and what is tried again; no trial's numbers depend on it.", limits),
         },
         "$defs": definitions,
     })

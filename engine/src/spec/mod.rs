@@ -40,6 +40,7 @@ use crate::{
     diagnostic::{Diagnostic, Sources, Span, in_order},
     document::{self, Node},
     figure::FigureSpec,
+    limits::Limits,
     schema_check::{At, Checker, View},
     table::TableSpec,
 };
@@ -84,6 +85,8 @@ pub struct Study {
     pub figures: Vec<(String, FigureSpec)>,
     /// Claims, in order.
     pub claims: Vec<ClaimSpec>,
+    /// What one trial may use.
+    pub limits: Limits,
     /// Everything that its trials record, by name; where parts share a name, the first of protocol, environments and agents.
     pub metrics: Vec<Metric>,
     /// Combinations of environment, agent and setting.
@@ -190,6 +193,8 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         tables: asked.tables,
         figures: asked.figures,
         claims: asked.claims,
+        // The section was held against its schema before.
+        limits: root.get("limits").and_then(|node| serde_json::from_value(node.to_value()).ok()).unwrap_or_default(),
         metrics: world.metrics,
         cells,
         numerics: sections.registry.numerics_version,
@@ -206,7 +211,7 @@ fn check_structure(root: &Node, schema: &Value, sources: &Sources) -> Vec<Diagno
 
 /// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
-    const SHOWN: [&str; 6] = ["title", "source", "departures", "tables", "figures", "claims"];
+    const SHOWN: [&str; 7] = ["title", "source", "departures", "tables", "figures", "claims", "limits"];
     let first = diagnostic.path.split(['.', '[']).next().unwrap_or_default();
     !SHOWN.contains(&first)
 }

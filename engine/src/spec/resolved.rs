@@ -1,7 +1,10 @@
 //! A study with every default written out.
 
 use super::{Study, cells::Sections, config, path::Target, written::Named};
-use crate::document::{Entry, Node};
+use crate::{
+    document::{Entry, Node},
+    limits::Limits,
+};
 use serde_json::{Value, json};
 use std::{
     fmt::Write,
@@ -27,6 +30,9 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> String {
     let figures = study.figures.iter().map(|(name, spec)| (name.clone(), given(json!(spec)))).collect();
     sections.extend([("tables".to_string(), Section::Named(tables)), ("figures".to_string(), Section::Named(figures))]);
     sections.push(("claims".into(), Section::Plain(given(json!(study.claims)))));
+    if study.limits != Limits::default() {
+        sections.push(("limits".into(), Section::Plain(json!(study.limits))));
+    }
     let mut out = String::new();
     for (key, section) in &sections {
         match section {

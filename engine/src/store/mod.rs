@@ -9,8 +9,12 @@
 //! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial without it
 //! has not run, whatever else lies in its folder.
 
+mod boundary;
+mod lease;
 mod metrics_file;
 
+pub use boundary::install as install_boundary_hook;
+pub use lease::{Claim, Leases, Owner};
 pub use metrics_file::{MetricsTable, SCHEMA_VERSION, read as read_metrics, write_results};
 
 use crate::{
@@ -139,10 +143,36 @@ pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     // The process id keeps two processes that write the same trial apart.
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let temporary = folder.join(format!(".{name}.{}.tmp", std::process::id()));
-    let mut file = File::create(&temporary).map_err(Error::file("create", &temporary))?;
-    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(Error::file("write", &temporary))?;
+    boundary::pass("before a file is created", path);
+    let written = write_flushed(&temporary, path, bytes);
+    if written.is_err() {
+        // A disk that is full gets its space back; what cannot be removed is found by `fsck`.
+        let _ = fs::remove_file(&temporary);
+    }
+    written?;
     fs::rename(&temporary, path).map_err(Error::file("rename to", path))?;
-    File::open(folder).and_then(|folder| folder.sync_all()).map_err(Error::file("flush", folder))
+    boundary::pass("after a file is renamed", path);
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(Error::file("flush", folder))?;
+    boundary::pass("after a folder is flushed", path);
+    Ok(())
+}
+
+fn write_flushed(temporary: &Path, path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let mut file = File::create(temporary).map_err(Error::file("create", temporary))?;
+    let (first, second) = bytes.split_at(bytes.len() / 2);
+    file.write_all(first).map_err(Error::file("write", temporary))?;
+    boundary::pass("after half of a file is written", path);
+    file.write_all(second).map_err(Error::file("write", temporary))?;
+    boundary::pass("after a file is written", path);
+    file.sync_all().map_err(Error::file("flush", temporary))?;
+    boundary::pass("after a file is flushed", path);
+    Ok(())
+}
+
+/// True where a trial has to run: it never did, or was killed from outside.
+#[must_use]
+pub fn is_missing(end: Option<&TrialEnd>) -> bool {
+    end.is_none_or(|end| end.state == EndState::Killed)
 }
 
 #[cfg(test)]

@@ -1,0 +1,137 @@
+//! One worker process as the slot that talks to it and the thread that watches it share it.
+
+use super::worker::Message;
+use crate::{Error, limits::Limits, results::EndState};
+use std::{
+    io::{BufReader, Write},
+    path::Path,
+    process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+/// The process of one slot, where it has one.
+#[derive(Default)]
+pub(super) struct Shared {
+    process: Mutex<Option<Process>>,
+}
+
+struct Process {
+    child: Child,
+    requests: ChildStdin,
+    busy: Option<Busy>,
+}
+
+struct Busy {
+    since: Instant,
+    limits: Arc<Limits>,
+    told_to_stop: bool,
+    /// Set before the process is ended for it.
+    exceeded: Option<(EndState, String)>,
+}
+
+impl Shared {
+    /// Starts a process; what it says is read from what is given back.
+    pub(super) fn start(&self, program: &Path) -> Result<BufReader<ChildStdout>, Error> {
+        let mut child = Command::new(program)
+            .arg("trial-worker")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(|source| Error::Worker { problem: format!("cannot start `{}`: {source}", program.display()) })?;
+        let (Some(requests), Some(replies)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err(Error::Worker { problem: "its pipes are missing".into() });
+        };
+        *self.lock() = Some(Process { child, requests, busy: None });
+        Ok(BufReader::new(replies))
+    }
+
+    /// Sends a message; the process is busy with a trial from now on. A process that is gone shows when its answer is read.
+    pub(super) fn begin(&self, message: &str, limits: &Arc<Limits>) {
+        if let Some(process) = self.lock().as_mut() {
+            let _ = writeln!(process.requests, "{message}");
+            let limits = Arc::clone(limits);
+            process.busy = Some(Busy { since: super::queue::now(), limits, told_to_stop: false, exceeded: None });
+        }
+    }
+
+    /// The process has answered; false where it can serve no more, because it was ended for a limit in that moment.
+    pub(super) fn end(&self) -> bool {
+        let doomed = match self.lock().as_mut() {
+            Some(process) => process.busy.take().is_none_or(|busy| busy.exceeded.is_some()),
+            None => true,
+        };
+        if doomed {
+            self.bury();
+        }
+        !doomed
+    }
+
+    /// Takes in a process that has ended: its exit status and the limit for which it was ended.
+    pub(super) fn bury(&self) -> (Option<ExitStatus>, Option<(EndState, String)>) {
+        match self.lock().take() {
+            Some(Process { mut child, busy, .. }) => {
+                // It closed its output; one that still lives is of no use.
+                let _ = child.kill();
+                (child.wait().ok(), busy.and_then(|busy| busy.exceeded))
+            }
+            None => (None, None),
+        }
+    }
+
+    /// Lets an idle process leave: the end of its input tells it to.
+    pub(super) fn dismiss(&self) {
+        if let Some(Process { mut child, requests, .. }) = self.lock().take() {
+            drop(requests);
+            let _ = child.wait();
+        }
+    }
+
+    /// Tells a busy process, once, to save a checkpoint and stop.
+    pub(super) fn ask_to_stop(&self) {
+        if let Some(Process { requests, busy: Some(busy), .. }) = self.lock().as_mut()
+            && !std::mem::replace(&mut busy.told_to_stop, true)
+            && let Ok(text) = serde_json::to_string(&Message::Stop)
+        {
+            let _ = writeln!(requests, "{text}");
+        }
+    }
+
+    /// Ends a process that is over a limit.
+    pub(super) fn hold_limits(&self) {
+        if let Some(Process { child, busy: Some(busy), .. }) = self.lock().as_mut()
+            && busy.exceeded.is_none()
+        {
+            busy.exceeded = exceeded(&busy.limits, busy.since.elapsed(), child.id());
+            if busy.exceeded.is_some() {
+                let _ = child.kill();
+            }
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<Process>> {
+        // What is shared is replaced as a whole, so that it is whole after a panic elsewhere.
+        self.process.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(EndState, String)> {
+    if let Some(limit) = limits.wall_time().filter(|limit| elapsed > *limit) {
+        return Some((EndState::Timeout, format!("it took longer than the limit of {} s", limit.as_secs_f64())));
+    }
+    let (limit, held) = (limits.memory_bytes()?, resident_bytes(pid)?);
+    let megabytes = |bytes: u64| bytes / 1_000_000;
+    (held > limit).then(|| {
+        (EndState::Oom, format!("it held {} MB of memory, above the limit of {} MB", megabytes(held), megabytes(limit)))
+    })
+}
+
+/// Memory that a process holds: resident and swapped out.
+fn resident_bytes(pid: u32) -> Option<u64> {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let kilobytes = |key: &str| {
+        let line = status.lines().find_map(|line| line.strip_prefix(key))?;
+        line.split_whitespace().next()?.parse::<u64>().ok()
+    };
+    Some((kilobytes("VmRSS:")? + kilobytes("VmSwap:").unwrap_or(0)) * 1024)
+}

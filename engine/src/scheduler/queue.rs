@@ -1,0 +1,96 @@
+//! Which trial is next: longest first, then those whose retry is due and those that other programs may have left.
+
+use super::Task;
+use std::{
+    cmp::Reverse,
+    collections::VecDeque,
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+/// How long a trial that another program has is left alone before it is looked after again.
+const HELD_FOR: Duration = Duration::from_millis(300);
+
+/// What a slot should do next.
+pub(super) enum Next {
+    /// Try this trial, the given attempt at it (from 1).
+    Try(usize, u32),
+    /// Nothing is due yet.
+    Wait(Duration),
+    /// Nothing is left.
+    Done,
+}
+
+/// The trials that are left.
+pub(super) struct Queue {
+    state: Mutex<State>,
+}
+
+struct State {
+    ready: VecDeque<usize>,
+    later: Vec<Later>,
+    /// Trials that some slot works on: one of them may come back as a retry.
+    busy: usize,
+}
+
+struct Later {
+    due: Instant,
+    task: usize,
+    attempt: u32,
+}
+
+impl Queue {
+    /// All tasks, longest first.
+    pub(super) fn new(tasks: &[Task]) -> Self {
+        let mut order: Vec<usize> = (0..tasks.len()).collect();
+        order.sort_by_key(|&index| Reverse(tasks[index].cost));
+        Self { state: Mutex::new(State { ready: order.into(), later: Vec::new(), busy: 0 }) }
+    }
+
+    /// The next trial; whoever gets one says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
+    pub(super) fn next(&self) -> Next {
+        let mut state = self.lock();
+        let now = now();
+        if let Some(position) = state.later.iter().position(|later| later.due <= now) {
+            let Later { task, attempt, .. } = state.later.swap_remove(position);
+            state.busy += 1;
+            return Next::Try(task, attempt);
+        }
+        if let Some(task) = state.ready.pop_front() {
+            state.busy += 1;
+            return Next::Try(task, 1);
+        }
+        match state.later.iter().map(|later| later.due).min() {
+            Some(due) => Next::Wait(due.saturating_duration_since(now)),
+            None if state.busy > 0 => Next::Wait(Duration::from_millis(50)),
+            None => Next::Done,
+        }
+    }
+
+    /// The trial needs nothing more.
+    pub(super) fn done(&self) {
+        self.lock().busy -= 1;
+    }
+
+    /// The trial is to be tried again after a wait.
+    pub(super) fn retry(&self, task: usize, attempt: u32, wait: Duration) {
+        let mut state = self.lock();
+        state.busy -= 1;
+        state.later.push(Later { due: now() + wait, task, attempt });
+    }
+
+    /// Another program has the trial.
+    pub(super) fn held(&self, task: usize, attempt: u32) {
+        self.retry(task, attempt, HELD_FOR);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // No operation above can panic half-way, so that a poisoned queue is still whole.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[allow(clippy::disallowed_methods, reason = "it decides when a trial runs, which reaches no result")]
+pub(super) fn now() -> Instant {
+    Instant::now()
+}

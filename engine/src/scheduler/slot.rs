@@ -1,0 +1,219 @@
+//! One worker slot: takes trials from the queue, under their leases, and has its process run them.
+
+use super::{
+    Event, Task, Workers,
+    process,
+    queue::{Next, Queue},
+    worker::{Message, Reply, Request},
+};
+use crate::{
+    Error,
+    results::{EndState, TrialEnd},
+    store::{Claim, Leases, Store, is_missing},
+};
+use std::{
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{ChildStdout, ExitStatus},
+    sync::{
+        atomic::{AtomicBool, Ordering},
+        mpsc::Sender,
+    },
+    time::Duration,
+};
+
+/// What all slots share.
+#[derive(Clone, Copy)]
+pub(super) struct Shared<'a> {
+    pub(super) program: &'a Path,
+    pub(super) tasks: &'a [Task],
+    pub(super) store: &'a Store,
+    pub(super) leases: &'a Leases,
+    pub(super) workers: &'a Workers,
+    pub(super) queue: &'a Queue,
+    /// Set from within to stop: a failure under `fail_fast`, or a store that cannot be written.
+    pub(super) halt: &'a AtomicBool,
+}
+
+/// One slot.
+pub(super) struct Slot<'a> {
+    number: usize,
+    all: Shared<'a>,
+    process: &'a process::Shared,
+    replies: Option<BufReader<ChildStdout>>,
+    events: &'a Sender<Event>,
+}
+
+/// What became of an attempt.
+enum Attempt {
+    Ended(TrialEnd),
+    Stopped,
+}
+
+impl<'a> Slot<'a> {
+    /// A slot without a process yet.
+    pub(super) fn new(number: usize, all: Shared<'a>, process: &'a process::Shared, events: &'a Sender<Event>) -> Self {
+        Self { number, all, process, replies: None, events }
+    }
+
+    /// Works until nothing is left or the run is stopped.
+    pub(super) fn work(&mut self) -> Result<(), Error> {
+        while !self.stopping() {
+            match self.all.queue.next() {
+                Next::Try(task, attempt) => {
+                    if let Err(error) = self.take(task, attempt) {
+                        // What cannot be written now cannot be written by the other slots either: nothing new begins.
+                        self.all.halt.store(true, Ordering::SeqCst);
+                        self.all.queue.done();
+                        self.tell(Event::Broken { slot: self.number, problem: error.to_string() });
+                        self.process.dismiss();
+                        return Err(error);
+                    }
+                }
+                Next::Wait(wait) => std::thread::sleep(wait.min(Duration::from_millis(50))),
+                Next::Done => break,
+            }
+        }
+        self.process.dismiss();
+        Ok(())
+    }
+
+    fn stopping(&self) -> bool {
+        self.all.workers.stop.load(Ordering::SeqCst) || self.all.halt.load(Ordering::SeqCst)
+    }
+
+    /// Claims a trial and runs it, unless another program has it or has ended it.
+    fn take(&mut self, index: usize, attempt: u32) -> Result<(), Error> {
+        let task = &self.all.tasks[index];
+        match self.all.leases.claim(&task.trial.id)? {
+            Claim::Held(_) if !self.all.workers.wait_for_others => self.all.queue.done(),
+            Claim::Held(owner) => {
+                self.tell(Event::Held { trial: index, owner });
+                self.all.queue.held(index, attempt);
+            }
+            Claim::Mine => {
+                let outcome = self.under_lease(index, attempt);
+                self.all.leases.release(&task.trial.id)?;
+                return outcome;
+            }
+        }
+        Ok(())
+    }
+
+    fn under_lease(&mut self, index: usize, attempt: u32) -> Result<(), Error> {
+        let task = &self.all.tasks[index];
+        // The end may have been stored after the list of missing trials was made.
+        let stored = self.all.store.end(&task.trial.id).unwrap_or(None);
+        if let Some(end) = stored.filter(|end| !is_missing(Some(end)) && task.before.as_ref() != Some(end)) {
+            self.tell(Event::EndedElsewhere { trial: index, end });
+            self.all.queue.done();
+            return Ok(());
+        }
+        self.tell(Event::Started { slot: self.number, trial: index });
+        match self.attempt(task)? {
+            Attempt::Stopped => {
+                self.tell(Event::Stopped { slot: self.number });
+                self.all.queue.done();
+            }
+            Attempt::Ended(end) => self.ended(index, attempt, end),
+        }
+        Ok(())
+    }
+
+    /// Decides whether the end is final.
+    fn ended(&self, index: usize, attempt: u32, end: TrialEnd) {
+        match self.all.tasks[index].limits.retry_after(end.state, attempt) {
+            Some(wait) if !self.stopping() => {
+                self.tell(Event::Retried { slot: self.number, trial: index, end, wait });
+                self.all.queue.retry(index, attempt + 1, wait);
+            }
+            _ => {
+                if self.all.workers.fail_fast && end.state != EndState::Ok {
+                    self.all.halt.store(true, Ordering::SeqCst);
+                }
+                self.tell(Event::Ended { slot: self.number, trial: index, end });
+                self.all.queue.done();
+            }
+        }
+    }
+
+    /// One attempt at a trial in the slot's process.
+    fn attempt(&mut self, task: &Task) -> Result<Attempt, Error> {
+        let request = Request {
+            trial: task.trial.clone(),
+            store: self.all.store.root().to_path_buf(),
+            checkpoint_every_s: self.all.workers.checkpoint_every.as_secs_f64(),
+        };
+        let line = serde_json::to_string(&Message::Run(Box::new(request)))
+            .map_err(|source| Error::Worker { problem: source.to_string() })?;
+        let mut replies = match self.replies.take() {
+            Some(replies) => replies,
+            None => self.process.start(self.all.program)?,
+        };
+        let started = super::queue::now();
+        self.process.begin(&line, &task.limits);
+        let answer = self.listen(&mut replies);
+        if answer.is_some() && self.process.end() {
+            self.replies = Some(replies);
+        }
+        match answer {
+            Some(Reply::Ended { end }) => Ok(Attempt::Ended(end)),
+            Some(Reply::Stopped) => Ok(Attempt::Stopped),
+            Some(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
+            _ => self.died(task, started.elapsed().as_secs_f64()),
+        }
+    }
+
+    /// Passes on what the process says, until its last word; `None` where it died without one.
+    fn listen(&self, replies: &mut BufReader<ChildStdout>) -> Option<Reply> {
+        loop {
+            let mut line = String::new();
+            if replies.read_line(&mut line).unwrap_or(0) == 0 {
+                return None;
+            }
+            match serde_json::from_str(&line) {
+                Ok(Reply::Progress { done, total }) => self.tell(Event::Progress { slot: self.number, done, total }),
+                Ok(last) => return Some(last),
+                // Whatever else a plugin prints on standard output is not for us.
+                Err(_) => {}
+            }
+        }
+    }
+
+    /// Finds out how the process died and stores it.
+    fn died(&mut self, task: &Task, wall_s: f64) -> Result<Attempt, Error> {
+        let (status, exceeded) = self.process.bury();
+        if exceeded.is_none() && self.stopping() {
+            return Ok(Attempt::Stopped);
+        }
+        let (state, reason) = exceeded.unwrap_or_else(|| explain(status));
+        let end = TrialEnd { state, reason, wall_s, digest: String::new() };
+        // The process may have stored its trial and died before it could say so.
+        if let Some(stored) = self.all.store.end(&task.trial.id).unwrap_or(None)
+            && !is_missing(Some(&stored))
+            && task.before.as_ref() != Some(&stored)
+        {
+            return Ok(Attempt::Ended(stored));
+        }
+        self.all.store.acknowledge(&task.trial, &end)?;
+        Ok(Attempt::Ended(end))
+    }
+
+    fn tell(&self, event: Event) {
+        // A caller that no longer listens has stopped caring; the trials go on.
+        let _ = self.events.send(event);
+    }
+}
+
+fn explain(status: Option<ExitStatus>) -> (EndState, String) {
+    use std::os::unix::process::ExitStatusExt;
+    let Some(status) = status else {
+        return (EndState::Killed, "the worker process vanished".into());
+    };
+    match (status.signal(), status.code()) {
+        // SIGABRT is how a Rust program that cannot unwind ends itself.
+        (Some(6), _) => (EndState::Panicked, "the worker process aborted".into()),
+        (Some(signal), _) => (EndState::Killed, format!("the worker process was ended by signal {signal}")),
+        (None, code) => (EndState::Killed, format!("the worker process left with exit code {}", code.unwrap_or(-1))),
+    }
+}

@@ -1,0 +1,44 @@
+//! The thread that watches: leases, limits, the wish to stop.
+
+use super::process::Shared;
+use crate::store::Leases;
+use std::{
+    sync::atomic::{AtomicBool, Ordering},
+    time::Duration,
+};
+
+/// Time between two looks at the processes: a process that takes memory as fast as it can gets some 50 MB in it.
+const PERIOD: Duration = Duration::from_millis(20);
+
+/// What is watched.
+pub(super) struct Watch<'a> {
+    pub(super) children: &'a [Shared],
+    pub(super) leases: &'a Leases,
+    /// The wish to stop from outside, and from within.
+    pub(super) stop: &'a AtomicBool,
+    pub(super) halt: &'a AtomicBool,
+    /// False when the slots are done.
+    pub(super) on: &'a AtomicBool,
+}
+
+impl Watch<'_> {
+    /// Watches until the slots are done.
+    pub(super) fn run(&self, heartbeat: Duration) {
+        let mut renewed = super::queue::now();
+        while self.on.load(Ordering::SeqCst) {
+            let stopping = self.stop.load(Ordering::SeqCst) || self.halt.load(Ordering::SeqCst);
+            for child in self.children {
+                if stopping {
+                    child.ask_to_stop();
+                }
+                child.hold_limits();
+            }
+            if renewed.elapsed() >= heartbeat {
+                renewed = super::queue::now();
+                // A store that cannot be written now shows at the next trial; until then the leases only look older.
+                let _ = self.leases.beat();
+            }
+            std::thread::park_timeout(PERIOD);
+        }
+    }
+}
