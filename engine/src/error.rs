@@ -64,6 +64,9 @@ pub enum Error {
         /// What does not fit.
         problem: String,
     },
+    /// The trial left before its end because it was asked to; its state is saved.
+    #[error("the trial was asked to stop; it continues from its checkpoint")]
+    Stopped,
     /// A stored file is not what it should be.
     #[error("`{}` is damaged: {problem}", path.display())]
     Damaged {

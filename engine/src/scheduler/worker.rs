@@ -75,7 +75,7 @@ fn run(registry: &Registry, request: &Request, replies: &mut impl Write) -> Resu
     };
     let folder = store.folder(&trial.id);
     std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-    let outcome = catch_unwind(AssertUnwindSafe(|| trial.key.run(registry, Some(&folder), &mut progress)));
+    let outcome = catch_unwind(AssertUnwindSafe(|| trial.key.run(registry, Some(&folder), &mut progress, &mut crate::NoKeeper)));
     let wall_s = started.elapsed().as_secs_f64();
     let (state, reason) = match outcome {
         Ok(Ok(record)) => return store.finish(trial, &record, wall_s),
