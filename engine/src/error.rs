@@ -64,6 +64,9 @@ pub enum Error {
         /// What does not fit.
         problem: String,
     },
+    /// The trial left before its end because it was asked to; its state is saved.
+    #[error("the trial was asked to stop; it continues from its checkpoint")]
+    Stopped,
     /// A stored file is not what it should be.
     #[error("`{}` is damaged: {problem}", path.display())]
     Damaged {
@@ -86,9 +89,6 @@ pub enum Error {
         /// What was tried, where, and what the system said.
         problem: String,
     },
-    /// The trial was asked to stop; it continues from its checkpoint.
-    #[error("the trial was asked to stop; it continues from its checkpoint")]
-    Stopped,
     /// A worker process misbehaved.
     #[error("worker process: {problem}")]
     Worker {

@@ -11,6 +11,7 @@
 //! 6. What is on disk says what made it, and has a version.
 
 pub mod agent;
+pub mod checkpoint;
 pub mod cli;
 pub mod diagnostic;
 pub mod document;
@@ -35,6 +36,7 @@ pub mod table;
 pub mod trial;
 
 pub use agent::{Agent, Mode, Transition};
+pub use checkpoint::{Keeper, NoKeeper};
 pub use environment::{Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, Seat, Space, Step};
 pub use error::Error;
 pub use protocol::Protocol;

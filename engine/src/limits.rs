@@ -63,7 +63,8 @@ impl Limits {
         if !again || end == EndState::Ok || attempts > self.retries.unwrap_or(2) {
             return None;
         }
-        let doubled = self.retry_delay_s.unwrap_or(0.5) * 2f64.powi(i32::try_from(attempts).unwrap_or(i32::MAX).saturating_sub(1));
+        let doubled =
+            self.retry_delay_s.unwrap_or(0.5) * 2f64.powi(i32::try_from(attempts).unwrap_or(i32::MAX).saturating_sub(1));
         // The wait stays below an hour, however many attempts there were.
         Duration::try_from_secs_f64(doubled.min(3600.0)).ok()
     }

@@ -1,5 +1,6 @@
 //! What a running trial records: numbers in long form, one row per value.
 
+use crate::checkpoint::exact;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -55,11 +56,31 @@ pub struct Row {
 pub struct Recorder {
     names: Vec<String>,
     rows: Vec<Row>,
-    means: BTreeMap<String, (f64, u64)>,
+    running: Running,
+}
+
+/// What has not become rows yet.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Running {
+    means: BTreeMap<String, Mean>,
+    #[serde(with = "exact")]
     latest: BTreeMap<String, f64>,
 }
 
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Mean {
+    #[serde(with = "exact")]
+    sum: f64,
+    count: u64,
+}
+
 impl Recorder {
+    /// A recorder that goes on where another one was.
+    #[must_use]
+    pub fn resumed(names: Vec<String>, rows: Vec<Row>, running: Running) -> Self {
+        Self { names, rows, running }
+    }
+
     /// Records one value.
     pub fn add(&mut self, phase: Phase, step: u64, episode: u64, seat: usize, metric: &str, value: f64) {
         let metric = intern(&mut self.names, metric);
@@ -68,29 +89,29 @@ impl Recorder {
 
     /// Adds to the running mean of a training metric; the protocol records all means at its next measurement.
     pub fn mean(&mut self, metric: &str, value: f64) {
-        if let Some((sum, count)) = self.means.get_mut(metric) {
-            *sum += value;
-            *count += 1;
+        if let Some(mean) = self.running.means.get_mut(metric) {
+            mean.sum += value;
+            mean.count += 1;
         } else {
-            self.means.insert(metric.into(), (value, 1));
+            self.running.means.insert(metric.into(), Mean { sum: value, count: 1 });
         }
     }
 
     /// Replaces the latest value of a running estimate; `estimator_tracking` records it when due.
     pub fn latest(&mut self, metric: &str, value: f64) {
-        self.latest.insert(metric.into(), value);
+        self.running.latest.insert(metric.into(), value);
     }
 
     /// Records the latest value of every running estimate.
     pub fn record_latest(&mut self, phase: Phase, step: u64) {
-        for (metric, value) in self.latest.clone() {
+        for (metric, value) in self.running.latest.clone() {
             self.add(phase, step, 0, 0, &metric, value);
         }
     }
 
     /// Records the running means at `step` and starts them anew.
     pub fn flush_means(&mut self, step: u64) {
-        for (metric, (sum, count)) in std::mem::take(&mut self.means) {
+        for (metric, Mean { sum, count }) in std::mem::take(&mut self.running.means) {
             #[allow(clippy::cast_precision_loss, reason = "a count of updates is far below 2^52")]
             self.add(Phase::Train, step, 0, 0, &metric, sum / count as f64);
         }
@@ -106,6 +127,12 @@ impl Recorder {
     #[must_use]
     pub fn rows(&self) -> &[Row] {
         &self.rows
+    }
+
+    /// Running means and latest values that are not recorded yet.
+    #[must_use]
+    pub fn running(&self) -> &Running {
+        &self.running
     }
 }
 

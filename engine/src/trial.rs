@@ -1,9 +1,9 @@
 //! One trial: an environment, an agent, a protocol and a seed, with an identity made of what determines its numbers.
 
-use crate::{Error, Recorder, Registry, protocol::Run, random::Streams};
+use crate::{Error, Keeper, Recorder, Registry, protocol::Run, random::Streams};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::{collections::BTreeMap, sync::Arc};
+use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 /// A plugin's name, version and complete config.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -95,15 +95,33 @@ impl TrialKey {
         self.environment.id()
     }
 
-    /// Builds the parts and runs the protocol; `progress` is told steps done and steps in all.
+    /// Builds the parts and runs the protocol from what `keeper` has of this trial, or from the start; `progress` is told
+    /// steps done and steps in all.
     ///
     /// # Errors
-    /// Whatever a plugin reports.
+    /// Whatever a plugin reports, and [`Error::Stopped`] where `keeper` asked the trial to stop.
     pub fn run(
         &self,
         registry: &Registry,
-        policy_dir: Option<&std::path::Path>,
+        policy_dir: Option<&Path>,
         progress: &mut dyn FnMut(u64, u64),
+        keeper: &mut dyn Keeper,
+    ) -> Result<Recorder, Error> {
+        loop {
+            match self.attempt(registry, policy_dir, progress, keeper) {
+                // What the trial continued from does not fit it: the next attempt takes up something older or begins anew.
+                Err(Error::Checkpoint { .. }) if keeper.refuse() => {}
+                outcome => return outcome,
+            }
+        }
+    }
+
+    fn attempt(
+        &self,
+        registry: &Registry,
+        policy_dir: Option<&Path>,
+        progress: &mut dyn FnMut(u64, u64),
+        keeper: &mut dyn Keeper,
     ) -> Result<Recorder, Error> {
         let environment = find(&registry.environments, "environment", &self.environment.plugin)?;
         let agent = find(&registry.agents, "agent", &self.agent.plugin)?;
@@ -112,7 +130,8 @@ impl TrialKey {
         let streams = Streams::new(&self.id(), &self.environment_id(), self.seed);
         let interface = make_environment()?.interface();
         let agent = (agent.build)(&self.agent.config, &interface, &mut streams.agent("initialise"))?;
-        let mut run = Run { make_environment: &make_environment, agent, streams, record: Recorder::default(), progress };
+        let record = Recorder::default();
+        let mut run = Run { make_environment: &make_environment, agent, streams, record, progress, keeper };
         (protocol.build)(&self.protocol.config)?.run(&mut run)?;
         if let Some(dir) = policy_dir {
             run.agent.export(dir)?;

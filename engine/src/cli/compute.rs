@@ -1,6 +1,8 @@
 //! Computes the missing trials of studies on this machine, and says what happens.
 
-use super::{Failure, INCOMPLETE, LimitOptions, OK, TRIALS_FAILED, complain, progress::Progress, settings::Settings, study, study::Planned};
+use super::{
+    Failure, INCOMPLETE, LimitOptions, OK, TRIALS_FAILED, complain, progress::Progress, settings::Settings, study, study::Planned,
+};
 use crate::{
     limits::Limits,
     results::EndState,
@@ -61,7 +63,8 @@ impl Compute<'_> {
     }
 
     fn code(&self, tasks: &[Task], store: &Store, failed: usize, stopped: bool) -> u8 {
-        let left: Vec<&Task> = tasks.iter().filter(|task| is_missing(store.end(&task.trial.id).unwrap_or(None).as_ref())).collect();
+        let left: Vec<&Task> =
+            tasks.iter().filter(|task| is_missing(store.end(&task.trial.id).unwrap_or(None).as_ref())).collect();
         let elsewhere = left.iter().filter(|task| store.running(&task.trial.id).is_some()).count();
         let (ours, failed) = (left.len() - elsewhere, failed > 0);
         if elsewhere > 0 {

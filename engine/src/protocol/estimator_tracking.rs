@@ -3,10 +3,11 @@
 //! The agent does not improve; its `learn` takes in one-step samples and says its running estimates with
 //! [`Recorder::latest`](crate::Recorder::latest). They are recorded at 1, 2, 4, 8, ... batches and at the end.
 
-use super::{Protocol, Run, evaluation::observe};
+use super::{Protocol, Run, evaluation::observe, position::restored};
 use crate::{Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 /// How many samples to take.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -53,40 +54,85 @@ impl Protocol for EstimatorTracking {
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
-        let mut environment = (run.make_environment)()?;
-        let mut environment_rng = run.streams.environment("train", 0);
-        let (mut act_rng, mut learn_rng) = (run.streams.agent("act"), run.streams.agent("learn"));
-        for batch in 1..=self.batches {
-            let samples = self.sample(run, &mut *environment, &mut environment_rng, &mut act_rng)?;
-            run.agent.learn(&samples, &mut learn_rng, &mut run.record)?;
-            if batch.is_power_of_two() {
-                run.record.record_latest(Phase::Evaluate, batch * self.batch);
+        let mut sampling = match run.resume()? {
+            Some(saved) => Sampling::restored(run, saved)?,
+            None => Sampling::start(run)?,
+        };
+        while sampling.batch < self.batches {
+            run.checkpoint(|| sampling.save())?;
+            let samples = sampling.draw(run, self.batch)?;
+            run.agent.learn(&samples, &mut sampling.learn_rng, &mut run.record)?;
+            sampling.batch += 1;
+            if sampling.batch.is_power_of_two() {
+                run.record.record_latest(Phase::Evaluate, sampling.batch * self.batch);
             }
-            (run.progress)(batch * self.batch, self.total_steps());
+            (run.progress)(sampling.batch * self.batch, self.total_steps());
         }
         run.record.record_latest(Phase::Final, self.total_steps());
         Ok(())
     }
 }
 
-impl EstimatorTracking {
-    fn sample(
-        &self,
-        run: &mut Run<'_>,
-        environment: &mut dyn Environment,
-        environment_rng: &mut Rng,
-        act_rng: &mut Rng,
-    ) -> Result<Vec<Transition>, Error> {
+/// Sampling between two batches.
+struct Sampling {
+    /// Batches so far.
+    batch: u64,
+    environment: Box<dyn Environment>,
+    environment_rng: Rng,
+    act_rng: Rng,
+    learn_rng: Rng,
+}
+
+/// What [`Sampling`] is restored from.
+#[derive(Debug, Serialize, Deserialize)]
+struct SavedSampling {
+    batch: u64,
+    /// `None` before the first batch: the environment is then as it is made.
+    environment: Option<Value>,
+    environment_rng: Rng,
+    act_rng: Rng,
+    learn_rng: Rng,
+}
+
+impl Sampling {
+    fn start(run: &mut Run<'_>) -> Result<Self, Error> {
+        let environment = (run.make_environment)()?;
+        let environment_rng = run.streams.environment("train", 0);
+        let (act_rng, learn_rng) = (run.streams.agent("act"), run.streams.agent("learn"));
+        Ok(Self { batch: 0, environment, environment_rng, act_rng, learn_rng })
+    }
+
+    fn save(&self) -> SavedSampling {
+        SavedSampling {
+            batch: self.batch,
+            environment: (self.batch > 0).then(|| self.environment.snapshot()),
+            environment_rng: self.environment_rng.clone(),
+            act_rng: self.act_rng.clone(),
+            learn_rng: self.learn_rng.clone(),
+        }
+    }
+
+    fn restored(run: &mut Run<'_>, saved: SavedSampling) -> Result<Self, Error> {
+        let SavedSampling { batch, environment, environment_rng, act_rng, learn_rng } = saved;
+        let environment = match environment {
+            Some(snapshot) => restored(run.make_environment, &snapshot)?,
+            None => (run.make_environment)()?,
+        };
+        Ok(Self { batch, environment, environment_rng, act_rng, learn_rng })
+    }
+
+    fn draw(&mut self, run: &mut Run<'_>, samples: u64) -> Result<Vec<Transition>, Error> {
+        let Self { environment, environment_rng, act_rng, .. } = self;
         // One environment is stepped once from as many starts as there are samples: starts must not depend on each other.
         let seats = environment.reset(environment_rng)?;
-        let start = observe(&*run.agent, environment, seats);
-        let observations: Vec<Observation> = vec![start; usize::try_from(self.batch).unwrap_or(usize::MAX)];
+        let start = observe(&*run.agent, &**environment, seats);
+        let observations: Vec<Observation> = vec![start; usize::try_from(samples).unwrap_or(usize::MAX)];
         let actions = run.agent.act(&observations, Mode::Train, act_rng)?;
         let mut samples = Vec::with_capacity(observations.len());
         for (observation, action) in observations.into_iter().zip(actions) {
             environment.reset(environment_rng)?;
             let step = environment.step(&action, environment_rng)?;
-            let next_observation = observe(&*run.agent, environment, step.observations);
+            let next_observation = observe(&*run.agent, &**environment, step.observations);
             samples.push(Transition { observation, action, rewards: step.rewards, next_observation, end: step.end });
         }
         Ok(samples)

@@ -1,7 +1,12 @@
 //! Measuring a policy: whole episodes, every one on random numbers of its own.
 
-use super::Run;
+use super::{
+    Run,
+    position::{Blocks, Position, restored},
+};
 use crate::{End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent};
+use serde::Serialize;
+use serde_json::Value;
 
 /// Episodes that are stepped together, so that the policy sees many rows at a time.
 const ROWS: usize = 256;
@@ -32,14 +37,21 @@ struct Episode {
 
 /// Runs the episodes and records return, length and the environment's metrics of each.
 ///
-/// Episode `k` starts and goes on with the same random numbers for every agent and at every call of the same phase.
-pub(super) fn measure(run: &mut Run<'_>, what: &Measurement) -> Result<(), Error> {
-    let mut rng = run.streams.agent(&format!("{} {}", what.phase.name(), what.step));
+/// Episode `k` starts and goes on with the same random numbers for every agent and at every call of the same phase. Before every
+/// block of episodes the trial can be stopped; `learning` says what learning needs then, and `blocks` where to continue.
+pub(super) fn measure<L: Serialize>(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    blocks: Option<Blocks>,
+    learning: impl Fn() -> Option<L>,
+) -> Result<(), Error> {
+    let begin = || Blocks { first: 0, rng: run.streams.agent(&format!("{} {}", what.phase.name(), what.step)), pool: Vec::new() };
+    let Blocks { mut first, mut rng, pool } = blocks.unwrap_or_else(begin);
     let rows = what.episodes.min(ROWS as u64);
-    // Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one that wears wears the same way
-    // whatever the other slots do.
-    let mut pool = (0..rows).map(|_| (run.make_environment)().map(Some)).collect::<Result<Vec<_>, _>>()?;
-    for first in (0..what.episodes).step_by(ROWS) {
+    let mut pool = open_pool(run, rows, &pool)?;
+    while first < what.episodes {
+        let blocks = || Blocks { first, rng: rng.clone(), pool: snapshots(first, &pool) };
+        run.checkpoint(|| Position { learning: learning(), measuring: Some(blocks()) })?;
         let mut active = Vec::with_capacity(pool.len());
         for (slot, index) in (first..what.episodes.min(first + rows)).enumerate() {
             if let Some(environment) = pool[slot].take() {
@@ -49,8 +61,30 @@ pub(super) fn measure(run: &mut Run<'_>, what: &Measurement) -> Result<(), Error
         while !active.is_empty() {
             active = advance(run, what, active, &mut rng, &mut pool)?;
         }
+        first += ROWS as u64;
     }
     Ok(())
+}
+
+/// Environments, each free while it plays no episode.
+type Pool = Vec<Option<Box<dyn Environment>>>;
+
+/// Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one that wears wears the same way whatever
+/// the other slots do.
+fn open_pool(run: &Run<'_>, rows: u64, snapshots: &[Value]) -> Result<Pool, Error> {
+    if snapshots.is_empty() {
+        return (0..rows).map(|_| (run.make_environment)().map(Some)).collect();
+    }
+    if snapshots.len() as u64 != rows {
+        let problem = format!("{} environments stored, {rows} needed", snapshots.len());
+        return Err(Error::Checkpoint { what: "a measurement", problem });
+    }
+    snapshots.iter().map(|snapshot| restored(run.make_environment, snapshot).map(Some)).collect()
+}
+
+/// What the environments went through so far: nothing before the first block. Between blocks all of them are free.
+fn snapshots(first: u64, pool: &Pool) -> Vec<Value> {
+    if first == 0 { Vec::new() } else { pool.iter().flatten().map(|environment| environment.snapshot()).collect() }
 }
 
 fn start(
@@ -75,7 +109,7 @@ fn advance(
     what: &Measurement,
     active: Vec<Episode>,
     rng: &mut Rng,
-    pool: &mut [Option<Box<dyn Environment>>],
+    pool: &mut Pool,
 ) -> Result<Vec<Episode>, Error> {
     let observations: Vec<Observation> = active.iter().map(|episode| episode.observation.clone()).collect();
     let actions = run.agent.act(&observations, Mode::Evaluate, rng)?;

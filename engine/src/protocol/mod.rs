@@ -2,10 +2,12 @@
 
 mod estimator_tracking;
 mod evaluation;
+mod position;
 mod supervised_fit;
 mod train_evaluate;
 
-use crate::{Agent, Environment, Error, Metric, Recorder, Registry, random::Streams};
+use crate::{Agent, Environment, Error, Keeper, Metric, Recorder, Registry, random::Streams};
+use serde::{Serialize, de::DeserializeOwned};
 
 pub use estimator_tracking::EstimatorTracking;
 pub use supervised_fit::SupervisedFit;
@@ -30,6 +32,38 @@ pub struct Run<'a> {
     pub record: Recorder,
     /// Told how far the trial is: steps done, steps in all.
     pub progress: &'a mut dyn FnMut(u64, u64),
+    /// Keeps the trial's state, so that it can continue in another process.
+    pub keeper: &'a mut dyn Keeper,
+}
+
+impl Run<'_> {
+    /// What the protocol gave to [`checkpoint`](Self::checkpoint) in a process that is gone; agent and record are then as they
+    /// were. `None` where the trial begins. To be called once, before anything else.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where it does not fit; [`TrialKey::run`](crate::trial::TrialKey::run) then starts over.
+    pub fn resume<S: DeserializeOwned>(&mut self) -> Result<Option<S>, Error> {
+        let state = self.keeper.load(&mut *self.agent, &mut self.record)?;
+        state.map(serde_json::from_value).transpose().map_err(misfit)
+    }
+
+    /// A point at which the trial can continue: where a save is due, `state` says all that the protocol needs besides agent and
+    /// record. Numbers that may not be finite belong into a field with [`exact`](crate::checkpoint::exact).
+    ///
+    /// # Errors
+    /// [`Error::Stopped`] where the trial is asked to stop, and where a file cannot be written.
+    pub fn checkpoint<S: Serialize>(&mut self, state: impl FnOnce() -> S) -> Result<(), Error> {
+        if !self.keeper.due() {
+            return self.keeper.note(&self.record);
+        }
+        let state = serde_json::to_value(state()).map_err(misfit)?;
+        self.keeper.save(state, &*self.agent, &mut self.record)?;
+        if self.keeper.stopping() { Err(Error::Stopped) } else { Ok(()) }
+    }
+}
+
+fn misfit(source: serde_json::Error) -> Error {
+    Error::Checkpoint { what: "the protocol", problem: source.to_string() }
 }
 
 /// How one trial runs, from the first step to the final measurement.
@@ -45,9 +79,9 @@ pub trait Protocol: Send + Sync {
     /// Steps in all, for progress and cost estimates.
     fn total_steps(&self) -> u64;
 
-    /// Runs the trial.
+    /// Runs the trial, from its start or from what [`Run::resume`] gives; the numbers are the same either way.
     ///
     /// # Errors
-    /// Whatever the environment or the agent reports, and [`Error::NotFinite`] for a measurement that is no number.
+    /// [`Error::Stopped`] out of [`Run::checkpoint`], whatever the environment or the agent reports, and [`Error::NotFinite`] for a measurement that is no number.
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error>;
 }

@@ -6,10 +6,12 @@
 use super::{
     Protocol, Run,
     evaluation::{self, Measurement, measure, observe},
+    position::{Blocks, Position, restored},
 };
 use crate::{Config, End, Environment, Error, Metric, Phase, Registry, Rng, agent::Transition};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 /// How long to fit and how much to measure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -60,42 +62,105 @@ impl Protocol for SupervisedFit {
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
-        let mut environment = (run.make_environment)()?;
-        let (mut examples_rng, mut learn_rng) = (run.streams.environment("train", 0), run.streams.agent("learn"));
-        for step in 0..self.steps {
-            self.measure_when_due(run, step)?;
-            let batch = self.draw(run, &mut *environment, &mut examples_rng)?;
-            run.agent.learn(&batch, &mut learn_rng, &mut run.record)?;
-            (run.progress)(step + 1, self.steps);
+        let mut blocks = None;
+        match run.resume()? {
+            None => {
+                let fit = Fit::start(run)?;
+                self.measure_when_due(run, &fit, None)?;
+                self.fit(run, fit)?;
+            }
+            Some(Position { learning: Some(saved), measuring }) => {
+                let fit = Fit::restored(run, saved)?;
+                if measuring.is_some() {
+                    self.measure_when_due(run, &fit, measuring)?;
+                }
+                self.fit(run, fit)?;
+            }
+            Some(Position { learning: None, measuring }) => blocks = measuring,
         }
-        self.measure_when_due(run, self.steps)?;
-        measure(run, &Measurement { phase: Phase::Final, step: self.steps, episodes: self.final_examples, traced: 0 })
+        let what = Measurement { phase: Phase::Final, step: self.steps, episodes: self.final_examples, traced: 0 };
+        measure(run, &what, blocks, || None::<SavedFit>)
     }
 }
 
 impl SupervisedFit {
-    fn draw(&self, run: &Run<'_>, environment: &mut dyn Environment, rng: &mut Rng) -> Result<Vec<Transition>, Error> {
-        (0..self.batch)
-            .map(|_| {
-                let seats = environment.reset(rng)?;
-                let mut observation = observe(&*run.agent, environment, seats);
-                observation.state = environment.state();
-                Ok(Transition {
-                    next_observation: observation.clone(),
-                    observation,
-                    action: Vec::new(),
-                    rewards: Vec::new(),
-                    end: Some(End::Terminated),
-                })
-            })
-            .collect()
+    fn fit(&self, run: &mut Run<'_>, mut fit: Fit) -> Result<(), Error> {
+        while fit.step < self.steps {
+            run.checkpoint(|| Position { learning: Some(fit.save()), measuring: None })?;
+            let batch = (0..self.batch).map(|_| fit.draw(run)).collect::<Result<Vec<_>, _>>()?;
+            run.agent.learn(&batch, &mut fit.learn_rng, &mut run.record)?;
+            fit.step += 1;
+            (run.progress)(fit.step, self.steps);
+            self.measure_when_due(run, &fit, None)?;
+        }
+        Ok(())
     }
 
-    fn measure_when_due(&self, run: &mut Run<'_>, step: u64) -> Result<(), Error> {
-        if self.evaluate_every == 0 || !step.is_multiple_of(self.evaluate_every) {
+    fn measure_when_due(&self, run: &mut Run<'_>, fit: &Fit, blocks: Option<Blocks>) -> Result<(), Error> {
+        if self.evaluate_every == 0 || !fit.step.is_multiple_of(self.evaluate_every) {
             return Ok(());
         }
-        run.record.flush_means(step);
-        measure(run, &Measurement { phase: Phase::Evaluate, step, episodes: self.examples, traced: 0 })
+        run.record.flush_means(fit.step);
+        let what = Measurement { phase: Phase::Evaluate, step: fit.step, episodes: self.examples, traced: 0 };
+        measure(run, &what, blocks, || Some(fit.save()))
+    }
+}
+
+/// A fit between two batches.
+struct Fit {
+    /// Batches so far.
+    step: u64,
+    environment: Box<dyn Environment>,
+    examples_rng: Rng,
+    learn_rng: Rng,
+}
+
+/// What [`Fit`] is restored from.
+#[derive(Debug, Serialize, Deserialize)]
+struct SavedFit {
+    step: u64,
+    /// `None` before the first example: the environment is then as it is made.
+    environment: Option<Value>,
+    examples_rng: Rng,
+    learn_rng: Rng,
+}
+
+impl Fit {
+    fn start(run: &mut Run<'_>) -> Result<Self, Error> {
+        let environment = (run.make_environment)()?;
+        let (examples_rng, learn_rng) = (run.streams.environment("train", 0), run.streams.agent("learn"));
+        Ok(Self { step: 0, environment, examples_rng, learn_rng })
+    }
+
+    fn save(&self) -> SavedFit {
+        SavedFit {
+            step: self.step,
+            environment: (self.step > 0).then(|| self.environment.snapshot()),
+            examples_rng: self.examples_rng.clone(),
+            learn_rng: self.learn_rng.clone(),
+        }
+    }
+
+    fn restored(run: &mut Run<'_>, saved: SavedFit) -> Result<Self, Error> {
+        let SavedFit { step, environment, examples_rng, learn_rng } = saved;
+        let environment = match environment {
+            Some(snapshot) => restored(run.make_environment, &snapshot)?,
+            None => (run.make_environment)()?,
+        };
+        Ok(Self { step, environment, examples_rng, learn_rng })
+    }
+
+    /// One example: a start and its answer.
+    fn draw(&mut self, run: &Run<'_>) -> Result<Transition, Error> {
+        let seats = self.environment.reset(&mut self.examples_rng)?;
+        let mut observation = observe(&*run.agent, &*self.environment, seats);
+        observation.state = self.environment.state();
+        Ok(Transition {
+            next_observation: observation.clone(),
+            observation,
+            action: Vec::new(),
+            rewards: Vec::new(),
+            end: Some(End::Terminated),
+        })
     }
 }

@@ -3,10 +3,12 @@
 use super::{
     Protocol, Run,
     evaluation::{self, Measurement, measure, observe},
+    position::{Blocks, Position, restored},
 };
-use crate::{Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition};
+use crate::{Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition, checkpoint::exact};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 /// How long to learn and how much to measure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -65,12 +67,65 @@ impl Protocol for TrainEvaluate {
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
-        self.learn(run)?;
+        let mut blocks = None;
+        match run.resume()? {
+            None if self.steps == 0 => {}
+            None => {
+                let learning = Learning::start(run, self.environments)?;
+                self.measure_when_due(run, &learning, None)?;
+                self.learn(run, learning)?;
+            }
+            Some(Position { learning: Some(saved), measuring }) => {
+                let learning = Learning::restored(run, saved)?;
+                if measuring.is_some() {
+                    self.measure_when_due(run, &learning, measuring)?;
+                }
+                self.learn(run, learning)?;
+            }
+            Some(Position { learning: None, measuring }) => blocks = measuring,
+        }
         (run.progress)(self.steps, self.steps);
         let what =
             Measurement { phase: Phase::Final, step: self.steps, episodes: self.final_episodes, traced: self.trace_episodes };
-        measure(run, &what)
+        measure(run, &what, blocks, || None::<SavedLearning>)
     }
+}
+
+impl TrainEvaluate {
+    fn learn(&self, run: &mut Run<'_>, mut learning: Learning) -> Result<(), Error> {
+        while learning.step < self.steps {
+            run.checkpoint(|| Position { learning: Some(learning.save()), measuring: None })?;
+            learning.advance(run)?;
+            (run.progress)(learning.step.min(self.steps), self.steps);
+            self.measure_when_due(run, &learning, None)?;
+        }
+        Ok(())
+    }
+
+    /// Measures where a multiple of `evaluate_every` was passed with the last step (and before the first step).
+    fn measure_when_due(&self, run: &mut Run<'_>, learning: &Learning, blocks: Option<Blocks>) -> Result<(), Error> {
+        let Learning { step, before, .. } = *learning;
+        let due = self.evaluate_every > 0 && (step == 0 || step / self.evaluate_every > before / self.evaluate_every);
+        if !due {
+            return Ok(());
+        }
+        // The nominal step, so that curves of different seeds and environment counts share their points.
+        let nominal = step / self.evaluate_every * self.evaluate_every;
+        run.record.flush_means(nominal);
+        let what = Measurement { phase: Phase::Evaluate, step: nominal, episodes: self.episodes, traced: 0 };
+        measure(run, &what, blocks, || Some(learning.save()))
+    }
+}
+
+/// Learning between two steps.
+struct Learning {
+    /// Environment steps so far, all environments together.
+    step: u64,
+    /// The same, before the last step.
+    before: u64,
+    slots: Vec<Slot>,
+    act_rng: Rng,
+    learn_rng: Rng,
 }
 
 /// One of the environments that learning steps together.
@@ -81,45 +136,84 @@ struct Slot {
     episode_return: f64,
 }
 
-impl TrainEvaluate {
-    fn learn(&self, run: &mut Run<'_>) -> Result<(), Error> {
-        if self.steps == 0 {
-            return Ok(());
-        }
-        let mut slots = (0..self.environments).map(|index| open(run, index)).collect::<Result<Vec<_>, _>>()?;
-        let (mut act_rng, mut learn_rng) = (run.streams.agent("act"), run.streams.agent("learn"));
-        let mut step = 0;
-        self.measure_when_due(run, step, 0)?;
-        while step < self.steps {
-            let before = step;
-            let transitions = act_in_all(run, &mut slots, &mut act_rng)?;
-            step += transitions.len() as u64;
-            run.agent.learn(&transitions, &mut learn_rng, &mut run.record)?;
-            (run.progress)(step.min(self.steps), self.steps);
-            self.measure_when_due(run, step, before)?;
-        }
-        Ok(())
+/// What [`Learning`] is restored from.
+#[derive(Debug, Serialize, Deserialize)]
+struct SavedLearning {
+    step: u64,
+    before: u64,
+    slots: Vec<SavedSlot>,
+    act_rng: Rng,
+    learn_rng: Rng,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct SavedSlot {
+    environment: Value,
+    rng: Rng,
+    #[serde(with = "exact")]
+    seats: Vec<Vec<f64>>,
+    #[serde(with = "exact")]
+    state: Vec<f64>,
+    #[serde(with = "exact")]
+    episode_return: f64,
+}
+
+impl Learning {
+    fn start(run: &mut Run<'_>, environments: u64) -> Result<Self, Error> {
+        let slots = (0..environments).map(|index| Slot::open(run, index)).collect::<Result<Vec<_>, _>>()?;
+        let (act_rng, learn_rng) = (run.streams.agent("act"), run.streams.agent("learn"));
+        Ok(Self { step: 0, before: 0, slots, act_rng, learn_rng })
     }
 
-    /// Measures where a multiple of `evaluate_every` was passed since `before` (and before the first step).
-    fn measure_when_due(&self, run: &mut Run<'_>, step: u64, before: u64) -> Result<(), Error> {
-        let due = self.evaluate_every > 0 && (step == 0 || step / self.evaluate_every > before / self.evaluate_every);
-        if !due {
-            return Ok(());
+    fn save(&self) -> SavedLearning {
+        SavedLearning {
+            step: self.step,
+            before: self.before,
+            slots: self.slots.iter().map(Slot::save).collect(),
+            act_rng: self.act_rng.clone(),
+            learn_rng: self.learn_rng.clone(),
         }
-        // The nominal step, so that curves of different seeds and environment counts share their points.
-        let nominal = step / self.evaluate_every * self.evaluate_every;
-        run.record.flush_means(nominal);
-        measure(run, &Measurement { phase: Phase::Evaluate, step: nominal, episodes: self.episodes, traced: 0 })
+    }
+
+    fn restored(run: &mut Run<'_>, saved: SavedLearning) -> Result<Self, Error> {
+        let SavedLearning { step, before, slots, act_rng, learn_rng } = saved;
+        let slots = slots.into_iter().map(|slot| Slot::restored(run, slot)).collect::<Result<Vec<_>, _>>()?;
+        Ok(Self { step, before, slots, act_rng, learn_rng })
+    }
+
+    /// Steps every environment once and lets the agent learn from it.
+    fn advance(&mut self, run: &mut Run<'_>) -> Result<(), Error> {
+        let transitions = act_in_all(run, &mut self.slots, &mut self.act_rng)?;
+        self.before = self.step;
+        self.step += transitions.len() as u64;
+        run.agent.learn(&transitions, &mut self.learn_rng, &mut run.record)
     }
 }
 
-fn open(run: &mut Run<'_>, index: u64) -> Result<Slot, Error> {
-    let mut environment = (run.make_environment)()?;
-    let mut rng = run.streams.environment("train", index);
-    let seats = environment.reset(&mut rng)?;
-    let observation = observe(&*run.agent, &*environment, seats);
-    Ok(Slot { environment, rng, observation, episode_return: 0.0 })
+impl Slot {
+    fn open(run: &mut Run<'_>, index: u64) -> Result<Self, Error> {
+        let mut environment = (run.make_environment)()?;
+        let mut rng = run.streams.environment("train", index);
+        let seats = environment.reset(&mut rng)?;
+        let observation = observe(&*run.agent, &*environment, seats);
+        Ok(Self { environment, rng, observation, episode_return: 0.0 })
+    }
+
+    fn save(&self) -> SavedSlot {
+        SavedSlot {
+            environment: self.environment.snapshot(),
+            rng: self.rng.clone(),
+            seats: self.observation.seats.clone(),
+            state: self.observation.state.clone(),
+            episode_return: self.episode_return,
+        }
+    }
+
+    fn restored(run: &Run<'_>, saved: SavedSlot) -> Result<Self, Error> {
+        let SavedSlot { environment, rng, seats, state, episode_return } = saved;
+        let environment = restored(run.make_environment, &environment)?;
+        Ok(Self { environment, rng, observation: Observation { seats, state }, episode_return })
+    }
 }
 
 /// Steps every environment once with the agent's training actions; starts ended episodes anew.

@@ -141,15 +141,15 @@ pub fn run(tasks: &[Task], store: &Store, workers: &Workers, events: &Sender<Eve
     let program =
         std::env::current_exe().map_err(|source| Error::Worker { problem: format!("cannot find this program: {source}") })?;
     let leases = Leases::open(store, workers.lease_expiry)?;
-    let halt = AtomicBool::new(false);
+    let (halt, watching) = (AtomicBool::new(false), AtomicBool::new(true));
     let queue = Queue::new(tasks);
     let count = workers.count.min(tasks.len());
     let children: Vec<process::Shared> = (0..count).map(|_| process::Shared::default()).collect();
     std::thread::scope(|scope| {
-        let watching = AtomicBool::new(true);
         let slots: Vec<_> = (0..count)
             .map(|number| {
-                let shared = slot::Shared { program: &program, tasks, store, leases: &leases, workers, queue: &queue, halt: &halt };
+                let shared =
+                    slot::Shared { program: &program, tasks, store, leases: &leases, workers, queue: &queue, halt: &halt };
                 let mut slot = slot::Slot::new(number, shared, &children[number], events);
                 scope.spawn(move || slot.work())
             })

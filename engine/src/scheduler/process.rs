@@ -121,9 +121,8 @@ fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(EndState, S
     }
     let (limit, held) = (limits.memory_bytes()?, resident_bytes(pid)?);
     let megabytes = |bytes: u64| bytes / 1_000_000;
-    (held > limit).then(|| {
-        (EndState::Oom, format!("it held {} MB of memory, above the limit of {} MB", megabytes(held), megabytes(limit)))
-    })
+    (held > limit)
+        .then(|| (EndState::Oom, format!("it held {} MB of memory, above the limit of {} MB", megabytes(held), megabytes(limit))))
 }
 
 /// Memory that a process holds: resident and swapped out.

@@ -1,8 +1,7 @@
 //! One worker slot: takes trials from the queue, under their leases, and has its process run them.
 
 use super::{
-    Event, Task, Workers,
-    process,
+    Event, Task, Workers, process,
     queue::{Next, Queue},
     worker::{Message, Reply, Request},
 };
