@@ -2,6 +2,8 @@
 
 mod architecture;
 mod contracts;
+mod crashes;
+mod end_states;
 mod experiments;
 mod other_programs;
 mod program;

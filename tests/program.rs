@@ -45,6 +45,19 @@ impl Bench {
         command
     }
 
+    /// The command of the program that tests misuse, ready to start in the folder.
+    pub(crate) fn misused(&self, arguments: &[&str]) -> Command {
+        let beside = Path::new(env!("CARGO_BIN_EXE_regimen")).parent().unwrap().join("examples/program-under-test");
+        let mut command = Command::new(beside);
+        command.args(arguments).current_dir(self.folder.path()).env_remove("REGIMEN_STORE").env_remove("REGIMEN_JOBS");
+        command
+    }
+
+    /// Runs the program that tests misuse to its end.
+    pub(crate) fn run_misused(&self, arguments: &[&str]) -> Answer {
+        answer(&self.misused(arguments).output().unwrap())
+    }
+
     /// Runs the program to its end.
     pub(crate) fn run(&self, arguments: &[&str]) -> Answer {
         answer(&self.command(arguments).output().unwrap())

@@ -88,7 +88,7 @@ fn a_worker_killed_from_outside_costs_one_trial_which_the_next_run_repeats() {
     bench.write("small.yaml", &STUDY.replace("steps: 256", "steps: 4096"));
     bench.ok(&["run", "small.yaml", "-j", "2", "--store", "whole"]);
     let mut child = bench
-        .command(&["run", "small.yaml", "-j", "1", "--store", "hurt"])
+        .command(&["run", "small.yaml", "-j", "1", "--store", "hurt", "--retries", "0"])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()

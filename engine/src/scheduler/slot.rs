@@ -152,7 +152,11 @@ impl<'a> Slot<'a> {
         let started = super::queue::now();
         self.process.begin(&line, &task.limits);
         let answer = self.listen(&mut replies);
-        if answer.is_some() && self.process.end() {
+        // A process whose trial panicked leaves after saying so.
+        let panicked = matches!(&answer, Some(Reply::Ended { end }) if end.state == EndState::Panicked);
+        if panicked {
+            self.process.dismiss();
+        } else if answer.is_some() && self.process.end() {
             self.replies = Some(replies);
         }
         match answer {

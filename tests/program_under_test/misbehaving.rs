@@ -1,0 +1,106 @@
+//! An agent that misbehaves as its config says.
+
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Space, Transition};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// What goes wrong.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum How {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// An error is returned.
+    Fail,
+    /// The code panics.
+    Panic,
+    /// The process aborts.
+    Abort,
+    /// It never comes back.
+    Loop,
+    /// It takes memory without end.
+    Allocate,
+    /// It computes something that is no number.
+    Nan,
+    /// It ends its own process with SIGKILL.
+    Kill,
+}
+
+/// What goes wrong, and when.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct Config {
+    /// What goes wrong.
+    how: How,
+    /// It goes wrong only while this file is not there, and is created then: once.
+    once: Option<PathBuf>,
+}
+
+impl engine::Config for Config {}
+
+struct Misbehaving {
+    config: Config,
+    sizes: Vec<usize>,
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry) {
+    let traits = AgentTraits { learns: true, metrics: Vec::new() };
+    registry.agent("misbehaving", 1, "Misbehaves as its config says.", traits, build);
+}
+
+fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let sizes = interface.seats.iter().map(|seat| match &seat.action {
+        Space::Simplex(names) => names.len(),
+        other => other.len(),
+    });
+    Ok(Box::new(Misbehaving { config, sizes: sizes.collect() }))
+}
+
+impl Agent for Misbehaving {
+    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
+        #[allow(clippy::cast_precision_loss, reason = "few shares")]
+        let equal = |size: usize| vec![1.0 / size as f64; size];
+        Ok(observations.iter().map(|_| self.sizes.iter().map(|size| equal(*size)).collect()).collect())
+    }
+
+    fn learn(&mut self, _: &[Transition], _: &mut Rng, _: &mut Recorder) -> Result<(), Error> {
+        if let Some(file) = &self.config.once {
+            if file.exists() {
+                return Ok(());
+            }
+            std::fs::write(file, "").map_err(Error::file("write", file))?;
+        }
+        misbehave(self.config.how)
+    }
+}
+
+fn misbehave(how: How) -> Result<(), Error> {
+    match how {
+        How::Nothing => Ok(()),
+        How::Fail => Err(Error::Model { model: "test", problem: "it fails as asked".into() }),
+        How::Panic => panic!("it panics as asked"),
+        How::Abort => std::process::abort(),
+        How::Loop => loop {
+            std::thread::sleep(std::time::Duration::from_secs(1));
+        },
+        How::Allocate => {
+            let mut held: Vec<Vec<u8>> = Vec::new();
+            loop {
+                // Written memory is held, reserved memory is not.
+                held.push(vec![1; 4 << 20]);
+                std::thread::sleep(std::time::Duration::from_millis(1));
+            }
+        }
+        How::Nan => Err(Error::NotFinite { what: "the loss".into(), step: 1, value: f64::NAN }),
+        How::Kill => {
+            let id = std::process::id().to_string();
+            let _ = std::process::Command::new("kill").args(["-KILL", &id]).status();
+            loop {
+                std::thread::park();
+            }
+        }
+    }
+}
