@@ -1,0 +1,46 @@
+//! `fsck`: checks every file of a store, and sets aside what is wrong.
+
+use super::{Common, Failure, Format, INCOMPLETE, OK, say, settings};
+use crate::store::{Findings, Store};
+use std::{collections::BTreeSet, path::PathBuf};
+
+/// 106 where a trial has to run again, otherwise 0.
+pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> Result<u8, Failure> {
+    let root = match folder {
+        Some(folder) => folder,
+        None => settings::read(common)?.store,
+    };
+    if !root.is_dir() {
+        let text = format!("error: there is no store at `{}`", root.display());
+        return Err(Failure { code: super::BAD_SPEC, text });
+    }
+    let found = Store::at(&root).check(!dry_run)?;
+    if common.format == Format::Json {
+        say(&serde_json::to_string(&found).unwrap_or_default());
+    } else {
+        say(&as_text(&found));
+    }
+    Ok(if lost(&found).is_empty() { OK } else { INCOMPLETE })
+}
+
+/// Trials that have to run again.
+fn lost(found: &Findings) -> BTreeSet<&String> {
+    found.findings.iter().filter_map(|finding| finding.trial.as_ref()).collect()
+}
+
+fn as_text(found: &Findings) -> String {
+    let mut lines: Vec<String> = found
+        .findings
+        .iter()
+        .map(|finding| format!("{:<8}  {}: {}", finding.fault.name(), finding.path.display(), finding.problem))
+        .collect();
+    lines.push(format!("{} trials are whole, {} are being computed, {} files are wrong", found.whole, found.running, found.findings.len()));
+    if let Some(aside) = &found.aside {
+        lines.push(format!("what is wrong was set aside in `{}` of the store", aside.display()));
+    }
+    let lost = lost(found).len();
+    if lost > 0 {
+        lines.push(format!("{lost} trials have to run again: `run` their studies"));
+    }
+    lines.join("\n")
+}

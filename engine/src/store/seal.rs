@@ -1,0 +1,45 @@
+//! A check value at the end of a JSON object, so that a changed bit anywhere in the file is noticed.
+
+const LENGTH: usize = 32;
+const BEFORE: &[u8] = b",\"check\":\"";
+const AFTER: &[u8] = b"\"}";
+
+/// Adds the key `check` to the text of a JSON object: a hash of everything before it.
+pub(super) fn sealed(mut object: Vec<u8>) -> Vec<u8> {
+    // The closing brace comes after the check.
+    object.pop();
+    let check = hash(&object);
+    object.extend([BEFORE, check.as_bytes(), AFTER].concat());
+    object
+}
+
+/// True where the text is as [`sealed`] made it.
+pub(super) fn is_sealed(text: &[u8]) -> bool {
+    let tail = BEFORE.len() + LENGTH + AFTER.len();
+    let Some((object, tail)) = text.len().checked_sub(tail).map(|length| text.split_at(length)) else { return false };
+    tail == [BEFORE, hash(object).as_bytes(), AFTER].concat()
+}
+
+/// The first 32 hexadecimal digits of a BLAKE3 hash, as files are known by.
+pub(super) fn hash(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex()[..LENGTH].to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn any_changed_bit_breaks_the_seal(place in 0.0..1.0f64, bit in 0u8..8) {
+            let mut text = sealed(br#"{"schema":2,"end":{"state":"ok","wall_s":0.25}}"#.to_vec());
+            prop_assert!(is_sealed(&text));
+            prop_assert!(serde_json::from_slice::<serde_json::Value>(&text).is_ok());
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "a place in the text")]
+            let index = (place * text.len() as f64) as usize;
+            text[index] ^= 1 << bit;
+            prop_assert!(!is_sealed(&text));
+        }
+    }
+}
