@@ -5,5 +5,6 @@ mod contracts;
 mod experiments;
 mod other_programs;
 mod program;
+mod resume;
 mod rollout;
 mod runs;
