@@ -7,5 +7,6 @@ mod end_states;
 mod experiments;
 mod other_programs;
 mod program;
+mod resume;
 mod rollout;
 mod runs;

@@ -4,6 +4,7 @@
 //! <root>/trials/<first two digits>/<id>/metrics.parquet   what an `ok` trial recorded, long form
 //!                                       trial.json        key, end state, digest of metrics.parquet: the acknowledgement
 //!                                       policy.safetensors  the learned policy, where there is one
+//!                                       running/         while it runs: rows so far and a checkpoint, see [`RunningTrial`]
 //! ```
 //!
 //! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial without it
@@ -11,11 +12,15 @@
 
 mod boundary;
 mod lease;
+pub mod metric_log;
 mod metrics_file;
+mod running;
+mod sealed_folder;
 
 pub use boundary::install as install_boundary_hook;
 pub use lease::{Claim, Leases, Owner};
 pub use metrics_file::{MetricsTable, SCHEMA_VERSION, read as read_metrics, write_results};
+pub use running::RunningTrial;
 
 use crate::{
     Error, Recorder,

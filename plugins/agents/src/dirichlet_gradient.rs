@@ -21,6 +21,7 @@ use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Re
 use numerics::dirichlet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 const NAME: &str = "dirichlet_gradient";
 
@@ -133,6 +134,14 @@ impl Agent for DirichletGradient {
 
     fn reads_state(&self) -> bool {
         true
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        self.moments.save(NAME, dir)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        self.moments.load(NAME, dir, self.concentration.len())
     }
 }
 

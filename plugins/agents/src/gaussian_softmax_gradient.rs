@@ -26,6 +26,7 @@ use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Re
 use numerics::gaussian;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 const NAME: &str = "gaussian_softmax_gradient";
 /// Nodes of the quadrature in each dimension; 40^3 points leave an error far below that of any feasible number of samples.
@@ -229,6 +230,14 @@ impl Agent for GaussianSoftmaxGradient {
 
     fn reads_state(&self) -> bool {
         true
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        self.moments.save(NAME, dir)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        self.moments.load(NAME, dir, self.mean.len())
     }
 }
 

@@ -1,6 +1,10 @@
 //! What the two estimators of a policy gradient share: the bandit's reward and the running moments of the estimates.
 
+use crate::checkpoint;
 use engine::{Better, Error, Interface, Metric, Recorder};
+use numerics::tensor_file::TensorFile;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// Reward `v . a - c |a|^2` of an allocation bandit, read from its full state.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,7 +53,7 @@ impl RewardChannels {
 }
 
 /// Running mean and variance of single-sample gradient estimates (Welford).
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Moments {
     count: f64,
     mean: Vec<f64>,
@@ -67,6 +71,28 @@ impl Moments {
             *mean += deviation / self.count;
             *squares += deviation * (value - *mean);
         }
+    }
+
+    /// Writes the moments into `dir`.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub(crate) fn save(&self, agent: &'static str, dir: &Path) -> Result<(), Error> {
+        checkpoint::write(agent, dir, TensorFile::default(), self)
+    }
+
+    /// Continues from what [`save`](Self::save) wrote for an agent whose estimates have `entries` entries.
+    ///
+    /// # Errors
+    /// Where the file is not there or does not fit.
+    pub(crate) fn load(&mut self, agent: &'static str, dir: &Path, entries: usize) -> Result<(), Error> {
+        let (_, moments): (_, Self) = checkpoint::read(agent, dir)?;
+        if ![moments.mean.len(), moments.squares.len()].iter().all(|stored| [0, entries].contains(stored)) {
+            let problem = format!("{} entries stored, {entries} needed", moments.mean.len());
+            return Err(Error::Checkpoint { what: agent, problem });
+        }
+        *self = moments;
+        Ok(())
     }
 
     /// Records bias and spread of the estimates against the exact gradient.

@@ -1,0 +1,250 @@
+//! What is on disk of a trial that runs, so that it continues after its process is gone.
+//!
+//! ```text
+//! <trial's folder>/running/metrics.log      every row so far
+//!                          checkpoint-<n>/  state.json, agent/, manifest.json
+//! ```
+//!
+//! A checkpoint is written into a folder of another name, brought to the disk and renamed; older ones are then removed. One that is
+//! not whole, or whose rows are not in the log, is passed over: the trial continues from an older one or begins anew, and either way
+//! ends with the same numbers.
+
+use super::{
+    MetricsTable,
+    metric_log::{LogPosition, MetricLog},
+    sealed_folder::{flush, is_whole, seal},
+};
+use crate::{Agent, Error, Keeper, Recorder, recorder::Running};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::{
+    collections::BTreeSet,
+    fs, io,
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+/// Rows wait this long for the log, so that a short trial writes none.
+const NOTE_EVERY: Duration = Duration::from_secs(1);
+/// Between two saves lies at least this many times what the last one took.
+const WORK_PER_SAVE: u32 = 20;
+const PREFIX: &str = "checkpoint-";
+
+/// Keeps a running trial in its folder of the store. Only one process may run a trial at a time.
+#[derive(Debug)]
+pub struct RunningTrial {
+    folder: PathBuf,
+    trial: String,
+    every: Duration,
+    stop: Arc<AtomicBool>,
+    log: Option<MetricLog>,
+    noted: Instant,
+    saved: Instant,
+    cost: Duration,
+    /// The checkpoint that was taken up last.
+    taken_up: Option<u64>,
+    refused: BTreeSet<u64>,
+}
+
+/// What `state.json` holds.
+#[derive(Debug, Serialize, Deserialize)]
+struct State {
+    protocol: Value,
+    running: Running,
+    log: LogPosition,
+}
+
+impl RunningTrial {
+    /// The keeper of the trial `trial` whose folder in the store is `folder`. It saves after `every` (each time where that is zero)
+    /// and when `stop` is set. Nothing is created before there is something to write.
+    ///
+    /// # Errors
+    /// None at present; a store that must be prepared could fail here.
+    pub fn open(folder: &Path, trial: &str, every: Duration, stop: Arc<AtomicBool>) -> Result<Self, Error> {
+        Ok(Self {
+            folder: running(folder),
+            trial: trial.into(),
+            every,
+            stop,
+            log: None,
+            noted: now(),
+            saved: now(),
+            cost: Duration::ZERO,
+            taken_up: None,
+            refused: BTreeSet::new(),
+        })
+    }
+
+    /// Removes what is kept of a trial that ended; there may be nothing.
+    ///
+    /// # Errors
+    /// Where a file cannot be removed.
+    pub fn discard(folder: &Path) -> Result<(), Error> {
+        let running = running(folder);
+        absent_is_fine(fs::remove_dir_all(&running)).map_err(Error::file("remove", &running))
+    }
+
+    /// Numbers of the checkpoints that are there, whole or not, in order.
+    fn numbers(&self) -> Result<BTreeSet<u64>, Error> {
+        let names = names(&self.folder).map_err(Error::file("read", &self.folder))?;
+        Ok(names.iter().filter_map(|name| name.strip_prefix(PREFIX)?.parse().ok()).collect())
+    }
+
+    fn checkpoint(&self, number: u64) -> PathBuf {
+        self.folder.join(format!("{PREFIX}{number}"))
+    }
+
+    /// State, log and rows of a checkpoint; `None` where it is not whole.
+    fn read(&self, number: u64) -> Result<Option<(State, MetricLog, MetricsTable)>, Error> {
+        let folder = self.checkpoint(number);
+        if !is_whole(&folder, &self.trial) {
+            return Ok(None);
+        }
+        let state = fs::read(folder.join("state.json")).ok().and_then(|text| serde_json::from_slice::<State>(&text).ok());
+        let Some(state) = state else { return Ok(None) };
+        let resumed = MetricLog::resume(&self.log_path(), &self.trial, &state.log)?;
+        Ok(resumed.map(|(log, table)| (state, log, table)))
+    }
+
+    fn write(&self, number: u64, state: &State, agent: &dyn Agent) -> Result<(), Error> {
+        let unfinished = self.unfinished(number)?;
+        let agent_folder = unfinished.join("agent");
+        fs::create_dir(&agent_folder).map_err(Error::file("create", &agent_folder))?;
+        agent.save(&agent_folder)?;
+        let path = unfinished.join("state.json");
+        let text = serde_json::to_vec(state).map_err(io::Error::from).map_err(Error::file("write", &path))?;
+        fs::write(&path, text).map_err(Error::file("write", &path))?;
+        seal(&unfinished, &self.trial)?;
+        let finished = self.checkpoint(number);
+        fs::rename(&unfinished, &finished).map_err(Error::file("rename to", &finished))?;
+        flush(&self.folder).map_err(Error::file("flush", &self.folder))
+    }
+
+    /// A new folder of a name that no other process has: what two processes wrote must never mix.
+    fn unfinished(&self, number: u64) -> Result<PathBuf, Error> {
+        for attempt in 0u64.. {
+            let folder = self.folder.join(format!(".{PREFIX}{number}.{attempt}"));
+            match fs::create_dir(&folder) {
+                Err(source) if source.kind() == io::ErrorKind::AlreadyExists => {}
+                outcome => return outcome.map(|()| folder.clone()).map_err(Error::file("create", &folder)),
+            }
+        }
+        unreachable!("there are more names than folders")
+    }
+
+    /// Removes older checkpoints, and what a process that is gone left unfinished.
+    fn remove_all_but(&self, number: u64) -> Result<(), Error> {
+        let kept = format!("{PREFIX}{number}");
+        for name in names(&self.folder).map_err(Error::file("read", &self.folder))? {
+            if name.trim_start_matches('.').starts_with(PREFIX) && name != kept {
+                let old = self.folder.join(name);
+                absent_is_fine(fs::remove_dir_all(&old)).map_err(Error::file("remove", &old))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn log(&mut self) -> Result<&mut MetricLog, Error> {
+        let path = self.log_path();
+        let log = match self.log.take() {
+            Some(log) => log,
+            None => {
+                fs::create_dir_all(&self.folder).map_err(Error::file("create", &self.folder))?;
+                MetricLog::create(&path, &self.trial)?
+            }
+        };
+        Ok(self.log.insert(log))
+    }
+
+    fn log_path(&self) -> PathBuf {
+        self.folder.join("metrics.log")
+    }
+}
+
+impl Keeper for RunningTrial {
+    fn due(&mut self) -> bool {
+        self.stopping() || self.every.is_zero() || self.saved.elapsed() >= self.every.max(self.cost * WORK_PER_SAVE)
+    }
+
+    fn stopping(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    fn save(&mut self, state: Value, agent: &dyn Agent, record: &mut Recorder) -> Result<(), Error> {
+        let started = now();
+        let log = self.log()?;
+        log.append(record)?;
+        log.flush()?;
+        let state = State { protocol: state, running: record.running().clone(), log: log.position() };
+        let number = self.numbers()?.last().map_or(1, |last| last + 1);
+        if number == 1 {
+            flush_upwards(&self.folder)?;
+        }
+        self.write(number, &state, agent)?;
+        self.remove_all_but(number)?;
+        self.saved = now();
+        (self.noted, self.cost) = (self.saved, self.saved - started);
+        Ok(())
+    }
+
+    fn load(&mut self, agent: &mut dyn Agent, record: &mut Recorder) -> Result<Option<Value>, Error> {
+        (self.log, self.taken_up) = (None, None);
+        for number in self.numbers()?.into_iter().rev().filter(|number| !self.refused.contains(number)) {
+            let Some((state, log, table)) = self.read(number)? else { continue };
+            (self.log, self.taken_up) = (Some(log), Some(number));
+            let misfit = |source: Error| Error::Checkpoint { what: "the agent", problem: source.to_string() };
+            agent.load(&self.checkpoint(number).join("agent")).map_err(misfit)?;
+            *record = Recorder::resumed(table.names, table.rows, state.running);
+            return Ok(Some(state.protocol));
+        }
+        Ok(None)
+    }
+
+    fn note(&mut self, record: &Recorder) -> Result<(), Error> {
+        let written = self.log.as_ref().map_or(0, MetricLog::rows);
+        if record.rows().len() > written && self.noted.elapsed() >= NOTE_EVERY {
+            self.log()?.append(record)?;
+            self.noted = now();
+        }
+        Ok(())
+    }
+
+    fn refuse(&mut self) -> bool {
+        self.taken_up.take().is_some_and(|number| self.refused.insert(number))
+    }
+}
+
+fn running(folder: &Path) -> PathBuf {
+    folder.join("running")
+}
+
+/// Names in a folder, in order; none where there is no folder.
+fn names(folder: &Path) -> io::Result<BTreeSet<String>> {
+    match fs::read_dir(folder) {
+        Ok(entries) => entries.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned())).collect(),
+        Err(source) if source.kind() == io::ErrorKind::NotFound => Ok(BTreeSet::new()),
+        Err(source) => Err(source),
+    }
+}
+
+fn absent_is_fine(outcome: io::Result<()>) -> io::Result<()> {
+    outcome.or_else(|source| if source.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(source) })
+}
+
+/// The names of a new folder and of the three above it, which may be as new, reach the disk.
+fn flush_upwards(folder: &Path) -> Result<(), Error> {
+    let above = folder.ancestors().take(4).filter(|path| !path.as_os_str().is_empty());
+    above.into_iter().try_for_each(|path| flush(path).map_err(Error::file("flush", path)))
+}
+
+#[allow(clippy::disallowed_methods, reason = "the clock says when to save, it reaches no result")]
+fn now() -> Instant {
+    Instant::now()
+}
+
+#[cfg(test)]
+mod tests;

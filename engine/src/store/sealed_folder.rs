@@ -1,0 +1,75 @@
+//! A folder that says of itself whether it is whole: its last file, `manifest.json`, lists a hash of every other one.
+
+use crate::Error;
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    io,
+    path::{Path, PathBuf},
+};
+
+const MANIFEST: &str = "manifest.json";
+
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Manifest {
+    /// Version of this form.
+    format: u32,
+    /// Version of the program: another one may write and read other files.
+    program: String,
+    /// Whose folder it is.
+    trial: String,
+    /// BLAKE3 of every file, by its path inside the folder.
+    files: BTreeMap<String, String>,
+}
+
+/// Brings everything in a folder to the disk and adds the manifest last.
+///
+/// # Errors
+/// Where a file cannot be read or written.
+pub(super) fn seal(folder: &Path, trial: &str) -> Result<(), Error> {
+    let manifest = describe(folder, trial).map_err(Error::file("read", folder))?;
+    let text = serde_json::to_vec(&manifest).map_err(io::Error::from).map_err(Error::file("write", folder))?;
+    flush_all(folder).map_err(Error::file("flush", folder))?;
+    super::write_durably(&folder.join(MANIFEST), &text)
+}
+
+/// True where a folder is as [`seal`] left it, for this trial and this version of the program.
+pub(super) fn is_whole(folder: &Path, trial: &str) -> bool {
+    let manifest = fs::read(folder.join(MANIFEST)).ok().and_then(|text| serde_json::from_slice::<Manifest>(&text).ok());
+    manifest.is_some_and(|manifest| describe(folder, trial).is_ok_and(|found| found == manifest))
+}
+
+/// Waits until the names in a folder are on the disk.
+pub(super) fn flush(folder: &Path) -> io::Result<()> {
+    File::open(folder)?.sync_all()
+}
+
+fn describe(folder: &Path, trial: &str) -> io::Result<Manifest> {
+    let mut files = BTreeMap::new();
+    for path in contents(folder)?.into_iter().filter(|path| path.is_file()) {
+        let name = path.strip_prefix(folder).unwrap_or(&path).to_string_lossy().into_owned();
+        if name != MANIFEST {
+            files.insert(name, blake3::hash(&fs::read(&path)?).to_hex().to_string());
+        }
+    }
+    Ok(Manifest { format: 1, program: env!("CARGO_PKG_VERSION").into(), trial: trial.into(), files })
+}
+
+fn flush_all(folder: &Path) -> io::Result<()> {
+    contents(folder)?.iter().try_for_each(|path| File::open(path)?.sync_all())?;
+    flush(folder)
+}
+
+/// Files and folders inside a folder, at any depth.
+fn contents(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            found.extend(contents(&path)?);
+        }
+        found.push(path);
+    }
+    Ok(found)
+}

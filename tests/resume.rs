@@ -1,0 +1,184 @@
+//! A trial that is stopped or killed and goes on in a fresh process ends as if nothing had happened: for every agent that learns.
+
+use engine::{
+    Agent, Error, Keeper, NoKeeper, Phase, Recorder, Registry,
+    store::RunningTrial,
+    trial::{Part, TrialKey},
+};
+use serde_json::{Value, json};
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
+    time::Duration,
+};
+
+fn registry() -> Registry {
+    let mut registry = Registry { numerics_version: numerics::VERSION, ..Registry::default() };
+    engine::protocol::register(&mut registry);
+    environments::register(&mut registry);
+    agents::register(&mut registry);
+    registry
+}
+
+/// Values for whatever config has such a key: small networks, short episodes, wear, two blocks in the final measurement.
+fn small() -> Value {
+    json!({
+        "width": 6, "batch_size": 4, "learning_starts": 24, "updates_per_step": 0.25, "replay_capacity": 64,
+        "episode_limit": 5, "ageing": {}, "process_noise": true, "sensor_noise": true, "cells": 2,
+        "steps": 72, "environments": 4, "evaluate_every": 24, "episodes": 3, "final_episodes": 300, "trace_episodes": 2,
+        "batch": 4, "examples": 3, "final_examples": 300, "batches": 30,
+    })
+}
+
+/// The default config with the small values that it takes, one by one.
+fn shrunk(about: &engine::registry::About) -> Value {
+    let mut config = about.defaults.clone();
+    for (key, value) in small().as_object().unwrap() {
+        let mut changed = config.clone();
+        if changed.get(key).is_some() {
+            changed[key] = value.clone();
+            config = (about.resolve)(&changed).unwrap_or(config);
+        }
+    }
+    config
+}
+
+fn part(name: &str, about: &engine::registry::About) -> Part {
+    Part::new(name, about.version, shrunk(about))
+}
+
+/// Every trial of a learning agent with an environment and a protocol in which it can learn.
+fn trials(registry: &Registry, agent: &str) -> Vec<(TrialKey, Outcome)> {
+    let mut found = Vec::new();
+    for (environment, environment_entry) in &registry.environments {
+        for (protocol, protocol_entry) in &registry.protocols {
+            let key = TrialKey {
+                environment: part(environment, &environment_entry.about),
+                agent: part(agent, &registry.agents[agent].about),
+                protocol: part(protocol, &protocol_entry.about),
+                seed: 3,
+                numerics: registry.numerics_version,
+                device: "cpu".into(),
+            };
+            // An agent that was built may still not fit the protocol: some learn from actions, some from answers.
+            let learned = |outcome: &Outcome| {
+                let metrics = &registry.agents[agent].metrics;
+                outcome.names.iter().any(|name| metrics.iter().any(|metric| metric.name == *name))
+            };
+            let outcome = catch_unwind(AssertUnwindSafe(|| run(registry, &key, &mut NoKeeper)));
+            found.extend(outcome.ok().and_then(Result::ok).filter(learned).map(|outcome| (key, outcome)));
+        }
+    }
+    found
+}
+
+/// What must not depend on how often a trial was interrupted.
+#[derive(Debug, PartialEq)]
+struct Outcome {
+    names: Vec<String>,
+    rows: Vec<(Phase, u64, u64, u16, u16, u64)>,
+    policy: Option<Vec<u8>>,
+}
+
+fn run(registry: &Registry, key: &TrialKey, keeper: &mut dyn Keeper) -> Result<Outcome, Error> {
+    let folder = tempfile::tempdir().unwrap();
+    let record = key.run(registry, Some(folder.path()), &mut |_, _| {}, keeper)?;
+    let bits = |row: &engine::recorder::Row| (row.phase, row.step, row.episode, row.seat, row.metric, row.value.to_bits());
+    Ok(Outcome {
+        names: record.names().to_vec(),
+        rows: record.rows().iter().map(bits).collect(),
+        policy: std::fs::read(folder.path().join("policy.safetensors")).ok(),
+    })
+}
+
+/// How a process ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum End {
+    /// It is asked to stop at this opportunity to save.
+    Stopped(u64),
+    /// It saves at the first opportunity and at this one, and is killed some steps later.
+    Killed(u64),
+    /// With the trial.
+    Never,
+}
+
+/// Saves when the test says so.
+struct Interrupted {
+    kept: RunningTrial,
+    end: End,
+    opportunities: u64,
+}
+
+impl Interrupted {
+    fn fresh(folder: &Path, key: &TrialKey, end: End) -> Self {
+        let kept = RunningTrial::open(folder, &key.id(), Duration::MAX, std::sync::Arc::default()).unwrap();
+        Self { kept, end, opportunities: 0 }
+    }
+}
+
+impl Keeper for Interrupted {
+    fn due(&mut self) -> bool {
+        self.opportunities += 1;
+        match self.end {
+            End::Stopped(at) => self.opportunities == at,
+            End::Killed(at) => self.opportunities == 1 || self.opportunities == at,
+            End::Never => false,
+        }
+    }
+
+    fn stopping(&self) -> bool {
+        self.end == End::Stopped(self.opportunities)
+    }
+
+    fn save(&mut self, state: Value, agent: &dyn Agent, record: &mut Recorder) -> Result<(), Error> {
+        self.kept.save(state, agent, record)
+    }
+
+    fn load(&mut self, agent: &mut dyn Agent, record: &mut Recorder) -> Result<Option<Value>, Error> {
+        self.kept.load(agent, record)
+    }
+
+    fn note(&mut self, record: &Recorder) -> Result<(), Error> {
+        self.kept.note(record)?;
+        let killed = matches!(self.end, End::Killed(at) if self.opportunities > at + 2);
+        if killed { Err(Error::Worker { problem: "killed".into() }) } else { Ok(()) }
+    }
+
+    fn refuse(&mut self) -> bool {
+        panic!("a checkpoint does not fit its own trial");
+    }
+}
+
+/// Runs a trial in as many processes as there are ends; gives its outcome and how many opportunities to save the last one had.
+fn run_interrupted(registry: &Registry, key: &TrialKey, ends: impl IntoIterator<Item = End>) -> (Outcome, usize) {
+    let folder = tempfile::tempdir().unwrap();
+    for (process, end) in ends.into_iter().enumerate() {
+        match run(registry, key, &mut Interrupted::fresh(folder.path(), key, end)) {
+            Ok(outcome) => return (outcome, process),
+            Err(Error::Stopped | Error::Worker { .. }) => {}
+            Err(error) => panic!("{key:?}: {error}"),
+        }
+    }
+    panic!("the last process ends with the trial")
+}
+
+#[test]
+fn a_trial_that_is_interrupted_ends_as_one_that_is_not() {
+    let registry = registry();
+    for (name, _) in registry.agents.iter().filter(|(_, entry)| entry.learns) {
+        let trials = trials(&registry, name);
+        assert!(!trials.is_empty(), "no environment and protocol in which {name} learns");
+        for (key, whole) in trials {
+            let place = format!("{name}, {}, {}", key.environment.plugin, key.protocol.plugin);
+            // Stopped before everything, before the first updates, in between and at the end of learning.
+            for at in [1, 2, 7, 8, 16, 21, 22, 23, 24, 25, 26] {
+                let (outcome, _) = run_interrupted(&registry, &key, [End::Stopped(at), End::Never]);
+                assert!(outcome == whole, "{place}: stopped once, at {at}");
+            }
+            let (outcome, stops) = run_interrupted(&registry, &key, (0..).map(|_| End::Stopped(3)));
+            assert!(stops >= 9 && outcome == whole, "{place}: stopped {stops} times");
+            let (outcome, kills) = run_interrupted(&registry, &key, (0..).map(|_| End::Killed(4)));
+            assert!(kills >= 5 && outcome == whole, "{place}: killed {kills} times");
+        }
+    }
+}
