@@ -9,8 +9,10 @@
 //! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial without it
 //! has not run, whatever else lies in its folder.
 
+mod index;
 mod metrics_file;
 
+pub use index::StoredTrial;
 pub use metrics_file::{MetricsTable, SCHEMA_VERSION, read as read_metrics, write_results};
 
 use crate::{
@@ -36,6 +38,9 @@ pub struct Store {
 pub struct TrialFile {
     /// Version of this file's form.
     pub schema: u32,
+    /// Ids of environment, agent and protocol: with them the end can be read without the configs.
+    #[serde(default)]
+    pub parts: Option<[String; 3]>,
     /// What determined the numbers.
     pub key: TrialKey,
     /// How the trial ended.
@@ -66,18 +71,7 @@ impl Store {
     /// # Errors
     /// [`Error::Damaged`] where its file is not what it should be.
     pub fn end(&self, id: &str) -> Result<Option<TrialEnd>, Error> {
-        let path = self.folder(id).join("trial.json");
-        let text = match fs::read(&path) {
-            Ok(text) => text,
-            Err(source) if source.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(source) => return Err(Error::file("read", &path)(source)),
-        };
-        let file: TrialFile =
-            serde_json::from_slice(&text).map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
-        if file.key.id() != id {
-            return Err(Error::Damaged { path, problem: format!("it belongs to trial {}", file.key.id()) });
-        }
-        Ok(Some(file.end))
+        Ok(self.stored(id)?.map(|trial| trial.end))
     }
 
     /// Stores what an `ok` trial recorded and acknowledges it. Doing it twice changes nothing.
@@ -102,7 +96,8 @@ impl Store {
     pub fn acknowledge(&self, trial: &Trial, end: &TrialEnd) -> Result<(), Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-        let file = TrialFile { schema: SCHEMA_VERSION, key: trial.key.clone(), end: end.clone() };
+        let file =
+            TrialFile { schema: SCHEMA_VERSION, parts: Some(trial.key.part_ids()), key: trial.key.clone(), end: end.clone() };
         let path = folder.join("trial.json");
         let text =
             serde_json::to_vec(&file).map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
