@@ -5,6 +5,7 @@ mod contracts;
 mod crashes;
 mod end_states;
 mod experiments;
+mod fsck;
 mod other_programs;
 mod program;
 mod resume;

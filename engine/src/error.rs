@@ -104,6 +104,14 @@ impl Error {
         move |source| Self::File { doing, path, source }
     }
 
+    /// The same error where the file is one of the store: then the trial is not to blame.
+    pub(crate) fn of_store(self) -> Self {
+        match self {
+            Self::File { .. } => Self::Store { problem: self.to_string() },
+            other => other,
+        }
+    }
+
     /// An error about one key of a plugin's config.
     pub fn config(key: impl Into<String>, problem: impl Into<String>) -> Self {
         Self::Config { key: key.into(), problem: problem.into() }

@@ -3,7 +3,7 @@
 use crate::{Error, Keeper, Recorder, Registry, protocol::Run, random::Streams};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::{collections::BTreeMap, path::Path, sync::Arc};
+use std::{borrow::Cow, collections::BTreeMap, path::Path, sync::Arc};
 
 /// A plugin's name, version and complete config.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,8 +30,14 @@ impl Part {
     /// Hash of plugin, version, config and the content of data files.
     #[must_use]
     pub fn id(&self) -> String {
+        hash(&json!([self.plugin, self.version, *self.identity()]))
+    }
+
+    /// The config with the content of data files in place of their paths: what enters the hash.
+    #[must_use]
+    pub fn identity(&self) -> Cow<'_, Value> {
         if self.files.is_empty() {
-            return hash(&json!([self.plugin, self.version, *self.config]));
+            return Cow::Borrowed(&self.config);
         }
         let mut config = (*self.config).clone();
         for (key, content) in &self.files {
@@ -39,7 +45,7 @@ impl Part {
                 *path = json!({ "content": content });
             }
         }
-        hash(&json!([self.plugin, self.version, config]))
+        Cow::Owned(config)
     }
 }
 
@@ -85,8 +91,13 @@ impl TrialKey {
     /// The trial's id: 32 hexadecimal digits of a hash over the key.
     #[must_use]
     pub fn id(&self) -> String {
-        let parts = [self.environment.id(), self.agent.id(), self.protocol.id()];
-        trial_id([&parts[0], &parts[1], &parts[2]], self.seed, self.numerics, &self.device)
+        trial_id(self.part_ids().each_ref().map(String::as_str), self.seed, self.numerics, &self.device)
+    }
+
+    /// Ids of environment, agent and protocol.
+    #[must_use]
+    pub fn part_ids(&self) -> [String; 3] {
+        [self.environment.id(), self.agent.id(), self.protocol.id()]
     }
 
     /// Hash of the environment alone, which keys the environment's random streams.
@@ -134,7 +145,7 @@ impl TrialKey {
         let mut run = Run { make_environment: &make_environment, agent, streams, record, progress, keeper };
         (protocol.build)(&self.protocol.config)?.run(&mut run)?;
         if let Some(dir) = policy_dir {
-            run.agent.export(dir)?;
+            run.agent.export(dir).map_err(Error::of_store)?;
         }
         Ok(run.record)
     }

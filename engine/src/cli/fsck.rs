@@ -34,7 +34,12 @@ fn as_text(found: &Findings) -> String {
         .iter()
         .map(|finding| format!("{:<8}  {}: {}", finding.fault.name(), finding.path.display(), finding.problem))
         .collect();
-    lines.push(format!("{} trials are whole, {} are being computed, {} files are wrong", found.whole, found.running, found.findings.len()));
+    lines.push(format!(
+        "{} trials are whole, {} are being computed, {} files are wrong",
+        found.whole,
+        found.running,
+        found.findings.len()
+    ));
     if let Some(aside) = &found.aside {
         lines.push(format!("what is wrong was set aside in `{}` of the store", aside.display()));
     }

@@ -2,6 +2,7 @@
 
 mod compute;
 mod describe;
+mod fsck;
 mod progress;
 mod provenance;
 mod rollout;
@@ -174,6 +175,15 @@ enum Verb {
         #[command(flatten)]
         limits: LimitOptions,
     },
+    /// Check every file of a store and set aside what is wrong; what it held runs again.
+    Fsck {
+        /// Folder of the store.
+        #[arg(value_name = "STORE")]
+        folder: Option<PathBuf>,
+        /// Say what is wrong, and move nothing.
+        #[arg(long, short = 'n')]
+        dry_run: bool,
+    },
     /// Print the study with every default written out.
     Resolve(Selection),
     /// Drive one environment with given actions or an agent and write what happens.
@@ -219,6 +229,7 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failur
         Verb::Worker { selection, index, jobs, limits } => {
             run::worker(registry, &selection, index.as_deref(), jobs, &limits, common)
         }
+        Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
         Verb::Resolve(selection) => study::resolve(registry, &selection),
         Verb::Rollout(options) => rollout::rollout(registry, &options),
         Verb::List { kind } => describe::list(registry, kind, common),

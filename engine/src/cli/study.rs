@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     Registry, diagnostic,
-    plan::Plan,
+    plan::{self, Novelty, Plan},
     results::{EndState, TrialEnd},
     spec::{self, Study},
     store::{Store, is_missing},
@@ -14,6 +14,9 @@ use crate::{
 };
 use serde_json::json;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
+
+/// Stored trials among which the nearest to a missing one is looked for.
+const MOST_STORED: usize = 500_000;
 
 /// A study that passed its checks, and its trials.
 pub(super) struct Planned {
@@ -115,25 +118,29 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
 
 /// The state of every trial; `None` where it has not run or must run again.
 pub(super) fn ends(store: &Store, trials: &[Trial]) -> Vec<Option<TrialEnd>> {
-    trials
-        .iter()
-        .map(|trial| match store.end(&trial.id) {
-            Ok(end) => end,
-            Err(error) => {
-                complain(&format!("warning: {error}; the trial counts as missing"));
-                None
-            }
+    let told = |end: Result<Option<TrialEnd>, crate::Error>| {
+        end.unwrap_or_else(|error| {
+            complain(&format!("warning: {error}; the trial counts as missing"));
+            None
         })
-        .collect()
+    };
+    store.ends(trials).into_iter().map(told).collect()
 }
 
-/// `plan`: trials by cell, what is done, what the rest will cost.
+/// `plan`: trials by cell, what is done, why the rest is not, and what it will cost.
 pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let store = Store::at(&settings.store);
+    let mut stored = None;
     for one in load(registry, selection)? {
         let ends = ends(&store, &one.plan.trials);
-        say(&overview(&one, &ends, settings.workers, common.format));
+        let stored = match &mut stored {
+            // Where nothing is missing, nothing else is looked at.
+            None if ends.iter().all(Option::is_some) => &Vec::new(),
+            stored => stored.get_or_insert_with(|| store.cells(MOST_STORED)),
+        };
+        let novelties = plan::novelties(&one.plan.trials, &ends, stored);
+        say(&overview(&one, &ends, Some(&novelties), settings.workers, common.format));
     }
     Ok(OK)
 }
@@ -145,7 +152,7 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
     let mut code = OK;
     for one in load(registry, selection)? {
         let ends = ends(&store, &one.plan.trials);
-        say(&overview(&one, &ends, settings.workers, common.format));
+        say(&overview(&one, &ends, None, settings.workers, common.format));
         if common.format == Format::Text {
             say(&failures(&one.plan.trials, &ends));
         }
@@ -184,46 +191,48 @@ struct Cell {
     steps_missing: u64,
 }
 
-fn cells(one: &Planned, ends: &[Option<TrialEnd>]) -> Vec<((String, String, String), Cell)> {
-    let mut order = Vec::new();
-    let mut cells: BTreeMap<(String, String, String), Cell> = BTreeMap::new();
+/// Names of environment, agent and setting.
+type Names<'a> = (&'a str, &'a str, &'a str);
+
+fn cells<'a>(one: &'a Planned, ends: &[Option<TrialEnd>]) -> Vec<(Names<'a>, Cell)> {
+    let mut cells: Vec<(Names<'a>, Cell)> = Vec::new();
     for ((trial, end), cost) in one.plan.trials.iter().zip(ends).zip(&one.costs) {
-        let key = (trial.environment.clone(), trial.agent.clone(), trial.setting.clone());
-        let cell = cells.entry(key.clone()).or_insert_with(|| {
-            order.push(key);
-            Cell::default()
-        });
+        let names = (trial.environment.as_str(), trial.agent.as_str(), trial.setting.as_str());
+        // The trials of a cell stand side by side in a plan.
+        if cells.last().is_none_or(|(known, _)| *known != names) {
+            cells.push((names, Cell::default()));
+        }
+        if let Some((_, cell)) = cells.last_mut() {
+            cell.add(end.as_ref(), *cost);
+        }
+    }
+    cells
+}
+
+impl Cell {
+    fn add(&mut self, end: Option<&TrialEnd>, cost: u64) {
         match end {
             Some(end) if end.state == EndState::Ok => {
-                cell.ok += 1;
-                cell.steps += cost + 1;
-                cell.wall_s += end.wall_s;
+                self.ok += 1;
+                self.steps += cost + 1;
+                self.wall_s += end.wall_s;
             }
-            Some(end) if end.state != EndState::Killed => cell.failed += 1,
+            Some(end) if end.state != EndState::Killed => self.failed += 1,
             _ => {
-                cell.missing += 1;
-                cell.steps_missing += cost + 1;
+                self.missing += 1;
+                self.steps_missing += cost + 1;
             }
         }
     }
-    order.into_iter().filter_map(|key| cells.remove_entry(&key)).collect()
 }
 
-fn overview(one: &Planned, ends: &[Option<TrialEnd>], workers: usize, format: Format) -> String {
+fn overview(one: &Planned, ends: &[Option<TrialEnd>], novelties: Option<&[Novelty]>, workers: usize, format: Format) -> String {
     let cells = cells(one, ends);
     if format == Format::Json {
-        let rows: Vec<_> = cells
-            .iter()
-            .map(|((environment, agent, setting), cell)| {
-                json!({"environment": environment, "agent": agent, "setting": setting, "ok": cell.ok, "failed": cell.failed, "missing": cell.missing})
-            })
-            .collect();
-        return json!({"study": one.study.name, "trials": one.plan.trials.len(), "cells": rows}).to_string();
+        return as_json(one, &cells, novelties).to_string();
     }
     let mut lines = vec![format!("{}: {} trials", one.study.name, one.plan.trials.len())];
-    let width = |of: fn(&(String, String, String)) -> usize, least: usize| {
-        cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least)
-    };
+    let width = |of: fn(&Names<'_>) -> usize, least: usize| cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least);
     let (first, second, third) = (width(|key| key.0.len(), 11), width(|key| key.1.len(), 5), width(|key| key.2.len(), 0));
     let setting = if third > 0 { format!("{:<third$}  ", "setting") } else { String::new() };
     let third = third.max(setting.trim_end().len());
@@ -238,12 +247,24 @@ fn overview(one: &Planned, ends: &[Option<TrialEnd>], workers: usize, format: Fo
             cell.ok, cell.failed, cell.missing
         ));
     }
+    let why = novelties.map(plan::explain).filter(|text| !text.is_empty());
+    lines.extend(why);
     lines.push(cost(&cells, workers));
     lines.join("\n")
 }
 
+fn as_json(one: &Planned, cells: &[(Names<'_>, Cell)], novelties: Option<&[Novelty]>) -> serde_json::Value {
+    let row = |((environment, agent, setting), cell): &(Names<'_>, Cell)| json!({"environment": environment, "agent": agent, "setting": setting, "ok": cell.ok, "failed": cell.failed, "missing": cell.missing});
+    let rows: Vec<_> = cells.iter().map(row).collect();
+    let mut overview = json!({"study": one.study.name, "trials": one.plan.trials.len(), "cells": rows});
+    if let Some(novelties) = novelties {
+        overview["why"] = plan::to_json(novelties);
+    }
+    overview
+}
+
 /// An estimate of the time that the missing trials will take, from the stored ones of the same agent.
-fn cost(cells: &[((String, String, String), Cell)], workers: usize) -> String {
+fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
     let missing: usize = cells.iter().map(|(_, cell)| cell.missing).sum();
     if missing == 0 {
         return "  nothing is missing".into();

@@ -43,7 +43,7 @@ impl Run<'_> {
     /// # Errors
     /// [`Error::Checkpoint`] where it does not fit; [`TrialKey::run`](crate::trial::TrialKey::run) then starts over.
     pub fn resume<S: DeserializeOwned>(&mut self) -> Result<Option<S>, Error> {
-        let state = self.keeper.load(&mut *self.agent, &mut self.record)?;
+        let state = self.keeper.load(&mut *self.agent, &mut self.record).map_err(Error::of_store)?;
         state.map(serde_json::from_value).transpose().map_err(misfit)
     }
 
@@ -54,10 +54,10 @@ impl Run<'_> {
     /// [`Error::Stopped`] where the trial is asked to stop, and where a file cannot be written.
     pub fn checkpoint<S: Serialize>(&mut self, state: impl FnOnce() -> S) -> Result<(), Error> {
         if !self.keeper.due() {
-            return self.keeper.note(&self.record);
+            return self.keeper.note(&self.record).map_err(Error::of_store);
         }
         let state = serde_json::to_value(state()).map_err(misfit)?;
-        self.keeper.save(state, &*self.agent, &mut self.record)?;
+        self.keeper.save(state, &*self.agent, &mut self.record).map_err(Error::of_store)?;
         if self.keeper.stopping() { Err(Error::Stopped) } else { Ok(()) }
     }
 }

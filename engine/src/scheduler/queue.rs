@@ -1,6 +1,7 @@
 //! Which trial is next: longest first, then those whose retry is due and those that other programs may have left.
 
 use super::Task;
+use crate::results::TrialEnd;
 use std::{
     cmp::Reverse,
     collections::VecDeque,
@@ -13,12 +14,23 @@ const HELD_FOR: Duration = Duration::from_millis(300);
 
 /// What a slot should do next.
 pub(super) enum Next {
-    /// Try this trial, the given attempt at it (from 1).
-    Try(usize, u32),
+    /// Try this trial.
+    Try(Turn),
     /// Nothing is due yet.
     Wait(Duration),
     /// Nothing is left.
     Done,
+}
+
+/// One attempt at a trial.
+#[derive(Debug, Clone)]
+pub(super) struct Turn {
+    /// Index into the list of tasks.
+    pub(super) task: usize,
+    /// Number of the attempt, from 1.
+    pub(super) attempt: u32,
+    /// The stored end that is no reason not to try.
+    pub(super) before: Option<TrialEnd>,
 }
 
 /// The trials that are left.
@@ -27,7 +39,7 @@ pub(super) struct Queue {
 }
 
 struct State {
-    ready: VecDeque<usize>,
+    ready: VecDeque<Turn>,
     later: Vec<Later>,
     /// Trials that some slot works on: one of them may come back as a retry.
     busy: usize,
@@ -35,8 +47,7 @@ struct State {
 
 struct Later {
     due: Instant,
-    task: usize,
-    attempt: u32,
+    turn: Turn,
 }
 
 impl Queue {
@@ -44,7 +55,8 @@ impl Queue {
     pub(super) fn new(tasks: &[Task]) -> Self {
         let mut order: Vec<usize> = (0..tasks.len()).collect();
         order.sort_by_key(|&index| Reverse(tasks[index].cost));
-        Self { state: Mutex::new(State { ready: order.into(), later: Vec::new(), busy: 0 }) }
+        let turn = |task: usize| Turn { task, attempt: 1, before: tasks[task].before.clone() };
+        Self { state: Mutex::new(State { ready: order.into_iter().map(turn).collect(), later: Vec::new(), busy: 0 }) }
     }
 
     /// The next trial; whoever gets one says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
@@ -52,13 +64,13 @@ impl Queue {
         let mut state = self.lock();
         let now = now();
         if let Some(position) = state.later.iter().position(|later| later.due <= now) {
-            let Later { task, attempt, .. } = state.later.swap_remove(position);
+            let Later { turn, .. } = state.later.swap_remove(position);
             state.busy += 1;
-            return Next::Try(task, attempt);
+            return Next::Try(turn);
         }
-        if let Some(task) = state.ready.pop_front() {
+        if let Some(turn) = state.ready.pop_front() {
             state.busy += 1;
-            return Next::Try(task, 1);
+            return Next::Try(turn);
         }
         match state.later.iter().map(|later| later.due).min() {
             Some(due) => Next::Wait(due.saturating_duration_since(now)),
@@ -73,15 +85,15 @@ impl Queue {
     }
 
     /// The trial is to be tried again after a wait.
-    pub(super) fn retry(&self, task: usize, attempt: u32, wait: Duration) {
+    pub(super) fn retry(&self, turn: Turn, wait: Duration) {
         let mut state = self.lock();
         state.busy -= 1;
-        state.later.push(Later { due: now() + wait, task, attempt });
+        state.later.push(Later { due: now() + wait, turn });
     }
 
     /// Another program has the trial.
-    pub(super) fn held(&self, task: usize, attempt: u32) {
-        self.retry(task, attempt, HELD_FOR);
+    pub(super) fn held(&self, turn: Turn) {
+        self.retry(turn, HELD_FOR);
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {

@@ -2,7 +2,7 @@
 
 use super::{
     Event, Task, Workers, process,
-    queue::{Next, Queue},
+    queue::{Next, Queue, Turn},
     worker::{Message, Reply, Request},
 };
 use crate::{
@@ -59,8 +59,8 @@ impl<'a> Slot<'a> {
     pub(super) fn work(&mut self) -> Result<(), Error> {
         while !self.stopping() {
             match self.all.queue.next() {
-                Next::Try(task, attempt) => {
-                    if let Err(error) = self.take(task, attempt) {
+                Next::Try(turn) => {
+                    if let Err(error) = self.take(turn) {
                         // What cannot be written now cannot be written by the other slots either: nothing new begins.
                         self.all.halt.store(true, Ordering::SeqCst);
                         self.all.queue.done();
@@ -82,16 +82,16 @@ impl<'a> Slot<'a> {
     }
 
     /// Claims a trial and runs it, unless another program has it or has ended it.
-    fn take(&mut self, index: usize, attempt: u32) -> Result<(), Error> {
-        let task = &self.all.tasks[index];
+    fn take(&mut self, turn: Turn) -> Result<(), Error> {
+        let task = &self.all.tasks[turn.task];
         match self.all.leases.claim(&task.trial.id)? {
             Claim::Held(_) if !self.all.workers.wait_for_others => self.all.queue.done(),
             Claim::Held(owner) => {
-                self.tell(Event::Held { trial: index, owner });
-                self.all.queue.held(index, attempt);
+                self.tell(Event::Held { trial: turn.task, owner });
+                self.all.queue.held(turn);
             }
             Claim::Mine => {
-                let outcome = self.under_lease(index, attempt);
+                let outcome = self.under_lease(turn);
                 self.all.leases.release(&task.trial.id)?;
                 return outcome;
             }
@@ -99,32 +99,32 @@ impl<'a> Slot<'a> {
         Ok(())
     }
 
-    fn under_lease(&mut self, index: usize, attempt: u32) -> Result<(), Error> {
-        let task = &self.all.tasks[index];
+    fn under_lease(&mut self, turn: Turn) -> Result<(), Error> {
+        let (index, task) = (turn.task, &self.all.tasks[turn.task]);
         // The end may have been stored after the list of missing trials was made.
-        let stored = self.all.store.end(&task.trial.id).unwrap_or(None);
-        if let Some(end) = stored.filter(|end| !is_missing(Some(end)) && task.before.as_ref() != Some(end)) {
+        if let Some(end) = self.new_end(task, &turn) {
             self.tell(Event::EndedElsewhere { trial: index, end });
             self.all.queue.done();
             return Ok(());
         }
         self.tell(Event::Started { slot: self.number, trial: index });
-        match self.attempt(task)? {
+        match self.attempt(task, &turn)? {
             Attempt::Stopped => {
                 self.tell(Event::Stopped { slot: self.number });
                 self.all.queue.done();
             }
-            Attempt::Ended(end) => self.ended(index, attempt, end),
+            Attempt::Ended(end) => self.ended(turn, end),
         }
         Ok(())
     }
 
     /// Decides whether the end is final.
-    fn ended(&self, index: usize, attempt: u32, end: TrialEnd) {
-        match self.all.tasks[index].limits.retry_after(end.state, attempt) {
+    fn ended(&self, turn: Turn, end: TrialEnd) {
+        let index = turn.task;
+        match self.all.tasks[index].limits.retry_after(end.state, turn.attempt) {
             Some(wait) if !self.stopping() => {
-                self.tell(Event::Retried { slot: self.number, trial: index, end, wait });
-                self.all.queue.retry(index, attempt + 1, wait);
+                self.tell(Event::Retried { slot: self.number, trial: index, end: end.clone(), wait });
+                self.all.queue.retry(Turn { attempt: turn.attempt + 1, before: Some(end), ..turn }, wait);
             }
             _ => {
                 if self.all.workers.fail_fast && end.state != EndState::Ok {
@@ -137,7 +137,7 @@ impl<'a> Slot<'a> {
     }
 
     /// One attempt at a trial in the slot's process.
-    fn attempt(&mut self, task: &Task) -> Result<Attempt, Error> {
+    fn attempt(&mut self, task: &Task, turn: &Turn) -> Result<Attempt, Error> {
         let request = Request {
             trial: task.trial.clone(),
             store: self.all.store.root().to_path_buf(),
@@ -163,7 +163,7 @@ impl<'a> Slot<'a> {
             Some(Reply::Ended { end }) => Ok(Attempt::Ended(end)),
             Some(Reply::Stopped) => Ok(Attempt::Stopped),
             Some(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
-            _ => self.died(task, started.elapsed().as_secs_f64()),
+            _ => self.died(task, turn, started.elapsed().as_secs_f64()),
         }
     }
 
@@ -184,7 +184,7 @@ impl<'a> Slot<'a> {
     }
 
     /// Finds out how the process died and stores it.
-    fn died(&mut self, task: &Task, wall_s: f64) -> Result<Attempt, Error> {
+    fn died(&mut self, task: &Task, turn: &Turn, wall_s: f64) -> Result<Attempt, Error> {
         let (status, exceeded) = self.process.bury();
         if exceeded.is_none() && self.stopping() {
             return Ok(Attempt::Stopped);
@@ -192,14 +192,17 @@ impl<'a> Slot<'a> {
         let (state, reason) = exceeded.unwrap_or_else(|| explain(status));
         let end = TrialEnd { state, reason, wall_s, digest: String::new() };
         // The process may have stored its trial and died before it could say so.
-        if let Some(stored) = self.all.store.end(&task.trial.id).unwrap_or(None)
-            && !is_missing(Some(&stored))
-            && task.before.as_ref() != Some(&stored)
-        {
+        if let Some(stored) = self.new_end(task, turn) {
             return Ok(Attempt::Ended(stored));
         }
         self.all.store.acknowledge(&task.trial, &end)?;
         Ok(Attempt::Ended(end))
+    }
+
+    /// The stored end of a trial, where it is one and not the one that is known.
+    fn new_end(&self, task: &Task, turn: &Turn) -> Option<TrialEnd> {
+        let stored = self.all.store.end(&task.trial.id).unwrap_or(None);
+        stored.filter(|end| !is_missing(Some(end)) && turn.before.as_ref() != Some(end))
     }
 
     fn tell(&self, event: Event) {

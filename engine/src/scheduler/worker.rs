@@ -3,7 +3,7 @@
 use crate::{
     Error, Registry,
     results::{EndState, TrialEnd},
-    store::Store,
+    store::{RunningTrial, Store},
     trial::Trial,
 };
 use serde::{Deserialize, Serialize};
@@ -144,13 +144,13 @@ fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, repli
     let folder = store.folder(&trial.id);
     std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
     let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
-    let mut keeper = crate::NoKeeper;
-    let _ = (every, stop);
+    let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop))?;
     let outcome = catch_unwind(AssertUnwindSafe(|| trial.key.run(registry, Some(&folder), &mut progress, &mut keeper)));
     let wall_s = started.elapsed().as_secs_f64();
     let (state, reason) = match outcome {
         Ok(Ok(record)) => {
             let end = store.finish(trial, &record, wall_s)?;
+            RunningTrial::discard(&folder)?;
             return Ok(end);
         }
         Ok(Err(error @ (Error::Stopped | Error::Store { .. }))) => return Err(error),
@@ -160,6 +160,8 @@ fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, repli
     };
     let end = TrialEnd { state, reason: one_line(&reason), wall_s, digest: String::new() };
     store.acknowledge(trial, &end)?;
+    // It would fail again from its checkpoint; once its cause is mended it has to run from the start.
+    RunningTrial::discard(&folder)?;
     Ok(end)
 }
 

@@ -11,13 +11,18 @@
 //! has not run, whatever else lies in its folder.
 
 mod boundary;
+mod fsck;
+mod index;
 mod lease;
 pub mod metric_log;
 mod metrics_file;
 mod running;
+mod seal;
 mod sealed_folder;
 
 pub use boundary::install as install_boundary_hook;
+pub use fsck::{Fault, Finding, Findings};
+pub use index::StoredTrial;
 pub use lease::{Claim, Leases, Owner};
 pub use metrics_file::{MetricsTable, SCHEMA_VERSION, read as read_metrics, write_results};
 pub use running::RunningTrial;
@@ -29,6 +34,7 @@ use crate::{
 };
 use serde::{Deserialize, Serialize};
 use std::{
+    collections::BTreeMap,
     fs::{self, File},
     io::Write,
     path::{Path, PathBuf},
@@ -45,11 +51,20 @@ pub struct Store {
 pub struct TrialFile {
     /// Version of this file's form.
     pub schema: u32,
+    /// Ids of environment, agent and protocol: with them the end can be read without the configs.
+    #[serde(default)]
+    pub parts: Option<[String; 3]>,
     /// What determined the numbers.
     pub key: TrialKey,
     /// How the trial ended.
     pub end: TrialEnd,
+    /// Hashes of what the trial left besides its metrics, by name: the learned policy.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub files: BTreeMap<String, String>,
 }
+
+/// Version of `trial.json`: from 2 on it ends with a hash of what stands before.
+const TRIAL_SCHEMA: u32 = 2;
 
 impl Store {
     /// The store under `root`; nothing is created before the first trial ends.
@@ -75,18 +90,7 @@ impl Store {
     /// # Errors
     /// [`Error::Damaged`] where its file is not what it should be.
     pub fn end(&self, id: &str) -> Result<Option<TrialEnd>, Error> {
-        let path = self.folder(id).join("trial.json");
-        let text = match fs::read(&path) {
-            Ok(text) => text,
-            Err(source) if source.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(source) => return Err(Error::file("read", &path)(source)),
-        };
-        let file: TrialFile =
-            serde_json::from_slice(&text).map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
-        if file.key.id() != id {
-            return Err(Error::Damaged { path, problem: format!("it belongs to trial {}", file.key.id()) });
-        }
-        Ok(Some(file.end))
+        Ok(self.stored(id)?.map(|trial| trial.end))
     }
 
     /// Stores what an `ok` trial recorded and acknowledges it. Doing it twice changes nothing.
@@ -97,10 +101,9 @@ impl Store {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let bytes = metrics_file::encode(record, &trial.id)?;
-        let digest = blake3::hash(&bytes).to_hex()[..32].to_string();
         write_durably(&folder.join("metrics.parquet"), &bytes)?;
-        let end = TrialEnd { state: EndState::Ok, reason: String::new(), wall_s, digest };
-        self.acknowledge(trial, &end)?;
+        let end = TrialEnd { state: EndState::Ok, reason: String::new(), wall_s, digest: seal::hash(&bytes) };
+        self.acknowledge_with(trial, &end, exported(&folder)?)?;
         Ok(end)
     }
 
@@ -109,13 +112,34 @@ impl Store {
     /// # Errors
     /// Where the file cannot be written.
     pub fn acknowledge(&self, trial: &Trial, end: &TrialEnd) -> Result<(), Error> {
+        self.acknowledge_with(trial, end, BTreeMap::new())
+    }
+
+    fn acknowledge_with(&self, trial: &Trial, end: &TrialEnd, files: BTreeMap<String, String>) -> Result<(), Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-        let file = TrialFile { schema: SCHEMA_VERSION, key: trial.key.clone(), end: end.clone() };
+        let parts = Some(trial.key.part_ids());
+        let file = TrialFile { schema: TRIAL_SCHEMA, parts, key: trial.key.clone(), end: end.clone(), files };
         let path = folder.join("trial.json");
         let text =
             serde_json::to_vec(&file).map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
-        write_durably(&path, &text)
+        write_durably(&path, &seal::sealed(text))
+    }
+
+    /// What acknowledges a trial; `None` where it was not acknowledged.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where the file is not what was written, or is of another trial.
+    pub fn file(&self, id: &str) -> Result<Option<TrialFile>, Error> {
+        let path = self.folder(id).join("trial.json");
+        if self.stored(id)?.is_none() {
+            return Ok(None);
+        }
+        let text = fs::read(&path).map_err(Error::file("read", &path))?;
+        let file: TrialFile =
+            serde_json::from_slice(&text).map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
+        let own = file.key.id();
+        if own == id { Ok(Some(file)) } else { Err(Error::Damaged { path, problem: format!("it belongs to trial {own}") }) }
     }
 
     /// A trial with all it recorded.
@@ -128,7 +152,7 @@ impl Store {
         if result.is_ok() {
             let path = self.folder(&trial.id).join("metrics.parquet");
             let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
-            let digest = &blake3::hash(&bytes).to_hex()[..32];
+            let digest = seal::hash(&bytes);
             if result.end.as_ref().is_some_and(|end| end.digest != digest) {
                 return Err(Error::Damaged { path, problem: "its hash is not the acknowledged one".into() });
             }
@@ -137,6 +161,20 @@ impl Store {
         }
         Ok(result)
     }
+}
+
+/// Hashes of what the agent exported into a trial's folder, brought to the disk.
+fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error> {
+    let mut files = BTreeMap::new();
+    for entry in fs::read_dir(folder).map_err(Error::file("read", folder))? {
+        let path = entry.map_err(Error::file("read", folder))?.path();
+        if path.extension().is_some_and(|ending| ending == "safetensors") {
+            File::open(&path).and_then(|file| file.sync_all()).map_err(Error::file("flush", &path))?;
+            let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
+            files.insert(path.file_name().unwrap_or_default().to_string_lossy().into_owned(), seal::hash(&bytes));
+        }
+    }
+    Ok(files)
 }
 
 /// Writes a file so that after a crash it is either the old one or the whole new one.

@@ -10,8 +10,8 @@
 //! ends with the same numbers.
 
 use super::{
-    MetricsTable,
-    metric_log::{LogPosition, MetricLog},
+    MetricsTable, boundary,
+    metric_log::{self, LogEnd, LogPosition, MetricLog},
     sealed_folder::{flush, is_whole, seal},
 };
 use crate::{Agent, Error, Keeper, Recorder, recorder::Running};
@@ -111,6 +111,7 @@ impl RunningTrial {
     }
 
     fn write(&self, number: u64, state: &State, agent: &dyn Agent) -> Result<(), Error> {
+        boundary::pass("before a checkpoint", &self.checkpoint(number));
         let unfinished = self.unfinished(number)?;
         let agent_folder = unfinished.join("agent");
         fs::create_dir(&agent_folder).map_err(Error::file("create", &agent_folder))?;
@@ -118,9 +119,11 @@ impl RunningTrial {
         let path = unfinished.join("state.json");
         let text = serde_json::to_vec(state).map_err(io::Error::from).map_err(Error::file("write", &path))?;
         fs::write(&path, text).map_err(Error::file("write", &path))?;
+        boundary::pass("before a checkpoint is sealed", &self.checkpoint(number));
         seal(&unfinished, &self.trial)?;
         let finished = self.checkpoint(number);
         fs::rename(&unfinished, &finished).map_err(Error::file("rename to", &finished))?;
+        boundary::pass("after a checkpoint is renamed", &finished);
         flush(&self.folder).map_err(Error::file("flush", &self.folder))
     }
 
@@ -178,7 +181,9 @@ impl Keeper for RunningTrial {
         let started = now();
         let log = self.log()?;
         log.append(record)?;
-        log.flush()?;
+        boundary::pass("after rows are appended", &self.log_path());
+        self.log()?.flush()?;
+        let log = self.log()?;
         let state = State { protocol: state, running: record.running().clone(), log: log.position() };
         let number = self.numbers()?.last().map_or(1, |last| last + 1);
         if number == 1 {
@@ -216,6 +221,28 @@ impl Keeper for RunningTrial {
     fn refuse(&mut self) -> bool {
         self.taken_up.take().is_some_and(|number| self.refused.insert(number))
     }
+}
+
+/// What is wrong with what is kept of the trial `trial` in `running`: names, each with the fault.
+pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'static str)>, Error> {
+    let mut faults = Vec::new();
+    for name in names(running).map_err(Error::file("read", running))? {
+        let path = running.join(&name);
+        if name.starts_with(PREFIX) && !is_whole(&path, trial) {
+            faults.push((name, "it is not what was saved"));
+        } else if name.starts_with('.') {
+            faults.push((name, "its writing was never finished"));
+        } else if name == "metrics.log" && is_damaged(&path, trial) {
+            faults.push((name, "a frame before its end is damaged"));
+        } else if !name.starts_with(PREFIX) && name != "metrics.log" {
+            faults.push((name, "a running trial has no such file"));
+        }
+    }
+    Ok(faults)
+}
+
+fn is_damaged(log: &Path, trial: &str) -> bool {
+    metric_log::read(log).map_or(true, |log| matches!(log.end, LogEnd::Damaged { .. }) || log.trial != trial)
 }
 
 fn running(folder: &Path) -> PathBuf {

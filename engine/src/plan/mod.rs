@@ -1,4 +1,14 @@
-//! The plan of a study: its trials, in order.
+//! The plan of a study: its trials, in order, and why those that are not stored are new.
+
+mod explain;
+mod leaves;
+mod novelty;
+#[cfg(test)]
+mod tests;
+
+pub use explain::{explain, seed_ranges, to_json};
+pub use leaves::Difference;
+pub use novelty::{Novelty, Reason, StoredCell, novelties};
 
 use crate::{
     spec::Study,

@@ -1,0 +1,259 @@
+//! Reads many trials of a store at once: how they ended, and which there are.
+//!
+//! Of each `trial.json` only what is asked for is parsed: the configs, which are most of it, are skipped. That a file belongs to
+//! the trial in whose folder it lies follows from the ids of its parts, its seed, numerics version and device.
+
+use super::{Store, TRIAL_SCHEMA, TrialFile, seal::is_sealed};
+use crate::{
+    Error,
+    plan::StoredCell,
+    results::TrialEnd,
+    trial::{Trial, TrialKey, trial_id},
+};
+use serde::Deserialize;
+use std::{
+    collections::{BTreeMap, BTreeSet, HashSet},
+    fs,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicUsize, Ordering},
+};
+
+/// From this many trials in one group of folders on, the group is listed and nothing is opened in vain.
+const LIST_FROM: usize = 4;
+
+/// A stored trial without its configs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredTrial {
+    /// Ids of environment, agent and protocol.
+    pub parts: [String; 3],
+    /// The replicate.
+    pub seed: u64,
+    /// Version of the shared numerical code.
+    pub numerics: u32,
+    /// Kind of device.
+    pub device: String,
+    /// How it ended.
+    pub end: TrialEnd,
+}
+
+impl Store {
+    /// How each trial ended, in the order of `trials`; `None` where it has not run.
+    ///
+    /// Each entry is what [`Store::end`] says of the trial: an error stands where its file is not what it should be.
+    #[must_use]
+    pub fn ends(&self, trials: &[Trial]) -> Vec<Result<Option<TrialEnd>, Error>> {
+        let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+        for (position, trial) in trials.iter().enumerate() {
+            groups.entry(digits(&trial.id)).or_default().push(position);
+        }
+        let groups: Vec<_> = groups.into_iter().collect();
+        let found = in_parallel(groups.len(), |index| self.ends_in_group(groups[index].0, &groups[index].1, trials));
+        let mut ends: Vec<_> = trials.iter().map(|_| Ok(None)).collect();
+        for (position, end) in found {
+            ends[position] = end;
+        }
+        ends
+    }
+
+    fn ends_in_group(&self, group: &str, positions: &[usize], trials: &[Trial]) -> Vec<(usize, Result<Option<TrialEnd>, Error>)> {
+        let folder = self.group(group);
+        let listed: Option<HashSet<String>> = (positions.len() >= LIST_FROM).then(|| names(&folder).into_iter().collect());
+        let present = |id: &str| listed.as_ref().is_none_or(|listed| listed.contains(id));
+        let there = positions.iter().filter(|&&position| present(&trials[position].id));
+        there.map(|&position| (position, self.stored(&trials[position].id).map(|trial| trial.map(|it| it.end)))).collect()
+    }
+
+    /// A trial without its configs; `None` where it has not run.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where its file is not what it should be.
+    pub fn stored(&self, id: &str) -> Result<Option<StoredTrial>, Error> {
+        let path = self.folder(id).join("trial.json");
+        let text = match fs::read(&path) {
+            Ok(text) => text,
+            Err(source) if source.kind() == ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(Error::file("read", &path)(source)),
+        };
+        let damaged = |problem: String| Error::Damaged { path: path.clone(), problem };
+        let trial = parse(&text).map_err(damaged)?;
+        let own = trial_id(trial.parts.each_ref().map(String::as_str), trial.seed, trial.numerics, &trial.device);
+        if own == id { Ok(Some(trial)) } else { Err(damaged(format!("it belongs to trial {own}"))) }
+    }
+
+    /// The distinct combinations of parts in the store, each with its seeds; at most `most` trials are read.
+    ///
+    /// Files that are not what they should be are passed over.
+    #[must_use]
+    pub fn cells(&self, most: usize) -> Vec<StoredCell> {
+        let mut ids = self.ids();
+        ids.truncate(most);
+        let chunks: Vec<_> = ids.chunks(256).collect();
+        let stored = in_parallel(chunks.len(), |index| {
+            chunks[index].iter().filter_map(|id| Some((id, self.stored(id).ok()??))).collect::<Vec<_>>()
+        });
+        let mut cells: BTreeMap<([String; 3], u32, String), (&String, BTreeSet<u64>)> = BTreeMap::new();
+        for (id, trial) in stored {
+            let cell = cells.entry((trial.parts, trial.numerics, trial.device)).or_insert_with(|| (id, BTreeSet::new()));
+            cell.1.insert(trial.seed);
+        }
+        let cells: Vec<_> = cells.into_values().collect();
+        in_parallel(cells.len(), |index| {
+            let (id, seeds) = &cells[index];
+            self.key(id).map(|key| StoredCell { key, seeds: seeds.clone() }).into_iter().collect()
+        })
+    }
+
+    fn key(&self, id: &str) -> Option<TrialKey> {
+        let text = fs::read(self.folder(id).join("trial.json")).ok()?;
+        serde_json::from_slice::<TrialFile>(&text).ok().map(|file| file.key)
+    }
+
+    /// The id of every trial that has a folder, in order.
+    fn ids(&self) -> Vec<String> {
+        let trials = self.root.join("trials");
+        let mut ids: Vec<String> = names(&trials).iter().flat_map(|group| names(&trials.join(group))).collect();
+        ids.sort_unstable();
+        ids
+    }
+
+    fn group(&self, id: &str) -> PathBuf {
+        self.root.join("trials").join(digits(id))
+    }
+}
+
+/// The digits of an id that name its group of folders.
+fn digits(id: &str) -> &str {
+    id.get(..2).unwrap_or("00")
+}
+
+/// What is parsed of a `trial.json`.
+#[derive(Deserialize)]
+struct Outline<'a> {
+    schema: u32,
+    #[serde(borrow, default)]
+    parts: Option<[&'a str; 3]>,
+    key: Replicate,
+    end: TrialEnd,
+}
+
+#[derive(Deserialize)]
+struct Replicate {
+    seed: u64,
+    numerics: u32,
+    device: String,
+}
+
+fn parse(text: &[u8]) -> Result<StoredTrial, String> {
+    let outline = serde_json::from_slice(text).map_err(|source| source.to_string())?;
+    let Outline { schema, parts, key: Replicate { seed, numerics, device }, end } = outline;
+    let parts = match (schema, parts) {
+        (1, Some(parts)) => parts.map(str::to_owned),
+        (TRIAL_SCHEMA, Some(parts)) if is_sealed(text) => parts.map(str::to_owned),
+        (TRIAL_SCHEMA, _) => return Err("its check does not hold".into()),
+        // Files of the first version may not hold the ids.
+        (1, None) => serde_json::from_slice::<TrialFile>(text).map_err(|source| source.to_string())?.key.part_ids(),
+        (other, _) => return Err(format!("version {other} of its form is not known to this program")),
+    };
+    Ok(StoredTrial { parts, seed, numerics, device, end })
+}
+
+/// Names of what lies in a folder; none where it cannot be read.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter_map(|entry| entry.file_name().into_string().ok()).collect()
+}
+
+/// What `work` gives for 0 to `count`, in that order, computed on as many threads as there are cores.
+fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> Vec<T> + Sync) -> Vec<T> {
+    let next = AtomicUsize::new(0);
+    let take = || {
+        let index = next.fetch_add(1, Ordering::Relaxed);
+        (index < count).then(|| (index, work(index)))
+    };
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(count);
+    let mut parts: Vec<(usize, Vec<T>)> = std::thread::scope(|scope| {
+        let running: Vec<_> = (0..threads).map(|_| scope.spawn(|| std::iter::from_fn(take).collect::<Vec<_>>())).collect();
+        running.into_iter().flat_map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+    });
+    parts.sort_unstable_by_key(|(index, _)| *index);
+    parts.into_iter().flat_map(|(_, part)| part).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Recorder, results::EndState, trial::Part};
+    use serde_json::json;
+
+    fn trial(cells: u32, seed: u64) -> Trial {
+        let part = |plugin: &str| Part::new(plugin, 1, json!({ "cells": cells }));
+        let (environment, agent, protocol) = (part("battery"), part("equal"), part("evaluate"));
+        let key = TrialKey { environment, agent, protocol, seed, numerics: 1, device: "cpu".into() };
+        Trial { id: key.id(), environment: "four".into(), agent: "equal".into(), setting: String::new(), key }
+    }
+
+    fn acknowledge(store: &Store, trial: &Trial, state: EndState) {
+        let end = TrialEnd { state, reason: "told".into(), wall_s: 1.0, digest: String::new() };
+        store.acknowledge(trial, &end).unwrap();
+    }
+
+    #[test]
+    fn many_ends_at_once_are_the_ends_one_by_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let trials: Vec<Trial> = (0..2000).map(|seed| trial(4, seed)).collect();
+        assert!(store.ends(&trials).into_iter().all(|end| end.unwrap().is_none()), "nothing is stored yet");
+        for (trial, state) in trials.iter().step_by(7).zip([EndState::Ok, EndState::Nan, EndState::Killed].into_iter().cycle()) {
+            acknowledge(&store, trial, state);
+        }
+        for (trial, end) in trials.iter().zip(store.ends(&trials)) {
+            assert_eq!(end.unwrap(), store.end(&trial.id).unwrap());
+        }
+    }
+
+    #[test]
+    fn files_of_another_trial_and_broken_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let trials = [trial(4, 1), trial(4, 2), trial(4, 3)];
+        trials.iter().for_each(|trial| acknowledge(&store, trial, EndState::Ok));
+        let file = |trial: &Trial| store.folder(&trial.id).join("trial.json");
+        fs::copy(file(&trials[0]), file(&trials[1])).unwrap();
+        fs::write(file(&trials[2]), "{").unwrap();
+        let ends = store.ends(&trials);
+        assert!(matches!(ends[0], Ok(Some(_))));
+        assert!(matches!(&ends[1], Err(Error::Damaged { problem, .. }) if problem.contains(&trials[0].id)));
+        assert!(matches!(ends[2], Err(Error::Damaged { .. })));
+    }
+
+    #[test]
+    fn files_without_the_ids_of_parts_are_still_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let trial = trial(4, 1);
+        store.finish(&trial, &Recorder::default(), 1.0).unwrap();
+        let path = store.folder(&trial.id).join("trial.json");
+        let mut file: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+        file["schema"] = 1.into();
+        assert!(file.as_object_mut().unwrap().remove("parts").is_some());
+        fs::write(&path, file.to_string()).unwrap();
+        assert_eq!(store.stored(&trial.id).unwrap().unwrap().parts, trial.key.part_ids());
+        assert!(store.load(&trial).unwrap().is_ok());
+    }
+
+    #[test]
+    fn cells_are_combinations_of_parts_with_their_seeds() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        for trial in [trial(4, 0), trial(4, 2), trial(8, 1)] {
+            acknowledge(&store, &trial, EndState::Ok);
+        }
+        let mut cells = store.cells(usize::MAX);
+        cells.sort_by_key(|cell| cell.seeds.len());
+        assert_eq!(cells.len(), 2);
+        assert_eq!(*cells[0].key.agent.config, json!({"cells": 8}));
+        assert_eq!(cells[1].seeds, BTreeSet::from([0, 2]));
+        assert_eq!(store.cells(1).len(), 1);
+    }
+}
