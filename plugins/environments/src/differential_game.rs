@@ -15,6 +15,7 @@
 //! An episode is one step and terminates. There is nothing to see: each player observes the constant 1, so that the joint
 //! observation of two players is [1, 1], as the authors' public code has it.
 
+use crate::unit_box::{self, Beyond};
 use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -118,18 +119,9 @@ impl DifferentialGame {
 
     /// Takes the joint action over.
     fn read(&mut self, actions: &[Vec<f64>]) -> Result<(), Error> {
-        let players = self.config.players;
-        if actions.len() != players {
-            return Err(Error::Action { problem: format!("{} seats in place of {players}", actions.len()) });
-        }
+        unit_box::check_seats(actions, self.config.players)?;
         for (player, (given, action)) in actions.iter().zip(&mut self.actions).enumerate() {
-            let [entry] = given[..] else {
-                return Err(Error::Action { problem: format!("agent_{player}: {} entries in place of 1", given.len()) });
-            };
-            // Written so that a NaN is refused as well.
-            if !(-1.0..=1.0).contains(&entry) {
-                return Err(Error::Action { problem: format!("agent_{player}.unit_action is {entry}, outside [-1, 1]") });
-            }
+            let [entry] = unit_box::checked(given, player, ["unit_action"], Beyond::Refused)?;
             *action = ACTION_SCALE * entry;
         }
         Ok(())

@@ -8,6 +8,7 @@ pub mod differential_game;
 pub mod particles;
 mod simplex;
 pub mod simplex_reconstruction;
+mod unit_box;
 
 /// Registers every environment of this crate.
 pub fn register(registry: &mut engine::Registry) {

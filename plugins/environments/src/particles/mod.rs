@@ -27,7 +27,7 @@
 //! # Departures
 //! * Actions are two-dimensional for every variant. `openai` and `mpe2` take five numbers of which only the differences
 //!   (right - left, up - down) act; u is that difference, with the signs set so that u points where the force does. `mpe2` clips
-//!   its actions, and so u is clipped to [-1, 1] there; elsewhere an action outside is an error.
+//!   its actions, and so u is clipped to [-1, 1] there; elsewhere an action outside by more than rounding is an error.
 //! * Bodies at the very same place exert no force on each other (the other programs divide 0 by 0): no direction is
 //!   better than another, and they part as soon as anything else moves one of them.
 
@@ -42,13 +42,18 @@ mod rules;
 mod scenario;
 mod world;
 
+pub use crate::unit_box::Beyond;
 pub use config::{ParticlesConfig, ScenarioName, Start};
 pub use rules::{Integration, Rules, Sharing, Variant};
 pub use world::{Body, Motion, Vector, World};
 
+use crate::unit_box;
 use engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};
 use scenario::Scenario;
 use serde::{Deserialize, Serialize};
+
+/// Names of an action's entries.
+const FORCE: [&str; 2] = ["force_x", "force_y"];
 
 /// The `particles` environment.
 pub struct Particles {
@@ -126,26 +131,11 @@ impl Particles {
 
     /// Takes the actions over into `controls`.
     fn read(&mut self, actions: &[Vec<f64>]) -> Result<(), Error> {
-        if actions.len() != self.controls.len() {
-            let problem = format!("{} seats in place of {}", actions.len(), self.controls.len());
-            return Err(Error::Action { problem });
-        }
+        unit_box::check_seats(actions, self.controls.len())?;
         for (agent, (action, control)) in actions.iter().zip(&mut self.controls).enumerate() {
-            let [x, y] = action[..] else {
-                return Err(Error::Action { problem: format!("agent_{agent}: {} entries in place of 2", action.len()) });
-            };
-            *control = [force(x, agent, "x", self.rules.clips_actions)?, force(y, agent, "y", self.rules.clips_actions)?];
+            *control = unit_box::checked(action, agent, FORCE, self.rules.beyond_limits)?;
         }
         Ok(())
-    }
-}
-
-/// One entry of an action within [-1, 1].
-fn force(value: f64, agent: usize, axis: &str, clips: bool) -> Result<f64, Error> {
-    match value {
-        value if value.abs() <= 1.0 => Ok(value),
-        value if clips && !value.is_nan() => Ok(value.clamp(-1.0, 1.0)),
-        value => Err(Error::Action { problem: format!("agent_{agent}.force_{axis} is {value}, outside [-1, 1]") }),
     }
 }
 
@@ -153,7 +143,7 @@ fn seats(channels: &[Vec<Channel>], joint: bool) -> Vec<Seat> {
     let of = |agent: usize| channels[agent].iter().map(move |channel| (agent, channel.clone()));
     let named = |(agent, channel): (usize, Channel)| Channel { name: format!("agent_{agent}.{}", channel.name), ..channel };
     let all: Vec<Channel> = (0..channels.len()).flat_map(of).map(named).collect();
-    let force = ["force_x", "force_y"].map(|name| Channel::new(name, "").within(-1.0, 1.0).typical(0.0, 0.6));
+    let force = FORCE.map(|name| Channel::new(name, "").within(-1.0, 1.0).typical(0.0, 0.6));
     let seat = |agent: usize| Seat {
         name: format!("agent_{agent}"),
         observation: Space::Box(if joint { all.clone() } else { channels[agent].clone() }),

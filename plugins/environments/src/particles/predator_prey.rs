@@ -99,8 +99,9 @@ impl Scenario for PredatorPrey {
         let prey = shaping - CATCH * catches - leaving;
         #[allow(clippy::cast_precision_loss, reason = "a handful of pairs")]
         let touching = world.touching_agents() as f64;
-        let total = 3.0 * predator + prey;
-        (vec![predator, predator, predator, prey], vec![total, touching, catches, prey - predator])
+        let rewards = vec![predator, predator, predator, prey];
+        let total = rewards.iter().sum();
+        (rewards, vec![total, touching, catches, prey - predator])
     }
 }
 

@@ -1,5 +1,6 @@
 //! What the three programs called "multi-agent particle environment" do differently, as one table.
 
+use crate::unit_box::Beyond;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -23,8 +24,8 @@ pub struct Rules {
     pub accelerates_twice: bool,
     /// What moves first in a step.
     pub integration: Integration,
-    /// Actions beyond [-1, 1] are clipped, not refused.
-    pub clips_actions: bool,
+    /// What happens to actions beyond [-1, 1].
+    pub beyond_limits: Beyond,
     /// Navigation: an agent counts as colliding with itself, a constant -1 for each at every step.
     pub collides_with_itself: bool,
     /// Navigation: whose reward an agent gets.
@@ -64,7 +65,7 @@ impl Variant {
             Variant::Thesis => Rules {
                 accelerates_twice: true,
                 integration: Integration::VelocityFirst,
-                clips_actions: false,
+                beyond_limits: Beyond::Refused,
                 collides_with_itself: true,
                 sharing: Sharing::Own,
                 shaped_pursuit: true,
@@ -72,7 +73,7 @@ impl Variant {
             Variant::Openai => Rules {
                 accelerates_twice: false,
                 integration: Integration::VelocityFirst,
-                clips_actions: false,
+                beyond_limits: Beyond::Refused,
                 collides_with_itself: true,
                 sharing: Sharing::Sum,
                 shaped_pursuit: false,
@@ -80,7 +81,7 @@ impl Variant {
             Variant::Mpe2 => Rules {
                 accelerates_twice: false,
                 integration: Integration::PositionFirst,
-                clips_actions: true,
+                beyond_limits: Beyond::Clipped,
                 collides_with_itself: false,
                 sharing: Sharing::Local { ratio: 0.5 },
                 shaped_pursuit: false,
