@@ -1,10 +1,10 @@
-//! The battery simulator through `regimen rollout`, against trajectories of another program.
+//! Simulators through `regimen rollout`, against trajectories of other programs.
 
 use crate::program::{Bench, repository};
 use std::{collections::BTreeMap, path::PathBuf};
 
 fn fixture(name: &str) -> PathBuf {
-    repository().join("tests/fixtures/battery").join(name)
+    repository().join("tests/fixtures").join(name)
 }
 
 /// Columns of a CSV file by name; empty cells are NaN.
@@ -33,7 +33,7 @@ fn one_cell_at_constant_power_follows_the_other_program() {
     let actions = format!("weight_1\n{}", "1\n".repeat(300));
     bench.write("actions.csv", &actions);
     bench.ok(&["rollout", "battery", "--config", "cell.yaml", "--actions", "actions.csv", "--out", "out.csv"]);
-    let (ours, theirs) = (columns(&bench.path("out.csv")), columns(&fixture("const_power_8W.csv")));
+    let (ours, theirs) = (columns(&bench.path("out.csv")), columns(&fixture("battery/const_power_8W.csv")));
     let mut compared = 0;
     for (row, time) in theirs["t_s"].iter().enumerate() {
         let Some(mine) = ours["t_s"].iter().position(|t| (t - time).abs() < 1e-9) else { continue };
@@ -45,6 +45,52 @@ fn one_cell_at_constant_power_follows_the_other_program() {
         compared += 1;
     }
     assert!(compared >= 8, "only {compared} rows could be compared");
+}
+
+type Columns = BTreeMap<String, Vec<f64>>;
+
+/// Config and actions of a reference run of predators and prey, under this program's names.
+fn as_input(reference: &Columns) -> (String, String) {
+    let place = |name: String| format!("[{}, {}]", reference[&format!("{name}x")][0], reference[&format!("{name}y")][0]);
+    let places = |letter: &str, count: usize| (0..count).map(|i| place(format!("{letter}{i}"))).collect::<Vec<_>>().join(", ");
+    let start = format!("{{ agents: [{}], landmarks: [{}] }}", places("p", 4), places("l", 2));
+    let each = |entry: &dyn Fn(usize, &str) -> String| {
+        (0..4).flat_map(|agent| ["x", "y"].map(|axis| entry(agent, axis))).collect::<Vec<_>>().join(",") + "\n"
+    };
+    let row = |row: usize| each(&|agent, axis| reference[&format!("u{agent}{axis}")][row].to_string());
+    let header = each(&|agent, axis| format!("agent_{agent}.force_{axis}"));
+    let actions = header + &(1..reference["t"].len()).map(row).collect::<String>();
+    (format!("scenario: predator_prey\nstart: {start}\n"), actions)
+}
+
+/// Predators and prey of the thesis' authors, with every column that a person would look for.
+#[test]
+fn several_seats_follow_the_other_program() {
+    let bench = Bench::new();
+    let theirs = columns(&fixture("particles/thesis_tag.csv"));
+    let (config, actions) = as_input(&theirs);
+    bench.write("tag.yaml", &config);
+    bench.write("actions.csv", &actions);
+    bench.ok(&["rollout", "particles", "--config", "tag.yaml", "--actions", "actions.csv", "--out", "out.csv"]);
+    let ours = columns(&bench.path("out.csv"));
+    let agree = |one: String, other: String, first: usize| {
+        assert_eq!(ours[&one].len(), theirs[&other].len(), "{one}");
+        let mut pairs = ours[&one].iter().zip(&theirs[&other]).skip(first);
+        assert!(pairs.all(|(one, other)| (one - other).abs() < 1e-9), "{one}");
+    };
+    agree("t".into(), "t".into(), 0);
+    agree("landmark_1.position_y".into(), "l1y".into(), 0);
+    for agent in 0..4 {
+        agree(format!("agent_{agent}.reward"), format!("r{agent}"), 1);
+        assert!(ours[&format!("agent_{agent}.reward")][0].is_nan());
+        for (axis, entry) in [("x", 2), ("y", 3)] {
+            agree(format!("agent_{agent}.position_{axis}"), format!("p{agent}{axis}"), 0);
+            agree(format!("agent_{agent}.velocity_{axis}"), format!("v{agent}{axis}"), 0);
+            agree(format!("agent_{agent}.force_{axis}"), format!("u{agent}{axis}"), 1);
+            agree(format!("agent_{agent}.obs_{entry}"), format!("p{agent}{axis}"), 0);
+        }
+    }
+    assert!(ours.contains_key("agent_2.obs_15") && !ours.contains_key("agent_3.obs_14"));
 }
 
 #[test]
