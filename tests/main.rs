@@ -3,6 +3,7 @@
 mod architecture;
 mod contracts;
 mod crashes;
+mod disk;
 mod end_states;
 mod experiments;
 mod fsck;

@@ -1,0 +1,59 @@
+//! A disk that fills up ends with a clear error, and everything acknowledged stays.
+
+use crate::program::Bench;
+use std::process::Command;
+
+const STUDY: &str = "
+study: big
+environments: { cells: { battery: { cells: 2 } } }
+agents: { dsac: { dirichlet_sac: { width: 96, batch_size: 8, learning_starts: 16 } } }
+protocol: { train_evaluate: { steps: 64, environments: 8, evaluate_every: 32, episodes: 1, final_episodes: 4, trace_episodes: 4 } }
+seeds: 60
+";
+
+/// A small file system of its own for the store, gone at the end; `None` where none can be mounted.
+struct SmallDisk<'a>(&'a Bench);
+
+impl<'a> SmallDisk<'a> {
+    fn mount(bench: &'a Bench) -> Option<Self> {
+        let folder = bench.path("small");
+        std::fs::create_dir(&folder).unwrap();
+        let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", "size=3m", "none"]).arg(&folder).output();
+        mounted.is_ok_and(|output| output.status.success()).then_some(Self(bench))
+    }
+
+    fn resize(&self, size: &str) {
+        let option = format!("remount,size={size}");
+        assert!(Command::new("mount").args(["-o", &option]).arg(self.0.path("small")).status().unwrap().success());
+    }
+}
+
+impl Drop for SmallDisk<'_> {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(self.0.path("small")).status();
+    }
+}
+
+#[test]
+fn a_full_disk_is_said_and_loses_nothing() {
+    let bench = Bench::new();
+    let Some(disk) = SmallDisk::mount(&bench) else {
+        #[allow(clippy::print_stderr, reason = "whoever reads the test's output should know")]
+        {
+            eprintln!("skipped: no tmpfs can be mounted here (it takes root)");
+        }
+        return;
+    };
+    bench.write("big.yaml", STUDY);
+    bench.ok(&["worker", "big.yaml", "-j", "2", "--store", "whole"]);
+    let answer = bench.run(&["run", "big.yaml", "-j", "2", "--store", "small/store"]);
+    assert_eq!(answer.code, 106, "{}", answer.err);
+    assert!(answer.err.contains("No space left on device") && answer.err.contains("the store cannot be written"), "{}", answer.err);
+    let (kept, whole) = (bench.digests("small/store"), bench.digests("whole"));
+    assert!(!kept.is_empty() && kept.len() < 60, "{} trials fit", kept.len());
+    assert!(kept.iter().all(|trial| whole.contains(trial)), "what was acknowledged is intact");
+    disk.resize("200m");
+    bench.ok(&["fsck", "small/store"]);
+    bench.ok(&["worker", "big.yaml", "-j", "2", "--store", "small/store"]);
+    assert_eq!(bench.digests("small/store"), whole);
+}
