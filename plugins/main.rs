@@ -11,5 +11,5 @@ fn main() -> ExitCode {
     engine::protocol::register(&mut registry);
     environments::register(&mut registry);
     agents::register(&mut registry);
-    engine::cli::main(&registry)
+    engine::cli::main(&registry, include_str!("../experiments/quickstart.yaml"))
 }

@@ -48,7 +48,11 @@ fn a_full_disk_is_said_and_loses_nothing() {
     bench.ok(&["worker", "big.yaml", "-j", "2", "--store", "whole"]);
     let answer = bench.run(&["run", "big.yaml", "-j", "2", "--store", "small/store"]);
     assert_eq!(answer.code, 106, "{}", answer.err);
-    assert!(answer.err.contains("No space left on device") && answer.err.contains("the store cannot be written"), "{}", answer.err);
+    assert!(
+        answer.err.contains("No space left on device") && answer.err.contains("the store cannot be written"),
+        "{}",
+        answer.err
+    );
     let (kept, whole) = (bench.digests("small/store"), bench.digests("whole"));
     assert!(!kept.is_empty() && kept.len() < 60, "{} trials fit", kept.len());
     assert!(kept.iter().all(|trial| whole.contains(trial)), "what was acknowledged is intact");

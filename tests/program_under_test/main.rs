@@ -13,5 +13,5 @@ fn main() -> ExitCode {
     environments::register(&mut registry);
     agents::register(&mut registry);
     misbehaving::register(&mut registry);
-    engine::cli::main(&registry)
+    engine::cli::main(&registry, include_str!("../../experiments/quickstart.yaml"))
 }

@@ -7,6 +7,7 @@ mod progress;
 mod provenance;
 mod rollout;
 mod run;
+mod selftest;
 mod settings;
 mod study;
 
@@ -184,6 +185,8 @@ enum Verb {
         #[arg(long, short = 'n')]
         dry_run: bool,
     },
+    /// Compute one study in every way there is (workers, programs, kills, shards, Slurm) and compare the digests.
+    Selftest(selftest::SelftestOptions),
     /// Print the study with every default written out.
     Resolve(Selection),
     /// Drive one environment with given actions or an agent and write what happens.
@@ -206,11 +209,11 @@ enum Verb {
     TrialWorker,
 }
 
-/// Reads the command line and does what it says.
+/// Reads the command line and does what it says. `selftest` is the study, with a profile `smoke`, that the self-test computes.
 #[must_use]
-pub fn main(registry: &Registry) -> ExitCode {
+pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
     let Command { verb, common } = Command::parse();
-    ExitCode::from(match answer(registry, verb, &common) {
+    ExitCode::from(match answer(registry, selftest, verb, &common) {
         Ok(code) => code,
         Err(failure) => {
             complain(&failure.text);
@@ -219,7 +222,7 @@ pub fn main(registry: &Registry) -> ExitCode {
     })
 }
 
-fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failure> {
+fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> Result<u8, Failure> {
     match verb {
         Verb::Check(selection) => study::check(registry, &selection, common),
         Verb::Plan(selection) => study::plan(registry, &selection, common),
@@ -230,6 +233,7 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failur
             run::worker(registry, &selection, index.as_deref(), jobs, &limits, common)
         }
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
+        Verb::Selftest(options) => selftest::selftest(registry, selftest, &options, common),
         Verb::Resolve(selection) => study::resolve(registry, &selection),
         Verb::Rollout(options) => rollout::rollout(registry, &options),
         Verb::List { kind } => describe::list(registry, kind, common),

@@ -84,10 +84,11 @@ impl<'a> Progress<'a> {
         self.failed += usize::from(end.state != EndState::Ok);
         let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
         let (title, wall_s) = (title(&self.tasks[trial].trial), end.wall_s);
+        let by = if slot.is_none() { ", by another program" } else { "" };
         if self.bars.is_none() || end.state != EndState::Ok {
             let width = self.tasks.len().to_string().len();
             self.line(&format!(
-                "[{:>width$}/{}] {:<8} {title} ({wall_s:.1} s){reason}",
+                "[{:>width$}/{}] {:<8} {title} ({wall_s:.1} s{by}){reason}",
                 self.done,
                 self.tasks.len(),
                 end.state.name()
