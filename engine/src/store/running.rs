@@ -63,7 +63,7 @@ impl RunningTrial {
     /// and when `stop` is set. Nothing is created before there is something to write.
     ///
     /// # Errors
-    /// None at present; a store that must be prepared could fail here.
+    /// None: the first write says what the file system refuses.
     pub fn open(folder: &Path, trial: &str, every: Duration, stop: Arc<AtomicBool>) -> Result<Self, Error> {
         Ok(Self {
             folder: running(folder),
@@ -129,14 +129,14 @@ impl RunningTrial {
 
     /// A new folder of a name that no other process has: what two processes wrote must never mix.
     fn unfinished(&self, number: u64) -> Result<PathBuf, Error> {
-        for attempt in 0u64.. {
+        let mut attempt = 0;
+        loop {
             let folder = self.folder.join(format!(".{PREFIX}{number}.{attempt}"));
             match fs::create_dir(&folder) {
-                Err(source) if source.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(source) if source.kind() == io::ErrorKind::AlreadyExists => attempt += 1,
                 outcome => return outcome.map(|()| folder.clone()).map_err(Error::file("create", &folder)),
             }
         }
-        unreachable!("there are more names than folders")
     }
 
     /// Removes older checkpoints, and what a process that is gone left unfinished.

@@ -30,7 +30,9 @@ struct Manifest {
 pub(super) fn seal(folder: &Path, trial: &str) -> Result<(), Error> {
     let manifest = describe(folder, trial).map_err(Error::file("read", folder))?;
     let text = serde_json::to_vec(&manifest).map_err(io::Error::from).map_err(Error::file("write", folder))?;
-    flush_all(folder).map_err(Error::file("flush", folder))?;
+    let flushed = contents(folder).and_then(|paths| paths.iter().try_for_each(|path| flush(path)));
+    flushed.map_err(Error::file("flush", folder))?;
+    // This also flushes the folder itself.
     super::write_durably(&folder.join(MANIFEST), &text)
 }
 
@@ -40,9 +42,9 @@ pub(super) fn is_whole(folder: &Path, trial: &str) -> bool {
     manifest.is_some_and(|manifest| describe(folder, trial).is_ok_and(|found| found == manifest))
 }
 
-/// Waits until the names in a folder are on the disk.
-pub(super) fn flush(folder: &Path) -> io::Result<()> {
-    File::open(folder)?.sync_all()
+/// Waits until a file, or the names in a folder, are on the disk.
+pub(super) fn flush(path: &Path) -> io::Result<()> {
+    File::open(path)?.sync_all()
 }
 
 fn describe(folder: &Path, trial: &str) -> io::Result<Manifest> {
@@ -54,11 +56,6 @@ fn describe(folder: &Path, trial: &str) -> io::Result<Manifest> {
         }
     }
     Ok(Manifest { format: 1, program: env!("CARGO_PKG_VERSION").into(), trial: trial.into(), files })
-}
-
-fn flush_all(folder: &Path) -> io::Result<()> {
-    contents(folder)?.iter().try_for_each(|path| File::open(path)?.sync_all())?;
-    flush(folder)
 }
 
 /// Files and folders inside a folder, at any depth.
