@@ -3,7 +3,9 @@
 mod architecture;
 mod contracts;
 mod experiments;
+mod identity;
 mod other_programs;
+mod pins;
 mod program;
 mod rollout;
 mod runs;

@@ -7,6 +7,7 @@ mod rollout;
 mod run;
 mod settings;
 mod study;
+mod summaries;
 
 use crate::Registry;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -115,9 +116,16 @@ enum Verb {
         options: RunOptions,
         #[command(flatten)]
         report: ReportOptions,
+        #[command(flatten)]
+        summaries: summaries::Summaries,
     },
     /// Show end states, and what is missing or failed.
-    Status(Selection),
+    Status {
+        #[command(flatten)]
+        selection: Selection,
+        #[command(flatten)]
+        summaries: summaries::Summaries,
+    },
     /// Write tables, figures and the report again from the store; nothing is trained.
     Report {
         #[command(flatten)]
@@ -135,6 +143,8 @@ enum Verb {
         /// Worker processes.
         #[arg(long, short = 'j', default_value_t = 1)]
         jobs: usize,
+        #[command(flatten)]
+        summaries: summaries::Summaries,
     },
     /// Print the study with every default written out.
     Resolve(Selection),
@@ -175,10 +185,16 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failur
     match verb {
         Verb::Check(selection) => study::check(registry, &selection, common),
         Verb::Plan(selection) => study::plan(registry, &selection, common),
-        Verb::Run { selection, options, report } => run::run(registry, &selection, &options, &report, common),
-        Verb::Status(selection) => study::status(registry, &selection, common),
+        Verb::Run { selection, options, report, summaries } => {
+            summaries.after(registry, &selection, common, || run::run(registry, &selection, &options, &report, common))
+        }
+        Verb::Status { selection, summaries } => {
+            summaries.after(registry, &selection, common, || study::status(registry, &selection, common))
+        }
         Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
-        Verb::Worker { selection, index, jobs } => run::worker(registry, &selection, index.as_deref(), jobs, common),
+        Verb::Worker { selection, index, jobs, summaries } => {
+            summaries.after(registry, &selection, common, || run::worker(registry, &selection, index.as_deref(), jobs, common))
+        }
         Verb::Resolve(selection) => study::resolve(registry, &selection),
         Verb::Rollout(options) => rollout::rollout(registry, &options),
         Verb::List { kind } => describe::list(registry, kind, common),

@@ -197,7 +197,7 @@ mod tests {
     fn many_ends_at_once_are_the_ends_one_by_one() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path());
-        let trials: Vec<Trial> = (0..2000).map(|seed| trial(4, seed)).collect();
+        let trials: Vec<Trial> = (0..500).map(|seed| trial(4, seed)).collect();
         assert!(store.ends(&trials).into_iter().all(|end| end.unwrap().is_none()), "nothing is stored yet");
         for (trial, state) in trials.iter().step_by(7).zip([EndState::Ok, EndState::Nan, EndState::Killed].into_iter().cycle()) {
             acknowledge(&store, trial, state);
