@@ -1,8 +1,8 @@
 //! Time of `plan` and `status` over a store of many trials.
 //!
-//! usage: plan SETTINGS SEEDS
+//! usage: plan SETTINGS SEEDS [FOLDER]
 //!
-//! Writes a store in which every trial of a study of SETTINGS sweep points and SEEDS seeds has ended, then starts the program on
+//! Writes a store (into FOLDER, which is kept; otherwise into a temporary folder) in which every trial of a study of SETTINGS sweep points and SEEDS seeds has ended, then starts the program on
 //! it: everything done, everything done with one more seed, one more sweep point, and everything new because of more training
 //! steps. Prints one line of JSON with seconds.
 
@@ -19,15 +19,16 @@ fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
     let number = |index: usize, otherwise: usize| words.get(index).and_then(|word| word.parse().ok()).unwrap_or(otherwise);
     let (settings, seeds) = (number(0, 1000), number(1, 100));
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = words.get(2).map_or(temporary.path(), Path::new);
+    let path = |name: &str| folder.join(name);
     std::fs::write(path("study.yaml"), study(settings, seeds)).unwrap();
     std::fs::write(path("wider.yaml"), study(settings + 1, seeds)).unwrap();
     let trials = fill(&path("study.yaml"), &path("store"));
     let more = (seeds + 1).to_string();
     let seconds = |arguments: &[&str]| {
         let started = Instant::now();
-        let output = Command::new(env!("CARGO_BIN_EXE_regimen")).args(arguments).current_dir(folder.path()).output().unwrap();
+        let output = Command::new(env!("CARGO_BIN_EXE_regimen")).args(arguments).current_dir(folder).output().unwrap();
         assert!(matches!(output.status.code(), Some(0 | 106)), "{}", String::from_utf8_lossy(&output.stderr));
         started.elapsed().as_secs_f64()
     };

@@ -119,7 +119,7 @@ fn tables_names_order_and_comments_change_no_identity() {
     let grown = Grown::new();
     let table = format!("{STUDY}  again: {{ comparison: {{ rows: agent, value: return, columns: environment }} }}\n");
     let renamed_agent = STUDY.replace("random: {", "by_chance: {");
-    let renamed_environment = STUDY.replace("bandit: {", "one_choice: {");
+    let renamed_environment = STUDY.replace("\n  bandit: {", "\n  one_choice: {");
     let reordered = STUDY.replace("action_sd: 0.1, entropy_weight: 0.1", "entropy_weight: 0.1, action_sd: 0.1");
     let commented = STUDY.replace("seeds: 2", "# as many as there is time for\nseeds: 2  # two");
     let defaults = STUDY.replace("{ action_sd: 0.1, entropy_weight: 0.1 }", "{}");
