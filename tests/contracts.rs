@@ -3,7 +3,7 @@
 use engine::{Action, Environment, Registry, Rng, Space, random::stream};
 use rand::Rng as _;
 
-fn registry() -> Registry {
+pub(crate) fn registry() -> Registry {
     let mut registry = Registry { numerics_version: numerics::VERSION, ..Registry::default() };
     engine::protocol::register(&mut registry);
     environments::register(&mut registry);

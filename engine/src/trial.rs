@@ -67,7 +67,10 @@ mod shared {
 /// Id of a trial from the ids of its environment, agent and protocol.
 #[must_use]
 pub fn trial_id(parts: [&str; 3], seed: u64, numerics: u32, device: &str) -> String {
-    hash(&json!([parts, seed, numerics, device]))
+    // The canonical text of `[parts, seed, numerics, device]`, written at once: a plan has many trials.
+    let [environment, agent, protocol] = parts;
+    let device = json!(device);
+    hash_text(&format!(r#"[["{environment}","{agent}","{protocol}",],{seed},{numerics},{device},]"#))
 }
 
 /// Everything that determines the numbers of one trial, and nothing else.
@@ -175,6 +178,10 @@ fn find<'a, T>(entries: &'a BTreeMap<&'static str, T>, kind: &str, name: &str) -
 pub fn hash(value: &Value) -> String {
     let mut text = String::new();
     canonical(value, &mut text);
+    hash_text(&text)
+}
+
+fn hash_text(text: &str) -> String {
     blake3::hash(text.as_bytes()).to_hex()[..32].to_string()
 }
 
@@ -214,5 +221,11 @@ mod tests {
         let parse = |text| serde_json::from_str::<Value>(text).unwrap();
         assert_eq!(hash(&parse(one)), hash(&parse(two)));
         assert_ne!(hash(&parse("[1,2]")), hash(&parse("[2,1]")));
+    }
+
+    #[test]
+    fn the_id_of_a_trial_is_the_hash_of_its_canonical_text() {
+        let parts = ["0a", "1b", "2c"];
+        assert_eq!(trial_id(parts, 7, 3, "cpu \"odd\""), hash(&json!([parts, 7, 3, "cpu \"odd\""])));
     }
 }

@@ -10,6 +10,7 @@ mod run;
 mod selftest;
 mod settings;
 mod study;
+mod summaries;
 
 use crate::Registry;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -153,9 +154,16 @@ enum Verb {
         options: RunOptions,
         #[command(flatten)]
         report: ReportOptions,
+        #[command(flatten)]
+        summaries: summaries::Summaries,
     },
     /// Show end states, and what is missing or failed.
-    Status(Selection),
+    Status {
+        #[command(flatten)]
+        selection: Selection,
+        #[command(flatten)]
+        summaries: summaries::Summaries,
+    },
     /// Write tables, figures and the report again from the store; nothing is trained.
     Report {
         #[command(flatten)]
@@ -175,6 +183,8 @@ enum Verb {
         jobs: usize,
         #[command(flatten)]
         limits: LimitOptions,
+        #[command(flatten)]
+        summaries: summaries::Summaries,
     },
     /// Check every file of a store and set aside what is wrong; what it held runs again.
     Fsck {
@@ -226,14 +236,17 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
     match verb {
         Verb::Check(selection) => study::check(registry, &selection, common),
         Verb::Plan(selection) => study::plan(registry, &selection, common),
-        Verb::Run { selection, options, report } => run::run(registry, &selection, &options, &report, common),
-        Verb::Status(selection) => study::status(registry, &selection, common),
-        Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
-        Verb::Worker { selection, index, jobs, limits } => {
-            run::worker(registry, &selection, index.as_deref(), jobs, &limits, common)
+        Verb::Run { selection, options, report, summaries } => {
+            summaries.after(registry, &selection, common, || run::run(registry, &selection, &options, &report, common))
         }
+        Verb::Status { selection, summaries } => {
+            summaries.after(registry, &selection, common, || study::status(registry, &selection, common))
+        }
+        Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
         Verb::Selftest(options) => selftest::selftest(registry, selftest, &options, common),
+        Verb::Worker { selection, index, jobs, limits, summaries } => summaries
+            .after(registry, &selection, common, || run::worker(registry, &selection, index.as_deref(), jobs, &limits, common)),
         Verb::Resolve(selection) => study::resolve(registry, &selection),
         Verb::Rollout(options) => rollout::rollout(registry, &options),
         Verb::List { kind } => describe::list(registry, kind, common),

@@ -9,7 +9,7 @@ use crate::{
     plan::{self, Novelty, Plan},
     results::{EndState, TrialEnd},
     spec::{self, Study},
-    store::{Store, is_missing},
+    store::{Store, StoredTrial, is_missing},
     trial::Trial,
 };
 use serde_json::json;
@@ -118,28 +118,33 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
 
 /// The state of every trial; `None` where it has not run or must run again.
 pub(super) fn ends(store: &Store, trials: &[Trial]) -> Vec<Option<TrialEnd>> {
-    let told = |end: Result<Option<TrialEnd>, crate::Error>| {
-        end.unwrap_or_else(|error| {
+    stored(store, trials).into_iter().map(|stored| stored.map(|it| it.end)).collect()
+}
+
+/// What is stored of every trial; what is damaged counts as missing.
+fn stored(store: &Store, trials: &[Trial]) -> Vec<Option<StoredTrial>> {
+    let told = |stored: Result<Option<StoredTrial>, crate::Error>| {
+        stored.unwrap_or_else(|error| {
             complain(&format!("warning: {error}; the trial counts as missing"));
             None
         })
     };
-    store.ends(trials).into_iter().map(told).collect()
+    store.stored_of(trials).into_iter().map(told).collect()
 }
 
 /// `plan`: trials by cell, what is done, why the rest is not, and what it will cost.
 pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let store = Store::at(&settings.store);
-    let mut stored = None;
     for one in load(registry, selection)? {
-        let ends = ends(&store, &one.plan.trials);
-        let stored = match &mut stored {
-            // Where nothing is missing, nothing else is looked at.
-            None if ends.iter().all(Option::is_some) => &Vec::new(),
-            stored => stored.get_or_insert_with(|| store.cells(MOST_STORED)),
-        };
-        let novelties = plan::novelties(&one.plan.trials, &ends, stored);
+        let trials = &one.plan.trials;
+        let stored = stored(&store, trials);
+        let ends: Vec<_> = stored.iter().map(|stored| stored.as_ref().map(|it| it.end.clone())).collect();
+        let known: Vec<_> =
+            trials.iter().zip(&stored).filter_map(|(trial, it)| Some((trial.id.as_str(), it.as_ref()?))).collect();
+        // Where every trial is there, nothing else of the store is looked at.
+        let cells = if known.len() < trials.len() { store.cells(&known, MOST_STORED) } else { Vec::new() };
+        let novelties = plan::novelties(trials, &ends, &cells);
         say(&overview(&one, &ends, Some(&novelties), settings.workers, common.format));
     }
     Ok(OK)

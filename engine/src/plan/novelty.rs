@@ -166,7 +166,9 @@ impl Search {
             let differences = self.catalogue.differences(&stored.as_tuple(), &planned.as_tuple());
             (Reason::Changed { differences, new_seed: new_seed.then(|| known.clone()) }, seeds)
         };
-        by_stored.into_iter().map(changed).collect()
+        let mut reasons: Vec<_> = by_stored.into_iter().map(changed).collect();
+        reasons.sort_by_key(|(_, seeds)| seeds.first().copied());
+        reasons
     }
 
     /// The stored combinations with the fewest differing leaves; none where nothing is like it.

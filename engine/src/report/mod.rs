@@ -5,7 +5,9 @@
 
 mod contents;
 mod files;
+mod junit;
 mod markdown;
+mod outcome;
 mod page;
 mod summary;
 #[cfg(test)]
@@ -14,6 +16,8 @@ pub(crate) mod synthetic;
 mod tests;
 
 pub use contents::{CLAIM_WORDS, ClaimLine, Contents, VERDICT_WORDS};
+pub use junit::junit;
+pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use summary::summary;
 
 use crate::{Error, figure, figure::FigureSpec, results::Results, table, table::TableSpec};

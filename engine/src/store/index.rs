@@ -15,7 +15,7 @@ use std::{
     collections::{BTreeMap, BTreeSet, HashSet},
     fs,
     io::ErrorKind,
-    path::{Path, PathBuf},
+    path::Path,
     sync::atomic::{AtomicUsize, Ordering},
 };
 
@@ -43,25 +43,36 @@ impl Store {
     /// Each entry is what [`Store::end`] says of the trial: an error stands where its file is not what it should be.
     #[must_use]
     pub fn ends(&self, trials: &[Trial]) -> Vec<Result<Option<TrialEnd>, Error>> {
+        self.stored_of(trials).into_iter().map(|stored| Ok(stored?.map(|it| it.end))).collect()
+    }
+
+    /// What is stored of each trial, in the order of `trials`; otherwise as [`Store::ends`].
+    #[must_use]
+    pub fn stored_of(&self, trials: &[Trial]) -> Vec<Result<Option<StoredTrial>, Error>> {
         let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         for (position, trial) in trials.iter().enumerate() {
             groups.entry(digits(&trial.id)).or_default().push(position);
         }
         let groups: Vec<_> = groups.into_iter().collect();
-        let found = in_parallel(groups.len(), |index| self.ends_in_group(groups[index].0, &groups[index].1, trials));
-        let mut ends: Vec<_> = trials.iter().map(|_| Ok(None)).collect();
-        for (position, end) in found {
-            ends[position] = end;
+        let found = in_parallel(groups.len(), |index| self.stored_in_group(groups[index].0, &groups[index].1, trials));
+        let mut all: Vec<_> = trials.iter().map(|_| Ok(None)).collect();
+        for (position, stored) in found {
+            all[position] = stored;
         }
-        ends
+        all
     }
 
-    fn ends_in_group(&self, group: &str, positions: &[usize], trials: &[Trial]) -> Vec<(usize, Result<Option<TrialEnd>, Error>)> {
-        let folder = self.group(group);
+    fn stored_in_group(
+        &self,
+        group: &str,
+        positions: &[usize],
+        trials: &[Trial],
+    ) -> Vec<(usize, Result<Option<StoredTrial>, Error>)> {
+        let folder = self.root.join("trials").join(group);
         let listed: Option<HashSet<String>> = (positions.len() >= LIST_FROM).then(|| names(&folder).into_iter().collect());
         let present = |id: &str| listed.as_ref().is_none_or(|listed| listed.contains(id));
         let there = positions.iter().filter(|&&position| present(&trials[position].id));
-        there.map(|&position| (position, self.stored(&trials[position].id).map(|trial| trial.map(|it| it.end)))).collect()
+        there.map(|&position| (position, self.stored(&trials[position].id))).collect()
     }
 
     /// A trial without its configs; `None` where it has not run.
@@ -81,20 +92,25 @@ impl Store {
         if own == id { Ok(Some(trial)) } else { Err(damaged(format!("it belongs to trial {own}"))) }
     }
 
-    /// The distinct combinations of parts in the store, each with its seeds; at most `most` trials are read.
+    /// The distinct combinations of parts in the store, each with its seeds.
     ///
-    /// Files that are not what they should be are passed over.
+    /// `known` are trials by id that were read already; at most `most` others are read. Files that are not what they should be are
+    /// passed over.
     #[must_use]
-    pub fn cells(&self, most: usize) -> Vec<StoredCell> {
+    pub fn cells(&self, known: &[(&str, &StoredTrial)], most: usize) -> Vec<StoredCell> {
+        let read: HashSet<&str> = known.iter().map(|(id, _)| *id).collect();
         let mut ids = self.ids();
+        ids.retain(|id| !read.contains(id.as_str()));
         ids.truncate(most);
         let chunks: Vec<_> = ids.chunks(256).collect();
-        let stored = in_parallel(chunks.len(), |index| {
-            chunks[index].iter().filter_map(|id| Some((id, self.stored(id).ok()??))).collect::<Vec<_>>()
+        let others = in_parallel(chunks.len(), |index| {
+            chunks[index].iter().filter_map(|id| Some((id.as_str(), self.stored(id).ok()??))).collect::<Vec<_>>()
         });
-        let mut cells: BTreeMap<([String; 3], u32, String), (&String, BTreeSet<u64>)> = BTreeMap::new();
-        for (id, trial) in stored {
-            let cell = cells.entry((trial.parts, trial.numerics, trial.device)).or_insert_with(|| (id, BTreeSet::new()));
+        let others = others.iter().map(|(id, trial)| (*id, trial));
+        let mut cells: BTreeMap<([&str; 3], u32, &str), (&str, BTreeSet<u64>)> = BTreeMap::new();
+        for (id, trial) in known.iter().copied().chain(others) {
+            let parts = trial.parts.each_ref().map(String::as_str);
+            let cell = cells.entry((parts, trial.numerics, &trial.device)).or_insert_with(|| (id, BTreeSet::new()));
             cell.1.insert(trial.seed);
         }
         let cells: Vec<_> = cells.into_values().collect();
@@ -115,10 +131,6 @@ impl Store {
         let mut ids: Vec<String> = names(&trials).iter().flat_map(|group| names(&trials.join(group))).collect();
         ids.sort_unstable();
         ids
-    }
-
-    fn group(&self, id: &str) -> PathBuf {
-        self.root.join("trials").join(digits(id))
     }
 }
 
@@ -202,7 +214,7 @@ mod tests {
     fn many_ends_at_once_are_the_ends_one_by_one() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path());
-        let trials: Vec<Trial> = (0..2000).map(|seed| trial(4, seed)).collect();
+        let trials: Vec<Trial> = (0..500).map(|seed| trial(4, seed)).collect();
         assert!(store.ends(&trials).into_iter().all(|end| end.unwrap().is_none()), "nothing is stored yet");
         for (trial, state) in trials.iter().step_by(7).zip([EndState::Ok, EndState::Nan, EndState::Killed].into_iter().cycle()) {
             acknowledge(&store, trial, state);
@@ -249,11 +261,14 @@ mod tests {
         for trial in [trial(4, 0), trial(4, 2), trial(8, 1)] {
             acknowledge(&store, &trial, EndState::Ok);
         }
-        let mut cells = store.cells(usize::MAX);
+        let mut cells = store.cells(&[], usize::MAX);
         cells.sort_by_key(|cell| cell.seeds.len());
         assert_eq!(cells.len(), 2);
         assert_eq!(*cells[0].key.agent.config, json!({"cells": 8}));
         assert_eq!(cells[1].seeds, BTreeSet::from([0, 2]));
-        assert_eq!(store.cells(1).len(), 1);
+        assert_eq!(store.cells(&[], 1).len(), 1);
+        let read = store.stored(&trial(8, 1).id).unwrap().unwrap();
+        assert_eq!(store.cells(&[(&trial(8, 1).id, &read)], usize::MAX).len(), 2, "what was read is not read again");
+        assert_eq!(store.cells(&[(&trial(8, 1).id, &read)], 0).len(), 1);
     }
 }

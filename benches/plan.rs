@@ -1,0 +1,76 @@
+//! Time of `plan` and `status` over a store of many trials.
+//!
+//! usage: plan SETTINGS SEEDS [FOLDER]
+//!
+//! Writes a store (into FOLDER, which is kept; otherwise into a temporary folder) in which every trial of a study of SETTINGS sweep points and SEEDS seeds has ended, then starts the program on
+//! it: everything done, everything done with one more seed, one more sweep point, and everything new because of more training
+//! steps. Prints one line of JSON with seconds.
+
+use engine::{
+    registry::Registry,
+    results::{EndState, TrialEnd},
+    spec,
+    store::{SCHEMA_VERSION, Store, TrialFile},
+};
+use std::{path::Path, process::Command, time::Instant};
+
+#[allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its figure and may stop at a mistake")]
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
+    let number = |index: usize, otherwise: usize| words.get(index).and_then(|word| word.parse().ok()).unwrap_or(otherwise);
+    let (settings, seeds) = (number(0, 1000), number(1, 100));
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = words.get(2).map_or(temporary.path(), Path::new);
+    let path = |name: &str| folder.join(name);
+    std::fs::write(path("study.yaml"), study(settings, seeds)).unwrap();
+    std::fs::write(path("wider.yaml"), study(settings + 1, seeds)).unwrap();
+    let trials = fill(&path("study.yaml"), &path("store"));
+    let more = (seeds + 1).to_string();
+    let seconds = |arguments: &[&str]| {
+        let started = Instant::now();
+        let output = Command::new(env!("CARGO_BIN_EXE_regimen")).args(arguments).current_dir(folder).output().unwrap();
+        assert!(matches!(output.status.code(), Some(0 | 106)), "{}", String::from_utf8_lossy(&output.stderr));
+        started.elapsed().as_secs_f64()
+    };
+    println!(
+        "{}",
+        serde_json::json!({
+            "trials": trials,
+            "check_s": seconds(&["check", "study.yaml"]),
+            "status_s": seconds(&["status", "study.yaml"]),
+            "plan_s": seconds(&["plan", "study.yaml"]),
+            "plan_new_seed_s": seconds(&["plan", "study.yaml", "--seeds", &more]),
+            "plan_new_point_s": seconds(&["plan", "wider.yaml"]),
+            "plan_all_new_s": seconds(&["plan", "study.yaml", "--set", "protocol.steps=240000"]),
+        })
+    );
+}
+
+fn study(settings: usize, seeds: usize) -> String {
+    let rates: Vec<String> = (1..=settings).map(|index| format!("{:e}", 1e-6 * index as f64)).collect();
+    format!(
+        "study: many\nenvironments: {{ four: {{ battery: {{ cells: 4 }} }} }}\nagents: {{ dsac: {{ dirichlet_sac: {{}} }} }}\n\
+         protocol: {{ train_evaluate: {{ steps: 60000 }} }}\nseeds: {seeds}\n\
+         sweep:\n  dsac.actor_learning_rate: {{ grid: [{}] }}\n",
+        rates.join(", ")
+    )
+}
+
+/// Acknowledges every trial of a study, without the flushes that a run pays for.
+fn fill(study: &Path, root: &Path) -> usize {
+    let mut registry = Registry { numerics_version: numerics::VERSION, ..Registry::default() };
+    engine::protocol::register(&mut registry);
+    environments::register(&mut registry);
+    agents::register(&mut registry);
+    let study = spec::load(study, &registry, &spec::Options::default()).unwrap();
+    let (store, plan) = (Store::at(root), study.plan());
+    let end = TrialEnd { state: EndState::Ok, reason: String::new(), wall_s: 1.0, digest: "0".repeat(32) };
+    for trial in &plan.trials {
+        let parts = Some(trial.key.part_ids());
+        let file = TrialFile { schema: SCHEMA_VERSION, parts, key: trial.key.clone(), end: end.clone() };
+        let folder = store.folder(&trial.id);
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("trial.json"), serde_json::to_vec(&file).unwrap()).unwrap();
+    }
+    plan.trials.len()
+}

@@ -1,0 +1,82 @@
+//! Files for continuous integration, written after a command: how every trial ended, as JUnit XML and as JSON.
+
+use super::{Common, Failure, Selection, settings, study};
+use crate::{
+    Registry,
+    report::{Outcome, junit, outcomes_as_json},
+    store::{Store, write_durably},
+};
+use clap::Args;
+use std::{fs, path::PathBuf, time::Instant};
+
+/// Which files to write.
+#[derive(Debug, Clone, Args)]
+pub(super) struct Summaries {
+    /// Write how every trial ended as JUnit XML, one test case per trial.
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    /// Write counts by end state and every trial that is not ok as JSON.
+    #[arg(long, value_name = "FILE")]
+    summary: Option<PathBuf>,
+}
+
+impl Summaries {
+    /// Carries out a command, then writes the files, also where the command could not be carried out to its end.
+    ///
+    /// All trials of the selection are in them, whoever ran them. Nothing is written where the studies themselves are refused.
+    pub(super) fn after(
+        &self,
+        registry: &Registry,
+        selection: &Selection,
+        common: &Common,
+        command: impl FnOnce() -> Result<u8, Failure>,
+    ) -> Result<u8, Failure> {
+        let started = started_now();
+        let answer = command();
+        let code = answer.as_ref().map_or_else(|failure| failure.code, |code| *code);
+        let written = self.write(registry, selection, common, started, code);
+        // What went wrong first is what is told.
+        answer.and_then(|code| written.map(|()| code))
+    }
+
+    fn write(
+        &self,
+        registry: &Registry,
+        selection: &Selection,
+        common: &Common,
+        started: Instant,
+        code: u8,
+    ) -> Result<(), Failure> {
+        if self.junit.is_none() && self.summary.is_none() {
+            return Ok(());
+        }
+        let wall_s = started.elapsed().as_secs_f64();
+        let store = Store::at(&settings::read(common)?.store);
+        let outcomes: Vec<Outcome> = study::load(registry, selection)?.into_iter().map(|one| outcome(one, &store)).collect();
+        if let Some(path) = &self.junit {
+            write(path, junit(&outcomes, wall_s, code)?)?;
+        }
+        if let Some(path) = &self.summary {
+            write(path, format!("{:#}\n", outcomes_as_json(&outcomes, wall_s, code)))?;
+        }
+        Ok(())
+    }
+}
+
+fn outcome(one: study::Planned, store: &Store) -> Outcome {
+    let ends = study::ends(store, &one.plan.trials);
+    Outcome { study: one.plan.study, trials: one.plan.trials.into_iter().zip(ends).collect() }
+}
+
+fn write(path: &std::path::Path, text: String) -> Result<(), Failure> {
+    // A bare file name has the empty path as its folder, which stands for the current one.
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        fs::create_dir_all(folder).map_err(crate::Error::file("create", folder))?;
+    }
+    Ok(write_durably(&std::path::absolute(path).map_err(crate::Error::file("find", path))?, text.as_bytes())?)
+}
+
+#[allow(clippy::disallowed_methods, reason = "wall time is reported, it reaches no result")]
+fn started_now() -> Instant {
+    Instant::now()
+}

@@ -1,0 +1,292 @@
+//! Numbers and versions: one tiny trial of every plugin is pinned to the bit, so that no change of code moves a number under an
+//! old version.
+//!
+//! A pin holds the whole trial (plugins with complete configs), so that it does not move with defaults, and runs with version 0
+//! of everything, so that it does not move with a version. The bits depend on how wide the processor's vectors are: a pin holds
+//! a digest per kind of processor, and is passed over on a kind that it does not know.
+//!
+//! `REGIMEN_PINS=write cargo test --release --workspace pins` writes new pins and those of raised versions.
+
+use crate::{contracts::registry, program::repository};
+use engine::{
+    Registry,
+    registry::About,
+    trial::{Part, TrialKey, hash},
+};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::{
+    collections::BTreeMap,
+    fmt::Write as _,
+    fs,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::PathBuf,
+};
+
+/// How to write pins.
+const COMMAND: &str = "REGIMEN_PINS=write cargo test --release --workspace pins";
+
+/// One pinned trial.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Pin {
+    /// Environment, agent and protocol with the versions under which the digests hold.
+    trial: [Part; 3],
+    /// Version of the shared numerics under which they hold.
+    numerics: u32,
+    /// Digest of what the trial records, by kind of processor.
+    digests: BTreeMap<String, String>,
+}
+
+/// Pins by `kind plugin`, as in `agent ddpg`.
+type Pins = BTreeMap<String, Pin>;
+
+#[test]
+fn no_number_moves_under_an_old_version() {
+    let registry = registry();
+    let Some(processor) = processor() else {
+        eprintln!("skipped: nothing is pinned for this kind of processor");
+        return;
+    };
+    let pins = read();
+    let complaints: Vec<String> = subjects(&registry)
+        .into_iter()
+        .filter_map(|subject| match pins.get(&subject) {
+            Some(pin) => check(&registry, &subject, pin, &processor),
+            None => Some(format!("{subject} has no pin yet. To add one: {COMMAND}")),
+        })
+        .collect();
+    if std::env::var("REGIMEN_PINS").as_deref() == Ok("write") {
+        write(&registry, pins, &processor);
+    } else {
+        assert!(complaints.is_empty(), "\n\n{}\n", complaints.join("\n\n"));
+    }
+}
+
+#[test]
+fn every_pin_is_of_a_registered_plugin() {
+    let subjects = subjects(&registry());
+    let stale: Vec<String> = read().into_keys().filter(|name| !subjects.contains(name)).collect();
+    assert!(stale.is_empty(), "{stale:?} are not registered; to drop their pins: {COMMAND}");
+}
+
+#[test]
+fn a_moved_number_and_a_raised_version_are_told_apart() {
+    let (registry, processor) = (registry(), "tested".to_owned());
+    let [name, other] = ["environment allocation_bandit", "environment battery"];
+    let pins = [name, other].map(|name| read().remove(name).unwrap());
+    let mut pin =
+        Pin { digests: BTreeMap::from([(processor.clone(), digest(&registry, &pins[0].trial).unwrap())]), ..pins[0].clone() };
+    assert_eq!(check(&registry, name, &pin, &processor), None);
+    assert_eq!(check(&registry, name, &pin, "another"), None, "an unknown processor is passed over");
+    pin.digests.insert(processor.clone(), digest(&registry, &pins[1].trial).unwrap());
+    let moved = check(&registry, name, &pin, &processor).unwrap();
+    assert!(moved.contains("no version was raised") && moved.contains("plugins/environments/src/lib.rs"), "{moved}");
+    assert!(moved.contains("plugins/numerics/src/lib.rs") && moved.contains(COMMAND), "{moved}");
+    pin.trial[0].version += 1;
+    let raised = check(&registry, name, &pin, &processor).unwrap();
+    assert!(raised.contains("allocation_bandit 2 -> 1") && raised.contains(COMMAND), "{raised}");
+}
+
+/// What is wrong with a pin; `None` where it holds.
+fn check(registry: &Registry, subject: &str, pin: &Pin, processor: &str) -> Option<String> {
+    let raised = raised(registry, pin);
+    if !raised.is_empty() {
+        return Some(format!("{subject}: the pin is of other versions ({}). To renew it: {COMMAND}", raised.join(", ")));
+    }
+    let pinned = pin.digests.get(processor)?;
+    match digest(registry, &pin.trial) {
+        Err(problem) => Some(format!("{subject}: the pinned trial cannot run any more: {problem}\n{}", advice(pin))),
+        Ok(found) if found != *pinned => Some(format!(
+            "{subject}: the numbers of the pinned trial moved, and no version was raised: stored trials would stand beside new \
+             ones of other code.\n{}",
+            advice(pin)
+        )),
+        Ok(_) => None,
+    }
+}
+
+/// Which constants to raise, in which files.
+fn advice(pin: &Pin) -> String {
+    let [environment, agent, protocol] = pin.trial.each_ref().map(|part| (&part.plugin, part.version));
+    format!(
+        "Raise the version of what you changed:\n\
+         - environment `{}` (now {}): the number after its name in plugins/environments/src/lib.rs\n\
+         - agent `{}` (now {}): the number after its name in plugins/agents/src/lib.rs\n\
+         - protocol `{}` (now {}): the number after its name in engine/src/protocol/{2}.rs\n\
+         - shared code, also the engine's (now {}): `VERSION` in plugins/numerics/src/lib.rs\n\
+         Then renew the pins: {COMMAND}",
+        environment.0, environment.1, agent.0, agent.1, protocol.0, protocol.1, pin.numerics
+    )
+}
+
+/// Versions that are not those of a pin, as in `ddpg 1 -> 2`.
+fn raised(registry: &Registry, pin: &Pin) -> Vec<String> {
+    let kinds = ["environment", "agent", "protocol"];
+    let parts = kinds.iter().zip(&pin.trial).map(|(kind, part)| {
+        let now = about(registry, kind, &part.plugin).map_or("none".into(), |about| about.version.to_string());
+        (part.plugin.clone(), part.version.to_string(), now)
+    });
+    let numerics = ("numerics".to_owned(), pin.numerics.to_string(), registry.numerics_version.to_string());
+    parts
+        .chain([numerics])
+        .filter(|(_, then, now)| then != now)
+        .map(|(name, then, now)| format!("{name} {then} -> {now}"))
+        .collect()
+}
+
+fn about<'a>(registry: &'a Registry, kind: &str, name: &str) -> Option<&'a About> {
+    match kind {
+        "environment" => registry.environments.get(name).map(|entry| &entry.about),
+        "agent" => registry.agents.get(name).map(|entry| &entry.about),
+        _ => registry.protocols.get(name).map(|entry| &entry.about),
+    }
+}
+
+/// Everything that must have a pin.
+fn subjects(registry: &Registry) -> Vec<String> {
+    let environments = registry.environments.keys().map(|name| format!("environment {name}"));
+    let agents = registry.agents.keys().map(|name| format!("agent {name}"));
+    let protocols = registry.protocols.keys().map(|name| format!("protocol {name}"));
+    environments.chain(agents).chain(protocols).collect()
+}
+
+/// Hash of everything that a trial records, to the bit.
+fn digest(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
+    Ok(hash(&Value::String(recorded(registry, trial)?)))
+}
+
+/// Every row that a trial records in one line of text, its value in bits.
+fn recorded(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
+    let [environment, agent, protocol] = trial.clone().map(|part| Part { version: 0, ..part });
+    let key = TrialKey { environment, agent, protocol, seed: 7, numerics: 0, device: "cpu".into() };
+    // Not every agent fits every protocol, and some say so by a panic.
+    let run = AssertUnwindSafe(|| key.run(registry, None, &mut |_, _| {}));
+    let record = catch_unwind(run).map_err(|_| "it panicked")?.map_err(|error| error.to_string())?;
+    let mut text = String::new();
+    for row in record.rows() {
+        let (phase, name, bits) = (row.phase.name(), &record.names()[usize::from(row.metric)], row.value.to_bits());
+        writeln!(text, "{phase} {} {} {} {name} {bits:016x}", row.step, row.episode, row.seat).unwrap();
+    }
+    Ok(text)
+}
+
+/// The kind of this machine's processor, by what reaches the order of floating-point operations; `None` for unknown kinds.
+fn processor() -> Option<String> {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl") {
+            return Some("x86_64 avx512".into());
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            return Some("x86_64 avx2".into());
+        }
+    }
+    None
+}
+
+fn file() -> PathBuf {
+    repository().join("tests/fixtures/pins/pins.json")
+}
+
+fn read() -> Pins {
+    fs::read_to_string(file()).map_or_else(|_| Pins::new(), |text| serde_json::from_str(&text).unwrap())
+}
+
+/// Writes pins that are missing or of other versions; one that moved under its version is left as it is.
+fn write(registry: &Registry, old: Pins, processor: &str) {
+    let mut pins = Pins::new();
+    for subject in subjects(registry) {
+        let pin = match old.get(&subject) {
+            Some(pin) if raised(registry, pin).is_empty() => supplement(registry, pin, processor),
+            Some(pin) => renew(registry, pin, processor).unwrap_or_else(|| new(registry, &subject, processor)),
+            None => new(registry, &subject, processor),
+        };
+        pins.insert(subject, pin);
+    }
+    fs::create_dir_all(file().parent().unwrap()).unwrap();
+    fs::write(file(), serde_json::to_string_pretty(&pins).unwrap() + "\n").unwrap();
+}
+
+/// A pin with a digest of this processor, where it has none.
+fn supplement(registry: &Registry, pin: &Pin, processor: &str) -> Pin {
+    let mut pin = pin.clone();
+    if !pin.digests.contains_key(processor) {
+        pin.digests.insert(processor.into(), digest(registry, &pin.trial).unwrap());
+    }
+    pin
+}
+
+/// The pinned trial with the versions and the numbers of today; `None` where it cannot run any more.
+fn renew(registry: &Registry, pin: &Pin, processor: &str) -> Option<Pin> {
+    let [environment, agent, protocol] = &pin.trial;
+    let today = |kind: &str, part: &Part| {
+        let about = about(registry, kind, &part.plugin)?;
+        Some(Part::new(part.plugin.clone(), about.version, (about.resolve)(&part.config).ok()?))
+    };
+    pinned(registry, [today("environment", environment)?, today("agent", agent)?, today("protocol", protocol)?], processor)
+}
+
+fn pinned(registry: &Registry, trial: [Part; 3], processor: &str) -> Option<Pin> {
+    let digests = BTreeMap::from([(processor.to_owned(), digest(registry, &trial).ok()?)]);
+    Some(Pin { trial, numerics: registry.numerics_version, digests })
+}
+
+/// The tiny trial of a plugin that records most, so that it goes through as much code as can be; where an agent is pinned that
+/// learns, it must have learned.
+fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
+    let (kind, name) = subject.split_once(' ').unwrap();
+    let candidates = |of: &str, names: Vec<&'static str>| -> Vec<Part> {
+        let wanted = names.into_iter().filter(|candidate| of != kind || *candidate == name);
+        wanted.map(|name| small(about(registry, of, name).unwrap(), name)).collect()
+    };
+    let learns = |agent: &Part| registry.agents[agent.plugin.as_str()].learns;
+    let mut agents = candidates("agent", registry.agents.keys().copied().collect());
+    if kind == "environment" && agents.iter().any(|agent| !learns(agent)) {
+        // What pins an environment shall not move with an algorithm.
+        agents.retain(|agent| !learns(agent));
+    }
+    let mut best: Option<(usize, [Part; 3])> = None;
+    for environment in candidates("environment", registry.environments.keys().copied().collect()) {
+        for agent in &agents {
+            for protocol in candidates("protocol", registry.protocols.keys().copied().collect()) {
+                let trial = [environment.clone(), agent.clone(), protocol];
+                let rows = recorded(registry, &trial).ok().filter(|rows| kind != "agent" || learned(registry, agent, rows));
+                let count = rows.map_or(0, |rows| rows.lines().count());
+                if count > best.as_ref().map_or(0, |(most, _)| *most) {
+                    best = Some((count, trial));
+                }
+            }
+        }
+    }
+    let (_, trial) = best.unwrap_or_else(|| panic!("no tiny trial of {subject} runs: see `tiny` in tests/pins.rs"));
+    pinned(registry, trial, processor).unwrap()
+}
+
+/// True where an agent recorded what it records when it learns, or has nothing to record.
+fn learned(registry: &Registry, agent: &Part, rows: &str) -> bool {
+    let metrics = &registry.agents[agent.plugin.as_str()].metrics;
+    let says = |metric: &engine::Metric| rows.lines().any(|line| line.split(' ').nth(4) == Some(metric.name.as_str()));
+    metrics.is_empty() || metrics.iter().any(says)
+}
+
+/// Values that make a trial small, for whichever plugin has a parameter of that name.
+fn tiny() -> Value {
+    json!({
+        "steps": 48, "environments": 4, "evaluate_every": 24, "episodes": 1, "final_episodes": 2, "trace_episodes": 1,
+        "batch": 8, "batches": 4, "examples": 4, "final_examples": 4,
+        "width": 16, "batch_size": 8, "learning_starts": 16, "updates_per_step": 0.5, "replay_capacity": 64,
+        "episode_limit": 5,
+    })
+}
+
+fn small(about: &About, name: &str) -> Part {
+    let mut config = about.defaults.clone();
+    for (key, value) in tiny().as_object().unwrap() {
+        let mut smaller = config.clone();
+        if smaller.get(key).is_some() {
+            smaller[key] = value.clone();
+            config = (about.resolve)(&smaller).unwrap_or(config);
+        }
+    }
+    Part::new(name, about.version, config)
+}
