@@ -41,6 +41,7 @@ struct Pin {
 type Pins = BTreeMap<String, Pin>;
 
 #[test]
+#[allow(clippy::print_stderr, reason = "a test that is passed over says so")]
 fn no_number_moves_under_an_old_version() {
     let registry = registry();
     let Some(processor) = processor() else {
