@@ -10,9 +10,9 @@ use engine::{
     registry::Registry,
     results::{EndState, TrialEnd},
     spec,
-    store::{SCHEMA_VERSION, Store, TrialFile},
+    store::{Store, TrialFile},
 };
-use std::{path::Path, process::Command, time::Instant};
+use std::{collections::BTreeMap, path::Path, process::Command, time::Instant};
 
 #[allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its figure and may stop at a mistake")]
 fn main() {
@@ -66,11 +66,10 @@ fn fill(study: &Path, root: &Path) -> usize {
     let (store, plan) = (Store::at(root), study.plan());
     let end = TrialEnd { state: EndState::Ok, reason: String::new(), wall_s: 1.0, digest: "0".repeat(32) };
     for trial in &plan.trials {
-        let parts = Some(trial.key.part_ids());
-        let file = TrialFile { schema: SCHEMA_VERSION, parts, key: trial.key.clone(), end: end.clone() };
+        let file = TrialFile::new(trial, end.clone(), BTreeMap::new());
         let folder = store.folder(&trial.id);
         std::fs::create_dir_all(&folder).unwrap();
-        std::fs::write(folder.join("trial.json"), serde_json::to_vec(&file).unwrap()).unwrap();
+        std::fs::write(folder.join("trial.json"), file.to_bytes().unwrap()).unwrap();
     }
     plan.trials.len()
 }

@@ -63,6 +63,22 @@ pub struct TrialFile {
     pub files: BTreeMap<String, String>,
 }
 
+impl TrialFile {
+    /// What acknowledges that `trial` ended as `end` and left `files`, named with their hashes.
+    #[must_use]
+    pub fn new(trial: &Trial, end: TrialEnd, files: BTreeMap<String, String>) -> Self {
+        Self { schema: TRIAL_SCHEMA, parts: Some(trial.key.part_ids()), key: trial.key.clone(), end, files }
+    }
+
+    /// The text of the file.
+    ///
+    /// # Errors
+    /// Where a config cannot be written as JSON.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, serde_json::Error> {
+        Ok(seal::sealed(serde_json::to_vec(self)?))
+    }
+}
+
 /// Version of `trial.json`: from 2 on it ends with a hash of what stands before.
 const TRIAL_SCHEMA: u32 = 2;
 
@@ -118,12 +134,10 @@ impl Store {
     fn acknowledge_with(&self, trial: &Trial, end: &TrialEnd, files: BTreeMap<String, String>) -> Result<(), Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-        let parts = Some(trial.key.part_ids());
-        let file = TrialFile { schema: TRIAL_SCHEMA, parts, key: trial.key.clone(), end: end.clone(), files };
+        let file = TrialFile::new(trial, end.clone(), files);
         let path = folder.join("trial.json");
-        let text =
-            serde_json::to_vec(&file).map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
-        write_durably(&path, &seal::sealed(text))
+        let text = file.to_bytes().map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
+        write_durably(&path, &text)
     }
 
     /// What acknowledges a trial; `None` where it was not acknowledged.
