@@ -16,6 +16,7 @@ pub mod diagnostic;
 pub mod document;
 pub mod environment;
 pub mod error;
+pub mod executor;
 pub mod figure;
 pub mod plan;
 pub mod protocol;

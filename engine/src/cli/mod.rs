@@ -7,6 +7,7 @@ mod rollout;
 mod run;
 mod settings;
 mod study;
+mod submit;
 
 use crate::Registry;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -80,9 +81,15 @@ struct Selection {
 
 #[derive(Debug, Clone, Args)]
 struct RunOptions {
-    /// Worker processes; `workers` in regimen.toml, else the number of cores.
+    /// Worker processes; `workers` in regimen.toml, else the number of cores. With Slurm: tasks at a time; `max_tasks`.
     #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N")]
     jobs: Option<usize>,
+    /// What runs the trials; `executor` in regimen.toml, else this machine.
+    #[arg(long, value_enum)]
+    executor: Option<submit::Executor>,
+    /// With Slurm: leave after the submission; a later `run` follows it.
+    #[arg(long)]
+    detach: bool,
     /// Say what would run, and run nothing.
     #[arg(long, short = 'n')]
     dry_run: bool,
@@ -136,6 +143,15 @@ enum Verb {
         #[arg(long, short = 'j', default_value_t = 1)]
         jobs: usize,
     },
+    /// Hand what is missing to a cluster and leave, or write what would be handed over.
+    Submit {
+        #[command(flatten)]
+        selection: Selection,
+        #[command(flatten)]
+        options: submit::SubmitOptions,
+    },
+    /// Cancel what was submitted to Slurm for these studies and has not ended.
+    Cancel(Selection),
     /// Print the study with every default written out.
     Resolve(Selection),
     /// Drive one environment with given actions or an agent and write what happens.
@@ -179,6 +195,8 @@ fn answer(registry: &Registry, verb: Verb, common: &Common) -> Result<u8, Failur
         Verb::Status(selection) => study::status(registry, &selection, common),
         Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
         Verb::Worker { selection, index, jobs } => run::worker(registry, &selection, index.as_deref(), jobs, common),
+        Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),
+        Verb::Cancel(selection) => submit::cancel(registry, &selection, common),
         Verb::Resolve(selection) => study::resolve(registry, &selection),
         Verb::Rollout(options) => rollout::rollout(registry, &options),
         Verb::List { kind } => describe::list(registry, kind, common),

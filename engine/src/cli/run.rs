@@ -5,6 +5,7 @@ use super::{
     progress::Progress,
     provenance, say, settings,
     study::{self, Planned},
+    submit::{self, Executor},
 };
 use crate::{
     Metric, Registry,
@@ -36,7 +37,14 @@ pub(super) fn run(
     let settings = settings::read(common)?;
     let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
     let planned = study::load(registry, selection)?;
-    let computed = compute(&planned, &store, workers, options.retry_failed, |_| true)?;
+    let computed = if options.executor.unwrap_or(settings.executor) == Executor::Slurm {
+        match submit::run(&planned, selection, options, &settings, common)? {
+            Some(code) => return Ok(code),
+            None => OK,
+        }
+    } else {
+        compute(&planned, &store, workers, options.retry_failed, |_| true)?
+    };
     let mut code = OK;
     for one in &planned {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
@@ -120,7 +128,12 @@ fn compute(
 }
 
 /// The trials to run, each once though several studies share it, and their costs in steps.
-fn missing(planned: &[Planned], store: &Store, retry_failed: bool, mine: impl Fn(usize) -> bool) -> (Vec<Trial>, Vec<u64>) {
+pub(super) fn missing(
+    planned: &[Planned],
+    store: &Store,
+    retry_failed: bool,
+    mine: impl Fn(usize) -> bool,
+) -> (Vec<Trial>, Vec<u64>) {
     let (mut seen, mut trials, mut costs) = (BTreeSet::new(), Vec::new(), Vec::new());
     for one in planned {
         let ends = study::ends(store, &one.plan.trials);
@@ -136,7 +149,7 @@ fn missing(planned: &[Planned], store: &Store, retry_failed: bool, mine: impl Fn
 }
 
 /// The first Ctrl-C (or SIGTERM) stops the run in order, the second one at once.
-fn listen_for_signals(stop: &Arc<AtomicBool>) -> Result<(), Failure> {
+pub(super) fn listen_for_signals(stop: &Arc<AtomicBool>) -> Result<(), Failure> {
     use signal_hook::{consts::SIGINT, consts::SIGTERM, flag};
     let listen = || -> std::io::Result<()> {
         for signal in [SIGINT, SIGTERM] {

@@ -3,13 +3,21 @@
 //! ```toml
 //! store = "store"
 //! workers = 2
+//! executor = "local"   # or "slurm"
+//!
+//! [slurm]              # how workers are asked for; see executor::slurm::Options
+//! time = "4:00:00"
 //!
 //! [profile.big]        # chosen by --machine big or REGIMEN_MACHINE=big
 //! workers = 16
+//!
+//! [profile.big.slurm]  # key by key over [slurm]
+//! partition = "long"
 //! ```
 
-use super::{BAD_SPEC, Common, Failure};
-use serde::Deserialize;
+use super::{BAD_SPEC, Common, Failure, submit::Executor};
+use crate::executor::{kubernetes, slurm};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::{collections::BTreeMap, path::PathBuf};
 
 const FILE: &str = "regimen.toml";
@@ -21,6 +29,12 @@ pub(super) struct Settings {
     pub(super) store: PathBuf,
     /// Worker processes.
     pub(super) workers: usize,
+    /// What runs the missing trials.
+    pub(super) executor: Executor,
+    /// How Slurm is asked for workers.
+    pub(super) slurm: slurm::Options,
+    /// How a Kubernetes Job is written.
+    pub(super) kubernetes: kubernetes::Options,
 }
 
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
@@ -28,6 +42,9 @@ pub(super) struct Settings {
 struct Table {
     store: Option<PathBuf>,
     workers: Option<usize>,
+    executor: Option<Executor>,
+    slurm: slurm::Options,
+    kubernetes: kubernetes::Options,
 }
 
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
@@ -35,6 +52,9 @@ struct Table {
 struct Document {
     store: Option<PathBuf>,
     workers: Option<usize>,
+    executor: Option<Executor>,
+    slurm: slurm::Options,
+    kubernetes: kubernetes::Options,
     profile: BTreeMap<String, Table>,
 }
 
@@ -58,10 +78,24 @@ fn combine(text: &str, common: &Common) -> Result<Settings, Failure> {
         })?,
     };
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let slurm: slurm::Options = overlay(&document.slurm, &profile.slurm);
+    slurm.check().map_err(|error| wrong(&format!("[slurm] {error}")))?;
     Ok(Settings {
         store: common.store.clone().or(profile.store).or(document.store).unwrap_or_else(|| "store".into()),
         workers: profile.workers.or(document.workers).unwrap_or(cores).max(1),
+        executor: profile.executor.or(document.executor).unwrap_or(Executor::Local),
+        slurm,
+        kubernetes: overlay(&document.kubernetes, &profile.kubernetes),
     })
+}
+
+/// One table over another one, key by key; a key that is not given is null.
+fn overlay<T: Serialize + DeserializeOwned + Clone>(below: &T, above: &T) -> T {
+    let values = (serde_json::to_value(below), serde_json::to_value(above));
+    let (Ok(serde_json::Value::Object(mut all)), Ok(serde_json::Value::Object(over))) = values else { return below.clone() };
+    all.extend(over.into_iter().filter(|(_, value)| !value.is_null()));
+    // Every value comes from a table of this type.
+    serde_json::from_value(all.into()).unwrap_or_else(|_| below.clone())
 }
 
 fn wrong(problem: &str) -> Failure {
@@ -81,7 +115,30 @@ mod tests {
     fn a_profile_overrides_the_top() {
         let text = "store = \"a\"\nworkers = 2\n[profile.big]\nworkers = 16\n";
         let settings = combine(text, &common(Some("big"))).ok().unwrap();
-        assert_eq!(settings, Settings { store: "a".into(), workers: 16 });
+        assert_eq!((settings.store, settings.workers), ("a".into(), 16));
+    }
+
+    #[test]
+    fn an_executors_table_is_laid_over_key_by_key() {
+        let text = "executor = \"slurm\"\n[slurm]\npartition = \"short\"\nmemory_mb = 2000\n\
+                    [profile.big.slurm]\npartition = \"long\"\nmax_tasks = 8\n[kubernetes]\nimage = \"a\"\n";
+        let settings = combine(text, &common(Some("big"))).ok().unwrap();
+        assert_eq!(settings.executor, Executor::Slurm);
+        let expected = "partition = \"long\"\nmemory_mb = 2000\nmax_tasks = 8\n";
+        assert_eq!(settings.slurm, toml::from_str(expected).unwrap());
+        assert_eq!(settings.kubernetes.image.as_deref(), Some("a"));
+        assert_eq!(combine(text, &common(None)).ok().unwrap().slurm.partition.as_deref(), Some("short"));
+    }
+
+    #[test]
+    fn mistakes_in_an_executors_table_name_file_and_key() {
+        let text = |text: &str| combine(text, &common(None)).err().unwrap().text;
+        let unknown = text("[slurm]\npartion = \"long\"\n");
+        assert!(unknown.contains("regimen.toml") && unknown.contains("partion") && unknown.contains("line 2"), "{unknown}");
+        assert!(text("[slurm]\nmax_tasks = 0\n").contains("max_tasks"));
+        assert!(text("[slurm]\ntime = \"soon\"\n").contains("regimen.toml: [slurm] `time`: `soon`"));
+        assert!(text("executor = \"kubernetes\"\n").contains("`local` or `slurm`"));
+        assert!(text("[profile.big.kubernetes]\nimages = 1\n").contains("images"));
     }
 
     #[test]
