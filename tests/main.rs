@@ -7,3 +7,4 @@ mod other_programs;
 mod program;
 mod rollout;
 mod runs;
+mod slurm;

@@ -158,7 +158,7 @@ pub(super) fn submit(
 
 fn show_or_write(text: &str, options: &SubmitOptions) -> Result<u8, Failure> {
     match &options.out {
-        Some(path) => write_durably(path, text.as_bytes())?,
+        Some(path) => write_durably(&absolute(path)?, text.as_bytes())?,
         None => say(text),
     }
     Ok(OK)
