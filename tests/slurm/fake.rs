@@ -50,8 +50,9 @@ fn a_busy_controller_is_asked_again_under_the_same_name() {
 #[test]
 fn a_job_that_was_taken_without_an_answer_is_not_submitted_twice() {
     let lost = "echo 'sbatch: error: Batch job submission failed: Socket timed out on send/recv operation' >&2; exit 1";
-    let queue = "for word; do case $word in --name=*) echo \"${word#--name=}|7|RUNNING|None\";; esac; done";
-    let bench = bench(&format!("{RUN}; {lost}"), queue);
+    let task = "echo \"${word#--name=}|7|RUNNING|None\"";
+    let queue = format!("for word; do case $word in --name=*) {task}; {task};; esac; done");
+    let bench = bench(&format!("{RUN}; {lost}"), &queue);
     let ran = run(&bench, &["run", "small.yaml"]);
     assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
     assert_eq!((submissions(&bench).len(), calls(&bench, "sbatch")), (1, 1), "{}", ran.err);
