@@ -278,7 +278,8 @@ impl Drop for Cluster {
     }
 }
 
-fn until(what: &str, mut is_so: impl FnMut() -> bool) {
+/// Waits a minute and a half at most.
+pub(crate) fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let started = Instant::now();
     while !is_so() {
         assert!(started.elapsed() < Duration::from_secs(90), "waited in vain until {what}");

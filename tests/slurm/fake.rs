@@ -1,8 +1,11 @@
 //! What is said and done when Slurm is busy, says no, or is not there: the commands are small scripts here.
 
-use super::{STUDY, submissions};
+use super::{STUDY, submissions, until};
 use crate::program::{Answer, Bench, answer};
-use std::os::unix::fs::PermissionsExt;
+use std::{
+    os::unix::fs::PermissionsExt,
+    process::{Command, Stdio},
+};
 
 const SETTINGS: &str = "executor = \"slurm\"\n[slurm]\npoll_s = 1\n";
 
@@ -29,11 +32,15 @@ fn run(bench: &Bench, arguments: &[&str]) -> Answer {
 }
 
 fn calls(bench: &Bench, program: &str) -> u32 {
-    std::fs::read_to_string(bench.path(&format!("count-{program}"))).map_or(0, |text| text.trim().parse().unwrap())
+    std::fs::read_to_string(bench.path(&format!("count-{program}"))).map_or(0, |text| text.trim().parse().unwrap_or(0))
 }
 
 /// The batch script, run at once in place of being queued.
 const RUN: &str = "bash \"$2\" > worker.log 2>&1";
+
+/// A queue in which two tasks of whatever is asked for run.
+const TWO_RUN: &str =
+    "for word; do case $word in --name=*) for _ in 1 2; do echo \"${word#--name=}|7|RUNNING|None\"; done;; esac; done";
 
 #[test]
 fn a_busy_controller_is_asked_again_under_the_same_name() {
@@ -50,9 +57,7 @@ fn a_busy_controller_is_asked_again_under_the_same_name() {
 #[test]
 fn a_job_that_was_taken_without_an_answer_is_not_submitted_twice() {
     let lost = "echo 'sbatch: error: Batch job submission failed: Socket timed out on send/recv operation' >&2; exit 1";
-    let task = "echo \"${word#--name=}|7|RUNNING|None\"";
-    let queue = format!("for word; do case $word in --name=*) {task}; {task};; esac; done");
-    let bench = bench(&format!("{RUN}; {lost}"), &queue);
+    let bench = bench(&format!("{RUN}; {lost}"), TWO_RUN);
     let ran = run(&bench, &["run", "small.yaml"]);
     assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
     assert_eq!((submissions(&bench).len(), calls(&bench, "sbatch")), (1, 1), "{}", ran.err);
@@ -70,6 +75,27 @@ fn a_refusal_is_told_in_slurms_words_and_not_repeated() {
     assert!(ran.err.contains("sbatch refuses: invalid partition specified: nope; Batch job submission failed"), "{}", ran.err);
     assert_eq!(run(&bench, &["status", "small.yaml"]).code, 106);
     assert_eq!(calls(&bench, "squeue"), 0, "a refused submission is not asked about");
+}
+
+#[test]
+fn who_stops_waiting_is_told_that_the_jobs_go_on() {
+    let bench = bench("echo 7", TWO_RUN);
+    let path = format!("{}:{}", bench.path("bin").display(), std::env::var("PATH").unwrap());
+    let mut command = bench.command(&["run", "small.yaml"]);
+    let follower = command.env("PATH", path).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    until("the queue was asked", || calls(&bench, "squeue") > 0);
+    assert!(Command::new("kill").args(["-INT", &follower.id().to_string()]).status().unwrap().success());
+    let left = answer(&follower.wait_with_output().unwrap());
+    assert_eq!((left.code, calls(&bench, "scancel")), (106, 0), "{}", left.err);
+    assert!(left.err.contains("Slurm: 2 running") && left.err.contains("`regimen cancel small.yaml` ends them"), "{}", left.err);
+}
+
+#[test]
+fn only_slurm_is_left_behind() {
+    let bench = bench("", "");
+    let ran = run(&bench, &["run", "small.yaml", "--executor", "local", "--detach"]);
+    assert_eq!(ran.code, 2);
+    assert!(ran.err.contains("--detach needs --executor slurm"), "{}", ran.err);
 }
 
 #[test]

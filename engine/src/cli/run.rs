@@ -37,13 +37,15 @@ pub(super) fn run(
     let settings = settings::read(common)?;
     let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
     let planned = study::load(registry, selection)?;
-    let computed = if options.executor.unwrap_or(settings.executor) == Executor::Slurm {
-        match submit::run(&planned, selection, options, &settings, common)? {
+    let computed = match options.executor.unwrap_or(settings.executor) {
+        Executor::Local if options.detach => {
+            return Err(Failure { code: BAD_SPEC, text: "error: --detach needs --executor slurm".into() });
+        }
+        Executor::Local => compute(&planned, &store, workers, options.retry_failed, |_| true)?,
+        Executor::Slurm => match submit::run(&planned, selection, options, &settings, common)? {
             Some(code) => return Ok(code),
             None => OK,
-        }
-    } else {
-        compute(&planned, &store, workers, options.retry_failed, |_| true)?
+        },
     };
     let mut code = OK;
     for one in &planned {

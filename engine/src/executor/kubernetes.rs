@@ -75,18 +75,9 @@ impl Options {
 /// # Errors
 /// [`Error::Option`] where the image or the claim is missing.
 pub fn manifest(workers: &Workers, options: &Options) -> Result<String, Error> {
-    let image = needed("image", options.image.as_deref(), "name the container image that holds regimen")?;
-    let claim = needed("claim", options.claim.as_deref(), "name the PersistentVolumeClaim that holds the store")?;
-    let name = job_name(&workers.study);
-    let completions = options.tasks(workers.trials);
-    let parallelism = completions.min(options.max_tasks.map_or(100, NonZeroUsize::get));
     let namespace = options.namespace.as_ref().map_or_else(String::new, |name| format!("\n  namespace: {}", text(name)));
-    let arguments: String = workers.arguments.iter().fold(String::new(), |mut all, argument| {
-        // `$(NAME)` would be replaced by a variable.
-        let _ = write!(all, "\n            - {}", text(&argument.replace("$(", "$$(")));
-        all
-    });
-    Ok(format!(
+    let completions = options.tasks(workers.trials);
+    let head = format!(
         r#"# Workers of regimen that pull missing trials from the store. Not tried on a cluster; checked against the schema of batch/v1.
 apiVersion: batch/v1
 kind: Job
@@ -114,7 +105,18 @@ spec:
         onPodConditions:
           - type: DisruptionTarget
             status: "True"
-  template:
+"#,
+        name = job_name(&workers.study),
+        parallelism = completions.min(options.max_tasks.map_or(100, NonZeroUsize::get)),
+        retries = options.retries.unwrap_or(6),
+    );
+    Ok(head + &pod(workers, options)?)
+}
+
+/// The pod of one index: the worker, with the shared volume.
+fn pod(workers: &Workers, options: &Options) -> Result<String, Error> {
+    Ok(format!(
+        r#"  template:
     metadata:
       labels:
         app.kubernetes.io/name: regimen
@@ -138,18 +140,26 @@ spec:
           persistentVolumeClaim:
             claimName: {claim}
 "#,
-        retries = options.retries.unwrap_or(6),
         grace_s = options.grace_s.unwrap_or(120),
-        image = text(image),
-        claim = text(claim),
+        image = needed("image", options.image.as_deref(), "name the container image that holds regimen")?,
+        claim = needed("claim", options.claim.as_deref(), "name the PersistentVolumeClaim that holds the store")?,
         folder = text(options.folder.as_deref().unwrap_or("/work")),
         program = text(options.program.as_deref().unwrap_or("regimen")),
+        arguments = arguments(workers),
         resources = resources(options),
     ))
 }
 
-fn needed<'a>(key: &'static str, value: Option<&'a str>, problem: &str) -> Result<&'a str, Error> {
-    value.filter(|value| !value.is_empty()).ok_or_else(|| Error::Option { key, problem: problem.into() })
+fn arguments(workers: &Workers) -> String {
+    workers.arguments.iter().fold(String::new(), |mut all, argument| {
+        // `$(NAME)` would be replaced by a variable.
+        let _ = write!(all, "\n            - {}", text(&argument.replace("$(", "$$(")));
+        all
+    })
+}
+
+fn needed(key: &'static str, value: Option<&str>, problem: &str) -> Result<String, Error> {
+    value.filter(|value| !value.is_empty()).map(text).ok_or_else(|| Error::Option { key, problem: problem.into() })
 }
 
 /// Requests and limits are the same, so that a worker gets what it counts on.

@@ -98,7 +98,7 @@ impl Options {
     pub fn check(&self) -> Result<(), Error> {
         let wrong = |key: &'static str, problem: String| Err(Error::Option { key, problem });
         for (key, text) in [("partition", &self.partition), ("account", &self.account)] {
-            if text.as_ref().is_some_and(|text| text.is_empty() || text.chars().any(|letter| letter.is_control())) {
+            if text.as_ref().is_some_and(|text| text.is_empty() || text.chars().any(char::is_control)) {
                 return wrong(key, "write one line, and not an empty one".into());
             }
         }
