@@ -14,3 +14,4 @@ mod program;
 mod resume;
 mod rollout;
 mod runs;
+mod slurm;

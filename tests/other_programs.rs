@@ -1,4 +1,4 @@
-//! Other programs read what this one writes: metrics with Polars for Python, policies with NumPy.
+//! Other programs read what this one writes: metrics with Polars for Python, policies with NumPy, manifests with a validator.
 
 use crate::program::{Bench, repository, trial_files};
 use std::process::Command;
@@ -61,4 +61,18 @@ fn numpy_evaluates_an_exported_policy_to_the_same_allocation() {
         .collect();
     assert_eq!(policies.len(), 3, "three agents learn");
     check("evaluate_policy.py", "numpy, polars", &policies);
+}
+
+#[test]
+fn a_kubernetes_manifest_holds_against_the_schema_of_its_kind() {
+    let bench = Bench::new();
+    bench.write("readable.yaml", STUDY);
+    bench.write("regimen.toml", "[kubernetes]\nimage = \"registry.example/regimen:1\"\nclaim = \"shared\"\nmemory_mb = 2000\n");
+    bench.ok(&["submit", "readable.yaml", "--executor", "kubernetes", "--dry-run", "--out", "job.yaml"]);
+    let schema = repository().join("tests/fixtures/kubernetes/job-batch-v1.json");
+    let files = [bench.path("job.yaml"), schema].map(|path| path.to_string_lossy().into_owned());
+    check("check_manifest.py", "jsonschema, yaml", &files);
+    let live = bench.run(&["submit", "readable.yaml", "--executor", "kubernetes"]);
+    assert_eq!(live.code, 2);
+    assert!(live.err.contains("kubectl apply"), "{}", live.err);
 }

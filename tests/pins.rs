@@ -161,7 +161,7 @@ fn recorded(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
     let [environment, agent, protocol] = trial.clone().map(|part| Part { version: 0, ..part });
     let key = TrialKey { environment, agent, protocol, seed: 7, numerics: 0, device: "cpu".into() };
     // Not every agent fits every protocol, and some say so by a panic.
-    let run = AssertUnwindSafe(|| key.run(registry, None, &mut |_, _| {}));
+    let run = AssertUnwindSafe(|| key.run(registry, None, &mut |_, _| {}, &mut engine::NoKeeper));
     let record = catch_unwind(run).map_err(|_| "it panicked")?.map_err(|error| error.to_string())?;
     let mut text = String::new();
     for row in record.rows() {

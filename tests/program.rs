@@ -98,7 +98,8 @@ pub(crate) fn trial_files(store: &Path) -> Vec<PathBuf> {
     files
 }
 
-fn answer(output: &Output) -> Answer {
+/// What a finished command answered.
+pub(crate) fn answer(output: &Output) -> Answer {
     Answer {
         code: output.status.code().unwrap_or(-1),
         out: String::from_utf8_lossy(&output.stdout).into_owned(),

@@ -17,6 +17,7 @@ pub mod diagnostic;
 pub mod document;
 pub mod environment;
 pub mod error;
+pub mod executor;
 pub mod figure;
 pub mod limits;
 pub mod plan;

@@ -96,7 +96,7 @@ impl Compute<'_> {
     }
 
     /// The trials to run, each once though several studies share it.
-    fn tasks(&self, planned: &[Planned], store: &Store, mine: impl Fn(usize) -> bool) -> Vec<Task> {
+    pub(super) fn tasks(&self, planned: &[Planned], store: &Store, mine: impl Fn(usize) -> bool) -> Vec<Task> {
         let (mut seen, mut tasks) = (BTreeSet::new(), Vec::new());
         for one in planned {
             let limits = Arc::new(self.limits_of(&one.study.limits));
@@ -126,7 +126,7 @@ impl Compute<'_> {
 
 /// The first Ctrl-C (or SIGTERM) stops the run in order, the second one at once. SIGUSR1, the early warning of a batch system,
 /// stops in order too.
-fn listen_for_signals(stop: &Arc<AtomicBool>) -> Result<(), Failure> {
+pub(super) fn listen_for_signals(stop: &Arc<AtomicBool>) -> Result<(), Failure> {
     use signal_hook::{
         consts::{SIGINT, SIGTERM, SIGUSR1},
         flag,

@@ -10,6 +10,7 @@ mod run;
 mod selftest;
 mod settings;
 mod study;
+mod submit;
 mod summaries;
 
 use crate::Registry;
@@ -82,11 +83,17 @@ struct Selection {
     only: Vec<String>,
 }
 
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 struct RunOptions {
-    /// Worker processes; `workers` in regimen.toml, else the number of cores.
+    /// Worker processes; `workers` in regimen.toml, else the number of cores. With Slurm: tasks at a time; `max_tasks`.
     #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N")]
     jobs: Option<usize>,
+    /// What runs the trials; `executor` in regimen.toml, else this machine.
+    #[arg(long, value_enum)]
+    executor: Option<submit::Executor>,
+    /// With Slurm: leave after the submission; a later `run` follows it.
+    #[arg(long)]
+    detach: bool,
     /// Say what would run, and run nothing.
     #[arg(long, short = 'n')]
     dry_run: bool,
@@ -121,6 +128,25 @@ struct LimitOptions {
     /// Most memory of a trial's process.
     #[arg(long, value_name = "MB")]
     memory_mb: Option<u64>,
+}
+
+impl LimitOptions {
+    /// The same options as words of a command line.
+    fn arguments(&self) -> Vec<String> {
+        let mut all = Vec::new();
+        let mut with =
+            |name: &str, value: Option<String>| all.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]));
+        with("--retries", self.retries.map(|value| value.to_string()));
+        with("--retry-delay-s", self.retry_delay_s.map(|value| value.to_string()));
+        with("--wall-time-s", self.wall_time_s.map(|value| value.to_string()));
+        with("--memory-mb", self.memory_mb.map(|value| value.to_string()));
+        let states: Vec<&str> = self.retry_on.iter().map(|state| state.name()).collect();
+        with("--retry-on", (!states.is_empty()).then(|| states.join(",")));
+        if self.fail_fast {
+            all.push("--fail-fast".into());
+        }
+        all
+    }
 }
 
 /// An end state by its word.
@@ -197,6 +223,15 @@ enum Verb {
     },
     /// Compute one study in every way there is (workers, programs, kills, shards, Slurm) and compare the digests.
     Selftest(selftest::SelftestOptions),
+    /// Hand what is missing to a cluster and leave, or write what would be handed over.
+    Submit {
+        #[command(flatten)]
+        selection: Selection,
+        #[command(flatten)]
+        options: submit::SubmitOptions,
+    },
+    /// Cancel what was submitted to Slurm for these studies and has not ended.
+    Cancel(Selection),
     /// Print the study with every default written out.
     Resolve(Selection),
     /// Drive one environment with given actions or an agent and write what happens.
@@ -247,6 +282,8 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Selftest(options) => selftest::selftest(registry, selftest, &options, common),
         Verb::Worker { selection, index, jobs, limits, summaries } => summaries
             .after(registry, &selection, common, || run::worker(registry, &selection, index.as_deref(), jobs, &limits, common)),
+        Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),
+        Verb::Cancel(selection) => submit::cancel(registry, &selection, common),
         Verb::Resolve(selection) => study::resolve(registry, &selection),
         Verb::Rollout(options) => rollout::rollout(registry, &options),
         Verb::List { kind } => describe::list(registry, kind, common),

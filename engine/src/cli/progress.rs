@@ -102,7 +102,8 @@ impl<'a> Progress<'a> {
         }
     }
 
-    fn line(&self, text: &str) {
+    /// Shows a line above the bars.
+    pub(super) fn line(&self, text: &str) {
         match &self.bars {
             // A terminal that cannot show the line still has the bars.
             Some(bars) => drop(bars.all.println(text)),

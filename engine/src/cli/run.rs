@@ -5,6 +5,7 @@ use super::{
     compute::Compute,
     provenance, say, settings,
     study::{self, Planned},
+    submit::{self, Executor},
 };
 use crate::{
     Metric, Registry,
@@ -40,7 +41,16 @@ pub(super) fn run(
         retry_failed: options.retry_failed,
         wait_for_others: true,
     };
-    let computed = how.run(&planned, |_| true)?;
+    let computed = match options.executor.unwrap_or(settings.executor) {
+        Executor::Local if options.detach => {
+            return Err(Failure { code: BAD_SPEC, text: "error: --detach needs --executor slurm".into() });
+        }
+        Executor::Local => how.run(&planned, |_| true)?,
+        Executor::Slurm => match submit::run(&planned, selection, options, &how, common)? {
+            Some(code) => return Ok(code),
+            None => OK,
+        },
+    };
     let mut code = OK;
     for one in &planned {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);

@@ -2,7 +2,7 @@
 
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain, say,
-    settings,
+    settings, submit,
 };
 use crate::{
     Registry, diagnostic,
@@ -163,6 +163,7 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
         }
         code = code.max(code_of(&ends));
     }
+    submit::show(&settings.store, common.format);
     Ok(code)
 }
 

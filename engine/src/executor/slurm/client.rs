@@ -1,0 +1,225 @@
+//! Slurm's commands: what they are asked, and what their answers mean.
+
+use crate::executor::Error;
+use std::{
+    collections::BTreeMap,
+    ffi::OsStr,
+    path::Path,
+    process::{Command, Stdio},
+};
+
+/// One task of a job array, as `squeue` shows it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Task {
+    /// The name of its job, which is a submission's.
+    pub name: String,
+    /// The job id of its array.
+    pub job: String,
+    /// `RUNNING`, `PENDING` and so on.
+    pub state: String,
+    /// Why it is in this state; `None` where Slurm gives no reason.
+    pub reason: Option<String>,
+}
+
+impl Task {
+    /// False where the task has come to an end of any kind.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        const ENDED: [&str; 10] = [
+            "BOOT_FAIL",
+            "CANCELLED",
+            "COMPLETED",
+            "DEADLINE",
+            "FAILED",
+            "NODE_FAIL",
+            "OUT_OF_MEMORY",
+            "PREEMPTED",
+            "REVOKED",
+            "TIMEOUT",
+        ];
+        !ENDED.contains(&self.state.as_str())
+    }
+}
+
+/// The tasks of jobs with these names that Slurm knows of. It forgets ended ones after some minutes.
+///
+/// # Errors
+/// [`Error::Busy`] where the controller does not answer.
+pub fn tasks(names: &[String]) -> Result<Vec<Task>, Error> {
+    if names.is_empty() {
+        return Ok(Vec::new());
+    }
+    let names = format!("--name={}", names.join(","));
+    let arguments = ["--noheader", "--array", "--states=all", "--format=%j|%F|%T|%r", &names];
+    call("squeue", &arguments)?.lines().filter(|line| !line.trim().is_empty()).map(task).collect()
+}
+
+fn task(line: &str) -> Result<Task, Error> {
+    let mut parts = line.trim().splitn(4, '|').map(str::to_owned);
+    let (Some(name), Some(job), Some(state), Some(reason)) = (parts.next(), parts.next(), parts.next(), parts.next()) else {
+        return Err(Error::Unreadable { program: "squeue", text: line.into(), expected: "name|job|state|reason" });
+    };
+    Ok(Task { name, job, state, reason: Some(reason).filter(|reason| !reason.is_empty() && reason != "None") })
+}
+
+/// Submits a script and returns the job's id.
+///
+/// # Errors
+/// [`Error::Refused`] where Slurm says no, [`Error::Busy`] where the controller does not answer; the job may exist even then.
+pub fn submit(script: &Path) -> Result<String, Error> {
+    let answer = call("sbatch", &[OsStr::new("--parsable"), script.as_os_str()])?;
+    // A federation adds `;cluster`.
+    let id = answer.lines().last().unwrap_or_default().trim().split(';').next().unwrap_or_default();
+    if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {
+        return Err(Error::Unreadable { program: "sbatch", text: answer.trim().into(), expected: "a job id" });
+    }
+    Ok(id.into())
+}
+
+/// The cluster's `MaxArraySize`; Slurm's default where its configuration does not show one.
+///
+/// # Errors
+/// [`Error::Busy`] where the controller does not answer.
+pub fn max_array_size() -> Result<usize, Error> {
+    const DEFAULT: usize = 1001;
+    Ok(setting(&call("scontrol", &["show", "config"])?, "MaxArraySize").and_then(|text| text.parse().ok()).unwrap_or(DEFAULT))
+}
+
+fn setting<'a>(config: &'a str, name: &str) -> Option<&'a str> {
+    config.lines().find_map(|line| line.split_once('=').filter(|(key, _)| key.trim() == name).map(|(_, value)| value.trim()))
+}
+
+/// Cancels the jobs of a submission: all, or those that have not started.
+///
+/// # Errors
+/// As [`submit`].
+pub fn cancel(name: &str, pending_only: bool) -> Result<(), Error> {
+    let name = format!("--name={name}");
+    let arguments: &[&str] = if pending_only { &[&name, "--state=PENDING"] } else { &[&name] };
+    call("scancel", arguments).map(drop)
+}
+
+fn call<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Result<String, Error> {
+    let mut command = Command::new(program);
+    command.args(arguments).stdin(Stdio::null());
+    // These variables stand for options: they would hide jobs from us or take them the name that we find them by.
+    let ours = |name: &str| name.starts_with("SQUEUE_") || name.starts_with("SCANCEL_");
+    for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(ours)) {
+        command.env_remove(name);
+    }
+    for name in ["SBATCH_ARRAY_INX", "SBATCH_JOB_NAME", "SBATCH_OPEN_MODE", "SBATCH_SIGNAL"] {
+        command.env_remove(name);
+    }
+    let output = command.output().map_err(|source| Error::NoProgram { program, source })?;
+    let said = String::from_utf8_lossy(&output.stderr);
+    if output.status.success() {
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    } else {
+        Err(complaint(program, &said))
+    }
+}
+
+/// What a command's complaint means for those who want an answer.
+fn complaint(program: &'static str, said: &str) -> Error {
+    const PASSING: [&str; 12] = [
+        "unexpected message received",
+        "socket timed out",
+        "unable to contact slurm controller",
+        "connection refused",
+        "connection reset",
+        "communication connection failure",
+        "zero bytes were transmitted",
+        "transport endpoint",
+        "temporarily un",
+        "standby mode",
+        "too many requests",
+        "try again",
+    ];
+    let lines: Vec<&str> = said.lines().map(|line| line.trim().trim_start_matches(&format!("{program}: "))).collect();
+    let said = lines.iter().map(|line| line.trim_start_matches("error: ")).collect::<Vec<_>>().join("; ");
+    let lower = said.to_lowercase();
+    if PASSING.iter().any(|text| lower.contains(text)) { Error::Busy { program, said } } else { Error::Refused { program, said } }
+}
+
+/// Living tasks by state.
+#[must_use]
+pub fn counts(tasks: &[Task]) -> BTreeMap<&str, usize> {
+    let mut counts = BTreeMap::new();
+    tasks.iter().filter(|task| task.is_alive()).for_each(|task| *counts.entry(task.state.as_str()).or_default() += 1);
+    counts
+}
+
+/// Living tasks counted by state, for people.
+#[must_use]
+pub fn summary(tasks: &[Task]) -> String {
+    let counts = counts(tasks);
+    if counts.is_empty() {
+        return "no task".into();
+    }
+    let mut parts: Vec<String> = counts.iter().map(|(state, count)| format!("{count} {}", state.to_lowercase())).collect();
+    // In falling order of their names, so that running comes before pending.
+    parts.sort_by_key(|part| std::cmp::Reverse(part.split_once(' ').map(|(_, state)| state.to_owned())));
+    let waiting = tasks.iter().filter(|task| task.state == "PENDING");
+    let reasons: std::collections::BTreeSet<&str> = waiting.filter_map(|task| task.reason.as_deref()).collect();
+    let reasons = reasons.into_iter().filter(|reason| *reason != "JobArrayTaskLimit").collect::<Vec<_>>().join(", ");
+    parts.join(", ") + &if reasons.is_empty() { String::new() } else { format!(" ({reasons})") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tasks_are_read_and_known_to_live_or_not() {
+        let read = |line: &str| task(line).unwrap();
+        let running = read("regimen-1a|7|RUNNING|None");
+        assert_eq!((running.name.as_str(), running.job.as_str(), running.reason.clone()), ("regimen-1a", "7", None));
+        let pending = read("regimen-1a|7|PENDING|Nodes required for job are DOWN, DRAINED or reserved");
+        assert_eq!(pending.reason.as_deref(), Some("Nodes required for job are DOWN, DRAINED or reserved"));
+        assert!(running.is_alive() && pending.is_alive() && read("a|7|COMPLETING|None").is_alive());
+        assert!(!read("a|7|TIMEOUT|TimeLimit").is_alive() && !read("a|7|NODE_FAIL|None").is_alive());
+        assert!(matches!(task("slurm_load_jobs"), Err(Error::Unreadable { .. })));
+    }
+
+    #[test]
+    fn a_setting_is_found_in_the_configuration() {
+        let config = "Configuration data as of 2026\nMaxArrayTasks           = 5\nMaxArraySize            = 1001\n";
+        assert_eq!(setting(config, "MaxArraySize"), Some("1001"));
+        assert_eq!(setting(config, "MaxArray"), None);
+    }
+
+    #[test]
+    fn a_busy_controller_is_told_from_a_refusal() {
+        let busy = [
+            "sbatch: error: Batch job submission failed: Unable to contact slurm controller (connect failure)",
+            "slurm_load_jobs error: Unexpected message received",
+            "sbatch: error: Batch job submission failed: Socket timed out on send/recv operation",
+            "sbatch: error: Slurm temporarily unable to accept job, sleeping and retrying",
+        ];
+        assert!(busy.iter().all(|said| matches!(complaint("sbatch", said), Error::Busy { .. })));
+        let refused = "sbatch: error: invalid partition specified: nope\n\
+                       sbatch: error: Batch job submission failed: Invalid partition name specified";
+        let text = complaint("sbatch", refused).to_string();
+        let expected =
+            "sbatch refuses: invalid partition specified: nope; Batch job submission failed: Invalid partition name specified";
+        assert_eq!(text, expected);
+    }
+
+    #[test]
+    fn a_queue_is_summed_up_by_state_and_reason() {
+        let of = |state: &str, reason: Option<&str>| Task {
+            name: "regimen-1a".into(),
+            job: "7".into(),
+            state: state.into(),
+            reason: reason.map(Into::into),
+        };
+        let tasks = [
+            of("PENDING", Some("Resources")),
+            of("PENDING", Some("JobArrayTaskLimit")),
+            of("RUNNING", None),
+            of("TIMEOUT", Some("TimeLimit")),
+        ];
+        assert_eq!(summary(&tasks), "1 running, 2 pending (Resources)");
+        assert_eq!(summary(&tasks[3..]), "no task");
+    }
+}

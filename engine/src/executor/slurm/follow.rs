@@ -1,0 +1,289 @@
+//! Waiting for trials that Slurm's tasks compute, and keeping enough tasks at them.
+
+use super::{Slurm, Task, View, client};
+use crate::executor::{Error, State, Submission};
+use std::{
+    collections::BTreeSet,
+    time::{Duration, Instant},
+};
+
+/// How often the store is looked at.
+const STORE_POLL: Duration = Duration::from_secs(1);
+/// The longest pause after questions that Slurm did not answer.
+const LONGEST_PAUSE_S: f64 = 60.0;
+/// How often a first submission is tried while the controller is busy.
+const FIRST_TRIES: u32 = 8;
+
+/// Who waits: it knows the store and shows what happens.
+pub trait Watch {
+    /// Ids of the trials that have not ended.
+    fn missing(&mut self) -> BTreeSet<String>;
+    /// True where the wait is to end, whatever the trials do.
+    fn is_stopped(&self) -> bool;
+    /// The tasks that Slurm holds for the trials now.
+    fn queue(&mut self, tasks: &[Task]);
+    /// Something that a person wants to know.
+    fn say(&mut self, text: &str);
+}
+
+/// How the wait ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// Every trial has ended.
+    Ended,
+    /// The watch was stopped; the jobs go on.
+    Stopped,
+    /// Somebody cancelled the submissions.
+    Cancelled,
+}
+
+/// Decides whether it makes sense to submit once more.
+#[derive(Debug, Clone)]
+pub struct Patience {
+    fruitless: usize,
+    quick: usize,
+    limit: usize,
+}
+
+impl Patience {
+    /// Submissions in a row that may end within [`Self::QUICK_S`] without a trial.
+    const QUICK: usize = 4;
+    /// Workers that leave within this time did not do anything, in seconds.
+    const QUICK_S: f64 = 60.0;
+
+    /// Patience for `limit` submissions in a row that finish nothing.
+    #[must_use]
+    pub fn new(limit: usize) -> Self {
+        Self { fruitless: 0, quick: 0, limit }
+    }
+
+    /// Takes note of the last submission: how many trials ended since, and after how many seconds it was over.
+    pub fn note(&mut self, ended: usize, after_s: f64) {
+        if ended > 0 {
+            (self.fruitless, self.quick) = (0, 0);
+            return;
+        }
+        self.fruitless += 1;
+        self.quick = if after_s < Self::QUICK_S { self.quick + 1 } else { 0 };
+    }
+
+    /// How many polls to wait before the next submission. A trial whose worker's machine vanished is free only after a while:
+    /// workers that come too early find nothing to do and leave.
+    #[must_use]
+    pub fn polls_to_wait(&self) -> u32 {
+        u32::try_from(self.quick).ok().and_then(|quick| 3_u32.checked_pow(quick.checked_sub(1)?)).unwrap_or(0)
+    }
+
+    /// The number of fruitless submissions in a row, once they are too many.
+    #[must_use]
+    pub fn is_over(&self) -> Option<usize> {
+        (self.quick >= Self::QUICK || self.fruitless > self.limit).then_some(self.fruitless)
+    }
+}
+
+impl Slurm {
+    /// Submits what lacks, trying again while the controller is busy, and returns what is followed then.
+    ///
+    /// # Errors
+    /// As [`Slurm::ensure`], and [`Error::Busy`] after some minutes.
+    pub fn begin(&self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<View, Error> {
+        let mut pause_s = 1.0;
+        for _ in 1..FIRST_TRIES {
+            match self.ensure(missing) {
+                Err(error @ Error::Busy { .. }) if !watch.is_stopped() => {
+                    watch.say(&format!("{error}; trying again in {pause_s} s"));
+                    rest(Duration::from_secs_f64(pause_s), watch);
+                    pause_s = (pause_s * 2.0).min(LONGEST_PAUSE_S);
+                }
+                other => return other,
+            }
+        }
+        self.ensure(missing)
+    }
+
+    /// Waits until every trial has ended; submits again while tasks are too few for what is missing.
+    ///
+    /// # Errors
+    /// [`Error::Fruitless`] where submissions end again and again without finishing a trial, and what [`Slurm::ensure`] says of
+    /// a submission that is refused. A controller that does not answer is waited for.
+    pub fn follow(&self, begun: View, watch: &mut dyn Watch) -> Result<Outcome, Error> {
+        let followed = begun.live.into_iter().map(|holding| holding.submission).collect();
+        let mut follower = Follower {
+            slurm: self,
+            followed,
+            patience: Patience::new(self.options.resubmissions()),
+            submitted: Instant::now(),
+            missing_then: None,
+            lacking: false,
+            pause_s: self.options.poll_s(),
+        };
+        let mut asked = Instant::now();
+        loop {
+            let looked = Instant::now();
+            let missing = watch.missing();
+            if missing.is_empty() {
+                follower.finish();
+                return Ok(Outcome::Ended);
+            }
+            if watch.is_stopped() {
+                return Ok(Outcome::Stopped);
+            }
+            if asked.elapsed().as_secs_f64() >= follower.pause_s {
+                if let Some(outcome) = follower.ask(&missing, watch)? {
+                    return Ok(outcome);
+                }
+                asked = Instant::now();
+            }
+            // A look at a large store on a slow disk is not repeated at once.
+            rest(STORE_POLL.max(looked.elapsed() * 5), watch);
+        }
+    }
+}
+
+struct Follower<'a> {
+    slurm: &'a Slurm,
+    followed: Vec<Submission>,
+    patience: Patience,
+    submitted: Instant,
+    /// How many trials were missing when tasks were last submitted.
+    missing_then: Option<usize>,
+    /// True where the last look at the queue showed too few tasks.
+    lacking: bool,
+    pause_s: f64,
+}
+
+impl Follower<'_> {
+    /// Looks at the queue and submits where tasks lack in two looks in a row: a task that is being started again, or a
+    /// controller that is just up, may be between two states.
+    fn ask(&mut self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<Option<Outcome>, Error> {
+        let before = *self.missing_then.get_or_insert(missing.len());
+        let view = match self.look(missing) {
+            Ok(Some(view)) => view,
+            Ok(None) => return Ok(Some(Outcome::Cancelled)),
+            Err(error) => {
+                self.not_answered(&error, watch);
+                return Ok(None);
+            }
+        };
+        self.pause_s = self.slurm.options.poll_s();
+        watch.queue(&view.live.iter().flat_map(|holding| holding.tasks.clone()).collect::<Vec<_>>());
+        if view.need == 0 || !std::mem::replace(&mut self.lacking, true) {
+            self.lacking = view.need > 0;
+            return Ok(None);
+        }
+        self.lacking = false;
+        self.patience.note(before.saturating_sub(missing.len()), self.submitted.elapsed().as_secs_f64());
+        match self.patience.is_over() {
+            // Nothing is added to tasks that live; their end will be noted.
+            Some(_) if view.alive() > 0 => Ok(None),
+            Some(rounds) => Err(Error::Fruitless { rounds, log: self.log() }),
+            None => {
+                let pause_s = self.slurm.options.poll_s() * f64::from(self.patience.polls_to_wait());
+                rest(Duration::from_secs_f64(pause_s), watch);
+                self.submit(&watch.missing(), view.alive(), watch)
+            }
+        }
+    }
+
+    /// What Slurm holds; `None` where somebody cancelled what is followed.
+    fn look(&self, missing: &BTreeSet<String>) -> Result<Option<View>, Error> {
+        let ours = |one: &Submission| self.followed.iter().any(|followed| followed.id == one.id);
+        if Submission::all(&self.slurm.store)?.iter().any(|one| one.state == State::Cancelled && ours(one)) {
+            return Ok(None);
+        }
+        self.slurm.look(missing).map(Some)
+    }
+
+    fn submit(&mut self, missing: &BTreeSet<String>, alive: usize, watch: &mut dyn Watch) -> Result<Option<Outcome>, Error> {
+        if missing.is_empty() || watch.is_stopped() {
+            return Ok(None);
+        }
+        match self.slurm.ensure(missing) {
+            Ok(view) => {
+                let added = view.live.iter().filter(|holding| self.followed.iter().all(|one| one.id != holding.submission.id));
+                added.for_each(|holding| watch.say(&format!("submitted again: {}", describe(&holding.submission))));
+                self.followed = view.live.into_iter().map(|holding| holding.submission).collect();
+                (self.submitted, self.missing_then) = (Instant::now(), Some(missing.len()));
+            }
+            Err(error @ (Error::Refused { .. } | Error::NoProgram { .. })) if alive == 0 => return Err(error),
+            Err(error) => self.not_answered(&error, watch),
+        }
+        Ok(None)
+    }
+
+    fn not_answered(&mut self, error: &Error, watch: &mut dyn Watch) {
+        self.pause_s = (self.pause_s * 2.0).min(LONGEST_PAUSE_S.max(self.slurm.options.poll_s()));
+        watch.say(&format!("{error}; asking again in {:.0} s", self.pause_s));
+    }
+
+    fn log(&self) -> String {
+        self.followed.last().map_or_else(String::new, |submission| submission.log_tail(10))
+    }
+
+    /// Every trial has ended: tasks that wait would find nothing to do. What cannot be tidied up now ends by itself.
+    fn finish(self) {
+        for mut submission in self.followed {
+            if submission.trials.is_subset(&self.slurm.trials) {
+                let _ = client::cancel(&submission.job_name(), true);
+                let _ = submission.close(State::Ended);
+            }
+        }
+    }
+}
+
+/// A submission in one line.
+#[must_use]
+pub fn describe(submission: &Submission) -> String {
+    let jobs: Vec<&str> = submission.arrays.iter().map(|array| array.job.as_deref().unwrap_or("?")).collect();
+    let tasks: usize = submission.arrays.iter().map(|array| array.tasks).sum();
+    let at_once: usize = submission.arrays.iter().map(|array| array.at_once).sum();
+    let word = if jobs.len() == 1 { "job" } else { "jobs" };
+    format!("{} ({word} {}), {tasks} tasks, {at_once} at a time", submission.id, jobs.join(", "))
+}
+
+fn rest(pause: Duration, watch: &dyn Watch) {
+    let started = Instant::now();
+    while started.elapsed() < pause && !watch.is_stopped() {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn workers_that_die_at_once_are_not_started_for_ever() {
+        let mut patience = Patience::new(20);
+        let mut waits = vec![patience.polls_to_wait()];
+        for _ in 0..3 {
+            assert_eq!(patience.is_over(), None);
+            patience.note(0, 2.0);
+            waits.push(patience.polls_to_wait());
+        }
+        assert_eq!(waits, [0, 1, 3, 9]);
+        patience.note(0, 2.0);
+        assert_eq!(patience.is_over(), Some(4));
+    }
+
+    #[test]
+    fn long_tasks_that_hit_their_limit_may_come_back_until_the_limit() {
+        let mut patience = Patience::new(2);
+        patience.note(0, 3600.0);
+        patience.note(0, 3600.0);
+        assert_eq!(patience.is_over(), None);
+        patience.note(0, 3600.0);
+        assert_eq!(patience.is_over(), Some(3));
+    }
+
+    #[test]
+    fn one_finished_trial_renews_the_patience() {
+        let mut patience = Patience::new(20);
+        patience.note(0, 2.0);
+        patience.note(0, 2.0);
+        patience.note(0, 2.0);
+        patience.note(1, 2.0);
+        patience.note(0, 2.0);
+        assert_eq!(patience.is_over(), None);
+    }
+}

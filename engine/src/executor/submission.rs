@@ -1,0 +1,268 @@
+//! What was handed to an executor, on disk beside the trials.
+//!
+//! ```text
+//! <store>/submissions/<id>/submission.json       what was submitted, and what became of it
+//!                          array-0.sbatch        the script of each array
+//!                          array-0-task-0.log    what its workers printed
+//! <store>/submissions/lock                       held by a process while it decides and submits
+//! ```
+//!
+//! The record is written before the jobs are submitted, so there is no job without a record. A crash in between leaves a
+//! record without jobs, which the next look at the queue shows.
+
+use super::{Work, slurm};
+use crate::{Error, store::write_durably};
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::BTreeSet,
+    fs::{self, File},
+    hash::{BuildHasher, RandomState},
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
+
+/// Version of the record's form.
+const SCHEMA: u32 = 1;
+
+/// One submission: some workers for the trials that were missing then.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Submission {
+    /// Version of this record's form.
+    pub schema: u32,
+    /// Our name for it: random, and in no result.
+    pub id: String,
+    /// What became of it.
+    pub state: State,
+    /// What its workers run.
+    pub work: Work,
+    /// How they were asked for.
+    pub options: slurm::Options,
+    /// The job arrays.
+    pub arrays: Vec<Array>,
+    /// Ids of the trials that were missing; empty once nobody waits for them.
+    pub trials: BTreeSet<String>,
+    #[serde(skip)]
+    store: PathBuf,
+}
+
+/// What became of a submission.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// Its jobs may be queued or running.
+    Open,
+    /// Its jobs have ended.
+    Ended,
+    /// It was given up by `regimen cancel`.
+    Cancelled,
+    /// The executor did not take it.
+    Refused,
+}
+
+/// One job array of a submission.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Array {
+    /// Number of tasks; their indices begin at 0.
+    pub tasks: usize,
+    /// How many of them may run at a time.
+    pub at_once: usize,
+    /// Slurm's job id, once it gave one. It is shown, and decides nothing.
+    pub job: Option<String>,
+}
+
+impl Submission {
+    /// A new record with a name of its own, on disk.
+    ///
+    /// # Errors
+    /// Where the store cannot be written.
+    pub fn create(
+        store: &Path,
+        work: &Work,
+        options: &slurm::Options,
+        arrays: Vec<Array>,
+        trials: BTreeSet<String>,
+    ) -> Result<Self, Error> {
+        let all = folder_of_all(store);
+        fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
+        let id = unused_name(&all)?;
+        let (work, options) = (work.clone(), options.clone());
+        let submission =
+            Self { schema: SCHEMA, id, state: State::Open, work, options, arrays, trials, store: store.to_path_buf() };
+        submission.save()?;
+        Ok(submission)
+    }
+
+    /// A record that is on no disk, to be shown.
+    #[must_use]
+    pub fn sample(store: &Path, work: &Work, options: &slurm::Options, arrays: Vec<Array>) -> Self {
+        let (work, options, trials) = (work.clone(), options.clone(), BTreeSet::new());
+        Self { schema: SCHEMA, id: "ID".into(), state: State::Open, work, options, arrays, trials, store: store.to_path_buf() }
+    }
+
+    /// All submissions of a store, in the order of their names.
+    ///
+    /// # Errors
+    /// Where a record is damaged or cannot be read.
+    pub fn all(store: &Path) -> Result<Vec<Self>, Error> {
+        let folder = folder_of_all(store);
+        let entries = match fs::read_dir(&folder) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(source) => return Err(Error::file("list", &folder)(source)),
+        };
+        let mut submissions = Vec::new();
+        for entry in entries {
+            let entry = entry.map_err(Error::file("list", &folder))?;
+            submissions.extend(read(store, &entry.path().join("submission.json"))?);
+        }
+        submissions.sort_by(|one: &Self, other| one.id.cmp(&other.id));
+        Ok(submissions)
+    }
+
+    /// Its folder.
+    #[must_use]
+    pub fn folder(&self) -> PathBuf {
+        folder_of_all(&self.store).join(&self.id)
+    }
+
+    /// The name that its jobs carry.
+    #[must_use]
+    pub fn job_name(&self) -> String {
+        format!("regimen-{}", self.id)
+    }
+
+    /// Where the script of one of its arrays lies.
+    #[must_use]
+    pub fn script(&self, array: usize) -> PathBuf {
+        self.folder().join(format!("array-{array}.sbatch"))
+    }
+
+    /// Writes the record.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn save(&self) -> Result<(), Error> {
+        let path = self.folder().join("submission.json");
+        let text = serde_json::to_vec_pretty(self)
+            .map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
+        write_durably(&path, &text)
+    }
+
+    /// Notes that nobody has to wait for it any more.
+    ///
+    /// # Errors
+    /// Where the record cannot be written.
+    pub fn close(&mut self, state: State) -> Result<(), Error> {
+        self.state = state;
+        self.trials.clear();
+        self.save()
+    }
+
+    /// The last lines of the log that was written to last; empty where there is none.
+    #[must_use]
+    pub fn log_tail(&self, lines: usize) -> String {
+        let logs = fs::read_dir(self.folder()).into_iter().flatten().flatten().map(|entry| entry.path());
+        let logs = logs.filter(|path| path.extension().is_some_and(|extension| extension == "log"));
+        let written = |path: &PathBuf| fs::metadata(path).and_then(|data| data.modified()).ok();
+        let Some(path) = logs.max_by_key(written) else { return String::new() };
+        let bytes = fs::read(&path).unwrap_or_default();
+        let text = String::from_utf8_lossy(&bytes);
+        let all: Vec<&str> = text.lines().collect();
+        let tail: Vec<String> = all[all.len().saturating_sub(lines)..].iter().map(|line| format!("\n    {line}")).collect();
+        format!("\n  the end of {}:{}", path.display(), tail.concat())
+    }
+}
+
+fn folder_of_all(store: &Path) -> PathBuf {
+    store.join("submissions")
+}
+
+/// A record; `None` where a submitter died before it wrote one.
+fn read(store: &Path, path: &Path) -> Result<Option<Submission>, Error> {
+    let text = match fs::read(path) {
+        Ok(text) => text,
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(None),
+        Err(source) => return Err(Error::file("read", path)(source)),
+    };
+    let submission: Submission = serde_json::from_slice(&text)
+        .map_err(|source| Error::Damaged { path: path.to_path_buf(), problem: source.to_string() })?;
+    Ok(Some(Submission { store: store.to_path_buf(), ..submission }))
+}
+
+/// Creates a folder under a name that no other submission has; the system's randomness is read, no clock.
+fn unused_name(all: &Path) -> Result<String, Error> {
+    loop {
+        let random = RandomState::new().hash_one(std::process::id());
+        let name = blake3::hash(&random.to_le_bytes()).to_hex()[..10].to_string();
+        let folder = all.join(&name);
+        match fs::create_dir(&folder) {
+            Ok(()) => return Ok(name),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(source) => return Err(Error::file("create", &folder)(source)),
+        }
+    }
+}
+
+/// Keeps other processes from deciding about submissions of this store until the file is dropped. The system gives the lock
+/// back when its holder dies.
+///
+/// # Errors
+/// Where the lock's file cannot be created or locked.
+pub fn lock(store: &Path) -> Result<File, Error> {
+    let folder = folder_of_all(store);
+    fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+    let path = folder.join("lock");
+    let file = File::options().create(true).append(true).open(&path).map_err(Error::file("open", &path))?;
+    match file.lock() {
+        // Some shared file systems have no locks. Two submitters at the same instant then submit more workers than are needed.
+        Err(error) if error.kind() != ErrorKind::Unsupported => Err(Error::file("lock", &path)(error)),
+        _ => Ok(file),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn work() -> Work {
+        Work { specs: vec!["a.yaml".into()], program: "regimen".into(), arguments: vec!["worker".into()], folder: "/".into() }
+    }
+
+    fn create(store: &Path) -> Submission {
+        let array = Array { tasks: 2, at_once: 1, job: None };
+        Submission::create(store, &work(), &slurm::Options::default(), vec![array], BTreeSet::from(["t".to_owned()])).unwrap()
+    }
+
+    #[test]
+    fn records_come_back_as_they_were_written() {
+        let store = tempfile::tempdir().unwrap();
+        assert_eq!(Submission::all(store.path()).unwrap(), []);
+        let (mut one, other) = (create(store.path()), create(store.path()));
+        assert_ne!(one.id, other.id);
+        one.arrays[0].job = Some("7".into());
+        one.close(State::Ended).unwrap();
+        let mut expected = vec![one, other];
+        expected.sort_by(|one, other| one.id.cmp(&other.id));
+        let _held = lock(store.path()).unwrap();
+        assert_eq!(Submission::all(store.path()).unwrap(), expected);
+    }
+
+    #[test]
+    fn a_folder_without_a_record_is_no_submission_and_a_damaged_record_is_named() {
+        let store = tempfile::tempdir().unwrap();
+        let one = create(store.path());
+        fs::remove_file(one.folder().join("submission.json")).unwrap();
+        assert_eq!(Submission::all(store.path()).unwrap(), []);
+        fs::write(one.folder().join("submission.json"), "{").unwrap();
+        assert!(matches!(Submission::all(store.path()), Err(Error::Damaged { .. })));
+    }
+
+    #[test]
+    fn the_tail_is_of_a_log() {
+        let store = tempfile::tempdir().unwrap();
+        let one = create(store.path());
+        assert_eq!(one.log_tail(2), "");
+        fs::write(one.folder().join("array-0-task-1.log"), "a\nb\nc\n").unwrap();
+        assert!(one.log_tail(2).ends_with("array-0-task-1.log:\n    b\n    c"));
+    }
+}
