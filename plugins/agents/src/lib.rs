@@ -10,6 +10,8 @@ pub mod asset_network;
 #[cfg(test)]
 mod bandit;
 pub mod checkpoint;
+#[cfg(test)]
+mod coordination;
 pub mod ddpg;
 pub mod dirichlet_gradient;
 pub mod dirichlet_regression;
@@ -19,6 +21,8 @@ pub mod gaussian_softmax_gradient;
 pub mod gaussian_softmax_regression;
 pub mod gaussian_softmax_sac;
 mod gradient_moments;
+pub mod joint;
+pub mod joint_replay;
 pub mod random_allocation;
 pub mod rank_rule;
 pub mod replay;
