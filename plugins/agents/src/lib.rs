@@ -23,13 +23,17 @@ pub mod gaussian_softmax_sac;
 mod gradient_moments;
 pub mod joint;
 pub mod joint_replay;
+pub mod opponent_modelling;
+pub mod pr2;
 pub mod random_allocation;
 pub mod rank_rule;
 pub mod replay;
+pub mod rommeo;
 pub mod scaling;
 pub mod schedule;
 pub mod seat;
 pub mod targets;
+pub mod tdom_ac;
 pub mod water_filling;
 
 use engine::{AgentTraits, Registry};
@@ -66,6 +70,12 @@ pub fn register(registry: &mut Registry) {
     let about = "regression onto a simplex with a Gaussian-softmax distribution";
     let metrics = gaussian_softmax_regression::metrics();
     registry.agent("gaussian_softmax_regression", 1, about, learner(metrics), gaussian_softmax_regression::build);
+    let about = "actor-critic for several seats whose opponent models follow the others' improvement";
+    registry.agent("tdom_ac", 1, about, learner(tdom_ac::metrics()), tdom_ac::build);
+    let about = "actor-critic for several seats with opponent models regularised by what the others did";
+    registry.agent("rommeo", 1, about, learner(rommeo::metrics()), rommeo::build);
+    let about = "actor-critic for several seats that reasons through the others' answers to its own action";
+    registry.agent("pr2", 1, about, learner(pr2::metrics()), pr2::build);
 }
 
 #[cfg(test)]
@@ -76,7 +86,7 @@ mod tests {
     fn defaults_and_presets_resolve_to_themselves() {
         let mut registry = Registry::default();
         register(&mut registry);
-        assert_eq!(registry.agents.len(), 12);
+        assert_eq!(registry.agents.len(), 15);
         for (name, entry) in &registry.agents {
             assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
             assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");

@@ -137,12 +137,21 @@ impl<M: Module + Default> Trained<M> {
         self.adam.store(&format!("{prefix}.adam"), file);
     }
 
+    /// Takes the network alone from what was put under `prefix`; the optimiser stays as it is.
+    ///
+    /// # Errors
+    /// [`TensorFileError`] where the file does not fit.
+    pub fn restore_network(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
+        self.network = crate::parameters::restore(self.network.clone(), prefix, file)?;
+        Ok(())
+    }
+
     /// Continues from what [`Trained::store`] put under `prefix`.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file does not fit.
     pub fn restore(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
-        self.network = crate::parameters::restore(self.network.clone(), prefix, file)?;
+        self.restore_network(prefix, file)?;
         self.adam.restore(&format!("{prefix}.adam"), file)
     }
 }
