@@ -309,7 +309,12 @@ impl<A: Algorithm> Learner<A> {
     /// # Errors
     /// [`Error::Mismatch`] for any other environment, [`Error::Config`] for batches that cannot be normalised.
     pub fn new(algorithm: A, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
-        let (settings, layout) = (algorithm.settings(), JointLayout::new(A::NAME, interface)?);
+        let settings = algorithm.settings();
+        Self::with_settings(algorithm, settings, interface, rng)
+    }
+
+    fn with_settings(algorithm: A, settings: Settings, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+        let layout = JointLayout::new(A::NAME, interface)?;
         settings.check()?;
         if layout.n_seats() < 2 {
             return Err(mismatch(A::NAME, "it models opponents, and the environment has one seat alone"));

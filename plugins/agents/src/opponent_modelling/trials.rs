@@ -1,12 +1,12 @@
 //! What the tests of the algorithms with opponent models share.
 
-use super::{Algorithm, GaussianNetwork, Learner, PREDICTION_ERROR, SeatBatch};
+use super::{Algorithm, GaussianNetwork, Learner, PREDICTION_ERROR, SeatBatch, Settings};
 use crate::coordination;
 use burn::tensor::Tensor;
 use engine::random::stream;
 use engine::{Agent, Metric, Mode, Observation, Rng};
 use numerics::input_norm::NormalisedMlp;
-use numerics::network::values;
+use numerics::network::{Activation, values};
 use numerics::optimizer::gradients;
 use numerics::parameters::{parameters, with_parameters};
 
@@ -47,7 +47,9 @@ pub(crate) fn assert_gradient<A: Algorithm>(
     network: impl Fn(&mut Learner<A>) -> &mut GaussianNetwork,
     loss: impl Fn(&mut Learner<A>, &SeatBatch, &mut Rng) -> Tensor<1>,
 ) {
-    let mut learner = learner(algorithm);
+    // A rectifier that turns within a step would blur the differences.
+    let settings = Settings { activation: Activation::Tanh, ..algorithm.settings() };
+    let mut learner = Learner::with_settings(algorithm, settings, &coordination::game(), &mut stream(&["learner"])).unwrap();
     let batch = batch(&mut learner, 12);
     let noise = || stream(&["noise"]);
     let at_start = loss(&mut learner, &batch, &mut noise());
@@ -55,7 +57,7 @@ pub(crate) fn assert_gradient<A: Algorithm>(
     let start = network(&mut learner).network().clone();
     let numbers = parameters(&start);
     let places: Vec<_> = numbers.iter().enumerate().flat_map(|(p, x)| (0..x.values.len()).map(move |i| (p, i))).collect();
-    let mut misses = 0;
+    assert!(norm(&analytic) > 1e-2 && places.len() == analytic.len());
     for (&(p, i), gradient) in places.iter().zip(&analytic) {
         let mut at = |step: f32| {
             let mut moved = numbers.clone();
@@ -64,10 +66,9 @@ pub(crate) fn assert_gradient<A: Algorithm>(
             values(loss(&mut learner, &batch, &mut noise()))[0]
         };
         let difference = (at(2e-3) - at(-2e-3)) / 4e-3;
-        // A rectifier of some row may turn within the step.
-        misses += usize::from((difference - gradient).abs() > 4e-3 + 0.01 * gradient.abs());
+        let name = &numbers[p].name;
+        assert!((difference - gradient).abs() < 3e-3 + 0.01 * gradient.abs(), "{name} {i}: {difference} {gradient}");
     }
-    assert!(norm(&analytic) > 1e-2 && misses * 50 <= places.len(), "{misses} of {}", places.len());
 }
 
 /// Asserts that a loss has a gradient in the named network and none in any other, critics included.
@@ -88,7 +89,7 @@ pub(crate) fn assert_learns<A: Algorithm>(algorithm: A) {
     let before = coordination::score(&mut learner, &mut rng);
     let record = coordination::train(&mut learner, 150, &mut rng);
     let after = coordination::score(&mut learner, &mut rng);
-    assert!(before < -0.1 && after > -0.06, "{before} {after} {record:?}");
+    assert!(before < -0.5 && after > -0.2, "{before} {after} {record:?}");
 }
 
 /// Asserts that an agent of another start acts and predicts as the one whose export it loads.
