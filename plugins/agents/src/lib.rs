@@ -17,18 +17,23 @@ pub mod dirichlet_gradient;
 pub mod dirichlet_regression;
 pub mod dirichlet_sac;
 pub mod equal_split;
+pub mod exploration;
 pub mod gaussian_softmax_gradient;
 pub mod gaussian_softmax_regression;
 pub mod gaussian_softmax_sac;
 mod gradient_moments;
+pub mod independent_sac;
 pub mod joint;
 pub mod joint_replay;
+pub mod maddpg;
+pub mod masql;
 pub mod random_allocation;
 pub mod rank_rule;
 pub mod replay;
 pub mod scaling;
 pub mod schedule;
 pub mod seat;
+pub mod seat_network;
 pub mod targets;
 pub mod water_filling;
 
@@ -61,6 +66,12 @@ pub fn register(registry: &mut Registry) {
     registry.agent("gaussian_softmax_sac", 1, about, learner(gaussian_softmax_sac::metrics()), gaussian_softmax_sac::build);
     let about = "deep deterministic policy gradient with a softmax output";
     registry.agent("ddpg", 1, about, learner(ddpg::metrics()), ddpg::build);
+    let about = "multi-agent deep deterministic policy gradient: critics of the joint action";
+    registry.agent("maddpg", 1, about, learner(maddpg::metrics()), maddpg::build);
+    let about = "multi-agent soft Q-learning: joint actions drawn by a Stein sampler";
+    registry.agent("masql", 1, about, learner(masql::metrics()), masql::build);
+    let about = "soft actor-critic in every seat, each for itself";
+    registry.agent("independent_sac", 1, about, learner(independent_sac::metrics()), independent_sac::build);
     let about = "regression onto a simplex with a Dirichlet distribution";
     registry.agent("dirichlet_regression", 1, about, learner(dirichlet_regression::metrics()), dirichlet_regression::build);
     let about = "regression onto a simplex with a Gaussian-softmax distribution";
@@ -76,7 +87,7 @@ mod tests {
     fn defaults_and_presets_resolve_to_themselves() {
         let mut registry = Registry::default();
         register(&mut registry);
-        assert_eq!(registry.agents.len(), 12);
+        assert_eq!(registry.agents.len(), 15);
         for (name, entry) in &registry.agents {
             assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
             assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");

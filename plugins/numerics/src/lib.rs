@@ -14,6 +14,7 @@ pub mod optimizer;
 pub mod parameters;
 pub mod policy_file;
 pub mod special;
+pub mod stein;
 pub mod tensor_file;
 
 /// Raised whenever a change in this crate changes the numbers of a trial; it is part of every trial's id.
