@@ -22,11 +22,7 @@ pub mod gaussian_softmax_gradient;
 pub mod gaussian_softmax_regression;
 pub mod gaussian_softmax_sac;
 mod gradient_moments;
-pub mod independent_sac;
-pub mod joint;
-pub mod joint_replay;
-pub mod maddpg;
-pub mod masql;
+assert_eq!(registry.agents.len(), 17);
 pub mod random_allocation;
 pub mod rank_rule;
 pub mod replay;
@@ -36,6 +32,7 @@ pub mod seat;
 pub mod seat_network;
 pub mod targets;
 pub mod water_filling;
+pub mod zero_action;
 
 use engine::{AgentTraits, Registry};
 
@@ -43,6 +40,7 @@ use engine::{AgentTraits, Registry};
 pub fn register(registry: &mut Registry) {
     let rule = AgentTraits::default;
     registry.agent("equal_split", 1, "every asset gets the same share", rule(), equal_split::build);
+    registry.agent("random_action", 1, "every seat acts uniformly at random", rule(), random_action::build);
     registry.agent("random_allocation", 1, "shares drawn uniformly from the simplex", rule(), random_allocation::build);
     registry.agent("rank_rule", 1, "fixed shares by the rank of the observed voltage", rule(), rank_rule::build);
     registry.agent("water_filling", 1, "equal terminal voltages, from what is observed", rule(), water_filling::build);
@@ -53,6 +51,7 @@ pub fn register(registry: &mut Registry) {
         rule(),
         water_filling::build_true_state,
     );
+    registry.agent("zero_action", 1, "every seat does nothing", rule(), zero_action::build);
     let name = "dirichlet_gradient";
     let about = "policy gradient of a Dirichlet policy on a bandit, estimated and exact";
     registry.agent(name, 1, about, dirichlet_gradient::traits(), dirichlet_gradient::build);
@@ -87,7 +86,7 @@ mod tests {
     fn defaults_and_presets_resolve_to_themselves() {
         let mut registry = Registry::default();
         register(&mut registry);
-        assert_eq!(registry.agents.len(), 15);
+        assert_eq!(registry.agents.len(), 17);
         for (name, entry) in &registry.agents {
             assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
             assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");
