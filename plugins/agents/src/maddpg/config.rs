@@ -99,7 +99,7 @@ impl engine::Config for Config {
         let openai = json!({ "batch_size": 1024, "updates_per_step": 0.01, "learning_starts": 25_600 });
         let thesis = json!({
             "actor_learning_rate": 3e-4, "critic_learning_rate": 3e-4, "width": 256, "activation": "leaky_relu",
-            "updates_per_step": 1.0, "learning_starts": 256, "gradient_clip": null, "policy_sight": "joint", "logit_penalty": 0.0,
+            "updates_per_step": 1.0, "learning_starts": 256, "gradient_clip": null, "policy_sight": "joint",
         });
         let mut released = thesis.clone();
         released["activation"] = json!("relu");

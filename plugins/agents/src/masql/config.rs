@@ -157,6 +157,12 @@ impl Config {
         Err(Error::Config { key: "moved_particles".into(), problem })
     }
 
+    /// How many of the particles of an update are held.
+    #[must_use]
+    pub fn n_held(&self) -> usize {
+        self.kernel_particles - self.moved_particles
+    }
+
     /// `alpha(t) = final + excess exp(-decline max(t - delay, 0))`.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "a number of steps is far below 2^52")]

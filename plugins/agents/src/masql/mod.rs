@@ -171,8 +171,10 @@ impl Masql {
     /// Eq. 14: the sampler's parameters follow its particles in the direction of eq. 13.
     fn update_sampler(&mut self, seat: usize, batch: &JointBatch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let seen = self.seen(seat, &batch.observations);
-        let drawn = self.drawn(self.learners[seat].sampler.network(), &seen, self.config.kernel_particles, rng);
-        let (held, moved) = self.split(&drawn);
+        let sampler = self.learners[seat].sampler.network();
+        // Particles of the plain network are held: no gradient reaches them.
+        let held = self.drawn(&sampler.valid(), &seen, self.config.n_held(), rng);
+        let moved = self.drawn(sampler, &seen, self.config.moved_particles, rng);
         let (direction, value) = self.direction(seat, &seen, &held, &moved);
         record.mean("particle_value", finite("particle_value", self.progress.schedule.n_steps(), value)?);
         record.mean("kernel_bandwidth", direction.mean_bandwidth);
@@ -181,21 +183,9 @@ impl Masql {
         Ok(())
     }
 
-    /// Of the particles of each row, the first are held, without a gradient, and the others move.
-    fn split(&self, drawn: &Tensor<2>) -> (Tensor<2>, Tensor<2>) {
-        let (all, n_acted) = (self.config.kernel_particles, self.layout.n_acted());
-        let n_held = all - self.config.moved_particles;
-        let rows = drawn.dims()[0] / all;
-        let by_row = drawn.clone().reshape([rows, all * n_acted]);
-        let held = columns(&by_row, 0..n_held * n_acted).reshape([rows * n_held, n_acted]);
-        let moved = columns(&by_row, n_held * n_acted..all * n_acted).reshape([rows * (all - n_held), n_acted]);
-        (held.inner(), moved)
-    }
-
     /// Eq. 13 for the moved particles, and the mean value at the held ones.
     fn direction(&self, seat: usize, seen: &Tensor<2>, held: &Tensor<2>, moved: &Tensor<2>) -> (SteinDirection, f32) {
-        let (n_moved, dimension) = (self.config.moved_particles, self.layout.n_acted());
-        let n_held = self.config.kernel_particles - n_moved;
+        let (n_held, n_moved, dimension) = (self.config.n_held(), self.config.moved_particles, self.layout.n_acted());
         let (scores, value) = self.scores(seat, repeat_rows(seen, n_held), held);
         let particles = Particles { n_held, n_moved, dimension };
         (stein_direction(&values(held.clone()), &values(scores), &values(moved.clone()), particles), value)

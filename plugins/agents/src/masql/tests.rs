@@ -81,33 +81,27 @@ fn scores_agree_with_finite_differences() {
 }
 
 #[test]
-fn the_sampler_moves_its_moved_particles_alone_along_the_direction() {
+fn parameters_follow_the_moved_particles_along_the_direction() {
     let (agent, batch) = trained(Config { activation: HiddenActivation::Tanh, width: 4, ..tiny() });
-    let seen = agent.seen(0, &batch.observations);
-    let sampler = agent.learners[0].sampler.network();
-    let (held, moved) = agent.split(&agent.drawn(sampler, &seen, 12, &mut stream(&["xi"])));
-    assert_eq!((held.dims(), moved.dims()), ([48, 2], [48, 2]));
+    let (seen, sampler) = (agent.seen(0, &batch.observations), agent.learners[0].sampler.network());
+    let held = agent.drawn(&sampler.valid(), &seen, 6, &mut stream(&["held"]));
+    let draw_moved = |sampler: &Mlp| agent.drawn(sampler, &seen, 6, &mut stream(&["moved"]));
+    let moved = draw_moved(sampler);
     assert!(!held.is_autodiff() && moved.is_autodiff());
     let (direction, _) = agent.direction(0, &seen, &held, &moved);
-    let direction = matrix(direction.direction, 2);
     // Held particles and direction are constants: finite differences of the moved ones alone give the gradient.
-    game::assert_gradient(sampler, |sampler| {
-        let (_, moved) = agent.split(&agent.drawn(sampler, &seen, 12, &mut stream(&["xi"])));
-        (moved * direction.clone()).mean().neg()
-    });
+    let gradient = |sampler: &Mlp| (draw_moved(sampler) * matrix(direction.direction.clone(), 2)).mean().neg();
+    game::assert_gradient(sampler, gradient);
 }
 
 #[test]
 fn the_direction_is_that_of_each_row_by_hand() {
     let (agent, batch) = trained(Config { kernel_particles: 3, moved_particles: 1, ..tiny() });
-    let seen = agent.seen(0, &batch.observations);
-    let drawn = agent.drawn(agent.learners[0].sampler.network(), &seen, 3, &mut stream(&["xi"]));
-    let (held, moved) = agent.split(&drawn);
-    let all = values(drawn);
-    // Rows of 3 particles with 2 entries: the first two are held.
-    assert_eq!(values(held.clone())[..4], all[..4]);
-    assert_eq!(values(moved.clone())[..2], all[4..6]);
-    assert_eq!(values(held.clone())[4..8], all[6..10]);
+    let (seen, sampler) = (agent.seen(0, &batch.observations), agent.learners[0].sampler.network());
+    let (held, moved) = (
+        agent.drawn(&sampler.valid(), &seen, 2, &mut stream(&["held"])),
+        agent.drawn(sampler, &seen, 1, &mut stream(&["moved"])),
+    );
     let (scores, _) = agent.scores(0, repeat_rows(&seen, 2), &held);
     let (x, s, y) = (values(held.clone()), values(scores), values(moved.clone()));
     let direction = agent.direction(0, &seen, &held, &moved).0.direction;
