@@ -168,7 +168,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let shape = Particles { n_held: 60, n_moved: 60, dimension: 1 };
         let mut x: Vec<f32> = normal(60, &mut rng).iter().map(|x| 0.1 * x - 2.0).collect();
-        for _ in 0..2_000 {
+        for _ in 0..600 {
             // Mean 1, variance 1/4.
             let scores: Vec<f32> = x.iter().map(|x| -4.0 * (x - 1.0)).collect();
             let phi = stein_direction(&x, &scores, &x, shape).direction;
