@@ -97,6 +97,9 @@ for batch, critic, policy in ((256, 2, 2), (1024, 3, 3)):
 decision = bench("learning", 256, 3, 3, 5, "dirichlet_sac") if not ONLY else None
 compare("sweep of 4 seeds on 2 cores (updates/s)", "updates_per_s", lambda: sweep(256, 2256), lambda: both("sac_sb3.py", (256, 2, 2, 10)), True)
 compare("battery (cell-seconds/s)", "cell_seconds_per_s", lambda: bench("battery", 3), lambda: peer("battery_progpy.py", 3, cpu=0), True)
+for scenario in ("cooperative_navigation", "predator_prey"):
+    ours = lambda: bench("particles", scenario, 3)
+    compare(f"particles, {scenario} (steps/s)", "steps_per_s", ours, lambda: peer("particles_mpe2.py", scenario, 3, cpu=0), True)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_optuna.py", 2000), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_hydra.py", 100), False)
 if decision:

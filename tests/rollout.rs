@@ -1,10 +1,10 @@
-//! The battery simulator through `regimen rollout`, against trajectories of another program.
+//! Simulators through `regimen rollout`, against trajectories of other programs.
 
 use crate::program::{Bench, repository};
 use std::{collections::BTreeMap, path::PathBuf};
 
 fn fixture(name: &str) -> PathBuf {
-    repository().join("tests/fixtures/battery").join(name)
+    repository().join("tests/fixtures").join(name)
 }
 
 /// Columns of a CSV file by name; empty cells are NaN.
@@ -33,7 +33,7 @@ fn one_cell_at_constant_power_follows_the_other_program() {
     let actions = format!("weight_1\n{}", "1\n".repeat(300));
     bench.write("actions.csv", &actions);
     bench.ok(&["rollout", "battery", "--config", "cell.yaml", "--actions", "actions.csv", "--out", "out.csv"]);
-    let (ours, theirs) = (columns(&bench.path("out.csv")), columns(&fixture("const_power_8W.csv")));
+    let (ours, theirs) = (columns(&bench.path("out.csv")), columns(&fixture("battery/const_power_8W.csv")));
     let mut compared = 0;
     for (row, time) in theirs["t_s"].iter().enumerate() {
         let Some(mine) = ours["t_s"].iter().position(|t| (t - time).abs() < 1e-9) else { continue };
@@ -45,6 +45,46 @@ fn one_cell_at_constant_power_follows_the_other_program() {
         compared += 1;
     }
     assert!(compared >= 8, "only {compared} rows could be compared");
+}
+
+/// Predators and prey of the thesis' authors, with every column that a person would look for.
+#[test]
+fn several_seats_follow_the_other_program() {
+    let bench = Bench::new();
+    let theirs = columns(&fixture("particles/thesis_tag.csv"));
+    let pairs = |letter: &str, count: usize| {
+        let pair =
+            |index: usize| format!("[{}, {}]", theirs[&format!("{letter}{index}x")][0], theirs[&format!("{letter}{index}y")][0]);
+        (0..count).map(pair).collect::<Vec<_>>().join(", ")
+    };
+    let start = format!("start: {{ agents: [{}], landmarks: [{}] }}", pairs("p", 4), pairs("l", 2));
+    bench.write("tag.yaml", &format!("scenario: predator_prey\n{start}\n"));
+    let header: Vec<String> = (0..4).flat_map(|agent| ["x", "y"].map(|axis| format!("agent_{agent}.force_{axis}"))).collect();
+    let mut actions = header.join(",") + "\n";
+    for row in 1..26 {
+        let cells = (0..4).flat_map(|agent| ["x", "y"].map(|axis| theirs[&format!("u{agent}{axis}")][row].to_string()));
+        actions += &(cells.collect::<Vec<_>>().join(",") + "\n");
+    }
+    bench.write("actions.csv", &actions);
+    bench.ok(&["rollout", "particles", "--config", "tag.yaml", "--actions", "actions.csv", "--out", "out.csv"]);
+    let ours = columns(&bench.path("out.csv"));
+    let agree = |one: &str, other: &str, first: usize| {
+        assert_eq!(ours[one].len(), 26, "{one}");
+        assert!((first..26).all(|row| (ours[one][row] - theirs[other][row]).abs() < 1e-9), "{one}");
+    };
+    agree("t", "t", 0);
+    for agent in 0..4 {
+        agree(&format!("agent_{agent}.reward"), &format!("r{agent}"), 1);
+        assert!(ours[&format!("agent_{agent}.reward")][0].is_nan());
+        for (axis, entry) in [("x", 2), ("y", 3)] {
+            agree(&format!("agent_{agent}.position_{axis}"), &format!("p{agent}{axis}"), 0);
+            agree(&format!("agent_{agent}.velocity_{axis}"), &format!("v{agent}{axis}"), 0);
+            agree(&format!("agent_{agent}.force_{axis}"), &format!("u{agent}{axis}"), 1);
+            agree(&format!("agent_{agent}.obs_{entry}"), &format!("p{agent}{axis}"), 0);
+        }
+    }
+    agree("landmark_1.position_y", "l1y", 0);
+    assert!(ours.contains_key("agent_2.obs_15") && !ours.contains_key("agent_3.obs_14"));
 }
 
 #[test]

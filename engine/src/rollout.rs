@@ -1,8 +1,8 @@
 //! Drives one environment with given actions or a registered agent and writes what happened, a row per decision.
 //!
 //! Columns: `decision`, the environment's trace channels, the action channels that the trace does not hold already,
-//! `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start. With several seats the columns of
-//! a seat carry its name in front, as in `agent_0.reward`.
+//! `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start. Where seats have names, a seat's
+//! columns carry its name in front, as in `agent_0.reward`, and what it observed follows the rewards, as `agent_0.obs_0`, ...
 
 use crate::{Action, Agent, End, Environment, Error, Mode, Observation, Seat, Step, random};
 use std::{collections::BTreeMap, path::Path};
@@ -43,7 +43,7 @@ pub fn rows(environment: &mut dyn Environment, mut actions: Actions<'_>, seed: u
     let mut rng = random::stream(&["rollout", "environment", &seed.to_string()]);
     let mut agent_rng = random::stream(&["rollout", "agent", &seed.to_string()]);
     let mut seats = environment.reset(&mut rng)?;
-    let mut rows = vec![columns.header(), columns.row(environment, 0, None)];
+    let mut rows = vec![columns.header(), columns.row(environment, &seats, 0, None)];
     for decision in 1.. {
         let action = match &mut actions {
             Actions::Given(given) => match given.get(decision as usize - 1) {
@@ -57,7 +57,7 @@ pub fn rows(environment: &mut dyn Environment, mut actions: Actions<'_>, seed: u
             }
         };
         let step = environment.step(&action, &mut rng)?;
-        rows.push(columns.row(environment, decision, Some((&action, &step))));
+        rows.push(columns.row(environment, &step.observations, decision, Some((&action, &step))));
         if step.end.is_some() {
             break;
         }
@@ -126,6 +126,16 @@ fn action_names(seats: &[Seat]) -> Vec<(String, (usize, usize))> {
     seats.iter().enumerate().flat_map(named).collect()
 }
 
+/// Column name, seat and entry of what named seats observe.
+fn observation_names(seats: &[Seat]) -> Vec<(String, (usize, usize))> {
+    let named = seats.iter().enumerate().filter(|(_, seat)| !seat.name.is_empty());
+    let entries = |(index, seat): (usize, &Seat)| {
+        let name = seat.name.clone();
+        (0..seat.observation.len()).map(move |entry| (of_seat(&name, &format!("obs_{entry}")), (index, entry)))
+    };
+    named.flat_map(entries).collect()
+}
+
 fn of_seat(seat: &str, name: &str) -> String {
     if seat.is_empty() { name.into() } else { format!("{seat}.{name}") }
 }
@@ -135,6 +145,7 @@ struct Columns {
     trace: Vec<String>,
     actions: Vec<(String, (usize, usize))>,
     rewards: Vec<String>,
+    observations: Vec<(String, (usize, usize))>,
 }
 
 impl Columns {
@@ -144,7 +155,7 @@ impl Columns {
         actions.retain(|(name, _)| !trace.contains(name));
         let mut rewards: Vec<String> = environment.seats().iter().map(|seat| of_seat(&seat.name, "reward")).collect();
         rewards.retain(|name| !trace.contains(name));
-        Self { trace, actions, rewards }
+        Self { trace, actions, rewards, observations: observation_names(environment.seats()) }
     }
 
     fn header(&self) -> Vec<String> {
@@ -154,17 +165,25 @@ impl Columns {
             .chain(trace)
             .chain(actions)
             .chain(self.rewards.iter().cloned())
+            .chain(self.observations.iter().map(|(name, _)| name.clone()))
             .chain(["end".into()])
             .collect()
     }
 
-    fn row(&self, environment: &dyn Environment, decision: u64, done: Option<(&Action, &Step)>) -> Vec<String> {
+    fn row(
+        &self,
+        environment: &dyn Environment,
+        seats: &[Vec<f64>],
+        decision: u64,
+        done: Option<(&Action, &Step)>,
+    ) -> Vec<String> {
         let mut row = vec![decision.to_string()];
         row.extend(environment.trace().into_iter().map(cell));
         row.extend(
             self.actions.iter().map(|(_, (seat, entry))| done.map_or(String::new(), |(action, _)| cell(action[*seat][*entry]))),
         );
         row.extend((0..self.rewards.len()).map(|seat| done.map_or(String::new(), |(_, step)| cell(step.rewards[seat]))));
+        row.extend(self.observations.iter().map(|(_, (seat, entry))| cell(seats[*seat][*entry])));
         row.push(end_word(done.and_then(|(_, step)| step.end)).into());
         row
     }

@@ -1,6 +1,10 @@
 //! A tiny game for the tests of agents that play several seats: all earn alike, and alone none can earn much.
 
+use burn::tensor::Tensor;
 use engine::{Agent, Channel, End, Interface, Metric, Mode, Observation, Recorder, Rng, Seat, Space, Transition};
+use numerics::network::{Mlp, values};
+use numerics::parameters::{parameters, with_parameters};
+use numerics::policy_file::Policy;
 use rand::Rng as _;
 
 /// Seats that observe and act with these numbers of entries.
@@ -86,4 +90,33 @@ pub fn assert_declared(agent: &mut dyn Agent, declared: &[Metric]) {
 
 fn observe(x: f64) -> Observation {
     Observation { seats: vec![vec![x], vec![x]], state: Vec::new() }
+}
+
+/// Asserts that the gradient of a loss in every parameter of a network agrees with central differences.
+pub fn assert_gradient(network: &Mlp, loss: impl Fn(&Mlp) -> Tensor<1>) {
+    let analytic = numerics::optimizer::gradients(network, &mut loss(network).backward()).concat();
+    let numbers = parameters(network);
+    let at = |p: usize, i: usize, step: f32| {
+        let mut moved = numbers.clone();
+        moved[p].values[i] += step;
+        f64::from(values(loss(&with_parameters(network.clone(), &moved).unwrap()))[0])
+    };
+    let places = numbers.iter().enumerate().flat_map(|(p, parameter)| (0..parameter.values.len()).map(move |i| (p, i)));
+    let differences: Vec<f64> = places.map(|(p, i)| (at(p, i, 5e-3) - at(p, i, -5e-3)) / 1e-2).collect();
+    let largest = differences.iter().fold(0.0f64, |largest, slope| largest.max(slope.abs()));
+    assert!(largest > 1e-3 && analytic.len() == differences.len(), "largest {largest}");
+    for (gradient, difference) in analytic.iter().zip(&differences) {
+        assert!((f64::from(*gradient) - difference).abs() < 0.02 * largest, "{gradient} {difference} of {largest}");
+    }
+}
+
+/// Asserts that the exported policies act as the agent is scored; `observed` are the entries that each seat's policy reads.
+pub fn assert_exports(agent: &mut dyn Agent, x: f64, observed: usize) {
+    let dir = tempfile::tempdir().unwrap();
+    assert!(agent.export(dir.path()).unwrap());
+    let action = agent.act(&[observe(x)], Mode::Evaluate, &mut engine::random::stream(&["x"])).unwrap().remove(0);
+    for (seat, action) in action.iter().enumerate() {
+        let policy = Policy::read(&dir.path().join(format!("seat_{seat}"))).unwrap();
+        assert!((action[0] - policy.act(&vec![x; observed])[0]).abs() < 1e-6, "{action:?}");
+    }
 }

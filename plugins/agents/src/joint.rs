@@ -12,7 +12,10 @@ use burn::tensor::Tensor;
 use engine::{Action, Channel, Error, Interface, Observation, Seat, Space};
 use numerics::network::matrix;
 use numerics::policy_file::Ports;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 /// The columns of each seat in joint vectors, and their names.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +25,28 @@ pub struct JointLayout {
     acted: Vec<Range<usize>>,
     observed_names: Vec<String>,
     acted_names: Vec<String>,
+}
+
+/// What the policy of a seat sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Sight {
+    /// What its own seat observes.
+    #[default]
+    Own,
+    /// What all seats observe.
+    Joint,
+}
+
+impl Sight {
+    /// The columns of the joint observation that a seat sees.
+    #[must_use]
+    pub fn columns(self, layout: &JointLayout, seat: usize) -> Range<usize> {
+        match self {
+            Sight::Own => layout.observed(seat),
+            Sight::Joint => 0..layout.n_observed(),
+        }
+    }
 }
 
 impl JointLayout {
@@ -136,6 +161,18 @@ impl JointLayout {
         (end < self.n_acted()).then(|| columns(joint, end..self.n_acted()))
     }
 
+    /// The folder below `dir` for what belongs to one seat; it is there afterwards.
+    ///
+    /// # Errors
+    /// [`Error::File`] where the system refuses.
+    pub fn folder(&self, dir: &Path, seat: usize) -> Result<PathBuf, Error> {
+        let path = dir.join(&self.seats[seat]);
+        match std::fs::create_dir_all(&path) {
+            Ok(()) => Ok(path),
+            Err(source) => Err(Error::File { doing: "create", path, source }),
+        }
+    }
+
     /// What a policy file says of its inputs and outputs, where these are the given columns of the joint vectors.
     #[must_use]
     pub fn ports(&self, observed: Range<usize>, acted: Range<usize>) -> Ports {
@@ -150,6 +187,13 @@ impl JointLayout {
 pub fn columns(tensor: &Tensor<2>, range: Range<usize>) -> Tensor<2> {
     let [rows, width] = tensor.dims();
     if range == (0..width) { tensor.clone() } else { tensor.clone().slice([0..rows, range]) }
+}
+
+/// Every row `n` times in succession, `[batch n, ..]`.
+#[must_use]
+pub fn repeat_rows(tensor: &Tensor<2>, n: usize) -> Tensor<2> {
+    let [rows, width] = tensor.dims();
+    tensor.clone().unsqueeze_dim::<3>(1).repeat_dim(1, n).reshape([rows * n, width])
 }
 
 fn unit_box<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [Channel], Error> {
@@ -213,6 +257,8 @@ mod tests {
         assert_eq!(exchange(2, &[9.0]), [1.0, 2.0, 3.0, 9.0]);
         assert_eq!(values(layout.others(&joint, 1).unwrap()), [1.0, 4.0]);
         assert_eq!(values(layout.others(&joint, 2).unwrap()), [1.0, 2.0, 3.0]);
+        assert_eq!(values(repeat_rows(&matrix(vec![1.0, 2.0, 3.0, 4.0], 2), 2)), [1.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0]);
+        assert_eq!((Sight::Own.columns(&layout, 2), Sight::Joint.columns(&layout, 2)), (2..3, 0..3));
         let alone = JointLayout::new("x", &interface(&[1], &[2])).unwrap();
         assert!(alone.others(&matrix(vec![1.0, 2.0], 2), 0).is_none());
         assert_eq!(values(alone.with_action(&matrix(vec![1.0, 2.0], 2), 0, matrix(vec![3.0, 4.0], 2))), [3.0, 4.0]);

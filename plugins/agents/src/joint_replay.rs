@@ -6,12 +6,17 @@
 //! | 1 - d | `continues`: 0 where s' is terminal, 1 elsewhere, also where an episode was only cut off | `[batch, 1]` |
 //! | mu_i, sigma_i | [`JointReplay::reward_moments`], over everything that is stored | scalars |
 
+use crate::joint::columns;
 use burn::tensor::Tensor;
 use engine::{End, Transition};
 use numerics::network::matrix;
 use numerics::tensor_file::{HostTensor, TensorFile, TensorFileError};
 use rand::{Rng, RngCore};
+use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
+
+/// Below this, rewards count as all alike.
+const SMALLEST_SD: f64 = 1e-8;
 
 /// A ring of transitions, each one row of `f32`: joint observation, joint action, rewards, next observation, continues.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,7 +30,7 @@ pub struct JointReplay {
 }
 
 /// Running sums of one seat's rewards, as distances from the first of them so that no digits cancel.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 struct RewardSums {
     origin: f64,
     sum: f64,
@@ -121,13 +126,23 @@ impl JointReplay {
         (origin + shift, (sum_of_squares / n - shift * shift).max(0.0).sqrt())
     }
 
+    /// The rewards of one seat in a batch, `[batch, 1]`: as earned or, `standardised`, less the mean of all that are stored and
+    /// divided by their standard deviation (by 1 where they are all alike).
+    #[must_use]
+    pub fn rewards_of(&self, batch: &JointBatch, seat: usize, standardised: bool) -> Tensor<2> {
+        let rewards = columns(&batch.rewards, seat..seat + 1);
+        if !standardised {
+            return rewards;
+        }
+        let (mean, sd) = self.reward_moments(seat);
+        (rewards - mean) / if sd > SMALLEST_SD { sd } else { 1.0 }
+    }
+
     /// Puts the buffer into a file.
     pub fn store(&self, file: &mut TensorFile) {
         let shape = vec![self.len(), self.row_length()];
         file.insert("joint_replay", HostTensor { shape, values: self.rows.clone() });
-        // Bit patterns, since a decimal number in the header need not come back to the last bit.
-        let bits: Vec<[u64; 3]> = self.sums.iter().map(RewardSums::to_bits).collect();
-        file.header["joint_replay"] = serde_json::json!({ "oldest": self.oldest, "reward_sums": bits });
+        file.header["joint_replay"] = serde_json::json!({ "oldest": self.oldest, "reward_sums": self.sums });
     }
 
     /// Continues from what [`JointReplay::store`] put into a file.
@@ -140,15 +155,14 @@ impl JointReplay {
         let missing = |name: &str| TensorFileError::Missing { name: format!("joint_replay.{name}") };
         let oldest = header["oldest"].as_u64().and_then(|oldest| usize::try_from(oldest).ok());
         let oldest = oldest.ok_or_else(|| missing("oldest"))?;
-        let bits: Vec<[u64; 3]> = serde_json::from_value(header["reward_sums"].clone()).map_err(|_| missing("reward_sums"))?;
+        let sums: Vec<RewardSums> = serde_json::from_value(header["reward_sums"].clone()).map_err(|_| missing("reward_sums"))?;
         let fits = stored.shape.len() == 2 && stored.shape[1] == self.row_length() && stored.shape[0] <= self.capacity;
-        if !fits || oldest >= self.capacity || bits.len() != self.n_seats() {
+        if !fits || oldest >= self.capacity || sums.len() != self.n_seats() {
             let (n_seats, row) = (self.n_seats(), self.row_length());
             let expected = format!("at most {} transitions of {row} numbers for {n_seats} seats", self.capacity);
             return Err(TensorFileError::Shape { expected, found: format!("{:?}", stored.shape) });
         }
-        (self.rows, self.oldest) = (stored.values.clone(), oldest);
-        self.sums = bits.into_iter().map(RewardSums::from_bits).collect();
+        (self.rows, self.oldest, self.sums) = (stored.values.clone(), oldest, sums);
         Ok(())
     }
 
@@ -202,17 +216,6 @@ impl JointReplay {
 
     fn row_length(&self) -> usize {
         2 * self.n_observed + self.n_acted() + self.n_seats() + 1
-    }
-}
-
-impl RewardSums {
-    fn to_bits(&self) -> [u64; 3] {
-        [self.origin.to_bits(), self.sum.to_bits(), self.sum_of_squares.to_bits()]
-    }
-
-    fn from_bits(bits: [u64; 3]) -> Self {
-        let [origin, sum, sum_of_squares] = bits.map(f64::from_bits);
-        Self { origin, sum, sum_of_squares }
     }
 }
 
@@ -316,6 +319,19 @@ mod tests {
         }
         let (mean, sd) = filled(3, 5).reward_moments(1);
         assert!((mean + 4.0).abs() < 1e-12 && (sd - (2.0f64 / 3.0).sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn rewards_are_standardised_by_seat() {
+        let replay = filled(9, 4);
+        let batch = replay.latest(4);
+        assert_eq!(values(replay.rewards_of(&batch, 1, false)), [-1.0, -2.0, -3.0, -4.0]);
+        // Mean -2.5 and variance 1.25.
+        let by_hand: Vec<f32> = [1.5f32, 0.5, -0.5, -1.5].iter().map(|x| x / 1.25f32.sqrt()).collect();
+        let standardised = values(replay.rewards_of(&batch, 1, true));
+        assert!(standardised.iter().zip(&by_hand).all(|(a, b)| (a - b).abs() < 1e-6), "{standardised:?}");
+        let alone = filled(9, 1);
+        assert_eq!(values(alone.rewards_of(&alone.latest(1), 0, true)), [0.0]);
     }
 
     #[test]

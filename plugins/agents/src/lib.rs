@@ -17,14 +17,19 @@ pub mod dirichlet_gradient;
 pub mod dirichlet_regression;
 pub mod dirichlet_sac;
 pub mod equal_split;
+pub mod exploration;
 pub mod gaussian_softmax_gradient;
 pub mod gaussian_softmax_regression;
 pub mod gaussian_softmax_sac;
 mod gradient_moments;
+pub mod independent_sac;
 pub mod joint;
 pub mod joint_replay;
+pub mod maddpg;
+pub mod masql;
 pub mod opponent_modelling;
 pub mod pr2;
+pub mod random_action;
 pub mod random_allocation;
 pub mod rank_rule;
 pub mod replay;
@@ -32,9 +37,11 @@ pub mod rommeo;
 pub mod scaling;
 pub mod schedule;
 pub mod seat;
+pub mod seat_network;
 pub mod targets;
 pub mod tdom_ac;
 pub mod water_filling;
+pub mod zero_action;
 
 use engine::{AgentTraits, Registry};
 
@@ -42,6 +49,7 @@ use engine::{AgentTraits, Registry};
 pub fn register(registry: &mut Registry) {
     let rule = AgentTraits::default;
     registry.agent("equal_split", 1, "every asset gets the same share", rule(), equal_split::build);
+    registry.agent("random_action", 1, "every seat acts uniformly at random", rule(), random_action::build);
     registry.agent("random_allocation", 1, "shares drawn uniformly from the simplex", rule(), random_allocation::build);
     registry.agent("rank_rule", 1, "fixed shares by the rank of the observed voltage", rule(), rank_rule::build);
     registry.agent("water_filling", 1, "equal terminal voltages, from what is observed", rule(), water_filling::build);
@@ -52,6 +60,7 @@ pub fn register(registry: &mut Registry) {
         rule(),
         water_filling::build_true_state,
     );
+    registry.agent("zero_action", 1, "every seat does nothing", rule(), zero_action::build);
     let name = "dirichlet_gradient";
     let about = "policy gradient of a Dirichlet policy on a bandit, estimated and exact";
     registry.agent(name, 1, about, dirichlet_gradient::traits(), dirichlet_gradient::build);
@@ -65,6 +74,12 @@ pub fn register(registry: &mut Registry) {
     registry.agent("gaussian_softmax_sac", 1, about, learner(gaussian_softmax_sac::metrics()), gaussian_softmax_sac::build);
     let about = "deep deterministic policy gradient with a softmax output";
     registry.agent("ddpg", 1, about, learner(ddpg::metrics()), ddpg::build);
+    let about = "multi-agent deep deterministic policy gradient: critics of the joint action";
+    registry.agent("maddpg", 1, about, learner(maddpg::metrics()), maddpg::build);
+    let about = "multi-agent soft Q-learning: joint actions drawn by a Stein sampler";
+    registry.agent("masql", 1, about, learner(masql::metrics()), masql::build);
+    let about = "soft actor-critic in every seat, each for itself";
+    registry.agent("independent_sac", 1, about, learner(independent_sac::metrics()), independent_sac::build);
     let about = "regression onto a simplex with a Dirichlet distribution";
     registry.agent("dirichlet_regression", 1, about, learner(dirichlet_regression::metrics()), dirichlet_regression::build);
     let about = "regression onto a simplex with a Gaussian-softmax distribution";
@@ -86,7 +101,7 @@ mod tests {
     fn defaults_and_presets_resolve_to_themselves() {
         let mut registry = Registry::default();
         register(&mut registry);
-        assert_eq!(registry.agents.len(), 15);
+        assert_eq!(registry.agents.len(), 20);
         for (name, entry) in &registry.agents {
             assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
             assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");

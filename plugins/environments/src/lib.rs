@@ -4,6 +4,8 @@
 
 pub mod allocation_bandit;
 pub mod battery;
+pub mod differential_game;
+pub mod particles;
 mod simplex;
 pub mod simplex_reconstruction;
 
@@ -11,6 +13,10 @@ pub mod simplex_reconstruction;
 pub fn register(registry: &mut engine::Registry) {
     registry.environment("allocation_bandit", 1, "one allocation with a known best answer", allocation_bandit::build);
     registry.environment("battery", 1, "share a load among the cells of a lithium-ion pack", battery::build);
+    let about = "players share the higher of two hills, of which the wider one is a trap";
+    registry.environment("differential_game", 1, about, differential_game::build);
+    let about = "agents push discs in a plane: cooperative navigation, or predators and prey";
+    registry.environment("particles", 1, about, particles::build);
     registry.environment(
         "simplex_reconstruction",
         1,

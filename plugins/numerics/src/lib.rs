@@ -16,6 +16,7 @@ pub mod parameters;
 pub mod policy_file;
 pub mod special;
 pub mod squashed;
+pub mod stein;
 pub mod tensor_file;
 
 /// Raised whenever a change in this crate changes the numbers of a trial; it is part of every trial's id.

@@ -1,0 +1,242 @@
+//! The differential game "max of two quadratics": one joint action, one shared reward, a trap (thesis, section 4.5.1).
+//!
+//! Every player i chooses a_i in [-10, 10]; all earn
+//!
+//! r = max(f_1, f_2), f_1 = -0.8 sum_i (a_i + 5)^2 / w, f_2 = 10 - sum_i (a_i - 5)^2.
+//!
+//! f_1 has a wide hill of height 0 at a = (-5, ..., -5), f_2 a narrow one of height 10 at (5, ..., 5), with a valley between them:
+//! from most places the gradient leads to the lower one.
+//!
+//! | symbol | here                                        | range |
+//! |--------|---------------------------------------------|-------|
+//! | a_i    | ten times `agent_i.unit_action`; traced as `agent_i.action` | [-10, 10] |
+//! | w      | 9 for `scale: thesis`, where the division by 3 is squared; 3 for `rommeo` | |
+//!
+//! An episode is one step and terminates. There is nothing to see: each player observes the constant 1, so that the joint
+//! observation of two players is [1, 1], as the authors' public code has it.
+
+use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// An action per unit of a seat's action.
+pub const ACTION_SCALE: f64 = 10.0;
+
+/// The width of the wider hill.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Scale {
+    /// ((a + 5) / 3)^2, as the thesis and its figures have it.
+    #[default]
+    Thesis,
+    /// (a + 5)^2 / 3, as the public code of ROMMEO has it.
+    Rommeo,
+}
+
+/// Settings of the `differential_game` environment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DifferentialGameConfig {
+    /// Number of players.
+    #[schemars(range(min = 1, max = 1000))]
+    pub players: usize,
+    /// The width of the hill that leads astray.
+    #[schemars(extend("x-source" = "thesis, section 4.5.1"))]
+    pub scale: Scale,
+}
+
+impl Default for DifferentialGameConfig {
+    fn default() -> Self {
+        Self { players: 2, scale: Scale::Thesis }
+    }
+}
+
+impl engine::Config for DifferentialGameConfig {}
+
+impl DifferentialGameConfig {
+    /// The reward of every player for actions in [-10, 10], one per player.
+    #[must_use]
+    pub fn reward(&self, actions: &[f64]) -> f64 {
+        let width = match self.scale {
+            Scale::Thesis => 9.0,
+            Scale::Rommeo => 3.0,
+        };
+        let squares = |center: f64| actions.iter().map(|action| (action - center) * (action - center)).sum::<f64>();
+        (-0.8 * squares(-5.0) / width).max(10.0 - squares(5.0))
+    }
+}
+
+/// The `differential_game` environment.
+#[derive(Debug)]
+pub struct DifferentialGame {
+    config: DifferentialGameConfig,
+    seats: Vec<Seat>,
+    metrics: Vec<Metric>,
+    /// The last joint action, in [-10, 10]; `NaN` before the first.
+    actions: Vec<f64>,
+    reward: f64,
+}
+
+/// Builds the environment; registered as `differential_game`.
+///
+/// # Errors
+/// [`Error::Config`] where nobody plays.
+pub fn build(config: DifferentialGameConfig) -> Result<Box<dyn Environment>, Error> {
+    if config.players == 0 {
+        return Err(Error::config("players", "a game needs at least one player"));
+    }
+    Ok(Box::new(DifferentialGame::new(config)))
+}
+
+impl DifferentialGame {
+    fn new(config: DifferentialGameConfig) -> Self {
+        let seat = |player: usize| Seat {
+            name: format!("agent_{player}"),
+            observation: Space::Box(vec![Channel::new("constant", "").within(1.0, 1.0)]),
+            action: Space::Box(vec![Channel::new("unit_action", "").within(-1.0, 1.0).typical(0.0, 0.6)]),
+        };
+        let last = |name: String, about: &str| Metric::new(&name, "", about).per_episode(PerEpisode::Last);
+        let joint_reward = last("joint_reward".into(), "reward of every player for the joint action");
+        let action = |player: usize| last(format!("action_{player}"), "action of this player, in [-10, 10]; 5 is best");
+        Self {
+            seats: (0..config.players).map(seat).collect(),
+            metrics: [joint_reward].into_iter().chain((0..config.players).map(action)).collect(),
+            actions: vec![f64::NAN; config.players],
+            reward: f64::NAN,
+            config,
+        }
+    }
+
+    fn observe(&self) -> Vec<Vec<f64>> {
+        vec![vec![1.0]; self.config.players]
+    }
+
+    fn forget(&mut self) {
+        self.actions.fill(f64::NAN);
+        self.reward = f64::NAN;
+    }
+
+    /// Takes the joint action over.
+    fn read(&mut self, actions: &[Vec<f64>]) -> Result<(), Error> {
+        let players = self.config.players;
+        if actions.len() != players {
+            return Err(Error::Action { problem: format!("{} seats in place of {players}", actions.len()) });
+        }
+        for (player, (given, action)) in actions.iter().zip(&mut self.actions).enumerate() {
+            let [entry] = given[..] else {
+                return Err(Error::Action { problem: format!("agent_{player}: {} entries in place of 1", given.len()) });
+            };
+            // Written so that a NaN is refused as well.
+            if !(-1.0..=1.0).contains(&entry) {
+                return Err(Error::Action { problem: format!("agent_{player}.unit_action is {entry}, outside [-1, 1]") });
+            }
+            *action = ACTION_SCALE * entry;
+        }
+        Ok(())
+    }
+}
+
+impl Environment for DifferentialGame {
+    fn seats(&self) -> &[Seat] {
+        &self.seats
+    }
+
+    fn metrics(&self) -> &[Metric] {
+        &self.metrics
+    }
+
+    fn reset(&mut self, _rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        self.forget();
+        Ok(self.observe())
+    }
+
+    fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
+        self.read(actions)?;
+        self.reward = self.config.reward(&self.actions);
+        let info = [self.reward].into_iter().chain(self.actions.iter().copied()).collect();
+        let rewards = vec![self.reward; self.config.players];
+        Ok(Step { observations: self.observe(), rewards, info, end: Some(End::Terminated) })
+    }
+
+    fn state_channels(&self) -> Vec<Channel> {
+        (0..self.config.players).map(|player| Channel::new(format!("agent_{player}.constant"), "").within(1.0, 1.0)).collect()
+    }
+
+    fn state(&self) -> Vec<f64> {
+        vec![1.0; self.config.players]
+    }
+
+    fn trace_channels(&self) -> Vec<Channel> {
+        let action = |player: usize| Channel::new(format!("agent_{player}.action"), "").within(-ACTION_SCALE, ACTION_SCALE);
+        (0..self.config.players).map(action).chain([Channel::new("joint_reward", "")]).collect()
+    }
+
+    fn trace(&self) -> Vec<f64> {
+        self.actions.iter().copied().chain([self.reward]).collect()
+    }
+
+    fn snapshot(&self) -> serde_json::Value {
+        serde_json::Value::Null
+    }
+
+    fn restore(&mut self, _snapshot: &serde_json::Value) -> Result<(), Error> {
+        // An episode is one step: between steps nothing is left to restore.
+        self.forget();
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn config(scale: Scale) -> DifferentialGameConfig {
+        DifferentialGameConfig { scale, ..Default::default() }
+    }
+
+    #[test]
+    fn the_hills_and_the_valley() {
+        for (scale, actions, reward) in [
+            (Scale::Thesis, [5.0, 5.0], 10.0),
+            (Scale::Thesis, [-5.0, -5.0], 0.0),
+            (Scale::Thesis, [0.0, 0.0], -40.0 / 9.0),
+            (Scale::Rommeo, [0.0, 0.0], -40.0 / 3.0),
+            (Scale::Thesis, [4.0, 6.0], 8.0),
+            (Scale::Rommeo, [-5.0, -2.0], -2.4),
+        ] {
+            assert!((config(scale).reward(&actions) - reward).abs() < 1e-12, "{scale:?} {actions:?}");
+        }
+    }
+
+    #[test]
+    fn one_step_is_an_episode() {
+        let mut game = DifferentialGame::new(DifferentialGameConfig { players: 3, scale: Scale::Thesis });
+        let mut rng = engine::random::stream(&[]);
+        assert_eq!(game.reset(&mut rng).unwrap(), vec![vec![1.0]; 3]);
+        assert!(game.trace().iter().all(|value| value.is_nan()));
+        let step = game.step(&[vec![0.5], vec![0.4], vec![0.6]], &mut rng).unwrap();
+        assert_eq!((step.rewards, step.end), (vec![8.0; 3], Some(End::Terminated)));
+        assert_eq!((step.info, game.trace()), (vec![8.0, 5.0, 4.0, 6.0], vec![5.0, 4.0, 6.0, 8.0]));
+    }
+
+    #[test]
+    fn what_is_no_joint_action_is_refused() {
+        let mut game = DifferentialGame::new(config(Scale::Thesis));
+        let mut rng = engine::random::stream(&[]);
+        for actions in [vec![vec![0.0]], vec![vec![0.0], vec![1.1]], vec![vec![f64::NAN], vec![0.0]], vec![vec![0.0], vec![]]] {
+            assert!(matches!(game.step(&actions, &mut rng), Err(Error::Action { .. })));
+        }
+        assert!(build(DifferentialGameConfig { players: 0, ..config(Scale::Thesis) }).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn ten_is_the_most(actions in prop::collection::vec(-10.0_f64..10.0, 1..5)) {
+            for scale in [Scale::Thesis, Scale::Rommeo] {
+                prop_assert!(config(scale).reward(&actions) <= 10.0);
+                prop_assert!(config(scale).reward(&actions) >= config(Scale::Rommeo).reward(&actions));
+            }
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! What a task adds to the world: its bodies, what agents see of them, and what they earn.
+
+use super::world::{Body, World, difference};
+use engine::{Channel, Metric, PerEpisode};
+
+/// A task in the world of particles.
+pub(super) trait Scenario: Send {
+    /// Number of agents.
+    fn agents(&self) -> usize;
+
+    /// Agents, then landmarks.
+    fn bodies(&self) -> Vec<Body>;
+
+    /// Random landmarks lie within this distance of the axes.
+    fn landmark_range(&self) -> f64;
+
+    /// Channels of what [`Scenario::observe`] appends.
+    fn observation_channels(&self, agent: usize) -> Vec<Channel>;
+
+    /// Appends what an agent sees.
+    fn observe(&self, world: &World, agent: usize, seen: &mut Vec<f64>);
+
+    /// One entry per value that [`Scenario::assess`] gives besides the rewards.
+    fn metrics(&self) -> Vec<Metric>;
+
+    /// Rewards of all agents, and the metrics, in the world after a step.
+    fn assess(&self, world: &World) -> (Vec<f64>, Vec<f64>);
+}
+
+/// Appends what agents see in every task: their own velocity and position, then the landmarks and the other agents from there.
+pub(super) fn surroundings(world: &World, agent: usize, seen: &mut Vec<f64>) {
+    let own = world.agents()[agent];
+    seen.extend(own.velocity);
+    seen.extend(own.position);
+    let others = world.agents().iter().enumerate().filter(|(other, _)| *other != agent).map(|(_, motion)| motion);
+    for motion in world.landmarks().iter().chain(others) {
+        seen.extend(difference(motion.position, own.position));
+    }
+}
+
+/// Channels of [`surroundings`].
+pub(super) fn surroundings_channels(agent: usize, agents: usize, landmarks: usize) -> Vec<Channel> {
+    let own = pair("velocity", 0.5).into_iter().chain(pair("position", 0.6));
+    let of_landmarks = (0..landmarks).flat_map(|landmark| pair(&format!("to_landmark_{landmark}"), 0.8));
+    let of_others = others(agent, agents).flat_map(|other| pair(&format!("to_agent_{other}"), 0.8));
+    own.chain(of_landmarks).chain(of_others).collect()
+}
+
+/// All agents but one, in order.
+pub(super) fn others(agent: usize, agents: usize) -> impl Iterator<Item = usize> {
+    (0..agents).filter(move |other| *other != agent)
+}
+
+/// `<name>_x` and `<name>_y`, around 0.
+pub(super) fn pair(name: &str, spread: f64) -> [Channel; 2] {
+    ["x", "y"].map(|axis| Channel::new(format!("{name}_{axis}"), "").typical(0.0, spread))
+}
+
+/// Metrics of every task: the first values of [`Scenario::assess`].
+pub(super) fn metrics() -> Vec<Metric> {
+    vec![
+        Metric::new("total_return", "", "sum of the rewards of all agents").per_episode(PerEpisode::Sum),
+        Metric::new("collisions", "", "pairs of agents that overlap, counted at every step").lower_is_better(),
+    ]
+}
