@@ -31,7 +31,9 @@ fn main() {
     let mut agent = (entry.build)(&(entry.about.resolve)(&config).unwrap(), &interface(), &mut rng).unwrap();
     let filling: Vec<Transition> = (0..2047).map(|_| transition(&mut rng)).collect();
     agent.learn(&filling, &mut rng, &mut Recorder::default()).unwrap();
-    (0..3).for_each(|_| drop(update(&mut *agent, &mut rng)));
+    for _ in 0..3 {
+        update(&mut *agent, &mut rng);
+    }
     let (mut updates, until) = (Vec::new(), Instant::now());
     while until.elapsed().as_secs() < seconds {
         updates.push(update(&mut *agent, &mut rng));

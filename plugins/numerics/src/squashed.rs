@@ -124,16 +124,22 @@ fn held(log_sd: f32) -> (f32, f32) {
     (value, if log_sd < low || log_sd > high { 0.0 } else { 1.0 })
 }
 
-/// `d/dx` of `-ln(1 - a^2 + 1e-6)`, the number c of the header.
-fn correction_slope(action: f32) -> f32 {
-    let rest = 1.0 - action * action;
-    2.0 * action * rest / (rest + SMALL)
+/// `1 - tanh(x)^2` by way of `e^(-2 |x|)`: of a rounded tangent near one, the difference would have no digits left.
+fn rest(x: f32) -> f32 {
+    let e = (-2.0 * x.abs()).exp();
+    4.0 * e / ((1.0 + e) * (1.0 + e))
 }
 
-/// One entry of ln pi, from z, ln sigma and a.
+/// `d/dx` of `-ln(1 - a^2 + 1e-6)`, the number c of the header.
+fn correction_slope(x: f32) -> f32 {
+    let rest = rest(x);
+    2.0 * tanh(x) * rest / (rest + SMALL)
+}
+
+/// One entry of ln pi, from z, ln sigma and x.
 #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-fn log_term(z: f32, log_sd: f32, action: f32) -> f32 {
-    -0.5 * z * z - log_sd - HALF_LN_TWO_PI as f32 - (1.0 - action * action + SMALL).ln()
+fn log_term(z: f32, log_sd: f32, x: f32) -> f32 {
+    -0.5 * z * z - log_sd - HALF_LN_TWO_PI as f32 - (rest(x) + SMALL).ln()
 }
 
 fn tensor(values: Vec<f32>, n_columns: usize) -> FloatTensor<Flex> {
@@ -151,7 +157,7 @@ impl SquashedOperation for Flex {
             let start = drawn.len();
             drawn.extend((0..n).map(|i| tanh(candidate(i))));
             drawn.extend((0..n).map(candidate));
-            let density = (0..n).map(|i| log_term(noise[i], held(head[n + i]).0, drawn[start + i])).sum();
+            let density = (0..n).map(|i| log_term(noise[i], held(head[n + i]).0, drawn[start + n + i])).sum();
             drawn.push(density);
         }
         tensor(drawn, 2 * n + 1)
@@ -164,7 +170,7 @@ impl SquashedOperation for Flex {
         let density = rows.map(|(head, x)| {
             let term = |i: usize| {
                 let log_sd = held(head[n + i]).0;
-                log_term((x[i] - head[i]) * (-log_sd).exp(), log_sd, tanh(x[i]))
+                log_term((x[i] - head[i]) * (-log_sd).exp(), log_sd, x[i])
             };
             (0..n).map(term).sum()
         });
@@ -182,9 +188,9 @@ impl SquashedPasses for Flex {
             gradient.chunks_exact_mut(2 * n).zip(head.storage::<f32>().chunks_exact(2 * n)).zip(rows)
         {
             for i in 0..n {
-                let (action, candidate) = (drawn[i], drawn[n + i]);
+                let candidate = drawn[n + i];
                 // Along the draw, x moves by 1 with mu and by sigma epsilon = x - mu with ln sigma.
-                let in_x = up[i] * (1.0 - action * action) + up[n + i] + up[2 * n] * correction_slope(action);
+                let in_x = up[i] * rest(candidate) + up[n + i] + up[2 * n] * correction_slope(candidate);
                 out[i] = in_x;
                 out[n + i] = (in_x * (candidate - head[i]) - up[2 * n]) * held(head[n + i]).1;
             }
@@ -209,7 +215,7 @@ impl SquashedPasses for Flex {
                 let z = (x - head[i]) * inverse_sd;
                 in_head[row * 2 * n + i] = up * z * inverse_sd;
                 in_head[row * 2 * n + n + i] = up * (z * z - 1.0) * free;
-                in_candidate[row * n + i] = up * (correction_slope(tanh(x)) - z * inverse_sd);
+                in_candidate[row * n + i] = up * (correction_slope(x) - z * inverse_sd);
             }
         }
         [tensor(in_head, 2 * n), tensor(in_candidate, n)]

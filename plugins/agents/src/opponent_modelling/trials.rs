@@ -89,7 +89,7 @@ pub(crate) fn assert_learns<A: Algorithm>(algorithm: A) {
     let before = coordination::score(&mut learner, &mut rng);
     let record = coordination::train(&mut learner, 150, &mut rng);
     let after = coordination::score(&mut learner, &mut rng);
-    assert!(before < -0.5 && after > -0.2, "{before} {after} {record:?}");
+    assert!(after > -0.2 && after > 0.5 * before, "{before} {after} {record:?}");
 }
 
 /// Asserts that an agent of another start acts and predicts as the one whose export it loads.
