@@ -1,6 +1,6 @@
 //! What an agent is: `act`, `learn`, `save`, `load`.
 
-use crate::{Action, End, Error, Observation, Recorder, Rng};
+use crate::{Action, End, Error, Metric, Observation, Recorder, Rng};
 use std::path::Path;
 
 /// Whether actions are for learning (explore) or for measuring (the policy's best).
@@ -43,6 +43,20 @@ pub trait Agent: Send {
     /// Where a loss or a parameter is no longer finite ([`Error::NotFinite`]).
     fn learn(&mut self, _transitions: &[Transition], _rng: &mut Rng, _record: &mut Recorder) -> Result<(), Error> {
         Ok(())
+    }
+
+    /// What [`Agent::assess`] measures; agents without have none.
+    fn decision_metrics(&self) -> Vec<Metric> {
+        Vec::new()
+    }
+
+    /// Measures decisions that were scored: one row per observation, with `n_seats` values per entry of
+    /// [`Agent::decision_metrics`], metric after metric. A measurement records the mean over the decisions of an episode.
+    ///
+    /// # Errors
+    /// Where a value cannot be computed.
+    fn assess(&mut self, _observations: &[Observation], _actions: &[Action]) -> Result<Vec<Vec<f64>>, Error> {
+        Ok(Vec::new())
     }
 
     /// True where `act` or `learn` reads [`Observation::state`].

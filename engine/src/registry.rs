@@ -67,7 +67,7 @@ pub struct AgentEntry {
     pub about: About,
     /// False for rules and bounds: the protocol then trains for no step.
     pub learns: bool,
-    /// What `learn` records.
+    /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
@@ -101,7 +101,7 @@ pub struct Registry {
 pub struct AgentTraits {
     /// False for rules and bounds.
     pub learns: bool,
-    /// What `learn` records.
+    /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
 }
 

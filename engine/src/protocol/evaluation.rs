@@ -33,9 +33,10 @@ struct Episode {
     decisions: u64,
     returns: Vec<f64>,
     info: Vec<f64>,
+    assessed: Vec<f64>,
 }
 
-/// Runs the episodes and records return, length and the environment's metrics of each.
+/// Runs the episodes and records return, length, the environment's metrics and those of the agent's decisions of each.
 ///
 /// Episode `k` starts and goes on with the same random numbers for every agent and at every call of the same phase. Before every
 /// block of episodes the trial can be stopped; `learning` says what learning needs then, and `blocks` where to continue.
@@ -98,7 +99,7 @@ fn start(
     let seats = environment.reset(&mut rng)?;
     let observation = observe(&*run.agent, &*environment, seats);
     let (returns, info) = (vec![0.0; environment.seats().len()], vec![0.0; environment.metrics().len()]);
-    let episode = Episode { slot, index, environment, rng, observation, decisions: 0, returns, info };
+    let episode = Episode { slot, index, environment, rng, observation, decisions: 0, returns, info, assessed: Vec::new() };
     trace(run, what, &episode);
     Ok(episode)
 }
@@ -107,12 +108,16 @@ fn start(
 fn advance(
     run: &mut Run<'_>,
     what: &Measurement,
-    active: Vec<Episode>,
+    mut active: Vec<Episode>,
     rng: &mut Rng,
     pool: &mut Pool,
 ) -> Result<Vec<Episode>, Error> {
     let observations: Vec<Observation> = active.iter().map(|episode| episode.observation.clone()).collect();
     let actions = run.agent.act(&observations, Mode::Evaluate, rng)?;
+    for (episode, values) in active.iter_mut().zip(run.agent.assess(&observations, &actions)?) {
+        episode.assessed.resize(values.len(), 0.0);
+        episode.assessed.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+    }
     let mut going_on = Vec::with_capacity(active.len());
     for (mut episode, action) in active.into_iter().zip(actions) {
         let step = episode.environment.step(&action, &mut episode.rng)?;
@@ -159,6 +164,13 @@ fn finish(run: &mut Run<'_>, what: &Measurement, episode: &Episode) -> Result<()
         let value = if metric.per_episode == PerEpisode::Mean { value / length } else { *value };
         finite(&metric.name, what.step, value)?;
         run.record.add(what.phase, what.step, index, 0, &metric.name, value);
+    }
+    let n_seats = episode.returns.len();
+    for (metric, sums) in run.agent.decision_metrics().iter().zip(episode.assessed.chunks(n_seats)) {
+        for (seat, sum) in sums.iter().enumerate() {
+            finite(&metric.name, what.step, sum / length)?;
+            run.record.add(what.phase, what.step, index, seat, &metric.name, sum / length);
+        }
     }
     Ok(())
 }

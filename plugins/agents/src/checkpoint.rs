@@ -5,7 +5,8 @@ use numerics::tensor_file::{TensorFile, TensorFileError};
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::Path;
 
-const FILE_NAME: &str = "agent.safetensors";
+/// The file's name inside a directory.
+pub const FILE_NAME: &str = "agent.safetensors";
 const COUNTERS: &str = "counters";
 
 /// Writes tensors and counters into `dir`.

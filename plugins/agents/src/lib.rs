@@ -10,23 +10,36 @@ pub mod asset_network;
 #[cfg(test)]
 mod bandit;
 pub mod checkpoint;
+#[cfg(test)]
+mod coordination;
 pub mod ddpg;
 pub mod dirichlet_gradient;
 pub mod dirichlet_regression;
 pub mod dirichlet_sac;
 pub mod equal_split;
+pub mod exploration;
 pub mod gaussian_softmax_gradient;
 pub mod gaussian_softmax_regression;
 pub mod gaussian_softmax_sac;
 mod gradient_moments;
+pub mod independent_sac;
+pub mod joint;
+pub mod joint_replay;
+pub mod maddpg;
+pub mod masql;
+pub mod opponent_modelling;
+pub mod pr2;
 pub mod random_action;
 pub mod random_allocation;
 pub mod rank_rule;
 pub mod replay;
+pub mod rommeo;
 pub mod scaling;
 pub mod schedule;
 pub mod seat;
+pub mod seat_network;
 pub mod targets;
+pub mod tdom_ac;
 pub mod water_filling;
 pub mod zero_action;
 
@@ -61,11 +74,23 @@ pub fn register(registry: &mut Registry) {
     registry.agent("gaussian_softmax_sac", 1, about, learner(gaussian_softmax_sac::metrics()), gaussian_softmax_sac::build);
     let about = "deep deterministic policy gradient with a softmax output";
     registry.agent("ddpg", 1, about, learner(ddpg::metrics()), ddpg::build);
+    let about = "multi-agent deep deterministic policy gradient: critics of the joint action";
+    registry.agent("maddpg", 1, about, learner(maddpg::metrics()), maddpg::build);
+    let about = "multi-agent soft Q-learning: joint actions drawn by a Stein sampler";
+    registry.agent("masql", 1, about, learner(masql::metrics()), masql::build);
+    let about = "soft actor-critic in every seat, each for itself";
+    registry.agent("independent_sac", 1, about, learner(independent_sac::metrics()), independent_sac::build);
     let about = "regression onto a simplex with a Dirichlet distribution";
     registry.agent("dirichlet_regression", 1, about, learner(dirichlet_regression::metrics()), dirichlet_regression::build);
     let about = "regression onto a simplex with a Gaussian-softmax distribution";
     let metrics = gaussian_softmax_regression::metrics();
     registry.agent("gaussian_softmax_regression", 1, about, learner(metrics), gaussian_softmax_regression::build);
+    let about = "actor-critic for several seats whose opponent models follow the others' improvement";
+    registry.agent("tdom_ac", 1, about, learner(tdom_ac::metrics()), tdom_ac::build);
+    let about = "actor-critic for several seats with opponent models regularised by what the others did";
+    registry.agent("rommeo", 1, about, learner(rommeo::metrics()), rommeo::build);
+    let about = "actor-critic for several seats that reasons through the others' answers to its own action";
+    registry.agent("pr2", 1, about, learner(pr2::metrics()), pr2::build);
 }
 
 #[cfg(test)]
@@ -76,7 +101,7 @@ mod tests {
     fn defaults_and_presets_resolve_to_themselves() {
         let mut registry = Registry::default();
         register(&mut registry);
-        assert_eq!(registry.agents.len(), 14);
+        assert_eq!(registry.agents.len(), 20);
         for (name, entry) in &registry.agents {
             assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
             assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");

@@ -68,7 +68,7 @@ fn slope(y: f32, below: f32) -> f32 {
 ///
 /// `1 - 2 / (e^(2 |x|) + 1)`, and below 0.625, where that cancels, `|x| + |x|^3 P(x^2)` with the polynomial of Cephes 2.2
 /// (Moshier 1992, `tanhf`). The exponential is `2^n 2^f` with `n` the nearest integer of `t = 2 |x| / ln 2`.
-fn tanh(x: f32) -> f32 {
+pub(crate) fn tanh(x: f32) -> f32 {
     /// 9.1 and above give 1 in `f32`.
     const LARGEST: f32 = 9.1;
     /// `1.5 2^23`: what is added to it is rounded to an integer, which stands in its lowest bits.

@@ -68,11 +68,12 @@ trait DensePasses: Backend {
 
 /// The tensor with its rows one after the other, filling their buffer. No copy where it already is so: the second handle to
 /// the buffer that `to_contiguous` returns then outlives the first, and what is written goes to its place.
-fn row_by_row(tensor: FloatTensor<Flex>) -> FloatTensor<Flex> {
+pub(crate) fn row_by_row(tensor: FloatTensor<Flex>) -> FloatTensor<Flex> {
     tensor.to_contiguous()
 }
 
-fn add_rows(rows: &[f32], n_columns: usize) -> Vec<f32> {
+/// The sum over the rows of each column.
+pub(crate) fn add_rows(rows: &[f32], n_columns: usize) -> Vec<f32> {
     let mut sums = vec![0.0; n_columns];
     for row in rows.chunks_exact(n_columns) {
         sums.iter_mut().zip(row).for_each(|(sum, entry)| *sum += entry);

@@ -8,12 +8,15 @@ pub mod dirichlet_policy;
 pub mod gamma;
 pub mod gaussian;
 pub mod gaussian_policy;
+pub mod input_norm;
 pub mod linearised;
 pub mod network;
 pub mod optimizer;
 pub mod parameters;
 pub mod policy_file;
 pub mod special;
+pub mod squashed;
+pub mod stein;
 pub mod tensor_file;
 
 /// Raised whenever a change in this crate changes the numbers of a trial; it is part of every trial's id.

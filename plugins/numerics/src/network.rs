@@ -82,6 +82,22 @@ impl Mlp {
         Self { layers, activations: activations.to_vec() }
     }
 
+    /// A network whose weights and biases are uniform in `+-1 / sqrt(inputs)`, as PyTorch starts its linear layers.
+    ///
+    /// # Panics
+    /// Where the number of activations is not the number of hidden layers.
+    pub fn uniform(sizes: &[usize], activations: &[Activation], rng: &mut impl RngCore, device: &Device) -> Self {
+        assert_eq!(activations.len() + 2, sizes.len(), "one activation per hidden layer of {sizes:?}, got {activations:?}");
+        let layers = sizes.windows(2).map(|pair| {
+            let [inputs, outputs] = [pair[0], pair[1]];
+            #[allow(clippy::cast_precision_loss, reason = "a layer size is far below 2^52")]
+            let bound = 1.0 / (inputs as f64).sqrt();
+            let (weight, bias) = (uniform(inputs * outputs, bound, rng), uniform(outputs, bound, rng));
+            linear(weight, bias, inputs, device)
+        });
+        Self { layers: layers.collect(), activations: activations.to_vec() }
+    }
+
     /// Outputs `[rows, outputs]` of inputs `[rows, inputs]`.
     #[must_use]
     pub fn forward(&self, mut x: Tensor<2>) -> Tensor<2> {
@@ -109,10 +125,19 @@ impl Mlp {
 fn kaiming(inputs: usize, outputs: usize, gain: f64, rng: &mut impl RngCore, device: &Device) -> Linear {
     #[allow(clippy::cast_precision_loss, reason = "a layer size is far below 2^52")]
     let bound = gain * (3.0 / inputs as f64).sqrt();
-    #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
-    let weight: Vec<f32> = (0..inputs * outputs).map(|_| ((2.0 * rng.random::<f64>() - 1.0) * bound) as f32).collect();
+    linear(uniform(inputs * outputs, bound, rng), vec![0.0; outputs], inputs, device)
+}
+
+/// Numbers drawn uniformly between minus `bound` and `bound`.
+#[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
+fn uniform(count: usize, bound: f64, rng: &mut impl RngCore) -> Vec<f32> {
+    (0..count).map(|_| ((2.0 * rng.random::<f64>() - 1.0) * bound) as f32).collect()
+}
+
+fn linear(weight: Vec<f32>, bias: Vec<f32>, inputs: usize, device: &Device) -> Linear {
+    let outputs = bias.len();
     let weight = Tensor::<2>::from_data(TensorData::new(weight, [inputs, outputs]), device);
-    let bias = Tensor::<1>::from_data(TensorData::new(vec![0.0f32; outputs], [outputs]), device);
+    let bias = Tensor::<1>::from_data(TensorData::new(bias, [outputs]), device);
     Linear { weight: Param::from_tensor(weight), bias: Param::from_tensor(bias) }
 }
 
@@ -175,6 +200,16 @@ mod tests {
         assert!(weight.iter().all(|w| w.abs() <= bound));
         let variance = weight.iter().map(|w| w * w).sum::<f32>() / weight.len() as f32;
         assert!((variance / (2.0 / 50.0) - 1.0).abs() < 0.03, "{variance}");
+    }
+
+    #[test]
+    fn uniform_weights_and_biases_have_the_variance_of_their_bound() {
+        let network = Mlp::uniform(&[50, 400, 1], &[Activation::Relu], &mut rng(), &device());
+        for numbers in &parameters(&network)[..2] {
+            assert!(numbers.values.iter().all(|x| x.abs() <= (1.0f32 / 50.0).sqrt()), "{}", numbers.name);
+            let variance = numbers.values.iter().map(|x| x * x).sum::<f32>() / numbers.values.len() as f32;
+            assert!((variance / (1.0 / 150.0) - 1.0).abs() < 0.15, "{} {variance}", numbers.name);
+        }
     }
 
     #[test]

@@ -36,11 +36,22 @@ impl Adam {
     }
 
     /// The module after one step against the gradients of a loss; parameters that the loss does not reach stay.
-    pub fn step<M: Module>(&mut self, module: M, mut loss_gradients: Gradients) -> M {
-        let mut gradients = gradients(&module, &mut loss_gradients);
+    pub fn step<M: Module>(&mut self, module: M, loss_gradients: Gradients) -> M {
+        let gradients = self.clipped(&module, loss_gradients);
+        self.apply(module, &gradients)
+    }
+
+    /// The gradients of a module's parameters as a step takes them: scaled down to the largest norm.
+    fn clipped<M: Module>(&self, module: &M, mut loss_gradients: Gradients) -> Vec<Vec<f32>> {
+        let mut gradients = gradients(module, &mut loss_gradients);
         if let Some(largest) = self.largest_norm {
             clip(&mut gradients, largest);
         }
+        gradients
+    }
+
+    /// The module after one step against `gradients`, one vector per parameter.
+    fn apply<M: Module>(&mut self, module: M, gradients: &[Vec<f32>]) -> M {
         self.n_steps += 1;
         self.first.resize_with(gradients.len(), Vec::new);
         self.second.resize_with(gradients.len(), Vec::new);
@@ -103,9 +114,21 @@ impl<M: Module + Default> Trained<M> {
 
     /// One step against the gradient of a loss of shape `[1]`.
     pub fn descend(&mut self, loss: &Tensor<1>) {
+        self.descend_along(loss);
+    }
+
+    /// As [`Trained::descend`]; returns the gradient it stepped against, scaled down to the largest norm.
+    pub fn descend_along(&mut self, loss: &Tensor<1>) -> Vec<Vec<f32>> {
+        let gradients = self.adam.clipped(&self.network, loss.backward());
+        self.step_against(&gradients);
+        gradients
+    }
+
+    /// One step against given gradients, one vector per parameter in the order of the module's fields.
+    pub fn step_against(&mut self, gradients: &[Vec<f32>]) {
         // Taken out of its place, the network owns its numbers alone and they are changed without a copy.
         let network = std::mem::take(&mut self.network);
-        self.network = self.adam.step(network, loss.backward());
+        self.network = self.adam.apply(network, gradients);
     }
 
     /// Puts network and optimiser under `prefix` into a file.
@@ -114,12 +137,21 @@ impl<M: Module + Default> Trained<M> {
         self.adam.store(&format!("{prefix}.adam"), file);
     }
 
+    /// Takes the network alone from what was put under `prefix`; the optimiser stays as it is.
+    ///
+    /// # Errors
+    /// [`TensorFileError`] where the file does not fit.
+    pub fn restore_network(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
+        self.network = crate::parameters::restore(self.network.clone(), prefix, file)?;
+        Ok(())
+    }
+
     /// Continues from what [`Trained::store`] put under `prefix`.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file does not fit.
     pub fn restore(&mut self, prefix: &str, file: &TensorFile) -> Result<(), TensorFileError> {
-        self.network = crate::parameters::restore(self.network.clone(), prefix, file)?;
+        self.restore_network(prefix, file)?;
         self.adam.restore(&format!("{prefix}.adam"), file)
     }
 }

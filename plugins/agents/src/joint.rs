@@ -1,0 +1,282 @@
+//! Several seats as one vector: where the observation and the action of each seat lie in the joint observation and action.
+//!
+//! | paper | here | shape |
+//! |---|---|---|
+//! | s = (o_1, ..., o_N) | joint observation, the seats one after the other | `[batch, n_observed]` |
+//! | a = (a_1, ..., a_N) | joint action, the seats one after the other | `[batch, n_acted]` |
+//! | o_i, a_i | columns `observed(i)` and `acted(i)` | `[batch, ..]` |
+//! | a^-i | [`JointLayout::others`] | `[batch, n_acted - n_i]` |
+
+use crate::seat::{mismatch, observed};
+use burn::tensor::Tensor;
+use engine::{Action, Channel, Error, Interface, Observation, Seat, Space};
+use numerics::network::matrix;
+use numerics::policy_file::Ports;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// The columns of each seat in joint vectors, and their names.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointLayout {
+    seats: Vec<String>,
+    observed: Vec<Range<usize>>,
+    acted: Vec<Range<usize>>,
+    observed_names: Vec<String>,
+    acted_names: Vec<String>,
+}
+
+/// What the policy of a seat sees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Sight {
+    /// What its own seat observes.
+    #[default]
+    Own,
+    /// What all seats observe.
+    Joint,
+}
+
+impl Sight {
+    /// The columns of the joint observation that a seat sees.
+    #[must_use]
+    pub fn columns(self, layout: &JointLayout, seat: usize) -> Range<usize> {
+        match self {
+            Sight::Own => layout.observed(seat),
+            Sight::Joint => 0..layout.n_observed(),
+        }
+    }
+}
+
+impl JointLayout {
+    /// The layout of an environment all of whose seats observe a box and act in a box with limits -1 and 1.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] for an environment without seats and for any other space.
+    pub fn new(agent: &'static str, interface: &Interface) -> Result<Self, Error> {
+        if interface.seats.is_empty() {
+            return Err(mismatch(agent, "the environment has no seats"));
+        }
+        let (mut seen, mut done) = (Vec::new(), Vec::new());
+        for seat in &interface.seats {
+            seen.push(names(observed(agent, seat)?));
+            done.push(names(unit_box(agent, seat)?));
+        }
+        Ok(Self {
+            seats: interface.seats.iter().map(|seat| seat.name.clone()).collect(),
+            observed: ranges(&seen),
+            acted: ranges(&done),
+            observed_names: seen.concat(),
+            acted_names: done.concat(),
+        })
+    }
+
+    /// Number of seats.
+    #[must_use]
+    pub fn n_seats(&self) -> usize {
+        self.seats.len()
+    }
+
+    /// Names of the seats.
+    #[must_use]
+    pub fn seats(&self) -> &[String] {
+        &self.seats
+    }
+
+    /// Entries of the joint observation.
+    #[must_use]
+    pub fn n_observed(&self) -> usize {
+        self.observed_names.len()
+    }
+
+    /// Entries of the joint action.
+    #[must_use]
+    pub fn n_acted(&self) -> usize {
+        self.acted_names.len()
+    }
+
+    /// The columns of a seat in the joint observation.
+    #[must_use]
+    pub fn observed(&self, seat: usize) -> Range<usize> {
+        self.observed[seat].clone()
+    }
+
+    /// The columns of a seat in the joint action.
+    #[must_use]
+    pub fn acted(&self, seat: usize) -> Range<usize> {
+        self.acted[seat].clone()
+    }
+
+    /// Entries of each seat's action.
+    #[must_use]
+    pub fn action_sizes(&self) -> Vec<usize> {
+        self.acted.iter().map(ExactSizeIterator::len).collect()
+    }
+
+    /// Joint observations `[rows, n_observed]`, one row per observation.
+    ///
+    /// # Panics
+    /// Where an observation does not have the length of the layout.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+    pub fn observations(&self, rows: &[Observation]) -> Tensor<2> {
+        let entries = rows.iter().flat_map(|observation| observation.seats.iter().flatten());
+        matrix(entries.map(|entry| *entry as f32).collect(), self.n_observed())
+    }
+
+    /// Rows of joint actions `[rows, n_acted]`, row by row on the host, as one vector per seat, held within -1 and 1.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] where an entry is not finite.
+    pub fn actions(&self, joint: &[f32], step: u64) -> Result<Vec<Action>, Error> {
+        if let Some(value) = joint.iter().find(|value| !value.is_finite()) {
+            return Err(Error::NotFinite { what: "an action".into(), step, value: f64::from(*value) });
+        }
+        let seat = |row: &[f32], columns: &Range<usize>| {
+            row[columns.clone()].iter().map(|entry| f64::from(*entry).clamp(-1.0, 1.0)).collect()
+        };
+        let split = |row: &[f32]| self.acted.iter().map(|columns| seat(row, columns)).collect();
+        Ok(joint.chunks(self.n_acted()).map(split).collect())
+    }
+
+    /// Joint actions in which the columns of one seat are `action` `[batch, ..]`.
+    #[must_use]
+    pub fn with_action(&self, joint: &Tensor<2>, seat: usize, action: Tensor<2>) -> Tensor<2> {
+        let Range { start, end } = self.acted(seat);
+        let parts = [(start > 0).then(|| columns(joint, 0..start)), Some(action), self.after(joint, end)];
+        Tensor::cat(parts.into_iter().flatten().collect(), 1)
+    }
+
+    /// The actions of all seats but one, in their order, `[batch, n_acted - n_i]`; `None` where there is one seat alone.
+    #[must_use]
+    pub fn others(&self, joint: &Tensor<2>, seat: usize) -> Option<Tensor<2>> {
+        let Range { start, end } = self.acted(seat);
+        let parts = [(start > 0).then(|| columns(joint, 0..start)), self.after(joint, end)];
+        let parts: Vec<_> = parts.into_iter().flatten().collect();
+        (!parts.is_empty()).then(|| Tensor::cat(parts, 1))
+    }
+
+    fn after(&self, joint: &Tensor<2>, end: usize) -> Option<Tensor<2>> {
+        (end < self.n_acted()).then(|| columns(joint, end..self.n_acted()))
+    }
+
+    /// The folder below `dir` for what belongs to one seat; it is there afterwards.
+    ///
+    /// # Errors
+    /// [`Error::File`] where the system refuses.
+    pub fn folder(&self, dir: &Path, seat: usize) -> Result<PathBuf, Error> {
+        let path = dir.join(&self.seats[seat]);
+        match std::fs::create_dir_all(&path) {
+            Ok(()) => Ok(path),
+            Err(source) => Err(Error::File { doing: "create", path, source }),
+        }
+    }
+
+    /// What a policy file says of its inputs and outputs, where these are the given columns of the joint vectors.
+    #[must_use]
+    pub fn ports(&self, observed: Range<usize>, acted: Range<usize>) -> Ports {
+        let inputs = self.observed_names[observed].to_vec();
+        let (center, spread) = (vec![0.0; inputs.len()], vec![1.0; inputs.len()]);
+        Ports { inputs, center, spread, outputs: self.acted_names[acted].to_vec() }
+    }
+}
+
+/// Some columns of a tensor.
+#[must_use]
+pub fn columns(tensor: &Tensor<2>, range: Range<usize>) -> Tensor<2> {
+    let [rows, width] = tensor.dims();
+    if range == (0..width) { tensor.clone() } else { tensor.clone().slice([0..rows, range]) }
+}
+
+/// Every row `n` times in succession, `[batch n, ..]`.
+#[must_use]
+pub fn repeat_rows(tensor: &Tensor<2>, n: usize) -> Tensor<2> {
+    let [rows, width] = tensor.dims();
+    tensor.clone().unsqueeze_dim::<3>(1).repeat_dim(1, n).reshape([rows * n, width])
+}
+
+fn unit_box<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [Channel], Error> {
+    let Space::Box(channels) = &seat.action else {
+        return Err(mismatch(agent, format!("its actions are vectors in a box, seat `{}` takes others", seat.name)));
+    };
+    if channels.is_empty() {
+        return Err(mismatch(agent, format!("seat `{}` has nothing to do: its action has no entries", seat.name)));
+    }
+    let unfit = |channel: &&Channel| (channel.low, channel.high) != (-1.0, 1.0);
+    match channels.iter().find(unfit) {
+        None => Ok(channels),
+        Some(Channel { name, low, high, .. }) => {
+            Err(mismatch(agent, format!("its actions lie within -1 and 1, `{name}` within {low} and {high}")))
+        }
+    }
+}
+
+fn names(channels: &[Channel]) -> Vec<String> {
+    channels.iter().map(|channel| channel.name.clone()).collect()
+}
+
+fn ranges(names: &[Vec<String>]) -> Vec<Range<usize>> {
+    let mut end = 0;
+    let advance = |names: &Vec<String>| {
+        let start = end;
+        end += names.len();
+        start..end
+    };
+    names.iter().map(advance).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coordination::interface;
+    use numerics::network::values;
+
+    #[test]
+    fn columns_follow_the_seats() {
+        let layout = JointLayout::new("x", &interface(&[2, 1, 3], &[1, 2, 1])).unwrap();
+        assert_eq!((layout.n_seats(), layout.n_observed(), layout.n_acted()), (3, 6, 4));
+        assert_eq!((layout.observed(1), layout.observed(2)), (2..3, 3..6));
+        assert_eq!((layout.acted(0), layout.acted(1), layout.acted(2)), (0..1, 1..3, 3..4));
+        assert_eq!(layout.action_sizes(), [1, 2, 1]);
+        assert_eq!(layout.ports(3..6, 1..3).outputs, ["act_1_0", "act_1_1"]);
+        let seen = Observation { seats: vec![vec![1.0, 2.0], vec![3.0], vec![4.0, 5.0, 6.0]], state: Vec::new() };
+        assert_eq!(values(layout.observations(&[seen])), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        let split = layout.actions(&[0.5, -0.5, 1.5, -1.0], 0).unwrap();
+        assert_eq!(split, [[vec![0.5], vec![-0.5, 1.0], vec![-1.0]]]);
+        assert!(matches!(layout.actions(&[0.0, f32::NAN, 0.0, 0.0], 9), Err(Error::NotFinite { step: 9, .. })));
+    }
+
+    #[test]
+    fn a_seat_is_exchanged_or_left_out() {
+        let layout = JointLayout::new("x", &interface(&[1, 1, 1], &[1, 2, 1])).unwrap();
+        let joint = matrix(vec![1.0, 2.0, 3.0, 4.0], 4);
+        let exchange = |seat, new: &[f32]| values(layout.with_action(&joint, seat, matrix(new.to_vec(), new.len())));
+        assert_eq!(exchange(0, &[9.0]), [9.0, 2.0, 3.0, 4.0]);
+        assert_eq!(exchange(1, &[8.0, 9.0]), [1.0, 8.0, 9.0, 4.0]);
+        assert_eq!(exchange(2, &[9.0]), [1.0, 2.0, 3.0, 9.0]);
+        assert_eq!(values(layout.others(&joint, 1).unwrap()), [1.0, 4.0]);
+        assert_eq!(values(layout.others(&joint, 2).unwrap()), [1.0, 2.0, 3.0]);
+        assert_eq!(values(repeat_rows(&matrix(vec![1.0, 2.0, 3.0, 4.0], 2), 2)), [1.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0]);
+        assert_eq!((Sight::Own.columns(&layout, 2), Sight::Joint.columns(&layout, 2)), (2..3, 0..3));
+        let alone = JointLayout::new("x", &interface(&[1], &[2])).unwrap();
+        assert!(alone.others(&matrix(vec![1.0, 2.0], 2), 0).is_none());
+        assert_eq!(values(alone.with_action(&matrix(vec![1.0, 2.0], 2), 0, matrix(vec![3.0, 4.0], 2))), [3.0, 4.0]);
+    }
+
+    #[test]
+    fn other_spaces_are_refused_by_name() {
+        let problem = |change: &dyn Fn(&mut Interface)| {
+            let mut interface = interface(&[1, 1], &[1, 1]);
+            change(&mut interface);
+            JointLayout::new("x", &interface).unwrap_err().to_string()
+        };
+        assert!(problem(&|all| all.seats.clear()).contains("no seats"));
+        assert!(problem(&|all| all.seats[1].action = Space::Simplex(vec!["a".into()])).contains("seat_1"));
+        assert!(problem(&|all| all.seats[1].action = Space::Box(Vec::new())).contains("no entries"));
+        assert!(problem(&|all| all.seats[0].observation = Space::Discrete(Vec::new())).contains("a discrete choice"));
+        let wide = Channel::new("force", "N").within(-2.0, 2.0);
+        let text = problem(&|all| all.seats[1].action = Space::Box(vec![wide.clone()]));
+        assert!(text.contains("`force` within -2 and 2"), "{text}");
+    }
+}

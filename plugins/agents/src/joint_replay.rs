@@ -1,0 +1,352 @@
+//! Replay buffer of a Markov game: the last transitions of all seats, drawn uniformly without replacement.
+//!
+//! | symbol | here | shape |
+//! |---|---|---|
+//! | s, a, r, s' | `observations`, `actions`, `rewards`, `next_observations`, all seats in order | `[batch, ..]`, rewards `[batch, n_seats]` |
+//! | 1 - d | `continues`: 0 where s' is terminal, 1 elsewhere, also where an episode was only cut off | `[batch, 1]` |
+//! | mu_i, sigma_i | [`JointReplay::reward_moments`], over everything that is stored | scalars |
+
+use crate::joint::columns;
+use burn::tensor::Tensor;
+use engine::{End, Transition};
+use numerics::network::matrix;
+use numerics::tensor_file::{HostTensor, TensorFile, TensorFileError};
+use rand::{Rng, RngCore};
+use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
+
+/// Below this, rewards count as all alike.
+const SMALLEST_SD: f64 = 1e-8;
+
+/// A ring of transitions, each one row of `f32`: joint observation, joint action, rewards, next observation, continues.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointReplay {
+    capacity: usize,
+    n_observed: usize,
+    action_sizes: Vec<usize>,
+    rows: Vec<f32>,
+    oldest: usize,
+    sums: Vec<RewardSums>,
+}
+
+/// Running sums of one seat's rewards, as distances from the first of them so that no digits cancel.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+struct RewardSums {
+    origin: f64,
+    sum: f64,
+    sum_of_squares: f64,
+}
+
+/// Transitions as plain tensors.
+#[derive(Debug, Clone)]
+pub struct JointBatch {
+    /// What all seats saw, `[batch, n_observed]`.
+    pub observations: Tensor<2>,
+    /// What all seats did, `[batch, n_acted]`.
+    pub actions: Tensor<2>,
+    /// What each seat earned, `[batch, n_seats]`.
+    pub rewards: Tensor<2>,
+    /// What all seats saw next, `[batch, n_observed]`.
+    pub next_observations: Tensor<2>,
+    /// 0 after a terminal step, else 1, `[batch, 1]`.
+    pub continues: Tensor<2>,
+}
+
+impl JointReplay {
+    /// An empty buffer for `capacity` transitions of a joint observation with `n_observed` entries and one action per seat.
+    #[must_use]
+    pub fn new(capacity: usize, n_observed: usize, action_sizes: &[usize]) -> Self {
+        let sums = vec![RewardSums::default(); action_sizes.len()];
+        Self { capacity: capacity.max(1), n_observed, action_sizes: action_sizes.to_vec(), rows: Vec::new(), oldest: 0, sums }
+    }
+
+    /// Number of transitions that are stored.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.rows.len() / self.row_length()
+    }
+
+    /// True before the first transition.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// Adds one step of all seats; the oldest transition gives way where the buffer is full.
+    ///
+    /// # Panics
+    /// Where the observations, the actions and the rewards do not have the lengths of the buffer.
+    pub fn push(&mut self, transition: &Transition) {
+        let row = row(transition);
+        assert_eq!(row.len(), self.row_length(), "entries of a transition");
+        assert_eq!(transition.rewards.len(), self.n_seats(), "rewards of a transition");
+        if self.is_empty() {
+            self.start_sums(&row);
+        }
+        if self.len() < self.capacity {
+            self.add_to_sums(&row, 1.0);
+            self.rows.extend(row);
+            return;
+        }
+        let place = self.oldest * row.len()..(self.oldest + 1) * row.len();
+        let leaving = self.rows[place.clone()].to_vec();
+        self.add_to_sums(&leaving, -1.0);
+        self.add_to_sums(&row, 1.0);
+        self.rows[place].copy_from_slice(&row);
+        self.oldest = (self.oldest + 1) % self.capacity;
+        if self.oldest == 0 {
+            self.sum_anew();
+        }
+    }
+
+    /// `n` transitions drawn uniformly without replacement.
+    ///
+    /// # Panics
+    /// Where the buffer holds fewer than `n` transitions.
+    pub fn sample(&self, n: usize, rng: &mut impl RngCore) -> JointBatch {
+        assert!(n <= self.len(), "{n} transitions of {}", self.len());
+        self.picked(&distinct(n, self.len(), rng))
+    }
+
+    /// The `n` latest transitions, the oldest of them first; all where fewer are stored.
+    #[must_use]
+    pub fn latest(&self, n: usize) -> JointBatch {
+        let (stored, n) = (self.len(), n.min(self.len()));
+        let picked: Vec<usize> = (stored - n..stored).map(|age| (self.oldest + age) % stored).collect();
+        self.picked(&picked)
+    }
+
+    /// Mean and population standard deviation of a seat's rewards over everything that is stored; zeros for an empty buffer.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "a number of transitions is far below 2^52")]
+    pub fn reward_moments(&self, seat: usize) -> (f64, f64) {
+        let RewardSums { origin, sum, sum_of_squares } = self.sums[seat];
+        let n = self.len().max(1) as f64;
+        let shift = sum / n;
+        (origin + shift, (sum_of_squares / n - shift * shift).max(0.0).sqrt())
+    }
+
+    /// The rewards of one seat in a batch, `[batch, 1]`: as earned or, `standardised`, less the mean of all that are stored and
+    /// divided by their standard deviation (by 1 where they are all alike).
+    #[must_use]
+    pub fn rewards_of(&self, batch: &JointBatch, seat: usize, standardised: bool) -> Tensor<2> {
+        let rewards = columns(&batch.rewards, seat..seat + 1);
+        if !standardised {
+            return rewards;
+        }
+        let (mean, sd) = self.reward_moments(seat);
+        (rewards - mean) / if sd > SMALLEST_SD { sd } else { 1.0 }
+    }
+
+    /// Puts the buffer into a file.
+    pub fn store(&self, file: &mut TensorFile) {
+        let shape = vec![self.len(), self.row_length()];
+        file.insert("joint_replay", HostTensor { shape, values: self.rows.clone() });
+        file.header["joint_replay"] = serde_json::json!({ "oldest": self.oldest, "reward_sums": self.sums });
+    }
+
+    /// Continues from what [`JointReplay::store`] put into a file.
+    ///
+    /// # Errors
+    /// [`TensorFileError`] where the file holds no buffer or one of another shape.
+    pub fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
+        let stored = file.get("joint_replay")?;
+        let header = &file.header["joint_replay"];
+        let missing = |name: &str| TensorFileError::Missing { name: format!("joint_replay.{name}") };
+        let oldest = header["oldest"].as_u64().and_then(|oldest| usize::try_from(oldest).ok());
+        let oldest = oldest.ok_or_else(|| missing("oldest"))?;
+        let sums: Vec<RewardSums> = serde_json::from_value(header["reward_sums"].clone()).map_err(|_| missing("reward_sums"))?;
+        let fits = stored.shape.len() == 2 && stored.shape[1] == self.row_length() && stored.shape[0] <= self.capacity;
+        if !fits || oldest >= self.capacity || sums.len() != self.n_seats() {
+            let (n_seats, row) = (self.n_seats(), self.row_length());
+            let expected = format!("at most {} transitions of {row} numbers for {n_seats} seats", self.capacity);
+            return Err(TensorFileError::Shape { expected, found: format!("{:?}", stored.shape) });
+        }
+        (self.rows, self.oldest, self.sums) = (stored.values.clone(), oldest, sums);
+        Ok(())
+    }
+
+    fn picked(&self, picked: &[usize]) -> JointBatch {
+        let row = self.row_length();
+        let columns = |from: usize, count: usize| {
+            let values = picked.iter().flat_map(|at| &self.rows[at * row + from..at * row + from + count]);
+            matrix(values.copied().collect(), count)
+        };
+        let (observed, acted, seats) = (self.n_observed, self.n_acted(), self.n_seats());
+        JointBatch {
+            observations: columns(0, observed),
+            actions: columns(observed, acted),
+            rewards: columns(observed + acted, seats),
+            next_observations: columns(observed + acted + seats, observed),
+            continues: columns(row - 1, 1),
+        }
+    }
+
+    fn start_sums(&mut self, row: &[f32]) {
+        let first = self.n_observed + self.n_acted();
+        for (sums, reward) in self.sums.iter_mut().zip(&row[first..]) {
+            *sums = RewardSums { origin: f64::from(*reward), ..RewardSums::default() };
+        }
+    }
+
+    fn add_to_sums(&mut self, row: &[f32], sign: f64) {
+        let first = self.n_observed + self.n_acted();
+        for (sums, reward) in self.sums.iter_mut().zip(&row[first..]) {
+            let distance = f64::from(*reward) - sums.origin;
+            sums.sum += sign * distance;
+            sums.sum_of_squares += sign * distance * distance;
+        }
+    }
+
+    /// Once per turn of the ring, so that the rounding of additions and subtractions does not pile up.
+    fn sum_anew(&mut self) {
+        let rows = std::mem::take(&mut self.rows);
+        self.sums.iter_mut().for_each(|sums| *sums = RewardSums { origin: sums.origin, ..RewardSums::default() });
+        rows.chunks(self.row_length()).for_each(|row| self.add_to_sums(row, 1.0));
+        self.rows = rows;
+    }
+
+    fn n_seats(&self) -> usize {
+        self.action_sizes.len()
+    }
+
+    fn n_acted(&self) -> usize {
+        self.action_sizes.iter().sum()
+    }
+
+    fn row_length(&self) -> usize {
+        2 * self.n_observed + self.n_acted() + self.n_seats() + 1
+    }
+}
+
+/// `n` different numbers below `total`, every subset as likely as any other (Floyd; Bentley 1987, Communications of the ACM 30).
+fn distinct(n: usize, total: usize, rng: &mut impl RngCore) -> Vec<usize> {
+    let mut taken = HashSet::with_capacity(n);
+    let mut draw = |last: usize| {
+        let at = rng.random_range(0..=last);
+        let at = if taken.contains(&at) { last } else { at };
+        taken.insert(at);
+        at
+    };
+    (total - n..total).map(&mut draw).collect()
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+fn row(transition: &Transition) -> Vec<f32> {
+    let Transition { observation, action, rewards, next_observation, end } = transition;
+    let continues = f64::from(u8::from(*end != Some(End::Terminated)));
+    let before = observation.seats.iter().flatten().chain(action.iter().flatten()).chain(rewards);
+    let row = before.chain(next_observation.seats.iter().flatten()).chain([&continues]);
+    row.map(|entry| *entry as f32).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use engine::{Observation, random::stream};
+    use numerics::network::values;
+
+    /// Two seats that observe 2 and 1 entries and act with 1 and 2.
+    fn replay(capacity: usize) -> JointReplay {
+        JointReplay::new(capacity, 3, &[1, 2])
+    }
+
+    fn push(replay: &mut JointReplay, x: f64) {
+        let observe = |x: f64| Observation { seats: vec![vec![x, -x], vec![x + 0.5]], state: vec![7.0] };
+        replay.push(&Transition {
+            observation: observe(x),
+            action: vec![vec![x / 2.0], vec![x / 4.0, -x / 4.0]],
+            rewards: vec![x * 10.0, -x],
+            next_observation: observe(x + 1.0),
+            end: if x == 3.0 { Some(End::Terminated) } else { Some(End::Truncated) },
+        });
+    }
+
+    fn filled(capacity: usize, n: u8) -> JointReplay {
+        let mut replay = replay(capacity);
+        (1..=n).for_each(|x| push(&mut replay, f64::from(x)));
+        replay
+    }
+
+    #[test]
+    fn the_oldest_gives_way_and_rows_stay_together() {
+        let batch = filled(3, 5).sample(3, &mut stream(&["joint replay"]));
+        let (seen, done) = (values(batch.observations), values(batch.actions));
+        let (rewards, next, continues) = (values(batch.rewards), values(batch.next_observations), values(batch.continues));
+        let mut drawn: Vec<f32> = (0..3).map(|i| seen[3 * i]).collect();
+        for i in 0..3 {
+            let x = seen[3 * i];
+            assert_eq!(seen[3 * i..3 * i + 3], [x, -x, x + 0.5]);
+            assert_eq!(done[3 * i..3 * i + 3], [x / 2.0, x / 4.0, -x / 4.0]);
+            assert_eq!((rewards[2 * i], rewards[2 * i + 1]), (10.0 * x, -x));
+            assert_eq!((next[3 * i], continues[i]), (x + 1.0, f32::from(u8::from(x != 3.0))));
+        }
+        // Without replacement, three of three are all of them.
+        drawn.sort_by(f32::total_cmp);
+        assert_eq!(drawn, [3.0, 4.0, 5.0]);
+    }
+
+    #[test]
+    fn draws_are_uniform_and_distinct() {
+        let (replay, mut rng) = (filled(20, 10), stream(&["uniform"]));
+        let mut counts = [0; 10];
+        for _ in 0..2_000 {
+            let mut seen = values(replay.sample(4, &mut rng).rewards).into_iter().step_by(2).collect::<Vec<_>>();
+            seen.sort_by(f32::total_cmp);
+            assert!(seen.windows(2).all(|pair| pair[0] < pair[1]));
+            seen.iter().for_each(|reward| counts[(reward / 10.0) as usize - 1] += 1);
+        }
+        // Each of ten is expected in 800 of 2000 draws of four, with a deviation of sqrt(2000 * 0.4 * 0.6) = 22.
+        assert!(counts.iter().all(|count| (710..890).contains(count)), "{counts:?}");
+    }
+
+    #[test]
+    fn the_latest_come_in_their_order() {
+        let first = |batch: JointBatch| values(batch.observations).into_iter().step_by(3).collect::<Vec<_>>();
+        assert_eq!(first(filled(3, 5).latest(2)), [4.0, 5.0]);
+        assert_eq!(first(filled(3, 5).latest(9)), [3.0, 4.0, 5.0]);
+        assert_eq!(first(filled(9, 5).latest(2)), [4.0, 5.0]);
+    }
+
+    #[test]
+    fn moments_are_those_of_what_is_stored() {
+        assert_eq!(replay(3).reward_moments(0), (0.0, 0.0));
+        assert_eq!(filled(3, 1).reward_moments(0), (10.0, 0.0));
+        // 3, 4, 5: mean 4, variance 2/3.
+        for n in [5, 6, 7] {
+            let (mean, sd) = filled(3, n).reward_moments(0);
+            assert!((mean - 10.0 * f64::from(n - 1)).abs() < 1e-12 && (sd - 10.0 * (2.0f64 / 3.0).sqrt()).abs() < 1e-12);
+        }
+        let (mean, sd) = filled(3, 5).reward_moments(1);
+        assert!((mean + 4.0).abs() < 1e-12 && (sd - (2.0f64 / 3.0).sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn rewards_are_standardised_by_seat() {
+        let replay = filled(9, 4);
+        let batch = replay.latest(4);
+        assert_eq!(values(replay.rewards_of(&batch, 1, false)), [-1.0, -2.0, -3.0, -4.0]);
+        // Mean -2.5 and variance 1.25.
+        let by_hand: Vec<f32> = [1.5f32, 0.5, -0.5, -1.5].iter().map(|x| x / 1.25f32.sqrt()).collect();
+        let standardised = values(replay.rewards_of(&batch, 1, true));
+        assert!(standardised.iter().zip(&by_hand).all(|(a, b)| (a - b).abs() < 1e-6), "{standardised:?}");
+        let alone = filled(9, 1);
+        assert_eq!(values(alone.rewards_of(&alone.latest(1), 0, true)), [0.0]);
+    }
+
+    #[test]
+    fn a_stored_buffer_continues() {
+        let mut one = filled(3, 4);
+        let mut file = TensorFile::default();
+        one.store(&mut file);
+        let mut two = replay(3);
+        two.restore(&file).unwrap();
+        assert_eq!(one, two);
+        push(&mut one, 9.1);
+        push(&mut two, 9.1);
+        assert_eq!(one, two);
+        assert!(replay(2).restore(&file).is_err());
+        assert!(JointReplay::new(3, 3, &[3]).restore(&file).is_err());
+        assert!(replay(3).restore(&TensorFile::default()).is_err());
+    }
+}

@@ -1,0 +1,120 @@
+//! What the tests of the algorithms with opponent models share.
+
+use super::{Algorithm, GaussianNetwork, Learner, PREDICTION_ERROR, SeatBatch, Settings};
+use crate::coordination;
+use burn::tensor::Tensor;
+use engine::random::stream;
+use engine::{Agent, Metric, Mode, Observation, Rng};
+use numerics::input_norm::NormalisedMlp;
+use numerics::network::{Activation, values};
+use numerics::optimizer::gradients;
+use numerics::parameters::{parameters, with_parameters};
+
+/// An agent for the game of the tests.
+pub(crate) fn learner<A: Algorithm>(algorithm: A) -> Learner<A> {
+    Learner::new(algorithm, &coordination::game(), &mut stream(&["learner"])).unwrap()
+}
+
+/// `n` transitions of the untrained agent, as its first seat learns from them.
+pub(crate) fn batch<A: Algorithm>(learner: &mut Learner<A>, n: usize) -> SeatBatch {
+    let mut rng = stream(&["batch"]);
+    let mut transitions = coordination::decide(learner, 2 * n, &mut rng);
+    transitions.iter_mut().for_each(|transition| transition.next_observation.seats[1][0] += 0.5);
+    transitions.iter().for_each(|transition| learner.game.replay.push(transition));
+    learner.game.settings.batch_size = n;
+    learner.game.batch(0, &mut rng)
+}
+
+/// The gradient of a loss in all parameters of a network, one after the other.
+pub(crate) fn gradient(network: &GaussianNetwork, loss: &Tensor<1>) -> Vec<f32> {
+    gradients(network.network(), &mut loss.backward()).concat()
+}
+
+/// Euclidean norm.
+pub(crate) fn norm(x: &[f32]) -> f32 {
+    x.iter().map(|x| x * x).sum::<f32>().sqrt()
+}
+
+/// Euclidean distance.
+pub(crate) fn distance(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
+}
+
+/// Asserts that the gradient of a loss in every parameter of a network is that of its differences, at fixed noise.
+pub(crate) fn assert_gradient<A: Algorithm>(
+    algorithm: A,
+    network: impl Fn(&mut Learner<A>) -> &mut GaussianNetwork,
+    loss: impl Fn(&mut Learner<A>, &SeatBatch, &mut Rng) -> Tensor<1>,
+) {
+    // A rectifier that turns within a step would blur the differences.
+    let settings = Settings { activation: Activation::Tanh, ..algorithm.settings() };
+    let mut learner = Learner::with_settings(algorithm, settings, &coordination::game(), &mut stream(&["learner"])).unwrap();
+    let batch = batch(&mut learner, 12);
+    let noise = || stream(&["noise"]);
+    let at_start = loss(&mut learner, &batch, &mut noise());
+    let analytic = gradient(network(&mut learner), &at_start);
+    let start = network(&mut learner).network().clone();
+    let numbers = parameters(&start);
+    let places: Vec<_> = numbers.iter().enumerate().flat_map(|(p, x)| (0..x.values.len()).map(move |i| (p, i))).collect();
+    assert!(norm(&analytic) > 1e-2 && places.len() == analytic.len());
+    for (&(p, i), gradient) in places.iter().zip(&analytic) {
+        let mut at = |step: f32| {
+            let mut moved = numbers.clone();
+            moved[p].values[i] += step;
+            network(&mut learner).set_network(with_parameters(start.clone(), &moved).unwrap());
+            values(loss(&mut learner, &batch, &mut noise()))[0]
+        };
+        let difference = (at(2e-3) - at(-2e-3)) / 4e-3;
+        let name = &numbers[p].name;
+        assert!((difference - gradient).abs() < 3e-3 + 0.01 * gradient.abs(), "{name} {i}: {difference} {gradient}");
+    }
+}
+
+/// Asserts that a loss has a gradient in the named network and none in any other, critics included.
+pub(crate) fn assert_reaches_only<A: Algorithm>(learner: &Learner<A>, loss: &Tensor<1>, name: &str) {
+    let mut found = loss.backward();
+    let mut reached = |network: &NormalisedMlp| gradients(network, &mut found).concat().iter().any(|x| *x != 0.0);
+    let mut game = learner.game.clone();
+    for (known, model) in game.gaussians() {
+        assert_eq!(reached(model.network()), known == name, "{known}");
+    }
+    assert!(game.players.iter().all(|player| !reached(player.critic.network())));
+}
+
+/// Asserts that the agent finds most of what the game of the tests has to give.
+pub(crate) fn assert_learns<A: Algorithm>(algorithm: A) {
+    let mut rng = stream(&["coordinate"]);
+    let mut learner = learner(algorithm);
+    let before = coordination::score(&mut learner, &mut rng);
+    let record = coordination::train(&mut learner, 150, &mut rng);
+    let after = coordination::score(&mut learner, &mut rng);
+    assert!(after > -0.2 && after > 0.5 * before, "{before} {after} {record:?}");
+}
+
+/// Asserts that an agent of another start acts and predicts as the one whose export it loads.
+pub(crate) fn assert_exports<A: Algorithm>(algorithm: A) {
+    let mut one = learner(algorithm.clone());
+    coordination::train(&mut one, 8, &mut stream(&["train"]));
+    let dir = tempfile::tempdir().unwrap();
+    assert!(one.export(dir.path()).unwrap());
+    let mut two = Learner::new(algorithm, &coordination::game(), &mut stream(&["another start"])).unwrap();
+    let seen = [-0.7, 0.2].map(|x| Observation { seats: vec![vec![x], vec![x]], state: Vec::new() });
+    let act = |learner: &mut Learner<A>| learner.act(&seen, Mode::Evaluate, &mut stream(&["x"])).unwrap();
+    assert_ne!(act(&mut one), act(&mut two));
+    two.load(dir.path()).unwrap();
+    let actions = act(&mut one);
+    assert_eq!(act(&mut two), actions);
+    let errors = one.assess(&seen, &actions).unwrap();
+    assert_eq!(two.assess(&seen, &actions).unwrap(), errors);
+    assert!(errors.len() == 2 && errors.iter().all(|row| row.len() == 2 && row.iter().all(|error| *error > 0.0)));
+}
+
+/// Asserts that a trained agent records every declared metric of training and no other, and declares that of its decisions.
+pub(crate) fn assert_declared<A: Algorithm>(algorithm: A, declared: Vec<Metric>) {
+    let mut learner = learner(algorithm);
+    let of_decisions = learner.decision_metrics();
+    assert!(of_decisions.len() == 1 && declared.contains(&of_decisions[0]));
+    let of_training: Vec<_> = declared.into_iter().filter(|metric| metric.name != PREDICTION_ERROR).collect();
+    coordination::assert_declared(&mut learner, &of_training);
+}

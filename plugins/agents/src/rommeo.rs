@@ -1,0 +1,259 @@
+//! ROMMEO: actor-critic with an opponent model that is regularised towards what the others were seen to do.
+//!
+//! Tian et al. 2019, "A regularized opponent model with maximum entropy objective", IJCAI; thesis, section 4.5, as a baseline, in
+//! the form of its released code (github.com/Yuantian013/TDOM-AC).
+//!
+//! | paper | here | shape |
+//! |---|---|---|
+//! | rho(a^-i given s) | `opponents`, draws `predicted` | `[batch, n_j]` each |
+//! | P(a^j given s) | `prior` of seat j, which the others read | head `[batch, 2 n_j]` |
+//! | pi(a^i given s, a^-i) | `policy` | head `[batch, 2 n_i]` |
+//! | alpha | `policy_entropy_weight`, `opponent_entropy_weight`, `critic_entropy_weight` | scalars |
+//!
+//! Order of an update, per seat on a minibatch of its own: prior, critic, opponent models, policy.
+//! - Prior: `mean(-log P(a^i) + k (mean sigma^2 + mean mu^2))` at the seat's own stored actions.
+//! - Critic: towards `r + gamma (1 - d) [Q_target - alpha log pi + sum_j (log P^j - log rho^j)]`.
+//! - Opponent model of seat o: `mean(log rho - log P^o - Q^i + alpha log pi)` with o's stored action replaced by a draw.
+//! - Policy: `mean(alpha log pi - Q^i)` at predictions that are constants.
+//!
+//! Departures
+//! - From the paper, as the thesis' code has them: one prior per seat, fitted to minibatches of the whole buffer and not to the latest
+//!   data; the own action in the opponent model's loss is the stored one and not a draw; joint observations; the entropy
+//!   weight is constant and not annealed.
+//! - From the thesis' text: those of [`crate::tdom_ac`].
+//!
+//! Metrics: those of [`crate::tdom_ac`] with the losses above, and `prior_loss`.
+
+use crate::opponent_modelling::{
+    ActingPrediction, Algorithm, Conditioning, Game, Learner, SeatBatch, Settings, beside, decide, metrics as shared_metrics,
+    opponent_config, others, policy_loss, predict, preset,
+};
+use burn::tensor::Tensor;
+use engine::{Agent, Error, Interface, Metric, Mode, Preset, Recorder, Rng};
+use numerics::squashed::{candidate_of, log_density, mean, sample, standard_deviation};
+use serde_json::json;
+
+opponent_config! {
+    /// Hyper-parameters. The defaults are those of the released code in the particle tasks.
+    critic_entropy_weight = 1.0;
+    /// What the policy is given as the others' actions when it explores.
+    #[schemars(extend("x-source" = "released code; thesis, algorithm 2"))]
+    acting_prediction: ActingPrediction = ActingPrediction::Sample,
+    /// Weight k of the squares of the prior's mean and standard deviation in its loss.
+    #[schemars(range(min = 0.0), extend("x-source" = "released code"))]
+    prior_regularisation: f64 = 0.0005,
+}
+
+impl engine::Config for Config {
+    fn presets() -> Vec<Preset> {
+        let own = |acting: &str| json!({ "critic_entropy_weight": 1.0, "acting_prediction": acting });
+        vec![
+            preset("thesis", "thesis, section 4.5, as printed", own("sample")),
+            preset("released_code", "released code, particle tasks", own("sample")),
+            preset("differential_game", "released code, differential game", own("mean")),
+        ]
+    }
+}
+
+/// Builds the agent for an environment with several seats that observe boxes and act in boxes from -1 to 1.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other environment.
+pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    Ok(Box::new(Learner::new(config, interface, rng)?))
+}
+
+/// What the agent records.
+#[must_use]
+pub fn metrics() -> Vec<Metric> {
+    let prior = Metric::new("prior_loss", "", "loss of the priors, mean over the seats").lower_is_better();
+    [shared_metrics(), vec![prior]].concat()
+}
+
+impl Algorithm for Config {
+    const NAME: &'static str = "rommeo";
+    const CONDITIONING: Conditioning = Conditioning::PolicyOnPrediction;
+    const HAS_PRIOR: bool = true;
+
+    fn settings(&self) -> Settings {
+        self.shared()
+    }
+
+    fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
+        decide(game, seat, observations, self.acting_prediction, mode, rng)
+    }
+
+    fn predict(&self, game: &Game, seat: usize, observations: &Tensor<2>, _actions: &Tensor<2>) -> Tensor<2> {
+        predict(game, seat, observations)
+    }
+
+    fn improve(
+        &self,
+        game: &mut Game,
+        seat: usize,
+        batch: &SeatBatch,
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
+        self.improve_prior(game, seat, batch, record)?;
+        let next_value = self.next_value(game, seat, batch, rng);
+        game.improve_critic(seat, batch, next_value, record)?;
+        let mut total = 0.0;
+        for (at, other) in others(game.players.len(), seat).enumerate() {
+            let loss = self.opponent_loss(game, seat, (at, other), batch, rng);
+            total += game.opponent_step(seat, at, &loss)?;
+        }
+        record.mean("opponent_loss", total);
+        let (loss, log_density) = policy_loss(game, seat, batch, self.policy_entropy_weight, rng);
+        game.improve_policy(seat, &loss, log_density, record)
+    }
+}
+
+/// The prior of a seat.
+fn prior(game: &mut Game, seat: usize) -> &mut crate::opponent_modelling::GaussianNetwork {
+    // This algorithm says that its seats have priors, so all of them do.
+    game.players[seat].prior.as_mut().expect("a prior per seat")
+}
+
+impl Config {
+    /// One step of the prior towards the seat's own stored actions.
+    fn improve_prior(&self, game: &mut Game, seat: usize, batch: &SeatBatch, record: &mut Recorder) -> Result<(), Error> {
+        let loss = self.prior_loss(game, seat, batch);
+        game.note("prior_loss", &loss, record)?;
+        prior(game, seat).descend(&loss);
+        Ok(())
+    }
+
+    fn prior_loss(&self, game: &mut Game, seat: usize, batch: &SeatBatch) -> Tensor<1> {
+        let candidate = candidate_of(game.own(&batch.actions, seat));
+        let head = prior(game, seat).tracked_head(batch.observations.clone());
+        let squares = standard_deviation(head.clone()).square().mean() + mean(head.clone()).square().mean();
+        squares * self.prior_regularisation - log_density(head, candidate).mean()
+    }
+
+    /// The value behind s': `Q_target - alpha log pi + sum_j (log P^j - log rho^j)`.
+    fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
+        let following = &batch.next_observations;
+        let draws = game.players[seat].draw_others(following, rng);
+        let predicted: Vec<_> = draws.iter().map(|draw| draw.action.clone()).collect();
+        let own = sample(game.players[seat].policy.plain_head(beside(following, predicted.clone())), rng);
+        let mut value = own.log_density * -self.critic_entropy_weight;
+        for (draw, other) in draws.into_iter().zip(others(game.players.len(), seat)) {
+            let seen = log_density(prior(game, other).plain_head(following.clone()), draw.candidate);
+            value = value + seen - draw.log_density;
+        }
+        let actions = game.joint(seat, own.action, predicted);
+        value + game.players[seat].critic.target_value(following, actions)
+    }
+
+    /// `mean(log rho - log P^o - Q^i + alpha log pi(a^i))` with the stored actions of all seats but o.
+    fn opponent_loss(
+        &self,
+        game: &mut Game,
+        seat: usize,
+        (at, other): (usize, usize),
+        batch: &SeatBatch,
+        rng: &mut Rng,
+    ) -> Tensor<1> {
+        let s = &batch.observations;
+        let drawn = sample(game.players[seat].opponents[at].tracked_head(s.clone()), rng);
+        let seen = log_density(prior(game, other).plain_head(s.clone()), drawn.candidate);
+        let actions = game.layout.with_action(&batch.actions, other, drawn.action);
+        let of_others = others(game.players.len(), seat).map(|other| game.own(&actions, other)).collect();
+        let own = candidate_of(game.own(&batch.actions, seat));
+        let log_pi = log_density(game.players[seat].policy.plain_head(beside(s, of_others)), own);
+        let value = game.players[seat].critic.value(s, actions);
+        (drawn.log_density - seen - value + log_pi * self.opponent_entropy_weight).mean()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coordination;
+    use crate::opponent_modelling::trials;
+    use engine::random::stream;
+    use numerics::network::values;
+
+    fn tiny() -> Config {
+        Config { width: 16, batch_size: 32, learning_starts: 32, updates_per_step: 0.5, learning_rate: 3e-3, ..Config::default() }
+    }
+
+    fn plain() -> Config {
+        Config { input_normalisation: false, gradient_clip: None, stale_policy_step: false, width: 6, ..tiny() }
+    }
+
+    #[test]
+    fn the_target_by_its_parts() {
+        let mut learner = trials::learner(Config { critic_entropy_weight: 0.3, ..plain() });
+        let batch = trials::batch(&mut learner, 8);
+        let got = values(learner.algorithm.clone().next_value(&mut learner.game, 0, &batch, &mut stream(&["noise"])));
+        let (s, rng) = (&batch.next_observations, &mut stream(&["noise"]));
+        let player = &mut learner.game.players[0];
+        let other = sample(player.opponents[0].plain_head(s.clone()), rng);
+        let own = sample(player.policy.plain_head(Tensor::cat(vec![s.clone(), other.action.clone()], 1)), rng);
+        let q = player.critic.target_value(s, Tensor::cat(vec![own.action, other.action], 1));
+        let seen = log_density(prior(&mut learner.game, 1).plain_head(s.clone()), other.candidate);
+        let want = values(q - own.log_density * 0.3 + seen - other.log_density);
+        assert!(got.iter().zip(&want).all(|(got, want)| (got - want).abs() < 1e-4), "{got:?} {want:?}");
+    }
+
+    #[test]
+    fn gradients_agree_with_finite_differences() {
+        for input_normalisation in [false, true] {
+            let config = Config { input_normalisation, ..plain() };
+            // Through the prior's density of the draw, the critic and the policy's condition.
+            let opponent = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
+                learner.algorithm.clone().opponent_loss(&mut learner.game, 0, (0, 1), batch, rng)
+            };
+            trials::assert_gradient(config.clone(), |learner| &mut learner.game.players[0].opponents[0], opponent);
+            let of_prior = |learner: &mut Learner<Config>, batch: &SeatBatch, _: &mut Rng| {
+                Config { prior_regularisation: 0.1, ..plain() }.prior_loss(&mut learner.game, 0, batch)
+            };
+            trials::assert_gradient(config, |learner| prior(&mut learner.game, 0), of_prior);
+        }
+    }
+
+    #[test]
+    fn losses_reach_one_network_alone() {
+        let mut learner = trials::learner(plain());
+        let batch = trials::batch(&mut learner, 8);
+        let config = learner.algorithm.clone();
+        let loss = config.opponent_loss(&mut learner.game, 0, (0, 1), &batch, &mut stream(&["noise"]));
+        trials::assert_reaches_only(&learner, &loss, "seat_0.opponent_0");
+        let loss = config.prior_loss(&mut learner.game, 1, &batch);
+        trials::assert_reaches_only(&learner, &loss, "seat_1.prior");
+    }
+
+    #[test]
+    fn the_prior_learns_what_was_done() {
+        let mut learner = trials::learner(Config { learning_rate: 0.01, ..tiny() });
+        let batch = trials::batch(&mut learner, 32);
+        let mut record = Recorder::default();
+        let before = values(learner.algorithm.prior_loss(&mut learner.game, 0, &batch))[0];
+        let config = learner.algorithm.clone();
+        (0..100).for_each(|_| config.improve_prior(&mut learner.game, 0, &batch, &mut record).unwrap());
+        let after = values(config.prior_loss(&mut learner.game, 0, &batch))[0];
+        assert!(after < before - 0.2, "{before} {after}");
+    }
+
+    #[test]
+    fn it_learns_to_coordinate() {
+        trials::assert_learns(Config { policy_entropy_weight: 0.1, opponent_entropy_weight: 0.1, ..tiny() });
+    }
+
+    #[test]
+    fn a_saved_agent_continues() {
+        coordination::assert_continues(|rng| build(tiny(), &coordination::game(), rng).unwrap());
+    }
+
+    #[test]
+    fn an_exported_agent_acts_and_predicts_the_same() {
+        trials::assert_exports(tiny());
+    }
+
+    #[test]
+    fn what_it_records_is_declared() {
+        trials::assert_declared(tiny(), metrics());
+    }
+}

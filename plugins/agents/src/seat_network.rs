@@ -1,0 +1,78 @@
+//! The networks of agents that play several seats: fully connected, all hidden layers alike.
+
+use engine::Error;
+use numerics::network::{Activation, Mlp, device};
+use rand::RngCore;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The activation after every hidden layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HiddenActivation {
+    /// `max(x, 0)`.
+    #[default]
+    Relu,
+    /// `x` above zero, `0.01 x` below.
+    LeakyRelu,
+    /// Hyperbolic tangent.
+    Tanh,
+}
+
+/// Hidden layers of a network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Hidden {
+    /// Units of each layer.
+    pub width: usize,
+    /// Number of layers.
+    pub layers: usize,
+    /// What follows each of them.
+    pub activation: HiddenActivation,
+}
+
+impl Hidden {
+    /// A network to be trained, `inputs` to `outputs`; `output_gain` as in [`Mlp::new`].
+    pub fn network(self, inputs: usize, outputs: usize, output_gain: f64, rng: &mut impl RngCore) -> Mlp {
+        let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
+        let activation = match self.activation {
+            HiddenActivation::Relu => Activation::Relu,
+            HiddenActivation::LeakyRelu => Activation::LeakyRelu,
+            HiddenActivation::Tanh => Activation::Tanh,
+        };
+        Mlp::new(&sizes, &vec![activation; self.layers], output_gain, rng, &device().autodiff())
+    }
+}
+
+/// Refuses a batch that can never be drawn without replacement.
+///
+/// # Errors
+/// [`Error::Config`] where the batch is larger than the buffer.
+pub fn check_batch(batch_size: usize, replay_capacity: usize) -> Result<(), Error> {
+    if batch_size <= replay_capacity {
+        return Ok(());
+    }
+    let problem = format!(
+        "{batch_size} transitions are drawn without replacement from a buffer of {replay_capacity}; \
+         lower it or raise `replay_capacity`"
+    );
+    Err(Error::Config { key: "batch_size".into(), problem })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_hidden_layers_are_alike() {
+        let hidden = Hidden { width: 7, layers: 3, activation: HiddenActivation::Tanh };
+        let network = hidden.network(2, 5, 1.0, &mut engine::random::stream(&["hidden"]));
+        assert_eq!((network.sizes(), network.activations()), (vec![2, 7, 7, 7, 5], [Activation::Tanh; 3].as_slice()));
+    }
+
+    #[test]
+    fn a_batch_fits_the_buffer() {
+        assert!(check_batch(8, 8).is_ok());
+        let text = check_batch(9, 8).unwrap_err().to_string();
+        assert!(text.contains("`batch_size`: 9 transitions") && text.contains("`replay_capacity`"), "{text}");
+    }
+}
