@@ -121,6 +121,7 @@ impl Slurm {
         loop {
             let looked = Instant::now();
             let missing = watch.missing();
+            let look = looked.elapsed();
             if missing.is_empty() {
                 follower.finish();
                 return Ok(Outcome::Ended);
@@ -135,7 +136,7 @@ impl Slurm {
                 asked = Instant::now();
             }
             // A look at a large store on a slow disk is not repeated at once.
-            rest(STORE_POLL.max(looked.elapsed() * 5), watch);
+            rest(STORE_POLL.max(look * 5), watch);
         }
     }
 }
