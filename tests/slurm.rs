@@ -40,6 +40,18 @@ protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 128, 
 seeds: 1
 ";
 
+/// One trial that learns for half a minute or more.
+const LONG: &str = "
+study: long
+title: A trial longer than a task
+source: made for this test
+environments:
+  cells: { battery: { cells: 2 } }
+agents:
+  dsac: { dirichlet_sac: {} }
+protocol: { train_evaluate: { steps: 64000, evaluate_every: 0, episodes: 0, final_episodes: 10, trace_episodes: 0 } }
+";
+
 /// What every scenario asks of Slurm: few cores, quick answers, and logs that tell the node.
 const SETTINGS: &str = "executor = \"slurm\"\n[slurm]\npoll_s = 1\ntrials_per_task = 2\nsetup = [\"echo on $SLURMD_NODENAME\"]\n";
 
@@ -128,17 +140,17 @@ fn cancelled_tasks_are_submitted_again(cluster: &Cluster, expected: &Expected) {
     assert!(told.contains("submitted again: "), "{told}");
 }
 
-/// One task at a time, and each is told to leave within half a minute of its start, which is less than the trials take.
+/// A trial that learns for longer than a task may run: every task is told to leave within half a minute of its start, hands its
+/// trial back with a checkpoint, and the next one goes on from there.
 fn a_time_limit_costs_no_trial(cluster: &Cluster) {
-    let study = STUDY.replace("seeds: 3", "seeds: 8").replace("final_episodes: 2000", "final_episodes: 6000");
-    let limited = "trials_per_task = 100\ntime = \"1\"\nsignal_lead_s = 50\n";
-    let settings = SETTINGS.replace("trials_per_task = 2\n", limited);
-    let (bench, local) = (Expected::empty(&study, &settings), Expected::empty(&study, ""));
+    let settings = SETTINGS.replace("[slurm]\n", "[slurm]\ntime = \"1\"\nsignal_lead_s = 50\n");
+    let (bench, local) = (Expected::empty(LONG, &settings), Expected::empty(LONG, ""));
     let mut reference =
         local.command(&["run", "small.yaml", "-j", "1"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let ran = cluster.run(&bench, &["run", "small.yaml"]);
     assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
     assert!(ran.err.contains("submitted again: "), "the limit was not reached:\n{}", ran.err);
+    assert!(logs(&bench).contains("1 trials are still missing"), "{}", logs(&bench));
     assert!(reference.wait().unwrap().success());
     assert_eq!(bench.digests("store"), local.digests("store"));
 }

@@ -196,7 +196,7 @@ fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error> {
 /// # Errors
 /// Where the folder or the file cannot be written.
 pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let folder = path.parent().unwrap_or(Path::new("."));
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // The process id keeps two processes that write the same trial apart.
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let temporary = folder.join(format!(".{name}.{}.tmp", std::process::id()));
