@@ -296,6 +296,10 @@ impl Watch for Watching<'_> {
         self.left.iter().map(|&trial| tasks[trial].trial.id.clone()).collect()
     }
 
+    fn saved(&mut self) -> u64 {
+        self.left.iter().map(|&trial| self.store.checkpoints(&self.tasks[trial].trial.id)).sum()
+    }
+
     fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::SeqCst)
     }

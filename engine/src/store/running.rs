@@ -223,6 +223,15 @@ impl Keeper for RunningTrial {
     }
 }
 
+impl super::Store {
+    /// How many checkpoints a trial that has not ended has saved so far.
+    #[must_use]
+    pub fn checkpoints(&self, id: &str) -> u64 {
+        let names = names(&running(&self.folder(id))).unwrap_or_default();
+        names.iter().filter_map(|name| name.strip_prefix(PREFIX)?.parse().ok()).max().unwrap_or(0)
+    }
+}
+
 /// What is wrong with what is kept of the trial `trial` in `running`: names, each with the fault.
 pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'static str)>, Error> {
     let mut faults = Vec::new();

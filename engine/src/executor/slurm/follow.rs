@@ -18,6 +18,8 @@ const FIRST_TRIES: u32 = 8;
 pub trait Watch {
     /// Ids of the trials that have not ended.
     fn missing(&mut self) -> BTreeSet<String>;
+    /// A number that grows whenever a missing trial saves a checkpoint.
+    fn saved(&mut self) -> u64;
     /// True where the wait is to end, whatever the trials do.
     fn is_stopped(&self) -> bool;
     /// The tasks that Slurm holds for the trials now.
@@ -57,9 +59,9 @@ impl Patience {
         Self { fruitless: 0, quick: 0, limit }
     }
 
-    /// Takes note of the last submission: how many trials ended since, and after how many seconds it was over.
-    pub fn note(&mut self, ended: usize, after_s: f64) {
-        if ended > 0 {
+    /// Takes note of the last submission: whether a trial ended or got further since, and after how many seconds it was over.
+    pub fn note(&mut self, bore_fruit: bool, after_s: f64) {
+        if bore_fruit {
             (self.fruitless, self.quick) = (0, 0);
             return;
         }
@@ -114,6 +116,7 @@ impl Slurm {
             patience: Patience::new(self.options.resubmissions()),
             submitted: Instant::now(),
             missing_then: None,
+            saved_then: watch.saved(),
             lacking: false,
             pause_s: self.options.poll_s(),
         };
@@ -148,6 +151,8 @@ struct Follower<'a> {
     submitted: Instant,
     /// How many trials were missing when tasks were last submitted.
     missing_then: Option<usize>,
+    /// What the watch said then of checkpoints.
+    saved_then: u64,
     /// True where the last look at the queue showed too few tasks.
     lacking: bool,
     pause_s: f64,
@@ -173,7 +178,8 @@ impl Follower<'_> {
             return Ok(None);
         }
         self.lacking = false;
-        self.patience.note(before.saturating_sub(missing.len()), self.submitted.elapsed().as_secs_f64());
+        let bore_fruit = missing.len() < before || watch.saved() > self.saved_then;
+        self.patience.note(bore_fruit, self.submitted.elapsed().as_secs_f64());
         match self.patience.is_over() {
             // Nothing is added to tasks that live; their end will be noted.
             Some(_) if view.alive() > 0 => Ok(None),
@@ -205,6 +211,7 @@ impl Follower<'_> {
                 added.for_each(|holding| watch.say(&format!("submitted again: {}", describe(&holding.submission))));
                 self.followed = view.live.into_iter().map(|holding| holding.submission).collect();
                 (self.submitted, self.missing_then) = (Instant::now(), Some(missing.len()));
+                self.saved_then = watch.saved();
             }
             Err(error @ (Error::Refused { .. } | Error::NoProgram { .. })) if alive == 0 => return Err(error),
             Err(error) => self.not_answered(&error, watch),
@@ -259,32 +266,32 @@ mod tests {
         let mut waits = vec![patience.polls_to_wait()];
         for _ in 0..3 {
             assert_eq!(patience.is_over(), None);
-            patience.note(0, 2.0);
+            patience.note(false, 2.0);
             waits.push(patience.polls_to_wait());
         }
         assert_eq!(waits, [0, 1, 3, 9]);
-        patience.note(0, 2.0);
+        patience.note(false, 2.0);
         assert_eq!(patience.is_over(), Some(4));
     }
 
     #[test]
     fn long_tasks_that_hit_their_limit_may_come_back_until_the_limit() {
         let mut patience = Patience::new(2);
-        patience.note(0, 3600.0);
-        patience.note(0, 3600.0);
+        patience.note(false, 3600.0);
+        patience.note(false, 3600.0);
         assert_eq!(patience.is_over(), None);
-        patience.note(0, 3600.0);
+        patience.note(false, 3600.0);
         assert_eq!(patience.is_over(), Some(3));
     }
 
     #[test]
-    fn one_finished_trial_renews_the_patience() {
+    fn one_trial_that_gets_further_renews_the_patience() {
         let mut patience = Patience::new(20);
-        patience.note(0, 2.0);
-        patience.note(0, 2.0);
-        patience.note(0, 2.0);
-        patience.note(1, 2.0);
-        patience.note(0, 2.0);
+        patience.note(false, 2.0);
+        patience.note(false, 2.0);
+        patience.note(false, 2.0);
+        patience.note(true, 2.0);
+        patience.note(false, 2.0);
         assert_eq!(patience.is_over(), None);
     }
 }
