@@ -186,8 +186,8 @@ fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> Pa
 }
 
 fn collect(one: &Planned, store: &Store) -> Results {
-    let trials = one.plan.trials.iter().map(|trial| {
-        store.load(trial).unwrap_or_else(|error| {
+    let trials = one.plan.trials.iter().zip(store.load_all(&one.plan.trials)).map(|(trial, loaded)| {
+        loaded.unwrap_or_else(|error| {
             complain(&format!("warning: {error}; the trial counts as missing"));
             crate::results::TrialResult { trial: trial.clone(), end: None, names: Vec::new(), rows: Vec::new() }
         })

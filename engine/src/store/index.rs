@@ -7,7 +7,7 @@ use super::{Store, TRIAL_SCHEMA, TrialFile, seal::is_sealed};
 use crate::{
     Error,
     plan::StoredCell,
-    results::TrialEnd,
+    results::{TrialEnd, TrialResult},
     trial::{Trial, TrialKey, trial_id},
 };
 use serde::Deserialize;
@@ -60,6 +60,13 @@ impl Store {
             all[position] = stored;
         }
         all
+    }
+
+    /// Each trial with all it recorded, in the order of `trials`, as [`Store::load`] gives it.
+    #[must_use]
+    pub fn load_all(&self, trials: &[Trial]) -> Vec<Result<TrialResult, Error>> {
+        let chunks: Vec<&[Trial]> = trials.chunks(64).collect();
+        in_parallel(chunks.len(), |index| chunks[index].iter().map(|trial| self.load(trial)).collect())
     }
 
     fn stored_in_group(

@@ -84,7 +84,11 @@ pub fn read(path: &Path) -> Result<MetricsTable, Error> {
     decode(std::fs::read(path).map_err(Error::file("read", path))?, path)
 }
 
-pub(super) fn encode(record: &Recorder, trial_id: &str) -> Result<Vec<u8>, Error> {
+/// The metrics file of a trial.
+///
+/// # Errors
+/// Where the rows cannot be encoded.
+pub fn encode(record: &Recorder, trial_id: &str) -> Result<Vec<u8>, Error> {
     let mut bytes = Vec::new();
     let metadata = [("regimen.schema".into(), SCHEMA_VERSION.to_string()), ("regimen.trial".into(), trial_id.into())];
     let mut frame = frame(record).map_err(|source| unreadable(Path::new("metrics.parquet"), &source))?;

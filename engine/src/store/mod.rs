@@ -24,8 +24,9 @@ pub use boundary::install as install_boundary_hook;
 pub use fsck::{Fault, Finding, Findings};
 pub use index::StoredTrial;
 pub use lease::{Claim, Leases, Owner};
-pub use metrics_file::{MetricsTable, SCHEMA_VERSION, read as read_metrics, write_results};
+pub use metrics_file::{MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics, write_results};
 pub use running::RunningTrial;
+pub use seal::hash as digest;
 
 use crate::{
     Error, Recorder,

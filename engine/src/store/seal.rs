@@ -21,7 +21,7 @@ pub(super) fn is_sealed(text: &[u8]) -> bool {
 }
 
 /// The first 32 hexadecimal digits of a BLAKE3 hash, as files are known by.
-pub(super) fn hash(bytes: &[u8]) -> String {
+pub fn hash(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex()[..LENGTH].to_string()
 }
 
