@@ -69,6 +69,45 @@ seeds: {trials}
     return {"who": "Regimen, 2 workers", "s_per_trial": timed(study, 2) / trials, "trials": trials}
 
 
+def measured(command, folder):
+    """Seconds and peak memory of one command."""
+    start = time.perf_counter()
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode in (0, 106), command
+    return {"s": time.perf_counter() - start, "memory_mb": usage.ru_maxrss / 1e3}
+
+
+def memory_of_a_run(trials):
+    """Peak memory of the scheduling process itself, for trivial trials on two workers."""
+    study = f"""
+study: memory
+environments: {{ task: {{ simplex_reconstruction: {{}} }} }}
+agents: {{ equal: {{ equal_split: {{}} }} }}
+protocol: {{ train_evaluate: {{ steps: 0, final_episodes: 1, trace_episodes: 0 }} }}
+seeds: {trials}
+"""
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+        with open(os.path.join(folder, "study.yaml"), "w") as file:
+            file.write(study)
+        return measured([f"{TARGET}/release/regimen", "worker", "study.yaml", "-j", "2"], folder)
+
+
+def scale():
+    """How the engine does with many trials and rows."""
+    plan = bench("plan", 1000, 100)
+    print("\n100,000 trials: " + ", ".join(f"{name.removesuffix('_s')} {seconds:.2f} s" for name, seconds in plan.items() if name != "trials"))
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+        bench("rows", folder, 1000, 1000)
+        ours = measured([f"{TARGET}/release/regimen", "report", "study.yaml"], folder)
+        theirs = peer("rows_pandas.py", folder)
+    print(f"\n10 million rows in 10,000 trials, table, curve and page: {ours['s']:.2f} s and {ours['memory_mb']:.0f} MB; ", end="")
+    print(f"{theirs['who']}, table and curve alone: {theirs['s']:.1f} s and {theirs['memory_mb']:.0f} MB; {theirs['s'] / ours['s']:.1f} times as fast")
+    curve = [(trials, memory_of_a_run(trials)) for trials in (1000, 10000, 100000)]
+    print("\nPeak memory of the scheduling process: " + ", ".join(f"{trials} trials {one['memory_mb']:.0f} MB ({1e3 * one['s'] / trials:.2f} ms each)" for trials, one in curve))
+
+
 def timed(study, jobs):
     with tempfile.TemporaryDirectory(dir=TARGET) as folder:
         with open(os.path.join(folder, "study.yaml"), "w") as file:
@@ -102,6 +141,11 @@ for scenario, words in (("cooperative_navigation", "cooperative navigation"), ("
     compare(f"particles, {words} (steps/s)", "steps_per_s", ours, lambda: peer("particles_mpe2.py", scenario, 3, cpu=0), True)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_optuna.py", 2000), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_hydra.py", 100), False)
+compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_ray.py", 40), False)
+for agent in ("tdom_ac", "rommeo", "pr2"):
+    compare(f"joint update of {agent} (s)", "median_s", lambda: bench("joint_learning", agent, 5), lambda: peer("joint_torch.py", agent, 5, cpu=0), False)
+if not ONLY or "scale" in ONLY:
+    scale()
 if decision:
     print(f"\nOne decision of a trained Dirichlet policy (three hidden layers of 256): median {1e6 * decision['decision_median_s']:.0f} us, 99th percentile {1e6 * decision['decision_p99_s']:.0f} us.")
     print(f"One update of Dirichlet SAC, batch 256, three hidden layers: {1e3 * decision['median_s']:.1f} ms.")
