@@ -14,4 +14,6 @@ mod program;
 mod resume;
 mod rollout;
 mod runs;
+mod selftest;
+mod signals;
 mod slurm;

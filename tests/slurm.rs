@@ -68,6 +68,17 @@ fn trials_through_slurm_equal_local_ones() {
     a_time_limit_costs_no_trial(&cluster);
     a_lost_node_costs_no_trial(&cluster, &expected);
     a_controller_that_crashes_costs_no_trial(&cluster, &expected);
+    the_self_test_finds_slurm_equal(&cluster);
+}
+
+fn the_self_test_finds_slurm_equal(cluster: &Cluster) {
+    let bench = Bench::new();
+    bench.write("regimen.toml", SETTINGS);
+    let told = cluster.run(&bench, &["selftest", "--slurm", "--folder", ".", "--format", "json"]);
+    assert_eq!(told.code, 0, "{}\n{}", told.out, told.err);
+    let told: serde_json::Value = serde_json::from_str(&told.out).unwrap();
+    let slurm = told["ways"].as_array().unwrap().last().unwrap();
+    assert!(slurm["way"] == "Slurm" && slurm["equal"] == true, "{told}");
 }
 
 fn both_nodes_work_and_a_second_run_does_nothing(cluster: &Cluster, expected: &Expected) {

@@ -192,7 +192,8 @@ impl Bench {
     }
 
     fn two_programs(&self, store: &str) -> Result<Executions, Error> {
-        self.together(&[&["run", "-j", "1", "--out", "one"], &["run", "-j", "1", "--out", "two"]], store)
+        let run = |out: &'static str| ["run", "--executor", "local", "-j", "1", "--out", out];
+        self.together(&[&run("one"), &run("two")], store)
     }
 
     fn shards(&self, store: &str) -> Result<Executions, Error> {

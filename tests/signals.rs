@@ -1,0 +1,67 @@
+//! Ctrl-C once: running trials save a checkpoint and the run stops; twice: at once. SIGTERM is as Ctrl-C.
+
+use crate::{program::Bench, slurm::until};
+use std::{
+    path::PathBuf,
+    process::{Child, Command, Stdio},
+    time::{Duration, Instant},
+};
+
+/// A trial that learns for some seconds.
+const STUDY: &str = "
+study: long
+environments: { cells: { battery: { cells: 2 } } }
+agents: { dsac: { dirichlet_sac: { width: 64, batch_size: 64, learning_starts: 64 } } }
+protocol: { train_evaluate: { steps: 20000, environments: 8, evaluate_every: 0, episodes: 0, final_episodes: 2 } }
+";
+
+fn send(signal: &str, child: &Child) {
+    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+}
+
+/// The folder in which a running trial keeps its state.
+fn running(bench: &Bench) -> Option<PathBuf> {
+    let entries = |folder: PathBuf| std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let trials = entries(bench.path("store/trials")).flat_map(entries);
+    trials.map(|trial| trial.join("running")).find(|folder| folder.exists())
+}
+
+fn start(mut command: Command) -> Child {
+    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+}
+
+#[test]
+fn one_signal_saves_a_checkpoint_and_the_next_run_ends_the_same() {
+    let bench = Bench::new();
+    bench.write("long.yaml", STUDY);
+    bench.ok(&["worker", "long.yaml", "--store", "whole"]);
+    for signal in ["-INT", "-TERM", "-USR1"] {
+        let mut child = start(bench.command(&["run", "long.yaml", "-j", "1"]));
+        // Rows reach the log after a second, so that the trial is in the middle of its training then.
+        until("the trial has begun", || running(&bench).is_some());
+        send(signal, &child);
+        assert_eq!(child.wait().unwrap().code(), Some(106), "{signal}");
+        let kept: Vec<_> = std::fs::read_dir(running(&bench).unwrap()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert!(kept.iter().any(|name| name.to_string_lossy().starts_with("checkpoint-")), "{signal}: {kept:?}");
+    }
+    bench.ok(&["run", "long.yaml", "-j", "1"]);
+    assert_eq!(bench.digests("store"), bench.digests("whole"));
+    assert_eq!(running(&bench), None, "nothing is kept of a trial that has ended");
+}
+
+#[test]
+fn a_second_signal_ends_at_once_what_does_not_come_to_a_checkpoint() {
+    let bench = Bench::new();
+    let study = STUDY.replace("dirichlet_sac: { width: 64, batch_size: 64, learning_starts: 64 }", "misbehaving: { how: loop }");
+    bench.write("long.yaml", &study);
+    let mut child = start(bench.misused(&["run", "long.yaml", "-j", "1"]));
+    until("the trial has begun", || bench.path("store/trials").exists());
+    std::thread::sleep(Duration::from_millis(500));
+    send("-INT", &child);
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(child.try_wait().unwrap(), None, "the trial has not stopped yet");
+    let asked = Instant::now();
+    send("-INT", &child);
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert!(asked.elapsed() < Duration::from_secs(5));
+}
