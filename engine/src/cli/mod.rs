@@ -7,6 +7,7 @@ mod progress;
 mod provenance;
 mod rollout;
 mod run;
+mod running;
 mod selftest;
 mod settings;
 mod study;

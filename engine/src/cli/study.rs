@@ -1,8 +1,8 @@
 //! `check`, `plan`, `status`, `resolve`: what is known of studies without running anything.
 
 use super::{
-    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain, say,
-    settings, submit,
+    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain,
+    running::running, say, settings, submit,
 };
 use crate::{
     Registry, diagnostic,

@@ -1,0 +1,44 @@
+//! What `status` says of trials that are being computed now: who has them, and how far their log is.
+
+use crate::{
+    results::TrialEnd,
+    store::{Store, is_missing, metric_log},
+    trial::Trial,
+};
+
+/// Lines about running trials, at most this many.
+const MOST_LINES: usize = 20;
+
+/// One line per running trial; empty where none runs.
+pub(super) fn running(store: &Store, trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {
+    // Without a living process nothing can be held, and no folder needs to be looked into.
+    if store.owners().is_empty() {
+        return String::new();
+    }
+    let missing = trials.iter().zip(ends).filter(|(_, end)| is_missing(end.as_ref()));
+    let held: Vec<_> = missing.filter_map(|(trial, _)| Some((trial, store.running(&trial.id)?))).collect();
+    let mut lines: Vec<String> = held
+        .iter()
+        .take(MOST_LINES)
+        .map(|(trial, owner)| {
+            let job = owner.slurm_job.as_ref().map_or_else(String::new, |job| format!(", Slurm job {job}"));
+            let Trial { environment, agent, setting, key, .. } = trial;
+            let logged = logged(store, &trial.id).map_or_else(String::new, |step| format!(", logged up to step {step}"));
+            let setting = if setting.is_empty() { String::new() } else { format!(" [{setting}]") };
+            format!(
+                "  running  {environment} {agent}{setting} seed {}: process {} on {}{job}{logged}",
+                key.seed, owner.pid, owner.host
+            )
+        })
+        .collect();
+    if held.len() > MOST_LINES {
+        lines.push(format!("  running  {} more", held.len() - MOST_LINES));
+    }
+    lines.join("\n")
+}
+
+/// The step of the last row that has reached a running trial's log.
+fn logged(store: &Store, id: &str) -> Option<u64> {
+    let log = metric_log::read(&store.folder(id).join("running").join("metrics.log")).ok()?;
+    log.table.rows.last().map(|row| row.step)
+}
