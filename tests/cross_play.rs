@@ -8,7 +8,8 @@ use engine::{Action, Agent, Environment, Mode, Observation, Recorder, Registry, 
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::PathBuf, process::Stdio};
 
-const STUDY: &str = "
+/// Two agents that learn and one that does not, and a play of all three.
+pub(crate) const STUDY: &str = "
 study: pursuit
 environments:
   tag: { particles: { scenario: predator_prey, episode_length: 5 } }
@@ -36,7 +37,7 @@ claims:
 ";
 
 /// Three agents train with two seeds; nine combinations meet.
-const TRIALS: usize = 3 * 2 + 9 * 2;
+pub(crate) const TRIALS: usize = 3 * 2 + 9 * 2;
 
 fn bench(study: &str) -> Bench {
     let bench = Bench::new();
@@ -162,6 +163,16 @@ fn what_plays_a_policy_that_never_comes_is_not_run_and_says_so() {
     let again = bench.run_misused(&["run", "pursuit.yaml"]);
     assert_eq!(again.code, 106);
     assert!(again.err.contains("cannot run"), "{}", again.err);
+}
+
+#[test]
+fn an_agent_that_leaves_no_policy_fails_what_plays_it() {
+    let bench = bench(&STUDY.replace("still: { zero_action: {} }", "still: { misbehaving: {} }"));
+    let run = bench.run_misused(&["run", "pursuit.yaml", "-j", "2"]);
+    assert_eq!(run.code, 100, "{}", run.err);
+    let failed: Vec<Value> = stored(&bench, "store").into_values().filter(|it| it["end"]["state"] == "failed").collect();
+    assert_eq!(failed.len(), 5 * 2);
+    assert!(failed.iter().all(|it| it["end"]["reason"].as_str().unwrap().contains("left none that was acknowledged")));
 }
 
 #[test]

@@ -263,6 +263,10 @@ impl Reader<'_> {
             let left = left.iter().map(|seat| format!("`{seat}`")).collect::<Vec<_>>().join(", ");
             self.say(self.span_of("roles"), "roles", format!("no role for {left}"), "every seat of the environment has one role");
         }
+        if roles.len() < 2 && self.found.is_empty() {
+            let help = "agents that play all seats together are what their own trials measure";
+            self.say(self.span_of("roles"), "roles", "agents meet only where there are at least two roles", help);
+        }
         roles.sort();
         roles
     }

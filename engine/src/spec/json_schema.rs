@@ -210,7 +210,7 @@ fn cross_play() -> Value {
     let name = json!({ "type": "string" });
     let seats = json!({ "description": "Names of the role's seats.", "type": "array", "minItems": 1, "items": name });
     let roles = json!({
-        "description": "Seats by role; every seat of the environment has one role.", "type": "object", "minProperties": 2,
+        "description": "Seats by role, at least two roles; every seat of the environment has one.", "type": "object",
         "additionalProperties": seats, "propertyNames": { "pattern": NAME },
     });
     let agents =

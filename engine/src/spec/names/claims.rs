@@ -58,6 +58,10 @@ impl Names<'_> {
             }
             Ok(claim) => {
                 let environment = self.claimed_environment(&claim, outer, &text);
+                if environment.is_some() && claim.operands().iter().all(|operand| operand.within.is_some()) {
+                    let message = "a play has an environment of its own, so a claim about it names none";
+                    self.say(text.place(0, text.text.len()), message, "leave the environment out");
+                }
                 self.operands(&claim, environment, &text);
             }
         }
