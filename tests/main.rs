@@ -3,6 +3,7 @@
 mod architecture;
 mod contracts;
 mod crashes;
+mod cross_play;
 mod disk;
 mod end_states;
 mod experiments;

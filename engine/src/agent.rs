@@ -80,11 +80,21 @@ pub trait Agent: Send {
         Ok(())
     }
 
-    /// Writes the policy alone as `policy.safetensors`, to be used by other programs; false where there is none to write.
+    /// Writes the policy alone as `policy.safetensors`, in folders by seat where there is one policy per seat, to be used by
+    /// other programs; false where there is none to write.
     ///
     /// # Errors
     /// Where the file cannot be written.
     fn export(&self, _dir: &Path) -> Result<bool, Error> {
+        Ok(false)
+    }
+
+    /// Takes up the policy that `export` of an agent with the same config wrote for the same seats: scored actions are then
+    /// that agent's to the bit. False where no policy can be taken up.
+    ///
+    /// # Errors
+    /// [`Error::File`] or [`Error::Checkpoint`] where the files are missing or do not fit this agent.
+    fn import(&mut self, _dir: &Path) -> Result<bool, Error> {
         Ok(false)
     }
 }

@@ -64,6 +64,14 @@ pub enum Error {
         /// What does not fit.
         problem: String,
     },
+    /// The policy of another trial, which this one plays, cannot be used.
+    #[error("the policy of trial {trial} cannot be used: {problem}")]
+    Source {
+        /// Id of the trial that left the policy.
+        trial: String,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// The trial left before its end because it was asked to; its state is saved.
     #[error("the trial was asked to stop; it continues from its checkpoint")]
     Stopped,

@@ -13,6 +13,7 @@
 pub mod agent;
 pub mod checkpoint;
 pub mod cli;
+pub mod cross_play;
 pub mod diagnostic;
 pub mod document;
 pub mod environment;

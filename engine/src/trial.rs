@@ -1,9 +1,19 @@
 //! One trial: an environment, an agent, a protocol and a seed, with an identity made of what determines its numbers.
 
-use crate::{Error, Keeper, Recorder, Registry, protocol::Run, random::Streams};
+use crate::{
+    Agent, Error, Interface, Keeper, Protocol, Recorder, Registry,
+    cross_play::{self, Cast, Team},
+    protocol::{CrossPlay, Run},
+    random::Streams,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::{borrow::Cow, collections::BTreeMap, path::Path, sync::Arc};
+use std::{
+    borrow::Cow,
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// A plugin's name, version and complete config.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -109,11 +119,10 @@ impl TrialKey {
         self.environment.id()
     }
 
-    /// Builds the parts and runs the protocol from what `keeper` has of this trial, or from the start; `progress` is told
-    /// steps done and steps in all.
+    /// As [`run_after`](Self::run_after), for a trial that plays no policy of another one.
     ///
     /// # Errors
-    /// Whatever a plugin reports, and [`Error::Stopped`] where `keeper` asked the trial to stop.
+    /// As there, and [`Error::Source`] for a trial of cross-play.
     pub fn run(
         &self,
         registry: &Registry,
@@ -121,8 +130,26 @@ impl TrialKey {
         progress: &mut dyn FnMut(u64, u64),
         keeper: &mut dyn Keeper,
     ) -> Result<Recorder, Error> {
+        let none = |trial: &str| Err(Error::Source { trial: trial.into(), problem: "there is no store to find it in".into() });
+        self.run_after(registry, &none, policy_dir, progress, keeper)
+    }
+
+    /// Builds the parts and runs the protocol from what `keeper` has of this trial, or from the start; `progress` is told
+    /// steps done and steps in all. `policies` finds the folder of a policy that a trial left, by the trial's id.
+    ///
+    /// # Errors
+    /// Whatever a plugin reports, [`Error::Source`] for a policy of another trial that cannot be used, and [`Error::Stopped`]
+    /// where `keeper` asked the trial to stop.
+    pub fn run_after(
+        &self,
+        registry: &Registry,
+        policies: &dyn Fn(&str) -> Result<PathBuf, Error>,
+        policy_dir: Option<&Path>,
+        progress: &mut dyn FnMut(u64, u64),
+        keeper: &mut dyn Keeper,
+    ) -> Result<Recorder, Error> {
         loop {
-            match self.attempt(registry, policy_dir, progress, keeper) {
+            match self.attempt(registry, policies, policy_dir, progress, keeper) {
                 // What the trial continued from does not fit it: the next attempt takes up something older or begins anew.
                 Err(Error::Checkpoint { .. }) if keeper.refuse() => {}
                 outcome => return outcome,
@@ -133,24 +160,46 @@ impl TrialKey {
     fn attempt(
         &self,
         registry: &Registry,
+        policies: &dyn Fn(&str) -> Result<PathBuf, Error>,
         policy_dir: Option<&Path>,
         progress: &mut dyn FnMut(u64, u64),
         keeper: &mut dyn Keeper,
     ) -> Result<Recorder, Error> {
         let environment = find(&registry.environments, "environment", &self.environment.plugin)?;
-        let agent = find(&registry.agents, "agent", &self.agent.plugin)?;
-        let protocol = find(&registry.protocols, "protocol", &self.protocol.plugin)?;
+        let protocol = self.build_protocol(registry)?;
         let make_environment = || (environment.build)(&self.environment.config);
         let streams = Streams::new(&self.id(), &self.environment_id(), self.seed);
         let interface = make_environment()?.interface();
-        let agent = (agent.build)(&self.agent.config, &interface, &mut streams.agent("initialise"))?;
+        let agent = self.build_agent(registry, &interface, &streams, policies)?;
         let record = Recorder::default();
         let mut run = Run { make_environment: &make_environment, agent, streams, record, progress, keeper };
-        (protocol.build)(&self.protocol.config)?.run(&mut run)?;
+        protocol.run(&mut run)?;
         if let Some(dir) = policy_dir {
             run.agent.export(dir).map_err(Error::of_store)?;
         }
         Ok(run.record)
+    }
+
+    fn build_protocol(&self, registry: &Registry) -> Result<Box<dyn Protocol>, Error> {
+        if self.protocol.plugin == cross_play::NAME {
+            let config = CrossPlay::deserialize(&*self.protocol.config);
+            return config.map(|it| Box::new(it) as _).map_err(|source| Error::config("protocol", source.to_string()));
+        }
+        (find(&registry.protocols, "protocol", &self.protocol.plugin)?.build)(&self.protocol.config)
+    }
+
+    fn build_agent(
+        &self,
+        registry: &Registry,
+        interface: &Interface,
+        streams: &Streams,
+        policies: &dyn Fn(&str) -> Result<PathBuf, Error>,
+    ) -> Result<Box<dyn Agent>, Error> {
+        if let Some(cast) = Cast::of(self) {
+            return Ok(Box::new(Team::assemble(&cast, registry, interface, streams, policies)?));
+        }
+        let entry = find(&registry.agents, "agent", &self.agent.plugin)?;
+        (entry.build)(&self.agent.config, interface, &mut streams.agent("initialise"))
     }
 }
 

@@ -1,7 +1,10 @@
 //! What is said and done when Slurm is busy, says no, or is not there: the commands are small scripts here.
 
 use super::{STUDY, submissions, until};
-use crate::program::{Answer, Bench, answer};
+use crate::{
+    cross_play,
+    program::{Answer, Bench, answer},
+};
 use std::{
     os::unix::fs::PermissionsExt,
     process::{Command, Stdio},
@@ -29,6 +32,12 @@ fn bench(sbatch: &str, squeue: &str) -> Bench {
 fn run(bench: &Bench, arguments: &[&str]) -> Answer {
     let path = format!("{}:{}", bench.path("bin").display(), std::env::var("PATH").unwrap());
     answer(&bench.command(arguments).env("PATH", path).output().unwrap())
+}
+
+/// The same with the program that tests misuse.
+fn run_misused(bench: &Bench, arguments: &[&str]) -> Answer {
+    let path = format!("{}:{}", bench.path("bin").display(), std::env::var("PATH").unwrap());
+    answer(&bench.misused(arguments).env("PATH", path).output().unwrap())
 }
 
 fn calls(bench: &Bench, program: &str) -> u32 {
@@ -61,6 +70,26 @@ fn a_job_that_was_taken_without_an_answer_is_not_submitted_twice() {
     let ran = run(&bench, &["run", "small.yaml"]);
     assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
     assert_eq!((submissions(&bench).len(), calls(&bench, "sbatch")), (1, 1), "{}", ran.err);
+}
+
+#[test]
+fn policies_that_meet_are_run_after_their_training() {
+    let bench = bench(&format!("{RUN}; echo 7"), "");
+    bench.write("small.yaml", cross_play::STUDY);
+    let ran = run(&bench, &["run", "small.yaml"]);
+    assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
+    assert_eq!(bench.digests("store").len(), cross_play::TRIALS);
+}
+
+#[test]
+fn the_wait_ends_where_a_policy_never_comes() {
+    let bench = bench(&format!("{RUN}; echo 7"), "");
+    bench.write("small.yaml", &cross_play::STUDY.replace("still: { zero_action: {} }", "still: { misbehaving: { how: fail } }"));
+    let ran = run_misused(&bench, &["run", "small.yaml"]);
+    assert_eq!((ran.code, calls(&bench, "sbatch")), (106, 1), "{}\n{}", ran.out, ran.err);
+    let again = run_misused(&bench, &["run", "small.yaml"]);
+    assert_eq!((again.code, calls(&bench, "sbatch")), (106, 1), "{}", again.err);
+    assert!(again.err.contains("plays policies that are not there; nothing runs"), "{}", again.err);
 }
 
 #[test]

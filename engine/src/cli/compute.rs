@@ -4,6 +4,7 @@ use super::{
     Failure, INCOMPLETE, LimitOptions, OK, TRIALS_FAILED, complain, progress::Progress, settings::Settings, study, study::Planned,
 };
 use crate::{
+    cross_play,
     limits::Limits,
     results::EndState,
     scheduler::{self, Task, Workers},
@@ -66,14 +67,19 @@ impl Compute<'_> {
         let left: Vec<&Task> =
             tasks.iter().filter(|task| is_missing(store.end(&task.trial.id).unwrap_or(None).as_ref())).collect();
         let elsewhere = left.iter().filter(|task| store.running(&task.trial.id).is_some()).count();
-        let (ours, failed) = (left.len() - elsewhere, failed > 0);
+        let unready = left.iter().filter(|task| !scheduler::is_ready(&task.after, store)).count();
+        let (ours, failed) = (left.len().saturating_sub(elsewhere + unready), failed > 0);
+        if unready > 0 {
+            complain(&format!("{unready} trials of cross-play are missing, because they play policies that are not there"));
+        }
         if elsewhere > 0 {
             complain(&format!("{elsewhere} trials are with other programs"));
         }
         if ours > 0 {
             complain(&format!("{ours} trials are still missing; the same command goes on"));
         }
-        match (ours > 0, failed) {
+        // A worker leaves to others what plays the policies that others train.
+        match (ours > 0 || unready > 0 && self.wait_for_others, failed) {
             (true, true) if self.limits.fail_fast && !stopped => TRIALS_FAILED,
             (true, _) => INCOMPLETE,
             (false, true) => TRIALS_FAILED,
@@ -103,8 +109,11 @@ impl Compute<'_> {
             let ends = study::ends(store, &one.plan.trials);
             for (position, ((trial, cost), end)) in one.plan.trials.iter().zip(&one.costs).zip(ends).enumerate() {
                 let retry = self.retry_failed && end.as_ref().is_some_and(|end| end.state != EndState::Ok);
-                if mine(position) && (retry || is_missing(end.as_ref())) && seen.insert(trial.id.clone()) {
-                    tasks.push(Task { trial: trial.clone(), cost: *cost, limits: Arc::clone(&limits), before: end });
+                let after = cross_play::sources(&trial.key);
+                // A part of the trials may lack the policies that the other parts train: whoever finds them runs what plays them.
+                let mine = mine(position) || !after.is_empty();
+                if mine && (retry || is_missing(end.as_ref())) && seen.insert(trial.id.clone()) {
+                    tasks.push(Task { trial: trial.clone(), cost: *cost, limits: Arc::clone(&limits), before: end, after });
                 }
             }
         }

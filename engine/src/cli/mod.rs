@@ -13,6 +13,7 @@ mod settings;
 mod study;
 mod submit;
 mod summaries;
+mod waiting;
 
 use crate::Registry;
 use clap::{Args, Parser, Subcommand, ValueEnum};

@@ -17,6 +17,8 @@ pub(super) struct Progress<'a> {
     failed: usize,
     /// Trials that other programs have, each said once.
     held: BTreeSet<usize>,
+    /// What was said of policies that lack, each once though several trials play them.
+    lacking: BTreeSet<String>,
     bars: Option<Bars>,
 }
 
@@ -30,7 +32,7 @@ impl<'a> Progress<'a> {
     /// Starts showing the run of `tasks` on `workers` slots.
     pub(super) fn new(tasks: &'a [Task], workers: usize) -> Self {
         let bars = std::io::stderr().is_terminal().then(|| Bars::new(tasks.len() as u64, workers));
-        Self { tasks, done: 0, failed: 0, held: BTreeSet::new(), bars }
+        Self { tasks, done: 0, failed: 0, held: BTreeSet::new(), lacking: BTreeSet::new(), bars }
     }
 
     /// Shows one event.
@@ -42,6 +44,8 @@ impl<'a> Progress<'a> {
             Event::EndedElsewhere { trial, end } => self.ended(None, *trial, end),
             Event::Retried { trial, end, wait, .. } => self.retried(*trial, end, *wait),
             Event::Held { trial, owner } => self.held(*trial, owner),
+            Event::Awaits { trial, source, owner } => self.awaits(*trial, source, owner),
+            Event::Unready { trial, reason } => self.unready(*trial, reason),
             Event::Stopped { .. } => {}
             Event::Broken { slot, problem } => self.line(&format!("worker {slot} cannot go on: {problem}")),
         }
@@ -76,6 +80,19 @@ impl<'a> Progress<'a> {
             let job = owner.slurm_job.as_ref().map_or_else(String::new, |job| format!(", Slurm job {job}"));
             let title = title(&self.tasks[trial].trial);
             self.line(&format!("waiting for {title}: process {} on {}{job} has it", owner.pid, owner.host));
+        }
+    }
+
+    fn awaits(&mut self, trial: usize, source: &str, owner: &Owner) {
+        if self.lacking.insert(source.to_owned()) {
+            let title = title(&self.tasks[trial].trial);
+            self.line(&format!("{title} waits for trial {source}: process {} on {} has it", owner.pid, owner.host));
+        }
+    }
+
+    fn unready(&mut self, trial: usize, reason: &str) {
+        if self.lacking.insert(reason.to_owned()) {
+            self.line(&format!("{} cannot run: {reason}", title(&self.tasks[trial].trial)));
         }
     }
 

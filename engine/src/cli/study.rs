@@ -2,7 +2,7 @@
 
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain,
-    running::running, say, settings, submit,
+    running::running, say, settings, submit, waiting,
 };
 use crate::{
     Registry, diagnostic,
@@ -146,6 +146,7 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
         let cells = if known.len() < trials.len() { store.cells(&known, MOST_STORED) } else { Vec::new() };
         let novelties = plan::novelties(trials, &ends, &cells);
         say(&overview(&one, &ends, Some(&novelties), settings.workers, common.format));
+        say_waiting(trials, &ends, &store, common);
     }
     Ok(OK)
 }
@@ -159,12 +160,21 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
         let ends = ends(&store, &one.plan.trials);
         say(&overview(&one, &ends, None, settings.workers, common.format));
         if common.format == Format::Text {
-            say(&failures(&one.plan.trials, &ends));
+            let texts = [running(&store, &one.plan.trials, &ends), failures(&one.plan.trials, &ends)];
+            texts.iter().filter(|text| !text.is_empty()).for_each(|text| say(text));
+            say_waiting(&one.plan.trials, &ends, &store, common);
         }
         code = code.max(code_of(&ends));
     }
     submit::show(&settings.store, common.format);
     Ok(code)
+}
+
+fn say_waiting(trials: &[Trial], ends: &[Option<TrialEnd>], store: &Store, common: &Common) {
+    let lines = waiting::lines(trials, ends, store);
+    if common.format == Format::Text && !lines.is_empty() {
+        say(&lines.join("\n"));
+    }
 }
 
 /// The exit code that fits the states of trials.

@@ -91,6 +91,10 @@ pub(super) fn run(
     let stop = Arc::new(AtomicBool::new(false));
     listen_for_signals(&stop)?;
     let mut watching = Watching::new(&tasks, &slurm.store, stop);
+    if watching.missing().is_empty() {
+        complain("what is missing plays policies that are not there; nothing runs");
+        return Ok(None);
+    }
     let view = begin(&slurm, &mut watching)?;
     if options.detach {
         complain(&going_on(selection));
@@ -293,7 +297,9 @@ impl Watch for Watching<'_> {
             }
             _ => true,
         });
-        self.left.iter().map(|&trial| tasks[trial].trial.id.clone()).collect()
+        // What plays a policy that is still to come needs no worker yet, and none at all where the policy never comes.
+        let ready = self.left.iter().filter(|&&trial| scheduler::is_ready(&tasks[trial].after, store));
+        ready.map(|&trial| tasks[trial].trial.id.clone()).collect()
     }
 
     fn saved(&mut self) -> u64 {

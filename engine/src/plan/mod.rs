@@ -1,5 +1,6 @@
 //! The plan of a study: its trials, in order, and why those that are not stored are new.
 
+mod cross_play;
 mod explain;
 mod leaves;
 mod novelty;
@@ -18,7 +19,7 @@ use crate::{
 /// The kind of device that trials run on.
 const DEVICE: &str = "cpu";
 
-/// The trials of a study: environments, then agents, settings and seeds, in the order of the study.
+/// The trials of a study: environments, then agents, settings and seeds, in the order of the study, then those of its plays.
 ///
 /// Two trials may have the same id: where a sweep does not reach an agent (a protocol's training budget and an agent that
 /// does not learn), its trials stand once in each setting, and the numbers are computed once.
@@ -53,6 +54,8 @@ impl Study {
                 trials.push(Trial { id, environment, agent, setting: cell.setting.clone(), key });
             }
         }
+        let plays: Vec<Trial> = self.plays.iter().flat_map(|play| cross_play::trials(self, play, &trials)).collect();
+        trials.extend(plays);
         Plan { study: self.name.clone(), title: self.title.clone(), trials }
     }
 }

@@ -6,6 +6,7 @@
 
 use super::leaves::{Catalogue, Difference, PartIndex};
 use crate::{
+    cross_play::is_cross_play,
     results::{EndState, TrialEnd},
     trial::{Trial, TrialKey},
 };
@@ -61,7 +62,7 @@ pub struct Novelty {
     pub reason: Reason,
 }
 
-/// Why each trial that is not done is not done, by cell and reason, in the order of the plan.
+/// Why each trial that is not done is not done, by cell and reason, in the order of the plan; those of cross-play are left out.
 ///
 /// `ends` has one entry per trial.
 #[must_use]
@@ -69,6 +70,8 @@ pub fn novelties(trials: &[Trial], ends: &[Option<TrialEnd>], stored: &[StoredCe
     let pending: Vec<(&Trial, Option<EndState>)> = (trials.iter().zip(ends))
         .map(|(trial, end)| (trial, end.as_ref().map(|end| end.state)))
         .filter(|(_, state)| *state != Some(EndState::Ok))
+        // What plays a policy is new because the policy is.
+        .filter(|(trial, _)| !is_cross_play(&trial.key))
         .collect();
     let cells: Vec<_> = pending.chunk_by(|(one, _), (other, _)| names(one) == names(other)).collect();
     let mut search = Search::new(stored, cells.len());

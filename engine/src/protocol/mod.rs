@@ -1,5 +1,6 @@
 //! What a protocol is: how one trial runs; and the protocols that fit any environment.
 
+mod cross_play;
 mod estimator_tracking;
 mod evaluation;
 mod position;
@@ -9,6 +10,7 @@ mod train_evaluate;
 use crate::{Agent, Environment, Error, Keeper, Metric, Recorder, Registry, random::Streams};
 use serde::{Serialize, de::DeserializeOwned};
 
+pub use cross_play::CrossPlay;
 pub use estimator_tracking::EstimatorTracking;
 pub use supervised_fit::SupervisedFit;
 pub use train_evaluate::TrainEvaluate;

@@ -2,11 +2,13 @@
 
 use super::StudyInfo;
 use crate::{
+    cross_play::Encounters,
     figure::{self, Chart},
     results::{Results, TrialResult},
-    statistics::{Claim, ClaimOutcome, ClaimVerdict, Operand, Verdict, claim, evaluate},
+    statistics::{Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Verdict, claim, evaluate},
     table::{self, Axis, Grid, NumberFormat, Scope, TableSpec},
 };
+use std::collections::BTreeSet;
 
 /// The words of verdicts on published values, in the order in which they are shown.
 pub const VERDICT_WORDS: [&str; 5] = ["REPRODUCED", "DIFFERS", "INCONCLUSIVE", "NOT RUN", "FAILED"];
@@ -73,8 +75,10 @@ impl Contents {
 fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<Grid, crate::Error> {
     let mut grid = table::build(spec, results)?;
     let comparison = spec.improvement.as_ref().or(spec.comparison.as_ref());
-    if let Some(comparison) = comparison.filter(|comparison| comparison.has_unit_of_metric()) {
-        grid.unit = study.units.get(&comparison.value).filter(|unit| *unit != "1").cloned().unwrap_or_default();
+    let compared = comparison.filter(|comparison| comparison.has_unit_of_metric()).map(|comparison| &comparison.value);
+    let raw = spec.cross_play.as_ref().filter(|matrix| !matrix.normalise).map(|matrix| &matrix.value);
+    if let Some(metric) = compared.or(raw) {
+        grid.unit = study.units.get(metric).filter(|unit| *unit != "1").cloned().unwrap_or_default();
     }
     Ok(grid)
 }
@@ -125,6 +129,12 @@ fn claim_lines(text: &str, place: Option<&str>, study: &StudyInfo, results: &Res
         Ok(claim) => claim,
         Err(error) => return vec![ClaimLine { text: text.into(), place: String::new(), verdict: Err(error.to_string()) }],
     };
+    if claim.operands().iter().all(|operand| operand.within.is_some()) {
+        let plays: BTreeSet<&str> =
+            claim.operands().into_iter().filter_map(|it| Some(it.within.as_ref()?.play.as_str())).collect();
+        let verdict = Ok(evaluate(&claim, &|operand: &Operand| in_play(results, operand)));
+        return vec![ClaimLine { text: text.into(), place: plays.into_iter().collect::<Vec<_>>().join(", "), verdict }];
+    }
     let environments = match claim.environment.as_deref().or(place) {
         Some(environment) => vec![environment.to_owned()],
         None => study.environments.clone(),
@@ -134,7 +144,10 @@ fn claim_lines(text: &str, place: Option<&str>, study: &StudyInfo, results: &Res
         let scope = all.at(Axis::Environment, environment);
         let line = |setting: Option<String>| {
             let place = setting.as_ref().map_or(environment.clone(), |setting| format!("{environment}, {setting}"));
-            let values = |operand: &Operand| values(&scope, operand, setting.as_deref());
+            let values = |operand: &Operand| match operand.within {
+                Some(_) => in_play(results, operand),
+                None => values(&scope, operand, setting.as_deref()),
+            };
             ClaimLine { text: text.into(), place, verdict: Ok(evaluate(&claim, &values)) }
         };
         settings(&claim, &scope).into_iter().map(line).collect::<Vec<_>>()
@@ -151,6 +164,14 @@ fn settings(claim: &Claim, scope: &Scope<'_>) -> Vec<Option<String>> {
         settings.extend(new.collect::<Vec<_>>());
     }
     if settings.is_empty() { vec![None] } else { settings }
+}
+
+/// One value per seed of an agent in a role of a play: the mean over its trained opponents; `None` where there is none.
+fn in_play(results: &Results, operand: &Operand) -> Option<Vec<(u64, f64)>> {
+    let within = operand.within.as_ref().filter(|_| operand.aggregate == Aggregate::Final)?;
+    let encounters = Encounters::of(results, &within.play);
+    let values: Vec<_> = encounters.by_seed(&[(&within.role, &operand.agent)], &operand.metric).into_iter().collect();
+    (!values.is_empty()).then_some(values)
 }
 
 /// One value per seed of an operand, of the setting where its agent has several; `None` where there is none.

@@ -8,10 +8,12 @@
 
 mod process;
 mod queue;
+mod readiness;
 mod slot;
 mod watch;
 mod worker;
 
+pub use readiness::is_ready;
 pub use worker::{Reply, Request, serve};
 
 use crate::{
@@ -84,6 +86,22 @@ pub enum Event {
         /// How it ended.
         end: TrialEnd,
     },
+    /// A trial plays the policy of one that another program runs; it is looked after again later.
+    Awaits {
+        /// Index into the list of tasks.
+        trial: usize,
+        /// Id of the trial that is waited for.
+        source: String,
+        /// Who has that one.
+        owner: Owner,
+    },
+    /// A trial cannot run now, because one whose policy it plays has not ended `ok`; it stays missing.
+    Unready {
+        /// Index into the list of tasks.
+        trial: usize,
+        /// Which trial lacks, and why.
+        reason: String,
+    },
     /// A trial was given up because the run is being stopped; it stays missing and continues from its checkpoint.
     Stopped {
         /// Worker slot.
@@ -109,6 +127,8 @@ pub struct Task {
     pub limits: Arc<Limits>,
     /// How it ended before, where it runs again all the same.
     pub before: Option<TrialEnd>,
+    /// Ids of the trials that must have ended `ok` before it begins.
+    pub after: Vec<String>,
 }
 
 /// How to run trials.

@@ -1,10 +1,11 @@
-//! Which trial is next: longest first, then those whose retry is due and those that other programs may have left.
+//! Which trial is next: longest first, those that play the policies of others last, then those whose retry is due and those
+//! that other programs may have left.
 
 use super::Task;
 use crate::results::TrialEnd;
 use std::{
     cmp::Reverse,
-    collections::VecDeque,
+    collections::{BTreeSet, VecDeque},
     sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
@@ -43,6 +44,8 @@ struct State {
     later: Vec<Later>,
     /// Trials that some slot works on: one of them may come back as a retry.
     busy: usize,
+    /// Ids of the trials that this program has still to run, or is running.
+    left: BTreeSet<String>,
 }
 
 struct Later {
@@ -54,9 +57,10 @@ impl Queue {
     /// All tasks, longest first.
     pub(super) fn new(tasks: &[Task]) -> Self {
         let mut order: Vec<usize> = (0..tasks.len()).collect();
-        order.sort_by_key(|&index| Reverse(tasks[index].cost));
+        order.sort_by_key(|&index| (!tasks[index].after.is_empty(), Reverse(tasks[index].cost)));
         let turn = |task: usize| Turn { task, attempt: 1, before: tasks[task].before.clone() };
-        Self { state: Mutex::new(State { ready: order.into_iter().map(turn).collect(), later: Vec::new(), busy: 0 }) }
+        let left = tasks.iter().map(|task| task.trial.id.clone()).collect();
+        Self { state: Mutex::new(State { ready: order.into_iter().map(turn).collect(), later: Vec::new(), busy: 0, left }) }
     }
 
     /// The next trial; whoever gets one says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
@@ -79,9 +83,16 @@ impl Queue {
         }
     }
 
-    /// The trial needs nothing more.
-    pub(super) fn done(&self) {
-        self.lock().busy -= 1;
+    /// The trial with this id needs nothing more.
+    pub(super) fn done(&self, id: &str) {
+        let mut state = self.lock();
+        state.busy -= 1;
+        state.left.remove(id);
+    }
+
+    /// True while the trial with this id is still to be run, or running, in this program.
+    pub(super) fn has_left(&self, id: &str) -> bool {
+        self.lock().left.contains(id)
     }
 
     /// The trial is to be tried again after a wait.
@@ -91,7 +102,7 @@ impl Queue {
         state.later.push(Later { due: now() + wait, turn });
     }
 
-    /// Another program has the trial.
+    /// The trial cannot begin yet: another program has it, or it plays a policy that is still to come.
     pub(super) fn held(&self, turn: Turn) {
         self.retry(turn, HELD_FOR);
     }

@@ -3,6 +3,7 @@
 use super::{
     Event, Task, Workers, process,
     queue::{Next, Queue, Turn},
+    readiness::{Readiness, readiness},
     worker::{Message, Reply, Request},
 };
 use crate::{
@@ -60,10 +61,11 @@ impl<'a> Slot<'a> {
         while !self.stopping() {
             match self.all.queue.next() {
                 Next::Try(turn) => {
+                    let id = &self.all.tasks[turn.task].trial.id;
                     if let Err(error) = self.take(turn) {
                         // What cannot be written now cannot be written by the other slots either: nothing new begins.
                         self.all.halt.store(true, Ordering::SeqCst);
-                        self.all.queue.done();
+                        self.all.queue.done(id);
                         self.tell(Event::Broken { slot: self.number, problem: error.to_string() });
                         self.process.dismiss();
                         return Err(error);
@@ -81,11 +83,35 @@ impl<'a> Slot<'a> {
         self.all.workers.stop.load(Ordering::SeqCst) || self.all.halt.load(Ordering::SeqCst)
     }
 
-    /// Claims a trial and runs it, unless another program has it or has ended it.
+    /// Takes a trial up, unless it plays policies that are not there.
     fn take(&mut self, turn: Turn) -> Result<(), Error> {
+        let (index, task) = (turn.task, &self.all.tasks[turn.task]);
+        match readiness(&task.after, self.all.store, |id| self.all.queue.has_left(id)) {
+            Readiness::Ready => return self.claim(turn),
+            Readiness::Soon => self.all.queue.held(turn),
+            Readiness::Elsewhere(source, owner) if self.all.workers.wait_for_others => {
+                self.tell(Event::Awaits { trial: index, source, owner });
+                self.all.queue.held(turn);
+            }
+            Readiness::Elsewhere(source, owner) => {
+                let reason = format!("trial {source} is with process {} on {}", owner.pid, owner.host);
+                self.give_up(index, reason);
+            }
+            Readiness::Unready(reason) => self.give_up(index, reason),
+        }
+        Ok(())
+    }
+
+    fn give_up(&self, trial: usize, reason: String) {
+        self.tell(Event::Unready { trial, reason });
+        self.all.queue.done(&self.all.tasks[trial].trial.id);
+    }
+
+    /// Claims a trial and runs it, unless another program has it or has ended it.
+    fn claim(&mut self, turn: Turn) -> Result<(), Error> {
         let task = &self.all.tasks[turn.task];
         match self.all.leases.claim(&task.trial.id)? {
-            Claim::Held(_) if !self.all.workers.wait_for_others => self.all.queue.done(),
+            Claim::Held(_) if !self.all.workers.wait_for_others => self.all.queue.done(&task.trial.id),
             Claim::Held(owner) => {
                 self.tell(Event::Held { trial: turn.task, owner });
                 self.all.queue.held(turn);
@@ -104,14 +130,14 @@ impl<'a> Slot<'a> {
         // The end may have been stored after the list of missing trials was made.
         if let Some(end) = self.new_end(task, &turn) {
             self.tell(Event::EndedElsewhere { trial: index, end });
-            self.all.queue.done();
+            self.all.queue.done(&task.trial.id);
             return Ok(());
         }
         self.tell(Event::Started { slot: self.number, trial: index });
         match self.attempt(task, &turn)? {
             Attempt::Stopped => {
                 self.tell(Event::Stopped { slot: self.number });
-                self.all.queue.done();
+                self.all.queue.done(&task.trial.id);
             }
             Attempt::Ended(end) => self.ended(turn, end),
         }
@@ -131,7 +157,7 @@ impl<'a> Slot<'a> {
                     self.all.halt.store(true, Ordering::SeqCst);
                 }
                 self.tell(Event::Ended { slot: self.number, trial: index, end });
-                self.all.queue.done();
+                self.all.queue.done(&self.all.tasks[index].trial.id);
             }
         }
     }

@@ -145,7 +145,9 @@ fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, repli
     std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
     let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
     let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop))?;
-    let outcome = catch_unwind(AssertUnwindSafe(|| trial.key.run(registry, Some(&folder), &mut progress, &mut keeper)));
+    let outcome = catch_unwind(AssertUnwindSafe(|| {
+        trial.key.run_after(registry, &|source| store.policy(source), Some(&folder), &mut progress, &mut keeper)
+    }));
     let wall_s = started.elapsed().as_secs_f64();
     let (state, reason) = match outcome {
         Ok(Ok(record)) => {

@@ -4,6 +4,7 @@
 use super::{
     cells::{Cell, Resolved, Sections},
     config::locate,
+    cross_play::Play,
     path::Target,
 };
 use crate::{Error, Interface, Metric, diagnostic::Diagnostic, random};
@@ -34,6 +35,8 @@ pub struct World {
     pub seeds: Vec<u64>,
     /// Everything that is recorded, each name once.
     pub metrics: Vec<Metric>,
+    /// The plays of these agents.
+    pub plays: Vec<Play>,
 }
 
 impl World {

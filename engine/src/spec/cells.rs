@@ -169,7 +169,7 @@ impl Sections<'_> {
             }
             Target::Agent(_) => (&self.registry.agents.get(named.plugin.as_str())?.about, format!("agents.{}", named.name)),
             Target::Protocol => (&self.registry.protocols.get(named.plugin.as_str())?.about, "protocol".into()),
-            Target::Seeds => return None,
+            Target::Play(_) | Target::Seeds => return None,
         };
         let schema = path::config_schema(View::new(self.schema, self.schema), target, &named.plugin)?;
         Some(Plugin { name: &named.plugin, about, schema, at: format!("{at}.{}", named.plugin), span: named.plugin_span })

@@ -1,6 +1,7 @@
 //! The JSON Schema of a study, the parameters of all registered plugins included. Editors complete by it and `check` holds
 //! studies against it, so the two cannot differ.
 
+use super::cross_play::EPISODES;
 use crate::{
     Registry,
     figure::FigureSpec,
@@ -46,6 +47,7 @@ pub fn json_schema(registry: &Registry) -> Value {
             "sweep": sweep(),
             "profiles": profiles(),
             "exclude": exclude(),
+            "cross_play": cross_play(),
             "overrides": overrides(),
             "tables": { "description": "Tables by name.", "type": "object", "additionalProperties": table, "propertyNames": { "pattern": SLUG } },
             "figures": { "description": "Figures by name.", "type": "object", "additionalProperties": figure, "propertyNames": { "pattern": SLUG } },
@@ -200,6 +202,34 @@ fn exclude() -> Value {
         "items": {
             "type": "object", "additionalProperties": false, "minProperties": 1, "x-kind": "environment or agent",
             "properties": { "environment": text("The environment; all where absent."), "agent": text("The agent; all where absent.") },
+        },
+    })
+}
+
+fn cross_play() -> Value {
+    let name = json!({ "type": "string" });
+    let seats = json!({ "description": "Names of the role's seats.", "type": "array", "minItems": 1, "items": name });
+    let roles = json!({
+        "description": "Seats by role, at least two roles; every seat of the environment has one.", "type": "object",
+        "additionalProperties": seats, "propertyNames": { "pattern": NAME },
+    });
+    let agents =
+        "Agents of the study, those that learn with the policy of their final training step; all that learn where absent.";
+    json!({
+        "description": "Plays by name: agents that meet after they were trained, in every combination over roles.", "type": "object",
+        "propertyNames": { "pattern": NAME },
+        "additionalProperties": {
+            "type": "object", "additionalProperties": false, "required": ["environment", "roles"],
+            "properties": {
+                "environment": text("The environment in which the agents were trained."),
+                "roles": roles,
+                "agents": { "description": agents, "type": "array", "minItems": 1, "items": name },
+                "episodes": {
+                    "description": "Episodes of each combination and seed.", "type": "integer", "minimum": 1, "maximum": 1_000_000_000,
+                    "default": EPISODES,
+                },
+                "environment_config": { "description": "Keys of the environment that differ from the training.", "type": "object" },
+            },
         },
     })
 }

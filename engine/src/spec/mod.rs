@@ -11,6 +11,7 @@
 //! | `config` | defaults, presets, data files: a plugin's complete config |
 //! | `cells` | combinations of environment, agent and setting |
 //! | `builds` | builds what the cells name, to hear what plugins refuse and what trials record |
+//! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
 //! | `names` | tables, figures and claims against what trials record |
 //! | `resolved`, `describe` | a study with all defaults written out; plugins described for people |
 
@@ -18,6 +19,7 @@ mod builds;
 mod cells;
 mod claims;
 mod config;
+mod cross_play;
 mod describe;
 mod json_schema;
 mod names;
@@ -30,6 +32,7 @@ mod sweep;
 mod written;
 
 pub use claims::ClaimSpec;
+pub use cross_play::{Play, Player};
 pub use describe::describe;
 pub use json_schema::json_schema;
 pub use plugin_config::load_config;
@@ -85,6 +88,8 @@ pub struct Study {
     pub figures: Vec<(String, FigureSpec)>,
     /// Claims, in order.
     pub claims: Vec<ClaimSpec>,
+    /// Plays, in order.
+    pub plays: Vec<Play>,
     /// What one trial may use.
     pub limits: Limits,
     /// Everything that its trials record, by name; where parts share a name, the first of protocol, environments and agents.
@@ -167,7 +172,8 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         return Err(with(found, vec![error]));
     }
     let cells = sections.cells().map_err(|errors| with(found.clone(), errors))?;
-    let world = builds::build(sections, &cells, &seeds).map_err(|errors| with(found.clone(), errors))?;
+    let mut world = builds::build(sections, &cells, &seeds).map_err(|errors| with(found.clone(), errors))?;
+    world.plays = cross_play::resolve(sections, &cells, seeds.len()).map_err(|errors| with(found.clone(), errors))?;
     let asked = names::Asked::read(root, &world, sections.sources);
     found.extend(asked.found);
     if !found.is_empty() {
@@ -187,7 +193,8 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
             .collect(),
         environments: world.environments,
         agents: world.agents,
-        resolved: resolved::sections(root, sections, &seeds),
+        resolved: resolved::sections(root, sections, &seeds, &world.plays),
+        plays: world.plays,
         seeds,
         profile: None,
         tables: asked.tables,

@@ -78,6 +78,7 @@ fn useless(
         Target::Environment(index) => selection.environment.is_some_and(|it| it != index),
         Target::Agent(index) => selection.agent.is_some_and(|it| it != index),
         Target::Protocol => false,
+        Target::Play(_) => return Some(error("a play is no part of these combinations, so an override cannot set it".into())),
         Target::Seeds => return Some(error("seeds are the same for all combinations, so an override cannot set them".into())),
     };
     if elsewhere {

@@ -17,6 +17,8 @@ pub enum Target {
     Agent(usize),
     /// The protocol.
     Protocol,
+    /// The play with this index.
+    Play(usize),
     /// The seeds.
     Seeds,
 }
@@ -61,6 +63,10 @@ pub fn find<'a>(
         return Ok(KeyPath { target: Target::Seeds, keys: vec![], config: schema.clone(), schema, span });
     }
     let Some((target, used)) = begin(&words, written) else {
+        if words.len() > 1 && words[0] == "cross_play" {
+            let known = written.plays.iter().map(|play| play.name.as_str()).collect();
+            return fail(1, format!("no play is named `{}`", words[1]), known);
+        }
         let index = usize::from(words.len() > 1 && ["environments", "agents"].contains(&words[0]));
         let known = written.names().into_iter().chain(["protocol", "seeds"]);
         return fail(index, format!("no environment or agent is named `{}`", words[index]), known.collect());
@@ -91,6 +97,7 @@ fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
     let agent = |name: &str| written.agents.iter().position(|it| it.name == name).map(Target::Agent);
     match words {
         ["protocol", ..] => Some((Target::Protocol, 1)),
+        ["cross_play", name, ..] => Some((super::cross_play::target(&written.plays, name)?, 2)),
         ["environments", name, ..] => environment(name).map(|target| (target, 2)),
         ["agents", name, ..] => agent(name).map(|target| (target, 2)),
         [name, ..] => environment(name).or_else(|| agent(name)).map(|target| (target, 1)),
@@ -104,6 +111,7 @@ pub fn config_schema<'a>(study: View<'a>, target: Target, plugin: &str) -> Optio
         Target::Environment(_) => study.property("environments")?.property("any")?.property(plugin),
         Target::Agent(_) => study.property("agents")?.property("any")?.property(plugin),
         Target::Protocol => study.property("protocol")?.property(plugin),
+        Target::Play(_) => study.property("cross_play")?.property("any"),
         Target::Seeds => None,
     }
 }

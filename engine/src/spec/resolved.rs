@@ -1,11 +1,11 @@
 //! A study with every default written out.
 
-use super::{Study, cells::Sections, config, path::Target, written::Named};
+use super::{Study, cells::Sections, config, cross_play::Play, path::Target, written::Named};
 use crate::{
     document::{Entry, Node},
     limits::Limits,
 };
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::{
     fmt::Write,
     path::{Component, Path, PathBuf},
@@ -22,7 +22,8 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> String {
     sections.push(("departures".into(), Section::Plain(json!(study.departures))));
     // In the resolved configs files are named from the current folder, in sweeps and overrides from the study's.
     let relocated = study.resolved.iter().map(|(key, section)| {
-        let from = if ["sweep", "overrides"].contains(&key.as_str()) { study.folder.as_path() } else { Path::new("") };
+        let from =
+            if ["sweep", "overrides", "cross_play"].contains(&key.as_str()) { study.folder.as_path() } else { Path::new("") };
         (key.clone(), section.clone().map(|key, value| relocate(value, key, from, folder)))
     });
     sections.extend(relocated);
@@ -73,7 +74,7 @@ impl Section {
 }
 
 /// The sections that trials are made of, in the order of a study, with all defaults.
-pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64]) -> Vec<(String, Section)> {
+pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64], plays: &[Play]) -> Vec<(String, Section)> {
     let mut files = config::Files::new(sections.folder);
     let mut full = |target, named: &Named| {
         let plugin = sections.plugin(target);
@@ -91,7 +92,7 @@ pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64]) -> Vec<(Str
     let counted = seeds.iter().enumerate().all(|(index, seed)| index as u64 == *seed);
     let seeds = if counted { json!(seeds.len()) } else { json!(seeds) };
     let exclude = root.get("exclude").map_or_else(|| json!([]), Node::to_value);
-    vec![
+    let mut all = vec![
         ("environments".into(), environments),
         ("agents".into(), agents),
         ("protocol".into(), Section::Plain(protocol)),
@@ -99,7 +100,20 @@ pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64]) -> Vec<(Str
         ("sweep".into(), sweep(root, sections)),
         ("exclude".into(), Section::Plain(exclude)),
         ("overrides".into(), Section::Plain(overrides(root, sections))),
-    ]
+    ];
+    if !plays.is_empty() {
+        all.push(("cross_play".into(), Section::Named(plays.iter().map(|it| (it.name.clone(), play(it))).collect())));
+    }
+    all
+}
+
+fn play(play: &Play) -> Value {
+    let roles: Map<String, Value> = play.roles.iter().map(|(role, seats)| (role.clone(), json!(seats))).collect();
+    let agents: Vec<&str> = play.players.iter().map(|player| player.name.as_str()).collect();
+    json!({
+        "environment": play.environment, "roles": roles, "agents": agents, "episodes": play.protocol.episodes,
+        "environment_config": play.environment_config.to_value(),
+    })
 }
 
 /// The sweep without keys that a profile or an option fixed.

@@ -102,6 +102,10 @@ fn swept_key<'a>(
         let error = sources.error(entry.key_span, &at, "seeds cannot be swept: a seed is a replicate, not a setting");
         return Err(vec![error.help("write `seeds: N` or a list of seeds at the top level")]);
     }
+    if matches!(path.target, Target::Play(_)) {
+        let error = sources.error(entry.key_span, &at, "a play cannot be swept");
+        return Err(vec![error.help("write a second play under `cross_play`")]);
+    }
     if path.is_preset() {
         let error = sources.error(entry.key_span, &at, "a preset cannot be swept");
         return Err(vec![error.help("give each preset a name of its own under `environments` or `agents`")]);
@@ -144,7 +148,7 @@ impl KeyPath<'_> {
         let target = match self.target {
             Target::Environment(_) => "environment",
             Target::Agent(_) => "agent",
-            Target::Protocol | Target::Seeds => "protocol",
+            Target::Protocol | Target::Play(_) | Target::Seeds => "protocol",
         };
         format!("{target}.{}", self.keys.join("."))
     }

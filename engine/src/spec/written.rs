@@ -30,6 +30,8 @@ pub struct Written {
     pub agents: Vec<Named>,
     /// The protocol.
     pub protocol: Named,
+    /// The plays, in order.
+    pub plays: Vec<Named>,
     /// The seeds: a count or a list.
     pub seeds: Option<Node>,
 }
@@ -50,6 +52,7 @@ impl Written {
             environments: section("environments"),
             agents: section("agents"),
             protocol: root.entry("protocol").map(named).unwrap_or(nothing),
+            plays: root.get("cross_play").map_or_else(Vec::new, |node| node.entries().iter().map(play).collect()),
             seeds: root.get("seeds").cloned(),
         }
     }
@@ -73,6 +76,7 @@ impl Written {
             Target::Environment(index) => self.environments.get(index),
             Target::Agent(index) => self.agents.get(index),
             Target::Protocol => Some(&self.protocol),
+            Target::Play(index) => self.plays.get(index),
             Target::Seeds => None,
         }
     }
@@ -83,6 +87,7 @@ impl Written {
             Target::Environment(index) => path.assign(&mut self.environments[index].config, &value),
             Target::Agent(index) => path.assign(&mut self.agents[index].config, &value),
             Target::Protocol => path.assign(&mut self.protocol.config, &value),
+            Target::Play(index) => path.assign(&mut self.plays[index].config, &value),
             Target::Seeds => self.seeds = Some(value),
         }
     }
@@ -99,14 +104,28 @@ impl Written {
                 found.push(error.note(note.0, note.1).help("rename one of the two: dotted paths begin with the name"));
             }
         }
+        for play in &self.plays {
+            if let Some(other) = self.environments.iter().chain(&self.agents).find(|other| other.name == play.name) {
+                let message = format!("`{}` names a play and something else", play.name);
+                let error = sources.error(play.name_span, &format!("cross_play.{}", play.name), message);
+                let help = "rename one of the two: tables, claims and `--only` speak of them by name";
+                found.push(error.note("the other one is named here", sources.place(other.name_span)).help(help));
+            }
+        }
         for named in self.environments.iter().chain(&self.agents) {
-            if ["protocol", "seeds", "environments", "agents"].contains(&named.name.as_str()) {
+            if ["protocol", "seeds", "environments", "agents", "cross_play"].contains(&named.name.as_str()) {
                 let message = format!("`{}` cannot be a name: dotted paths begin with this word", named.name);
                 found.push(sources.error(named.name_span, &named.name, message).help("choose another name"));
             }
         }
         found
     }
+}
+
+/// A play, which has no plugin.
+fn play(entry: &Entry) -> Named {
+    let (name, name_span) = (entry.key.clone(), entry.key_span);
+    Named { name, name_span, plugin: crate::cross_play::NAME.into(), plugin_span: name_span, config: entry.value.clone() }
 }
 
 /// A named part. Where it has not exactly one plugin, which is reported elsewhere, the name alone is known.

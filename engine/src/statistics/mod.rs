@@ -15,7 +15,7 @@ pub mod student_t;
 pub mod verdict;
 
 pub use bootstrap::Bootstrap;
-pub use claim::{Aggregate, Claim, ClaimError, ClaimOutcome, ClaimVerdict, Operand, evaluate};
+pub use claim::{Aggregate, Claim, ClaimError, ClaimOutcome, ClaimVerdict, Operand, Within, evaluate};
 pub use comparison::{PairedComparison, PermutationTest};
 pub use mean_estimate::MeanEstimate;
 pub use verdict::{Judgement, Verdict};

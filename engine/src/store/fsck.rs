@@ -1,6 +1,6 @@
 //! Finds what is wrong in a store and sets it aside; what it held is then missing and runs again.
 
-use super::{Store, running, seal::hash};
+use super::{Store, policy::files_below, running, seal::hash};
 use crate::{Error, results::EndState};
 use serde::Serialize;
 use std::{
@@ -138,7 +138,7 @@ impl Check<'_> {
             self.found.running += 1;
             return Ok(());
         }
-        let files = names(&self.store.root.join(folder))?;
+        let files = files_below(&self.store.root.join(folder))?;
         let before = self.found.findings.len();
         let has = |name: &str| files.iter().any(|file| file == name);
         let mut expected = vec!["trial.json".to_owned(), "running".to_owned()];

@@ -3,7 +3,7 @@
 //! ```text
 //! <root>/trials/<first two digits>/<id>/metrics.parquet   what an `ok` trial recorded, long form
 //!                                       trial.json        key, end state, digest of metrics.parquet: the acknowledgement
-//!                                       policy.safetensors  the learned policy, where there is one
+//!                                       policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
 //!                                       running/         while it runs: rows so far and a checkpoint, see [`RunningTrial`]
 //! ```
 //!
@@ -16,6 +16,7 @@ mod index;
 mod lease;
 pub mod metric_log;
 mod metrics_file;
+mod policy;
 mod running;
 mod seal;
 mod sealed_folder;
@@ -120,7 +121,7 @@ impl Store {
         let bytes = metrics_file::encode(record, &trial.id)?;
         write_durably(&folder.join("metrics.parquet"), &bytes)?;
         let end = TrialEnd { state: EndState::Ok, reason: String::new(), wall_s, digest: seal::hash(&bytes) };
-        self.acknowledge_with(trial, &end, exported(&folder)?)?;
+        self.acknowledge_with(trial, &end, policy::exported(&folder)?)?;
         Ok(end)
     }
 
@@ -176,20 +177,6 @@ impl Store {
         }
         Ok(result)
     }
-}
-
-/// Hashes of what the agent exported into a trial's folder, brought to the disk.
-fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error> {
-    let mut files = BTreeMap::new();
-    for entry in fs::read_dir(folder).map_err(Error::file("read", folder))? {
-        let path = entry.map_err(Error::file("read", folder))?.path();
-        if path.extension().is_some_and(|ending| ending == "safetensors") {
-            File::open(&path).and_then(|file| file.sync_all()).map_err(Error::file("flush", &path))?;
-            let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
-            files.insert(path.file_name().unwrap_or_default().to_string_lossy().into_owned(), seal::hash(&bytes));
-        }
-    }
-    Ok(files)
 }
 
 /// Writes a file so that after a crash it is either the old one or the whole new one.

@@ -1,6 +1,8 @@
 //! From results to a grid: which rows and columns there are, and what each cell holds.
 
-use super::{Axis, Cell, Comparison, Form, Grid, Heading, NumberFormat, Published, Statistic, TableSpec, seeds::Scope};
+use super::{
+    Axis, Cell, Comparison, Form, Grid, Heading, NumberFormat, Published, Statistic, TableSpec, cross_play, seeds::Scope,
+};
 use crate::{
     Error, Phase,
     results::{Results, TrialResult},
@@ -12,15 +14,15 @@ use crate::{
 /// # Errors
 /// [`Error::Render`] where the spec names no kind of table, or names an agent that the results do not know.
 pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
-    let comparison = match (&spec.improvement, &spec.comparison) {
-        (Some(improvement), None) => improvement,
-        (None, Some(comparison)) => comparison,
-        _ => return Err(problem("exactly one of `improvement` and `comparison` must be given")),
+    let (mut grid, baselines) = match (&spec.improvement, &spec.comparison, &spec.cross_play) {
+        (Some(comparison), None, None) | (None, Some(comparison), None) => {
+            (compare(comparison, results)?, baselines(comparison, results))
+        }
+        (None, None, Some(matrix)) => (cross_play::build(matrix, results)?, Vec::new()),
+        _ => return Err(problem("exactly one of `improvement`, `comparison` and `cross_play` must be given")),
     };
-    let mut grid = compare(comparison, results)?;
     grid.caption.clone_from(&spec.caption);
-    grid.notes.clone_from(&spec.notes);
-    let baselines = baselines(comparison, results);
+    grid.notes.extend(spec.notes.iter().cloned());
     for (row, published) in &spec.published {
         if !publish(&mut grid, row, published, spec.margin, &baselines) {
             grid.notes.push(format!("Published values of `{row}` have no place in this table."));
@@ -217,7 +219,7 @@ fn make_cell(scope: &Scope<'_>, comparison: &Comparison, relation: &Relation<'_>
     )
 }
 
-fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell) -> Cell {
+pub(super) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell) -> Cell {
     let values: Vec<f64> = seeds.iter().map(|(_, value)| *value).collect();
     let Some(summary) = Summary::of(&values) else { return cell };
     let resampled =

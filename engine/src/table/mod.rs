@@ -2,6 +2,7 @@
 
 mod build;
 mod comma_separated;
+mod cross_play;
 mod grid;
 mod html;
 mod latex;
@@ -13,6 +14,7 @@ mod tests;
 
 pub use build::{build, compare};
 pub use comma_separated::{csv, write as write_csv};
+pub use cross_play::{CrossPlayTable, MEAN};
 pub use grid::{Cell, Grid, Heading, NumberFormat, Part};
 pub use html::{escape as escape_html, html, word as verdict_word};
 pub use latex::latex;
@@ -24,7 +26,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// One table of a study. Exactly one of the kinds (`improvement`, `comparison`) is given.
+/// One table of a study. Exactly one of the kinds (`improvement`, `comparison`, `cross_play`) is given.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TableSpec {
@@ -34,6 +36,8 @@ pub struct TableSpec {
     pub improvement: Option<Comparison>,
     /// A metric of agents and environments side by side.
     pub comparison: Option<Comparison>,
+    /// A metric of a play, by who plays one role along the rows and who another along the columns, with both means.
+    pub cross_play: Option<CrossPlayTable>,
     /// Published values by row, or by row and column.
     pub published: BTreeMap<String, Published>,
     /// How far a reproduced value may lie from the published one, in the unit of the cell; 5 % of the published value if absent.

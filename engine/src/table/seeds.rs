@@ -3,6 +3,7 @@
 use super::Axis;
 use crate::{
     Phase,
+    cross_play::is_cross_play,
     results::{EndState, Results, TrialResult},
 };
 use std::collections::BTreeMap;
@@ -40,12 +41,13 @@ impl Axis {
 }
 
 impl<'a> Scope<'a> {
-    /// The trials of some agents and environments; an empty list stands for all.
+    /// The trials of some agents and environments, without those of cross-play; an empty list stands for all.
     #[must_use]
     pub fn of(results: &'a Results, agents: &[String], environments: &[String]) -> Self {
         let listed = |list: &[String], name: &str| list.is_empty() || list.iter().any(|item| item == name);
         let wanted = |trial: &&TrialResult| listed(agents, &trial.trial.agent) && listed(environments, &trial.trial.environment);
-        Self { trials: results.trials.iter().filter(wanted).collect() }
+        let usual = |trial: &&TrialResult| !is_cross_play(&trial.trial.key);
+        Self { trials: results.trials.iter().filter(usual).filter(wanted).collect() }
     }
 
     /// The trials at one place on an axis.

@@ -1,6 +1,9 @@
 //! The one file in which a learning agent keeps everything it needs to continue to the same bits.
 
 use engine::Error;
+use numerics::network::Mlp;
+use numerics::optimizer::Trained;
+use numerics::policy_file;
 use numerics::tensor_file::{TensorFile, TensorFileError};
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::Path;
@@ -27,6 +30,16 @@ pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(Ten
     let file = TensorFile::read(&dir.join(FILE_NAME)).map_err(error_of(agent))?;
     let counters = serde_json::from_value(file.header[COUNTERS].clone()).map_err(|source| misfit(agent, source))?;
     Ok((file, counters))
+}
+
+/// Takes the network of a policy file in `dir` over into `policy`.
+///
+/// # Errors
+/// [`Error::File`] or [`Error::Checkpoint`] where the file is not there, not whole or of a network of another form.
+pub fn import_policy(agent: &'static str, policy: &mut Trained<Mlp>, dir: &Path) -> Result<(), Error> {
+    let misfit = error_of(agent);
+    let file = TensorFile::read(&dir.join(policy_file::FILE_NAME)).map_err(&misfit)?;
+    policy.restore_network(policy_file::PREFIX, &file).map_err(&misfit)
 }
 
 /// Turns an error about a file of tensors into one of the engine.

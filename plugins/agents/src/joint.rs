@@ -161,12 +161,18 @@ impl JointLayout {
         (end < self.n_acted()).then(|| columns(joint, end..self.n_acted()))
     }
 
+    /// Where below `dir` lies what belongs to one seat.
+    #[must_use]
+    pub fn place(&self, dir: &Path, seat: usize) -> PathBuf {
+        dir.join(&self.seats[seat])
+    }
+
     /// The folder below `dir` for what belongs to one seat; it is there afterwards.
     ///
     /// # Errors
     /// [`Error::File`] where the system refuses.
     pub fn folder(&self, dir: &Path, seat: usize) -> Result<PathBuf, Error> {
-        let path = dir.join(&self.seats[seat]);
+        let path = self.place(dir, seat);
         match std::fs::create_dir_all(&path) {
             Ok(()) => Ok(path),
             Err(source) => Err(Error::File { doing: "create", path, source }),

@@ -20,7 +20,8 @@ use std::path::Path;
 /// The file's name inside a directory.
 pub const FILE_NAME: &str = "policy.safetensors";
 const FORMAT: u32 = 1;
-const PREFIX: &str = "policy";
+/// What the names of the network's tensors begin with.
+pub const PREFIX: &str = "policy";
 
 /// How the network's output becomes an action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -5,7 +5,10 @@ use crate::{
     diagnostic::{Span, suggest},
     document::Node,
     spec::claims::ClaimSpec,
-    statistics::claim::{self, Claim, ClaimError},
+    statistics::{
+        Aggregate, Operand, Within,
+        claim::{self, Claim, ClaimError},
+    },
 };
 
 /// The text of a claim and where it stands.
@@ -55,6 +58,10 @@ impl Names<'_> {
             }
             Ok(claim) => {
                 let environment = self.claimed_environment(&claim, outer, &text);
+                if environment.is_some() && claim.operands().iter().all(|operand| operand.within.is_some()) {
+                    let message = "a play has an environment of its own, so a claim about it names none";
+                    self.say(text.place(0, text.text.len()), message, "leave the environment out");
+                }
                 self.operands(&claim, environment, &text);
             }
         }
@@ -76,9 +83,43 @@ impl Names<'_> {
         index.or(outer)
     }
 
+    /// Checks `PLAY.ROLE.AGENT.METRIC`.
+    fn in_play(&mut self, operand: &Operand, within: &Within, text: &Text<'_>) {
+        let (world, Within { play: name, role }) = (self.world, within);
+        let start = text.text.find(&operand.path()).unwrap_or(0);
+        let place = |before: &[&str], word: &str| {
+            let skip: usize = before.iter().map(|name| name.len() + 1).sum();
+            text.place(start + skip, word.len())
+        };
+        let Some(play) = world.plays.iter().find(|play| play.name == *name) else {
+            let help = suggest(name, world.plays.iter().map(|play| play.name.as_str()));
+            return self.say(place(&[], name), format!("no play is named `{name}`"), help);
+        };
+        if !play.roles.iter().any(|(known, _)| known == role) {
+            let help = suggest(role, play.roles.iter().map(|(known, _)| known.as_str()));
+            self.say(place(&[name], role), format!("`{name}` has no role `{role}`"), help);
+        }
+        if !play.players.iter().any(|player| player.name == operand.agent) {
+            let help = suggest(&operand.agent, play.players.iter().map(|player| player.name.as_str()));
+            let message = format!("no agent of `{name}` is named `{}`", operand.agent);
+            self.say(place(&[name, role], &operand.agent), message, help);
+        }
+        let metric = place(&[name, role, &operand.agent], &operand.metric);
+        if !play.metrics.contains(&operand.metric) {
+            self.unknown_metric(&operand.metric, metric, &play.metrics);
+        } else if operand.aggregate != Aggregate::Final {
+            let message = format!("a play has no learning curve for `{}`", operand.aggregate.name());
+            self.say(metric, message, "write the metric alone");
+        }
+    }
+
     fn operands(&mut self, claim: &Claim, environment: Option<usize>, text: &Text<'_>) {
         let environments = environment.map_or_else(|| (0..self.world.environments.len()).collect(), |index| vec![index]);
         for operand in claim.operands() {
+            if let Some(within) = &operand.within {
+                self.in_play(operand, within, text);
+                continue;
+            }
             let (whole, _) = text.word(&format!("{}.{}", operand.agent, operand.metric));
             let place = |skip: usize, word: &str| {
                 (Span { column: whole.column + skip, length: word.chars().count(), ..whole }, text.at.to_string())

@@ -4,24 +4,60 @@ use super::{Names, Picked, Place, quoted};
 use crate::{
     diagnostic::suggest,
     document::Entry,
-    table::{Axis, Comparison, Form, Published, TableSpec},
+    table::{Axis, Comparison, CrossPlayTable, Form, MEAN, Published, TableSpec},
 };
 
 impl Names<'_> {
     /// Checks every name in a table.
     pub(super) fn table(&mut self, spec: &TableSpec, entry: &Entry) {
         let place = Place::of(entry, format!("tables.{}", entry.key));
-        let kinds = [("improvement", &spec.improvement), ("comparison", &spec.comparison)];
-        let given: Vec<_> = kinds.into_iter().filter_map(|(kind, it)| Some((kind, it.as_ref()?))).collect();
-        let [(kind, comparison)] = given.as_slice() else {
-            let named = given.iter().map(|(kind, _)| *kind).collect::<Vec<_>>();
-            return self.one_kind(&format!("the table `{}`", entry.key), &place, &named, "`improvement` or `comparison`");
+        let comparison = spec.improvement.as_ref().or(spec.comparison.as_ref());
+        let kinds = [
+            ("improvement", spec.improvement.is_some()),
+            ("comparison", spec.comparison.is_some()),
+            ("cross_play", spec.cross_play.is_some()),
+        ];
+        let given: Vec<&str> = kinds.into_iter().filter(|(_, given)| *given).map(|(kind, _)| kind).collect();
+        let [kind] = given.as_slice() else {
+            let kinds = "`improvement`, `comparison` or `cross_play`";
+            return self.one_kind(&format!("the table `{}`", entry.key), &place, &given, kinds);
         };
         let Some(inner) = place.below(kind) else { return };
-        let (rows, columns) = self.comparison(comparison, &inner, *kind == "improvement");
+        let (rows, columns) = match (comparison, &spec.cross_play) {
+            (Some(comparison), _) => self.comparison(comparison, &inner, *kind == "improvement"),
+            (None, Some(matrix)) => self.matrix(matrix, &inner),
+            (None, None) => return,
+        };
         for (row, published) in &spec.published {
             self.published(row, published, &rows, &columns, &place);
         }
+    }
+
+    /// Checks the matrix of a play; returns the names of its rows and columns.
+    fn matrix(&mut self, spec: &CrossPlayTable, place: &Place<'_>) -> (Vec<String>, Vec<String>) {
+        let world = self.world;
+        let Some(play) = world.plays.iter().find(|play| play.name == spec.play) else {
+            let help = suggest(&spec.play, world.plays.iter().map(|play| play.name.as_str()));
+            self.say(place.value("play"), format!("no play is named `{}`", spec.play), help);
+            return (Vec::new(), Vec::new());
+        };
+        for (key, role) in [("rows", &spec.rows), ("columns", &spec.columns)] {
+            if !play.roles.iter().any(|(known, _)| known == role) {
+                let help = suggest(role, play.roles.iter().map(|(known, _)| known.as_str()));
+                self.say(place.value(key), format!("`{}` has no role `{role}`", play.name), help);
+            }
+        }
+        if spec.rows == spec.columns {
+            self.say(place.value("columns"), "rows and columns are the same role", "choose another role");
+        }
+        if !play.metrics.contains(&spec.value) {
+            self.unknown_metric(&spec.value, place.value("value"), &play.metrics);
+        }
+        let players = play.players.iter().map(|player| player.name.clone());
+        let names: Vec<String> = players.chain([MEAN.to_owned()]).collect();
+        let roles = [spec.rows.clone(), spec.columns.clone(), spec.value.clone()];
+        self.labels(place, &names, &roles);
+        (names.clone(), names)
     }
 
     /// Checks a comparison; returns the names of its rows and columns.

@@ -3,14 +3,15 @@
 //! ```text
 //! claim       = quantity relation quantity [ "in" ENVIRONMENT ]
 //! quantity    = NUMBER | operand | NUMBER "*" operand | operand "*" NUMBER
-//! operand     = AGENT "." METRIC | aggregate "(" AGENT "." METRIC ")"
+//! operand     = AGENT "." METRIC | aggregate "(" AGENT "." METRIC ")" | PLAY "." ROLE "." AGENT "." METRIC
 //! aggregate   = "final" | "auc" | "max" | "min"
 //! relation    = ">" | ">=" | "<" | "<=" | "~" | "within" NUMBER [ "%" ] "of"
 //! ```
 //!
 //! `dsac.cycle_length >= 1.15 * equal.cycle_length in four_cells` compares the final measurements; `~` is `within 5 % of`;
 //! `auc` is the mean of the learning curve, `max` and `min` its largest and smallest point. Names are made of letters,
-//! digits, `_` and `-`; a name does not start with `-`.
+//! digits, `_` and `-`; a name does not start with `-`. `pursuit.prey.tdom_ac.score` is the mean score of the play `pursuit` over
+//! all trained opponents where `tdom_ac` plays the prey.
 
 mod evaluate;
 mod parse;
@@ -82,17 +83,37 @@ impl Aggregate {
 pub struct Operand {
     /// How a trial's measurements become one number.
     pub aggregate: Aggregate,
+    /// The role of a play in which the agent was measured; `None` where it was measured in its own trial.
+    pub within: Option<Within>,
     /// The agent's name in the study.
     pub agent: String,
     /// The metric.
     pub metric: String,
 }
 
+/// A role of a play.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Within {
+    /// The play's name in the study.
+    pub play: String,
+    /// The role.
+    pub role: String,
+}
+
+impl Operand {
+    /// The names with dots between, as written.
+    #[must_use]
+    pub fn path(&self) -> String {
+        let within = self.within.as_ref().map_or_else(String::new, |Within { play, role }| format!("{play}.{role}."));
+        format!("{within}{}.{}", self.agent, self.metric)
+    }
+}
+
 impl fmt::Display for Operand {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.aggregate {
-            Aggregate::Final => write!(f, "{}.{}", self.agent, self.metric),
-            aggregate => write!(f, "{}({}.{})", aggregate.name(), self.agent, self.metric),
+            Aggregate::Final => write!(f, "{}", self.path()),
+            aggregate => write!(f, "{}({})", aggregate.name(), self.path()),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Reads a claim from its text, by recursive descent over the grammar of the parent module.
 
-use super::{Aggregate, Claim, ClaimError, Operand, Quantity, Relation};
+use super::{Aggregate, Claim, ClaimError, Operand, Quantity, Relation, Within};
 
 /// Reads one claim.
 ///
@@ -89,17 +89,30 @@ impl<'a> Reader<'a> {
         if self.eat(")") { Ok(operand) } else { self.error(format!("expected `)` to close `{name}(`")) }
     }
 
-    /// Reads `.metric` after the agent's name, without spaces between.
-    fn metric_of(&mut self, aggregate: Aggregate, agent: &str) -> Result<Operand, ClaimError> {
-        let Some(after) = self.text[self.position..].strip_prefix('.') else {
-            return self.error(format!("expected `.` and a metric after the agent `{agent}`, as in `{agent}.return`"));
+    /// Reads `.metric` after the agent's name, or the rest of `play.role.agent.metric`, without spaces between.
+    fn metric_of(&mut self, aggregate: Aggregate, first: &str) -> Result<Operand, ClaimError> {
+        let start = self.position - first.len();
+        let mut names = vec![first];
+        while let Some(after) = self.text[self.position..].strip_prefix('.') {
+            self.position += 1;
+            let Some(name) = name_at(after) else {
+                return self.error(format!("expected a metric's name after `{}.`", names.join(".")));
+            };
+            self.position += name.len();
+            names.push(name);
+        }
+        let (within, agent, metric) = match names.as_slice() {
+            [agent] => {
+                return self.error(format!("expected `.` and a metric after the agent `{agent}`, as in `{agent}.return`"));
+            }
+            [agent, metric] => (None, agent, metric),
+            [play, role, agent, metric] => (Some(Within { play: (*play).into(), role: (*role).into() }), agent, metric),
+            other => {
+                let message = format!("`{}` is neither AGENT.METRIC nor PLAY.ROLE.AGENT.METRIC", other.join("."));
+                return Err(ClaimError { position: start, message });
+            }
         };
-        self.position += 1;
-        let Some(metric) = name_at(after) else {
-            return self.error(format!("expected a metric's name after `{agent}.`"));
-        };
-        self.position += metric.len();
-        Ok(Operand { aggregate, agent: agent.into(), metric: metric.into() })
+        Ok(Operand { aggregate, within, agent: (*agent).into(), metric: (*metric).into() })
     }
 
     fn relation(&mut self) -> Result<Relation, ClaimError> {
@@ -206,7 +219,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn measured(factor: f64, aggregate: Aggregate, agent: &str, metric: &str) -> Quantity {
-        Quantity::Measured { factor, operand: Operand { aggregate, agent: agent.into(), metric: metric.into() } }
+        Quantity::Measured { factor, operand: Operand { aggregate, within: None, agent: agent.into(), metric: metric.into() } }
     }
 
     fn claim(left: Quantity, relation: Relation, right: Quantity, environment: Option<&str>) -> Claim {
@@ -262,6 +275,8 @@ mod tests {
             ("a.x within |of 3", "how far"),
             ("a.x within |-2 of 3", "cannot be negative"),
             ("a.x within 5 % |3", "expected `of`"),
+            ("|a.b.x > 2", "neither AGENT.METRIC nor PLAY.ROLE.AGENT.METRIC"),
+            ("a.b.c.d.| > 2", "after `a.b.c.d.`"),
             ("a.x * |b.x > 2", "a factor after `*`"),
             ("|1 > 2", "at least one agent's metric"),
             ("ä.x > |€", "a number or an agent's metric"),
@@ -273,6 +288,15 @@ mod tests {
             let text = marked.replace('|', "");
             assert_eq!(text[error.position..].trim_start(), text[position..].trim_start(), "{marked}: {error}");
         }
+    }
+
+    #[test]
+    fn an_agent_in_a_role_of_a_play() {
+        let claim = parse("pursuit.prey.tdom_ac.score > 2 * pursuit.prey.pr2.score").unwrap();
+        let [left, right] = claim.operands()[..] else { panic!("two operands") };
+        assert_eq!(left.within, Some(Within { play: "pursuit".into(), role: "prey".into() }));
+        assert_eq!((left.agent.as_str(), right.agent.as_str(), left.metric.as_str()), ("tdom_ac", "pr2", "score"));
+        assert_eq!(parse(&claim.to_string()), Ok(claim));
     }
 
     #[test]

@@ -311,4 +311,11 @@ impl Agent for IndependentSac {
         }
         Ok(true)
     }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        for (seat, learner) in self.learners.iter_mut().enumerate() {
+            checkpoint::import_policy(NAME, &mut learner.policy, &self.layout.place(dir, seat))?;
+        }
+        Ok(true)
+    }
 }

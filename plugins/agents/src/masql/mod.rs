@@ -62,6 +62,9 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "masql";
+/// File of a seat's exported critic, and what the names of its tensors begin with.
+const CRITIC_FILE: &str = "critic.safetensors";
+const CRITIC: &str = "critic";
 /// Keeps the logarithm of the correction for tanh finite on the faces of the cube.
 const FACE: f64 = 1e-6;
 
@@ -325,7 +328,8 @@ impl Agent for Masql {
     }
 
     /// One file per seat, in a folder with the seat's name. Inputs are what the seat sees and then standard normal noise, one number
-    /// per entry of the joint action; outputs are the joint action, of which the seat executes its own entries.
+    /// per entry of the joint action; outputs are the joint action, of which the seat executes its own entries. The critic lies
+    /// beside in a file of its own: the best of several draws is the one that it values most.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         for (seat, learner) in self.learners.iter().enumerate() {
             let mut ports = self.layout.ports(self.config.sight.columns(&self.layout, seat), 0..self.layout.n_acted());
@@ -335,7 +339,22 @@ impl Agent for Masql {
                 ports.spread.push(1.0);
             }
             let policy = Policy::new(learner.sampler.network(), ports, Head::Tanh);
-            policy.write(&self.layout.folder(dir, seat)?).map_err(checkpoint::error_of(NAME))?;
+            let folder = self.layout.folder(dir, seat)?;
+            policy.write(&folder).map_err(checkpoint::error_of(NAME))?;
+            let mut critic = TensorFile::default();
+            store(&learner.critic.network().valid(), CRITIC, &mut critic);
+            critic.write(&folder.join(CRITIC_FILE)).map_err(checkpoint::error_of(NAME))?;
+        }
+        Ok(true)
+    }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        let misfit = checkpoint::error_of(NAME);
+        for (seat, learner) in self.learners.iter_mut().enumerate() {
+            let folder = self.layout.place(dir, seat);
+            checkpoint::import_policy(NAME, &mut learner.sampler, &folder)?;
+            let critic = TensorFile::read(&folder.join(CRITIC_FILE)).map_err(&misfit)?;
+            learner.critic.restore_network(CRITIC, &critic).map_err(&misfit)?;
         }
         Ok(true)
     }

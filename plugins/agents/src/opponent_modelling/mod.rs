@@ -15,8 +15,8 @@
 //! the same network with its columns named otherwise.
 //!
 //! A folder that `save` wrote continues training. One that `export` wrote (`policy.safetensors`) holds policies, opponent models
-//! and running moments of all seats: `load` takes it too, and the agent then acts as the exported one did, so that some seats
-//! of one stored agent can be set against the other seats of another.
+//! and running moments of all seats: `import` takes it, and the agent then acts as the exported one did, so that some seats of
+//! one stored agent can be set against the other seats of another.
 
 mod config;
 mod networks;
@@ -398,11 +398,7 @@ impl<A: Algorithm> Agent for Learner<A> {
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (exported, misfit) = (dir.join(FILE_NAME), checkpoint::error_of(A::NAME));
-        if !dir.join(checkpoint::FILE_NAME).exists() && exported.exists() {
-            let file = TensorFile::read(&exported).map_err(&misfit)?;
-            return self.restore_acting(&file).map_err(&misfit);
-        }
+        let misfit = checkpoint::error_of(A::NAME);
         let (file, schedule): (_, UpdateSchedule) = checkpoint::read(A::NAME, dir)?;
         self.restore(&file).map_err(&misfit)?;
         self.game.schedule = schedule;
@@ -411,6 +407,13 @@ impl<A: Algorithm> Agent for Learner<A> {
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         self.game.exported(A::NAME).write(&dir.join(FILE_NAME)).map_err(checkpoint::error_of(A::NAME))?;
+        Ok(true)
+    }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        let misfit = checkpoint::error_of(A::NAME);
+        let file = TensorFile::read(&dir.join(FILE_NAME)).map_err(&misfit)?;
+        self.restore_acting(&file).map_err(&misfit)?;
         Ok(true)
     }
 }

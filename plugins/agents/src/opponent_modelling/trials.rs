@@ -92,7 +92,7 @@ pub(crate) fn assert_learns<A: Algorithm>(algorithm: A) {
     assert!(after > -0.2 && after > 0.5 * before, "{before} {after} {record:?}");
 }
 
-/// Asserts that an agent of another start acts and predicts as the one whose export it loads.
+/// Asserts that an agent of another start acts and predicts as the one whose export it takes up.
 pub(crate) fn assert_exports<A: Algorithm>(algorithm: A) {
     let mut one = learner(algorithm.clone());
     coordination::train(&mut one, 8, &mut stream(&["train"]));
@@ -102,7 +102,7 @@ pub(crate) fn assert_exports<A: Algorithm>(algorithm: A) {
     let seen = [-0.7, 0.2].map(|x| Observation { seats: vec![vec![x], vec![x]], state: Vec::new() });
     let act = |learner: &mut Learner<A>| learner.act(&seen, Mode::Evaluate, &mut stream(&["x"])).unwrap();
     assert_ne!(act(&mut one), act(&mut two));
-    two.load(dir.path()).unwrap();
+    assert!(two.import(dir.path()).unwrap());
     let actions = act(&mut one);
     assert_eq!(act(&mut two), actions);
     let errors = one.assess(&seen, &actions).unwrap();

@@ -1,0 +1,78 @@
+//! Agents that play one environment together, each the seats of its role.
+
+use super::Cast;
+use crate::{Action, Agent, Error, Interface, Mode, Observation, Registry, Rng, random::Streams};
+use std::path::PathBuf;
+
+/// Several agents as one. Each is built for all seats, as where it was trained, and of what it does only its own seats count.
+pub(crate) struct Team {
+    members: Vec<Member>,
+    n_seats: usize,
+}
+
+struct Member {
+    seats: Vec<usize>,
+    agent: Box<dyn Agent>,
+}
+
+impl Team {
+    /// Builds the agents of a cast and has them take up their policies, which `policies` finds by the id of a trial.
+    ///
+    /// # Errors
+    /// [`Error::Source`] where a policy is missing, damaged or of another form, and what the agents' constructors say.
+    pub(crate) fn assemble(
+        cast: &Cast,
+        registry: &Registry,
+        interface: &Interface,
+        streams: &Streams,
+        policies: &dyn Fn(&str) -> Result<PathBuf, Error>,
+    ) -> Result<Self, Error> {
+        let seat = |name: &String| {
+            let found = interface.seats.iter().position(|seat| seat.name == *name);
+            found.ok_or_else(|| Error::config("roles", format!("the environment has no seat `{name}`")))
+        };
+        let mut members = Vec::with_capacity(cast.roles.len());
+        for (role, member) in &cast.roles {
+            let name = &member.agent.plugin;
+            let entry = registry.agents.get(name.as_str());
+            let entry = entry.ok_or_else(|| Error::config("agent", format!("`{name}` is not registered in this program")))?;
+            let mut rng = streams.agent(&format!("initialise {role}"));
+            let mut agent = (entry.build)(&member.agent.config, interface, &mut rng)?;
+            if let Some(trial) = &member.trial {
+                take_up(&mut *agent, name, trial, policies)?;
+            }
+            members.push(Member { seats: member.seats.iter().map(seat).collect::<Result<_, _>>()?, agent });
+        }
+        Ok(Self { members, n_seats: interface.seats.len() })
+    }
+}
+
+fn take_up(
+    agent: &mut dyn Agent,
+    name: &str,
+    trial: &str,
+    policies: &dyn Fn(&str) -> Result<PathBuf, Error>,
+) -> Result<(), Error> {
+    let unusable = |problem: String| Error::Source { trial: trial.into(), problem };
+    match agent.import(&policies(trial)?) {
+        Ok(true) => Ok(()),
+        Ok(false) => Err(unusable(format!("the agent `{name}` takes up no stored policy"))),
+        Err(error) => Err(unusable(error.to_string())),
+    }
+}
+
+impl Agent for Team {
+    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        let mut joint: Vec<Action> = vec![vec![Vec::new(); self.n_seats]; observations.len()];
+        for Member { seats, agent } in &mut self.members {
+            for (row, mut action) in joint.iter_mut().zip(agent.act(observations, mode, rng)?) {
+                seats.iter().for_each(|&seat| row[seat] = std::mem::take(&mut action[seat]));
+            }
+        }
+        Ok(joint)
+    }
+
+    fn reads_state(&self) -> bool {
+        self.members.iter().any(|member| member.agent.reads_state())
+    }
+}
