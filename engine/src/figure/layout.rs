@@ -125,7 +125,14 @@ fn shows_x(chart: &Chart, index: usize) -> bool {
 fn plot_height(chart: &Chart) -> f64 {
     let has_surface = chart.panels.iter().flat_map(|panel| &panel.series).any(|series| matches!(series.shape, Shape::Surface(_)));
     match chart.columns {
-        _ if has_surface => 150.0,
+        // About square, as both axes are alike.
+        columns if has_surface => {
+            if columns > 2 {
+                122.0
+            } else {
+                150.0
+            }
+        }
         _ if chart.shared_x => 72.0,
         0 | 1 => 132.0,
         2 => 125.0,
