@@ -65,7 +65,7 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
         Shape::Level(_) => marks.extend(dashed(&ends, level_dashes(series.style), LINE_WIDTH, color)),
         Shape::Points(_) => marks.push(marker(series.style, middle)),
         Shape::Path(_) => {
-            let points: Vec<Place> = (0..=8).map(|index| (x + length * f64::from(index) / 8.0, y)).collect();
+            let points: Vec<Place> = (0..=8).map(|index| (x + 2.0 + (length - 4.0) * f64::from(index) / 8.0, y)).collect();
             path(&points, marks);
         }
         Shape::Crosses(_) => marks.extend(cross(middle)),
@@ -197,7 +197,7 @@ fn cross((x, y): Place) -> Vec<Mark> {
         let line = move |points: [Place; 2]| Mark::Line { points: points.to_vec(), width, color };
         [line([(x - arm, y - arm), (x + arm, y + arm)]), line([(x - arm, y + arm), (x + arm, y - arm)])]
     };
-    [lines(2.4, (0xff, 0xff, 0xff), 4.6), lines(1.1, INK, 4.2)].concat()
+    [lines(2.2, (0xff, 0xff, 0xff), 3.4), lines(1.0, INK, 3.0)].concat()
 }
 
 fn disc((x, y): Place, radius: f64) -> Vec<Place> {

@@ -66,6 +66,11 @@ impl Comparison {
         self.form.unwrap_or(if self.relative_to.is_some() { Form::PercentChange } else { Form::Value })
     }
 
+    /// Weight of the past in the moving average that `steps_until_above` is held against.
+    fn weight(&self) -> f64 {
+        self.smooth.unwrap_or(0.9)
+    }
+
     /// True where values have the unit of the metric.
     #[must_use]
     pub fn has_unit_of_metric(&self) -> bool {
@@ -113,7 +118,7 @@ impl<'a> Relation<'a> {
         let value = comparison.labels.get(&comparison.value).cloned().unwrap_or_else(|| comparison.value.replace('_', " "));
         let value = match (comparison.steps_until_above, comparison.last) {
             (Some(level), _) => {
-                format!("environment steps until the moving average (weight {}) of {value} is above {level}", comparison.smooth)
+                format!("environment steps until the moving average (weight {}) of {value} is above {level}", comparison.weight())
             }
             (None, Some(last)) => format!("{value}, mean of the last {last} measurements"),
             (None, None) => value,
@@ -158,7 +163,7 @@ fn places(comparison: &Comparison, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>
     let column_axis = comparison.columns.or_else(|| Axis::ALL.into_iter().find(free));
     let columns = match column_axis {
         Some(axis) => names(comparison, scope, axis).iter().map(|name| place(comparison, &[(axis, name.clone())])).collect(),
-        None => vec![Place { heading: heading(comparison, &comparison.value), at: Vec::new() }],
+        None => vec![Place { heading: only_column(comparison), at: Vec::new() }],
     };
     // What varies and is neither row nor column splits the rows: different settings are never averaged as if they were seeds.
     let splitting: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| free(axis) && Some(*axis) != column_axis).collect();
@@ -199,8 +204,9 @@ fn place(comparison: &Comparison, at: &[(Axis, String)]) -> Place {
     Place { heading: Heading { name: words(&str::to_owned), label }, at: at.to_vec() }
 }
 
-fn heading(comparison: &Comparison, name: &str) -> Heading {
-    Heading { name: name.into(), label: label(comparison, name) }
+fn only_column(comparison: &Comparison) -> Heading {
+    let label = if comparison.steps_until_above.is_some() { "steps".into() } else { label(comparison, &comparison.value) };
+    Heading { name: comparison.value.clone(), label }
 }
 
 fn label(comparison: &Comparison, name: &str) -> String {
@@ -257,7 +263,7 @@ fn measured(trial: &TrialResult, comparison: &Comparison) -> Result<f64, String>
     let curve = trial.curve(Phase::Evaluate, metric);
     let values: Vec<f64> = curve.iter().map(|(_, value)| *value).collect();
     if let Some(level) = comparison.steps_until_above {
-        let averages = estimators::moving_average(&values, comparison.smooth);
+        let averages = estimators::moving_average(&values, comparison.weight());
         let passed = averages.iter().position(|average| *average > level);
         #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
         return passed.map(|index| curve[index].0 as f64).ok_or_else(|| format!("never above {level}"));

@@ -70,9 +70,9 @@ pub struct Comparison {
     pub last: Option<u64>,
     /// Take the environment steps until the moving average of the measurements during learning is above this value.
     pub steps_until_above: Option<f64>,
-    /// Weight of the past in that moving average.
+    /// Weight of the past in that moving average; 0.9 where absent.
     #[schemars(range(min = 0.0, max = 0.999))]
-    pub smooth: f64,
+    pub smooth: Option<f64>,
     /// The agent that the others are compared with.
     pub relative_to: Option<String>,
     /// How the comparison is written.
@@ -98,7 +98,7 @@ impl Default for Comparison {
             statistic: Statistic::Mean,
             last: None,
             steps_until_above: None,
-            smooth: 0.9,
+            smooth: None,
             relative_to: None,
             form: None,
             agents: Vec::new(),

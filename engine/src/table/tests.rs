@@ -85,10 +85,11 @@ fn the_last_measurements_during_learning() {
 
 #[test]
 fn the_steps_until_a_level_or_why_there_are_none() {
-    let comparison = Comparison { steps_until_above: Some(5.0), smooth: 0.5, ..Comparison::default() };
+    let comparison = Comparison { steps_until_above: Some(5.0), smooth: Some(0.5), ..Comparison::default() };
     let has_unit = comparison.has_unit_of_metric();
     let grid = build(&TableSpec { comparison: Some(comparison), ..TableSpec::default() }, &learning()).unwrap();
     assert_eq!(grid.quantity, "environment steps until the moving average (weight 0.5) of return is above 5");
+    assert_eq!(grid.columns[0].label, "steps");
     // The averages of seed 0 are 0, 4, 6, 7.
     assert_eq!((grid.cells[0][0].seeds.clone(), grid.cells[1][0].seeds.clone()), (vec![(0, 20.0), (1, 0.0)], vec![(0, 20.0)]));
     assert_eq!(grid.cells[1][0].incompleteness(), "1 of 2 seeds; seed 1: never above 5");
