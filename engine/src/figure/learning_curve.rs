@@ -81,23 +81,21 @@ fn smooth(mut points: Vec<Point>, smooth: f64) -> Vec<Point> {
 
 fn explain(kind: &LearningCurve) -> String {
     let band = match kind.band {
-        Band::Sd => "one standard deviation to each side",
-        Band::Interval => "95 % bootstrap intervals of the mean",
-        Band::Range => "from the smallest to the largest seed",
-        Band::None => "",
+        Band::Sd => Some("one standard deviation to each side"),
+        Band::Interval => Some("95 % bootstrap intervals of the mean"),
+        Band::Range => Some("from the smallest to the largest seed"),
+        Band::None => None,
     };
-    let of = if kind.smooth > 0.0 {
-        format!("moving averages (weight of the past {}) of means over n seeds", kind.smooth)
+    let (lines, bands) = if kind.smooth > 0.0 {
+        (
+            format!("moving averages (weight of the past {}) of means over n seeds", kind.smooth),
+            "; bands, which are not averaged,",
+        )
     } else {
-        "means over n seeds".into()
+        ("means over n seeds".into(), ", bands")
     };
-    let (joint, around) = if kind.smooth > 0.0 { ("; bands, which are not averaged,", " of the mean") } else { (", bands", "") };
-    let band = match kind.band {
-        Band::None => String::new(),
-        Band::Sd => format!("{joint} {band}{around}"),
-        _ => format!("{joint} {band}"),
-    };
-    format!("Lines are {of}{band}; straight lines are agents that do not learn.")
+    let band = band.map_or(String::new(), |band| format!("{bands} {band}"));
+    format!("Lines are {lines}{band}; straight lines are agents that do not learn.")
 }
 
 #[cfg(test)]
