@@ -146,7 +146,8 @@ fn about<'a>(registry: &'a Registry, kind: &str, name: &str) -> Option<&'a About
 /// Everything that must have a pin.
 fn subjects(registry: &Registry) -> Vec<String> {
     let environments = registry.environments.keys().map(|name| format!("environment {name}"));
-    let agents = registry.agents.keys().map(|name| format!("agent {name}"));
+    // Measurements of time are no numbers that could be pinned.
+    let agents = registry.agents.iter().filter(|(_, entry)| !entry.measures_time).map(|(name, _)| format!("agent {name}"));
     let protocols = registry.protocols.keys().map(|name| format!("protocol {name}"));
     environments.chain(agents).chain(protocols).collect()
 }
@@ -241,7 +242,8 @@ fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
         wanted.map(|name| small(about(registry, of, name).unwrap(), name)).collect()
     };
     let learns = |agent: &Part| registry.agents[agent.plugin.as_str()].learns;
-    let mut agents = candidates("agent", registry.agents.keys().copied().collect());
+    let pinnable = registry.agents.iter().filter(|(_, entry)| !entry.measures_time);
+    let mut agents = candidates("agent", pinnable.map(|(name, _)| *name).collect());
     if kind == "environment" && agents.iter().any(|agent| !learns(agent)) {
         // What pins an environment shall not move with an algorithm.
         agents.retain(|agent| !learns(agent));

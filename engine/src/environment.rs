@@ -188,6 +188,15 @@ impl Metric {
     }
 }
 
+/// A reward over two actions, point by point: what contour figures draw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RewardSurface {
+    /// Names of the two actions and of the reward, as they are traced.
+    pub names: [String; 3],
+    /// The two actions and the reward at each point of a full grid.
+    pub points: Vec<[f64; 3]>,
+}
+
 /// A simulated system with one or more seats.
 ///
 /// All randomness comes from the `rng` arguments; an environment reads no clock and no file after it was built.
@@ -227,6 +236,11 @@ pub trait Environment: Send {
 
     /// What a rollout writes of the present time, one value per trace channel; `NaN` becomes an empty cell.
     fn trace(&self) -> Vec<f64>;
+
+    /// The reward over two actions, where two actions are all that it depends on. Protocols that trace episodes trace it too.
+    fn reward_surface(&self) -> Option<RewardSurface> {
+        None
+    }
 
     /// Everything that changes during an episode, so that a stopped trial continues to the same bits.
     fn snapshot(&self) -> serde_json::Value;

@@ -39,7 +39,9 @@ pub mod trial;
 
 pub use agent::{Agent, Mode, Transition};
 pub use checkpoint::{Keeper, NoKeeper};
-pub use environment::{Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, Seat, Space, Step};
+pub use environment::{
+    Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, RewardSurface, Seat, Space, Step,
+};
 pub use error::Error;
 pub use protocol::Protocol;
 pub use random::Rng;

@@ -69,6 +69,8 @@ pub struct AgentEntry {
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
+    /// True where what it records are times.
+    pub measures_time: bool,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
 }
@@ -103,6 +105,10 @@ pub struct AgentTraits {
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
+    /// True where what it records are times, read from a clock: its trials are measurements of the machine, and the one exception
+    /// to the rule that a trial gives the same bits wherever it runs. They are stored like any other, but neither pinned nor
+    /// continued half-way, and `selftest` refuses them.
+    pub measures_time: bool,
 }
 
 impl Registry {
@@ -137,6 +143,7 @@ impl Registry {
             about: describe::<C>(version, about),
             learns: traits.learns,
             metrics: traits.metrics,
+            measures_time: traits.measures_time,
             build: Box::new(move |raw, interface, rng| build(typed(raw)?, interface, rng)),
         };
         assert!(self.agents.insert(name, entry).is_none(), "agent `{name}` is registered twice");

@@ -47,7 +47,7 @@ struct Misbehaving {
 
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry) {
-    let traits = AgentTraits { learns: true, metrics: Vec::new() };
+    let traits = AgentTraits { learns: true, metrics: Vec::new(), ..AgentTraits::default() };
     registry.agent("misbehaving", 1, "Misbehaves as its config says.", traits, build);
 }
 

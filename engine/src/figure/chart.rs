@@ -97,8 +97,10 @@ pub enum Shape {
     Bars(Vec<Point>, f64),
     /// A surface over a full grid.
     Surface(Surface),
-    /// A path whose points go from light to dark.
+    /// Points of a path, from light to dark.
     Path(Vec<Point>),
+    /// Points marked by a cross.
+    Crosses(Vec<Point>),
 }
 
 /// A point, with the interval of its vertical value where there is one.
@@ -134,7 +136,8 @@ impl Shape {
             | Shape::MarkedLine(points)
             | Shape::Points(points)
             | Shape::Bars(points, _)
-            | Shape::Path(points) => points,
+            | Shape::Path(points)
+            | Shape::Crosses(points) => points,
             Shape::Level(_) | Shape::Surface(_) => &[],
         }
     }

@@ -1,4 +1,4 @@
-//! Contours: a surface that a trial recorded point by point, with a path over it.
+//! Contours: a surface that a trial traced point by point, with what it measured during learning as a path over it.
 
 use super::{
     Contour, FigureSpec,
@@ -30,7 +30,10 @@ pub(super) fn build(kind: &Contour, spec: &FigureSpec, context: Context<'_>) -> 
         })
     };
     let panels = trials.iter().map(panel).collect::<Result<Vec<_>, Error>>()?;
-    Ok(Chart { columns: panels.len().min(2), panels, shared_y: true, ..Chart::default() })
+    let columns = if panels.len() == 4 { 2 } else { panels.len().min(3) };
+    let seed = trials[0].trial.key.seed;
+    let notes = vec![format!("Seed {seed}; a point is the mean over the episodes of a measurement.")];
+    Ok(Chart { columns, panels, shared_y: true, notes, ..Chart::default() })
 }
 
 fn trials<'a>(kind: &Contour, context: Context<'a>) -> Vec<&'a TrialResult> {
@@ -50,13 +53,31 @@ fn series(kind: &Contour, spec: &FigureSpec, context: Context<'_>, trial: &Trial
     let values = |metric: &String| trial.select(Phase::Trace, metric).map(|row| row.value).collect::<Vec<f64>>();
     let columns: Vec<Vec<f64>> = kind.surface.iter().map(values).collect();
     let surface = surface(&columns, context.scale(spec, &kind.surface[2], false).label)?;
-    let style = Style::default();
-    let mut series = vec![Series { label: String::new(), seeds: None, style, shape: Shape::Surface(surface) }];
-    if let [x, y] = kind.path.as_slice() {
-        let points = values(x).into_iter().zip(values(y)).map(|(x, y)| Point { x, y, interval: None }).collect();
-        series.push(Series { label: String::new(), seeds: None, style, shape: Shape::Path(points) });
-    }
+    let highest = highest(&surface);
+    let unnamed = |shape| Series { label: String::new(), seeds: None, style: Style::default(), shape };
+    let mut series = vec![unnamed(Shape::Surface(surface))];
+    series.extend(path(kind, trial).map(|(label, points)| Series { label, ..unnamed(Shape::Path(points)) }));
+    series.push(Series { label: "highest point".into(), ..unnamed(Shape::Crosses(vec![highest])) });
     Ok(series)
+}
+
+/// What was measured during learning, in order, and its name; `None` where the study asks for none or nothing was measured.
+fn path(kind: &Contour, trial: &TrialResult) -> Option<(String, Vec<Point>)> {
+    let [x, y] = kind.path.as_slice() else { return None };
+    let (x, y) = (trial.curve(Phase::Evaluate, x), trial.curve(Phase::Evaluate, y));
+    let (first, last) = (x.first()?.0, x.last()?.0);
+    let points = x.into_iter().zip(y).map(|((_, x), (_, y))| Point { x, y, interval: None }).collect();
+    Some((format!("measurements from step {first} to step {last}"), points))
+}
+
+fn highest(surface: &Surface) -> Point {
+    let row = |(y, heights): (&f64, &Vec<f64>)| {
+        let cells: Vec<_> =
+            surface.x.iter().zip(heights).map(|(x, height)| (*height, Point { x: *x, y: *y, interval: None })).collect();
+        cells
+    };
+    let cells = surface.y.iter().zip(&surface.z).flat_map(row);
+    cells.max_by(|one, other| one.0.total_cmp(&other.0)).map_or(Point::default(), |(_, point)| point)
 }
 
 /// Points in any order as a full grid.
@@ -92,5 +113,12 @@ mod tests {
         assert_eq!((grid.x, grid.y, grid.z), (vec![0.0, 1.0], vec![0.0, 2.0], vec![vec![0.0, 10.0], vec![2.0, 12.0]]));
         let short: Vec<Vec<f64>> = columns.iter().map(|column| column[..3].to_vec()).collect();
         assert!(surface(&short, String::new()).unwrap_err().to_string().contains("no full grid"));
+    }
+
+    #[test]
+    fn the_highest_point_is_found() {
+        let grid =
+            Surface { x: vec![1.0, 2.0], y: vec![3.0, 4.0], z: vec![vec![-5.0, -1.0], vec![-2.0, -3.0]], label: String::new() };
+        assert_eq!(highest(&grid), Point { x: 2.0, y: 3.0, interval: None });
     }
 }

@@ -123,9 +123,15 @@ fn shows_x(chart: &Chart, index: usize) -> bool {
 }
 
 fn plot_height(chart: &Chart) -> f64 {
-    let has_surface = chart.panels.iter().flat_map(|panel| &panel.series).any(|series| matches!(series.shape, Shape::Surface(_)));
     match chart.columns {
-        _ if has_surface => 150.0,
+        // About square, as both axes are alike.
+        columns if has_surface(chart) => {
+            if columns > 2 {
+                122.0
+            } else {
+                150.0
+            }
+        }
         _ if chart.shared_x => 72.0,
         0 | 1 => 132.0,
         2 => 125.0,
@@ -133,9 +139,14 @@ fn plot_height(chart: &Chart) -> f64 {
     }
 }
 
+fn has_surface(chart: &Chart) -> bool {
+    chart.panels.iter().flat_map(|panel| &panel.series).any(|series| matches!(series.shape, Shape::Surface(_)))
+}
+
 fn left_margin(chart: &Chart, ranges: &[(Range, Range)], column: usize, height: f64) -> f64 {
     if chart.shared_y && column > 0 {
-        return 5.0;
+        // Axes of surfaces end in numbers, which must not meet.
+        return if has_surface(chart) { 12.0 } else { 5.0 };
     }
     let of_panel = |index: usize| {
         let panel = &chart.panels[index];

@@ -47,13 +47,13 @@ fn one(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> 
     let mut seeds: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
     let mut n = 0;
     for trial in scope.trials.iter().filter(|trial| trial.is_ok()) {
-        let curve = smooth(trial.curve(Phase::Evaluate, &kind.metric), kind.smooth);
+        let curve = trial.curve(Phase::Evaluate, &kind.metric);
         n += usize::from(!curve.is_empty());
         for (step, value) in curve {
             seeds.entry(step).or_default().push(value);
         }
     }
-    let points = seeds.iter().map(|(step, values)| point(*step, values, kind.band)).collect();
+    let points = smooth(seeds.iter().map(|(step, values)| point(*step, values, kind.band)).collect(), kind.smooth);
     Some(Series { label, seeds: Some((n, scope.planned())), style, shape: Shape::Line(points) })
 }
 
@@ -72,23 +72,30 @@ fn point(step: u64, values: &[f64], band: Band) -> Point {
     Point { x: step as f64, y: mean, interval }
 }
 
-/// The running mean y' = smooth y' + (1 - smooth) y, started at the first value.
-fn smooth(mut curve: Vec<(u64, f64)>, smooth: f64) -> Vec<(u64, f64)> {
-    for index in 1..curve.len() {
-        curve[index].1 = smooth * curve[index - 1].1 + (1.0 - smooth) * curve[index].1;
-    }
-    curve
+/// The line as a moving average; the band stays as it is.
+fn smooth(mut points: Vec<Point>, smooth: f64) -> Vec<Point> {
+    let heights: Vec<f64> = points.iter().map(|point| point.y).collect();
+    points.iter_mut().zip(estimators::moving_average(&heights, smooth)).for_each(|(point, y)| point.y = y);
+    points
 }
 
 fn explain(kind: &LearningCurve) -> String {
     let band = match kind.band {
-        Band::Sd => ", bands one standard deviation to each side",
-        Band::Interval => ", bands 95 % bootstrap intervals of the mean",
-        Band::Range => ", bands from the smallest to the largest seed",
-        Band::None => "",
+        Band::Sd => Some("one standard deviation to each side"),
+        Band::Interval => Some("95 % bootstrap intervals of the mean"),
+        Band::Range => Some("from the smallest to the largest seed"),
+        Band::None => None,
     };
-    let smooth = if kind.smooth > 0.0 { format!(" Drawn with a running mean of weight {}.", kind.smooth) } else { String::new() };
-    format!("Lines are means over n seeds{band}; straight lines are agents that do not learn.{smooth}")
+    let (lines, bands) = if kind.smooth > 0.0 {
+        (
+            format!("moving averages (weight of the past {}) of means over n seeds", kind.smooth),
+            "; bands, which are not averaged,",
+        )
+    } else {
+        ("means over n seeds".into(), ", bands")
+    };
+    let band = band.map_or(String::new(), |band| format!("{bands} {band}"));
+    format!("Lines are {lines}{band}; straight lines are agents that do not learn.")
 }
 
 #[cfg(test)]
@@ -106,8 +113,25 @@ mod tests {
     }
 
     #[test]
-    fn smoothing_by_hand() {
-        assert_eq!(smooth(vec![(0, 1.0), (1, 3.0), (2, 3.0)], 0.5), [(0, 1.0), (1, 2.0), (2, 2.5)]);
-        assert_eq!(smooth(vec![(0, 1.0), (1, 3.0)], 0.0), [(0, 1.0), (1, 3.0)]);
+    fn the_line_is_averaged_and_the_band_is_not() {
+        let raw: Vec<Point> =
+            [(0, [0.0, 2.0]), (1, [2.0, 4.0]), (2, [2.0, 4.0])].map(|(step, values)| point(step, &values, Band::Range)).into();
+        let smoothed = smooth(raw.clone(), 0.5);
+        assert_eq!(smoothed.iter().map(|point| point.y).collect::<Vec<_>>(), [1.0, 2.0, 2.5]);
+        assert!(smoothed.iter().zip(&raw).all(|(one, other)| one.interval == other.interval));
+        assert_eq!(smooth(raw.clone(), 0.0), raw);
+    }
+
+    #[test]
+    fn the_note_says_what_is_averaged() {
+        let of = |smooth, band| explain(&LearningCurve { smooth, band, ..LearningCurve::default() });
+        assert_eq!(
+            of(0.0, Band::Sd),
+            "Lines are means over n seeds, bands one standard deviation to each side; straight lines are agents that do not learn."
+        );
+        assert!(of(0.9, Band::Sd).starts_with(
+            "Lines are moving averages (weight of the past 0.9) of means over n seeds; bands, which are not averaged, one"
+        ));
+        assert!(of(0.9, Band::None).contains("n seeds; straight"));
     }
 }

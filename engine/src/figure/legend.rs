@@ -74,7 +74,11 @@ fn lines<'a>(entries: &[(&'a Series, String)], width: f64) -> Vec<Vec<(&'a Serie
 
 /// Lines need room to show their dashes.
 fn sample_width(series: &Series) -> f64 {
-    if matches!(series.shape, Shape::Line(_) | Shape::MarkedLine(_) | Shape::Level(_)) { 20.0 } else { 8.0 }
+    match series.shape {
+        Shape::Line(_) | Shape::MarkedLine(_) | Shape::Level(_) => 20.0,
+        Shape::Path(_) => 40.0,
+        _ => 8.0,
+    }
 }
 
 fn entry_width(series: &Series, entry: &str) -> f64 {

@@ -41,7 +41,7 @@ pub struct FigureSpec {
     pub grouped_lines: Option<GroupedLines>,
     /// One metric against another, a point per seed.
     pub scatter: Option<Scatter>,
-    /// A surface recorded as x, y, z metrics, as filled contours, with a path over it.
+    /// A surface traced as x, y, z, as filled contours, with what was measured during learning as points over it.
     pub contour: Option<Contour>,
     /// Names to print instead of the study's own.
     pub labels: BTreeMap<String, String>,
@@ -67,7 +67,8 @@ pub struct LearningCurve {
     pub environments: Vec<String>,
     /// Vertical axis on a logarithmic scale.
     pub log_y: bool,
-    /// Running mean y' = smooth y' + (1 - smooth) y, for drawing only.
+    /// Weight of the past in a moving average y' = smooth y' + (1 - smooth) y of the mean over seeds, for drawing only; the
+    /// band is that of the values themselves.
     #[schemars(range(min = 0.0, max = 0.999))]
     pub smooth: f64,
 }
@@ -150,13 +151,13 @@ pub struct Scatter {
     pub environments: Vec<String>,
 }
 
-/// A surface with a path over it, from trace rows.
+/// A surface that was traced, with a path over it that was measured during learning.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Contour {
     /// Trace metrics that hold x, y and z of the surface, a grid point per row.
     pub surface: Vec<String>,
-    /// Trace metrics that hold x and y of the path, drawn from light to dark.
+    /// Metrics that hold x and y of the path, a point per measurement during learning, from light to dark.
     pub path: Vec<String>,
     /// Which agents, one panel each; all where empty.
     pub agents: Vec<String>,

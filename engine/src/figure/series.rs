@@ -1,4 +1,4 @@
-//! Draws the series of a panel: lines with bands, marked lines, levels, points, bars, paths.
+//! Draws the series of a panel: lines with bands, marked lines, levels, points, bars, paths, crosses.
 
 use super::{
     axes::{Frame, Range},
@@ -42,6 +42,7 @@ fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<M
         Shape::Bars(points, width) => bars(points, *width, frame, color, marks),
         Shape::Surface(surface) => surface::draw(surface, heights, frame, marks),
         Shape::Path(points) => path(&places(points, frame), marks),
+        Shape::Crosses(points) => places(points, frame).into_iter().for_each(|at| marks.extend(cross(at))),
     }
 }
 
@@ -63,7 +64,12 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
         }
         Shape::Level(_) => marks.extend(dashed(&ends, level_dashes(series.style), LINE_WIDTH, color)),
         Shape::Points(_) => marks.push(marker(series.style, middle)),
-        Shape::Bars(..) | Shape::Surface(_) | Shape::Path(_) => {
+        Shape::Path(_) => {
+            let points: Vec<Place> = (0..=8).map(|index| (x + 2.0 + (length - 4.0) * f64::from(index) / 8.0, y)).collect();
+            path(&points, marks);
+        }
+        Shape::Crosses(_) => marks.extend(cross(middle)),
+        Shape::Bars(..) | Shape::Surface(_) => {
             marks.push(Mark::Fill {
                 points: rectangle((middle.0 - 4.0, y - 3.5), (middle.0 + 4.0, y + 3.5)),
                 color,
@@ -173,20 +179,25 @@ fn marker(style: Style, (x, y): Place) -> Mark {
     Mark::Fill { points, color: style.color(), opacity: 0.9 }
 }
 
-/// A path from light to dark with a dark rim, an open circle at its start and a full one at its end.
+/// Points from light to dark with a thin rim, the last on top.
 fn path(points: &[Place], marks: &mut Vec<Mark>) {
     const LIGHT: Rgb = (0xff, 0xff, 0xff);
     const DARK: Rgb = (0xb0, 0x1c, 0x1c);
-    marks.push(Mark::Line { points: points.to_vec(), width: 2.2, color: INK });
-    let steps = count(points.len().saturating_sub(2).max(1));
-    for (index, ends) in points.windows(2).enumerate() {
-        marks.push(Mark::Line { points: ends.to_vec(), width: 1.3, color: blend(LIGHT, DARK, count(index) / steps) });
-    }
-    for (place, color) in [(points.first(), LIGHT), (points.last(), DARK)] {
-        for (radius, color) in [(3.0, INK), (2.2, color)] {
-            marks.extend(place.map(|place| Mark::Fill { points: disc(*place, radius), color, opacity: 1.0 }));
+    let last = count(points.len().saturating_sub(1).max(1));
+    for (index, place) in points.iter().enumerate() {
+        for (radius, color) in [(2.1, INK), (1.7, blend(LIGHT, DARK, count(index) / last))] {
+            marks.push(Mark::Fill { points: disc(*place, radius), color, opacity: 1.0 });
         }
     }
+}
+
+/// A cross with a light rim, to be seen on any ground.
+fn cross((x, y): Place) -> Vec<Mark> {
+    let lines = |width: f64, color: Rgb, arm: f64| {
+        let line = move |points: [Place; 2]| Mark::Line { points: points.to_vec(), width, color };
+        [line([(x - arm, y - arm), (x + arm, y + arm)]), line([(x - arm, y + arm), (x + arm, y - arm)])]
+    };
+    [lines(2.2, (0xff, 0xff, 0xff), 3.4), lines(1.0, INK, 3.0)].concat()
 }
 
 fn disc((x, y): Place, radius: f64) -> Vec<Place> {

@@ -11,7 +11,7 @@ use super::{
 use plotters::style::text_anchor::HPos;
 
 /// Bands of colour, about.
-const BANDS: usize = 12;
+const BANDS: usize = 20;
 
 /// The heights of all surfaces of a chart, which share their colours; `None` without a surface.
 pub(super) fn heights(chart: &Chart) -> Option<Range> {
@@ -111,7 +111,7 @@ pub(super) fn color_bar(chart: &Chart, heights: Range, last: &Frame, marks: &mut
         _ => None,
     });
     marks.push(Mark::Text {
-        at: (bar.left + 6.0, bar.top - 6.5),
+        at: (bar.left + 6.0, bar.top - 8.5),
         text: label.unwrap_or_default().into(),
         size: TEXT,
         align: HPos::Center,

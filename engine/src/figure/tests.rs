@@ -68,10 +68,10 @@ fn contour(size: u64) -> (FigureSpec, Results) {
         let z = (1.0 - x).powi(2) + 5.0 * (y - x * x / 2.0).powi(2);
         rows.extend([("x", x), ("y", y), ("loss", z.ln_1p())].map(|(name, value)| (Phase::Trace, 0, 0, name, value)));
     }
-    for step in 0..=40 {
+    for step in 0..=40_u32 {
         let x = -1.5 + 2.5 * f64::from(step) / 40.0;
         let y = x * x / 2.0 + 0.4 * (-f64::from(step) / 10.0).exp();
-        rows.extend([("path_x", x), ("path_y", y)].map(|(name, value)| (Phase::Trace, 1, 0, name, value)));
+        rows.extend([("path_x", x), ("path_y", y)].map(|(name, value)| (Phase::Evaluate, 10 * u64::from(step), 0, name, value)));
     }
     let trials = ["dsac", "ddpg"].map(|agent| trial("e", agent, "", 0, &rows)).into();
     let kind = Contour { surface: names(&["x", "y", "loss"]), path: names(&["path_x", "path_y"]), ..Contour::default() };
@@ -175,6 +175,19 @@ fn trajectories_have_a_row_per_channel_and_a_column_per_agent() {
     assert_eq!(labels, ["voltage 1", "voltage 2", "voltage 3", "voltage 4", "threshold 3.2"]);
     assert_eq!(chart.panels[4].series.len(), 1);
     assert_eq!(chart.notes, ["Episode 0 of seed 0 in four_cells."]);
+}
+
+#[test]
+fn a_contour_has_the_measurements_in_their_order_and_the_highest_point() {
+    let (spec, results) = contour(5);
+    let chart = chart(&spec, &results);
+    let labels: Vec<&str> = chart.panels[1].series.iter().map(|series| series.label.as_str()).collect();
+    assert_eq!(labels, ["", "measurements from step 0 to step 400", "highest point"]);
+    let path = chart.panels[0].series[1].shape.points();
+    assert!(path.len() == 41 && path.windows(2).all(|ends| ends[0].x < ends[1].x));
+    let highest = chart.panels[0].series[2].shape.points()[0];
+    assert_eq!((highest.x, highest.y), (-2.0, -2.0));
+    assert_eq!(chart.notes, ["Seed 0; a point is the mean over the episodes of a measurement."]);
 }
 
 #[test]

@@ -191,6 +191,17 @@ fn trace(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     }
 }
 
+/// Traces the environment's reward surface, where it has one: a grid point per episode, all at step 0.
+pub(super) fn trace_reward_surface(run: &mut Run<'_>) -> Result<(), Error> {
+    let Some(surface) = (run.make_environment)()?.reward_surface() else { return Ok(()) };
+    for (index, point) in (0..).zip(&surface.points) {
+        for (name, value) in surface.names.iter().zip(point) {
+            run.record.add(Phase::Trace, 0, index, 0, name, *value);
+        }
+    }
+    Ok(())
+}
+
 /// What every protocol that measures episodes records.
 pub(super) fn metrics() -> Vec<Metric> {
     vec![

@@ -28,7 +28,8 @@ pub struct TrainEvaluate {
     /// Episodes of the final measurement.
     #[schemars(range(min = 1))]
     pub final_episodes: u64,
-    /// How many of the final episodes are recorded step by step, for trajectory figures.
+    /// How many of the final episodes are recorded step by step, for trajectory figures; above 0, the surface of the reward is
+    /// recorded too where the environment has one.
     pub trace_episodes: u64,
 }
 
@@ -87,7 +88,8 @@ impl Protocol for TrainEvaluate {
         (run.progress)(self.steps, self.steps);
         let what =
             Measurement { phase: Phase::Final, step: self.steps, episodes: self.final_episodes, traced: self.trace_episodes };
-        measure(run, &what, blocks, || None::<SavedLearning>)
+        measure(run, &what, blocks, || None::<SavedLearning>)?;
+        if self.trace_episodes > 0 { evaluation::trace_reward_surface(run) } else { Ok(()) }
     }
 }
 

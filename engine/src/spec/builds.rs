@@ -7,7 +7,7 @@ use super::{
     cross_play::Play,
     path::Target,
 };
-use crate::{Error, Interface, Metric, diagnostic::Diagnostic, random};
+use crate::{Environment, Error, Interface, Metric, diagnostic::Diagnostic, random};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -105,6 +105,12 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
     if found.is_empty() { Ok(world) } else { Err(found) }
 }
 
+/// Names of what an environment traces.
+fn traced(environment: &dyn Environment) -> BTreeSet<String> {
+    let channels = environment.trace_channels().into_iter().map(|channel| channel.name);
+    channels.chain(environment.reward_surface().into_iter().flat_map(|surface| surface.names)).collect()
+}
+
 fn address(part: &Arc<Resolved>) -> usize {
     Arc::as_ptr(part).addr()
 }
@@ -163,7 +169,7 @@ impl Builder<'_> {
         let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
         let built = (entry.build)(&resolved.part.config);
         let facts = built.as_ref().ok().map(|environment| Facts {
-            traced: environment.trace_channels().into_iter().map(|channel| channel.name).collect(),
+            traced: traced(&**environment),
             metrics: environment.metrics().to_vec(),
             interface: environment.interface(),
         });

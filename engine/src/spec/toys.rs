@@ -258,7 +258,11 @@ pub(crate) fn toys() -> Registry {
     let mut registry = Registry { numerics_version: 1, ..Registry::default() };
     registry.environment("corridor", 1, "A walk between two walls.", corridor);
     registry.agent("walker", 1, "Always the same way.", AgentTraits::default(), |_: WalkerConfig, _, _| Ok(Box::new(Idle)));
-    let traits = AgentTraits { learns: true, metrics: vec![Metric::new("loss", "", "squared error").lower_is_better()] };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: vec![Metric::new("loss", "", "squared error").lower_is_better()],
+        ..AgentTraits::default()
+    };
     registry.agent("q_learning", 3, "Learns the value of each step.", traits, learner);
     let without_training = |config| TrainConfig { steps: 0, ..config };
     registry.protocol("train_evaluate", 1, "Trains and measures.", without_training, train);

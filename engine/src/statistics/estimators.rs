@@ -22,6 +22,17 @@ fn mean_of_sorted(sorted: &[f64]) -> f64 {
     first + sorted.iter().map(|value| value - first).sum::<f64>() / count(sorted.len())
 }
 
+/// The moving average y' = weight y' + (1 - weight) y along a curve, started at its first value.
+#[must_use]
+pub fn moving_average(values: &[f64], weight: f64) -> Vec<f64> {
+    let mut average = values.first().copied().unwrap_or_default();
+    let next = |value: &f64| {
+        average = weight * average + (1.0 - weight) * value;
+        average
+    };
+    values.iter().map(next).collect()
+}
+
 /// Sample variance (divisor n - 1); NaN for fewer than two values.
 #[must_use]
 pub fn variance(values: &[f64]) -> f64 {

@@ -68,10 +68,15 @@ impl Comparison {
         self.form.unwrap_or(if self.relative_to.is_some() { Form::PercentChange } else { Form::Value })
     }
 
+    /// Weight of the past in the moving average that `steps_until_above` is held against.
+    fn weight(&self) -> f64 {
+        self.smooth.unwrap_or(0.9)
+    }
+
     /// True where values have the unit of the metric.
     #[must_use]
     pub fn has_unit_of_metric(&self) -> bool {
-        matches!(self.resolved_form(), Form::Value | Form::Difference)
+        self.steps_until_above.is_none() && matches!(self.resolved_form(), Form::Value | Form::Difference)
     }
 }
 
@@ -113,6 +118,13 @@ impl<'a> Relation<'a> {
 
     fn quantity(&self, comparison: &Comparison) -> String {
         let value = comparison.labels.get(&comparison.value).cloned().unwrap_or_else(|| comparison.value.replace('_', " "));
+        let value = match (comparison.steps_until_above, comparison.last) {
+            (Some(level), _) => {
+                format!("environment steps until the moving average (weight {}) of {value} is above {level}", comparison.weight())
+            }
+            (None, Some(last)) => format!("{value}, mean of the last {last} measurements"),
+            (None, None) => value,
+        };
         let to = self.to.map_or(String::new(), |agent| label(comparison, agent));
         match self.form {
             Form::Value => value,
@@ -153,7 +165,7 @@ fn places(comparison: &Comparison, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>
     let column_axis = comparison.columns.or_else(|| Axis::ALL.into_iter().find(free));
     let columns = match column_axis {
         Some(axis) => names(comparison, scope, axis).iter().map(|name| place(comparison, &[(axis, name.clone())])).collect(),
-        None => vec![Place { heading: heading(comparison, &comparison.value), at: Vec::new() }],
+        None => vec![Place { heading: only_column(comparison), at: Vec::new() }],
     };
     // What varies and is neither row nor column splits the rows: different settings are never averaged as if they were seeds.
     let splitting: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| free(axis) && Some(*axis) != column_axis).collect();
@@ -194,8 +206,9 @@ fn place(comparison: &Comparison, at: &[(Axis, String)]) -> Place {
     Place { heading: Heading { name: words(&str::to_owned), label }, at: at.to_vec() }
 }
 
-fn heading(comparison: &Comparison, name: &str) -> Heading {
-    Heading { name: name.into(), label: label(comparison, name) }
+fn only_column(comparison: &Comparison) -> Heading {
+    let label = if comparison.steps_until_above.is_some() { "steps".into() } else { label(comparison, &comparison.value) };
+    Heading { name: comparison.value.clone(), label }
 }
 
 fn label(comparison: &Comparison, name: &str) -> String {
@@ -205,7 +218,7 @@ fn label(comparison: &Comparison, name: &str) -> String {
 fn make_cell(scope: &Scope<'_>, comparison: &Comparison, relation: &Relation<'_>, results: &Results) -> Cell {
     let (mut seeds, mut missing) = (std::collections::BTreeMap::new(), scope.absences());
     for trial in scope.trials.iter().filter(|trial| trial.is_ok()) {
-        match seed_value(trial, &comparison.value, relation, results) {
+        match seed_value(trial, comparison, relation, results) {
             Ok(value) => {
                 seeds.insert(trial.trial.key.seed, value);
             }
@@ -234,16 +247,34 @@ pub(super) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell
 }
 
 /// The value of one seed, or why there is none.
-fn seed_value(trial: &TrialResult, metric: &str, relation: &Relation<'_>, results: &Results) -> Result<f64, String> {
-    let mean = |trial: &TrialResult| trial.mean(Phase::Final, metric).ok_or_else(|| format!("no `{metric}` recorded"));
-    let value = mean(trial)?;
+fn seed_value(trial: &TrialResult, comparison: &Comparison, relation: &Relation<'_>, results: &Results) -> Result<f64, String> {
+    let metric = &comparison.value;
+    let value = measured(trial, comparison)?;
     let Some(agent) = relation.to.filter(|_| relation.form != Form::Value) else { return Ok(value) };
     let other = counterpart(trial, agent, results).ok_or_else(|| format!("no trial of `{agent}` to compare with"))?;
     if !other.is_ok() {
         return Err(format!("`{agent}` has no result"));
     }
-    let related = relation.apply(value, mean(other)?);
+    let related = relation.apply(value, measured(other, comparison)?);
     if related.is_finite() { Ok(related) } else { Err(format!("`{metric}` of `{agent}` is zero")) }
+}
+
+/// What a trial measured: at the end, or on the way there. Agents that do not learn are measured at the end only.
+fn measured(trial: &TrialResult, comparison: &Comparison) -> Result<f64, String> {
+    let metric = &comparison.value;
+    let curve = trial.curve(Phase::Evaluate, metric);
+    let values: Vec<f64> = curve.iter().map(|(_, value)| *value).collect();
+    if let Some(level) = comparison.steps_until_above {
+        let averages = estimators::moving_average(&values, comparison.weight());
+        let passed = averages.iter().position(|average| *average > level);
+        #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
+        return passed.map(|index| curve[index].0 as f64).ok_or_else(|| format!("never above {level}"));
+    }
+    if let Some(last) = comparison.last.filter(|_| !values.is_empty()) {
+        let first = values.len().saturating_sub(usize::try_from(last).unwrap_or(usize::MAX));
+        return Ok(estimators::mean(&values[first..]));
+    }
+    trial.mean(Phase::Final, metric).ok_or_else(|| format!("no `{metric}` recorded"))
 }
 
 /// The other agent's trial in the same environment with the same seed: of the same setting, or its only one.

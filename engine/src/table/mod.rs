@@ -69,6 +69,14 @@ pub struct Comparison {
     pub value: String,
     /// How the seeds become one number.
     pub statistic: Statistic,
+    /// Take the mean of the last so many measurements during learning in place of the final one.
+    #[schemars(range(min = 1))]
+    pub last: Option<u64>,
+    /// Take the environment steps until the moving average of the measurements during learning is above this value.
+    pub steps_until_above: Option<f64>,
+    /// Weight of the past in that moving average; 0.9 where absent.
+    #[schemars(range(min = 0.0, max = 0.999))]
+    pub smooth: Option<f64>,
     /// The agent that the others are compared with.
     pub relative_to: Option<String>,
     /// How the comparison is written.
@@ -92,6 +100,9 @@ impl Default for Comparison {
             columns: None,
             value: "return".into(),
             statistic: Statistic::Mean,
+            last: None,
+            steps_until_above: None,
+            smooth: None,
             relative_to: None,
             form: None,
             agents: Vec::new(),

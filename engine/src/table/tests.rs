@@ -53,6 +53,49 @@ fn a_comparison_by_agent_and_environment() {
     insta::assert_snapshot!(markdown(&build(&spec, &study()).unwrap()));
 }
 
+/// Two learners, of which the second stays low with seed 1, and a rule.
+fn learning() -> Results {
+    let curve = |agent: &str, seed: u64, values: [f64; 4]| {
+        let steps = (0..).step_by(10).zip(values);
+        let mut rows: Vec<_> = steps.map(|(step, value)| (Phase::Evaluate, step, 0, "return", value)).collect();
+        rows.push((Phase::Final, 40, 0, "return", -7.0));
+        trial("e", agent, "", seed, &rows)
+    };
+    let rule = |seed| trial("e", "rule", "", seed, &vec![(Phase::Final, 0, 0, "return", 3.0)]);
+    Results {
+        trials: vec![
+            curve("a", 0, [0.0, 8.0, 8.0, 8.0]),
+            curve("a", 1, [8.0, 8.0, 8.0, 6.0]),
+            curve("b", 0, [0.0, 8.0, 8.0, 8.0]),
+            curve("b", 1, [0.0, 0.0, 1.0, 2.0]),
+            rule(0),
+            rule(1),
+        ],
+    }
+}
+
+#[test]
+fn the_last_measurements_during_learning() {
+    let comparison = Comparison { last: Some(2), decimals: Some(2), ..Comparison::default() };
+    let grid = build(&TableSpec { comparison: Some(comparison), ..TableSpec::default() }, &learning()).unwrap();
+    assert_eq!(grid.quantity, "return, mean of the last 2 measurements");
+    let seeds: Vec<_> = grid.cells.iter().map(|row| row[0].seeds.clone()).collect();
+    assert_eq!(seeds, [vec![(0, 8.0), (1, 7.0)], vec![(0, 8.0), (1, 1.5)], vec![(0, 3.0), (1, 3.0)]]);
+}
+
+#[test]
+fn the_steps_until_a_level_or_why_there_are_none() {
+    let comparison = Comparison { steps_until_above: Some(5.0), smooth: Some(0.5), ..Comparison::default() };
+    let has_unit = comparison.has_unit_of_metric();
+    let grid = build(&TableSpec { comparison: Some(comparison), ..TableSpec::default() }, &learning()).unwrap();
+    assert_eq!(grid.quantity, "environment steps until the moving average (weight 0.5) of return is above 5");
+    assert_eq!(grid.columns[0].label, "steps");
+    // The averages of seed 0 are 0, 4, 6, 7.
+    assert_eq!((grid.cells[0][0].seeds.clone(), grid.cells[1][0].seeds.clone()), (vec![(0, 20.0), (1, 0.0)], vec![(0, 20.0)]));
+    assert_eq!(grid.cells[1][0].incompleteness(), "1 of 2 seeds; seed 1: never above 5");
+    assert!(grid.cells[2][0].seeds.is_empty() && !has_unit);
+}
+
 #[test]
 fn ratios_are_paired_by_seed_and_made_of_means() {
     let pairs = [(0, 3.0, 2.0), (1, 10.0, 5.0), (2, 1.0, 4.0)];

@@ -68,7 +68,7 @@ impl engine::Config for Config {}
 
 /// What the registration says.
 pub fn traits() -> AgentTraits {
-    AgentTraits { learns: true, metrics: metrics() }
+    AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() }
 }
 
 /// The estimator.

@@ -2,7 +2,8 @@
 //!
 //! Invariants
 //! 1. No agent names an environment: it reads the seats, spaces and channel names of an [`engine::Interface`].
-//! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a number.
+//! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a number. The one
+//!    exception is [`update_timing`], whose numbers are times.
 //! 3. A saved and loaded agent continues to the same bits.
 
 pub mod allocation;
@@ -40,6 +41,7 @@ pub mod seat;
 pub mod seat_network;
 pub mod targets;
 pub mod tdom_ac;
+pub mod update_timing;
 pub mod water_filling;
 pub mod zero_action;
 
@@ -67,7 +69,7 @@ pub fn register(registry: &mut Registry) {
     let name = "gaussian_softmax_gradient";
     let about = "policy gradient of a Gaussian-softmax policy on a bandit, estimated and exact";
     registry.agent(name, 1, about, gaussian_softmax_gradient::traits(), gaussian_softmax_gradient::build);
-    let learner = |metrics| AgentTraits { learns: true, metrics };
+    let learner = |metrics| AgentTraits { learns: true, metrics, ..AgentTraits::default() };
     let about = "soft actor-critic with a Dirichlet policy";
     registry.agent("dirichlet_sac", 1, about, learner(dirichlet_sac::metrics()), dirichlet_sac::build);
     let about = "soft actor-critic with a Gaussian-softmax policy";
@@ -91,6 +93,8 @@ pub fn register(registry: &mut Registry) {
     registry.agent("rommeo", 1, about, learner(rommeo::metrics()), rommeo::build);
     let about = "actor-critic for several seats that reasons through the others' answers to its own action";
     registry.agent("pr2", 1, about, learner(pr2::metrics()), pr2::build);
+    let about = "times one update of an algorithm beside another's: its numbers are times, and differ from run to run";
+    registry.agent("update_timing", 1, about, update_timing::traits(), update_timing::build);
 }
 
 #[cfg(test)]
@@ -101,7 +105,7 @@ mod tests {
     fn defaults_and_presets_resolve_to_themselves() {
         let mut registry = Registry::default();
         register(&mut registry);
-        assert_eq!(registry.agents.len(), 20);
+        assert_eq!(registry.agents.len(), 21);
         for (name, entry) in &registry.agents {
             assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
             assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");

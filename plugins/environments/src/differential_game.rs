@@ -16,12 +16,15 @@
 //! observation of two players is [1, 1], as the authors' public code has it.
 
 use crate::unit_box::{self, Beyond};
-use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use engine::{Channel, End, Environment, Error, Metric, PerEpisode, RewardSurface, Rng, Seat, Space, Step};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// An action per unit of a seat's action.
 pub const ACTION_SCALE: f64 = 10.0;
+
+/// Intervals of each axis of the surface: a multiple of 4, so that -5 and 5 are grid points.
+const SURFACE_INTERVALS: u32 = 40;
 
 /// The width of the wider hill.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -64,6 +67,17 @@ impl DifferentialGameConfig {
         };
         let squares = |center: f64| actions.iter().map(|action| (action - center) * (action - center)).sum::<f64>();
         (-0.8 * squares(-5.0) / width).max(10.0 - squares(5.0))
+    }
+
+    /// The reward of two players on a grid that holds both hills' tops.
+    fn surface(&self) -> RewardSurface {
+        let at = |index: u32| ACTION_SCALE * (2.0 * f64::from(index) / f64::from(SURFACE_INTERVALS) - 1.0);
+        let places = || (0..=SURFACE_INTERVALS).map(at);
+        let points = places().flat_map(|first| places().map(move |second| (first, second)));
+        RewardSurface {
+            names: ["surface_action_0", "surface_action_1", "surface_reward"].map(String::from),
+            points: points.map(|(first, second)| [first, second, self.reward(&[first, second])]).collect(),
+        }
     }
 }
 
@@ -167,6 +181,10 @@ impl Environment for DifferentialGame {
         self.actions.iter().copied().chain([self.reward]).collect()
     }
 
+    fn reward_surface(&self) -> Option<RewardSurface> {
+        (self.config.players == 2).then(|| self.config.surface())
+    }
+
     fn snapshot(&self) -> serde_json::Value {
         serde_json::Value::Null
     }
@@ -199,6 +217,16 @@ mod tests {
         ] {
             assert!((config(scale).reward(&actions) - reward).abs() < 1e-12, "{scale:?} {actions:?}");
         }
+    }
+
+    #[test]
+    fn the_surface_holds_both_tops() {
+        let surface = DifferentialGame::new(config(Scale::Thesis)).reward_surface().unwrap();
+        assert_eq!(surface.points.len(), 41 * 41);
+        for point in [[5.0, 5.0, 10.0], [-5.0, -5.0, 0.0], [-10.0, 10.0, -0.8 * 250.0 / 9.0]] {
+            assert!(surface.points.contains(&point), "{point:?}");
+        }
+        assert!(DifferentialGame::new(DifferentialGameConfig { players: 3, ..config(Scale::Thesis) }).reward_surface().is_none());
     }
 
     #[test]

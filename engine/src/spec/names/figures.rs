@@ -42,7 +42,7 @@ impl Names<'_> {
         }
         if let Some(contour) = &spec.contour {
             self.channels(&inner, "surface", 3, 3, &picked);
-            self.channels(&inner, "path", 0, 2, &picked);
+            self.path(&inner, &picked);
             self.seed(contour.seed, &inner);
         }
         self.figure_labels(&place);
@@ -78,12 +78,27 @@ impl Names<'_> {
         }
     }
 
+    /// The two metrics of a contour's path, which are measured during learning.
+    fn path(&mut self, place: &Place<'_>, picked: &Picked) {
+        let Some(list) = place.below("path") else { return };
+        let items = list.node.items();
+        if ![0, 2].contains(&items.len()) {
+            self.say(place.value("path"), format!("`path` needs 2 names, but has {}", items.len()), "");
+        }
+        let recorded = self.recorded(picked);
+        for item in items {
+            if let Some(name) = item.as_str().filter(|name| !recorded.contains(*name)) {
+                self.unknown_metric(name, (item.span, list.at.clone()), &recorded);
+            }
+        }
+    }
+
     /// Names of traced values, where a word without a number stands for all numbered ones.
     fn channels(&mut self, place: &Place<'_>, key: &str, least: usize, most: usize, picked: &Picked) {
         let list = place.below(key);
         let items = list.as_ref().map_or(&[][..], |list| list.node.items());
-        if items.len() < least || items.len() > most || (1..most).contains(&items.len()) && most == 2 {
-            let wanted = if least == most || most == 2 { most.to_string() } else { format!("at least {least}") };
+        if items.len() < least || items.len() > most {
+            let wanted = if least == most { most.to_string() } else { format!("at least {least}") };
             self.say(place.value(key), format!("`{key}` needs {wanted} names, but has {}", items.len()), "");
         }
         let known = self.traced(picked);

@@ -72,6 +72,12 @@ impl Names<'_> {
             let message = "`relative_to` is missing: this compares agents with one of them";
             self.say((place.key, place.at.clone()), message, format!("agents: {}", quoted(&self.world.agents)));
         }
+        if spec.smooth.is_some() && spec.steps_until_above.is_none() {
+            self.say(place.value("smooth"), "`smooth` has no effect without `steps_until_above`", "");
+        }
+        if spec.last.is_some() && spec.steps_until_above.is_some() {
+            self.say(place.value("last"), "`last` and `steps_until_above` are two different values", "remove one of the two");
+        }
         if spec.columns == Some(spec.rows) {
             self.say(
                 place.value("columns"),
