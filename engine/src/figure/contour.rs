@@ -31,9 +31,17 @@ pub(super) fn build(kind: &Contour, spec: &FigureSpec, context: Context<'_>) -> 
     };
     let panels = trials.iter().map(panel).collect::<Result<Vec<_>, Error>>()?;
     let columns = if panels.len() == 4 { 2 } else { panels.len().min(3) };
-    let seed = trials[0].trial.key.seed;
-    let notes = vec![format!("Seed {seed}; a point is the mean over the episodes of a measurement.")];
+    let notes = vec![format!("{}; a point is the mean over the episodes of a measurement.", seeds(&trials))];
     Ok(Chart { columns, panels, shared_y: true, notes, ..Chart::default() })
+}
+
+/// The seeds of the panels: the same for all unless some have no result.
+fn seeds(trials: &[&TrialResult]) -> String {
+    let seeds: Vec<String> = trials.iter().map(|trial| trial.trial.key.seed.to_string()).collect();
+    if seeds.iter().all(|seed| *seed == seeds[0]) {
+        return format!("Seed {}", seeds[0]);
+    }
+    format!("Seeds {}, panel by panel", seeds.join(", "))
 }
 
 fn trials<'a>(kind: &Contour, context: Context<'a>) -> Vec<&'a TrialResult> {
