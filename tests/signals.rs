@@ -11,8 +11,8 @@ use std::{
 const STUDY: &str = "
 study: long
 environments: { cells: { battery: { cells: 2 } } }
-agents: { dsac: { dirichlet_sac: { width: 64, batch_size: 64, learning_starts: 64 } } }
-protocol: { train_evaluate: { steps: 20000, environments: 8, evaluate_every: 0, episodes: 0, final_episodes: 2 } }
+agents: { dsac: { dirichlet_sac: { width: 128, learning_starts: 64 } } }
+protocol: { train_evaluate: { steps: 64000, environments: 8, evaluate_every: 1000, episodes: 1, final_episodes: 2 } }
 ";
 
 fn send(signal: &str, child: &Child) {
@@ -54,7 +54,7 @@ fn one_signal_saves_a_checkpoint_and_the_next_run_ends_the_same() {
 #[test]
 fn a_second_signal_ends_at_once_what_does_not_come_to_a_checkpoint() {
     let bench = Bench::new();
-    let study = STUDY.replace("dirichlet_sac: { width: 64, batch_size: 64, learning_starts: 64 }", "misbehaving: { how: loop }");
+    let study = STUDY.replace("dirichlet_sac: { width: 128, learning_starts: 64 }", "misbehaving: { how: loop }");
     bench.write("long.yaml", &study);
     let mut child = start(bench.misused(&["run", "long.yaml", "-j", "1"]));
     until("the trial has begun", || bench.path("store/trials").exists());
