@@ -201,8 +201,8 @@ fn cross((x, y): Place) -> Vec<Mark> {
 }
 
 fn disc((x, y): Place, radius: f64) -> Vec<Place> {
-    let angle = |index: usize| std::f64::consts::TAU * count(index) / 24.0;
-    (0..24).map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos())).collect()
+    let angle = |index: usize| std::f64::consts::TAU * count(index) / 12.0;
+    (0..12).map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos())).collect()
 }
 
 #[cfg(test)]
