@@ -39,8 +39,8 @@ fn one_signal_saves_a_checkpoint_and_the_next_run_ends_the_same() {
         let mut child = start(bench.command(&["run", "long.yaml", "-j", "1"]));
         // Rows reach the log after a second, so that the trial is in the middle of its training then.
         until("the trial has begun", || running(&bench).is_some());
-        let status = bench.run(&["status", "long.yaml"]).out;
-        assert!(status.contains(&format!("running  cells dsac seed 0: process {} on ", child.id())), "{status}");
+        let line = format!("running  cells dsac seed 0: process {} on ", child.id());
+        until("status says who computes it", || bench.run(&["status", "long.yaml"]).out.contains(&line));
         send(signal, &child);
         assert_eq!(child.wait().unwrap().code(), Some(106), "{signal}");
         let kept: Vec<_> = std::fs::read_dir(running(&bench).unwrap()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
