@@ -63,8 +63,8 @@ impl Compute<'_> {
         Ok(self.code(&tasks, &store, failed, stop.load(Ordering::SeqCst)))
     }
 
-    fn code(&self, tasks: &[Task], store: &Store, failed: usize, stopped: bool) -> u8 {
-        let left: Vec<&Task> =
+    fn code(&self, tasks: &[Task<'_>], store: &Store, failed: usize, stopped: bool) -> u8 {
+        let left: Vec<&Task<'_>> =
             tasks.iter().filter(|task| is_missing(store.end(&task.trial.id).unwrap_or(None).as_ref())).collect();
         let elsewhere = left.iter().filter(|task| store.running(&task.trial.id).is_some()).count();
         let unready = left.iter().filter(|task| !scheduler::is_ready(&task.after, store)).count();
@@ -102,7 +102,7 @@ impl Compute<'_> {
     }
 
     /// The trials to run, each once though several studies share it.
-    pub(super) fn tasks(&self, planned: &[Planned], store: &Store, mine: impl Fn(usize) -> bool) -> Vec<Task> {
+    pub(super) fn tasks<'p>(&self, planned: &'p [Planned], store: &Store, mine: impl Fn(usize) -> bool) -> Vec<Task<'p>> {
         let (mut seen, mut tasks) = (BTreeSet::new(), Vec::new());
         for one in planned {
             let limits = Arc::new(self.limits_of(&one.study.limits));
@@ -112,8 +112,8 @@ impl Compute<'_> {
                 let after = cross_play::sources(&trial.key);
                 // A part of the trials may lack the policies that the other parts train: whoever finds them runs what plays them.
                 let mine = mine(position) || !after.is_empty();
-                if mine && (retry || is_missing(end.as_ref())) && seen.insert(trial.id.clone()) {
-                    tasks.push(Task { trial: trial.clone(), cost: *cost, limits: Arc::clone(&limits), before: end, after });
+                if mine && (retry || is_missing(end.as_ref())) && seen.insert(trial.id.as_str()) {
+                    tasks.push(Task { trial, cost: *cost, limits: Arc::clone(&limits), before: end, after });
                 }
             }
         }

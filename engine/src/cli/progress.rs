@@ -12,7 +12,7 @@ use std::{collections::BTreeSet, io::IsTerminal, time::Duration};
 
 /// What has been shown so far.
 pub(super) struct Progress<'a> {
-    tasks: &'a [Task],
+    tasks: &'a [Task<'a>],
     done: usize,
     failed: usize,
     /// Trials that other programs have, each said once.
@@ -30,7 +30,7 @@ struct Bars {
 
 impl<'a> Progress<'a> {
     /// Starts showing the run of `tasks` on `workers` slots.
-    pub(super) fn new(tasks: &'a [Task], workers: usize) -> Self {
+    pub(super) fn new(tasks: &'a [Task<'a>], workers: usize) -> Self {
         let bars = std::io::stderr().is_terminal().then(|| Bars::new(tasks.len() as u64, workers));
         Self { tasks, done: 0, failed: 0, held: BTreeSet::new(), lacking: BTreeSet::new(), bars }
     }
@@ -59,7 +59,7 @@ impl<'a> Progress<'a> {
     fn started(&mut self, slot: usize, trial: usize) {
         if let Some(bar) = self.bars.as_ref().and_then(|bars| bars.slots.get(slot)) {
             bar.reset();
-            bar.set_message(title(&self.tasks[trial].trial));
+            bar.set_message(title(self.tasks[trial].trial));
         }
     }
 
@@ -71,28 +71,28 @@ impl<'a> Progress<'a> {
     }
 
     fn retried(&self, trial: usize, end: &TrialEnd, wait: Duration) {
-        let title = title(&self.tasks[trial].trial);
+        let title = title(self.tasks[trial].trial);
         self.line(&format!("{:<8} {title}: {}; tried again in {:.1} s", end.state.name(), end.reason, wait.as_secs_f64()));
     }
 
     fn held(&mut self, trial: usize, owner: &Owner) {
         if self.held.insert(trial) {
             let job = owner.slurm_job.as_ref().map_or_else(String::new, |job| format!(", Slurm job {job}"));
-            let title = title(&self.tasks[trial].trial);
+            let title = title(self.tasks[trial].trial);
             self.line(&format!("waiting for {title}: process {} on {}{job} has it", owner.pid, owner.host));
         }
     }
 
     fn awaits(&mut self, trial: usize, source: &str, owner: &Owner) {
         if self.lacking.insert(source.to_owned()) {
-            let title = title(&self.tasks[trial].trial);
+            let title = title(self.tasks[trial].trial);
             self.line(&format!("{title} waits for trial {source}: process {} on {} has it", owner.pid, owner.host));
         }
     }
 
     fn unready(&mut self, trial: usize, reason: &str) {
         if self.lacking.insert(reason.to_owned()) {
-            self.line(&format!("{} cannot run: {reason}", title(&self.tasks[trial].trial)));
+            self.line(&format!("{} cannot run: {reason}", title(self.tasks[trial].trial)));
         }
     }
 
@@ -100,7 +100,7 @@ impl<'a> Progress<'a> {
         self.done += 1;
         self.failed += usize::from(end.state != EndState::Ok);
         let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
-        let (title, wall_s) = (title(&self.tasks[trial].trial), end.wall_s);
+        let (title, wall_s) = (title(self.tasks[trial].trial), end.wall_s);
         let by = if slot.is_none() { ", by another program" } else { "" };
         if self.bars.is_none() || end.state != EndState::Ok {
             let width = self.tasks.len().to_string().len();

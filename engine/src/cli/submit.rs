@@ -272,7 +272,7 @@ fn absolute(path: &Path) -> Result<PathBuf, Failure> {
 
 /// Shows trials as they end in the store, and Slurm's queue as it changes.
 struct Watching<'a> {
-    tasks: &'a [scheduler::Task],
+    tasks: &'a [scheduler::Task<'a>],
     left: BTreeSet<usize>,
     store: Store,
     stop: Arc<AtomicBool>,
@@ -281,7 +281,7 @@ struct Watching<'a> {
 }
 
 impl<'a> Watching<'a> {
-    fn new(tasks: &'a [scheduler::Task], store: &Path, stop: Arc<AtomicBool>) -> Self {
+    fn new(tasks: &'a [scheduler::Task<'a>], store: &Path, stop: Arc<AtomicBool>) -> Self {
         let (left, progress) = ((0..tasks.len()).collect(), Progress::new(tasks, 0));
         Self { tasks, left, store: Store::at(store), stop, progress, queue: String::new() }
     }

@@ -118,9 +118,9 @@ pub enum Event {
 
 /// A trial to run.
 #[derive(Debug, Clone)]
-pub struct Task {
-    /// The trial.
-    pub trial: Trial,
+pub struct Task<'a> {
+    /// The trial; the plan holds it.
+    pub trial: &'a Trial,
     /// Its steps; longer trials start first.
     pub cost: u64,
     /// What it may use.
@@ -157,7 +157,7 @@ pub struct Workers {
 /// # Errors
 /// [`Error::Worker`] where no worker process can be started; [`Error::File`] where the store cannot be written: the tasks
 /// that are left stay missing.
-pub fn run(tasks: &[Task], store: &Store, workers: &Workers, events: &Sender<Event>) -> Result<(), Error> {
+pub fn run(tasks: &[Task<'_>], store: &Store, workers: &Workers, events: &Sender<Event>) -> Result<(), Error> {
     let program =
         std::env::current_exe().map_err(|source| Error::Worker { problem: format!("cannot find this program: {source}") })?;
     let leases = Leases::open(store, workers.lease_expiry)?;

@@ -35,17 +35,18 @@ pub(super) struct Turn {
 }
 
 /// The trials that are left.
-pub(super) struct Queue {
-    state: Mutex<State>,
+pub(super) struct Queue<'a> {
+    tasks: &'a [Task<'a>],
+    state: Mutex<State<'a>>,
 }
 
-struct State {
-    ready: VecDeque<Turn>,
+struct State<'a> {
+    ready: VecDeque<usize>,
     later: Vec<Later>,
     /// Trials that some slot works on: one of them may come back as a retry.
     busy: usize,
     /// Ids of the trials that this program has still to run, or is running.
-    left: BTreeSet<String>,
+    left: BTreeSet<&'a str>,
 }
 
 struct Later {
@@ -53,14 +54,13 @@ struct Later {
     turn: Turn,
 }
 
-impl Queue {
+impl<'a> Queue<'a> {
     /// All tasks, longest first.
-    pub(super) fn new(tasks: &[Task]) -> Self {
+    pub(super) fn new(tasks: &'a [Task<'a>]) -> Self {
         let mut order: Vec<usize> = (0..tasks.len()).collect();
         order.sort_by_key(|&index| (!tasks[index].after.is_empty(), Reverse(tasks[index].cost)));
-        let turn = |task: usize| Turn { task, attempt: 1, before: tasks[task].before.clone() };
-        let left = tasks.iter().map(|task| task.trial.id.clone()).collect();
-        Self { state: Mutex::new(State { ready: order.into_iter().map(turn).collect(), later: Vec::new(), busy: 0, left }) }
+        let left = tasks.iter().map(|task| task.trial.id.as_str()).collect();
+        Self { tasks, state: Mutex::new(State { ready: order.into(), later: Vec::new(), busy: 0, left }) }
     }
 
     /// The next trial; whoever gets one says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
@@ -72,9 +72,9 @@ impl Queue {
             state.busy += 1;
             return Next::Try(turn);
         }
-        if let Some(turn) = state.ready.pop_front() {
+        if let Some(task) = state.ready.pop_front() {
             state.busy += 1;
-            return Next::Try(turn);
+            return Next::Try(Turn { task, attempt: 1, before: self.tasks[task].before.clone() });
         }
         match state.later.iter().map(|later| later.due).min() {
             Some(due) => Next::Wait(due.saturating_duration_since(now)),
@@ -107,7 +107,7 @@ impl Queue {
         self.retry(turn, HELD_FOR);
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, State<'a>> {
         // No operation above can panic half-way, so that a poisoned queue is still whole.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }

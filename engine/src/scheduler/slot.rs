@@ -26,11 +26,11 @@ use std::{
 #[derive(Clone, Copy)]
 pub(super) struct Shared<'a> {
     pub(super) program: &'a Path,
-    pub(super) tasks: &'a [Task],
+    pub(super) tasks: &'a [Task<'a>],
     pub(super) store: &'a Store,
     pub(super) leases: &'a Leases,
     pub(super) workers: &'a Workers,
-    pub(super) queue: &'a Queue,
+    pub(super) queue: &'a Queue<'a>,
     /// Set from within to stop: a failure under `fail_fast`, or a store that cannot be written.
     pub(super) halt: &'a AtomicBool,
 }
@@ -163,7 +163,7 @@ impl<'a> Slot<'a> {
     }
 
     /// One attempt at a trial in the slot's process.
-    fn attempt(&mut self, task: &Task, turn: &Turn) -> Result<Attempt, Error> {
+    fn attempt(&mut self, task: &Task<'_>, turn: &Turn) -> Result<Attempt, Error> {
         let request = Request {
             trial: task.trial.clone(),
             store: self.all.store.root().to_path_buf(),
@@ -210,7 +210,7 @@ impl<'a> Slot<'a> {
     }
 
     /// Finds out how the process died and stores it.
-    fn died(&mut self, task: &Task, turn: &Turn, wall_s: f64) -> Result<Attempt, Error> {
+    fn died(&mut self, task: &Task<'_>, turn: &Turn, wall_s: f64) -> Result<Attempt, Error> {
         let (status, exceeded) = self.process.bury();
         if exceeded.is_none() && self.stopping() {
             return Ok(Attempt::Stopped);
@@ -221,12 +221,12 @@ impl<'a> Slot<'a> {
         if let Some(stored) = self.new_end(task, turn) {
             return Ok(Attempt::Ended(stored));
         }
-        self.all.store.acknowledge(&task.trial, &end)?;
+        self.all.store.acknowledge(task.trial, &end)?;
         Ok(Attempt::Ended(end))
     }
 
     /// The stored end of a trial, where it is one and not the one that is known.
-    fn new_end(&self, task: &Task, turn: &Turn) -> Option<TrialEnd> {
+    fn new_end(&self, task: &Task<'_>, turn: &Turn) -> Option<TrialEnd> {
         let stored = self.all.store.end(&task.trial.id).unwrap_or(None);
         stored.filter(|end| !is_missing(Some(end)) && turn.before.as_ref() != Some(end))
     }
