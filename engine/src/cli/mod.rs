@@ -325,7 +325,9 @@ fn say(text: &str) {
 #[allow(clippy::print_stderr, reason = "the command line prints")]
 fn complain(text: &str) {
     use std::io::Write;
-    let _ = writeln!(std::io::stderr(), "{}", text.trim_end_matches('\n'));
+    // One write a message: programs that share a log do not mix their lines.
+    let message = format!("{}\n", text.trim_end_matches('\n'));
+    let _ = std::io::stderr().write_all(message.as_bytes());
 }
 
 /// Colour on a terminal, unless `NO_COLOR` is set.
