@@ -1,6 +1,6 @@
 //! Finds what is wrong in a store and sets it aside; what it held is then missing and runs again.
 
-use super::{Store, policy::files_below, running, seal::hash};
+use super::{Store, names, policy::files_below, running, seal::hash};
 use crate::{Error, results::EndState};
 use serde::Serialize;
 use std::{
@@ -226,19 +226,4 @@ fn problem(error: &Error) -> String {
         Error::Damaged { problem, .. } => problem.clone(),
         other => other.to_string(),
     }
-}
-
-/// Names in a folder, in order; none where there is no folder.
-fn names(folder: &Path) -> Result<Vec<String>, Error> {
-    let entries = match fs::read_dir(folder) {
-        Ok(entries) => entries,
-        Err(source) if source.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(source) => return Err(Error::file("read", folder)(source)),
-    };
-    let mut names = Vec::new();
-    for entry in entries {
-        names.push(entry.map_err(Error::file("read", folder))?.file_name().to_string_lossy().into_owned());
-    }
-    names.sort_unstable();
-    Ok(names)
 }

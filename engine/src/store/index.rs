@@ -3,7 +3,7 @@
 //! Of each `trial.json` only what is asked for is parsed: the configs, which are most of it, are skipped. That a file belongs to
 //! the trial in whose folder it lies follows from the ids of its parts, its seed, numerics version and device.
 
-use super::{Store, TRIAL_SCHEMA, TrialFile, seal::is_sealed};
+use super::{Store, TRIAL_SCHEMA, TrialFile, names, seal::is_sealed};
 use crate::{
     Error,
     plan::StoredCell,
@@ -76,7 +76,8 @@ impl Store {
         trials: &[Trial],
     ) -> Vec<(usize, Result<Option<StoredTrial>, Error>)> {
         let folder = self.root.join("trials").join(group);
-        let listed: Option<HashSet<String>> = (positions.len() >= LIST_FROM).then(|| names(&folder).into_iter().collect());
+        let listed: Option<HashSet<String>> =
+            (positions.len() >= LIST_FROM).then(|| names(&folder).unwrap_or_default().into_iter().collect());
         let present = |id: &str| listed.as_ref().is_none_or(|listed| listed.contains(id));
         let there = positions.iter().filter(|&&position| present(&trials[position].id));
         there.map(|&position| (position, self.stored(&trials[position].id))).collect()
@@ -135,7 +136,9 @@ impl Store {
     /// The id of every trial that has a folder, in order.
     fn ids(&self) -> Vec<String> {
         let trials = self.root.join("trials");
-        let mut ids: Vec<String> = names(&trials).iter().flat_map(|group| names(&trials.join(group))).collect();
+        // What cannot be listed holds no trial; `fsck` says what it is.
+        let in_folder = |folder: &Path| names(folder).unwrap_or_default();
+        let mut ids: Vec<String> = in_folder(&trials).iter().flat_map(|group| in_folder(&trials.join(group))).collect();
         ids.sort_unstable();
         ids
     }
@@ -175,12 +178,6 @@ fn parse(text: &[u8]) -> Result<StoredTrial, String> {
         (other, _) => return Err(format!("version {other} of its form is not known to this program")),
     };
     Ok(StoredTrial { parts, seed, numerics, device, end })
-}
-
-/// Names of what lies in a folder; none where it cannot be read.
-fn names(folder: &Path) -> Vec<String> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.filter_map(|entry| entry.file_name().into_string().ok()).collect()
 }
 
 /// What `work` gives for 0 to `count`, in that order, computed on as many threads as there are cores.

@@ -12,6 +12,7 @@
 use super::{
     MetricsTable, boundary,
     metric_log::{self, LogEnd, LogPosition, MetricLog},
+    names,
     sealed_folder::{flush, is_whole, seal},
 };
 use crate::{Agent, Error, Keeper, Recorder, recorder::Running};
@@ -90,7 +91,7 @@ impl RunningTrial {
 
     /// Numbers of the checkpoints that are there, whole or not, in order.
     fn numbers(&self) -> Result<BTreeSet<u64>, Error> {
-        let names = names(&self.folder).map_err(Error::file("read", &self.folder))?;
+        let names = names(&self.folder)?;
         Ok(names.iter().filter_map(|name| name.strip_prefix(PREFIX)?.parse().ok()).collect())
     }
 
@@ -142,7 +143,7 @@ impl RunningTrial {
     /// Removes older checkpoints, and what a process that is gone left unfinished.
     fn remove_all_but(&self, number: u64) -> Result<(), Error> {
         let kept = format!("{PREFIX}{number}");
-        for name in names(&self.folder).map_err(Error::file("read", &self.folder))? {
+        for name in names(&self.folder)? {
             if name.trim_start_matches('.').starts_with(PREFIX) && name != kept {
                 let old = self.folder.join(name);
                 absent_is_fine(fs::remove_dir_all(&old)).map_err(Error::file("remove", &old))?;
@@ -235,7 +236,7 @@ impl super::Store {
 /// What is wrong with what is kept of the trial `trial` in `running`: names, each with the fault.
 pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'static str)>, Error> {
     let mut faults = Vec::new();
-    for name in names(running).map_err(Error::file("read", running))? {
+    for name in names(running)? {
         let path = running.join(&name);
         if name.starts_with(PREFIX) && !is_whole(&path, trial) {
             faults.push((name, "it is not what was saved"));
@@ -256,15 +257,6 @@ fn is_damaged(log: &Path, trial: &str) -> bool {
 
 fn running(folder: &Path) -> PathBuf {
     folder.join("running")
-}
-
-/// Names in a folder, in order; none where there is no folder.
-fn names(folder: &Path) -> io::Result<BTreeSet<String>> {
-    match fs::read_dir(folder) {
-        Ok(entries) => entries.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned())).collect(),
-        Err(source) if source.kind() == io::ErrorKind::NotFound => Ok(BTreeSet::new()),
-        Err(source) => Err(source),
-    }
 }
 
 fn absent_is_fine(outcome: io::Result<()>) -> io::Result<()> {
