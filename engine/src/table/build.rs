@@ -45,7 +45,9 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
         return Err(problem("no trial of the study belongs to it"));
     }
     let (rows, columns) = places(comparison, &scope);
-    let cell = |row: &Place, column: &Place| make_cell(&column.narrow(&row.narrow(&scope)), comparison, &relation, results);
+    let cell = |row: &Place, column: &Place| {
+        make_cell(&column.narrow(&row.narrow(&scope)), &Measure { comparison, at_step: column.at_step }, &relation, results)
+    };
     let cells: Vec<Vec<Cell>> = rows.iter().map(|row| columns.iter().map(|column| cell(row, column)).collect()).collect();
     Ok(Grid {
         caption: String::new(),
@@ -68,9 +70,9 @@ impl Comparison {
         self.form.unwrap_or(if self.relative_to.is_some() { Form::PercentChange } else { Form::Value })
     }
 
-    /// Weight of the past in the moving average that `steps_until_above` is held against.
+    /// Weight of the past in the moving average over the measurements during learning.
     fn weight(&self) -> f64 {
-        self.smooth.unwrap_or(0.9)
+        self.smooth.unwrap_or(if self.at_steps.is_empty() { 0.9 } else { 0.0 })
     }
 
     /// True where values have the unit of the metric.
@@ -125,6 +127,11 @@ impl<'a> Relation<'a> {
             (None, Some(last)) => format!("{value}, mean of the last {last} measurements"),
             (None, None) => value,
         };
+        let value = match (comparison.at_steps.is_empty(), comparison.weight()) {
+            (true, _) => value,
+            (false, 0.0) => format!("{value} after the environment steps of each column"),
+            (false, weight) => format!("{value}, moving average (weight {weight}) after the environment steps of each column"),
+        };
         let to = self.to.map_or(String::new(), |agent| label(comparison, agent));
         match self.form {
             Form::Value => value,
@@ -148,10 +155,17 @@ impl<'a> Relation<'a> {
     }
 }
 
-/// A row or column: its heading and where it lies on each of its axes.
+/// A row or column: its heading, where it lies on each of its axes, and at which step of the learning, if not at the end.
 struct Place {
     heading: Heading,
     at: Vec<(Axis, String)>,
+    at_step: Option<u64>,
+}
+
+/// What one cell takes from a trial.
+struct Measure<'a> {
+    comparison: &'a Comparison,
+    at_step: Option<u64>,
 }
 
 impl Place {
@@ -162,10 +176,12 @@ impl Place {
 
 fn places(comparison: &Comparison, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>) {
     let free = |axis: &Axis| *axis != comparison.rows && scope.varies(*axis);
-    let column_axis = comparison.columns.or_else(|| Axis::ALL.into_iter().find(free));
+    let over_steps = !comparison.at_steps.is_empty();
+    let column_axis = comparison.columns.or_else(|| Axis::ALL.into_iter().find(free)).filter(|_| !over_steps);
     let columns = match column_axis {
+        _ if over_steps => comparison.at_steps.iter().map(|step| step_column(comparison, *step)).collect(),
         Some(axis) => names(comparison, scope, axis).iter().map(|name| place(comparison, &[(axis, name.clone())])).collect(),
-        None => vec![Place { heading: only_column(comparison), at: Vec::new() }],
+        None => vec![Place { heading: only_column(comparison), at: Vec::new(), at_step: None }],
     };
     // What varies and is neither row nor column splits the rows: different settings are never averaged as if they were seeds.
     let splitting: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| free(axis) && Some(*axis) != column_axis).collect();
@@ -203,7 +219,12 @@ fn place(comparison: &Comparison, at: &[(Axis, String)]) -> Place {
     };
     let label = words(&|name| label(comparison, name));
     let label = if label.is_empty() { "as given".into() } else { label };
-    Place { heading: Heading { name: words(&str::to_owned), label }, at: at.to_vec() }
+    Place { heading: Heading { name: words(&str::to_owned), label }, at: at.to_vec(), at_step: None }
+}
+
+fn step_column(comparison: &Comparison, step: u64) -> Place {
+    let name = step.to_string();
+    Place { heading: Heading { label: label(comparison, &name), name }, at: Vec::new(), at_step: Some(step) }
 }
 
 fn only_column(comparison: &Comparison) -> Heading {
@@ -215,10 +236,11 @@ fn label(comparison: &Comparison, name: &str) -> String {
     comparison.labels.get(name).cloned().unwrap_or_else(|| name.into())
 }
 
-fn make_cell(scope: &Scope<'_>, comparison: &Comparison, relation: &Relation<'_>, results: &Results) -> Cell {
+fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Cell {
+    let scope = measure.trained_for(scope);
     let (mut seeds, mut missing) = (std::collections::BTreeMap::new(), scope.absences());
     for trial in scope.trials.iter().filter(|trial| trial.is_ok()) {
-        match seed_value(trial, comparison, relation, results) {
+        match seed_value(trial, measure, relation, results) {
             Ok(value) => {
                 seeds.insert(trial.trial.key.seed, value);
             }
@@ -227,7 +249,7 @@ fn make_cell(scope: &Scope<'_>, comparison: &Comparison, relation: &Relation<'_>
     }
     summarise(
         seeds.into_iter().collect(),
-        comparison.statistic,
+        measure.comparison.statistic,
         Cell { planned: scope.planned(), failed: scope.failed(), missing, ..Cell::default() },
     )
 }
@@ -247,34 +269,52 @@ pub(super) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell
 }
 
 /// The value of one seed, or why there is none.
-fn seed_value(trial: &TrialResult, comparison: &Comparison, relation: &Relation<'_>, results: &Results) -> Result<f64, String> {
-    let metric = &comparison.value;
-    let value = measured(trial, comparison)?;
+fn seed_value(trial: &TrialResult, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Result<f64, String> {
+    let metric = &measure.comparison.value;
+    let value = measure.of(trial)?;
     let Some(agent) = relation.to.filter(|_| relation.form != Form::Value) else { return Ok(value) };
     let other = counterpart(trial, agent, results).ok_or_else(|| format!("no trial of `{agent}` to compare with"))?;
     if !other.is_ok() {
         return Err(format!("`{agent}` has no result"));
     }
-    let related = relation.apply(value, measured(other, comparison)?);
+    let related = relation.apply(value, measure.of(other)?);
     if related.is_finite() { Ok(related) } else { Err(format!("`{metric}` of `{agent}` is zero")) }
 }
 
-/// What a trial measured: at the end, or on the way there. Agents that do not learn are measured at the end only.
-fn measured(trial: &TrialResult, comparison: &Comparison) -> Result<f64, String> {
-    let metric = &comparison.value;
-    let curve = trial.curve(Phase::Evaluate, metric);
-    let values: Vec<f64> = curve.iter().map(|(_, value)| *value).collect();
-    if let Some(level) = comparison.steps_until_above {
-        let averages = estimators::moving_average(&values, comparison.weight());
-        let passed = averages.iter().position(|average| *average > level);
-        #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
-        return passed.map(|index| curve[index].0 as f64).ok_or_else(|| format!("never above {level}"));
+impl Measure<'_> {
+    /// The trials without those that end before the step of the column.
+    fn trained_for<'a>(&self, scope: &Scope<'a>) -> Scope<'a> {
+        let reaches = |trial: &&&TrialResult| match (self.at_step, self.curve(trial).as_slice()) {
+            (Some(step), [_, .., (last, _)]) => !trial.is_ok() || *last >= step,
+            _ => true,
+        };
+        Scope { trials: scope.trials.iter().filter(reaches).copied().collect() }
     }
-    if let Some(last) = comparison.last.filter(|_| !values.is_empty()) {
-        let first = values.len().saturating_sub(usize::try_from(last).unwrap_or(usize::MAX));
-        return Ok(estimators::mean(&values[first..]));
+
+    fn curve(&self, trial: &TrialResult) -> Vec<(u64, f64)> {
+        trial.curve(Phase::Evaluate, &self.comparison.value)
     }
-    trial.mean(Phase::Final, metric).ok_or_else(|| format!("no `{metric}` recorded"))
+
+    /// What a trial measured: at the end, or on the way there. Agents that do not learn are measured at the end only.
+    fn of(&self, trial: &TrialResult) -> Result<f64, String> {
+        let (comparison, curve) = (self.comparison, self.curve(trial));
+        let values: Vec<f64> = curve.iter().map(|(_, value)| *value).collect();
+        let averages = || estimators::moving_average(&values, comparison.weight());
+        if let Some(level) = comparison.steps_until_above {
+            let passed = averages().iter().position(|average| *average > level);
+            #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
+            return passed.map(|index| curve[index].0 as f64).ok_or_else(|| format!("never above {level}"));
+        }
+        if let Some(step) = self.at_step.filter(|_| values.len() > 1) {
+            let upto = curve.partition_point(|(measured_at, _)| *measured_at <= step);
+            return upto.checked_sub(1).map(|index| averages()[index]).ok_or_else(|| format!("not measured until {step}"));
+        }
+        if let Some(last) = comparison.last.filter(|_| !values.is_empty()) {
+            let first = values.len().saturating_sub(usize::try_from(last).unwrap_or(usize::MAX));
+            return Ok(estimators::mean(&values[first..]));
+        }
+        trial.mean(Phase::Final, &comparison.value).ok_or_else(|| format!("no `{}` recorded", comparison.value))
+    }
 }
 
 /// The other agent's trial in the same environment with the same seed: of the same setting, or its only one.

@@ -74,7 +74,10 @@ pub struct Comparison {
     pub last: Option<u64>,
     /// Take the environment steps until the moving average of the measurements during learning is above this value.
     pub steps_until_above: Option<f64>,
-    /// Weight of the past in that moving average; 0.9 where absent.
+    /// Make these environment steps the columns: what was measured there during learning, the final measurement of agents that do
+    /// not learn. A column that no trial trains for is empty.
+    pub at_steps: Vec<u64>,
+    /// Weight of the past in the moving average of `steps_until_above`, 0.9 where absent, and of `at_steps`, 0 where absent.
     #[schemars(range(min = 0.0, max = 0.999))]
     pub smooth: Option<f64>,
     /// The agent that the others are compared with.
@@ -102,6 +105,7 @@ impl Default for Comparison {
             statistic: Statistic::Mean,
             last: None,
             steps_until_above: None,
+            at_steps: Vec::new(),
             smooth: None,
             relative_to: None,
             form: None,

@@ -84,6 +84,21 @@ fn the_last_measurements_during_learning() {
 }
 
 #[test]
+fn results_against_the_budget() {
+    let comparison = Comparison { at_steps: vec![15, 30, 31], smooth: Some(0.5), decimals: Some(1), ..Comparison::default() };
+    let published = BTreeMap::from([("a".into(), Published::Columns(BTreeMap::from([("31".into(), 9.0)])))]);
+    let mut results = learning();
+    results.trials[3] = ended(results.trials[3].clone(), EndState::Timeout, "60 s");
+    let grid = build(&TableSpec { comparison: Some(comparison), published, ..TableSpec::default() }, &results).unwrap();
+    let seeds = |column: usize| grid.cells.iter().map(|row| row[column].seeds.clone()).collect::<Vec<_>>();
+    // The averages of seed 0 are 0, 4, 6, 7; the rule has the same value whatever the step.
+    assert_eq!(seeds(0), [vec![(0, 4.0), (1, 8.0)], vec![(0, 4.0)], vec![(0, 3.0), (1, 3.0)]]);
+    assert_eq!(seeds(1), [vec![(0, 7.0), (1, 7.0)], vec![(0, 7.0)], vec![(0, 3.0), (1, 3.0)]]);
+    assert_eq!(seeds(2), [vec![], vec![], vec![(0, 3.0), (1, 3.0)]]);
+    insta::assert_snapshot!(markdown(&grid));
+}
+
+#[test]
 fn the_steps_until_a_level_or_why_there_are_none() {
     let comparison = Comparison { steps_until_above: Some(5.0), smooth: Some(0.5), ..Comparison::default() };
     let has_unit = comparison.has_unit_of_metric();

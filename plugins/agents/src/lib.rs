@@ -28,6 +28,7 @@ pub mod joint;
 pub mod joint_replay;
 pub mod maddpg;
 pub mod masql;
+pub mod opponent_gradients;
 pub mod opponent_modelling;
 pub mod pr2;
 pub mod random_action;
@@ -93,6 +94,8 @@ pub fn register(registry: &mut Registry) {
     registry.agent("rommeo", 1, about, learner(rommeo::metrics()), rommeo::build);
     let about = "actor-critic for several seats that reasons through the others' answers to its own action";
     registry.agent("pr2", 1, about, learner(pr2::metrics()), pr2::build);
+    let about = "takes the gradient of the opponent models of TDOM-AC apart into the critics' part and the entropy's";
+    registry.agent("opponent_gradients", 1, about, opponent_gradients::traits(), opponent_gradients::build);
     let about = "times one update of an algorithm beside another's: its numbers are times, and differ from run to run";
     registry.agent("update_timing", 1, about, update_timing::traits(), update_timing::build);
 }
@@ -105,7 +108,7 @@ mod tests {
     fn defaults_and_presets_resolve_to_themselves() {
         let mut registry = Registry::default();
         register(&mut registry);
-        assert_eq!(registry.agents.len(), 21);
+        assert_eq!(registry.agents.len(), 22);
         for (name, entry) in &registry.agents {
             assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
             assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");

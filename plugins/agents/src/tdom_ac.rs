@@ -151,7 +151,7 @@ impl Config {
     }
 
     /// Eq. 4.22 for one opponent as a loss: `mean(alpha log rho - Q^j)`, all seats but j doing what they did.
-    fn aligned_loss(
+    pub(crate) fn aligned_loss(
         &self,
         game: &mut Game,
         seat: usize,
@@ -166,7 +166,14 @@ impl Config {
     }
 
     /// Eq. 4.17 for one opponent as a loss: `mean(alpha log rho - sum of all Q)`, all others being predicted.
-    fn neutralised_loss(&self, game: &mut Game, seat: usize, at: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<1> {
+    pub(crate) fn neutralised_loss(
+        &self,
+        game: &mut Game,
+        seat: usize,
+        at: usize,
+        batch: &SeatBatch,
+        rng: &mut Rng,
+    ) -> Tensor<1> {
         let player = &mut game.players[seat];
         let mut predicted: Vec<_> = player.draw_others(&batch.observations, rng).into_iter().map(|draw| draw.action).collect();
         let drawn = sample(player.opponents[at].tracked_head(batch.observations.clone()), rng);

@@ -12,6 +12,9 @@
 //! | a_i    | ten times `agent_i.unit_action`; traced as `agent_i.action` | [-10, 10] |
 //! | w      | 9 for `scale: thesis`, where the division by 3 is squared; 3 for `rommeo` | |
 //!
+//! `zero_sum_game` has the same surface for two opposed players: the first earns r, the second -r. It has a saddle point of height
+//! -15 at (5, 10), where neither gains by moving alone. The thesis has no such game; its theorem 1 speaks of them.
+//!
 //! An episode is one step and terminates. There is nothing to see: each player observes the constant 1, so that the joint
 //! observation of two players is [1, 1], as the authors' public code has it.
 
@@ -57,8 +60,18 @@ impl Default for DifferentialGameConfig {
 
 impl engine::Config for DifferentialGameConfig {}
 
+/// Settings of the `zero_sum_game` environment.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ZeroSumConfig {
+    /// The width of the wider hill.
+    pub scale: Scale,
+}
+
+impl engine::Config for ZeroSumConfig {}
+
 impl DifferentialGameConfig {
-    /// The reward of every player for actions in [-10, 10], one per player.
+    /// The reward of every player (of the first, where they are opposed) for actions in [-10, 10], one per player.
     #[must_use]
     pub fn reward(&self, actions: &[f64]) -> f64 {
         let width = match self.scale {
@@ -69,7 +82,7 @@ impl DifferentialGameConfig {
         (-0.8 * squares(-5.0) / width).max(10.0 - squares(5.0))
     }
 
-    /// The reward of two players on a grid that holds both hills' tops.
+    /// The reward over two players' actions on a grid that holds both hills' tops.
     fn surface(&self) -> RewardSurface {
         let at = |index: u32| ACTION_SCALE * (2.0 * f64::from(index) / f64::from(SURFACE_INTERVALS) - 1.0);
         let places = || (0..=SURFACE_INTERVALS).map(at);
@@ -81,10 +94,12 @@ impl DifferentialGameConfig {
     }
 }
 
-/// The `differential_game` environment.
+/// The `differential_game` environment, and `zero_sum_game`.
 #[derive(Debug)]
 pub struct DifferentialGame {
     config: DifferentialGameConfig,
+    /// What each player earns of the reward: 1, or -1 where a player is opposed.
+    shares: Vec<f64>,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
     /// The last joint action, in [-10, 10]; `NaN` before the first.
@@ -103,6 +118,15 @@ pub fn build(config: DifferentialGameConfig) -> Result<Box<dyn Environment>, Err
     Ok(Box::new(DifferentialGame::new(config)))
 }
 
+/// Builds two opposed players; registered as `zero_sum_game`.
+///
+/// # Errors
+/// None.
+pub fn build_zero_sum(config: ZeroSumConfig) -> Result<Box<dyn Environment>, Error> {
+    let game = DifferentialGame::new(DifferentialGameConfig { players: 2, scale: config.scale });
+    Ok(Box::new(DifferentialGame { shares: vec![1.0, -1.0], ..game }))
+}
+
 impl DifferentialGame {
     fn new(config: DifferentialGameConfig) -> Self {
         let seat = |player: usize| Seat {
@@ -111,13 +135,15 @@ impl DifferentialGame {
             action: Space::Box(vec![Channel::new("unit_action", "").within(-1.0, 1.0).typical(0.0, 0.6)]),
         };
         let last = |name: String, about: &str| Metric::new(&name, "", about).per_episode(PerEpisode::Last);
-        let joint_reward = last("joint_reward".into(), "reward of every player for the joint action");
-        let action = |player: usize| last(format!("action_{player}"), "action of this player, in [-10, 10]; 5 is best");
+        let about = "reward of every player for the joint action; of the first, where players are opposed";
+        let joint_reward = last("joint_reward".into(), about);
+        let action = |player: usize| last(format!("action_{player}"), "action of this player, in [-10, 10]; 5 is best together");
         Self {
             seats: (0..config.players).map(seat).collect(),
             metrics: [joint_reward].into_iter().chain((0..config.players).map(action)).collect(),
             actions: vec![f64::NAN; config.players],
             reward: f64::NAN,
+            shares: vec![1.0; config.players],
             config,
         }
     }
@@ -160,7 +186,7 @@ impl Environment for DifferentialGame {
         self.read(actions)?;
         self.reward = self.config.reward(&self.actions);
         let info = [self.reward].into_iter().chain(self.actions.iter().copied()).collect();
-        let rewards = vec![self.reward; self.config.players];
+        let rewards = self.shares.iter().map(|share| share * self.reward).collect();
         Ok(Step { observations: self.observe(), rewards, info, end: Some(End::Terminated) })
     }
 
@@ -238,6 +264,20 @@ mod tests {
         let step = game.step(&[vec![0.5], vec![0.4], vec![0.6]], &mut rng).unwrap();
         assert_eq!((step.rewards, step.end), (vec![8.0; 3], Some(End::Terminated)));
         assert_eq!((step.info, game.trace()), (vec![8.0, 5.0, 4.0, 6.0], vec![5.0, 4.0, 6.0, 8.0]));
+    }
+
+    #[test]
+    fn opposed_players_gain_nothing_by_leaving_the_saddle_alone() {
+        let mut game = build_zero_sum(ZeroSumConfig::default()).unwrap();
+        let mut rng = engine::random::stream(&[]);
+        let step = game.step(&[vec![0.5], vec![1.0]], &mut rng).unwrap();
+        assert_eq!(step.rewards, [-15.0, 15.0]);
+        for place in (-100..=100).map(|at| f64::from(at) / 100.0) {
+            let rewards = |actions: [f64; 2], game: &mut dyn Environment| {
+                game.step(&actions.map(|action| vec![action]), &mut engine::random::stream(&[])).unwrap().rewards
+            };
+            assert!(rewards([place, 1.0], &mut *game)[0] <= -15.0 && rewards([0.5, place], &mut *game)[1] <= 15.0, "{place}");
+        }
     }
 
     #[test]

@@ -24,4 +24,6 @@ pub fn register(registry: &mut engine::Registry) {
         "recover and sort a point of the simplex of which one entry is hidden",
         simplex_reconstruction::build,
     );
+    let about = "two opposed players on the surface of the differential game";
+    registry.environment("zero_sum_game", 1, about, differential_game::build_zero_sum);
 }

@@ -72,12 +72,7 @@ impl Names<'_> {
             let message = "`relative_to` is missing: this compares agents with one of them";
             self.say((place.key, place.at.clone()), message, format!("agents: {}", quoted(&self.world.agents)));
         }
-        if spec.smooth.is_some() && spec.steps_until_above.is_none() {
-            self.say(place.value("smooth"), "`smooth` has no effect without `steps_until_above`", "");
-        }
-        if spec.last.is_some() && spec.steps_until_above.is_some() {
-            self.say(place.value("last"), "`last` and `steps_until_above` are two different values", "remove one of the two");
-        }
+        self.while_learning(spec, place);
         if spec.columns == Some(spec.rows) {
             self.say(
                 place.value("columns"),
@@ -95,6 +90,27 @@ impl Names<'_> {
         let columns = self.columns(spec, &picked);
         self.labels(place, &rows, &columns);
         (rows, columns)
+    }
+
+    /// Checks that at most one value is asked of the measurements during learning.
+    fn while_learning(&mut self, spec: &Comparison, place: &Place<'_>) {
+        let over_steps = !spec.at_steps.is_empty();
+        if spec.smooth.is_some() && spec.steps_until_above.is_none() && !over_steps {
+            self.say(place.value("smooth"), "`smooth` has no effect without `steps_until_above` or `at_steps`", "");
+        }
+        let kinds = [("at_steps", over_steps), ("steps_until_above", spec.steps_until_above.is_some()), ("last", spec.last.is_some())];
+        let given: Vec<&str> = kinds.into_iter().filter(|(_, given)| *given).map(|(kind, _)| kind).collect();
+        if let [first, .., last] = given.as_slice() {
+            let message = format!("`{last}` and `{first}` are two different values");
+            self.say(place.value(last), message, "remove one of the two");
+        }
+        if over_steps && spec.columns.is_some() {
+            self.say(place.value("columns"), "the steps of `at_steps` are the columns", "remove one of the two");
+        }
+        if let Some(pair) = spec.at_steps.windows(2).find(|pair| pair[0] >= pair[1]) {
+            let message = format!("steps must rise, {} follows {}", pair[1], pair[0]);
+            self.say(place.value("at_steps"), message, "");
+        }
     }
 
     /// Checks the agent that others are compared with: it has trials here, and they record the metric.
@@ -121,8 +137,11 @@ impl Names<'_> {
         }
     }
 
-    /// Names of the columns: those asked for, or the first of agent, environment and setting that varies and is no row.
+    /// Names of the columns: the steps or the axis asked for, or the first of agent, environment and setting that varies and is no row.
     fn columns(&self, spec: &Comparison, picked: &Picked) -> Vec<String> {
+        if !spec.at_steps.is_empty() {
+            return spec.at_steps.iter().map(u64::to_string).collect();
+        }
         if let Some(axis) = spec.columns {
             return self.names_of(axis, picked);
         }

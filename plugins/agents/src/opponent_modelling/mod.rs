@@ -258,7 +258,8 @@ impl Game {
         Ok(())
     }
 
-    fn batch(&self, seat: usize, rng: &mut Rng) -> SeatBatch {
+    /// A minibatch as a seat learns from it.
+    pub(crate) fn batch(&self, seat: usize, rng: &mut Rng) -> SeatBatch {
         let batch = self.replay.sample(self.settings.batch_size.min(self.replay.len()), rng);
         let rewards = columns(&batch.rewards, seat..seat + 1);
         SeatBatch {

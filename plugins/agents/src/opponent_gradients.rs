@@ -1,0 +1,202 @@
+//! How much of the gradient of TDOM-AC's opponent models comes from the critics: theorem 1 of the thesis, measured.
+//!
+//! TDOM-AC learns (preset `differential_game`) with one of its two objectives of the opponent models. After each update the
+//! gradient of that objective is taken apart on a fresh minibatch, for every opponent model of every seat:
+//!
+//! | thesis, chapter 4 | here |
+//! |---|---|
+//! | gradient of `E sum Q` (4.17), of `E Q^j` (4.22) | `value_gradient`, Euclidean norm over the model's parameters |
+//! | gradient of `E log rho` | `entropy_gradient`, likewise |
+//!
+//! The theorem: in a zero-sum game of two players the critics of (4.17) cancel, so that the entropy part alone is left. It holds
+//! for exact critics; those here are learnt, one for each player, and cancel as far as both have become exact. What the models
+//! learn from is not touched by the measurement: running moments are put back.
+//!
+//! Metrics: means over the models, of the latest update. Both parts are taken with the same draws.
+
+use crate::opponent_modelling::{Algorithm as _, Learner, SeatBatch, others};
+use crate::tdom_ac::{self, OpponentObjective};
+use burn::tensor::Tensor;
+use engine::{
+    Action, Agent, AgentTraits, Config as _, Error, Interface, Metric, Mode, Observation, Recorder, Rng, agent::Transition,
+};
+use numerics::optimizer::gradients;
+use numerics::squashed::sample;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Hyper-parameters of the learning: a preset of `tdom_ac`.
+const PRESET: &str = "differential_game";
+
+/// What the opponent models learn by.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// What the opponent models climb, and whose gradient is taken apart.
+    #[schemars(extend("x-source" = "thesis, eq. 4.17 and 4.22"))]
+    pub opponent_objective: OpponentObjective,
+}
+
+impl engine::Config for Config {}
+
+/// What the registration says.
+pub fn traits() -> AgentTraits {
+    AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() }
+}
+
+fn metrics() -> Vec<Metric> {
+    let norm = |name: &str, about: &str| Metric::new(name, "", about).lower_is_better();
+    vec![
+        norm("value_gradient", "norm of the critics' part of the gradient of an opponent model, mean over the models"),
+        norm("entropy_gradient", "norm of the entropy's part of the gradient of an opponent model, mean over the models"),
+    ]
+}
+
+/// TDOM-AC with its gradients taken apart.
+#[derive(Debug, Clone)]
+pub struct OpponentGradients {
+    learner: Learner<tdom_ac::Config>,
+}
+
+/// Builds the agent for an environment that `tdom_ac` can be used with.
+///
+/// # Errors
+/// Those of `tdom_ac`.
+pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let learning = learning(config.opponent_objective)?;
+    Ok(Box::new(OpponentGradients { learner: Learner::new(learning, interface, rng)? }))
+}
+
+fn learning(opponent_objective: OpponentObjective) -> Result<tdom_ac::Config, Error> {
+    let preset = tdom_ac::Config::presets().into_iter().find(|preset| preset.name == PRESET);
+    let values = preset.map(|preset| preset.values).unwrap_or_default();
+    let config: Result<tdom_ac::Config, _> = serde_json::from_value(values);
+    let config = config.map_err(|problem| Error::config("opponent_objective", format!("preset `{PRESET}`: {problem}")))?;
+    Ok(tdom_ac::Config { opponent_objective, ..config })
+}
+
+impl OpponentGradients {
+    /// Norms of both parts, mean over all opponent models.
+    fn parts(&mut self, rng: &mut Rng) -> (f64, f64) {
+        let untouched = self.learner.game.players.clone();
+        let mut norms = Vec::new();
+        for seat in 0..untouched.len() {
+            let batch = self.learner.game.batch(seat, rng);
+            for place in others(untouched.len(), seat).enumerate() {
+                norms.push(self.parts_of_model(seat, place, &batch, rng));
+            }
+        }
+        self.learner.game.players = untouched;
+        #[allow(clippy::cast_precision_loss, reason = "a handful of models")]
+        let mean = |of: fn(&(f64, f64)) -> f64| norms.iter().map(of).sum::<f64>() / norms.len() as f64;
+        (mean(|norms| norms.0), mean(|norms| norms.1))
+    }
+
+    /// Norms for the model `at` of a seat, which predicts the seat `other`.
+    fn parts_of_model(&mut self, seat: usize, (at, other): (usize, usize), batch: &SeatBatch, rng: &mut Rng) -> (f64, f64) {
+        let value_alone = tdom_ac::Config { opponent_entropy_weight: 0.0, ..self.learner.algorithm.clone() };
+        let game = &mut self.learner.game;
+        let mut same_draws = rng.clone();
+        let value = match value_alone.opponent_objective {
+            OpponentObjective::Aligned => value_alone.aligned_loss(game, seat, (at, other), batch, rng),
+            OpponentObjective::Neutralised => value_alone.neutralised_loss(game, seat, at, batch, rng),
+        };
+        if value_alone.opponent_objective == OpponentObjective::Neutralised {
+            game.players[seat].draw_others(&batch.observations, &mut same_draws);
+        }
+        let head = game.players[seat].opponents[at].tracked_head(batch.observations.clone());
+        let entropy = sample(head, &mut same_draws).log_density.mean();
+        (self.norm(seat, at, &value), self.norm(seat, at, &entropy))
+    }
+
+    /// Norm of a loss's gradient in the parameters of one opponent model.
+    fn norm(&self, seat: usize, at: usize, loss: &Tensor<1>) -> f64 {
+        let network = self.learner.game.players[seat].opponents[at].network();
+        let squares = gradients(network, &mut loss.backward()).concat().into_iter().map(|g| f64::from(g) * f64::from(g));
+        squares.sum::<f64>().sqrt()
+    }
+}
+
+impl Agent for OpponentGradients {
+    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        self.learner.act(observations, mode, rng)
+    }
+
+    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        self.learner.learn(transitions, rng, &mut Recorder::default())?;
+        let starts = self.learner.algorithm.settings().learning_starts;
+        if self.learner.game.replay.len() as u64 >= starts {
+            let (value, entropy) = self.parts(rng);
+            record.latest("value_gradient", value);
+            record.latest("entropy_gradient", entropy);
+        }
+        Ok(())
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        self.learner.save(dir)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        self.learner.load(dir)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coordination;
+    use engine::random::stream;
+
+    fn agent(opponent_objective: OpponentObjective) -> OpponentGradients {
+        let config = tdom_ac::Config { width: 16, batch_size: 32, ..learning(opponent_objective).unwrap() };
+        OpponentGradients { learner: Learner::new(config, &coordination::game(), &mut stream(&["learner"])).unwrap() }
+    }
+
+    #[test]
+    fn measuring_changes_nothing_that_is_learnt_from() {
+        let mut agent = agent(OpponentObjective::Neutralised);
+        coordination::train(&mut agent, 4, &mut stream(&["train"]));
+        let dirs = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+        agent.save(dirs[0].path()).unwrap();
+        let (value, entropy) = agent.parts(&mut stream(&["measure"]));
+        agent.save(dirs[1].path()).unwrap();
+        assert!(value > 0.0 && entropy > 0.0);
+        let files = || std::fs::read_dir(dirs[0].path()).unwrap().map(|entry| entry.unwrap().file_name());
+        assert!(files().count() > 0);
+        for name in files() {
+            let [one, two] = [0, 1].map(|at: usize| std::fs::read(dirs[at].path().join(&name)).unwrap());
+            assert!(one == two, "{}", name.display());
+        }
+    }
+
+    /// Both parts together are the gradient that is descended.
+    #[test]
+    fn the_parts_add_up() {
+        for objective in [OpponentObjective::Aligned, OpponentObjective::Neutralised] {
+            let mut agent = agent(objective);
+            coordination::train(&mut agent, 4, &mut stream(&["train"]));
+            let batch = agent.learner.game.batch(0, &mut stream(&["batch"]));
+            let config = agent.learner.algorithm.clone();
+            let mut gradient = |weight: f64| {
+                let (config, rng) = (tdom_ac::Config { opponent_entropy_weight: weight, ..config.clone() }, &mut stream(&["x"]));
+                let game = &mut agent.learner.game;
+                let loss = match objective {
+                    OpponentObjective::Aligned => config.aligned_loss(game, 0, (0, 1), &batch, rng),
+                    OpponentObjective::Neutralised => config.neutralised_loss(game, 0, 0, &batch, rng),
+                };
+                gradients(game.players[0].opponents[0].network(), &mut loss.backward()).concat()
+            };
+            let (both, value) = (gradient(1.0), gradient(0.0));
+            let difference = both.iter().zip(&value).map(|(both, value)| f64::from(both - value).powi(2)).sum::<f64>().sqrt();
+            let norms = agent.parts_of_model(0, (0, 1), &batch, &mut stream(&["x"]));
+            assert!((norms.1 - difference).abs() < 1e-4 * difference, "{norms:?} {difference}");
+        }
+    }
+
+    #[test]
+    fn a_saved_agent_continues() {
+        coordination::assert_continues(|rng| build(Config::default(), &coordination::game(), rng).unwrap());
+    }
+}
