@@ -129,6 +129,7 @@ impl<'a> Relation<'a> {
         };
         let value = match (comparison.at_steps.is_empty(), comparison.weight()) {
             (true, _) => value,
+            (false, _) if comparison.last.is_some() => format!("{value} until the environment steps of each column"),
             (false, 0.0) => format!("{value} after the environment steps of each column"),
             (false, weight) => format!("{value}, moving average (weight {weight}) after the environment steps of each column"),
         };
@@ -305,13 +306,17 @@ impl Measure<'_> {
             #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
             return passed.map(|index| curve[index].0 as f64).ok_or_else(|| format!("never above {level}"));
         }
-        if let Some(step) = self.at_step.filter(|_| values.len() > 1) {
-            let upto = curve.partition_point(|(measured_at, _)| *measured_at <= step);
-            return upto.checked_sub(1).map(|index| averages()[index]).ok_or_else(|| format!("not measured until {step}"));
+        let until = self.at_step.filter(|_| values.len() > 1);
+        let end = until.map_or(values.len(), |step| curve.partition_point(|(measured_at, _)| *measured_at <= step));
+        if let (Some(step), 0) = (until, end) {
+            return Err(format!("not measured until {step}"));
         }
         if let Some(last) = comparison.last.filter(|_| !values.is_empty()) {
-            let first = values.len().saturating_sub(usize::try_from(last).unwrap_or(usize::MAX));
-            return Ok(estimators::mean(&values[first..]));
+            let first = end.saturating_sub(usize::try_from(last).unwrap_or(usize::MAX));
+            return Ok(estimators::mean(&values[first..end]));
+        }
+        if until.is_some() {
+            return Ok(averages()[end - 1]);
         }
         trial.mean(Phase::Final, &comparison.value).ok_or_else(|| format!("no `{}` recorded", comparison.value))
     }

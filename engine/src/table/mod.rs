@@ -69,7 +69,7 @@ pub struct Comparison {
     pub value: String,
     /// How the seeds become one number.
     pub statistic: Statistic,
-    /// Take the mean of the last so many measurements during learning in place of the final one.
+    /// Take the mean of the last so many measurements during learning (up to each of `at_steps`) in place of the final one.
     #[schemars(range(min = 1))]
     pub last: Option<u64>,
     /// Take the environment steps until the moving average of the measurements during learning is above this value.

@@ -96,6 +96,10 @@ fn results_against_the_budget() {
     assert_eq!(seeds(1), [vec![(0, 7.0), (1, 7.0)], vec![(0, 7.0)], vec![(0, 3.0), (1, 3.0)]]);
     assert_eq!(seeds(2), [vec![], vec![], vec![(0, 3.0), (1, 3.0)]]);
     insta::assert_snapshot!(markdown(&grid));
+    let comparison = Comparison { at_steps: vec![10, 20], last: Some(2), ..Comparison::default() };
+    let last_two = super::compare(&comparison, &results).unwrap();
+    assert_eq!(last_two.quantity, "return, mean of the last 2 measurements until the environment steps of each column");
+    assert_eq!((last_two.cells[0][0].estimate, last_two.cells[1][1].seeds.clone()), (Some(6.0), vec![(0, 8.0)]));
 }
 
 #[test]

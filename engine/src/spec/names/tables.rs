@@ -98,7 +98,12 @@ impl Names<'_> {
         if spec.smooth.is_some() && spec.steps_until_above.is_none() && !over_steps {
             self.say(place.value("smooth"), "`smooth` has no effect without `steps_until_above` or `at_steps`", "");
         }
-        let kinds = [("at_steps", over_steps), ("steps_until_above", spec.steps_until_above.is_some()), ("last", spec.last.is_some())];
+        let kinds = [
+            ("at_steps", over_steps && spec.steps_until_above.is_some()),
+            ("smooth", over_steps && spec.smooth.is_some() && spec.steps_until_above.is_none()),
+            ("steps_until_above", spec.steps_until_above.is_some()),
+            ("last", spec.last.is_some()),
+        ];
         let given: Vec<&str> = kinds.into_iter().filter(|(_, given)| *given).map(|(kind, _)| kind).collect();
         if let [first, .., last] = given.as_slice() {
             let message = format!("`{last}` and `{first}` are two different values");
