@@ -46,3 +46,22 @@ fn every_study_runs_its_smoke_profile_to_the_report() {
     assert_eq!(again.code, 0);
     assert!(again.err.contains("nothing runs"), "a second run did something: {}", again.err);
 }
+
+#[test]
+fn learners_that_need_decisions_are_refused_where_only_examples_are_given() {
+    let bench = Bench::new();
+    let study = |agent: &str| {
+        format!(
+            "study: fit\nenvironments:\n  points: {{ simplex_reconstruction: {{}} }}\nagents:\n  learner: {{ {agent}: {{}} }}\n\
+             protocol: {{ supervised_fit: {{}} }}\nseeds: 1\n"
+        )
+    };
+    bench.write("fit.yaml", &study("dirichlet_sac"));
+    let refused = bench.run(&["check", "fit.yaml"]);
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    for part in ["fit.yaml:5:", "`learner` learns from its decisions", "`train_evaluate`", "`dirichlet_regression`"] {
+        assert!(refused.err.contains(part), "{part}: {}", refused.err);
+    }
+    bench.write("fit.yaml", &study("dirichlet_regression"));
+    bench.ok(&["check", "fit.yaml"]);
+}

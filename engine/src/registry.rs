@@ -71,6 +71,8 @@ pub struct AgentEntry {
     pub metrics: Vec<Metric>,
     /// True where what it records are times.
     pub measures_time: bool,
+    /// True where it can learn from examples, without actions and rewards.
+    pub learns_from_examples: bool,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
 }
@@ -109,6 +111,8 @@ pub struct AgentTraits {
     /// to the rule that a trial gives the same bits wherever it runs. They are stored like any other, but neither pinned nor
     /// continued half-way, and `selftest` refuses them.
     pub measures_time: bool,
+    /// True where `learn` reads observations and states alone, so that it can be given examples instead of decisions.
+    pub learns_from_examples: bool,
 }
 
 impl Registry {
@@ -144,6 +148,7 @@ impl Registry {
             learns: traits.learns,
             metrics: traits.metrics,
             measures_time: traits.measures_time,
+            learns_from_examples: traits.learns_from_examples,
             build: Box::new(move |raw, interface, rng| build(typed(raw)?, interface, rng)),
         };
         assert!(self.agents.insert(name, entry).is_none(), "agent `{name}` is registered twice");

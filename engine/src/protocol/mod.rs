@@ -78,6 +78,11 @@ pub trait Protocol: Send + Sync {
         true
     }
 
+    /// True where agents are given examples to learn from, without actions and rewards.
+    fn gives_examples(&self) -> bool {
+        false
+    }
+
     /// Steps in all, for progress and cost estimates.
     fn total_steps(&self) -> u64;
 

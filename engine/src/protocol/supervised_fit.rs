@@ -57,6 +57,10 @@ impl Protocol for SupervisedFit {
         evaluation::metrics()
     }
 
+    fn gives_examples(&self) -> bool {
+        true
+    }
+
     fn total_steps(&self) -> u64 {
         self.steps
     }

@@ -62,6 +62,7 @@ struct Facts {
 struct Measures {
     metrics: Vec<Metric>,
     of_environment: bool,
+    gives_examples: bool,
 }
 
 /// Builds the cells' parts.
@@ -153,6 +154,9 @@ impl Builder<'_> {
         if !new || !first && self.extra > MOST_SETTINGS_BUILT {
             return Ok(());
         }
+        if entry.learns && measures.gives_examples && !entry.learns_from_examples {
+            return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin)));
+        }
         let built = (entry.build)(&agent.part.config, &facts.interface, &mut random::stream(&["check"]));
         built.map(drop).map_err(|error| {
             let place = self.sections.sources.place(self.sections.written.environments[cell.environment].name_span);
@@ -160,6 +164,19 @@ impl Builder<'_> {
             let pairing = matches!(error, Error::Mismatch { .. });
             Box::new(if pairing { diagnostic.note("with this environment", place) } else { diagnostic })
         })
+    }
+
+    fn learns_otherwise(&self, agent: &Resolved, protocol: &str) -> Diagnostic {
+        let (sections, target) = (self.sections, agent.given.target);
+        let (at, span) = sections.plugin(target).map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
+        let named = sections.written.part(target).map_or("", |named| &named.name);
+        let others = sections.registry.agents.iter().filter(|(_, entry)| entry.learns && entry.learns_from_examples);
+        let others: Vec<String> = others.map(|(name, _)| format!("`{name}`")).collect();
+        let message =
+            format!("the agent `{named}` learns from its decisions and their rewards; `{protocol}` gives examples alone");
+        let instead =
+            if others.is_empty() { String::new() } else { format!("; agents that learn from examples: {}", others.join(", ")) };
+        sections.sources.error(span, &at, message).help(format!("the protocol `train_evaluate` gives it decisions{instead}"))
     }
 
     fn environment(&mut self, resolved: &Resolved) -> Result<(), Box<Diagnostic>> {
@@ -183,10 +200,11 @@ impl Builder<'_> {
         }
         let entry = &self.sections.registry.protocols[resolved.part.plugin.as_str()];
         let built = (entry.build)(&resolved.part.config);
-        let measures = built
-            .as_ref()
-            .ok()
-            .map(|protocol| Measures { metrics: protocol.metrics(), of_environment: protocol.records_environment_metrics() });
+        let measures = built.as_ref().ok().map(|protocol| Measures {
+            metrics: protocol.metrics(),
+            of_environment: protocol.records_environment_metrics(),
+            gives_examples: protocol.gives_examples(),
+        });
         self.protocols.insert(resolved.id.clone(), measures);
         built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))
     }

@@ -83,11 +83,12 @@ pub fn register(registry: &mut Registry) {
     registry.agent("masql", 1, about, learner(masql::metrics()), masql::build);
     let about = "soft actor-critic in every seat, each for itself";
     registry.agent("independent_sac", 1, about, learner(independent_sac::metrics()), independent_sac::build);
+    let fitted = |metrics| AgentTraits { learns_from_examples: true, ..learner(metrics) };
     let about = "regression onto a simplex with a Dirichlet distribution";
-    registry.agent("dirichlet_regression", 1, about, learner(dirichlet_regression::metrics()), dirichlet_regression::build);
+    registry.agent("dirichlet_regression", 1, about, fitted(dirichlet_regression::metrics()), dirichlet_regression::build);
     let about = "regression onto a simplex with a Gaussian-softmax distribution";
     let metrics = gaussian_softmax_regression::metrics();
-    registry.agent("gaussian_softmax_regression", 1, about, learner(metrics), gaussian_softmax_regression::build);
+    registry.agent("gaussian_softmax_regression", 1, about, fitted(metrics), gaussian_softmax_regression::build);
     let about = "actor-critic for several seats whose opponent models follow the others' improvement";
     registry.agent("tdom_ac", 1, about, learner(tdom_ac::metrics()), tdom_ac::build);
     let about = "actor-critic for several seats with opponent models regularised by what the others did";

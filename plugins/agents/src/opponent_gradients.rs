@@ -102,10 +102,11 @@ impl OpponentGradients {
             OpponentObjective::Aligned => value_alone.aligned_loss(game, seat, (at, other), batch, rng),
             OpponentObjective::Neutralised => value_alone.neutralised_loss(game, seat, at, batch, rng),
         };
+        let seen = game.seen(seat, &batch.observations);
         if value_alone.opponent_objective == OpponentObjective::Neutralised {
-            game.players[seat].draw_others(&batch.observations, &mut same_draws);
+            game.players[seat].draw_others(&seen, &mut same_draws);
         }
-        let head = game.players[seat].opponents[at].tracked_head(batch.observations.clone());
+        let head = game.players[seat].opponents[at].tracked_head(seen);
         let entropy = sample(head, &mut same_draws).log_density.mean();
         (self.norm(seat, at, &value), self.norm(seat, at, &entropy))
     }

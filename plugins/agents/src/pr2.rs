@@ -22,7 +22,8 @@
 //! Variants of the released code, all with Gaussian opponent models in the place of the paper's sampler trained by Stein
 //! gradients: `differential_game` is `pr2.py`, `released_code` is `pr2_comp.py` (what its tag script imports),
 //! `released_code_navigation` is `pr2_v1.py`, whose opponent models minimise the seat's own value and whose critic
-//! bootstraps from one mean over the whole batch. `joined_draws: log_mean_exp` is the paper's soft maximum over the draws.
+//! bootstraps from one mean over the whole batch. `original` leaves the entropy of the own policy out, as the paper does; the opponent
+//! models keep theirs, which makes them soft posteriors. `joined_draws: log_mean_exp` is the paper's soft maximum over the draws.
 //!
 //! Departures from the thesis' text: those of [`crate::tdom_ac`].
 //!
@@ -97,9 +98,13 @@ impl engine::Config for Config {
                 "opponent_objective": objective, "joined_draws": "mean",
             })
         };
+        let mut original = own(16, "per_state", "maximise");
+        original["policy_entropy_weight"] = 0.0.into();
+        original["critic_entropy_weight"] = 0.0.into();
         let navigation = own(16, "batch_mean", "minimise");
         vec![
             preset("thesis", "thesis, section 4.5, as printed", own(16, "per_state", "maximise")),
+            preset("original", "Wen et al. 2019: no entropy of the own policy", original),
             preset("released_code", "released code, predator and prey (pr2_comp.py)", own(1, "per_state", "maximise")),
             preset("released_code_navigation", "released code, cooperative navigation (pr2_v1.py)", navigation),
             preset("differential_game", "released code, differential game (pr2.py)", own(16, "batch_mean", "maximise")),
@@ -131,7 +136,7 @@ impl Algorithm for Config {
     }
 
     fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
-        let head = game.players[seat].policy.acting_head(observations.clone());
+        let head = game.players[seat].policy.acting_head(game.seen(seat, observations));
         match mode {
             Mode::Train => sample(head, rng).action,
             Mode::Evaluate => mean_action(head),
@@ -139,7 +144,7 @@ impl Algorithm for Config {
     }
 
     fn predict(&self, game: &Game, seat: usize, observations: &Tensor<2>, actions: &Tensor<2>) -> Tensor<2> {
-        let input = beside(observations, vec![game.own(actions, seat)]);
+        let input = beside(&game.seen(seat, observations), vec![game.own(actions, seat)]);
         let models = game.players[seat].opponents.iter();
         Tensor::cat(models.map(|model| mean_action(model.acting_head(input.clone()))).collect(), 1)
     }
@@ -169,8 +174,9 @@ impl Config {
     /// The value behind s': `Q_target - alpha log pi`, joined over the draws and, where asked for, over the batch.
     fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
         let following = &batch.next_observations;
-        let own = sample(game.players[seat].policy.plain_head(following.clone()), rng);
-        let answers = self.answers(&mut game.players[seat], following, &own.action, rng);
+        let seen = game.seen(seat, following);
+        let own = sample(game.players[seat].policy.plain_head(seen.clone()), rng);
+        let answers = self.answers(&mut game.players[seat], &seen, &own.action, rng);
         let critic = &game.players[seat].critic;
         let values =
             answers.into_iter().map(|others| critic.target_value(following, game.joint(seat, own.action.clone(), others)));
@@ -191,7 +197,7 @@ impl Config {
         batch: &SeatBatch,
         rng: &mut Rng,
     ) -> Tensor<1> {
-        let input = beside(&batch.observations, vec![game.own(&batch.actions, seat)]);
+        let input = beside(&game.seen(seat, &batch.observations), vec![game.own(&batch.actions, seat)]);
         let drawn = sample(game.players[seat].opponents[at].tracked_head(input), rng);
         let actions = game.layout.with_action(&batch.actions, other, drawn.action);
         let value = game.players[seat].critic.value(&batch.observations, actions);
@@ -205,8 +211,9 @@ impl Config {
     /// `mean(alpha log pi - Q^i)` with the answers to the drawn action, and `log pi` `[batch, 1]`.
     fn policy_loss(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> (Tensor<1>, Tensor<2>) {
         let s = &batch.observations;
-        let own = sample(game.players[seat].policy.tracked_head(s.clone()), rng);
-        let answers = self.answers(&mut game.players[seat], s, &own.action, rng);
+        let seen = game.seen(seat, s);
+        let own = sample(game.players[seat].policy.tracked_head(seen.clone()), rng);
+        let answers = self.answers(&mut game.players[seat], &seen, &own.action, rng);
         let critic = &game.players[seat].critic;
         let values = answers.into_iter().map(|others| critic.value(s, game.joint(seat, own.action.clone(), others)));
         let weight = self.policy_entropy_weight;
@@ -347,6 +354,11 @@ mod tests {
     #[test]
     fn an_exported_agent_acts_and_predicts_the_same() {
         trials::assert_exports(tiny());
+    }
+
+    #[test]
+    fn a_seat_that_sees_its_own_observation_heeds_no_other() {
+        trials::assert_sight(|sight| Config { sight, ..tiny() });
     }
 
     #[test]

@@ -126,7 +126,8 @@ impl Config {
 
     fn prior_loss(&self, game: &mut Game, seat: usize, batch: &SeatBatch) -> Tensor<1> {
         let candidate = candidate_of(game.own(&batch.actions, seat));
-        let head = prior(game, seat).tracked_head(batch.observations.clone());
+        let seen = game.seen(seat, &batch.observations);
+        let head = prior(game, seat).tracked_head(seen);
         let squares = standard_deviation(head.clone()).square().mean() + mean(head.clone()).square().mean();
         squares * self.prior_regularisation - log_density(head, candidate).mean()
     }
@@ -134,13 +135,15 @@ impl Config {
     /// The value behind s': `Q_target - alpha log pi + sum_j (log P^j - log rho^j)`.
     fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
         let following = &batch.next_observations;
-        let draws = game.players[seat].draw_others(following, rng);
+        let seen = game.seen(seat, following);
+        let draws = game.players[seat].draw_others(&seen, rng);
         let predicted: Vec<_> = draws.iter().map(|draw| draw.action.clone()).collect();
-        let own = sample(game.players[seat].policy.plain_head(beside(following, predicted.clone())), rng);
+        let own = sample(game.players[seat].policy.plain_head(beside(&seen, predicted.clone())), rng);
         let mut value = own.log_density * -self.critic_entropy_weight;
         for (draw, other) in draws.into_iter().zip(others(game.players.len(), seat)) {
-            let seen = log_density(prior(game, other).plain_head(following.clone()), draw.candidate);
-            value = value + seen - draw.log_density;
+            let seen_by_other = game.seen(other, following);
+            let expected = log_density(prior(game, other).plain_head(seen_by_other), draw.candidate);
+            value = value + expected - draw.log_density;
         }
         let actions = game.joint(seat, own.action, predicted);
         value + game.players[seat].critic.target_value(following, actions)
@@ -156,14 +159,15 @@ impl Config {
         rng: &mut Rng,
     ) -> Tensor<1> {
         let s = &batch.observations;
-        let drawn = sample(game.players[seat].opponents[at].tracked_head(s.clone()), rng);
-        let seen = log_density(prior(game, other).plain_head(s.clone()), drawn.candidate);
+        let (seen, seen_by_other) = (game.seen(seat, s), game.seen(other, s));
+        let drawn = sample(game.players[seat].opponents[at].tracked_head(seen.clone()), rng);
+        let expected = log_density(prior(game, other).plain_head(seen_by_other), drawn.candidate);
         let actions = game.layout.with_action(&batch.actions, other, drawn.action);
         let of_others = others(game.players.len(), seat).map(|other| game.own(&actions, other)).collect();
         let own = candidate_of(game.own(&batch.actions, seat));
-        let log_pi = log_density(game.players[seat].policy.plain_head(beside(s, of_others)), own);
+        let log_pi = log_density(game.players[seat].policy.plain_head(beside(&seen, of_others)), own);
         let value = game.players[seat].critic.value(s, actions);
-        (drawn.log_density - seen - value + log_pi * self.opponent_entropy_weight).mean()
+        (drawn.log_density - expected - value + log_pi * self.opponent_entropy_weight).mean()
     }
 }
 
@@ -250,6 +254,11 @@ mod tests {
     #[test]
     fn an_exported_agent_acts_and_predicts_the_same() {
         trials::assert_exports(tiny());
+    }
+
+    #[test]
+    fn a_seat_that_sees_its_own_observation_heeds_no_other() {
+        trials::assert_sight(|sight| Config { sight, ..tiny() });
     }
 
     #[test]

@@ -121,10 +121,12 @@ impl Algorithm for Config {
 impl Config {
     /// The value behind s' in eq. 4.13: `Q_target - alpha (log pi + sum log rho)`.
     fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
-        let (player, following) = (&mut game.players[seat], &batch.next_observations);
-        let draws = player.draw_others(following, rng);
+        let following = &batch.next_observations;
+        let seen = game.seen(seat, following);
+        let player = &mut game.players[seat];
+        let draws = player.draw_others(&seen, rng);
         let predicted: Vec<_> = draws.iter().map(|draw| draw.action.clone()).collect();
-        let own = sample(player.policy.plain_head(beside(following, predicted.clone())), rng);
+        let own = sample(player.policy.plain_head(beside(&seen, predicted.clone())), rng);
         let log_density = draws.into_iter().fold(own.log_density, |sum, draw| sum + draw.log_density);
         let actions = game.joint(seat, own.action, predicted);
         game.players[seat].critic.target_value(following, actions) - log_density * self.critic_entropy_weight
@@ -159,7 +161,8 @@ impl Config {
         batch: &SeatBatch,
         rng: &mut Rng,
     ) -> Tensor<1> {
-        let drawn = sample(game.players[seat].opponents[at].tracked_head(batch.observations.clone()), rng);
+        let seen = game.seen(seat, &batch.observations);
+        let drawn = sample(game.players[seat].opponents[at].tracked_head(seen), rng);
         let actions = game.layout.with_action(&batch.actions, other, drawn.action);
         let value = game.players[other].critic.value(&batch.observations, actions);
         (drawn.log_density * self.opponent_entropy_weight - value).mean()
@@ -174,11 +177,12 @@ impl Config {
         batch: &SeatBatch,
         rng: &mut Rng,
     ) -> Tensor<1> {
+        let seen = game.seen(seat, &batch.observations);
         let player = &mut game.players[seat];
-        let mut predicted: Vec<_> = player.draw_others(&batch.observations, rng).into_iter().map(|draw| draw.action).collect();
-        let drawn = sample(player.opponents[at].tracked_head(batch.observations.clone()), rng);
+        let mut predicted: Vec<_> = player.draw_others(&seen, rng).into_iter().map(|draw| draw.action).collect();
+        let drawn = sample(player.opponents[at].tracked_head(seen.clone()), rng);
         predicted[at] = drawn.action.clone().detach();
-        let own = sample(player.policy.plain_head(beside(&batch.observations, predicted.clone()).detach()), rng).action.detach();
+        let own = sample(player.policy.plain_head(beside(&seen, predicted.clone()).detach()), rng).action.detach();
         predicted[at] = drawn.action;
         let actions = game.joint(seat, own, predicted);
         let critics = game.players.iter().map(|player| player.critic.value(&batch.observations, actions.clone()));
@@ -291,6 +295,11 @@ mod tests {
     #[test]
     fn an_exported_agent_acts_and_predicts_the_same() {
         trials::assert_exports(tiny());
+    }
+
+    #[test]
+    fn a_seat_that_sees_its_own_observation_heeds_no_other() {
+        trials::assert_sight(|sight| Config { sight, ..tiny() });
     }
 
     #[test]

@@ -49,7 +49,7 @@ impl engine::Config for Config {}
 
 /// What the registration says.
 pub fn traits() -> AgentTraits {
-    AgentTraits { learns: true, metrics: metrics(), measures_time: true }
+    AgentTraits { learns: true, metrics: metrics(), measures_time: true, ..AgentTraits::default() }
 }
 
 fn metrics() -> Vec<Metric> {

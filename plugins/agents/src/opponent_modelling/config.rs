@@ -1,5 +1,6 @@
 //! Hyper-parameters that the algorithms with opponent models share. Their released code departs from the text in many of them.
 
+use crate::joint::Sight;
 use engine::Error;
 use numerics::network::Activation;
 use schemars::JsonSchema;
@@ -56,6 +57,8 @@ pub struct Settings {
     pub stale_policy_step: bool,
     /// Transitions that the buffer holds.
     pub replay_capacity: usize,
+    /// What policies, opponent models and priors see; critics see what all seats do.
+    pub sight: Sight,
 }
 
 impl Rectifier {
@@ -137,6 +140,10 @@ macro_rules! opponent_config {
             /// Transitions that the replay buffer holds.
             #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "released code"))]
             pub replay_capacity: usize,
+            /// What policy, opponent models and prior of a seat see; null: what all seats observe.
+            #[serde(skip_serializing_if = "Option::is_none")]
+            #[schemars(extend("x-source" = "released code: what all seats observe; code of Tian et al. 2019: own"))]
+            pub sight: Option<crate::joint::Sight>,
         }
 
         impl Default for Config {
@@ -159,6 +166,8 @@ macro_rules! opponent_config {
                     gradient_clip: Some(0.5),
                     stale_policy_step: true,
                     replay_capacity: 1_000_000,
+                    // Absent from stored configs where it is not given, so that ids of earlier trials stay.
+                    sight: None,
                 }
             }
         }
@@ -179,6 +188,7 @@ macro_rules! opponent_config {
                     gradient_clip: self.gradient_clip,
                     stale_policy_step: self.stale_policy_step,
                     replay_capacity: self.replay_capacity,
+                    sight: self.sight.unwrap_or(crate::joint::Sight::Joint),
                 }
             }
         }

@@ -10,6 +10,7 @@
 //! | P(a^i given s), ROMMEO alone | [`Player::prior`] | head `[batch, 2 n_i]` |
 //! | Q^i and its target | [`Player::critic`] | `[batch, 1]` |
 //!
+//! Policies, opponent models and priors see the joint observation, as in the released code, or with `sight: own` that of their seat.
 //! Each seat has its own networks and draws its own minibatch; target critics move after all seats are through. A critic's input is
 //! the joint action in the order of the seats, then the joint observation: the released code puts the own action last, which is
 //! the same network with its columns named otherwise.
@@ -149,16 +150,16 @@ fn prediction_error() -> Metric {
 impl Player {
     fn new<A: Algorithm>(layout: &JointLayout, seat: usize, settings: &Settings, rng: &mut Rng) -> Self {
         let (n_observed, n_acted, sizes) = (layout.n_observed(), layout.n_acted(), layout.action_sizes());
-        let own = sizes[seat];
+        let (own, n_seen) = (sizes[seat], settings.sight.columns(layout, seat).len());
         let (for_policy, for_opponents) = match A::CONDITIONING {
-            Conditioning::PolicyOnPrediction => (n_observed + n_acted - own, n_observed),
-            Conditioning::PredictionOnAction => (n_observed, n_observed + own),
+            Conditioning::PolicyOnPrediction => (n_seen + n_acted - own, n_seen),
+            Conditioning::PredictionOnAction => (n_seen, n_seen + own),
         };
         let policy = GaussianNetwork::new(for_policy, own, settings, rng).keeping_latest(settings.stale_policy_step);
         let critic = Critic::new(n_observed, n_acted, settings, rng);
         let opponent = |other| GaussianNetwork::new(for_opponents, sizes[other], settings, rng);
         let opponents = others(sizes.len(), seat).map(opponent).collect();
-        let prior = A::HAS_PRIOR.then(|| GaussianNetwork::new(n_observed, own, settings, rng));
+        let prior = A::HAS_PRIOR.then(|| GaussianNetwork::new(n_seen, own, settings, rng));
         Self { policy, critic, opponents, prior }
     }
 
@@ -191,6 +192,12 @@ impl Game {
     pub fn joint(&self, seat: usize, own: Tensor<2>, mut others: Vec<Tensor<2>>) -> Tensor<2> {
         others.insert(seat, own);
         Tensor::cat(others, 1)
+    }
+
+    /// The columns of joint observations that policy, opponent models and prior of a seat see.
+    #[must_use]
+    pub fn seen(&self, seat: usize, observations: &Tensor<2>) -> Tensor<2> {
+        columns(observations, self.settings.sight.columns(&self.layout, seat))
     }
 
     /// A seat's own columns of joint actions.
@@ -287,7 +294,7 @@ impl Game {
     fn exported(&self, agent: &str) -> TensorFile {
         let mut file = TensorFile::default();
         let seat = |(seat, player): (usize, &Player)| {
-            let ports = self.layout.ports(0..self.layout.n_observed(), self.layout.acted(seat));
+            let ports = self.layout.ports(self.settings.sight.columns(&self.layout, seat), self.layout.acted(seat));
             let sizes = player.policy.network().sizes();
             json!({ "name": self.layout.seats()[seat], "inputs": ports.inputs, "outputs": ports.outputs, "policy_sizes": sizes })
         };

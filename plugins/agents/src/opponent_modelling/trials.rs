@@ -2,6 +2,7 @@
 
 use super::{Algorithm, GaussianNetwork, Learner, PREDICTION_ERROR, SeatBatch, Settings};
 use crate::coordination;
+use crate::joint::Sight;
 use burn::tensor::Tensor;
 use engine::random::stream;
 use engine::{Agent, Metric, Mode, Observation, Rng};
@@ -117,4 +118,25 @@ pub(crate) fn assert_declared<A: Algorithm>(algorithm: A, declared: Vec<Metric>)
     assert!(of_decisions.len() == 1 && declared.contains(&of_decisions[0]));
     let of_training: Vec<_> = declared.into_iter().filter(|metric| metric.name != PREDICTION_ERROR).collect();
     coordination::assert_declared(&mut learner, &of_training);
+}
+
+/// Asserts that what another seat observes moves a seat's action where sight is joint, and does not where it is its own; that
+/// such an agent learns, and that its export fits one of the same sight alone.
+pub(crate) fn assert_sight<A: Algorithm>(algorithm: impl Fn(Option<Sight>) -> A) {
+    let first_action = |learner: &mut Learner<A>, of_other: f64| {
+        let seen = Observation { seats: vec![vec![0.3], vec![of_other]], state: Vec::new() };
+        learner.act(&[seen], Mode::Evaluate, &mut stream(&["x"])).unwrap()[0][0].clone()
+    };
+    let [mut own, mut joint] = [Some(Sight::Own), None].map(|sight| learner(algorithm(sight)));
+    assert_eq!(first_action(&mut own, -0.6), first_action(&mut own, 0.6));
+    assert_ne!(first_action(&mut joint, -0.6), first_action(&mut joint, 0.6));
+    let untrained = first_action(&mut own, 0.0);
+    coordination::train(&mut own, 8, &mut stream(&["train"]));
+    assert_ne!(first_action(&mut own, 0.0), untrained);
+    let dir = tempfile::tempdir().unwrap();
+    own.export(dir.path()).unwrap();
+    assert!(joint.import(dir.path()).is_err());
+    let mut another = learner(algorithm(Some(Sight::Own)));
+    assert!(another.import(dir.path()).unwrap());
+    assert_eq!(first_action(&mut another, 0.0), first_action(&mut own, 0.0));
 }
