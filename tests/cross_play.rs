@@ -160,6 +160,11 @@ fn what_plays_a_policy_that_never_comes_is_not_run_and_says_so() {
     let status = bench.run_misused(&["status", "pursuit.yaml"]);
     assert_eq!(status.code, 106);
     assert!(status.out.contains("5 trials of cross-play cannot run: tag still seed 0 ended as failed"), "{}", status.out);
+    let status = bench.run_misused(&["status", "pursuit.yaml", "--format", "json"]);
+    let status: Value = serde_json::from_str(&status.out).unwrap();
+    assert_eq!((&status["cross_play"]["to_come"], &status["cross_play"]["cannot_run"][0]["trials"]), (&0.into(), &5.into()));
+    let because = status["cross_play"]["cannot_run"][0]["because"].as_str().unwrap();
+    assert!(because.starts_with("tag still seed 0 ended as failed:") && because.ends_with("it fails as asked"), "{because}");
     let again = bench.run_misused(&["run", "pursuit.yaml"]);
     assert_eq!(again.code, 106);
     assert!(again.err.contains("cannot run"), "{}", again.err);
@@ -182,6 +187,8 @@ fn what_waits_is_said_before_anything_ran() {
     // still meets still without any policy.
     assert!(plan.contains("16 trials of cross-play wait for policies of trials that are missing"), "{plan}");
     assert!(plan.contains("predators:tdom prey:level"), "{plan}");
+    let plan: Value = serde_json::from_str(&bench.ok(&["plan", "pursuit.yaml", "--format", "json"])).unwrap();
+    assert_eq!(plan["cross_play"]["to_come"], 16);
     let only = bench.run(&["run", "pursuit.yaml", "--only", "pursuit"]);
     assert_eq!(only.code, 106);
     assert!(only.err.contains("has not run"), "{}", only.err);
@@ -283,5 +290,5 @@ fn every_agent_with_several_seats_takes_up_the_policy_that_it_exported_to_the_bi
         }
     }
     checked.dedup();
-    assert_eq!(checked, ["independent_sac", "maddpg", "masql", "pr2", "rommeo", "tdom_ac"]);
+    assert_eq!(checked, ["independent_sac", "maddpg", "masql", "opponent_gradients", "pr2", "rommeo", "tdom_ac"]);
 }

@@ -2,7 +2,7 @@
 
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain,
-    running::running, say, settings, submit, waiting,
+    running::running, say, settings, submit, waiting::Waiting,
 };
 use crate::{
     Registry, diagnostic,
@@ -145,8 +145,9 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
         // Where every trial is there, nothing else of the store is looked at.
         let cells = if known.len() < trials.len() { store.cells(&known, MOST_STORED) } else { Vec::new() };
         let novelties = plan::novelties(trials, &ends, &cells);
-        say(&overview(&one, &ends, Some(&novelties), settings.workers, common.format));
-        say_waiting(trials, &ends, &store, common);
+        let waiting = Waiting::of(trials, &ends, &store);
+        say(&overview(&one, &ends, Some(&novelties), (settings.workers, &waiting), common.format));
+        say_waiting(&waiting, common);
     }
     Ok(OK)
 }
@@ -158,11 +159,12 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
     let mut code = OK;
     for one in load(registry, selection)? {
         let ends = ends(&store, &one.plan.trials);
-        say(&overview(&one, &ends, None, settings.workers, common.format));
+        let waiting = Waiting::of(&one.plan.trials, &ends, &store);
+        say(&overview(&one, &ends, None, (settings.workers, &waiting), common.format));
         if common.format == Format::Text {
             let texts = [running(&store, &one.plan.trials, &ends), failures(&one.plan.trials, &ends)];
             texts.iter().filter(|text| !text.is_empty()).for_each(|text| say(text));
-            say_waiting(&one.plan.trials, &ends, &store, common);
+            say_waiting(&waiting, common);
         }
         code = code.max(code_of(&ends));
     }
@@ -170,8 +172,8 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
     Ok(code)
 }
 
-fn say_waiting(trials: &[Trial], ends: &[Option<TrialEnd>], store: &Store, common: &Common) {
-    let lines = waiting::lines(trials, ends, store);
+fn say_waiting(waiting: &Waiting, common: &Common) {
+    let lines = waiting.lines();
     if common.format == Format::Text && !lines.is_empty() {
         say(&lines.join("\n"));
     }
@@ -242,10 +244,18 @@ impl Cell {
     }
 }
 
-fn overview(one: &Planned, ends: &[Option<TrialEnd>], novelties: Option<&[Novelty]>, workers: usize, format: Format) -> String {
+fn overview(
+    one: &Planned,
+    ends: &[Option<TrialEnd>],
+    novelties: Option<&[Novelty]>,
+    (workers, waiting): (usize, &Waiting),
+    format: Format,
+) -> String {
     let cells = cells(one, ends);
     if format == Format::Json {
-        return as_json(one, &cells, novelties).to_string();
+        let mut overview = as_json(one, &cells, novelties);
+        overview["cross_play"] = waiting.to_json();
+        return overview.to_string();
     }
     let mut lines = vec![format!("{}: {} trials", one.study.name, one.plan.trials.len())];
     let width = |of: fn(&Names<'_>) -> usize, least: usize| cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least);

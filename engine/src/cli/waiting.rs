@@ -6,26 +6,49 @@ use crate::{
     store::{Store, is_missing},
     trial::Trial,
 };
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// How many missing trials play policies that are still to come, and which policies do not come; a line each.
-pub(super) fn lines(trials: &[Trial], ends: &[Option<TrialEnd>], store: &Store) -> Vec<String> {
-    let known: BTreeMap<&str, &Trial> = trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
-    let (mut to_come, mut failed) = (0, BTreeMap::<String, usize>::new());
-    for (trial, _) in trials.iter().zip(ends).filter(|(_, end)| is_missing(end.as_ref())) {
-        let sources = cross_play::sources(&trial.key);
-        let lacking = sources.into_iter().map(|source| (store.end(&source).unwrap_or(None), source));
-        let lacking: Vec<_> = lacking.filter(|(end, _)| end.as_ref().is_none_or(|end| end.state != EndState::Ok)).collect();
-        let for_good =
-            lacking.iter().find_map(|(end, source)| Some((end.as_ref().filter(|end| !is_missing(Some(end)))?, source)));
-        match for_good {
-            Some((end, source)) => *failed.entry(source_line(end, source, &known)).or_default() += 1,
-            None => to_come += usize::from(!lacking.is_empty()),
+/// Missing trials that play policies of other trials.
+pub(super) struct Waiting {
+    /// How many play policies that are still to come.
+    to_come: usize,
+    /// Why others cannot run, and how many for that reason.
+    cannot_run: BTreeMap<String, usize>,
+}
+
+impl Waiting {
+    /// Looks at what every missing trial plays.
+    pub(super) fn of(trials: &[Trial], ends: &[Option<TrialEnd>], store: &Store) -> Self {
+        let known: BTreeMap<&str, &Trial> = trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
+        let mut waiting = Self { to_come: 0, cannot_run: BTreeMap::new() };
+        for (trial, _) in trials.iter().zip(ends).filter(|(_, end)| is_missing(end.as_ref())) {
+            let sources = cross_play::sources(&trial.key);
+            let lacking = sources.into_iter().map(|source| (store.end(&source).unwrap_or(None), source));
+            let lacking: Vec<_> = lacking.filter(|(end, _)| end.as_ref().is_none_or(|end| end.state != EndState::Ok)).collect();
+            let for_good =
+                lacking.iter().find_map(|(end, source)| Some((end.as_ref().filter(|end| !is_missing(Some(end)))?, source)));
+            match for_good {
+                Some((end, source)) => *waiting.cannot_run.entry(source_line(end, source, &known)).or_default() += 1,
+                None => waiting.to_come += usize::from(!lacking.is_empty()),
+            }
         }
+        waiting
     }
-    let waiting = (to_come > 0).then(|| format!("  {to_come} trials of cross-play wait for policies of trials that are missing"));
-    let failed = failed.into_iter().map(|(source, count)| format!("  {count} trials of cross-play cannot run: {source}"));
-    waiting.into_iter().chain(failed).collect()
+
+    /// A line each, for people.
+    pub(super) fn lines(&self) -> Vec<String> {
+        let count = self.to_come;
+        let to_come = (count > 0).then(|| format!("  {count} trials of cross-play wait for policies of trials that are missing"));
+        let failed = self.cannot_run.iter().map(|(source, count)| format!("  {count} trials of cross-play cannot run: {source}"));
+        to_come.into_iter().chain(failed).collect()
+    }
+
+    /// The same for programs.
+    pub(super) fn to_json(&self) -> Value {
+        let cannot_run = self.cannot_run.iter().map(|(because, trials)| json!({ "trials": trials, "because": because }));
+        json!({ "to_come": self.to_come, "cannot_run": cannot_run.collect::<Vec<_>>() })
+    }
 }
 
 fn source_line(end: &TrialEnd, source: &str, known: &BTreeMap<&str, &Trial>) -> String {

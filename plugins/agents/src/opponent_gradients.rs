@@ -29,13 +29,28 @@ use std::path::Path;
 /// Hyper-parameters of the learning: a preset of `tdom_ac`.
 const PRESET: &str = "differential_game";
 
-/// What the opponent models learn by.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+/// What the opponent models learn by, and the size of the learner.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// What the opponent models climb, and whose gradient is taken apart.
     #[schemars(extend("x-source" = "thesis, eq. 4.17 and 4.22"))]
     pub opponent_objective: OpponentObjective,
+    /// Units of both hidden layers of every network.
+    #[schemars(range(min = 1, max = 4096), extend("x-source" = "released code, differential game"))]
+    pub width: usize,
+    /// Transitions per update and per measurement; all that are stored where they are fewer.
+    #[schemars(range(min = 2, max = 65536), extend("x-source" = "released code, differential game"))]
+    pub batch_size: usize,
+    /// Environment steps before the first update and the first measurement.
+    #[schemars(range(min = 2), extend("x-source" = "released code, differential game"))]
+    pub learning_starts: u64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { opponent_objective: OpponentObjective::Aligned, width: 128, batch_size: 512, learning_starts: 16 }
+    }
 }
 
 impl engine::Config for Config {}
@@ -64,16 +79,16 @@ pub struct OpponentGradients {
 /// # Errors
 /// Those of `tdom_ac`.
 pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let learning = learning(config.opponent_objective)?;
-    Ok(Box::new(OpponentGradients { learner: Learner::new(learning, interface, rng)? }))
+    Ok(Box::new(OpponentGradients { learner: Learner::new(learning(config)?, interface, rng)? }))
 }
 
-fn learning(opponent_objective: OpponentObjective) -> Result<tdom_ac::Config, Error> {
+fn learning(config: Config) -> Result<tdom_ac::Config, Error> {
     let preset = tdom_ac::Config::presets().into_iter().find(|preset| preset.name == PRESET);
     let values = preset.map(|preset| preset.values).unwrap_or_default();
-    let config: Result<tdom_ac::Config, _> = serde_json::from_value(values);
-    let config = config.map_err(|problem| Error::config("opponent_objective", format!("preset `{PRESET}`: {problem}")))?;
-    Ok(tdom_ac::Config { opponent_objective, ..config })
+    let learning: Result<tdom_ac::Config, _> = serde_json::from_value(values);
+    let learning = learning.map_err(|problem| Error::config("opponent_objective", format!("preset `{PRESET}`: {problem}")))?;
+    let Config { opponent_objective, width, batch_size, learning_starts } = config;
+    Ok(tdom_ac::Config { opponent_objective, width, batch_size, learning_starts, ..learning })
 }
 
 impl OpponentGradients {
@@ -142,6 +157,14 @@ impl Agent for OpponentGradients {
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         self.learner.load(dir)
     }
+
+    fn export(&self, dir: &Path) -> Result<bool, Error> {
+        self.learner.export(dir)
+    }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        self.learner.import(dir)
+    }
 }
 
 #[cfg(test)]
@@ -151,8 +174,10 @@ mod tests {
     use engine::random::stream;
 
     fn agent(opponent_objective: OpponentObjective) -> OpponentGradients {
-        let config = tdom_ac::Config { width: 16, batch_size: 32, ..learning(opponent_objective).unwrap() };
-        OpponentGradients { learner: Learner::new(config, &coordination::game(), &mut stream(&["learner"])).unwrap() }
+        let config = Config { opponent_objective, width: 16, batch_size: 32, ..Config::default() };
+        OpponentGradients {
+            learner: Learner::new(learning(config).unwrap(), &coordination::game(), &mut stream(&["learner"])).unwrap(),
+        }
     }
 
     #[test]
