@@ -285,8 +285,9 @@ fn seed_value(trial: &TrialResult, measure: &Measure<'_>, relation: &Relation<'_
 impl Measure<'_> {
     /// The trials without those that end before the step of the column.
     fn trained_for<'a>(&self, scope: &Scope<'a>) -> Scope<'a> {
-        let reaches = |trial: &&&TrialResult| match (self.at_step, self.curve(trial).as_slice()) {
-            (Some(step), [_, .., (last, _)]) => !trial.is_ok() || *last >= step,
+        let Some(step) = self.at_step else { return scope.clone() };
+        let reaches = |trial: &&&TrialResult| match self.curve(trial).as_slice() {
+            [_, .., (last, _)] => !trial.is_ok() || *last >= step,
             _ => true,
         };
         Scope { trials: scope.trials.iter().filter(reaches).copied().collect() }
