@@ -142,14 +142,17 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
     TICK + 2.0 + lowest * LINE
 }
 
-/// An upright label in one line, or in two where it is longer than the room.
+/// An upright label in one line, or in several where it is longer than the room; `x` is the middle of the first.
 pub(super) fn upright(label: &str, (x, y): Place, room: f64, marks: &mut Vec<Mark>) {
-    let lines = break_lines(label, room);
-    let last = lines.len().saturating_sub(1);
-    for (index, line) in lines.into_iter().enumerate() {
-        let at = (x - LINE * count(last - index), y);
+    for (index, line) in upright_lines(label, room).into_iter().enumerate() {
+        let at = (x + LINE * count(index), y);
         marks.push(Mark::Text { at, text: line, size: TEXT, align: HPos::Center, upright: true });
     }
+}
+
+/// The lines of an upright label.
+pub(super) fn upright_lines(label: &str, room: f64) -> Vec<String> {
+    break_lines(label, room)
 }
 
 /// Text broken between words so that each line fits, where its words are short enough.

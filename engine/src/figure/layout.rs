@@ -91,7 +91,7 @@ impl Grid {
             if column == 0 || panel.y.label != chart.panels[index - 1].y.label {
                 let middle = (frame.top + frame.bottom) / 2.0;
                 let edge = frame.left - self.margins[column] + 5.5;
-                axes::upright(&panel.y.label, (edge, middle), self.plot.1 + 24.0, marks);
+                axes::upright(&panel.y.label, (edge, middle), upright_room(self.plot.1), marks);
             }
         }
         if shows_x(chart, index) {
@@ -139,6 +139,11 @@ fn plot_height(chart: &Chart) -> f64 {
     }
 }
 
+/// How long an upright label may be beside a plot of some height.
+fn upright_room(height: f64) -> f64 {
+    height + 24.0
+}
+
 fn has_surface(chart: &Chart) -> bool {
     chart.panels.iter().flat_map(|panel| &panel.series).any(|series| matches!(series.shape, Shape::Surface(_)))
 }
@@ -151,7 +156,8 @@ fn left_margin(chart: &Chart, ranges: &[(Range, Range)], column: usize, height: 
     let of_panel = |index: usize| {
         let panel = &chart.panels[index];
         let labelled = column == 0 || panel.y.label != chart.panels[index - 1].y.label;
-        widest(&axes::ticks(&panel.y, ranges[index].1, height, false)) + if labelled { 17.0 } else { 7.0 }
+        let lines = if labelled { axes::upright_lines(&panel.y.label, upright_room(height)).len() } else { 0 };
+        widest(&axes::ticks(&panel.y, ranges[index].1, height, false)) + 7.0 + LINE * count(lines)
     };
     (column..chart.panels.len()).step_by(chart.columns.max(1)).map(of_panel).fold(0.0, f64::max)
 }

@@ -49,7 +49,7 @@ fn one(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> 
     for trial in scope.trials.iter().filter(|trial| trial.is_ok()) {
         let curve = trial.curve(Phase::Evaluate, &kind.metric);
         n += usize::from(!curve.is_empty());
-        for (step, value) in curve {
+        for (step, value) in curve.into_iter().filter(|(step, _)| *step >= kind.from_step) {
             seeds.entry(step).or_default().push(value);
         }
     }
@@ -95,7 +95,11 @@ fn explain(kind: &LearningCurve) -> String {
         ("means over n seeds".into(), ", bands")
     };
     let band = band.map_or(String::new(), |band| format!("{bands} {band}"));
-    format!("Lines are {lines}{band}; straight lines are agents that do not learn.")
+    let from = match kind.from_step {
+        0 => String::new(),
+        step => format!(", from step {step} on"),
+    };
+    format!("Lines are {lines}{from}{band}; straight lines are agents that do not learn.")
 }
 
 #[cfg(test)]

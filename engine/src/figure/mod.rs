@@ -71,11 +71,21 @@ pub struct LearningCurve {
     /// band is that of the values themselves.
     #[schemars(range(min = 0.0, max = 0.999))]
     pub smooth: f64,
+    /// Measurements before this step are left out, of the moving average too: what an untrained agent does may dwarf the rest.
+    pub from_step: u64,
 }
 
 impl Default for LearningCurve {
     fn default() -> Self {
-        Self { metric: "return".into(), band: Band::Sd, agents: Vec::new(), environments: Vec::new(), log_y: false, smooth: 0.0 }
+        Self {
+            metric: "return".into(),
+            band: Band::Sd,
+            agents: Vec::new(),
+            environments: Vec::new(),
+            log_y: false,
+            smooth: 0.0,
+            from_step: 0,
+        }
     }
 }
 

@@ -218,3 +218,40 @@ fn nothing_to_draw_is_said() {
         message(&FigureSpec { trajectory: Some(untraced), ..FigureSpec::default() }).contains("no trial has recorded a trace")
     );
 }
+
+#[test]
+fn measurements_before_a_step_are_left_out_of_line_and_average() {
+    let mut spec = learning_curve(Band::Sd);
+    let of = |spec: &FigureSpec| {
+        let series = chart(spec, &study()).panels[0].series.clone();
+        let line = series.into_iter().find_map(|series| match series.shape {
+            super::chart::Shape::Line(points) => Some(points),
+            _ => None,
+        });
+        line.unwrap()
+    };
+    let whole = of(&spec);
+    let from = whole[2].x;
+    let kind = spec.learning_curve.as_mut().unwrap();
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a step")]
+    let step = from as u64;
+    (kind.from_step, kind.smooth) = (step, 0.9);
+    let late = of(&spec);
+    assert_eq!((late.len() + 2, &late[0]), (whole.len(), &whole[2]));
+    spec.learning_curve.as_mut().unwrap().from_step = u64::MAX;
+    assert!(of(&spec).is_empty());
+}
+
+#[test]
+fn a_long_label_of_an_axis_stays_on_the_paper() {
+    let long = "a label of the vertical axis that is far longer than one line beside the plot can be";
+    let spec = FigureSpec { y_label: Some(long.into()), ..learning_curve(Band::Sd) };
+    let drawing = super::layout::draw(&chart(&spec, &study()));
+    let upright = drawing.marks.iter().filter_map(|mark| match mark {
+        super::paint::Mark::Text { at, text, upright: true, .. } => Some((at.0, text.clone())),
+        _ => None,
+    });
+    let lines: Vec<_> = upright.collect();
+    assert!(lines.len() > 1 && lines.iter().all(|(x, _)| *x > 4.0), "{lines:?}");
+    assert_eq!(lines.iter().map(|(_, text)| text.as_str()).collect::<Vec<_>>().join(" "), long);
+}
