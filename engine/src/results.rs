@@ -7,6 +7,9 @@ use crate::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+/// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
+pub const UPDATES: &str = "updates";
+
 /// How a trial ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -78,6 +81,12 @@ impl TrialResult {
     #[must_use]
     pub fn is_ok(&self) -> bool {
         self.end.as_ref().is_some_and(|end| end.state == EndState::Ok)
+    }
+
+    /// How many updates the agent had made at the end; `None` where it does not learn, and where nothing was recorded.
+    #[must_use]
+    pub fn updates(&self) -> Option<f64> {
+        self.select(Phase::Final, UPDATES).last().map(|row| row.value)
     }
 
     /// The rows of one metric in one phase, in the order of recording.

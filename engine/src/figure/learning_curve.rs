@@ -40,7 +40,7 @@ fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &
 }
 
 fn one(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> Option<Series> {
-    if !scope.learns(&kind.metric) {
+    if !scope.learns() {
         let values: Vec<f64> = scope.finals(&kind.metric).into_values().collect();
         return Summary::of(&values).map(|summary| level(label, style, (summary.n, scope.planned()), summary.mean));
     }

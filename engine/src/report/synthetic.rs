@@ -3,7 +3,7 @@
 use crate::{
     Phase,
     recorder::Row,
-    results::{EndState, Results, TrialEnd, TrialResult},
+    results::{EndState, Results, TrialEnd, TrialResult, UPDATES},
     trial::{Part, Trial, TrialKey},
 };
 use serde_json::Value;
@@ -93,6 +93,7 @@ fn one(environment: &str, place: u64, agent: &str, index: u64, seed: u64) -> Tri
     let mut rows: Rows =
         (0..4).map(|episode| (Phase::Final, 60_000, episode, "cycle_length", last + 0.1 * (episode as f64 - 1.5))).collect();
     if index == 1 || index == 2 {
+        rows.push((Phase::Final, 60_000, 0, UPDATES, 3_750.0));
         for step in (0..=60_000).step_by(2000) {
             let grown = 1.0 - (-(step as f64) / (8000.0 + 6000.0 * index as f64)).exp();
             let value = top * (0.7 + 0.3 * grown) + common + 0.5 * noise(step, index, seed) * (1.2 - grown);

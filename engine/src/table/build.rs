@@ -346,7 +346,7 @@ fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFor
 fn baselines(comparison: &Comparison, results: &Results) -> Vec<String> {
     let scope = Scope::of(results, &comparison.agents, &comparison.environments);
     let agents = scope.names(Axis::Agent, &comparison.agents);
-    let learns = |agent: &String| scope.at(Axis::Agent, agent).learns(&comparison.value);
+    let learns = |agent: &String| scope.at(Axis::Agent, agent).learns();
     let any_learns = agents.iter().any(learns);
     let is_baseline = |agent: &String| comparison.relative_to.as_ref() == Some(agent) || (any_learns && !learns(agent));
     agents.into_iter().filter(is_baseline).collect()

@@ -4,7 +4,7 @@ use super::{Axis, Comparison, Form, Published, Statistic, TableSpec, build, csv,
 use crate::{
     Phase,
     report::synthetic::{ended, study, trial},
-    results::{EndState, Results},
+    results::{EndState, Results, UPDATES},
 };
 use std::collections::BTreeMap;
 
@@ -58,7 +58,7 @@ fn learning() -> Results {
     let curve = |agent: &str, seed: u64, values: [f64; 4]| {
         let steps = (0..).step_by(10).zip(values);
         let mut rows: Vec<_> = steps.map(|(step, value)| (Phase::Evaluate, step, 0, "return", value)).collect();
-        rows.push((Phase::Final, 40, 0, "return", -7.0));
+        rows.extend([(Phase::Final, 40, 0, "return", -7.0), (Phase::Final, 40, 0, UPDATES, 40.0)]);
         trial("e", agent, "", seed, &rows)
     };
     let rule = |seed| trial("e", "rule", "", seed, &vec![(Phase::Final, 0, 0, "return", 3.0)]);
