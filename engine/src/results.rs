@@ -2,13 +2,18 @@
 
 use crate::{
     recorder::{Phase, Row},
+    statistics::{Seeds, spending::Design},
     trial::Trial,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
 pub const UPDATES: &str = "updates";
+
+/// The metric of studies that say what success is: 1 for a seed with success, 0 for one without.
+pub const SUCCESS: &str = "success";
 
 /// How a trial ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
@@ -77,6 +82,12 @@ pub struct TrialResult {
 }
 
 impl TrialResult {
+    /// Names of environment, agent and setting.
+    #[must_use]
+    pub fn cell(&self) -> CellName {
+        (self.trial.environment.clone(), self.trial.agent.clone(), self.trial.setting.clone())
+    }
+
     /// True where the trial ended `ok`.
     #[must_use]
     pub fn is_ok(&self) -> bool {
@@ -87,6 +98,22 @@ impl TrialResult {
     #[must_use]
     pub fn updates(&self) -> Option<f64> {
         self.select(Phase::Final, UPDATES).last().map(|row| row.value)
+    }
+
+    /// Whether the trial was a success; `None` where the study does not say what that is, and where nothing was recorded.
+    #[must_use]
+    pub fn succeeded(&self) -> Option<bool> {
+        self.mean(Phase::Final, SUCCESS).map(|share| share > 0.5)
+    }
+
+    /// Adds the metric `success`, from what the trial measured at the end.
+    pub fn judge_success(&mut self, success: &Success) {
+        let Some(value) = self.mean(Phase::Final, &success.metric).filter(|_| self.is_ok()) else { return };
+        let last = self.select(Phase::Final, &success.metric).last().copied();
+        let Some(last) = last else { return };
+        let metric = crate::recorder::intern(&mut self.names, SUCCESS);
+        let value = f64::from(u8::from(success.holds(value)));
+        self.rows.push(Row { episode: 0, seat: 0, metric, value, ..last });
     }
 
     /// The rows of one metric in one phase, in the order of recording.
@@ -105,7 +132,7 @@ impl TrialResult {
     /// Mean of a metric over episodes (and seats) at each step of a phase, in the order of steps.
     #[must_use]
     pub fn curve(&self, phase: Phase, metric: &str) -> Vec<(u64, f64)> {
-        let mut points: std::collections::BTreeMap<u64, (f64, u32)> = std::collections::BTreeMap::new();
+        let mut points: BTreeMap<u64, (f64, u32)> = BTreeMap::new();
         for row in self.select(phase, metric) {
             let point = points.entry(row.step).or_default();
             *point = (point.0 + row.value, point.1 + 1);
@@ -114,9 +141,64 @@ impl TrialResult {
     }
 }
 
+/// What counts as a success of a seed, for outcomes that come in two kinds: a mean over both describes neither.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Success {
+    /// The metric, whose mean over the final episodes decides.
+    pub metric: String,
+    /// A success lies above this value.
+    pub above: Option<f64>,
+    /// A success lies below this value.
+    pub below: Option<f64>,
+}
+
+impl Success {
+    fn holds(&self, value: f64) -> bool {
+        self.above.is_none_or(|limit| value > limit) && self.below.is_none_or(|limit| value < limit)
+    }
+}
+
+impl std::fmt::Display for Success {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let limits = [("above", self.above), ("below", self.below)];
+        let limits: Vec<String> = limits.iter().filter_map(|(word, limit)| Some(format!("{word} {}", (*limit)?))).collect();
+        write!(f, "{} {}", self.metric, limits.join(" and "))
+    }
+}
+
 /// All trials of a study, in the order of the plan.
 #[derive(Debug, Clone, Default)]
 pub struct Results {
     /// The trials.
     pub trials: Vec<TrialResult>,
+    /// The looks that the study plans; `None` where its number of seeds is fixed.
+    pub design: Option<Design>,
+    /// What the study counts as a success.
+    pub success: Option<Success>,
+}
+
+/// Environment, agent and setting, by their names in the study: what seeds are replicates of.
+pub type CellName = (String, String, String);
+
+impl Results {
+    /// Trials of a study with a fixed number of seeds, which does not say what a success is.
+    #[must_use]
+    pub fn of(trials: Vec<TrialResult>) -> Self {
+        Self { trials, ..Self::default() }
+    }
+
+    /// Which seeds of some trials a statement may be decided on: those of looks for which every trial has ended.
+    #[must_use]
+    pub fn seeds_of(&self, trials: &[&TrialResult]) -> Seeds {
+        let Some(design) = &self.design else { return Seeds::default() };
+        let mut ended: BTreeMap<CellName, BTreeSet<u64>> = BTreeMap::new();
+        for trial in trials {
+            let seeds = ended.entry(trial.cell()).or_default();
+            seeds.extend(trial.end.as_ref().map(|_| trial.trial.key.seed));
+        }
+        let is_complete = |most: &&u32| ended.values().all(|seeds| seeds.range(..u64::from(**most)).count() == **most as usize);
+        let complete = design.looks().iter().take_while(is_complete).count();
+        Seeds { design: Some(design.clone()), complete }
+    }
 }

@@ -3,6 +3,7 @@
 mod compute;
 mod describe;
 mod fsck;
+mod looks;
 mod progress;
 mod provenance;
 mod rollout;

@@ -1,16 +1,16 @@
 //! `run`, `worker`, `report`: compute what is missing, then show what is there.
 
 use super::{
-    BAD_SPEC, Common, DIFFERS, Failure, Format, LimitOptions, OK, ReportOptions, RunOptions, Selection, complain,
+    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection, complain,
     compute::Compute,
-    provenance, say, settings,
+    looks, provenance, say, settings,
     study::{self, Planned},
     submit::{self, Executor},
 };
 use crate::{
     Metric, Registry,
-    report::{self, Contents, ReportPaths, StudyInfo},
-    results::Results,
+    report::{self, Contents, Counts, ReportPaths, StudyInfo},
+    results::{Results, TrialResult},
     spec,
     store::{self, Store, write_durably},
 };
@@ -33,7 +33,7 @@ pub(super) fn run(
     }
     let settings = settings::read(common)?;
     let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
-    let planned = study::load(registry, selection)?;
+    let mut planned = study::load_with_looks(registry, selection, &store)?;
     let how = Compute {
         settings: &settings,
         limits: &options.limits,
@@ -41,21 +41,39 @@ pub(super) fn run(
         retry_failed: options.retry_failed,
         wait_for_others: true,
     };
-    let computed = match options.executor.unwrap_or(settings.executor) {
-        Executor::Local if options.detach => {
-            return Err(Failure { code: BAD_SPEC, text: "error: --detach needs --executor slurm".into() });
+    let computed = loop {
+        let computed = match options.executor.unwrap_or(settings.executor) {
+            Executor::Local if options.detach => {
+                return Err(Failure { code: BAD_SPEC, text: "error: --detach needs --executor slurm".into() });
+            }
+            Executor::Local => how.run(&planned, |_| true)?,
+            Executor::Slurm => match submit::run(&planned, selection, options, &how, common)? {
+                Some(code) => return Ok(code),
+                None => OK,
+            },
+        };
+        // What is missing now would be missing at the next look too.
+        if computed == INCOMPLETE || !grow_all(&mut planned, registry, &store) {
+            break computed;
         }
-        Executor::Local => how.run(&planned, |_| true)?,
-        Executor::Slurm => match submit::run(&planned, selection, options, &how, common)? {
-            Some(code) => return Ok(code),
-            None => OK,
-        },
     };
     let mut code = OK;
     for one in &planned {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
     Ok(if computed == OK { code } else { computed })
+}
+
+/// Takes every study with planned looks as far as its results ask for; true where trials were added.
+fn grow_all(planned: &mut [Planned], registry: &Registry, store: &Store) -> bool {
+    let mut grown = false;
+    for one in planned {
+        if looks::grow(one, registry, store) {
+            complain(&format!("{}:{}", one.study.name, looks::line(one).unwrap_or_default()));
+            grown = true;
+        }
+    }
+    grown
 }
 
 /// `worker`: the missing trials, or every Nth of them, without a report.
@@ -69,9 +87,15 @@ pub(super) fn worker(
 ) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let (part, parts) = index.map_or(Ok((0, 1)), parse_index)?;
-    let planned = study::load(registry, selection)?;
+    let store = Store::at(&settings.store);
+    let mut planned = study::load_with_looks(registry, selection, &store)?;
     let how = Compute { settings: &settings, limits, workers: jobs.max(1), retry_failed: false, wait_for_others: false };
-    how.run(&planned, |position| position % parts == part)
+    loop {
+        let computed = how.run(&planned, |position| position % parts == part)?;
+        if computed == INCOMPLETE || !grow_all(&mut planned, registry, &store) {
+            return Ok(computed);
+        }
+    }
 }
 
 fn parse_index(text: &str) -> Result<(usize, usize), Failure> {
@@ -90,7 +114,7 @@ pub(super) fn report(
 ) -> Result<u8, Failure> {
     let store = Store::at(&settings::read(common)?.store);
     let mut code = OK;
-    for one in &study::load(registry, selection)? {
+    for one in &study::load_with_looks(registry, selection, &store)? {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
     Ok(code)
@@ -105,7 +129,8 @@ fn write_report(
     common: &Common,
 ) -> Result<u8, Failure> {
     let (results, dir, study) = (collect(one, store), folder(one, selection, reporting), info(one, registry));
-    let contents = Contents::of(&study, &results);
+    let mut contents = Contents::of(&study, &results);
+    looks::record(one, store, &results, &mut contents)?;
     let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, &one.study))?;
     write_durably(&dir.join("resolved.yaml"), spec::resolved_yaml(&one.study, &dir).as_bytes())?;
     store::write_results(&dir.join("evaluations.parquet"), &results)?;
@@ -119,7 +144,7 @@ fn write_report(
     Ok(if code == OK && reporting.strict && contents.contradicts() { DIFFERS } else { code })
 }
 
-fn info(one: &Planned, registry: &Registry) -> StudyInfo {
+pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
     let study = &one.study;
     StudyInfo {
         name: study.name.clone(),
@@ -128,7 +153,7 @@ fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         departures: study.departures.clone(),
         tables: study.tables.clone(),
         figures: study.figures.clone(),
-        claims: study.claims.iter().map(|claim| (claim.claim.clone(), claim.environment.clone())).collect(),
+        claims: study.claims.clone(),
         agents: study.agents.clone(),
         environments: study.environments.clone(),
         units: units(one, registry),
@@ -163,10 +188,15 @@ fn units(one: &Planned, registry: &Registry) -> BTreeMap<String, String> {
 }
 
 fn as_json(study: &StudyInfo, contents: &Contents, paths: &ReportPaths) -> serde_json::Value {
-    let counts = |pairs: &[(&'static str, usize)]| pairs.iter().map(|(word, count)| ((*word).to_owned(), json!(count))).collect();
-    let verdicts: serde_json::Map<String, serde_json::Value> = counts(&contents.verdicts());
-    let claims: serde_json::Map<String, serde_json::Value> = counts(&contents.outcomes());
-    json!({"study": study.name, "published": verdicts, "claims": claims, "page": paths.page, "files": paths.files})
+    let counts = |counts: Counts| -> serde_json::Map<String, serde_json::Value> {
+        counts.into_iter().map(|(word, count)| (word.to_owned(), json!(count))).collect()
+    };
+    json!({
+        "study": study.name, "published": counts(contents.verdicts(false)), "claims": counts(contents.outcomes(false)),
+        "published_holm": counts(contents.adjusted_verdicts()), "claims_holm": counts(contents.adjusted_outcomes()),
+        "published_exploratory": counts(contents.verdicts(true)), "claims_exploratory": counts(contents.outcomes(true)),
+        "page": paths.page, "files": paths.files,
+    })
 }
 
 /// Columns of the terminal, as the shell tells; 100 elsewhere.
@@ -185,12 +215,16 @@ fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> Pa
     Path::new("results").join(name)
 }
 
-fn collect(one: &Planned, store: &Store) -> Results {
+pub(super) fn collect(one: &Planned, store: &Store) -> Results {
     let trials = one.plan.trials.iter().zip(store.load_all(&one.plan.trials)).map(|(trial, loaded)| {
         loaded.unwrap_or_else(|error| {
             complain(&format!("warning: {error}; the trial counts as missing"));
-            crate::results::TrialResult { trial: trial.clone(), end: None, names: Vec::new(), rows: Vec::new() }
+            TrialResult { trial: trial.clone(), end: None, names: Vec::new(), rows: Vec::new() }
         })
     });
-    Results { trials: trials.collect() }
+    let mut trials: Vec<TrialResult> = trials.collect();
+    if let Some(success) = &one.study.success {
+        trials.iter_mut().for_each(|trial| trial.judge_success(success));
+    }
+    Results { trials, design: one.study.design.clone(), success: one.study.success.clone() }
 }

@@ -1,12 +1,12 @@
 //! `check`, `plan`, `status`, `resolve`: what is known of studies without running anything.
 
 use super::{
-    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain,
+    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain, looks,
     running::running, say, settings, submit, waiting::Waiting,
 };
 use crate::{
     Registry, diagnostic,
-    plan::{self, Novelty, Plan},
+    plan::{self, Novelty, Plan, Wanted},
     results::{EndState, TrialEnd},
     spec::{self, Study},
     store::{Store, StoredTrial, is_missing},
@@ -26,6 +26,21 @@ pub(super) struct Planned {
     pub(super) plan: Plan,
     /// Steps of every trial, for progress and estimates.
     pub(super) costs: Vec<u64>,
+    /// The combinations that have come to a later look.
+    pub(super) wanted: Wanted,
+    /// How many judged values and claims are open; `None` where that was not looked at.
+    pub(super) open: Option<usize>,
+    only: Vec<String>,
+}
+
+impl Planned {
+    /// Plans the study anew, with other numbers of seeds.
+    pub(super) fn replan(&mut self, registry: &Registry, wanted: Wanted) {
+        self.plan = self.study.plan_with(&wanted);
+        self.wanted = wanted;
+        narrow(&mut self.plan, &self.only);
+        self.costs = costs(registry, &self.plan);
+    }
 }
 
 /// Loads and plans all selected studies; every problem of every file is in the failure.
@@ -48,17 +63,31 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
 
 fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
     let study = spec::load(path, registry, &options(selection)).map_err(|problems| diagnostic::render(&problems, colour()))?;
-    let mut plan = study.plan();
-    if !selection.only.is_empty() {
-        let named = |name: &String| selection.only.contains(name);
-        let by_environment = plan.trials.iter().any(|trial| named(&trial.environment));
-        let by_agent = plan.trials.iter().any(|trial| named(&trial.agent));
-        plan.trials.retain(|trial| {
-            (by_environment || by_agent) && (!by_environment || named(&trial.environment)) && (!by_agent || named(&trial.agent))
-        });
+    let plan = Plan { study: study.name.clone(), title: study.title.clone(), trials: Vec::new() };
+    let only = selection.only.clone();
+    let mut planned = Planned { study, plan, costs: Vec::new(), wanted: Wanted::new(), open: None, only };
+    planned.replan(registry, Wanted::new());
+    Ok(planned)
+}
+
+/// Keeps the trials of some environments and agents; all where none is named.
+fn narrow(plan: &mut Plan, only: &[String]) {
+    let named = |name: &String| only.contains(name);
+    let by_environment = plan.trials.iter().any(|trial| named(&trial.environment));
+    let by_agent = plan.trials.iter().any(|trial| named(&trial.agent));
+    plan.trials.retain(|trial| {
+        let known = by_environment || by_agent || only.is_empty();
+        known && (!by_environment || named(&trial.environment)) && (!by_agent || named(&trial.agent))
+    });
+}
+
+/// Loads and plans all selected studies, those with planned looks as far as the stored results ask for.
+pub(super) fn load_with_looks(registry: &Registry, selection: &Selection, store: &Store) -> Result<Vec<Planned>, Failure> {
+    let mut planned = load(registry, selection)?;
+    for one in &mut planned {
+        looks::grow(one, registry, store);
     }
-    let costs = costs(registry, &plan);
-    Ok(Planned { study, plan, costs })
+    Ok(planned)
 }
 
 fn options(selection: &Selection) -> spec::Options {
@@ -136,7 +165,7 @@ fn stored(store: &Store, trials: &[Trial]) -> Vec<Option<StoredTrial>> {
 pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let store = Store::at(&settings.store);
-    for one in load(registry, selection)? {
+    for one in load_with_looks(registry, selection, &store)? {
         let trials = &one.plan.trials;
         let stored = stored(&store, trials);
         let ends: Vec<_> = stored.iter().map(|stored| stored.as_ref().map(|it| it.end.clone())).collect();
@@ -157,7 +186,7 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
     let settings = settings::read(common)?;
     let store = Store::at(&settings.store);
     let mut code = OK;
-    for one in load(registry, selection)? {
+    for one in load_with_looks(registry, selection, &store)? {
         let ends = ends(&store, &one.plan.trials);
         let waiting = Waiting::of(&one.plan.trials, &ends, &store);
         say(&overview(&one, &ends, None, (settings.workers, &waiting), common.format));
@@ -273,6 +302,7 @@ fn overview(
             cell.ok, cell.failed, cell.missing
         ));
     }
+    lines.extend(looks::line(one));
     let why = novelties.map(plan::explain).filter(|text| !text.is_empty());
     lines.extend(why);
     lines.push(cost(&cells, workers));

@@ -116,7 +116,7 @@ pub(crate) mod tests {
         let mut unrun = encounter("a", "b", 2, 1.0);
         unrun.end = None;
         trials.push(unrun);
-        let results = Results { trials };
+        let results = Results::of(trials);
         let encounters = Encounters::of(&results, "pursuit");
         assert_eq!(encounters.players("predators"), ["a", "b", "still"]);
         assert!(encounters.is_floor("still") && !encounters.is_floor("a"));

@@ -57,7 +57,7 @@ fn sweep() -> (FigureSpec, Results) {
         trials.push(trial("e", "equal", "", seed, &value(3.0)));
     }
     let kind = GroupedLines { metric: "return".into(), x: "learning_rate".into(), log_x: true, ..GroupedLines::default() };
-    (FigureSpec { grouped_lines: Some(kind), ..FigureSpec::default() }, Results { trials })
+    (FigureSpec { grouped_lines: Some(kind), ..FigureSpec::default() }, Results::of(trials))
 }
 
 /// A valley with a path down it.
@@ -75,7 +75,7 @@ fn contour(size: u64) -> (FigureSpec, Results) {
     }
     let trials = ["dsac", "ddpg"].map(|agent| trial("e", agent, "", 0, &rows)).into();
     let kind = Contour { surface: names(&["x", "y", "loss"]), path: names(&["path_x", "path_y"]), ..Contour::default() };
-    (FigureSpec { contour: Some(kind), ..FigureSpec::default() }, Results { trials })
+    (FigureSpec { contour: Some(kind), ..FigureSpec::default() }, Results::of(trials))
 }
 
 fn scatter() -> FigureSpec {
@@ -101,7 +101,7 @@ fn many() -> (FigureSpec, Results) {
         }
     }
     let kind = LearningCurve { metric: "loss".into(), band: Band::Range, log_y: true, ..LearningCurve::default() };
-    (FigureSpec { learning_curve: Some(kind), ..FigureSpec::default() }, Results { trials })
+    (FigureSpec { learning_curve: Some(kind), ..FigureSpec::default() }, Results::of(trials))
 }
 
 /// Negative bars under long names.
@@ -116,7 +116,7 @@ fn changes() -> FigureSpec {
 fn all() -> Vec<(&'static str, Chart)> {
     let (sweep, sweep_results) = sweep();
     let (contour, contour_results) = contour(41);
-    let one = Results { trials: study().trials.into_iter().filter(|trial| trial.trial.environment == "four_cells").collect() };
+    let one = Results::of(study().trials.into_iter().filter(|trial| trial.trial.environment == "four_cells").collect());
     vec![
         ("learning-curves", chart(&learning_curve(Band::Sd), &study())),
         ("learning-curve", chart(&learning_curve(Band::Interval), &one)),

@@ -12,9 +12,11 @@ pub use leaves::Difference;
 pub use novelty::{Novelty, Reason, StoredCell, novelties};
 
 use crate::{
+    results::CellName,
     spec::Study,
     trial::{Trial, TrialKey, trial_id},
 };
+use std::collections::BTreeMap;
 
 /// The kind of device that trials run on.
 const DEVICE: &str = "cpu";
@@ -33,10 +35,34 @@ pub struct Plan {
     pub trials: Vec<Trial>,
 }
 
+/// How many seeds combinations of environment, agent and setting have; those that are not named have the first look's.
+pub type Wanted = BTreeMap<CellName, u32>;
+
 impl Study {
-    /// The study's trials. Parts are hashed once, not once per seed.
+    /// The trials that the study has whatever its results are: all of them, or those of the first look.
     #[must_use]
     pub fn plan(&self) -> Plan {
+        self.plan_with(&Wanted::new())
+    }
+
+    /// The trials where some combinations have come to a later look. Those of a look follow those of the one before, so that a
+    /// plan that grows keeps the order of what it had.
+    #[must_use]
+    pub fn plan_with(&self, wanted: &Wanted) -> Plan {
+        let mut plan = self.plan_of_all_seeds();
+        let Some(design) = &self.design else { return plan };
+        let look = |trial: &Trial| design.looks().partition_point(|most| trial.key.seed >= u64::from(*most));
+        let seeds = |trial: &Trial| {
+            let cell = (trial.environment.clone(), trial.agent.clone(), trial.setting.clone());
+            wanted.get(&cell).copied().unwrap_or(design.looks()[0])
+        };
+        plan.trials.retain(|trial| trial.key.seed < u64::from(seeds(trial)));
+        plan.trials.sort_by_key(look);
+        plan
+    }
+
+    /// Parts are hashed once, not once per seed.
+    fn plan_of_all_seeds(&self) -> Plan {
         let mut trials = Vec::with_capacity(self.cells.len() * self.seeds.len());
         for cell in &self.cells {
             let [environment, agent, protocol] = &cell.parts;

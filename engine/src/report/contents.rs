@@ -4,17 +4,17 @@ use super::StudyInfo;
 use crate::{
     cross_play::Encounters,
     figure::{self, Chart},
-    results::{Results, TrialResult},
-    statistics::{Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Verdict, claim, evaluate},
+    results::{CellName, Results, TrialResult},
+    spec::ClaimSpec,
+    statistics::{
+        Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Seeds, Statement, Verdict, claim, evaluate, holm, verdict,
+    },
     table::{self, Axis, Grid, NumberFormat, Scope, TableSpec},
 };
 use std::collections::BTreeSet;
 
-/// The words of verdicts on published values, in the order in which they are shown.
-pub const VERDICT_WORDS: [&str; 5] = ["REPRODUCED", "DIFFERS", "INCONCLUSIVE", "NOT RUN", "FAILED"];
-/// The words of verdicts on claims, in the order in which they are shown.
-pub const CLAIM_WORDS: [&str; 5] = ["SUPPORTED", "REFUTED", "INCONCLUSIVE", "NOT RUN", UNREAD];
-const UNREAD: &str = "NOT READ";
+/// The word for a claim that cannot be read.
+pub const UNREAD: &str = "NOT READ";
 
 /// Everything that a report shows, in the order of the study. What could not be made holds the reason in its place.
 #[derive(Debug, Clone, Default)]
@@ -31,11 +31,29 @@ pub struct Contents {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClaimLine {
     /// The claim as the study has it.
-    pub text: String,
+    pub spec: ClaimSpec,
     /// The environment, and the setting where there are several.
     pub place: String,
     /// What the seeds say; the reason where the claim cannot be read.
     pub verdict: Result<ClaimVerdict, String>,
+    /// An earlier number of seeds at which the verdict was seen without a plan.
+    pub seen_at: Option<u32>,
+    /// Which seeds the verdict may rest on.
+    pub looks: Seeds,
+    /// The combinations whose seeds are behind it.
+    pub rests_on: BTreeSet<CellName>,
+}
+
+/// How many there are of each word; words that nothing has are left out.
+pub type Counts = Vec<(&'static str, usize)>;
+
+/// Something that is judged and that the seeds leave open.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Open<'a> {
+    /// The combinations whose seeds would decide it.
+    pub rests_on: &'a BTreeSet<CellName>,
+    /// How many of the planned looks are complete.
+    pub complete: usize,
 }
 
 impl Contents {
@@ -43,33 +61,123 @@ impl Contents {
     #[must_use]
     pub fn of(study: &StudyInfo, results: &Results) -> Self {
         let context = figure::Context { results, agents: &study.agents, units: &study.units };
-        let grid = |spec: &TableSpec| make_table(spec, study, results).map_err(|error| error.to_string());
         let chart = |spec| figure::build(spec, context).map_err(|error| error.to_string());
-        Self {
+        let figures = study.figures.iter().map(|(name, spec)| (name.clone(), chart(spec))).collect();
+        Self { figures, ..Self::judged(study, results) }
+    }
+
+    /// Computes tables and claims alone: all that is judged.
+    #[must_use]
+    pub fn judged(study: &StudyInfo, results: &Results) -> Self {
+        let grid = |spec: &TableSpec| make_table(spec, study, results).map_err(|error| error.to_string());
+        let mut contents = Self {
             tables: study.tables.iter().map(|(name, spec)| (name.clone(), grid(spec))).collect(),
-            figures: study.figures.iter().map(|(name, spec)| (name.clone(), chart(spec))).collect(),
-            claims: study.claims.iter().flat_map(|(text, place)| claim_lines(text, place.as_deref(), study, results)).collect(),
-        }
+            figures: Vec::new(),
+            claims: study.claims.iter().flat_map(|spec| claim_lines(spec, study, results)).collect(),
+        };
+        contents.adjust();
+        contents
     }
 
-    /// How many published values have each verdict, in the order of [`VERDICT_WORDS`].
-    #[must_use]
-    pub fn verdicts(&self) -> [(&'static str, usize); 5] {
-        let cells = || self.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok()).flat_map(|grid| grid.cells.iter().flatten());
-        VERDICT_WORDS.map(|word| (word, cells().filter(|cell| cell.verdict().map(Verdict::word) == Some(word)).count()))
+    /// Takes the judged values of the study together, and its claims together (Holm). What was thought of after results were
+    /// seen is in neither family.
+    fn adjust(&mut self) {
+        let grids = self.tables.iter_mut().filter_map(|(_, grid)| grid.as_mut().ok()).filter(|grid| !grid.exploratory);
+        let mut judgements: Vec<_> =
+            grids.flat_map(|grid| grid.cells.iter_mut().flatten()).filter_map(|cell| cell.judgement.as_mut()).collect();
+        judgements.retain(|judgement| judgement.statement.is_some());
+        let family: Vec<&Statement> = judgements.iter().filter_map(|judgement| judgement.statement.as_ref()).collect();
+        let outcomes = holm(&family);
+        judgements.iter_mut().zip(outcomes).for_each(|(judgement, outcome)| judgement.adjusted = Some(Verdict::of(outcome)));
+        let lines = self.claims.iter_mut().filter(|line| !line.spec.exploratory);
+        let mut claims: Vec<&mut ClaimVerdict> = lines.filter_map(|line| line.verdict.as_mut().ok()).collect();
+        claims.retain(|claim| claim.statement.is_some() && claim.verdict.is_judged());
+        let family: Vec<&Statement> = claims.iter().filter_map(|claim| claim.statement.as_ref()).collect();
+        let outcomes = holm(&family);
+        claims.iter_mut().zip(outcomes).for_each(|(claim, outcome)| claim.adjusted = Some(ClaimOutcome::of(outcome)));
     }
 
-    /// How many claims have each verdict, in the order of [`CLAIM_WORDS`]; a claim counts once per environment.
+    /// How many published values have each verdict, those of exploratory tables apart.
     #[must_use]
-    pub fn outcomes(&self) -> [(&'static str, usize); 5] {
-        CLAIM_WORDS.map(|word| (word, self.claims.iter().filter(|line| line.word() == word).count()))
+    pub fn verdicts(&self, exploratory: bool) -> Counts {
+        let cells = || self.cells(exploratory).filter_map(|cell| cell.verdict());
+        present(Verdict::ALL.map(|verdict| (verdict.word(), cells().filter(|it| *it == verdict).count())))
+    }
+
+    /// How many published values have each verdict where all judged values are taken together (Holm).
+    #[must_use]
+    pub fn adjusted_verdicts(&self) -> Counts {
+        let cells = || self.cells(false).filter_map(|cell| cell.judgement.as_ref()?.adjusted);
+        present(Verdict::ALL.map(|verdict| (verdict.word(), cells().filter(|it| *it == verdict).count())))
+    }
+
+    /// How many claims have each outcome, exploratory ones apart; a claim counts once per environment.
+    #[must_use]
+    pub fn outcomes(&self, exploratory: bool) -> Counts {
+        let lines = || self.claims.iter().filter(move |line| line.spec.exploratory == exploratory);
+        let words = ClaimOutcome::ALL.map(ClaimOutcome::word).into_iter().chain([UNREAD]);
+        present(words.map(|word| (word, lines().filter(|line| line.word() == word).count())))
+    }
+
+    /// How many claims have each outcome where all claims are taken together (Holm).
+    #[must_use]
+    pub fn adjusted_outcomes(&self) -> Counts {
+        let lines = || self.claims.iter().filter_map(|line| line.verdict.as_ref().ok()?.adjusted);
+        present(ClaimOutcome::ALL.map(|outcome| (outcome.word(), lines().filter(|it| *it == outcome).count())))
+    }
+
+    /// What the head of a report counts: published values and claims, taken together (Holm) and one by one where that differs, and
+    /// what is exploratory.
+    #[must_use]
+    pub fn head(&self) -> Vec<(String, Counts)> {
+        let together = |all: Counts, adjusted: Counts, judged: &[&str]| {
+            let rest = all.into_iter().filter(|(word, _)| !judged.contains(word));
+            adjusted.into_iter().chain(rest).collect::<Counts>()
+        };
+        let judged: Vec<&str> = Verdict::ALL.into_iter().filter(|it| it.is_judged()).map(Verdict::word).collect();
+        let published = [self.verdicts(false), together(self.verdicts(false), self.adjusted_verdicts(), &judged), self.verdicts(true)];
+        let judged: Vec<&str> = ClaimOutcome::ALL.into_iter().filter(|it| it.is_judged()).map(ClaimOutcome::word).collect();
+        let claims = [self.outcomes(false), together(self.outcomes(false), self.adjusted_outcomes(), &judged), self.outcomes(true)];
+        [("Published values", published), ("Claims", claims)].into_iter().flat_map(|(what, counts)| lines(what, counts)).collect()
     }
 
     /// True where a published value differs or a claim is refuted.
     #[must_use]
     pub fn contradicts(&self) -> bool {
-        self.verdicts()[1].1 > 0 || self.outcomes()[1].1 > 0
+        let differs = self.verdicts(false).into_iter().any(|(word, _)| word == Verdict::Differs.word());
+        differs || self.outcomes(false).into_iter().any(|(word, _)| word == ClaimOutcome::Refuted.word())
     }
+
+    /// What is judged and still open, apart from what is exploratory.
+    #[must_use]
+    pub fn open(&self) -> Vec<Open<'_>> {
+        let is_open = |verdict: Verdict, complete| verdict == Verdict::Inconclusive || verdict == Verdict::NotRun && complete == 0;
+        let cells = self.cells(false).filter(|cell| cell.verdict().is_some_and(|it| is_open(it, cell.looks.complete)));
+        let cells = cells.map(|cell| Open { rests_on: &cell.rests_on, complete: cell.looks.complete });
+        let is_open = |line: &&ClaimLine| matches!(&line.verdict, Ok(claim) if claim.verdict == ClaimOutcome::Inconclusive);
+        let lines = self.claims.iter().filter(|line| !line.spec.exploratory).filter(is_open);
+        cells.chain(lines.map(|line| Open { rests_on: &line.rests_on, complete: line.looks.complete })).collect()
+    }
+
+    fn cells(&self, exploratory: bool) -> impl Iterator<Item = &table::Cell> {
+        let grids = self.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
+        grids.filter(move |grid| grid.exploratory == exploratory).flat_map(|grid| grid.cells.iter().flatten())
+    }
+}
+
+/// Lines of counts one by one, together, and exploratory: together first, and only where it is another.
+fn lines(what: &str, [alone, together, exploratory]: [Counts; 3]) -> Vec<(String, Counts)> {
+    let mut lines = vec![(what.to_owned(), together.clone())];
+    if together != alone {
+        lines = vec![(format!("{what}, all together (Holm)"), together), (format!("{what}, one by one"), alone)];
+    }
+    lines.push((format!("{what}, exploratory"), exploratory));
+    lines.retain(|(_, counts)| !counts.is_empty());
+    lines
+}
+
+fn present(counts: impl IntoIterator<Item = (&'static str, usize)>) -> Counts {
+    counts.into_iter().filter(|(_, count)| *count > 0).collect()
 }
 
 fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<Grid, crate::Error> {
@@ -90,6 +198,13 @@ impl ClaimLine {
         self.verdict.as_ref().map_or(UNREAD, |verdict| verdict.verdict.word())
     }
 
+    /// The verdict, and the one that all claims of the study have together where it is another.
+    #[must_use]
+    pub fn verdict_in_words(&self) -> String {
+        let adjusted = self.verdict.as_ref().ok().and_then(|claim| claim.adjusted.filter(|adjusted| *adjusted != claim.verdict));
+        adjusted.map_or(self.word().into(), |adjusted| format!("{} (Holm: {adjusted})", self.word()))
+    }
+
     /// The difference between the sides with its interval and the number of seeds; empty where nothing has run.
     #[must_use]
     pub fn numbers(&self) -> String {
@@ -98,12 +213,8 @@ impl ClaimLine {
         let ends = verdict.interval.map(|interval| [interval.low, interval.high]);
         let format = NumberFormat::fitting(ends.into_iter().flatten().chain([difference]));
         let interval = verdict.interval.map_or(String::new(), |interval| {
-            format!(
-                " [{}, {}] at {} %",
-                format.write(interval.low),
-                format.write(interval.high),
-                (100.0 * interval.level).round()
-            )
+            let percent = (1000.0 * interval.level).round() / 10.0;
+            format!(" [{}, {}] at {percent} %", format.write(interval.low), format.write(interval.high))
         });
         let pairs = if verdict.paired { "pairs" } else { "seeds" };
         format!("{}{interval}, n = {} {pairs}", format.write(difference), verdict.n)
@@ -112,47 +223,108 @@ impl ClaimLine {
     /// What the reader must know besides.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
-        match &self.verdict {
+        let exploratory = self.spec.exploratory.then(|| "exploratory: thought of after results were seen".to_owned());
+        let calibrated = self.spec.calibrated_on.as_ref().map(|on| format!("calibrated: {on}"));
+        let why = (!self.spec.why.is_empty()).then(|| self.spec.why.clone());
+        let unplanned =
+            self.seen_at.map(|n| format!("unplanned look: the verdict was seen with {n} seeds before, so its level is not held"));
+        let found = match &self.verdict {
             Err(reason) => vec![reason.clone()],
-            Ok(verdict) => {
-                let more = verdict.more_seeds.filter(|_| verdict.verdict == ClaimOutcome::Inconclusive);
-                let more = more.map(|more| format!("about {more} more seeds would decide"));
-                let advised = verdict.notes.iter().any(|note| note.contains("would decide"));
-                verdict.notes.iter().cloned().chain(more.filter(|_| !advised)).collect()
-            }
-        }
+            Ok(claim) => notes_of(claim),
+        };
+        found.into_iter().chain([unplanned, exploratory, calibrated, why].into_iter().flatten()).collect()
     }
 }
 
-fn claim_lines(text: &str, place: Option<&str>, study: &StudyInfo, results: &Results) -> Vec<ClaimLine> {
-    let claim = match claim::parse(text) {
-        Ok(claim) => claim,
-        Err(error) => return vec![ClaimLine { text: text.into(), place: String::new(), verdict: Err(error.to_string()) }],
+fn notes_of(claim: &ClaimVerdict) -> Vec<String> {
+    let open = claim.verdict == ClaimOutcome::Inconclusive;
+    let stage = claim.stage.filter(|_| claim.verdict.is_judged()).map(|stage| stage.phrase(open));
+    let more = claim.more_seeds.filter(|_| open).map(verdict::more_seeds_in_words);
+    claim.notes.iter().cloned().chain(stage).chain(more).collect()
+}
+
+fn claim_lines(spec: &ClaimSpec, study: &StudyInfo, results: &Results) -> Vec<ClaimLine> {
+    let line = |place: String, verdict| {
+        let (looks, rests_on) = (Seeds::default(), BTreeSet::new());
+        ClaimLine { spec: spec.clone(), place, verdict, seen_at: None, looks, rests_on }
     };
+    let claim = match claim::parse(&spec.claim) {
+        Ok(claim) => claim,
+        Err(error) => return vec![line(String::new(), Err(error.to_string()))],
+    };
+    let held = |scope: &Scope<'_>, setting: Option<&str>, place: String| {
+        let trials: Vec<&TrialResult> =
+            claim.operands().into_iter().flat_map(|operand| trials_behind(scope, results, operand, setting)).collect();
+        let looks = results.seeds_of(&trials);
+        let verdict = hold(&claim, spec, &trials, &looks, &|operand| match operand.within {
+            Some(_) => in_play(results, operand),
+            None => values(scope, operand, setting),
+        });
+        ClaimLine { looks, rests_on: trials.iter().map(|trial| trial.cell()).collect(), ..line(place, Ok(verdict)) }
+    };
+    let all = Scope { trials: results.trials.iter().collect() };
     if claim.operands().iter().all(|operand| operand.within.is_some()) {
         let plays: BTreeSet<&str> =
             claim.operands().into_iter().filter_map(|it| Some(it.within.as_ref()?.play.as_str())).collect();
-        let verdict = Ok(evaluate(&claim, &|operand: &Operand| in_play(results, operand)));
-        return vec![ClaimLine { text: text.into(), place: plays.into_iter().collect::<Vec<_>>().join(", "), verdict }];
+        return vec![held(&all, None, plays.into_iter().collect::<Vec<_>>().join(", "))];
     }
-    let environments = match claim.environment.as_deref().or(place) {
-        Some(environment) => vec![environment.to_owned()],
+    let environments = match claim.environment.as_ref().or(spec.environment.as_ref()) {
+        Some(environment) => vec![environment.clone()],
         None => study.environments.clone(),
     };
-    let all = Scope { trials: results.trials.iter().collect() };
     let in_environment = |environment: &String| {
         let scope = all.at(Axis::Environment, environment);
         let line = |setting: Option<String>| {
             let place = setting.as_ref().map_or(environment.clone(), |setting| format!("{environment}, {setting}"));
-            let values = |operand: &Operand| match operand.within {
-                Some(_) => in_play(results, operand),
-                None => values(&scope, operand, setting.as_deref()),
-            };
-            ClaimLine { text: text.into(), place, verdict: Ok(evaluate(&claim, &values)) }
+            held(&scope, setting.as_deref(), place)
         };
         settings(&claim, &scope).into_iter().map(line).collect::<Vec<_>>()
     };
     environments.iter().flat_map(in_environment).collect()
+}
+
+/// The verdict on a claim, unless something keeps it from meaning what it says.
+fn hold(
+    claim: &Claim,
+    spec: &ClaimSpec,
+    trials: &[&TrialResult],
+    looks: &Seeds,
+    values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
+) -> ClaimVerdict {
+    let verdict = evaluate(claim, values, looks);
+    let untrained: BTreeSet<&str> =
+        trials.iter().filter(|trial| trial.updates() == Some(0.0)).map(|trial| trial.trial.agent.as_str()).collect();
+    if !untrained.is_empty() {
+        let agents = untrained.into_iter().collect::<Vec<_>>().join(", ");
+        let notes = vec![format!("0 updates: {agents} was not trained")];
+        return ClaimVerdict { verdict: ClaimOutcome::NotTrained, statement: None, notes, ..verdict };
+    }
+    if spec.calibrated_on.is_some() && verdict.verdict.is_judged() {
+        return ClaimVerdict { verdict: ClaimOutcome::Calibrated, statement: None, ..verdict };
+    }
+    verdict
+}
+
+/// The trials that an operand is measured in, whether they have run or not.
+fn trials_behind<'r>(
+    scope: &Scope<'r>,
+    results: &'r Results,
+    operand: &Operand,
+    setting: Option<&str>,
+) -> Vec<&'r TrialResult> {
+    match &operand.within {
+        Some(within) => Encounters::of(results, &within.play).trials(&[(&within.role, &operand.agent)]),
+        None => of_setting(scope, operand, setting).trials,
+    }
+}
+
+/// The trials of an operand's agent, of the setting where it has several.
+fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Option<&str>) -> Scope<'r> {
+    let scope = scope.at(Axis::Agent, &operand.agent);
+    match setting.filter(|_| scope.varies(Axis::Setting)) {
+        Some(setting) => scope.at(Axis::Setting, setting),
+        None => scope,
+    }
 }
 
 /// The settings that a claim is held against one by one: those of its agents that have several. Settings are never pooled.
@@ -176,10 +348,7 @@ fn in_play(results: &Results, operand: &Operand) -> Option<Vec<(u64, f64)>> {
 
 /// One value per seed of an operand, of the setting where its agent has several; `None` where there is none.
 fn values(scope: &Scope<'_>, operand: &Operand, setting: Option<&str>) -> Option<Vec<(u64, f64)>> {
-    let mut scope = scope.at(Axis::Agent, &operand.agent);
-    if let Some(setting) = setting.filter(|_| scope.varies(Axis::Setting)) {
-        scope = scope.at(Axis::Setting, setting);
-    }
+    let scope = of_setting(scope, operand, setting);
     let value = |trial: &&TrialResult| Some((trial.trial.key.seed, operand.aggregate.of_trial(trial, &operand.metric)?));
     let values: Vec<(u64, f64)> = scope.trials.iter().filter(|trial| trial.is_ok()).filter_map(value).collect();
     (!values.is_empty()).then_some(values)

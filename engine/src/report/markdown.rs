@@ -1,6 +1,6 @@
 //! The report in Markdown.
 
-use super::{Parts, files};
+use super::{Counts, Parts, files};
 use crate::{
     results::TrialResult,
     table::{escape_markdown as escape, markdown},
@@ -34,14 +34,11 @@ fn section(heading: &str, items: Vec<String>) -> Option<String> {
 }
 
 fn counts(parts: &Parts<'_>) -> Option<String> {
-    let line = |what: &str, counts: &[(&str, usize)]| {
-        let words: Vec<String> = counts.iter().filter(|(_, n)| *n > 0).map(|(word, n)| format!("**{n} {word}**")).collect();
-        (!words.is_empty()).then(|| format!("{what}: {}", words.join(", ")))
+    let line = |(what, counts): (String, Counts)| {
+        let words: Vec<String> = counts.iter().map(|(word, n)| format!("**{n} {word}**")).collect();
+        format!("{what}: {}", words.join(", "))
     };
-    let lines: Vec<String> = [line("Published values", &parts.contents.verdicts()), line("Claims", &parts.contents.outcomes())]
-        .into_iter()
-        .flatten()
-        .collect();
+    let lines: Vec<String> = parts.contents.head().into_iter().map(line).collect();
     (!lines.is_empty()).then(|| lines.join("\n\n"))
 }
 
@@ -73,7 +70,7 @@ fn claims(parts: &Parts<'_>) -> Vec<String> {
     }
     let mut lines = vec!["| claim | environment | verdict | difference | notes |".to_owned(), "|---|---|---|---|---|".into()];
     lines.extend(parts.contents.claims.iter().map(|line| {
-        let cells = [&line.text, &line.place, line.word(), &line.numbers(), &line.notes().join("; ")].map(escape);
+        let cells = [&line.spec.claim, &line.place, &line.verdict_in_words(), &line.numbers(), &line.notes().join("; ")].map(|text| escape(text));
         format!("| {} |", cells.join(" | "))
     }));
     vec![lines.join("\n")]

@@ -15,12 +15,12 @@ pub(crate) mod synthetic;
 #[cfg(test)]
 mod tests;
 
-pub use contents::{CLAIM_WORDS, ClaimLine, Contents, VERDICT_WORDS};
+pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
 pub use junit::junit;
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use summary::summary;
 
-use crate::{Error, figure, figure::FigureSpec, results::Results, table, table::TableSpec};
+use crate::{Error, figure, figure::FigureSpec, results::Results, spec::ClaimSpec, table, table::TableSpec};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -41,8 +41,8 @@ pub struct StudyInfo {
     pub tables: Vec<(String, TableSpec)>,
     /// Figures by name, in order.
     pub figures: Vec<(String, FigureSpec)>,
-    /// Claims, each with the environment that it speaks of; all environments, one by one, where absent.
-    pub claims: Vec<(String, Option<String>)>,
+    /// Claims.
+    pub claims: Vec<ClaimSpec>,
     /// Agents in the study's order, which gives them their colours.
     pub agents: Vec<String>,
     /// Environments in the study's order.

@@ -1,7 +1,7 @@
 //! The report as one page: style sheet and drawings inside, nothing loaded from elsewhere.
 
 use super::{
-    Parts, files,
+    Counts, Parts, files,
     markdown::{end_states, failure, provenance, title},
 };
 use crate::{
@@ -37,18 +37,16 @@ pub(super) fn document(title: &str, body: &str) -> String {
 
 fn header(parts: &Parts<'_>, title: &str) -> String {
     let source = escape(&parts.study.source);
-    let chips = |what: &str, counts: &[(&str, usize)]| {
+    let chips = |(what, counts): (String, Counts)| {
         let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word));
-        let present: String = counts.iter().filter(|(_, n)| *n > 0).map(chip).collect();
-        if present.is_empty() { String::new() } else { format!("<div><h2>{what}</h2><ul>{present}</ul></div>\n") }
+        format!("<div><h2>{what}</h2><ul>{}</ul></div>\n", counts.iter().map(chip).collect::<String>())
     };
     format!(
-        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n<div class=\"summary\">\n{}{}\
+        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n<div class=\"summary\">\n{}\
          <div><h2>Trials</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },
-        chips("Published values", &parts.contents.verdicts()),
-        chips("Claims", &parts.contents.outcomes()),
+        parts.contents.head().into_iter().map(chips).collect::<String>(),
         escape(&end_states(parts)),
     )
 }
@@ -111,9 +109,9 @@ fn claims(parts: &Parts<'_>) -> String {
         .concat();
     let row = |line: &super::ClaimLine| {
         let cells = [
-            format!("<code>{}</code>", escape(&line.text)),
+            format!("<code>{}</code>", escape(&line.spec.claim)),
             escape(&line.place),
-            verdict_word(line.word()),
+            verdict_word(&line.verdict_in_words()),
             escape(&line.numbers()),
             escape(&line.notes().join("; ")),
         ];

@@ -1,6 +1,6 @@
 //! The report in short, for a terminal.
 
-use super::{Contents, StudyInfo};
+use super::{Contents, Counts, StudyInfo};
 use crate::table::{terminal, wrap};
 use std::path::Path;
 
@@ -26,20 +26,20 @@ pub fn summary(study: &StudyInfo, contents: &Contents, page: &Path, width: usize
 fn claims(contents: &Contents, width: usize) -> String {
     let line = |line: &super::ClaimLine| {
         let place =
-            if line.place.is_empty() || line.text.ends_with(&line.place) { String::new() } else { format!(" in {}", line.place) };
+            if line.place.is_empty() || line.spec.claim.ends_with(&line.place) { String::new() } else { format!(" in {}", line.place) };
         let numbers = line.numbers();
         let numbers = if numbers.is_empty() { String::new() } else { format!(": difference {numbers}") };
         let notes: String = line.notes().iter().map(|note| format!("; {note}")).collect();
-        let text = wrap(&format!("{}{place}{numbers}{notes}", line.text), width.saturating_sub(14).max(20));
-        format!("{:<12}  {}", line.word(), text.replace('\n', "\n              "))
+        let text = wrap(&format!("{}{place}{numbers}{notes}", line.spec.claim), width.saturating_sub(14).max(20));
+        format!("{:<12}  {}", line.verdict_in_words(), text.replace('\n', "\n              "))
     };
     contents.claims.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
 fn counts(contents: &Contents) -> String {
-    let list = |what: &str, counts: &[(&str, usize)]| {
-        let present: Vec<String> = counts.iter().filter(|(_, n)| *n > 0).map(|(word, n)| format!("{n} {word}")).collect();
-        if present.is_empty() { String::new() } else { format!("{what}: {}\n", present.join(", ")) }
+    let line = |(what, counts): (String, Counts)| {
+        let words: Vec<String> = counts.iter().map(|(word, n)| format!("{n} {word}")).collect();
+        format!("{what}: {}\n", words.join(", "))
     };
-    list("Published values", &contents.verdicts()) + &list("Claims", &contents.outcomes())
+    contents.head().into_iter().map(line).collect()
 }

@@ -83,7 +83,7 @@ pub(crate) fn study() -> Results {
             }
         }
     }
-    Results { trials }
+    Results::of(trials)
 }
 
 fn one(environment: &str, place: u64, agent: &str, index: u64, seed: u64) -> TrialResult {

@@ -62,15 +62,19 @@ fn info() -> StudyInfo {
             ("bars".into(), FigureSpec { bars: Some(Bars { of: bars }), ..FigureSpec::default() }),
         ],
         claims: vec![
-            ("dsac.cycle_length > equal.cycle_length".into(), None),
-            ("ddpg.cycle_length > dsac.cycle_length".into(), Some("four_cells".into())),
-            ("dsac.cycle_length ~ bound.cycle_length in eight_cells".into(), None),
-            ("dsac.cycle_length >".into(), None),
+            claim("dsac.cycle_length > equal.cycle_length"),
+            ClaimSpec { environment: Some("four_cells".into()), ..claim("ddpg.cycle_length > dsac.cycle_length") },
+            claim("dsac.cycle_length ~ bound.cycle_length in eight_cells"),
+            claim("dsac.cycle_length >"),
         ],
         agents: AGENTS.map(String::from).into(),
         environments: vec!["four_cells".into(), "eight_cells".into()],
         units: BTreeMap::from([("cycle_length".into(), "h".into()), ("voltage".into(), "V".into()), ("load".into(), "W".into())]),
     }
+}
+
+fn claim(text: &str) -> ClaimSpec {
+    ClaimSpec { claim: text.into(), ..ClaimSpec::default() }
 }
 
 fn provenance() -> Provenance {
@@ -122,8 +126,8 @@ fn a_report_is_the_same_bytes_each_time_and_loads_nothing() {
 #[test]
 fn verdicts_and_claims_are_counted() {
     let contents = Contents::of(&info(), &results());
-    assert_eq!(contents.verdicts().iter().map(|(_, n)| n).sum::<usize>(), 4);
-    assert_eq!(contents.outcomes().map(|(_, n)| n), [2, 2, 0, 0, 1]);
+    assert_eq!(contents.verdicts(false).iter().map(|(_, n)| n).sum::<usize>(), 4);
+    assert_eq!(contents.outcomes(false), [("SUPPORTED", 2), ("REFUTED", 2), ("NOT READ", 1)]);
     assert!(contents.contradicts());
     assert_eq!(contents.claims[0].word(), "SUPPORTED");
     assert_eq!(contents.claims[2].word(), "REFUTED");
@@ -136,7 +140,7 @@ fn a_report_of_nothing_says_so() {
     assert!(
         contents.tables.iter().all(|(_, table)| table.is_err()) && contents.figures.iter().all(|(_, figure)| figure.is_err())
     );
-    assert_eq!(contents.outcomes()[3], ("NOT RUN", 4));
+    assert_eq!(contents.outcomes(false)[0], ("NOT RUN", 4));
     let dir = tempfile::tempdir().unwrap();
     let paths = write(dir.path(), &info(), &Results::default(), &contents, &provenance()).unwrap();
     assert!(fs::read_to_string(paths.page).unwrap().contains("no trial of the study belongs to it"));
@@ -146,4 +150,114 @@ fn a_report_of_nothing_says_so() {
 fn the_summary_for_a_terminal() {
     let info = info();
     insta::assert_snapshot!(summary(&info, &Contents::of(&info, &results()), Path::new("results/table-3.2/index.html"), 100));
+}
+
+/// Five seeds of `dsac` and `equal` in one environment, with these differences, and what else `change` does to the trials.
+fn two_agents(differences: [f64; 5], change: impl Fn(&mut Vec<(Phase, u64, u64, &'static str, f64)>, u64)) -> Results {
+    let mut trials = Vec::new();
+    for (seed, difference) in (0..).zip(differences) {
+        trials.push(trial("four_cells", "equal", "", seed, &vec![(Phase::Final, 1, 0, "cycle_length", 10.0)]));
+        let mut rows = vec![(Phase::Final, 9, 0, "cycle_length", 10.0 + difference), (Phase::Final, 9, 0, UPDATES, 40.0)];
+        change(&mut rows, seed);
+        trials.push(trial("four_cells", "dsac", "", seed, &rows));
+    }
+    Results::of(trials)
+}
+
+fn one_environment(claims: Vec<ClaimSpec>, table: TableSpec) -> StudyInfo {
+    StudyInfo { environments: vec!["four_cells".into()], tables: vec![("t".into(), table)], claims, ..info() }
+}
+
+fn published(value: f64) -> TableSpec {
+    let comparison = Comparison { value: "cycle_length".into(), agents: vec!["dsac".into()], ..Comparison::default() };
+    let published = BTreeMap::from([("dsac".into(), Published::Value(value))]);
+    TableSpec { comparison: Some(comparison), published, margin: Some(Margin::Absolute(1.0)), ..TableSpec::default() }
+}
+
+const CLEAR: [f64; 5] = [1.0, 1.1, 0.9, 1.05, 0.95];
+
+#[test]
+fn what_made_no_update_is_not_judged() {
+    let untrained = two_agents(CLEAR, |rows, _| rows[1].4 = 0.0);
+    let contents = Contents::of(&one_environment(vec![claim("dsac.cycle_length > equal.cycle_length")], published(11.0)), &untrained);
+    assert_eq!((contents.verdicts(false), contents.outcomes(false)), (vec![("NOT TRAINED", 1)], vec![("NOT TRAINED", 1)]));
+    let grid = contents.tables[0].1.as_ref().unwrap();
+    assert!(grid.footnotes().iter().any(|note| note == "dsac: 0 updates: dsac was not trained."), "{:?}", grid.footnotes());
+    assert_eq!(contents.claims[0].notes(), ["0 updates: dsac was not trained"]);
+    let trained = two_agents(CLEAR, |_, _| {});
+    let contents = Contents::of(&one_environment(vec![claim("dsac.cycle_length > equal.cycle_length")], published(11.0)), &trained);
+    assert_eq!((contents.verdicts(false), contents.outcomes(false)), (vec![("REPRODUCED", 1)], vec![("SUPPORTED", 1)]));
+}
+
+#[test]
+fn what_was_used_to_choose_a_setting_is_never_reproduced() {
+    let results = two_agents(CLEAR, |_, _| {});
+    let on = || Some("the load was chosen by it".to_owned());
+    let calibrated = ClaimSpec { calibrated_on: on(), ..claim("dsac.cycle_length > equal.cycle_length") };
+    let table = TableSpec { calibrated_on: on(), ..published(11.0) };
+    let contents = Contents::of(&one_environment(vec![calibrated], table), &results);
+    assert_eq!((contents.verdicts(false), contents.outcomes(false)), (vec![("CALIBRATED", 1)], vec![("CALIBRATED", 1)]));
+    assert!(contents.tables[0].1.as_ref().unwrap().footnotes().iter().any(|note| note.contains("the load was chosen by it")));
+    assert!(!contents.contradicts() && contents.open().is_empty());
+}
+
+#[test]
+fn what_was_thought_of_later_is_counted_apart_and_asks_for_no_seeds() {
+    let results = two_agents([1.0, -1.0, 0.5, -0.5, 0.1], |_, _| {});
+    let exploratory = ClaimSpec { exploratory: true, ..claim("dsac.cycle_length > equal.cycle_length") };
+    let table = TableSpec { exploratory: true, ..published(11.0) };
+    let contents = Contents::of(&one_environment(vec![exploratory], table), &results);
+    assert!(contents.verdicts(false).is_empty() && contents.outcomes(false).is_empty());
+    assert_eq!((contents.verdicts(true), contents.outcomes(true)), (vec![("INCONCLUSIVE", 1)], vec![("INCONCLUSIVE", 1)]));
+    assert_eq!(contents.head().len(), 2);
+    assert!(contents.open().is_empty());
+    assert!(contents.claims[0].notes()[0].contains("would decide"));
+}
+
+#[test]
+fn an_agent_beside_itself_is_not_judged() {
+    let comparison = Comparison {
+        value: "cycle_length".into(),
+        relative_to: Some("equal".into()),
+        form: Some(Form::Ratio),
+        agents: vec!["equal".into(), "dsac".into()],
+        ..Comparison::default()
+    };
+    let values = [("equal".into(), Published::Value(1.0)), ("dsac".into(), Published::Value(1.1))];
+    let table = TableSpec { comparison: Some(comparison), published: BTreeMap::from(values), ..TableSpec::default() };
+    let contents = Contents::of(&one_environment(Vec::new(), table), &two_agents(CLEAR, |_, _| {}));
+    assert_eq!(contents.verdicts(false), [("REPRODUCED", 1), ("NOT JUDGED", 1)]);
+    assert_eq!(contents.adjusted_verdicts(), [("REPRODUCED", 1)]);
+}
+
+/// Twelve claims of which each alone has a one-sided p of about 0.01: none stands when they are taken together.
+#[test]
+fn many_claims_together_are_held_to_more() {
+    let results = two_agents([1.0, 0.2, 0.6, 1.6, 0.4], |_, _| {});
+    let alone = Contents::of(&one_environment(vec![claim("dsac.cycle_length > 10")], published(99.0)), &results);
+    assert_eq!((alone.outcomes(false), alone.adjusted_outcomes()), (vec![("SUPPORTED", 1)], vec![("SUPPORTED", 1)]));
+    let claims = (0..12).map(|index| claim(&format!("dsac.cycle_length > {}", 10.0 - 1e-6 * f64::from(index)))).collect();
+    let contents = Contents::of(&one_environment(claims, published(99.0)), &results);
+    assert_eq!((contents.outcomes(false), contents.adjusted_outcomes()), (vec![("SUPPORTED", 12)], vec![("INCONCLUSIVE", 12)]));
+    assert_eq!(contents.claims[0].verdict_in_words(), "SUPPORTED (Holm: INCONCLUSIVE)");
+    let head: Vec<String> = contents.head().into_iter().map(|(what, _)| what).collect();
+    assert_eq!(head, ["Published values", "Claims, all together (Holm)", "Claims, one by one"]);
+}
+
+#[test]
+fn open_statements_ask_for_the_next_look() {
+    let mut results = two_agents([1.0, -0.8, 0.6, 1.6, -0.4], |_, _| {});
+    results.design = Some(Design::new(vec![5, 10]));
+    let claims = vec![claim("dsac.cycle_length > equal.cycle_length"), claim("dsac.cycle_length < 50")];
+    let study = one_environment(claims, published(10.5));
+    let contents = Contents::judged(&study, &results);
+    let open = contents.open();
+    assert_eq!((open.len(), open[0].complete, open[0].rests_on.len(), open[1].rests_on.len()), (2, 1, 1, 2));
+    // A look is complete when every trial of it has ended, however it ended.
+    results.trials[0].end = None;
+    let contents = Contents::judged(&study, &results);
+    assert_eq!(contents.open().iter().map(|it| it.complete).collect::<Vec<_>>(), [1, 0]);
+    results.trials[0] = ended(results.trials[1].clone(), EndState::Oom, "x");
+    results.trials[0].trial.agent = "equal".into();
+    assert_eq!(Contents::judged(&study, &results).open()[1].complete, 1);
 }

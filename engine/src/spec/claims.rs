@@ -5,12 +5,23 @@ use serde::{Deserialize, Serialize};
 
 /// A comparison that the results support, refute or leave open.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct ClaimSpec {
     /// The comparison, such as `learner.return > rule.return`.
     pub claim: String,
     /// The environment it is about; each in turn where absent.
+    #[serde(default)]
     pub environment: Option<String>,
     /// Which sentence of the source it stands for; empty where absent.
+    #[serde(default)]
     pub about: String,
+    /// Why its margin or factor is what it is; empty where absent.
+    #[serde(default)]
+    pub why: String,
+    /// What was chosen with the claim in view; that it holds then says nothing, and its verdict is CALIBRATED.
+    #[serde(default)]
+    pub calibrated_on: Option<String>,
+    /// True where it was thought of after results were seen; its verdict is counted apart.
+    #[serde(default)]
+    pub exploratory: bool,
 }

@@ -1,19 +1,17 @@
 //! The JSON Schema of a study, the parameters of all registered plugins included. Editors complete by it and `check` holds
 //! studies against it, so the two cannot differ.
 
-use super::cross_play::EPISODES;
+use super::{claims::ClaimSpec, cross_play::EPISODES, seeds};
 use crate::{
     Registry,
     figure::FigureSpec,
     limits::Limits,
     registry::About,
+    results::Success,
     schema_check::{NAME, SLUG},
     table::TableSpec,
 };
 use serde_json::{Map, Value, json};
-
-/// Largest number of seeds of a study.
-const MOST_SEEDS: u64 = 1_000_000;
 
 /// JSON Schema (draft 2020-12) of a study.
 #[must_use]
@@ -27,6 +25,8 @@ pub fn json_schema(registry: &Registry) -> Value {
     let protocol = choice("protocol plugin", protocols, "protocol", &mut definitions);
     let table = embed(schemars::schema_for!(TableSpec).to_value(), "table", &mut definitions);
     let figure = embed(schemars::schema_for!(FigureSpec).to_value(), "figure", &mut definitions);
+    let success = embed(schemars::schema_for!(Success).to_value(), "success", &mut definitions);
+    let claim = embed(schemars::schema_for!(ClaimSpec).to_value(), "claim", &mut definitions);
     let limits = embed(schemars::schema_for!(Limits).to_value(), "limits", &mut definitions);
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -43,7 +43,8 @@ pub fn json_schema(registry: &Registry) -> Value {
             "environments": named("Environments by name, one plugin each.", environment, NAME),
             "agents": named("Agents by name, one plugin each.", agent, NAME),
             "protocol": described("How each trial runs.", protocol),
-            "seeds": seeds(),
+            "seeds": seeds::schema(),
+            "success": described("What counts as a success of a seed; adds the metric `success`.", success),
             "sweep": sweep(),
             "profiles": profiles(),
             "exclude": exclude(),
@@ -51,7 +52,7 @@ pub fn json_schema(registry: &Registry) -> Value {
             "overrides": overrides(),
             "tables": { "description": "Tables by name.", "type": "object", "additionalProperties": table, "propertyNames": { "pattern": SLUG } },
             "figures": { "description": "Figures by name.", "type": "object", "additionalProperties": figure, "propertyNames": { "pattern": SLUG } },
-            "claims": claims(),
+            "claims": claims(claim),
             "limits": described("What one trial may use, and what is tried again; no trial's numbers depend on it.", limits),
         },
         "$defs": definitions,
@@ -141,15 +142,6 @@ fn rename(schema: &mut Value, prefix: &str) {
         Value::Array(items) => items.iter_mut().for_each(|item| rename(item, prefix)),
         _ => {}
     }
-}
-
-fn seeds() -> Value {
-    let list = json!({ "type": "array", "minItems": 1, "maxItems": MOST_SEEDS, "uniqueItems": true, "items": { "type": "integer", "minimum": 0 } });
-    json!({
-        "description": "Number of replicates N (seeds 0 to N - 1), or the seeds themselves.",
-        "default": 1,
-        "oneOf": [{ "type": "integer", "minimum": 1, "maximum": MOST_SEEDS }, list],
-    })
 }
 
 fn sweep() -> Value {
@@ -248,15 +240,7 @@ fn overrides() -> Value {
     })
 }
 
-fn claims() -> Value {
-    let long = json!({
-        "type": "object", "additionalProperties": false, "required": ["claim"],
-        "properties": {
-            "claim": text("The comparison, such as `learner.return > rule.return`."),
-            "environment": text("The environment it is about; each in turn where absent."),
-            "about": text("Which sentence of the source it stands for."),
-        },
-    });
+fn claims(long: Value) -> Value {
     json!({
         "description": "Comparisons that the results support, refute or leave open.", "type": "array",
         "items": { "anyOf": [{ "type": "string" }, long] },

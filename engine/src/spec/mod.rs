@@ -6,6 +6,7 @@
 //! | `json_schema` | the schema of a study with all plugins' parameters; sections are held against it first |
 //! | `written` | named parts and their positions |
 //! | `path` | dotted paths of sweeps, profiles, overrides and `--set` |
+//! | `seeds` | a number of seeds, or looks that are planned |
 //! | `settings` | the profile and the options of the command line |
 //! | `sweep`, `overrides` | what varies over the trials |
 //! | `config` | defaults, presets, data files: a plugin's complete config |
@@ -27,6 +28,7 @@ mod overrides;
 mod path;
 mod plugin_config;
 mod resolved;
+mod seeds;
 mod settings;
 mod sweep;
 mod written;
@@ -44,10 +46,13 @@ use crate::{
     document::{self, Node},
     figure::FigureSpec,
     limits::Limits,
+    results::Success,
     schema_check::{At, Checker, View},
+    statistics::spending::Design,
     table::TableSpec,
 };
 use cells::{Cell, MOST_TRIALS, Sections};
+use seeds::SeedPlan;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use written::Written;
@@ -78,8 +83,12 @@ pub struct Study {
     pub environments: Vec<String>,
     /// Names of the agents, in order.
     pub agents: Vec<String>,
-    /// The seeds.
+    /// All seeds that it may use.
     pub seeds: Vec<u64>,
+    /// The looks at which seeds are added until all that is judged is decided; `None` where their number is fixed.
+    pub design: Option<Design>,
+    /// What counts as a success of a seed.
+    pub success: Option<Success>,
     /// The profile that was used.
     pub profile: Option<String>,
     /// Tables by name, in order.
@@ -167,13 +176,16 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         found.extend(more);
         in_order(found)
     };
-    let seeds = seeds(sections.written.seeds.as_ref());
-    if let Some(error) = too_many(root, sections, seeds.len()) {
+    let plan = SeedPlan::read(sections.written.seeds.as_ref(), sections.sources).map_err(|error| with(found.clone(), vec![error]))?;
+    if let Some(error) = too_many(root, sections, plan.seeds.len()) {
         return Err(with(found, vec![error]));
     }
+    let success: Option<Success> = root.get("success").and_then(|node| serde_json::from_value(node.to_value()).ok());
     let cells = sections.cells().map_err(|errors| with(found.clone(), errors))?;
-    let mut world = builds::build(sections, &cells, &seeds).map_err(|errors| with(found.clone(), errors))?;
-    world.plays = cross_play::resolve(sections, &cells, seeds.len()).map_err(|errors| with(found.clone(), errors))?;
+    let certain = &plan.seeds[..plan.certain()];
+    let mut world = builds::build(sections, &cells, certain).map_err(|errors| with(found.clone(), errors))?;
+    found.extend(names::success(root, success.as_ref(), &mut world, sections.sources));
+    world.plays = cross_play::resolve(sections, &cells, plan.seeds.len()).map_err(|errors| with(found.clone(), errors))?;
     let asked = names::Asked::read(root, &world, sections.sources);
     found.extend(asked.found);
     if !found.is_empty() {
@@ -193,9 +205,11 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
             .collect(),
         environments: world.environments,
         agents: world.agents,
-        resolved: resolved::sections(root, sections, &seeds, &world.plays),
+        resolved: resolved::sections(root, sections, &plan, &world.plays),
         plays: world.plays,
-        seeds,
+        seeds: plan.seeds,
+        design: plan.design,
+        success,
         profile: None,
         tables: asked.tables,
         figures: asked.figures,
@@ -218,17 +232,9 @@ fn check_structure(root: &Node, schema: &Value, sources: &Sources) -> Vec<Diagno
 
 /// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
-    const SHOWN: [&str; 7] = ["title", "source", "departures", "tables", "figures", "claims", "limits"];
+    const SHOWN: [&str; 8] = ["title", "source", "departures", "success", "tables", "figures", "claims", "limits"];
     let first = diagnostic.path.split(['.', '[']).next().unwrap_or_default();
     !SHOWN.contains(&first)
-}
-
-fn seeds(written: Option<&Node>) -> Vec<u64> {
-    match written.map(Node::to_value) {
-        Some(Value::Array(list)) => list.iter().filter_map(Value::as_u64).collect(),
-        Some(count) => (0..count.as_u64().unwrap_or(1)).collect(),
-        None => vec![0],
-    }
 }
 
 fn too_many(root: &Node, sections: &Sections<'_>, n_seeds: usize) -> Option<Diagnostic> {

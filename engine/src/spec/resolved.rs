@@ -1,6 +1,6 @@
 //! A study with every default written out.
 
-use super::{Study, cells::Sections, config, cross_play::Play, path::Target, written::Named};
+use super::{Study, cells::Sections, config, cross_play::Play, path::Target, seeds::SeedPlan, written::Named};
 use crate::{
     document::{Entry, Node},
     limits::Limits,
@@ -74,7 +74,7 @@ impl Section {
 }
 
 /// The sections that trials are made of, in the order of a study, with all defaults.
-pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64], plays: &[Play]) -> Vec<(String, Section)> {
+pub fn sections(root: &Node, sections: &Sections<'_>, plan: &SeedPlan, plays: &[Play]) -> Vec<(String, Section)> {
     let mut files = config::Files::new(sections.folder);
     let mut full = |target, named: &Named| {
         let plugin = sections.plugin(target);
@@ -89,8 +89,12 @@ pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64], plays: &[Pl
     let environments = parts(&sections.written.environments, Target::Environment);
     let agents = parts(&sections.written.agents, Target::Agent);
     let protocol = full(Target::Protocol, &sections.written.protocol);
-    let counted = seeds.iter().enumerate().all(|(index, seed)| index as u64 == *seed);
-    let seeds = if counted { json!(seeds.len()) } else { json!(seeds) };
+    let counted = plan.seeds.iter().enumerate().all(|(index, seed)| index as u64 == *seed);
+    let seeds = match &plan.design {
+        Some(design) => json!({ "min": design.looks()[0], "max": design.most(), "looks": design.looks() }),
+        None if counted => json!(plan.seeds.len()),
+        None => json!(plan.seeds),
+    };
     let exclude = root.get("exclude").map_or_else(|| json!([]), Node::to_value);
     let mut all = vec![
         ("environments".into(), environments),
@@ -101,6 +105,9 @@ pub fn sections(root: &Node, sections: &Sections<'_>, seeds: &[u64], plays: &[Pl
         ("exclude".into(), Section::Plain(exclude)),
         ("overrides".into(), Section::Plain(overrides(root, sections))),
     ];
+    if let Some(success) = root.get("success") {
+        all.push(("success".into(), Section::Plain(success.to_value())));
+    }
     if !plays.is_empty() {
         all.push(("cross_play".into(), Section::Named(plays.iter().map(|it| (it.name.clone(), play(it))).collect())));
     }

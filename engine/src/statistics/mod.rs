@@ -6,6 +6,7 @@
 //! A **seed** is a replicate; an episode never is. One seed gives one number (its mean over episodes) before anything of
 //! this module sees it. A seed that occurs twice counts once, with the mean of its values.
 
+pub mod binomial;
 pub mod bootstrap;
 pub mod claim;
 pub mod comparison;
@@ -14,6 +15,7 @@ pub mod mean_estimate;
 pub mod normal;
 mod quadrature;
 pub mod spending;
+pub mod statement;
 pub mod student_t;
 pub mod verdict;
 
@@ -22,7 +24,9 @@ pub use claim::{Aggregate, Claim, ClaimError, ClaimOutcome, ClaimVerdict, Operan
 pub use comparison::{PairedComparison, PermutationTest};
 pub use mean_estimate::MeanEstimate;
 pub use spending::Design;
-pub use verdict::{Judgement, Verdict};
+
+pub use statement::{Outcome, Statement, holm};
+pub use verdict::{Judgement, Reference, Seeds, Verdict};
 
 use serde::{Deserialize, Serialize};
 

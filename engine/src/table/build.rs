@@ -1,12 +1,12 @@
 //! From results to a grid: which rows and columns there are, and what each cell holds.
 
 use super::{
-    Axis, Cell, Comparison, Form, Grid, Heading, NumberFormat, Published, Statistic, TableSpec, cross_play, seeds::Scope,
+    Axis, Cell, Comparison, Form, Grid, Heading, NumberFormat, Statistic, TableSpec, cross_play, published::Judging, seeds::Scope,
 };
 use crate::{
     Error, Phase,
-    results::{Results, TrialResult},
-    statistics::{Bootstrap, Summary, estimators, verdict},
+    results::{Results, SUCCESS, TrialResult},
+    statistics::{Bootstrap, Summary, estimators, statement::Evidence, verdict::share_of},
 };
 
 /// Computes a table. Seeds that are missing are counted in their cells, never left out in silence.
@@ -23,8 +23,12 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     };
     grid.caption.clone_from(&spec.caption);
     grid.notes.extend(spec.notes.iter().cloned());
+    grid.margin.clone_from(&spec.margin);
+    grid.exploratory = spec.exploratory;
+    let judging =
+        Judging { margin: spec.margin.as_ref(), calibrated_on: spec.calibrated_on.as_deref(), baselines: &baselines };
     for (row, published) in &spec.published {
-        if !publish(&mut grid, row, published, spec.margin, &baselines) {
+        if !judging.publish(&mut grid, row, published) {
             grid.notes.push(format!("Published values of `{row}` have no place in this table."));
         }
     }
@@ -49,17 +53,17 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
         make_cell(&column.narrow(&row.narrow(&scope)), &Measure { comparison, at_step: column.at_step }, &relation, results)
     };
     let cells: Vec<Vec<Cell>> = rows.iter().map(|row| columns.iter().map(|column| cell(row, column)).collect()).collect();
+    let heading = |place: Place| place.heading_with_budget(comparison, &scope);
     Ok(Grid {
-        caption: String::new(),
-        quantity: relation.quantity(comparison),
+        quantity: relation.quantity(comparison, results),
         unit: relation.unit().into(),
-        statistic: comparison.statistic.name(),
+        statistic: if is_share(comparison) { "share" } else { comparison.statistic.name() },
         row_axis: comparison.rows.name(),
         format: format(comparison, relation.form, &cells),
-        rows: rows.into_iter().map(|place| place.heading).collect(),
-        columns: columns.into_iter().map(|place| place.heading).collect(),
+        rows: rows.into_iter().map(heading).collect(),
+        columns: columns.into_iter().map(heading).collect(),
         cells,
-        notes: Vec::new(),
+        ..Grid::default()
     })
 }
 
@@ -118,8 +122,13 @@ impl<'a> Relation<'a> {
         self.to.filter(|agent| self.form != Form::Value && !comparison.agents.iter().any(|listed| listed == agent))
     }
 
-    fn quantity(&self, comparison: &Comparison) -> String {
+    fn quantity(&self, comparison: &Comparison, results: &Results) -> String {
         let value = comparison.labels.get(&comparison.value).cloned().unwrap_or_else(|| comparison.value.replace('_', " "));
+        let value = match &results.success {
+            Some(success) if is_share(comparison) => format!("{value} (share of seeds with {success})"),
+            Some(success) if comparison.given_success => format!("{value} of seeds with success ({success})"),
+            _ => value,
+        };
         let value = match (comparison.steps_until_above, comparison.last) {
             (Some(level), _) => {
                 format!("environment steps until the moving average (weight {}) of {value} is above {level}", comparison.weight())
@@ -140,6 +149,19 @@ impl<'a> Relation<'a> {
             Form::Ratio => format!("{value} over that of {to}, by seed"),
             Form::PercentChange => format!("{value}, change from {to}, by seed"),
         }
+    }
+
+    /// True where a cell can only have one value: an agent beside itself.
+    fn fixes(&self, scope: &Scope<'_>) -> bool {
+        let related = self.form != Form::Value && !scope.trials.is_empty();
+        related && scope.trials.iter().all(|trial| Some(trial.trial.agent.as_str()) == self.to)
+    }
+
+    /// The trials of a cell and those that they are compared with.
+    fn trials_behind<'r>(&self, scope: &Scope<'r>, results: &'r Results) -> Vec<&'r TrialResult> {
+        let other = self.to.filter(|_| self.form != Form::Value);
+        let others = scope.trials.iter().filter_map(|trial| counterpart(trial, other?, results));
+        scope.trials.iter().copied().chain(others).collect()
     }
 
     fn unit(&self) -> &'static str {
@@ -170,6 +192,14 @@ struct Measure<'a> {
 }
 
 impl Place {
+    /// The heading, with steps and updates of the agent where the study asks for them.
+    fn heading_with_budget(self, comparison: &Comparison, scope: &Scope<'_>) -> Heading {
+        let names_agent = self.at.iter().any(|(axis, _)| *axis == Axis::Agent);
+        let budget = if comparison.budgets && names_agent { self.narrow(scope).budget() } else { None };
+        let Heading { name, label } = self.heading;
+        Heading { label: budget.map_or(label.clone(), |budget| format!("{label} ({budget})")), name }
+    }
+
     fn narrow<'a>(&self, scope: &Scope<'a>) -> Scope<'a> {
         self.at.iter().fold(scope.clone(), |scope, (axis, name)| scope.at(*axis, name))
     }
@@ -238,7 +268,10 @@ fn label(comparison: &Comparison, name: &str) -> String {
 }
 
 fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Cell {
-    let scope = measure.trained_for(scope);
+    let mut scope = measure.trained_for(scope);
+    if measure.comparison.given_success {
+        scope.trials.retain(|trial| trial.succeeded() != Some(false));
+    }
     let (mut seeds, mut missing) = (std::collections::BTreeMap::new(), scope.absences());
     for trial in scope.trials.iter().filter(|trial| trial.is_ok()) {
         match seed_value(trial, measure, relation, results) {
@@ -248,11 +281,21 @@ fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, 
             Err(reason) => missing.push(format!("seed {}: {reason}", trial.trial.key.seed)),
         }
     }
-    summarise(
-        seeds.into_iter().collect(),
-        measure.comparison.statistic,
-        Cell { planned: scope.planned(), failed: scope.failed(), missing, ..Cell::default() },
-    )
+    let behind = relation.trials_behind(&scope, results);
+    let cell = Cell {
+        planned: scope.planned(),
+        failed: scope.failed(),
+        missing,
+        fixed: relation.fixes(&scope).then(|| "an agent is compared with itself".to_owned()),
+        is_share: is_share(measure.comparison),
+        ..Cell::resting_on(&behind, results)
+    };
+    summarise(seeds.into_iter().collect(), measure.comparison.statistic, cell)
+}
+
+/// True for the share of seeds with success.
+fn is_share(comparison: &Comparison) -> bool {
+    comparison.value == SUCCESS && comparison.resolved_form() == Form::Value
 }
 
 pub(super) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell) -> Cell {
@@ -261,12 +304,18 @@ pub(super) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell
     let resampled =
         |estimator: fn(&[f64]) -> f64| Bootstrap::TABLE.stratified(std::slice::from_ref(&values), |tasks| estimator(&tasks[0]));
     let (estimate, interval) = match statistic {
+        _ if cell.is_share => (summary.mean, exact(&share_of(&values))),
         Statistic::Mean => (summary.mean, summary.interval),
         Statistic::Median => (summary.median, resampled(estimators::median)),
         Statistic::Iqm => (summary.iqm, resampled(estimators::iqm)),
     };
     let interval = interval.map(|interval| (interval.low, interval.high));
     Cell { seeds, estimate: Some(estimate), sd: summary.sd, interval, ..cell }
+}
+
+/// The exact 95 % interval of a share.
+fn exact(share: &Evidence) -> Option<crate::statistics::Interval> {
+    share.interval(0.025)
 }
 
 /// The value of one seed, or why there is none.
@@ -350,37 +399,6 @@ fn baselines(comparison: &Comparison, results: &Results) -> Vec<String> {
     let any_learns = agents.iter().any(learns);
     let is_baseline = |agent: &String| comparison.relative_to.as_ref() == Some(agent) || (any_learns && !learns(agent));
     agents.into_iter().filter(is_baseline).collect()
-}
-
-/// Puts a row's published values into its cells; false where one of them has no cell.
-fn publish(grid: &mut Grid, row: &str, published: &Published, margin: Option<f64>, baselines: &[String]) -> bool {
-    let Some(row) = grid.rows.iter().position(|heading| heading.name == row || heading.label == row) else { return false };
-    let columns = grid.columns.iter().map(|heading| heading.name.clone()).collect::<Vec<_>>();
-    let is_meant = |column: &str| columns.len() == 1 || !baselines.iter().any(|name| name == column);
-    let mut placed = true;
-    match published {
-        Published::Value(value) => {
-            for column in (0..columns.len()).filter(|column| is_meant(&columns[*column])) {
-                compare_with(&mut grid.cells[row][column], *value, margin);
-            }
-        }
-        Published::Columns(values) => {
-            let only = (columns.len() == 1 && values.len() == 1).then_some(0);
-            for (name, value) in values {
-                match columns.iter().position(|column| column == name).or(only) {
-                    Some(column) => compare_with(&mut grid.cells[row][column], *value, margin),
-                    None => placed = false,
-                }
-            }
-        }
-    }
-    placed
-}
-
-fn compare_with(cell: &mut Cell, published: f64, margin: Option<f64>) {
-    let values: Vec<f64> = cell.seeds.iter().map(|(_, value)| *value).collect();
-    let margin = margin.unwrap_or_else(|| verdict::default_margin(published));
-    cell.judgement = Some(verdict::judge(published, margin, &values, cell.failed));
 }
 
 fn problem(problem: &str) -> Error {

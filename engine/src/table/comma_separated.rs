@@ -3,8 +3,8 @@
 use super::{Cell, Grid};
 use crate::{Error, statistics::Verdict};
 
-const HEADER: [&str; 12] =
-    ["row", "column", "statistic", "n", "planned", "value", "sd", "low", "high", "published", "verdict", "missing"];
+const HEADER: [&str; 13] =
+    ["row", "column", "statistic", "n", "planned", "value", "sd", "low", "high", "published", "verdict", "verdict_holm", "missing"];
 
 /// One line per cell under a header; empty fields where there is no number.
 ///
@@ -22,7 +22,7 @@ pub fn csv(grid: &Grid) -> Result<String, Error> {
     write(&lines)
 }
 
-fn fields(cell: &Cell) -> [String; 9] {
+fn fields(cell: &Cell) -> [String; 10] {
     let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
     [
         cell.seeds.len().to_string(),
@@ -33,6 +33,7 @@ fn fields(cell: &Cell) -> [String; 9] {
         number(cell.interval.map(|interval| interval.1)),
         number(cell.published()),
         cell.verdict().map_or("", Verdict::word).into(),
+        cell.judgement.as_ref().and_then(|judgement| judgement.adjusted).map_or("", Verdict::word).into(),
         cell.missing.join("; "),
     ]
 }

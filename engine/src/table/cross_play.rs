@@ -64,7 +64,7 @@ pub(super) fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Er
             .into_iter()
             .filter_map(|(role, it)| Some((role, it?)))
             .collect();
-        if casting.is_empty() { Cell::default() } else { make_cell(spec, &encounters, &casting, scale.as_ref()) }
+        if casting.is_empty() { Cell::default() } else { make_cell(spec, &encounters, &casting, scale.as_ref(), results) }
     };
     let lines = |names: &[&'_ str]| names.iter().map(|name| Some((*name).to_owned())).chain([None]).collect::<Vec<_>>();
     let (down, across) = (lines(&rows), lines(&columns));
@@ -73,9 +73,7 @@ pub(super) fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Er
     let estimates = cells.iter().flatten().filter_map(|cell| cell.estimate);
     let floors = rows.iter().chain(&columns).any(|name| encounters.is_floor(name));
     Ok(Grid {
-        caption: String::new(),
         quantity: quantity(spec),
-        unit: String::new(),
         statistic: Statistic::Mean.name(),
         row_axis: "agent",
         format: spec.decimals.map_or_else(|| NumberFormat::fitting(estimates), NumberFormat::Fixed),
@@ -83,6 +81,7 @@ pub(super) fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Er
         columns: headings(spec, &across),
         notes: notes(spec, scale.as_ref(), floors),
         cells,
+        ..Grid::default()
     })
 }
 
@@ -112,13 +111,25 @@ impl Scale {
         Self { low, high, n_cells: rows.len() * columns.len(), n_known: known.len() }
     }
 
+    /// True for values whose mean is one of the two that make the scale.
+    fn is_end(&self, values: &[f64]) -> bool {
+        let mean = mean(values);
+        mean == self.low || mean == self.high
+    }
+
     /// `None` where all cells are alike, or fewer than two have a value.
     fn apply(&self, value: f64) -> Option<f64> {
         (self.high > self.low).then(|| (value - self.low) / (self.high - self.low))
     }
 }
 
-fn make_cell(spec: &CrossPlayTable, encounters: &Encounters<'_>, casting: &[(&str, &str)], scale: Option<&Scale>) -> Cell {
+fn make_cell(
+    spec: &CrossPlayTable,
+    encounters: &Encounters<'_>,
+    casting: &[(&str, &str)],
+    scale: Option<&Scale>,
+    results: &Results,
+) -> Cell {
     let scope = Scope { trials: encounters.trials(casting) };
     let mut missing = scope.absences();
     let raw = encounters.by_seed(casting, &spec.value);
@@ -127,7 +138,15 @@ fn make_cell(spec: &CrossPlayTable, encounters: &Encounters<'_>, casting: &[(&st
     if seeds.len() < raw.len() {
         missing.push("no two cells differ, so nothing can be normalised".into());
     }
-    summarise(seeds, Statistic::Mean, Cell { planned: scope.planned(), failed: scope.failed(), missing, ..Cell::default() })
+    let fixed = scale.is_some_and(|scale| scale.is_end(&raw.into_values().collect::<Vec<_>>()));
+    let cell = Cell {
+        planned: scope.planned(),
+        failed: scope.failed(),
+        missing,
+        fixed: fixed.then(|| "the smallest and the largest mean are 0 and 1 by the normalisation".to_owned()),
+        ..Cell::resting_on(&scope.trials, results)
+    };
+    summarise(seeds, Statistic::Mean, cell)
 }
 
 fn headings(spec: &CrossPlayTable, names: &[Option<String>]) -> Vec<Heading> {
@@ -173,7 +192,7 @@ mod tests {
     use super::*;
     use crate::{
         cross_play::encounters_for_tests::encounter,
-        table::{Published, TableSpec, build, csv, html, latex, markdown},
+        table::{Margin, Published, PublishedCell, TableSpec, build, csv, html, latex, markdown},
     };
 
     const AGENTS: [&str; 3] = ["tdom_ac", "rommeo", "pr2"];
@@ -205,7 +224,7 @@ mod tests {
                 trials.push(encounter(prey, "still", 0, 500.0));
             }
         }
-        Results { trials }
+        Results::of(trials)
     }
 
     fn estimates(grid: &Grid) -> Vec<Vec<Option<f64>>> {
@@ -246,7 +265,7 @@ mod tests {
         assert_eq!((grid.cells[0][0].estimate, grid.cells[0][0].planned, grid.cells[0][1].seeds.len()), (None, 2, 1));
         assert!(grid.cells[0][3].seeds.is_empty() && grid.cells[3][2].seeds.len() == 2);
         assert!(grid.notes.iter().any(|note| note.contains("8 of 9 cells")), "{:?}", grid.notes);
-        let alike = Results { trials: vec![encounter("a", "a", 0, 1.0), encounter("a", "b", 0, 1.0)] };
+        let alike = Results::of(vec![encounter("a", "a", 0, 1.0), encounter("a", "b", 0, 1.0)]);
         let grid = super::build(&spec(), &alike).unwrap();
         assert!(grid.cells[0][0].estimate.is_none() && grid.cells[0][0].incompleteness().contains("no two cells differ"));
         assert!(super::build(&CrossPlayTable { play: "chess".into(), ..spec() }, &alike).is_err());
@@ -256,13 +275,13 @@ mod tests {
     fn every_renderer_writes_it_with_published_values_beside() {
         let columns = |row: [f64; 4]| {
             let names = AGENTS.into_iter().chain([MEAN]).map(String::from);
-            Published::Columns(names.zip(row).collect())
+            Published::Columns(names.zip(row.map(PublishedCell::Value)).collect())
         };
         let mut published: BTreeMap<String, Published> =
             AGENTS.into_iter().zip(PUBLISHED).map(|(name, row)| (name.into(), columns(row))).collect();
-        let means = AGENTS.into_iter().map(String::from).zip(MEANS).collect();
+        let means = AGENTS.into_iter().map(String::from).zip(MEANS.map(PublishedCell::Value)).collect();
         published.insert(MEAN.into(), Published::Columns(means));
-        let spec = TableSpec { cross_play: Some(spec()), published, margin: Some(0.1), ..TableSpec::default() };
+        let spec = TableSpec { cross_play: Some(spec()), published, margin: Some(Margin::Absolute(0.1)), ..TableSpec::default() };
         let grid = build(&spec, &results(false)).unwrap();
         assert!(grid.notes.iter().all(|note| !note.contains("have no place")), "{:?}", grid.notes);
         insta::assert_snapshot!("cross_play_markdown", markdown(&grid));

@@ -1,9 +1,14 @@
 //! A computed table: numbers with what they rest on, and the few words that every renderer shows of them.
 
-use crate::statistics::{Judgement, Verdict};
+use super::Margin;
+use crate::{
+    results::{CellName, Results, TrialResult},
+    statistics::{Judgement, Seeds, Verdict},
+};
+use std::collections::BTreeSet;
 
 /// A table as data: what the renderers read.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Grid {
     /// What the table shows, in one sentence.
     pub caption: String,
@@ -23,6 +28,10 @@ pub struct Grid {
     pub cells: Vec<Vec<Cell>>,
     /// How numbers are written.
     pub format: NumberFormat,
+    /// How far a value may lie from the published one.
+    pub margin: Option<Margin>,
+    /// True where the comparison was thought of after results were seen.
+    pub exploratory: bool,
     /// Sentences under the table.
     pub notes: Vec<String>,
 }
@@ -55,6 +64,20 @@ pub struct Cell {
     pub judgement: Option<Judgement>,
     /// Why seeds are missing, as in `1 failed: oom`.
     pub missing: Vec<String>,
+    /// Why the value is what it is by construction; `None` where it is not.
+    pub fixed: Option<String>,
+    /// What was chosen with the published value in view; `None` where nothing was.
+    pub calibrated_on: Option<String>,
+    /// True where the values are successes of seeds, 0 or 1.
+    pub is_share: bool,
+    /// Agents behind the value that made no update.
+    pub untrained: Vec<String>,
+    /// An earlier number of seeds at which the verdict was seen without a plan.
+    pub seen_at: Option<u32>,
+    /// Which seeds a verdict may rest on.
+    pub looks: Seeds,
+    /// The combinations whose seeds are behind the value.
+    pub rests_on: BTreeSet<CellName>,
 }
 
 /// How the numbers of a table are written.
@@ -104,7 +127,7 @@ impl Grid {
             Part::Published(column) => {
                 self.cells[row][column].published().map_or(String::new(), |value| self.format.published(value))
             }
-            Part::Verdict(column) => self.cells[row][column].verdict().map_or("", Verdict::word).into(),
+            Part::Verdict(column) => self.cells[row][column].verdict_in_words(),
         }
     }
 
@@ -120,7 +143,8 @@ impl Grid {
         let mut notes = vec![self.reading()];
         notes.extend(self.judging());
         notes.extend(self.each(|cell| cell.is_incomplete().then(|| cell.incompleteness())).map(|note| format!("* {note}")));
-        notes.extend(self.each(|cell| cell.judgement.map(|judgement| judgement.note()).filter(|note| !note.is_empty())));
+        notes.extend(self.each(|cell| cell.judgement.as_ref().map(Judgement::note).filter(|note| !note.is_empty())));
+        notes.extend(self.grouped(Cell::caution));
         notes.extend(self.notes.iter().cloned());
         notes
     }
@@ -138,19 +162,45 @@ impl Grid {
         self.places().filter_map(move |(place, cell)| note(cell).map(|note| format!("{place}: {note}.")))
     }
 
+    /// Notes that several cells may share: each once, after the places it is about.
+    fn grouped(&self, note: impl Fn(&Cell) -> Option<String>) -> Vec<String> {
+        let mut groups: Vec<(String, Vec<String>)> = Vec::new();
+        for (place, cell) in self.places() {
+            let Some(note) = note(cell) else { continue };
+            match groups.iter_mut().find(|(known, _)| *known == note) {
+                Some((_, places)) => places.push(place),
+                None => groups.push((note, vec![place])),
+            }
+        }
+        groups.into_iter().map(|(note, places)| format!("{}: {note}.", places.join("; "))).collect()
+    }
+
     /// How the verdicts come about.
-    fn judging(&self) -> Option<String> {
-        let mut judgements = self.cells.iter().flatten().filter_map(|cell| cell.judgement);
-        let first = judgements.next()?;
-        let margin = match judgements.all(|judgement| judgement.margin == first.margin) {
-            true if self.unit == "%" => format!("{} percentage points", short(first.margin)),
-            true => format!("{} {}", short(first.margin), self.unit),
-            false => "5 % of it".into(),
+    fn judging(&self) -> Vec<String> {
+        let judged = || self.cells.iter().flatten().filter_map(|cell| cell.judgement.as_ref()).filter(|it| it.statement.is_some());
+        if judged().next().is_none() {
+            return Vec::new();
+        }
+        let of = if self.statistic == "share" { "share" } else { "mean" };
+        let interval = match judged().find_map(|judgement| judgement.stage) {
+            Some(stage) => format!("repeated confidence interval of the {of} (Lan and DeMets, Pocock type, {} looks)", stage.of),
+            None => format!("90 % interval of the {of}"),
         };
-        Some(format!(
-            "A value counts as reproduced where the 90 % interval of the mean lies within the published value ± {}.",
-            margin.trim_end()
-        ))
+        let margin = Margin::in_words(self.margin.as_ref(), &self.unit);
+        let reason = match Margin::reason(self.margin.as_ref()) {
+            "" => "No reason is given for this margin.".into(),
+            why => format!("Why this margin: {}.", why.trim_end_matches('.')),
+        };
+        let uncertain = judged().any(|judgement| judgement.reference.runs.is_some());
+        let published = if uncertain {
+            "Published values with a standard deviation and a number of runs count as uncertain (Welch), the others as exact."
+        } else {
+            "Published values count as exact."
+        };
+        let when = if self.exploratory { "Exploratory: the comparison was thought of after results were seen. " } else { "" };
+        vec![format!(
+            "{when}A value counts as reproduced where the {interval} lies within the published value {margin}. {reason} {published}"
+        )]
     }
 
     /// The number of seeds that most cells rest on; cells with another number say theirs. `None` where no cell has a seed.
@@ -211,13 +261,53 @@ impl Cell {
     /// The published number.
     #[must_use]
     pub fn published(&self) -> Option<f64> {
-        self.judgement.map(|judgement| judgement.published)
+        self.judgement.as_ref().map(|judgement| judgement.reference.value)
     }
 
     /// How the seeds compare with the published number.
     #[must_use]
     pub fn verdict(&self) -> Option<Verdict> {
-        self.judgement.map(|judgement| judgement.verdict)
+        self.judgement.as_ref().map(|judgement| judgement.verdict)
+    }
+
+    /// The verdict, and the one that all judged values of the study have together where it is another.
+    #[must_use]
+    pub fn verdict_in_words(&self) -> String {
+        let Some(judgement) = &self.judgement else { return String::new() };
+        match judgement.adjusted.filter(|adjusted| *adjusted != judgement.verdict) {
+            Some(adjusted) => format!("{} (Holm: {adjusted})", judgement.verdict),
+            None => judgement.verdict.word().into(),
+        }
+    }
+
+    /// A cell with what is behind it, without values.
+    #[must_use]
+    pub fn resting_on(trials: &[&TrialResult], results: &Results) -> Self {
+        let untrained: BTreeSet<&str> =
+            trials.iter().filter(|trial| trial.updates() == Some(0.0)).map(|trial| trial.trial.agent.as_str()).collect();
+        Self {
+            untrained: untrained.into_iter().map(Into::into).collect(),
+            looks: results.seeds_of(trials),
+            rests_on: trials.iter().map(|trial| trial.cell()).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// True where an agent behind the value made no update.
+    #[must_use]
+    pub fn is_untrained(&self) -> bool {
+        !self.untrained.is_empty()
+    }
+
+    /// What keeps the value or its verdict from meaning what it seems to.
+    fn caution(&self) -> Option<String> {
+        let untrained = self.is_untrained().then(|| format!("0 updates: {} was not trained", self.untrained.join(", ")));
+        let published = self.judgement.is_some();
+        let fixed = self.fixed.as_ref().filter(|_| published).map(|why| format!("not judged: {why}"));
+        let calibrated = self.calibrated_on.as_ref().filter(|_| published).map(|on| format!("calibrated on the published value: {on}"));
+        let seen = self.seen_at.map(|n| format!("unplanned look: the verdict was seen with {n} seeds before, so its level is not held"));
+        let cautions: Vec<String> = [untrained, fixed, calibrated, seen].into_iter().flatten().collect();
+        (!cautions.is_empty()).then(|| cautions.join("; "))
     }
 
     fn absence(&self) -> &'static str {
@@ -227,6 +317,12 @@ impl Cell {
             _ if self.missing.iter().any(|reason| !reason.ends_with("not run")) => "none *",
             _ => "not run *",
         }
+    }
+}
+
+impl Default for NumberFormat {
+    fn default() -> Self {
+        Self::Fixed(1)
     }
 }
 

@@ -51,7 +51,9 @@ pub fn word(verdict: &str) -> String {
     if verdict.is_empty() {
         return String::new();
     }
-    format!("<span class=\"word {}\">{}</span>", verdict.to_lowercase().replace(' ', "-"), escape(verdict))
+    // The class is that of the verdict itself, whatever stands in brackets behind it.
+    let class = verdict.split(" (").next().unwrap_or_default().to_lowercase().replace(' ', "-");
+    format!("<span class=\"word {class}\">{}</span>", escape(verdict))
 }
 
 /// Text with the characters that HTML reads as markup made plain, for text and for attributes in double quotes.

@@ -7,6 +7,7 @@ mod grid;
 mod html;
 mod latex;
 mod markdown;
+mod published;
 mod seeds;
 mod terminal;
 #[cfg(test)]
@@ -19,6 +20,7 @@ pub use grid::{Cell, Grid, Heading, NumberFormat, Part};
 pub use html::{escape as escape_html, html, word as verdict_word};
 pub use latex::latex;
 pub use markdown::{escape as escape_markdown, markdown};
+pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMargin};
 pub use seeds::Scope;
 pub use terminal::{terminal, wrap};
 
@@ -40,21 +42,15 @@ pub struct TableSpec {
     pub cross_play: Option<CrossPlayTable>,
     /// Published values by row, or by row and column.
     pub published: BTreeMap<String, Published>,
-    /// How far a reproduced value may lie from the published one, in the unit of the cell; 5 % of the published value if absent.
-    #[schemars(range(min = 0.0))]
-    pub margin: Option<f64>,
+    /// How far a reproduced value may lie from the published one: a number in the unit of the cell, or one of `absolute`, `percent`
+    /// and `ratio` with a reason, `why`; 5 % of the published value if absent.
+    pub margin: Option<Margin>,
+    /// What was chosen with the published values in view; agreement with them then says nothing, and their verdict is CALIBRATED.
+    pub calibrated_on: Option<String>,
+    /// True where the comparison was thought of after results were seen; its verdicts are counted apart.
+    pub exploratory: bool,
     /// Sentences under the table: departures, sources.
     pub notes: Vec<String>,
-}
-
-/// A published value of a row, or one for each column of it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(untagged)]
-pub enum Published {
-    /// The value of the row's only column, or of every column that is not a bound or baseline.
-    Value(f64),
-    /// Values by column name.
-    Columns(BTreeMap<String, f64>),
 }
 
 /// Rows, columns and the value of a comparison.
@@ -80,6 +76,10 @@ pub struct Comparison {
     /// Weight of the past in the moving average of `steps_until_above`, 0.9 where absent, and of `at_steps`, 0 where absent.
     #[schemars(range(min = 0.0, max = 0.999))]
     pub smooth: Option<f64>,
+    /// Take the seeds with success alone, where the study says what success is.
+    pub given_success: bool,
+    /// Print the environment steps and updates of each agent beside its name.
+    pub budgets: bool,
     /// The agent that the others are compared with.
     pub relative_to: Option<String>,
     /// How the comparison is written.
@@ -107,6 +107,8 @@ impl Default for Comparison {
             steps_until_above: None,
             at_steps: Vec::new(),
             smooth: None,
+            given_success: false,
+            budgets: false,
             relative_to: None,
             form: None,
             agents: Vec::new(),

@@ -4,7 +4,7 @@ use super::Axis;
 use crate::{
     Phase,
     cross_play::is_cross_play,
-    results::{EndState, Results, TrialResult},
+    results::{EndState, Results, TrialResult, UPDATES},
 };
 use std::collections::BTreeMap;
 
@@ -88,6 +88,16 @@ impl<'a> Scope<'a> {
         self.trials.iter().any(|trial| trial.updates().is_some())
     }
 
+    /// Environment steps and updates of an agent that learns, as in `240000 steps, 15000 updates`; `None` for others.
+    #[must_use]
+    pub fn budget(&self) -> Option<String> {
+        let updates = ends(self.trials.iter().filter_map(|trial| trial.updates()).collect())?;
+        let steps = self.trials.iter().flat_map(|trial| trial.select(Phase::Final, UPDATES)).map(|row| row.step);
+        #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
+        let steps = ends(steps.map(|step| step as f64).collect())?;
+        Some(format!("{steps} steps, {updates} updates"))
+    }
+
     /// What each seed measured at the end: the mean over its episodes.
     #[must_use]
     pub fn finals(&self, metric: &str) -> BTreeMap<u64, f64> {
@@ -110,6 +120,12 @@ impl<'a> Scope<'a> {
         }
         counts.into_iter().map(|(reason, count)| format!("{count} {reason}")).collect()
     }
+}
+
+/// The smallest and largest of some numbers, as one where they are equal; `None` where there is none.
+fn ends(numbers: Vec<f64>) -> Option<String> {
+    let (low, high) = (numbers.iter().copied().reduce(f64::min)?, numbers.into_iter().reduce(f64::max)?);
+    Some(if low == high { format!("{low}") } else { format!("{low} to {high}") })
 }
 
 fn absence(trial: &TrialResult) -> String {

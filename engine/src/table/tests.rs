@@ -1,6 +1,6 @@
 //! Tables of synthetic results, as every renderer writes them.
 
-use super::{Axis, Comparison, Form, Published, Statistic, TableSpec, build, csv, html, latex, markdown, terminal};
+use super::{Axis, Comparison, Form, Margin, Published, PublishedCell, Statistic, TableSpec, build, csv, html, latex, markdown, terminal};
 use crate::{
     Phase,
     report::synthetic::{ended, study, trial},
@@ -48,8 +48,8 @@ fn an_improvement_in_every_format() {
 #[test]
 fn a_comparison_by_agent_and_environment() {
     let comparison = Comparison { value: "cycle_length".into(), statistic: Statistic::Iqm, ..Comparison::default() };
-    let published = BTreeMap::from([("dsac".into(), Published::Columns(BTreeMap::from([("eight_cells".into(), 23.0)])))]);
-    let spec = TableSpec { comparison: Some(comparison), published, margin: Some(0.5), ..TableSpec::default() };
+    let published = BTreeMap::from([("dsac".into(), Published::Columns(BTreeMap::from([("eight_cells".into(), PublishedCell::Value(23.0))])))]);
+    let spec = TableSpec { comparison: Some(comparison), published, margin: Some(Margin::Absolute(0.5)), ..TableSpec::default() };
     insta::assert_snapshot!(markdown(&build(&spec, &study()).unwrap()));
 }
 
@@ -62,8 +62,8 @@ fn learning() -> Results {
         trial("e", agent, "", seed, &rows)
     };
     let rule = |seed| trial("e", "rule", "", seed, &vec![(Phase::Final, 0, 0, "return", 3.0)]);
-    Results {
-        trials: vec![
+    Results::of(
+        vec![
             curve("a", 0, [0.0, 8.0, 8.0, 8.0]),
             curve("a", 1, [8.0, 8.0, 8.0, 6.0]),
             curve("b", 0, [0.0, 8.0, 8.0, 8.0]),
@@ -71,7 +71,7 @@ fn learning() -> Results {
             rule(0),
             rule(1),
         ],
-    }
+    )
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn the_last_measurements_during_learning() {
 #[test]
 fn results_against_the_budget() {
     let comparison = Comparison { at_steps: vec![15, 30, 31], smooth: Some(0.5), decimals: Some(1), ..Comparison::default() };
-    let published = BTreeMap::from([("a".into(), Published::Columns(BTreeMap::from([("31".into(), 9.0)])))]);
+    let published = BTreeMap::from([("a".into(), Published::Columns(BTreeMap::from([("31".into(), PublishedCell::Value(9.0))])))]);
     let mut results = learning();
     results.trials[3] = ended(results.trials[3].clone(), EndState::Timeout, "60 s");
     let grid = build(&TableSpec { comparison: Some(comparison), published, ..TableSpec::default() }, &results).unwrap();
@@ -122,7 +122,7 @@ fn ratios_are_paired_by_seed_and_made_of_means() {
         pairs.iter().flat_map(|&(seed, a, b)| [final_value("e", "a", seed, a), final_value("e", "b", seed, b)]).collect();
     trials.push(final_value("e", "a", 7, 100.0));
     trials.push(ended(final_value("e", "b", 7, 1.0), EndState::Timeout, "60 s"));
-    let results = Results { trials };
+    let results = Results::of(trials);
     let of = |form| {
         let comparison = Comparison { relative_to: Some("b".into()), form: Some(form), ..Comparison::default() };
         super::compare(&comparison, &results).unwrap().cells[0][0].clone()
@@ -138,7 +138,7 @@ fn ratios_are_paired_by_seed_and_made_of_means() {
 #[test]
 fn settings_split_the_rows_and_are_never_pooled() {
     let with = |setting: &str, value| trial("e", "a", setting, 0, &vec![(Phase::Final, 1, 0, "return", value)]);
-    let results = Results { trials: vec![with("a.rate=1", 1.0), with("a.rate=2", 5.0), final_value("f", "a", 0, 9.0)] };
+    let results = Results::of(vec![with("a.rate=1", 1.0), with("a.rate=2", 5.0), final_value("f", "a", 0, 9.0)]);
     let grid = super::compare(&Comparison { columns: Some(Axis::Environment), ..Comparison::default() }, &results).unwrap();
     let rows: Vec<&str> = grid.rows.iter().map(|row| row.label.as_str()).collect();
     assert_eq!(rows, ["a, a.rate=1", "a, a.rate=2", "a"]);
@@ -149,7 +149,7 @@ fn settings_split_the_rows_and_are_never_pooled() {
 #[test]
 fn a_baseline_without_the_setting_serves_all_settings() {
     let with = |setting: &str, value| trial("e", "a", setting, 0, &vec![(Phase::Final, 1, 0, "return", value)]);
-    let results = Results { trials: vec![with("a.rate=1", 1.0), with("a.rate=2", 5.0), final_value("e", "b", 0, 2.0)] };
+    let results = Results::of(vec![with("a.rate=1", 1.0), with("a.rate=2", 5.0), final_value("e", "b", 0, 2.0)]);
     let comparison =
         Comparison { rows: Axis::Setting, relative_to: Some("b".into()), form: Some(Form::Ratio), ..Comparison::default() };
     let grid = super::compare(&comparison, &results).unwrap();

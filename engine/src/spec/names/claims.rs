@@ -4,6 +4,7 @@ use super::{Names, Picked, typed};
 use crate::{
     diagnostic::{Span, suggest},
     document::Node,
+    results::SUCCESS,
     spec::claims::ClaimSpec,
     statistics::{
         Aggregate, Operand, Within,
@@ -133,6 +134,9 @@ impl Names<'_> {
             if recorded.is_empty() {
                 let help = "`exclude` leaves out its combinations with these environments";
                 self.say(place(0, &operand.agent), format!("no trial feeds the agent `{}` here", operand.agent), help);
+            } else if operand.aggregate == Aggregate::GivenSuccess && !recorded.contains(SUCCESS) {
+                let message = "the study does not say what a success is";
+                self.say(place(0, &operand.agent), message, "write a section `success: { metric: METRIC, above: VALUE }`");
             } else if !recorded.contains(&operand.metric) {
                 let skip = operand.agent.chars().count() + 1;
                 self.unknown_metric(&operand.metric, place(skip, &operand.metric), &recorded);

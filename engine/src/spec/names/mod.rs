@@ -6,9 +6,11 @@ mod tables;
 
 use super::{builds::World, claims::ClaimSpec};
 use crate::{
+    Metric,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{Entry, Kind, Node},
     figure::FigureSpec,
+    results::{SUCCESS, Success},
     table::TableSpec,
 };
 use serde::de::DeserializeOwned;
@@ -51,6 +53,35 @@ impl Asked {
         asked.found = names.found;
         asked
     }
+}
+
+/// Checks what the study calls a success, and lets every combination that records its metric record `success`.
+pub fn success(root: &Node, success: Option<&Success>, world: &mut World, sources: &Sources) -> Vec<Diagnostic> {
+    let (Some(entry), Some(success)) = (root.entry("success"), success) else { return Vec::new() };
+    let mut names = Names { world, sources, found: Vec::new() };
+    let place = Place::of(entry, "success".into());
+    let all = Picked { agents: (0..names.world.agents.len()).collect(), environments: (0..names.world.environments.len()).collect() };
+    names.metric(&success.metric, &place, "metric", &all);
+    match (success.above, success.below) {
+        (None, None) => {
+            let message = "a success needs a limit";
+            names.say((place.key, place.at.clone()), message, "write `above: VALUE` or `below: VALUE`");
+        }
+        (Some(above), Some(below)) if above >= below => {
+            names.say(place.value("above"), format!("nothing is above {above} and below {below}"), "");
+        }
+        _ => {}
+    }
+    if names.recorded(&all).contains(SUCCESS) {
+        let message = format!("trials of this study record `{SUCCESS}` themselves");
+        names.say((place.key, place.at.clone()), message, "leave the section out");
+    }
+    let found = names.found;
+    for recorded in world.recorded.values_mut().filter(|recorded| recorded.contains(&success.metric)) {
+        recorded.insert(SUCCESS.into());
+    }
+    world.metrics.push(Metric::new(SUCCESS, "", "1 for a seed with success, 0 for one without"));
+    found
 }
 
 fn typed<T: DeserializeOwned>(node: &Node) -> Option<T> {

@@ -2,9 +2,12 @@
 
 use super::{Names, Picked, Place, quoted};
 use crate::{
-    diagnostic::suggest,
+    diagnostic::{Span, suggest},
     document::Entry,
-    table::{Axis, Comparison, CrossPlayTable, Form, MEAN, Published, TableSpec},
+    results::SUCCESS,
+    table::{
+        Axis, Comparison, CrossPlayTable, Form, MEAN, Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableSpec,
+    },
 };
 
 impl Names<'_> {
@@ -28,8 +31,10 @@ impl Names<'_> {
             (None, Some(matrix)) => self.matrix(matrix, &inner),
             (None, None) => return,
         };
+        self.margin(spec, &place);
         for (row, published) in &spec.published {
             self.published(row, published, &rows, &columns, &place);
+            self.judgeable(spec.margin.as_ref(), row, published, &place);
         }
     }
 
@@ -73,6 +78,7 @@ impl Names<'_> {
             self.say((place.key, place.at.clone()), message, format!("agents: {}", quoted(&self.world.agents)));
         }
         self.while_learning(spec, place);
+        self.of_success(spec, place, &picked);
         if spec.columns == Some(spec.rows) {
             self.say(
                 place.value("columns"),
@@ -90,6 +96,17 @@ impl Names<'_> {
         let columns = self.columns(spec, &picked);
         self.labels(place, &rows, &columns);
         (rows, columns)
+    }
+
+    /// Success is judged at the end, and only where the study says what it is.
+    fn of_success(&mut self, spec: &Comparison, place: &Place<'_>, picked: &Picked) {
+        if spec.given_success && !self.recorded(picked).contains(SUCCESS) {
+            let message = "`given_success` needs a section `success`: the study does not say what a success is";
+            self.say(place.value("given_success"), message, "write `success: { metric: METRIC, above: VALUE }`");
+        }
+        if spec.value == SUCCESS && spec.given_success {
+            self.say(place.value("given_success"), "the share of successes among successes is 1", "remove one of the two");
+        }
     }
 
     /// Checks that at most one value is asked of the measurements during learning.
@@ -171,6 +188,46 @@ impl Names<'_> {
                 suggest(column, columns.iter().map(String::as_str))
             };
             self.say((span, format!("{}.{column}", inner.at)), message, help);
+        }
+    }
+
+    /// A margin is on one scale.
+    fn margin(&mut self, spec: &TableSpec, place: &Place<'_>) {
+        let Some(Margin::Stated(StatedMargin { absolute, percent, ratio, .. })) = &spec.margin else { return };
+        let given: Vec<&str> = [("absolute", absolute), ("percent", percent), ("ratio", ratio)]
+            .into_iter()
+            .filter_map(|(scale, value)| value.map(|_| scale))
+            .collect();
+        let Some(inner) = place.below("margin").filter(|_| given.len() != 1) else { return };
+        let message = match given.as_slice() {
+            [] => "the margin has no scale".to_owned(),
+            several => format!("the margin has {} scales, {}", several.len(), several.join(" and ")),
+        };
+        self.say((inner.key, inner.at.clone()), message, "give exactly one of `absolute`, `percent` and `ratio`");
+    }
+
+    /// A margin of nothing can never be met, and a standard deviation means nothing without a number of runs.
+    fn judgeable(&mut self, margin: Option<&Margin>, row: &str, published: &Published, place: &Place<'_>) {
+        let Some(inner) = place.below("published").and_then(|section| section.below(row)) else { return };
+        let below = |column: &str| {
+            let at = format!("{}.{column}", inner.at);
+            (inner.node.entry(column).map_or(inner.key, |entry| entry.key_span), at)
+        };
+        let entries: Vec<(PublishedValue, (Span, String))> = match published {
+            Published::Value(value) => vec![(PublishedCell::Value(*value).entry(), (inner.key, inner.at.clone()))],
+            Published::Entry(entry) => vec![(entry.clone(), (inner.key, inner.at.clone()))],
+            Published::Columns(columns) => columns.iter().map(|(name, cell)| (cell.entry(), below(name))).collect(),
+        };
+        for (entry, at) in entries {
+            if entry.sd.is_some() != entry.n.is_some() {
+                let message = "`sd` and `n` belong together: one alone does not say how uncertain the published value is";
+                self.say(at.clone(), message, "give both or neither");
+            }
+            let (low, high) = Margin::band(margin, entry.value);
+            if low >= high && entry.calibrated_on.is_none() {
+                let message = format!("the margin around {} is nothing, so that it can never count as reproduced", entry.value);
+                self.say(at, message, "give the table a margin: `margin: { absolute: VALUE, why: TEXT }`");
+            }
         }
     }
 

@@ -1,32 +1,36 @@
 //! Holds a claim against the seeds.
 //!
-//! | claim                                       | rests on                                           |
-//! |---------------------------------------------|-----------------------------------------------------|
-//! | metric against number                       | differences from the number, Student-t              |
-//! | two metrics, at least three seeds in common | paired differences over the common seeds, Student-t |
-//! | two metrics, otherwise                      | difference of means of unrelated samples, Welch     |
+//! | claim                                       | rests on                                             |
+//! |---------------------------------------------|------------------------------------------------------|
+//! | metric against number                       | differences from the number, Student-t               |
+//! | two metrics, at least three seeds in common | paired differences over the common seeds, Student-t   |
+//! | two metrics, otherwise                      | difference of means of unrelated samples, Welch      |
+//! | share of successes against number           | exact binomial interval                              |
+//! | two shares of successes                     | Newcombe's interval of the difference, not paired    |
 //!
 //! Where a side has fewer than three seeds and all of them are common, they are paired too, though they rarely decide.
 //!
 //! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a published value
-//! (90 % interval, as in [`verdict`]).
+//! (90 % interval, as in [`verdict`]); where looks are planned, by the repeated interval of the look.
 
 use super::{Claim, Operand, Quantity, Relation};
-use crate::statistics::{
-    Interval, MeanEstimate, PermutationTest,
-    comparison::{by_seed, sign_flip_test, two_sample_permutation_test},
-    estimators::mean,
-    verdict,
+use crate::{
+    results::SUCCESS,
+    statistics::{
+        Interval, MeanEstimate, PermutationTest, Seeds,
+        comparison::{by_seed, sign_flip_test, two_sample_permutation_test},
+        estimators::mean,
+        statement::{Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
+        verdict::{self, Stage, share_of},
+    },
 };
-use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, fmt};
 
-/// Below this many seeds nothing is decided, unless seeds make no difference at all.
-const FEWEST_SEEDS: usize = 3;
+/// Probability of a wrong decision on each side, for claims of a direction.
+const ALPHA_OF_DIRECTION: f64 = 0.025;
 
 /// What the seeds say of a claim.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ClaimOutcome {
     /// The whole interval is on the claimed side.
     Supported,
@@ -34,11 +38,25 @@ pub enum ClaimOutcome {
     Refuted,
     /// The interval is on both sides, or there are too few seeds.
     Inconclusive,
+    /// It rests on a published value that was used to choose a setting.
+    Calibrated,
+    /// An agent that it speaks of made no update.
+    NotTrained,
     /// One of its metrics has no value yet.
     NotRun,
 }
 
 impl ClaimOutcome {
+    /// All of them, in the order in which they are counted.
+    pub const ALL: [ClaimOutcome; 6] = [
+        ClaimOutcome::Supported,
+        ClaimOutcome::Refuted,
+        ClaimOutcome::Inconclusive,
+        ClaimOutcome::Calibrated,
+        ClaimOutcome::NotTrained,
+        ClaimOutcome::NotRun,
+    ];
+
     /// The word that is shown.
     #[must_use]
     pub fn word(self) -> &'static str {
@@ -46,7 +64,25 @@ impl ClaimOutcome {
             ClaimOutcome::Supported => "SUPPORTED",
             ClaimOutcome::Refuted => "REFUTED",
             ClaimOutcome::Inconclusive => "INCONCLUSIVE",
+            ClaimOutcome::Calibrated => "CALIBRATED",
+            ClaimOutcome::NotTrained => "NOT TRAINED",
             ClaimOutcome::NotRun => "NOT RUN",
+        }
+    }
+
+    /// True where the seeds were asked.
+    #[must_use]
+    pub fn is_judged(self) -> bool {
+        matches!(self, ClaimOutcome::Supported | ClaimOutcome::Refuted | ClaimOutcome::Inconclusive)
+    }
+
+    /// The outcome of a claim for what the seeds decide.
+    #[must_use]
+    pub fn of(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Holds => ClaimOutcome::Supported,
+            Outcome::Fails => ClaimOutcome::Refuted,
+            Outcome::Open => ClaimOutcome::Inconclusive,
         }
     }
 }
@@ -58,10 +94,12 @@ impl fmt::Display for ClaimOutcome {
 }
 
 /// What the seeds say of a claim, with the numbers it rests on.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ClaimVerdict {
     /// The outcome.
     pub verdict: ClaimOutcome,
+    /// The outcome when all claims of the study are taken together (Holm); `None` until they are.
+    pub adjusted: Option<ClaimOutcome>,
     /// Seeds it rests on: pairs, or seeds of the smaller sample.
     pub n: usize,
     /// True where both sides are compared seed by seed.
@@ -72,23 +110,32 @@ pub struct ClaimVerdict {
     pub interval: Option<Interval>,
     /// Permutation test of a difference of 0, for claims of a direction.
     pub permutation: Option<PermutationTest>,
-    /// About how many more seeds would decide, where that is open and an affordable number would.
+    /// About how many more seeds would decide with a power of 80 %, where that is open and an affordable number would.
     pub more_seeds: Option<u32>,
+    /// Where in the design it stands; `None` where the number of seeds is fixed.
+    pub stage: Option<Stage>,
     /// What the reader must know: too few seeds, seeds that do not match, the smallest p that can be reached.
     pub notes: Vec<String>,
+    /// What was decided; `None` where nothing could be.
+    pub statement: Option<Statement>,
 }
 
 impl ClaimVerdict {
-    fn not_run() -> Self {
+    /// An outcome without numbers.
+    #[must_use]
+    pub fn without(verdict: ClaimOutcome) -> Self {
         Self {
-            verdict: ClaimOutcome::NotRun,
+            verdict,
+            adjusted: None,
             n: 0,
             paired: false,
             difference: None,
             interval: None,
             permutation: None,
             more_seeds: None,
+            stage: None,
             notes: Vec::new(),
+            statement: None,
         }
     }
 }
@@ -97,17 +144,21 @@ impl ClaimVerdict {
 ///
 /// The claim's environment is for `values` to respect. Values that are not finite leave the claim inconclusive.
 #[must_use]
-pub fn evaluate(claim: &Claim, values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>) -> ClaimVerdict {
+pub fn evaluate(claim: &Claim, values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>, seeds: &Seeds) -> ClaimVerdict {
     match (Side::of(&claim.left, values), Side::of(&claim.right, values)) {
-        (Some(left), Some(right)) => judge(claim.relation, &Compared::of(&left, &right)),
-        _ => ClaimVerdict::not_run(),
+        (Some(left), Some(right)) => judge(claim.relation, &left, &right, seeds),
+        _ => ClaimVerdict::without(ClaimOutcome::NotRun),
     }
 }
 
 /// One side of a claim in numbers.
 enum Side {
     Number(f64),
-    BySeed(BTreeMap<u64, f64>),
+    BySeed {
+        values: BTreeMap<u64, f64>,
+        /// True for successes, 0 or 1 by seed.
+        is_share: bool,
+    },
 }
 
 impl Side {
@@ -117,7 +168,19 @@ impl Side {
             Quantity::Number(number) => Some(Side::Number(*number)),
             Quantity::Measured { factor, operand } => {
                 let seeds = by_seed(&values(operand).filter(|values| !values.is_empty())?);
-                Some(Side::BySeed(seeds.into_iter().map(|(seed, value)| (seed, factor * value)).collect()))
+                let values = seeds.into_iter().map(|(seed, value)| (seed, factor * value)).collect();
+                Some(Side::BySeed { values, is_share: operand.metric == SUCCESS && *factor == 1.0 })
+            }
+        }
+    }
+
+    /// The side with the seeds below a number.
+    fn below(&self, limit: u64) -> Self {
+        match self {
+            Side::Number(number) => Side::Number(*number),
+            Side::BySeed { values, is_share } => {
+                let values = values.iter().filter(|(seed, _)| **seed < limit).map(|(seed, value)| (*seed, *value)).collect();
+                Side::BySeed { values, is_share: *is_share }
             }
         }
     }
@@ -125,15 +188,15 @@ impl Side {
     fn mean(&self) -> f64 {
         match self {
             Side::Number(number) => *number,
-            Side::BySeed(seeds) => mean(&values_of(seeds)),
+            Side::BySeed { values, .. } => mean(&values_of(values)),
         }
     }
 
-    /// True where at least two seeds all gave the same number.
+    /// True where at least two seeds all gave the same number; equal successes say little about the next seed.
     fn has_no_spread(&self) -> bool {
         match self {
             Side::Number(_) => true,
-            Side::BySeed(seeds) => MeanEstimate::of(&values_of(seeds)).has_no_spread(),
+            Side::BySeed { values, is_share } => !is_share && MeanEstimate::of(&values_of(values)).has_no_spread(),
         }
     }
 }
@@ -149,15 +212,17 @@ enum Design {
     OneSample,
     /// Two agents, seed by seed.
     Paired,
-    /// Two agents without enough seeds in common.
+    /// Two agents without enough seeds in common, or two shares.
     Unrelated,
 }
 
-/// Left minus right.
+/// Left minus right, as `sign * evidence + offset`.
 struct Compared {
-    estimate: MeanEstimate,
+    evidence: Evidence,
+    sign: f64,
+    offset: f64,
     design: Design,
-    permutation: PermutationTest,
+    permutation: Option<PermutationTest>,
     /// True where neither side depends on the seed.
     has_no_spread: bool,
     right_mean: f64,
@@ -165,97 +230,130 @@ struct Compared {
 
 impl Compared {
     fn of(left: &Side, right: &Side) -> Self {
-        let (has_no_spread, right_mean) = (left.has_no_spread() && right.has_no_spread(), right.mean());
-        let (differences, design) = match (left, right) {
-            (Side::BySeed(left), Side::BySeed(right)) => {
-                let common: Vec<f64> = left.iter().filter_map(|(seed, l)| right.get(seed).map(|r| l - r)).collect();
-                if common.len() < FEWEST_SEEDS.min(left.len()).min(right.len()) {
-                    return Self::unrelated(&values_of(left), &values_of(right), has_no_spread);
-                }
-                (common, Design::Paired)
+        let mut compared = match (left, right) {
+            (Side::BySeed { values, is_share: true }, Side::Number(number)) => Self::share(values, 1.0, -number),
+            (Side::Number(number), Side::BySeed { values, is_share: true }) => Self::share(values, -1.0, *number),
+            (Side::BySeed { values, is_share: true }, Side::BySeed { values: others, is_share: true }) => {
+                Self::unpaired(Evidence::Shares([values, others].map(successes)), None)
             }
-            (Side::BySeed(left), Side::Number(right)) => (left.values().map(|value| value - right).collect(), Design::OneSample),
-            (Side::Number(left), Side::BySeed(right)) => (right.values().map(|value| left - value).collect(), Design::OneSample),
-            (Side::Number(left), Side::Number(right)) => (vec![left - right], Design::OneSample),
+            (Side::BySeed { values: left, .. }, Side::BySeed { values: right, .. }) => Self::two_samples(left, right),
+            (Side::BySeed { values, .. }, Side::Number(number)) => {
+                Self::differences(&values.values().map(|value| value - number).collect::<Vec<_>>(), Design::OneSample)
+            }
+            (Side::Number(number), Side::BySeed { values, .. }) => {
+                Self::differences(&values.values().map(|value| number - value).collect::<Vec<_>>(), Design::OneSample)
+            }
+            (Side::Number(left), Side::Number(right)) => Self::differences(&[left - right], Design::OneSample),
         };
-        Self {
-            estimate: MeanEstimate::of(&differences),
-            design,
-            permutation: sign_flip_test(&differences),
-            has_no_spread,
-            right_mean,
-        }
+        compared.has_no_spread = left.has_no_spread() && right.has_no_spread();
+        compared.right_mean = right.mean();
+        compared
     }
 
-    fn unrelated(left: &[f64], right: &[f64], has_no_spread: bool) -> Self {
-        Self {
-            estimate: MeanEstimate::difference(left, right),
-            design: Design::Unrelated,
-            permutation: two_sample_permutation_test(left, right),
-            has_no_spread,
-            right_mean: mean(right),
+    /// Seeds in common are paired, unless there are too few of them.
+    fn two_samples(left: &BTreeMap<u64, f64>, right: &BTreeMap<u64, f64>) -> Self {
+        let common: Vec<f64> = left.iter().filter_map(|(seed, l)| right.get(seed).map(|r| l - r)).collect();
+        if common.len() >= FEWEST_SEEDS.min(left.len()).min(right.len()) {
+            return Self::differences(&common, Design::Paired);
         }
+        let (left, right) = (values_of(left), values_of(right));
+        let evidence = Evidence::Mean(MeanEstimate::difference(&left, &right));
+        Self::unpaired(evidence, Some(two_sample_permutation_test(&left, &right)))
+    }
+
+    fn differences(differences: &[f64], design: Design) -> Self {
+        let evidence = Evidence::Mean(MeanEstimate::of(differences));
+        Self { design, ..Self::unpaired(evidence, Some(sign_flip_test(differences))) }
+    }
+
+    fn share(values: &BTreeMap<u64, f64>, sign: f64, offset: f64) -> Self {
+        Self { sign, offset, design: Design::OneSample, ..Self::unpaired(share_of(&values_of(values)), None) }
+    }
+
+    fn unpaired(evidence: Evidence, permutation: Option<PermutationTest>) -> Self {
+        let design = Design::Unrelated;
+        Self { evidence, sign: 1.0, offset: 0.0, design, permutation, has_no_spread: false, right_mean: f64::NAN }
+    }
+
+    fn difference(&self) -> f64 {
+        self.sign * self.evidence.value() + self.offset
+    }
+
+    /// An interval of the evidence as one of the difference.
+    fn interval(&self, Interval { low, high, level }: Interval) -> Interval {
+        let [low, high] = if self.sign > 0.0 { [low, high] } else { [-high, -low] };
+        Interval { low: low + self.offset, high: high + self.offset, level }
+    }
+
+    /// A region of the difference as one of the evidence.
+    fn region(&self, Region { low, high, closed }: Region) -> Region {
+        let [low, high] = [low - self.offset, high - self.offset];
+        if self.sign > 0.0 { Region { low, high, closed } } else { Region { low: -high, high: -low, closed } }
+    }
+
+    fn look(&self, relation: Relation) -> Look {
+        Look { evidence: self.evidence.clone(), region: self.region(region(relation, self.right_mean)) }
     }
 }
 
-fn judge(relation: Relation, compared: &Compared) -> ClaimVerdict {
-    let (estimate, n) = (&compared.estimate, compared.estimate.n());
-    let tolerance = tolerance(relation, compared.right_mean);
-    let level = if tolerance.is_some() { verdict::LEVEL } else { 0.95 };
-    let interval = estimate.interval(level);
-    let enough = n >= FEWEST_SEEDS || compared.has_no_spread;
-    let verdict =
-        interval.filter(|_| enough).map_or(ClaimOutcome::Inconclusive, |interval| decide(relation, tolerance, interval));
-    let open = verdict == ClaimOutcome::Inconclusive;
-    let distance = tolerance.map_or(estimate.value.abs(), |tolerance| (tolerance - estimate.value.abs()).abs());
-    let permutation = tolerance.is_none().then_some(compared.permutation);
+fn successes(values: &BTreeMap<u64, f64>) -> (u64, u64) {
+    (values.values().filter(|value| **value > 0.5).count() as u64, values.len() as u64)
+}
+
+/// The differences for which a relation holds.
+fn region(relation: Relation, right_mean: f64) -> Region {
+    let (low, high, closed) = match relation {
+        Relation::Greater => (0.0, f64::INFINITY, false),
+        Relation::GreaterOrEqual => (0.0, f64::INFINITY, true),
+        Relation::Less => (f64::NEG_INFINITY, 0.0, false),
+        Relation::LessOrEqual => (f64::NEG_INFINITY, 0.0, true),
+        Relation::Within(distance) => (-distance, distance, true),
+        Relation::WithinPercent(percent) => {
+            let distance = percent / 100.0 * right_mean.abs();
+            (-distance, distance, true)
+        }
+    };
+    Region { low, high, closed }
+}
+
+fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimVerdict {
+    let is_direction = !matches!(relation, Relation::Within(_) | Relation::WithinPercent(_));
+    let compared: Vec<Compared> =
+        seeds.limits().into_iter().map(|limit| Compared::of(&left.below(limit), &right.below(limit))).collect();
+    if compared.is_empty() {
+        return ClaimVerdict { stage: Stage::of(seeds, None), ..ClaimVerdict::without(ClaimOutcome::Inconclusive) };
+    }
+    let statement = Statement {
+        looks: compared.iter().map(|it| it.look(relation)).collect(),
+        design: seeds.design.clone(),
+        alpha: if is_direction { ALPHA_OF_DIRECTION } else { verdict::ALPHA },
+    };
+    let decision = statement.decide();
+    let taken = &compared[decision.look];
+    let verdict = ClaimOutcome::of(decision.outcome);
+    let permutation = taken.permutation.filter(|_| is_direction);
+    let open = verdict == ClaimOutcome::Inconclusive && seeds.design.is_none();
     ClaimVerdict {
         verdict,
-        n,
-        paired: compared.design == Design::Paired,
-        difference: Some(estimate.value).filter(|value| value.is_finite()),
-        interval,
+        adjusted: None,
+        n: taken.evidence.n(),
+        paired: taken.design == Design::Paired,
+        difference: Some(taken.difference()).filter(|value| value.is_finite()),
+        interval: decision.interval.map(|interval| taken.interval(interval)),
         permutation,
-        more_seeds: if open { more_seeds(estimate, level, distance) } else { None },
-        notes: notes(compared, enough, permutation),
+        more_seeds: if open { verdict::more_seeds(&statement.looks[decision.look], statement.alpha) } else { None },
+        stage: Stage::of(seeds, Some(&decision)),
+        notes: notes(taken, permutation),
+        statement: Some(statement),
     }
 }
 
-/// How far the sides may be apart, for `within`.
-fn tolerance(relation: Relation, right_mean: f64) -> Option<f64> {
-    match relation {
-        Relation::WithinPercent(percent) => Some(percent / 100.0 * right_mean.abs()),
-        Relation::Within(distance) => Some(distance),
-        Relation::Greater | Relation::GreaterOrEqual | Relation::Less | Relation::LessOrEqual => None,
-    }
-}
-
-fn decide(relation: Relation, tolerance: Option<f64>, Interval { low, high, .. }: Interval) -> ClaimOutcome {
-    let (supported, refuted) = match (relation, tolerance) {
-        (_, Some(tolerance)) => (-tolerance <= low && high <= tolerance, high < -tolerance || tolerance < low),
-        (Relation::Greater, _) => (low > 0.0, high <= 0.0),
-        (Relation::GreaterOrEqual, _) => (low >= 0.0, high < 0.0),
-        (Relation::Less, _) => (high < 0.0, low >= 0.0),
-        // The relations that have a tolerance are the first arm's.
-        (Relation::LessOrEqual | Relation::WithinPercent(_) | Relation::Within(_), _) => (high <= 0.0, low > 0.0),
-    };
-    match (supported, refuted) {
-        (true, _) => ClaimOutcome::Supported,
-        (_, true) => ClaimOutcome::Refuted,
-        (false, false) => ClaimOutcome::Inconclusive,
-    }
-}
-
-/// With fewer seeds than can decide, at least what is missing.
-fn more_seeds(estimate: &MeanEstimate, level: f64, distance: f64) -> Option<u32> {
-    let missing = u32::try_from(FEWEST_SEEDS.saturating_sub(estimate.n())).unwrap_or(0);
-    if estimate.n() < 2 { Some(missing) } else { estimate.more_seeds(level, distance).map(|more| more.max(missing)) }
-}
-
-fn notes(compared: &Compared, enough: bool, permutation: Option<PermutationTest>) -> Vec<String> {
-    let n = compared.estimate.n();
-    let too_few = (!enough).then(|| format!("too few seeds ({n}): at least {FEWEST_SEEDS} are needed"));
-    let unrelated = (compared.design == Design::Unrelated)
+fn notes(compared: &Compared, permutation: Option<PermutationTest>) -> Vec<String> {
+    let n = compared.evidence.n();
+    let too_few = (n < FEWEST_SEEDS && !compared.has_no_spread)
+        .then(|| format!("too few seeds ({n}): at least {FEWEST_SEEDS} are needed"));
+    let is_mean = matches!(compared.evidence, Evidence::Mean(_));
+    let unrelated = (compared.design == Design::Unrelated && is_mean)
         .then(|| format!("fewer than {FEWEST_SEEDS} seeds in common: compared as unrelated samples"));
     let no_spread = compared.has_no_spread.then(|| "the seeds make no difference".to_owned());
     let smallest_p = permutation.filter(|_| !compared.has_no_spread).and_then(|test| test.note(0.05));
@@ -277,7 +375,7 @@ mod tests {
                 _ => return None,
             };
             Some((first..).zip(values.iter().copied()).collect())
-        })
+        }, &Seeds::default())
     }
 
     fn word(text: &str, a: &[f64], b: &[f64]) -> &'static str {
@@ -290,8 +388,8 @@ mod tests {
         let verdict = outcome("a.x > b.x", (0, &[11.0, 22.0, 33.0]), (0, &[10.0, 20.0, 30.0]));
         assert_eq!((verdict.verdict, verdict.n, verdict.paired), (ClaimOutcome::Inconclusive, 3, true));
         assert!((verdict.interval.unwrap().high - 4.484).abs() < 5e-4);
-        // With five seeds the half-width would be 2.776 / sqrt(5) = 1.242, with four 3.182 / 2 = 1.591: one more decides.
-        assert_eq!((verdict.difference, verdict.more_seeds), (Some(2.0), Some(1)));
+        // (t(0.975, n - 1) + 0.8416) / sqrt(n) is 2.012 with four seeds and 1.618 with five.
+        assert_eq!((verdict.difference, verdict.more_seeds), (Some(2.0), Some(2)));
         assert_eq!(verdict.permutation.unwrap().smallest_p, 0.25);
         assert!(verdict.notes[0].ends_with("0.25"), "{:?}", verdict.notes);
     }
@@ -363,11 +461,43 @@ mod tests {
         let a = |operand: &Operand| operand.agent == "a";
         let one = evaluate(&claim, &|operand| {
             Some(if a(operand) { vec![(0, 3.0), (1, 4.0), (2, 6.0)] } else { vec![(0, 1.0), (1, 1.5), (2, 1.0)] })
-        });
+        }, &Seeds::default());
         let other = evaluate(&claim, &|operand| {
             Some(if a(operand) { vec![(2, 6.0), (0, 3.0), (1, 3.5), (1, 4.5)] } else { vec![(1, 1.5), (2, 1.0), (0, 1.0)] })
-        });
+        }, &Seeds::default());
         assert_eq!(one, other);
+    }
+
+    /// Nine successes of ten against none of ten, and against numbers.
+    #[test]
+    fn shares_of_successes_are_no_means() {
+        let claim = |text: &str| {
+            let share = |agent: &str| if agent == "a" { 9 } else { 0 };
+            let seeds = |operand: &Operand| (0..10).map(|seed| (seed, f64::from(u8::from(seed < share(&operand.agent))))).collect();
+            evaluate(&parse(text).unwrap(), &|operand| Some(seeds(operand)), &Seeds::default())
+        };
+        // The exact 95 % limits of 9 of 10 are 0.555 and 0.9975.
+        assert_eq!(claim("a.success > 0.55").verdict, ClaimOutcome::Supported);
+        assert_eq!(claim("0.55 < a.success").verdict, ClaimOutcome::Supported);
+        assert_eq!(claim("a.success > 0.56").verdict, ClaimOutcome::Inconclusive);
+        assert_eq!(claim("a.success < 0.5").verdict, ClaimOutcome::Refuted);
+        let two = claim("a.success > b.success");
+        assert_eq!((two.verdict, two.paired, two.difference), (ClaimOutcome::Supported, false, Some(0.9)));
+        // Ten seeds without any success are no proof that there never is one.
+        assert_eq!(claim("b.success < 0.1").verdict, ClaimOutcome::Inconclusive);
+    }
+
+    #[test]
+    fn planned_looks_stop_at_the_first_decision() {
+        let design = Some(crate::statistics::spending::Design::new(vec![3, 6, 9]));
+        let values = [5.0, 5.5, 4.5, -20.0, -30.0, -40.0];
+        let at = |complete| {
+            let seeds = Seeds { design: design.clone(), complete };
+            evaluate(&parse("a.x > 0").unwrap(), &|_| Some((0..).zip(values).collect()), &seeds)
+        };
+        assert_eq!((at(0).verdict, at(0).statement), (ClaimOutcome::Inconclusive, None));
+        assert_eq!((at(1).verdict, at(1).n), (ClaimOutcome::Supported, 3));
+        assert_eq!((at(2).verdict, at(2).n, at(2).stage.unwrap().look), (ClaimOutcome::Supported, 3, 1));
     }
 
     proptest! {

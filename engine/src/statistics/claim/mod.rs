@@ -4,12 +4,13 @@
 //! claim       = quantity relation quantity [ "in" ENVIRONMENT ]
 //! quantity    = NUMBER | operand | NUMBER "*" operand | operand "*" NUMBER
 //! operand     = AGENT "." METRIC | aggregate "(" AGENT "." METRIC ")" | PLAY "." ROLE "." AGENT "." METRIC
-//! aggregate   = "final" | "auc" | "max" | "min"
+//! aggregate   = "final" | "auc" | "max" | "min" | "given_success"
 //! relation    = ">" | ">=" | "<" | "<=" | "~" | "within" NUMBER [ "%" ] "of"
 //! ```
 //!
 //! `dsac.cycle_length >= 1.15 * equal.cycle_length in four_cells` compares the final measurements; `~` is `within 5 % of`;
-//! `auc` is the mean of the learning curve, `max` and `min` its largest and smallest point. Names are made of letters,
+//! `auc` is the mean of the learning curve, `max` and `min` its largest and smallest point; `given_success` is the final
+//! measurement of the seeds with success alone, where the study says what success is. `AGENT.success` is their share. Names are made of letters,
 //! digits, `_` and `-`; a name does not start with `-`. `pursuit.prey.tdom_ac.score` is the mean score of the play `pursuit` over
 //! all trained opponents where `tdom_ac` plays the prey.
 
@@ -47,11 +48,14 @@ pub enum Aggregate {
     Max,
     /// The smallest point of the learning curve.
     Min,
+    /// Mean of the final measurement, of seeds with success only.
+    GivenSuccess,
 }
 
 impl Aggregate {
     /// All of them, in the order of the documentation.
-    pub const ALL: [Aggregate; 4] = [Aggregate::Final, Aggregate::Auc, Aggregate::Max, Aggregate::Min];
+    pub const ALL: [Aggregate; 5] =
+        [Aggregate::Final, Aggregate::Auc, Aggregate::Max, Aggregate::Min, Aggregate::GivenSuccess];
 
     /// The word that is written in a claim.
     #[must_use]
@@ -61,6 +65,7 @@ impl Aggregate {
             Aggregate::Auc => "auc",
             Aggregate::Max => "max",
             Aggregate::Min => "min",
+            Aggregate::GivenSuccess => "given_success",
         }
     }
 
@@ -74,6 +79,7 @@ impl Aggregate {
             Aggregate::Auc => (!points.is_empty()).then(|| mean(&points)),
             Aggregate::Max => points.into_iter().reduce(f64::max),
             Aggregate::Min => points.into_iter().reduce(f64::min),
+            Aggregate::GivenSuccess => trial.mean(Phase::Final, metric).filter(|_| trial.succeeded() == Some(true)),
         }
     }
 }
@@ -235,7 +241,7 @@ mod tests {
         let rows = [(Evaluate, 0, 1.0), (Evaluate, 10, 2.0), (Evaluate, 10, 4.0), (Evaluate, 20, 2.0), (Train, 5, 99.0)];
         let trial = trial(&[&rows[..], &[(Final, 20, 7.0), (Final, 20, 8.0)]].concat());
         let numbers = Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "return"));
-        assert_eq!(numbers, [Some(7.5), Some(2.0), Some(3.0), Some(1.0)]);
-        assert_eq!(Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "cost")), [None; 4]);
+        assert_eq!(numbers, [Some(7.5), Some(2.0), Some(3.0), Some(1.0), None]);
+        assert_eq!(Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "cost")), [None; 5]);
     }
 }

@@ -1,0 +1,179 @@
+//! Planned looks: combinations get seeds until what is judged is decided; and a record of the verdicts that were seen.
+//!
+//! What a combination gets is a function of the stored results alone, so that running, resuming, reporting and running elsewhere
+//! come to the same trials.
+
+use super::{complain, study::Planned};
+use crate::{
+    Error, Registry,
+    plan::Wanted,
+    report::Contents,
+    results::{CellName, Results},
+    store::{Store, write_durably},
+    trial,
+};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::PathBuf,
+};
+
+/// Gives combinations the seeds of further looks, as far as the stored results ask for them. True where trials were added.
+pub(super) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> bool {
+    let Some(design) = one.study.design.clone() else { return false };
+    let before = one.plan.trials.len();
+    loop {
+        let (info, results) = (super::run::info(one, registry), super::run::collect(one, store));
+        let contents = Contents::judged(&info, &results);
+        let open = contents.open();
+        let mut wanted = one.wanted.clone();
+        for it in &open {
+            let Some(next) = design.looks().get(it.complete) else { continue };
+            it.rests_on.iter().for_each(|cell| raise(&mut wanted, cell, *next));
+        }
+        raise_sources(one, &mut wanted);
+        let wanted = only_later(wanted, design.looks()[0]);
+        one.open = Some(open.len());
+        if wanted == one.wanted {
+            return one.plan.trials.len() > before;
+        }
+        one.replan(registry, wanted);
+    }
+}
+
+fn raise(wanted: &mut Wanted, cell: &CellName, seeds: u32) {
+    let now = wanted.entry(cell.clone()).or_insert(seeds);
+    *now = seeds.max(*now);
+}
+
+/// Combinations that are still at the first look are not listed.
+fn only_later(mut wanted: Wanted, first: u32) -> Wanted {
+    wanted.retain(|_, seeds| *seeds > first);
+    wanted
+}
+
+/// A play needs the policies of its seeds: whoever trains them comes to the same look.
+fn raise_sources(one: &Planned, wanted: &mut Wanted) {
+    let cells: BTreeMap<&str, CellName> = one.plan.trials.iter().map(|trial| (trial.id.as_str(), cell(trial))).collect();
+    let plays = one.plan.trials.iter().filter_map(|trial| Some((wanted.get(&cell(trial)).copied()?, trial)));
+    let needs: Vec<(CellName, u32)> = plays
+        .flat_map(|(seeds, trial)| crate::cross_play::sources(&trial.key).into_iter().map(move |source| (source, seeds)))
+        .filter_map(|(source, seeds)| Some((cells.get(source.as_str())?.clone(), seeds)))
+        .collect();
+    needs.iter().for_each(|(cell, seeds)| raise(wanted, cell, *seeds));
+}
+
+fn cell(trial: &trial::Trial) -> CellName {
+    (trial.environment.clone(), trial.agent.clone(), trial.setting.clone())
+}
+
+/// What a study plans and how far it is, as a line; `None` where its number of seeds is fixed.
+pub(super) fn line(one: &Planned) -> Option<String> {
+    let looks = one.study.design.as_ref()?.looks().iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+    let open = one.open.map_or(String::new(), |open| format!("; {open} judged values and claims are open"));
+    let later = match one.wanted.len() {
+        0 => String::new(),
+        n => format!("; {n} combinations are past the first look"),
+    };
+    Some(format!("  looks at {looks} seeds{open}{later}"))
+}
+
+/// Numbers of seeds at which a verdict was seen, by what was judged.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Seen {
+    /// By table and cell, or claim and place.
+    verdicts: BTreeMap<String, SeenVerdict>,
+}
+
+#[derive(Debug, Default, Clone, PartialEq, Serialize, Deserialize)]
+struct SeenVerdict {
+    /// Hash of the first seeds' trials: another version of a trial is another experiment.
+    trials: String,
+    /// Numbers of seeds.
+    seeds: BTreeSet<u32>,
+}
+
+/// Marks verdicts that were seen with fewer seeds before and without a plan for it, and records those that are seen now.
+///
+/// # Errors
+/// [`Error::File`] where the record cannot be written.
+pub(super) fn record(one: &Planned, store: &Store, results: &Results, contents: &mut Contents) -> Result<(), Error> {
+    let path = store.root().join("looks").join(format!("{}.json", one.study.name));
+    let mut seen = read(&path);
+    let first_trials = FirstTrials::of(results);
+    let planned: BTreeSet<u32> = one.study.design.iter().flat_map(|design| design.looks().iter().copied()).collect();
+    let mut changed = false;
+    let mut look = |key: String, rests_on: &BTreeSet<CellName>, seeds: Option<u32>| {
+        let seeds = seeds?;
+        let entry = seen.verdicts.entry(key).or_default();
+        let trials = first_trials.hash(rests_on);
+        if entry.trials != trials {
+            *entry = SeenVerdict { trials, ..SeenVerdict::default() };
+        }
+        changed |= entry.seeds.insert(seeds);
+        entry.seeds.iter().copied().find(|earlier| *earlier < seeds && !planned.contains(earlier))
+    };
+    for (name, grid) in contents.tables.iter_mut().filter_map(|(name, grid)| Some((name, grid.as_mut().ok()?))) {
+        for (row, cells) in grid.rows.iter().zip(&mut grid.cells) {
+            for (column, cell) in grid.columns.iter().zip(cells) {
+                let judged = cell.verdict().is_some_and(crate::statistics::Verdict::is_judged);
+                let seeds = number(judged, cell.planned, cell.seeds.len() + cell.failed, &cell.looks);
+                cell.seen_at = look(format!("{name}: {}, {}", row.name, column.name), &cell.rests_on, seeds);
+            }
+        }
+    }
+    for line in &mut contents.claims {
+        let judged = line.verdict.as_ref().is_ok_and(|claim| claim.verdict.is_judged());
+        let n = line.verdict.as_ref().map_or(0, |claim| claim.n);
+        let seeds = number(judged, first_trials.planned(&line.rests_on), n, &line.looks);
+        line.seen_at = look(format!("{} in {}", line.spec.claim, line.place), &line.rests_on, seeds);
+    }
+    if changed {
+        write_durably(&path, json!(seen).to_string().as_bytes())?;
+    }
+    Ok(())
+}
+
+/// With how many seeds a verdict is seen; `None` where there is none yet or seeds of the plan are missing.
+fn number(judged: bool, planned: usize, ended: usize, looks: &crate::statistics::Seeds) -> Option<u32> {
+    let seeds = match &looks.design {
+        Some(design) => design.looks()[..looks.complete].last().copied(),
+        None => u32::try_from(planned).ok().filter(|_| ended >= planned),
+    };
+    seeds.filter(|_| judged)
+}
+
+/// A record that cannot be read is begun anew: it guards against mistakes and holds no result.
+fn read(path: &PathBuf) -> Seen {
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_else(|error| {
+        if !text.is_empty() {
+            complain(&format!("warning: {}: {error}; the record of verdicts that were seen begins anew", path.display()));
+        }
+        Seen::default()
+    })
+}
+
+/// The trial of the first seed of every combination, and how many seeds each has.
+struct FirstTrials<'a> {
+    by_cell: BTreeMap<CellName, (&'a str, usize)>,
+}
+
+impl<'a> FirstTrials<'a> {
+    fn of(results: &'a Results) -> Self {
+        let mut by_cell: BTreeMap<CellName, (&str, usize)> = BTreeMap::new();
+        for it in &results.trials {
+            by_cell.entry(it.cell()).or_insert((it.trial.id.as_str(), 0)).1 += 1;
+        }
+        Self { by_cell }
+    }
+
+    fn hash(&self, cells: &BTreeSet<CellName>) -> String {
+        trial::hash(&json!(cells.iter().filter_map(|cell| Some(self.by_cell.get(cell)?.0)).collect::<Vec<_>>()))
+    }
+
+    fn planned(&self, cells: &BTreeSet<CellName>) -> usize {
+        cells.iter().filter_map(|cell| Some(self.by_cell.get(cell)?.1)).max().unwrap_or(0)
+    }
+}

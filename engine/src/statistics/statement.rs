@@ -1,0 +1,298 @@
+//! A statement about one number, looked at once or several times as planned, and what the seeds decide of it.
+//!
+//! A published value ("the mean lies within the margin") and a claim ("the difference is above 0") are both statements that a
+//! number lies in a [`Region`]. The interval of the number decides: inside the region the statement holds, outside it fails,
+//! across an edge it is open. Where looks were planned ([`Design`]), the interval of look `k` is the repeated confidence interval
+//! of Jennison and Turnbull (1989, doi:10.1111/j.2517-6161.1989.tb01440.x): its nominal level is that of the look, and the first
+//! look that decides is final, whatever the seeds say that other statements ask for afterwards.
+//!
+//! [`holm`] decides a family of statements together (Holm 1979, doi:10.2307/4615733): with `m` of them, each must be decided at
+//! `alpha / m`, then the rest at `alpha / (m - 1)`, and so on until none is decided any more.
+
+use super::{Interval, MeanEstimate, binomial, spending::Design};
+
+/// Below this many seeds nothing is decided, unless seeds make no difference at all.
+pub const FEWEST_SEEDS: usize = 3;
+
+/// What the seeds say of a number, as far as its interval needs it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Evidence {
+    /// A mean, or a difference of two means: Student-t.
+    Mean(MeanEstimate),
+    /// A share of seeds: the exact binomial interval of Clopper and Pearson.
+    Share {
+        /// Seeds with success.
+        successes: u64,
+        /// All seeds.
+        n: u64,
+    },
+    /// A difference of two shares, each as successes and seeds: Newcombe's hybrid score interval.
+    Shares([(u64, u64); 2]),
+}
+
+impl Evidence {
+    /// The number itself; NaN without seeds.
+    #[must_use]
+    pub fn value(&self) -> f64 {
+        match self {
+            Evidence::Mean(estimate) => estimate.value,
+            Evidence::Share { successes, n } => share(*successes, *n),
+            Evidence::Shares([left, right]) => share(left.0, left.1) - share(right.0, right.1),
+        }
+    }
+
+    /// Seeds it rests on; those of the smaller sample where there are two.
+    #[must_use]
+    pub fn n(&self) -> usize {
+        let count = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
+        match self {
+            Evidence::Mean(estimate) => estimate.n(),
+            Evidence::Share { n, .. } => count(*n),
+            Evidence::Shares([left, right]) => count(left.1.min(right.1)),
+        }
+    }
+
+    /// The interval that errs with probability `nominal` on each side; `None` with too few seeds or a value that is not finite.
+    #[must_use]
+    pub fn interval(&self, nominal: f64) -> Option<Interval> {
+        let level = 1.0 - 2.0 * nominal;
+        let of_shares = |(low, high): (f64, f64)| Interval { low, high, level };
+        match self {
+            Evidence::Mean(estimate) => estimate.interval(level),
+            Evidence::Share { n: 0, .. } => None,
+            Evidence::Share { successes, n } => Some(of_shares(binomial::exact_interval(*successes, *n, nominal))),
+            Evidence::Shares([left, right]) if left.1 == 0 || right.1 == 0 => None,
+            Evidence::Shares([left, right]) => Some(of_shares(binomial::difference_interval(*left, *right, nominal))),
+        }
+    }
+
+    fn has_no_spread(&self) -> bool {
+        matches!(self, Evidence::Mean(estimate) if estimate.has_no_spread())
+    }
+}
+
+#[allow(clippy::cast_precision_loss, reason = "counts of seeds are far below 2^52")]
+fn share(successes: u64, n: u64) -> f64 {
+    successes as f64 / n as f64
+}
+
+/// The values for which a statement holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Region {
+    /// Smallest value.
+    pub low: f64,
+    /// Largest value.
+    pub high: f64,
+    /// Whether the ends belong to it.
+    pub closed: bool,
+}
+
+impl Region {
+    /// Everything from `low` to `high`, ends included.
+    #[must_use]
+    pub fn between(low: f64, high: f64) -> Self {
+        Self { low, high, closed: true }
+    }
+
+    fn holds(&self, Interval { low, high, .. }: Interval) -> bool {
+        if self.closed { self.low <= low && high <= self.high } else { self.low < low && high < self.high }
+    }
+
+    fn fails(&self, Interval { low, high, .. }: Interval) -> bool {
+        if self.closed { high < self.low || self.high < low } else { high <= self.low || self.high <= low }
+    }
+
+    /// How far a value is from the nearest end.
+    #[must_use]
+    pub fn distance(&self, value: f64) -> f64 {
+        (value - self.low).abs().min((value - self.high).abs())
+    }
+}
+
+/// The seeds at one look.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Look {
+    /// What the seeds of this look say.
+    pub evidence: Evidence,
+    /// The values for which the statement holds; a margin in percent of a mean moves with it.
+    pub region: Region,
+}
+
+/// Something that seeds decide.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Statement {
+    /// The looks that are complete, in order; at least one.
+    pub looks: Vec<Look>,
+    /// The looks that were planned; `None` where the number of seeds is fixed.
+    pub design: Option<Design>,
+    /// Probability of a wrong decision on each side, all looks together.
+    pub alpha: f64,
+}
+
+/// What seeds say of a statement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// The whole interval lies in the region.
+    Holds,
+    /// The whole interval lies outside.
+    Fails,
+    /// The interval crosses an edge, or there are too few seeds.
+    Open,
+}
+
+/// An outcome with the look it rests on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Decision {
+    /// The outcome.
+    pub outcome: Outcome,
+    /// Index of the look that decided; of the last complete one where none did.
+    pub look: usize,
+    /// The interval at that look.
+    pub interval: Option<Interval>,
+}
+
+impl Statement {
+    /// What the seeds decide at the statement's own level.
+    #[must_use]
+    pub fn decide(&self) -> Decision {
+        self.decide_at(self.alpha)
+    }
+
+    /// What the seeds decide where each side may be wrong with probability `alpha`: at the first look that decides.
+    #[must_use]
+    pub fn decide_at(&self, alpha: f64) -> Decision {
+        let levels = self.design.as_ref().map_or_else(|| vec![alpha], |design| design.nominal_levels(alpha));
+        let mut last = Decision { outcome: Outcome::Open, look: 0, interval: None };
+        for (index, (look, nominal)) in self.looks.iter().zip(levels).enumerate() {
+            let interval = look.evidence.interval(nominal);
+            last = Decision { outcome: look.outcome(interval), look: index, interval };
+            if last.outcome != Outcome::Open {
+                break;
+            }
+        }
+        last
+    }
+}
+
+impl Look {
+    fn outcome(&self, interval: Option<Interval>) -> Outcome {
+        let enough = self.evidence.n() >= FEWEST_SEEDS || self.evidence.has_no_spread();
+        match interval.filter(|_| enough) {
+            Some(interval) if self.region.holds(interval) => Outcome::Holds,
+            Some(interval) if self.region.fails(interval) => Outcome::Fails,
+            _ => Outcome::Open,
+        }
+    }
+}
+
+/// The outcomes of a family of statements, so that the probability of any wrong decision among them is that of a single one.
+#[must_use]
+pub fn holm(family: &[&Statement]) -> Vec<Outcome> {
+    let mut outcomes = vec![Outcome::Open; family.len()];
+    loop {
+        let open: Vec<usize> = (0..family.len()).filter(|&index| outcomes[index] == Outcome::Open).collect();
+        let share = |index: usize| family[index].alpha / super::estimators::count(open.len());
+        let decided: Vec<(usize, Outcome)> =
+            open.iter().map(|&index| (index, family[index].decide_at(share(index)).outcome)).filter(|it| it.1 != Outcome::Open).collect();
+        if decided.is_empty() {
+            return outcomes;
+        }
+        decided.into_iter().for_each(|(index, outcome)| outcomes[index] = outcome);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn at(values: &[f64], region: Region) -> Look {
+        Look { evidence: Evidence::Mean(MeanEstimate::of(values)), region }
+    }
+
+    fn fixed(values: &[f64], region: Region) -> Statement {
+        Statement { looks: vec![at(values, region)], design: None, alpha: 0.05 }
+    }
+
+    #[test]
+    fn ends_belong_to_a_closed_region_only() {
+        let exactly = |region| fixed(&[1.0, 1.0], region).decide().outcome;
+        assert_eq!(exactly(Region::between(1.0, 2.0)), Outcome::Holds);
+        assert_eq!(exactly(Region { low: 1.0, high: f64::INFINITY, closed: false }), Outcome::Fails);
+        assert_eq!(exactly(Region::between(0.0, 0.5)), Outcome::Fails);
+    }
+
+    #[test]
+    fn the_first_look_that_decides_is_final() {
+        let region = Region::between(-1.0, 1.0);
+        let near = [0.0, 0.1, -0.1, 0.05, -0.05];
+        let far = [0.0, 0.1, -0.1, 0.05, -0.05, 30.0, 31.0, 32.0, 33.0, 34.0];
+        let design = Some(Design::new(vec![5, 10]));
+        let statement = Statement { looks: vec![at(&near, region), at(&far, region)], design, alpha: 0.05 };
+        assert_eq!((statement.decide().outcome, statement.decide().look), (Outcome::Holds, 0));
+        let only = Statement { looks: vec![at(&far, region)], design: None, alpha: 0.05 };
+        assert_ne!(only.decide().outcome, Outcome::Holds);
+    }
+
+    #[test]
+    fn a_planned_look_asks_for_more_than_a_single_one() {
+        // Mean 0.8, standard deviation 1 over five seeds: the 90 % interval is 0.8 -+ 0.953.
+        let values = [-0.464_911, 0.167_544, 0.8, 1.432_456, 2.064_911];
+        let region = Region { low: -0.2, high: f64::INFINITY, closed: false };
+        assert_eq!(fixed(&values, region).decide().outcome, Outcome::Holds);
+        let planned = Statement { design: Some(Design::new(vec![5, 10, 15])), ..fixed(&values, region) };
+        assert_eq!(planned.decide().outcome, Outcome::Open);
+    }
+
+    #[test]
+    fn fewer_than_three_seeds_decide_only_without_spread() {
+        let region = Region::between(0.0, 100.0);
+        assert_eq!(fixed(&[50.0, 50.1], region).decide().outcome, Outcome::Open);
+        assert_eq!(fixed(&[50.0, 50.1, 50.2], region).decide().outcome, Outcome::Holds);
+        assert_eq!(fixed(&[50.0, 50.0], region).decide().outcome, Outcome::Holds);
+        assert_eq!(fixed(&[50.0], region).decide().outcome, Outcome::Open);
+    }
+
+    /// Three seeds of three give 97.5 % limits of 0.2924 and 1.
+    #[test]
+    fn shares_are_decided_by_exact_intervals() {
+        let share = |low: f64| Look { evidence: Evidence::Share { successes: 3, n: 3 }, region: Region::between(low, 1.0) };
+        let outcome = |low| Statement { looks: vec![share(low)], design: None, alpha: 0.025 }.decide().outcome;
+        assert_eq!((outcome(0.292), outcome(0.293)), (Outcome::Holds, Outcome::Open));
+        let apart = Look { evidence: Evidence::Shares([(20, 20), (0, 20)]), region: Region { low: 0.0, high: f64::INFINITY, closed: false } };
+        assert_eq!(Statement { looks: vec![apart], design: None, alpha: 0.025 }.decide().outcome, Outcome::Holds);
+    }
+
+    /// One-sided p values of 0.01, 0.02 and 0.04 for "above 0": Holm's levels are 0.05 / 3, 0.05 / 2 and 0.05.
+    #[test]
+    fn holm_steps_down() {
+        let above = Region { low: 0.0, high: f64::INFINITY, closed: false };
+        let with_p = |p: f64| {
+            // Two degrees of freedom: values with mean m and standard error 1 reach p where m is the quantile.
+            let mean = super::super::student_t::quantile(1.0 - p, 2.0);
+            let sd = 3f64.sqrt();
+            fixed(&[mean - sd, mean, mean + sd], above)
+        };
+        let outcomes = |ps: [f64; 3]| {
+            let family = ps.map(with_p);
+            holm(&family.iter().collect::<Vec<_>>())
+        };
+        use Outcome::{Holds, Open};
+        assert_eq!(outcomes([0.01, 0.02, 0.04]), [Holds, Holds, Holds]);
+        assert_eq!(outcomes([0.02, 0.02, 0.02]), [Open, Open, Open]);
+        assert_eq!(outcomes([0.04, 0.01, 0.03]), [Open, Holds, Open]);
+        assert_eq!(outcomes([0.049, 0.024, 0.016]), [Holds, Holds, Holds]);
+    }
+
+    proptest! {
+        #[test]
+        fn holm_never_decides_what_a_single_statement_leaves_open(means in prop::collection::vec(-3.0..3.0, 1..8)) {
+            let above = Region { low: 0.0, high: f64::INFINITY, closed: false };
+            let family: Vec<Statement> = means.iter().map(|mean| fixed(&[mean - 1.0, *mean, mean + 1.0, mean + 0.5], above)).collect();
+            let adjusted = holm(&family.iter().collect::<Vec<_>>());
+            for (statement, outcome) in family.iter().zip(adjusted) {
+                prop_assert!(outcome == Outcome::Open || outcome == statement.decide().outcome);
+            }
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! Published values beside reproduced ones: how they are written in a study, and what counts as the same.
+
+use super::{Cell, Grid};
+use crate::statistics::{
+    Judgement, Reference, Verdict,
+    verdict::{default_margin, judge},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// A published value of a row, or one for each column of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Published {
+    /// The value of the row's only column, or of every column that is not a bound or baseline.
+    Value(f64),
+    /// The same, with what is known of it besides.
+    Entry(PublishedValue),
+    /// Values by column name.
+    Columns(BTreeMap<String, PublishedCell>),
+}
+
+/// A published value of one cell.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum PublishedCell {
+    /// The value alone.
+    Value(f64),
+    /// The value with what is known of it besides.
+    Entry(PublishedValue),
+}
+
+/// A published value with what is known of it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedValue {
+    /// The value.
+    pub value: f64,
+    /// Standard deviation over the published runs; with `n` the value counts as uncertain, without both as exact.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0))]
+    pub sd: Option<f64>,
+    /// Number of published runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 2))]
+    pub n: Option<u32>,
+    /// What was chosen with this value in view; agreement with it then says nothing, and the verdict is CALIBRATED.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibrated_on: Option<String>,
+}
+
+impl PublishedCell {
+    /// The value with what is known of it.
+    #[must_use]
+    pub fn entry(&self) -> PublishedValue {
+        match self {
+            PublishedCell::Value(value) => PublishedValue { value: *value, ..PublishedValue::default() },
+            PublishedCell::Entry(entry) => entry.clone(),
+        }
+    }
+}
+
+/// How far a reproduced value may lie from the published one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Margin {
+    /// In the unit of the cell, without a reason.
+    Absolute(f64),
+    /// On a scale of its own, with a reason.
+    Stated(StatedMargin),
+}
+
+/// A margin on one scale, with its reason.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct StatedMargin {
+    /// In the unit of the cell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0))]
+    pub absolute: Option<f64>,
+    /// In percent of the published value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0.0))]
+    pub percent: Option<f64>,
+    /// As a factor: 1.2 is from the published value over 1.2 to 1.2 times it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 1.0))]
+    pub ratio: Option<f64>,
+    /// Why this much is the same.
+    pub why: String,
+}
+
+impl Margin {
+    /// The smallest and largest value that count as the same as a published one; 5 % of it without a margin.
+    #[must_use]
+    pub fn band(margin: Option<&Self>, published: f64) -> (f64, f64) {
+        let around = |distance: f64| (published - distance, published + distance);
+        match margin {
+            None => around(default_margin(published)),
+            Some(Margin::Absolute(distance)) => around(*distance),
+            Some(Margin::Stated(StatedMargin { absolute: Some(distance), .. })) => around(*distance),
+            Some(Margin::Stated(StatedMargin { percent: Some(percent), .. })) => around(percent / 100.0 * published.abs()),
+            Some(Margin::Stated(StatedMargin { ratio, .. })) => {
+                let ratio = ratio.unwrap_or(1.0);
+                let ends = [published / ratio, published * ratio];
+                (ends[0].min(ends[1]), ends[0].max(ends[1]))
+            }
+        }
+    }
+
+    /// The margin in words, as in `a factor of 1.2`.
+    #[must_use]
+    pub fn in_words(margin: Option<&Self>, unit: &str) -> String {
+        let absolute = |distance: &f64| match unit {
+            "%" => format!("± {distance} percentage points"),
+            unit => format!("± {distance} {unit}").trim_end().to_owned(),
+        };
+        match margin {
+            None => "± 5 % of it".into(),
+            Some(Margin::Absolute(distance)) => absolute(distance),
+            Some(Margin::Stated(StatedMargin { absolute: Some(distance), .. })) => absolute(distance),
+            Some(Margin::Stated(StatedMargin { percent: Some(percent), .. })) => format!("± {percent} % of it"),
+            Some(Margin::Stated(StatedMargin { ratio, .. })) => format!("times or over {}", ratio.unwrap_or(1.0)),
+        }
+    }
+
+    /// The reason of a margin; empty where none is given.
+    #[must_use]
+    pub fn reason(margin: Option<&Self>) -> &str {
+        match margin {
+            Some(Margin::Stated(stated)) => &stated.why,
+            Some(Margin::Absolute(_)) | None => "",
+        }
+    }
+}
+
+/// What a table says of all its published values.
+pub(super) struct Judging<'a> {
+    /// How far a value may lie from the published one.
+    pub(super) margin: Option<&'a Margin>,
+    /// What was chosen with all published values in view.
+    pub(super) calibrated_on: Option<&'a str>,
+    /// Agents that a row's single published value does not speak of.
+    pub(super) baselines: &'a [String],
+}
+
+impl Judging<'_> {
+    /// Puts a row's published values into its cells; false where one of them has no cell.
+    pub(super) fn publish(&self, grid: &mut Grid, row: &str, published: &Published) -> bool {
+        let Some(row) = grid.rows.iter().position(|heading| heading.name == row || heading.label == row) else { return false };
+        match published {
+            Published::Value(value) => {
+                self.publish_row(grid, row, &PublishedCell::Value(*value).entry());
+                true
+            }
+            Published::Entry(entry) => {
+                self.publish_row(grid, row, entry);
+                true
+            }
+            Published::Columns(values) => self.publish_columns(grid, row, values),
+        }
+    }
+
+    fn publish_row(&self, grid: &mut Grid, row: usize, entry: &PublishedValue) {
+        let only = grid.columns.len() == 1;
+        for column in 0..grid.columns.len() {
+            if only || !self.baselines.iter().any(|name| *name == grid.columns[column].name) {
+                self.compare(&mut grid.cells[row][column], entry);
+            }
+        }
+    }
+
+    fn publish_columns(&self, grid: &mut Grid, row: usize, values: &BTreeMap<String, PublishedCell>) -> bool {
+        let only = (grid.columns.len() == 1 && values.len() == 1).then_some(0);
+        let mut placed = true;
+        for (name, value) in values {
+            match grid.columns.iter().position(|column| column.name == *name).or(only) {
+                Some(column) => self.compare(&mut grid.cells[row][column], &value.entry()),
+                None => placed = false,
+            }
+        }
+        placed
+    }
+
+    fn compare(&self, cell: &mut Cell, entry: &PublishedValue) {
+        let reference = Reference {
+            value: entry.value,
+            runs: entry.sd.zip(entry.n),
+            band: Margin::band(self.margin, entry.value),
+        };
+        let calibrated = entry.calibrated_on.as_deref().or(self.calibrated_on);
+        let unjudged = match calibrated {
+            _ if cell.fixed.is_some() => Some(Verdict::NotJudged),
+            _ if cell.is_untrained() => Some(Verdict::NotTrained),
+            Some(_) => Some(Verdict::Calibrated),
+            None => None,
+        };
+        cell.calibrated_on = calibrated.map(Into::into);
+        cell.judgement = Some(match unjudged {
+            Some(verdict) if !cell.seeds.is_empty() => Judgement::without(verdict, reference, &cell.seeds),
+            _ => judge(reference, &cell.seeds, cell.failed, &cell.looks, cell.is_share),
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn margin(text: &str) -> Margin {
+        serde_json::from_str(text).unwrap()
+    }
+
+    #[test]
+    fn bands_on_every_scale() {
+        let band = |text: &str, published| Margin::band(Some(&margin(text)), published);
+        assert_eq!(Margin::band(None, -40.0), (-42.0, -38.0));
+        assert_eq!(band("5", 1.0), (-4.0, 6.0));
+        assert_eq!(band(r#"{"absolute": 0.5, "why": "x"}"#, 1.0), (0.5, 1.5));
+        assert_eq!(band(r#"{"percent": 10}"#, 20.0), (18.0, 22.0));
+        assert_eq!(band(r#"{"ratio": 2}"#, 4.0), (2.0, 8.0));
+        assert_eq!(band(r#"{"ratio": 2}"#, -4.0), (-8.0, -2.0));
+    }
+
+    #[test]
+    fn margins_in_words() {
+        let words = |text: &str, unit| Margin::in_words(Some(&margin(text)), unit);
+        assert_eq!(Margin::in_words(None, "s"), "± 5 % of it");
+        assert_eq!(words("5", "%"), "± 5 percentage points");
+        assert_eq!(words(r#"{"absolute": 5}"#, "s"), "± 5 s");
+        assert_eq!(words(r#"{"ratio": 1.25}"#, ""), "times or over 1.25");
+    }
+
+    #[test]
+    fn published_values_in_every_notation() {
+        let read = |text: &str| serde_json::from_str::<Published>(text).unwrap();
+        assert_eq!(read("3"), Published::Value(3.0));
+        assert!(matches!(read(r#"{"value": 3, "sd": 1, "n": 5}"#), Published::Entry(entry) if entry.n == Some(5)));
+        let Published::Columns(columns) = read(r#"{"a": 3, "b": {"value": 4, "calibrated_on": "the load"}}"#) else { panic!() };
+        assert_eq!(columns["b"].entry().calibrated_on.as_deref(), Some("the load"));
+    }
+}
