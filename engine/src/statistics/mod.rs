@@ -11,6 +11,9 @@ pub mod claim;
 pub mod comparison;
 pub mod estimators;
 pub mod mean_estimate;
+pub mod normal;
+mod quadrature;
+pub mod spending;
 pub mod student_t;
 pub mod verdict;
 
@@ -18,6 +21,7 @@ pub use bootstrap::Bootstrap;
 pub use claim::{Aggregate, Claim, ClaimError, ClaimOutcome, ClaimVerdict, Operand, Within, evaluate};
 pub use comparison::{PairedComparison, PermutationTest};
 pub use mean_estimate::MeanEstimate;
+pub use spending::Design;
 pub use verdict::{Judgement, Verdict};
 
 use serde::{Deserialize, Serialize};
@@ -81,6 +85,11 @@ mod tests {
     /// The values made by `tests/fixtures/statistics/make.py`.
     pub(super) fn reference() -> serde_json::Value {
         serde_json::from_str(include_str!("../../../tests/fixtures/statistics/reference.json")).unwrap()
+    }
+
+    /// The values made by `tests/fixtures/statistics/sequential.py`.
+    pub(super) fn sequential_reference() -> serde_json::Value {
+        serde_json::from_str(include_str!("../../../tests/fixtures/statistics/sequential.json")).unwrap()
     }
 
     /// A list of numbers of the reference values.
