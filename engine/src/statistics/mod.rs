@@ -6,21 +6,25 @@
 //! A **seed** is a replicate; an episode never is. One seed gives one number (its mean over episodes) before anything of
 //! this module sees it. A seed that occurs twice counts once, with the mean of its values.
 
+pub mod binomial;
 pub mod bootstrap;
 pub mod claim;
 pub mod comparison;
 pub mod estimators;
 pub mod mean_estimate;
 pub mod normal;
+pub mod power;
 mod quadrature;
 pub mod spending;
 pub mod student_t;
 pub mod verdict;
 
+pub use binomial::Share;
 pub use bootstrap::Bootstrap;
 pub use claim::{Aggregate, Claim, ClaimError, ClaimOutcome, ClaimVerdict, Operand, Within, evaluate};
 pub use comparison::{PairedComparison, PermutationTest};
-pub use mean_estimate::MeanEstimate;
+pub use mean_estimate::{MeanEstimate, PublishedMean};
+pub use power::Room;
 pub use spending::Design;
 pub use verdict::{Judgement, Verdict};
 
@@ -81,6 +85,7 @@ impl Summary {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use rand::RngCore;
 
     /// The values made by `tests/fixtures/statistics/make.py`.
     pub(super) fn reference() -> serde_json::Value {
@@ -95,6 +100,13 @@ mod tests {
     /// A list of numbers of the reference values.
     pub(super) fn numbers(value: &serde_json::Value) -> Vec<f64> {
         value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+    }
+
+    /// Two independent standard normal numbers (Box and Muller).
+    pub(super) fn normal_pair(rng: &mut crate::random::Rng) -> [f64; 2] {
+        let mut uniform = || (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        let (radius, angle) = ((-2.0 * (1.0 - uniform()).ln()).sqrt(), std::f64::consts::TAU * uniform());
+        [radius * angle.cos(), radius * angle.sin()]
     }
 
     /// Panics unless both numbers agree to `tolerance`, relative to the larger of 1 and their size.
