@@ -62,13 +62,13 @@ pub fn power(room: Room, error: f64, degrees_of_freedom: f64, nominal: f64) -> f
     spread.integral(largest, 1.0 / t, clear) / spread.integral(f64::INFINITY, f64::INFINITY, |_| 1.0)
 }
 
-/// The smallest number of seeds after which the interval of a mean clears one edge with probability `power`, if the true
+/// The smallest number of seeds after which the interval of a mean clears one edge with probability `wanted`, if the true
 /// mean lies at `distance` from it and the true standard deviation is `sd`; `None` where more than `most` would be needed.
 ///
 /// This is the number for a direction and for a value that differs. It is an estimate where `distance` and `sd` are.
 #[must_use]
-pub fn seeds_for_power(distance: f64, sd: f64, alpha_one_sided: f64, power: f64, most: u32) -> Option<u32> {
-    seeds_for_room(Room::to_edge(distance), sd, alpha_one_sided, power, most)
+pub fn seeds_for_power(distance: f64, sd: f64, alpha_one_sided: f64, wanted: f64, most: u32) -> Option<u32> {
+    seeds_for_room(Room::to_edge(distance), sd, alpha_one_sided, wanted, most)
 }
 
 /// As [`seeds_for_power`], for an interval that must clear every edge of `room`: with [`Room::in_band`] the number for

@@ -4,7 +4,7 @@
 //! looks before the first seed and spends the error step by step, by the function of Pocock's type of Lan and DeMets
 //! (1983, doi:10.1093/biomet/70.3.659), `alpha(t) = alpha ln(1 + (e - 1) t)` with `t = n / most`. At every look an interval
 //! at the look's nominal level may be laid against any edge, whatever was seen before (repeated confidence intervals,
-//! Jennison and Turnbull 1989, doi:10.1111/j.2517-6161.1989.tb01433.x).
+//! Jennison and Turnbull 1989, Journal of the Royal Statistical Society B 51, 305-361).
 //!
 //! The boundaries follow from the recursive integration of Armitage, McPherson and Rowe (1969, doi:10.2307/2343787) for
 //! normal increments. Levels have a relative error below 1e-7. They hold for normal data of known spread; by way of
