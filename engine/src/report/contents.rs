@@ -135,9 +135,11 @@ impl Contents {
             adjusted.into_iter().chain(rest).collect::<Counts>()
         };
         let judged: Vec<&str> = Verdict::ALL.into_iter().filter(|it| it.is_judged()).map(Verdict::word).collect();
-        let published = [self.verdicts(false), together(self.verdicts(false), self.adjusted_verdicts(), &judged), self.verdicts(true)];
+        let published =
+            [self.verdicts(false), together(self.verdicts(false), self.adjusted_verdicts(), &judged), self.verdicts(true)];
         let judged: Vec<&str> = ClaimOutcome::ALL.into_iter().filter(|it| it.is_judged()).map(ClaimOutcome::word).collect();
-        let claims = [self.outcomes(false), together(self.outcomes(false), self.adjusted_outcomes(), &judged), self.outcomes(true)];
+        let claims =
+            [self.outcomes(false), together(self.outcomes(false), self.adjusted_outcomes(), &judged), self.outcomes(true)];
         [("Published values", published), ("Claims", claims)].into_iter().flat_map(|(what, counts)| lines(what, counts)).collect()
     }
 
@@ -151,7 +153,8 @@ impl Contents {
     /// What is judged and still open, apart from what is exploratory.
     #[must_use]
     pub fn open(&self) -> Vec<Open<'_>> {
-        let is_open = |verdict: Verdict, complete| verdict == Verdict::Inconclusive || verdict == Verdict::NotRun && complete == 0;
+        let is_open =
+            |verdict: Verdict, complete| verdict == Verdict::Inconclusive || verdict == Verdict::NotRun && complete == 0;
         let cells = self.cells(false).filter(|cell| cell.verdict().is_some_and(|it| is_open(it, cell.looks.complete)));
         let cells = cells.map(|cell| Open { rests_on: &cell.rests_on, complete: cell.looks.complete });
         let is_open = |line: &&ClaimLine| matches!(&line.verdict, Ok(claim) if claim.verdict == ClaimOutcome::Inconclusive);
@@ -306,12 +309,7 @@ fn hold(
 }
 
 /// The trials that an operand is measured in, whether they have run or not.
-fn trials_behind<'r>(
-    scope: &Scope<'r>,
-    results: &'r Results,
-    operand: &Operand,
-    setting: Option<&str>,
-) -> Vec<&'r TrialResult> {
+fn trials_behind<'r>(scope: &Scope<'r>, results: &'r Results, operand: &Operand, setting: Option<&str>) -> Vec<&'r TrialResult> {
     match &operand.within {
         Some(within) => Encounters::of(results, &within.play).trials(&[(&within.role, &operand.agent)]),
         None => of_setting(scope, operand, setting).trials,

@@ -70,7 +70,8 @@ fn claims(parts: &Parts<'_>) -> Vec<String> {
     }
     let mut lines = vec!["| claim | environment | verdict | difference | notes |".to_owned(), "|---|---|---|---|---|".into()];
     lines.extend(parts.contents.claims.iter().map(|line| {
-        let cells = [&line.spec.claim, &line.place, &line.verdict_in_words(), &line.numbers(), &line.notes().join("; ")].map(|text| escape(text));
+        let cells = [&line.spec.claim, &line.place, &line.verdict_in_words(), &line.numbers(), &line.notes().join("; ")]
+            .map(|text| escape(text));
         format!("| {} |", cells.join(" | "))
     }));
     vec![lines.join("\n")]

@@ -25,8 +25,11 @@ pub fn summary(study: &StudyInfo, contents: &Contents, page: &Path, width: usize
 
 fn claims(contents: &Contents, width: usize) -> String {
     let line = |line: &super::ClaimLine| {
-        let place =
-            if line.place.is_empty() || line.spec.claim.ends_with(&line.place) { String::new() } else { format!(" in {}", line.place) };
+        let place = if line.place.is_empty() || line.spec.claim.ends_with(&line.place) {
+            String::new()
+        } else {
+            format!(" in {}", line.place)
+        };
         let numbers = line.numbers();
         let numbers = if numbers.is_empty() { String::new() } else { format!(": difference {numbers}") };
         let notes: String = line.notes().iter().map(|note| format!("; {note}")).collect();

@@ -2,13 +2,16 @@
 
 use super::{
     Contents, Provenance, StudyInfo, summary,
-    synthetic::{AGENTS, study as results},
+    synthetic::{AGENTS, ended, study as results, trial},
     write,
 };
 use crate::{
+    Phase,
     figure::{Bars, FigureSpec, LearningCurve, Trajectory},
-    results::Results,
-    table::{Axis, Comparison, Published, TableSpec},
+    results::{EndState, Results, UPDATES},
+    spec::ClaimSpec,
+    statistics::Design,
+    table::{Axis, Comparison, Form, Margin, Published, TableSpec},
 };
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -179,13 +182,15 @@ const CLEAR: [f64; 5] = [1.0, 1.1, 0.9, 1.05, 0.95];
 #[test]
 fn what_made_no_update_is_not_judged() {
     let untrained = two_agents(CLEAR, |rows, _| rows[1].4 = 0.0);
-    let contents = Contents::of(&one_environment(vec![claim("dsac.cycle_length > equal.cycle_length")], published(11.0)), &untrained);
+    let contents =
+        Contents::of(&one_environment(vec![claim("dsac.cycle_length > equal.cycle_length")], published(11.0)), &untrained);
     assert_eq!((contents.verdicts(false), contents.outcomes(false)), (vec![("NOT TRAINED", 1)], vec![("NOT TRAINED", 1)]));
     let grid = contents.tables[0].1.as_ref().unwrap();
     assert!(grid.footnotes().iter().any(|note| note == "dsac: 0 updates: dsac was not trained."), "{:?}", grid.footnotes());
     assert_eq!(contents.claims[0].notes(), ["0 updates: dsac was not trained"]);
     let trained = two_agents(CLEAR, |_, _| {});
-    let contents = Contents::of(&one_environment(vec![claim("dsac.cycle_length > equal.cycle_length")], published(11.0)), &trained);
+    let contents =
+        Contents::of(&one_environment(vec![claim("dsac.cycle_length > equal.cycle_length")], published(11.0)), &trained);
     assert_eq!((contents.verdicts(false), contents.outcomes(false)), (vec![("REPRODUCED", 1)], vec![("SUPPORTED", 1)]));
 }
 

@@ -3,8 +3,10 @@
 use super::{
     Interval,
     estimators::{count, mean, variance},
+    power::{Room, fewest, power},
     student_t,
 };
+use serde::{Deserialize, Serialize};
 
 /// No verdict asks for more seeds than this in all.
 pub const MOST_SEEDS: u32 = 1000;
@@ -24,12 +26,31 @@ pub struct MeanEstimate {
 struct Sample {
     n: usize,
     variance: f64,
+    /// False for a sample of others, to which no seed can be added.
+    grows: bool,
 }
 
 impl Sample {
     fn of(values: &[f64]) -> Self {
-        Self { n: values.len(), variance: variance(values) }
+        Self { n: values.len(), variance: variance(values), grows: true }
     }
+
+    /// The squared standard error of its mean if it had `more` seeds more, where it can grow, and that number less one.
+    fn error_with(&self, more: u32) -> (f64, f64) {
+        let n = count(self.n) + if self.grows { f64::from(more) } else { 0.0 };
+        (self.variance / n, n - 1.0)
+    }
+}
+
+/// A mean that others published with its spread over seeds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PublishedMean {
+    /// The mean.
+    pub value: f64,
+    /// Sample standard deviation over seeds (divisor n - 1), not a standard error.
+    pub sd: f64,
+    /// Seeds it rests on: two or more.
+    pub n: u32,
 }
 
 impl MeanEstimate {
@@ -45,10 +66,22 @@ impl MeanEstimate {
         Self { value: mean(left) - mean(right), samples: vec![Sample::of(left), Sample::of(right)] }
     }
 
-    /// Seeds in the smaller sample.
+    /// `mean(values)` less a mean that was published with its spread (Welch 1947). More seeds change our sample only, so that
+    /// the interval never becomes narrower than the published spread allows.
+    #[must_use]
+    pub fn against_published(values: &[f64], published: PublishedMean) -> Self {
+        let theirs = Sample { n: published.n as usize, variance: published.sd.powi(2), grows: false };
+        Self { value: mean(values) - published.value, samples: vec![Sample::of(values), theirs] }
+    }
+
+    /// Seeds in the smaller sample, published ones not counted.
     #[must_use]
     pub fn n(&self) -> usize {
-        self.samples.iter().map(|sample| sample.n).min().unwrap_or(0)
+        self.own_samples().map(|sample| sample.n).min().unwrap_or(0)
+    }
+
+    fn own_samples(&self) -> impl Iterator<Item = &Sample> {
+        self.samples.iter().filter(|sample| sample.grows)
     }
 
     /// True where every sample has at least two seeds and all seeds of a sample gave the same number.
@@ -65,6 +98,13 @@ impl MeanEstimate {
         (half.is_finite() && self.value.is_finite()).then_some(interval)
     }
 
+    /// The Student-t interval whose ends are each a bound at the one-sided level `nominal`, as those of a
+    /// [`Design`](super::Design): the interval at level `1 - 2 nominal`.
+    #[must_use]
+    pub fn interval_one_sided(&self, nominal: f64) -> Option<Interval> {
+        self.interval(1.0 - 2.0 * nominal)
+    }
+
     /// Degrees of freedom of the interval; NaN where there is no spread.
     #[must_use]
     pub fn degrees_of_freedom(&self) -> f64 {
@@ -73,10 +113,9 @@ impl MeanEstimate {
 
     fn degrees_of_freedom_with(&self, more: u32) -> f64 {
         let (mut sum, mut squares) = (0.0, 0.0);
-        for sample in &self.samples {
-            let n = count(sample.n) + f64::from(more);
-            sum += sample.variance / n;
-            squares += (sample.variance / n).powi(2) / (n - 1.0);
+        for (error, less_one) in self.samples.iter().map(|sample| sample.error_with(more)) {
+            sum += error;
+            squares += error.powi(2) / less_one;
         }
         sum * sum / squares
     }
@@ -86,35 +125,33 @@ impl MeanEstimate {
         if self.has_no_spread() {
             return 0.0;
         }
-        let error: f64 = self.samples.iter().map(|sample| sample.variance / (count(sample.n) + f64::from(more))).sum();
-        student_t::quantile(0.5 + level / 2.0, self.degrees_of_freedom_with(more)) * error.sqrt()
+        student_t::quantile(0.5 + level / 2.0, self.degrees_of_freedom_with(more)) * self.standard_error_with(more)
     }
 
-    /// About how many more seeds bring the interval's half-width below `distance`, if mean and spread stay as they are;
-    /// `None` where more than [`MOST_SEEDS`] in all would be needed, and where the spread is not known.
+    fn standard_error_with(&self, more: u32) -> f64 {
+        self.samples.iter().map(|sample| sample.error_with(more).0).sum::<f64>().sqrt()
+    }
+
+    /// About how many more seeds make the interval clear the edges of `room` with probability `wanted`, each of its ends being
+    /// a bound at the one-sided level `nominal`, if the true value and spread are the estimated ones; `None` where more than
+    /// [`MOST_SEEDS`] in all would be needed, and where the spread is not known.
     #[must_use]
-    pub fn more_seeds(&self, level: f64, distance: f64) -> Option<u32> {
-        let narrow = |more: u32| self.half_width(level, more) < distance;
-        let largest = self.samples.iter().map(|sample| sample.n).max().unwrap_or(0);
-        let mut enough = MOST_SEEDS.saturating_sub(u32::try_from(largest).unwrap_or(MOST_SEEDS));
-        if enough == 0 || !narrow(enough) {
-            return None;
-        }
-        // The width falls with the number of seeds, so the smallest number is found by halving.
-        let mut too_few = 0;
-        while enough - too_few > 1 {
-            let middle = too_few.midpoint(enough);
-            if narrow(middle) { enough = middle } else { too_few = middle }
-        }
-        Some(enough)
+    pub fn more_seeds_for_power(&self, room: Room, nominal: f64, wanted: f64) -> Option<u32> {
+        let power_with = |more| power(room, self.standard_error_with(more), self.degrees_of_freedom_with(more), nominal);
+        fewest(1, self.most_more(), |more| power_with(more) >= wanted)
+    }
+
+    /// How many seeds may be added until the largest sample has [`MOST_SEEDS`].
+    fn most_more(&self) -> u32 {
+        let largest = self.own_samples().map(|sample| sample.n).max().unwrap_or(0);
+        MOST_SEEDS.saturating_sub(u32::try_from(largest).unwrap_or(MOST_SEEDS))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::statistics::tests::{assert_close, numbers, reference};
-    use rand::RngCore;
+    use crate::statistics::tests::{assert_close, normal_pair, numbers, reference, sequential_reference};
 
     #[test]
     fn welch_agrees_with_scipy() {
@@ -146,18 +183,51 @@ mod tests {
         assert_eq!(MeanEstimate::of(&[1.0]).more_seeds(0.95, 1.0), None);
     }
 
+    /// The interval at the level 1 - p ends at 0.
+    #[test]
+    fn published_means_agree_with_scipy() {
+        for case in sequential_reference()["published"].as_array().unwrap() {
+            let number = |key: &str| case[key].as_f64().unwrap();
+            let published = PublishedMean { value: number("value"), sd: number("sd"), n: number("n") as u32 };
+            let estimate = MeanEstimate::against_published(&numbers(&case["values"]), published);
+            assert_eq!(estimate.n(), numbers(&case["values"]).len());
+            let interval = estimate.interval_one_sided(number("p") / 2.0).unwrap();
+            let end = if estimate.value > 0.0 { interval.low } else { interval.high };
+            assert!(end.abs() < 1e-9 * estimate.value.abs(), "{end} in {case}");
+            assert!(!estimate.interval(1.0 - number("p") * 1.001).unwrap().contains(0.0));
+        }
+    }
+
+    /// No number of our seeds makes up for a published mean of wide spread; without spread it is a known value.
+    #[test]
+    fn published_samples_do_not_grow() {
+        let (ours, published) = ([9.0, 10.0, 11.0], PublishedMean { value: 9.0, sd: 4.0, n: 4 });
+        let wide = MeanEstimate::against_published(&ours, published);
+        assert_eq!((wide.more_seeds(0.95, 1.0), wide.more_seeds_for_power(Room::to_edge(1.0), 0.05, 0.8)), (None, None));
+        let known = MeanEstimate::against_published(&ours, PublishedMean { sd: 0.0, ..published });
+        let alone = MeanEstimate::of(&[0.0, 1.0, 2.0]);
+        assert_eq!((known.value, known.interval(0.9)), (alone.value, alone.interval(0.9)));
+        assert_eq!(MeanEstimate::against_published(&ours, PublishedMean { n: 1, ..published }).interval(0.9), None);
+    }
+
+    /// Standard deviation 1, distance 1: by statsmodels a power of 0.8 at 5 % one-sided takes 7.73 seeds in all.
+    #[test]
+    fn seeds_for_power_in_one_sample_and_two() {
+        let one = MeanEstimate::of(&[9.0, 10.0, 11.0]);
+        assert_eq!(one.more_seeds_for_power(Room::to_edge(1.0), 0.05, 0.8), Some(5));
+        // Both edges at one standard deviation: simulated power 0.795 with 10 in all, 0.850 with 11.
+        assert_eq!(one.more_seeds_for_power(Room::in_band(10.0, 9.0, 11.0), 0.05, 0.8), Some(8));
+        let two = MeanEstimate::difference(&[9.0, 10.0, 11.0], &[9.0, 10.0, 11.0]);
+        // Two samples: statsmodels asks for 13.10 in each.
+        assert_eq!(two.more_seeds_for_power(Room::to_edge(1.0), 0.05, 0.8), Some(11));
+        assert_eq!(MeanEstimate::of(&[1.0]).more_seeds_for_power(Room::to_edge(1.0), 0.05, 0.8), None);
+    }
+
     #[test]
     fn values_that_are_not_finite_have_no_interval() {
         assert_eq!(MeanEstimate::of(&[1.0, f64::INFINITY]).interval(0.95), None);
         assert_eq!(MeanEstimate::of(&[1.0, f64::NAN, 2.0]).interval(0.95), None);
         assert_eq!(MeanEstimate::of(&[]).interval(0.95), None);
-    }
-
-    /// Two independent standard normal numbers (Box and Muller).
-    fn normal_pair(rng: &mut crate::random::Rng) -> [f64; 2] {
-        let mut uniform = || (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
-        let (radius, angle) = ((-2.0 * (1.0 - uniform()).ln()).sqrt(), std::f64::consts::TAU * uniform());
-        [radius * angle.cos(), radius * angle.sin()]
     }
 
     /// The share of 95 % intervals that contain the truth, over 10 000 experiments with 4 and 6 seeds.

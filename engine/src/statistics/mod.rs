@@ -13,18 +13,20 @@ pub mod comparison;
 pub mod estimators;
 pub mod mean_estimate;
 pub mod normal;
+pub mod power;
 mod quadrature;
 pub mod spending;
 pub mod statement;
 pub mod student_t;
 pub mod verdict;
 
+pub use binomial::Share;
 pub use bootstrap::Bootstrap;
 pub use claim::{Aggregate, Claim, ClaimError, ClaimOutcome, ClaimVerdict, Operand, Within, evaluate};
 pub use comparison::{PairedComparison, PermutationTest};
-pub use mean_estimate::MeanEstimate;
+pub use mean_estimate::{MeanEstimate, PublishedMean};
+pub use power::Room;
 pub use spending::Design;
-
 pub use statement::{Outcome, Statement, holm};
 pub use verdict::{Judgement, Reference, Seeds, Verdict};
 
@@ -85,6 +87,7 @@ impl Summary {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use rand::RngCore;
 
     /// The values made by `tests/fixtures/statistics/make.py`.
     pub(super) fn reference() -> serde_json::Value {
@@ -99,6 +102,13 @@ mod tests {
     /// A list of numbers of the reference values.
     pub(super) fn numbers(value: &serde_json::Value) -> Vec<f64> {
         value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+    }
+
+    /// Two independent standard normal numbers (Box and Muller).
+    pub(super) fn normal_pair(rng: &mut crate::random::Rng) -> [f64; 2] {
+        let mut uniform = || (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        let (radius, angle) = ((-2.0 * (1.0 - uniform()).ln()).sqrt(), std::f64::consts::TAU * uniform());
+        [radius * angle.cos(), radius * angle.sin()]
     }
 
     /// Panics unless both numbers agree to `tolerance`, relative to the larger of 1 and their size.

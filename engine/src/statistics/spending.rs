@@ -4,7 +4,7 @@
 //! looks before the first seed and spends the error step by step, by the function of Pocock's type of Lan and DeMets
 //! (1983, doi:10.1093/biomet/70.3.659), `alpha(t) = alpha ln(1 + (e - 1) t)` with `t = n / most`. At every look an interval
 //! at the look's nominal level may be laid against any edge, whatever was seen before (repeated confidence intervals,
-//! Jennison and Turnbull 1989, doi:10.1111/j.2517-6161.1989.tb01433.x).
+//! Jennison and Turnbull 1989, Journal of the Royal Statistical Society B 51, 305-361).
 //!
 //! The boundaries follow from the recursive integration of Armitage, McPherson and Rowe (1969, doi:10.2307/2343787) for
 //! normal increments. Levels have a relative error below 1e-7. They hold for normal data of known spread; by way of
@@ -122,7 +122,9 @@ impl Design {
         let mut paths = Paths::at_start();
         let mut level_of = |(k, &time): (usize, &f64)| {
             let boundary = paths.boundary(time, alpha);
-            paths = paths.below(boundary, time, times.get(k + 1).copied());
+            if let Some(&next) = times.get(k + 1) {
+                paths = paths.below(boundary, time, next);
+            }
             normal::upper_tail(boundary)
         };
         times.iter().enumerate().map(&mut level_of).collect()
@@ -194,8 +196,8 @@ impl Paths {
 
     /// The paths that do not reach `boundary` at `time` either. `next` is the time of the look after it: the panels are at
     /// most as wide as two standard deviations of the increments before and after, in units of `Z`.
-    fn below(&self, boundary: f64, time: f64, next: Option<f64>) -> Self {
-        let shortest = next.map_or(time - self.time, |next| (next - time).min(time - self.time));
+    fn below(&self, boundary: f64, time: f64, next: f64) -> Self {
+        let shortest = (next - time).min(time - self.time);
         let widest = 2.0 * (shortest / time).sqrt();
         let point = |(place, weight)| (place, weight * self.density(time, place));
         Self { time, points: quadrature::points(LOWEST, boundary, widest).map(point).collect() }
@@ -205,7 +207,10 @@ impl Paths {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::statistics::tests::{assert_close, numbers, sequential_reference};
+    use crate::statistics::{
+        student_t,
+        tests::{assert_close, normal_pair, numbers, sequential_reference},
+    };
     use proptest::prelude::*;
 
     fn looks(value: &serde_json::Value) -> Vec<u32> {
@@ -260,6 +265,79 @@ mod tests {
         assert_eq!(serde_json::from_str::<Design>("[5,10,30]").unwrap(), design);
         let error = serde_json::from_str::<Design>("[5,10,8]").unwrap_err().to_string();
         assert!(error.contains("8 does not follow 10"), "{error}");
+    }
+
+    /// Looks with the half-width of the interval there, in standard deviations of the sample.
+    fn rule(levels: &[f64]) -> Vec<(usize, f64)> {
+        let half_width = |(n, level): (u32, &f64)| {
+            let n = f64::from(n);
+            (n as usize, student_t::quantile(1.0 - level, n - 1.0) / n.sqrt())
+        };
+        LOOKS.into_iter().zip(levels).map(half_width).collect()
+    }
+
+    /// Whether the first interval that lies inside or outside the band lies inside, and after how many seeds.
+    fn decide(rule: &[(usize, f64)], moments: &[(f64, f64)], low: f64, high: f64) -> (bool, usize) {
+        for &(n, half_width) in rule {
+            let (mean, sd) = moments[n - 1];
+            let (from, to) = (mean - half_width * sd, mean + half_width * sd);
+            if low <= from && to <= high {
+                return (true, n);
+            }
+            if to < low || high < from {
+                return (false, n);
+            }
+        }
+        (false, moments.len())
+    }
+
+    /// Mean and standard deviation of the first one, two and so on of `n` standard normal draws.
+    fn moments(n: usize, rng: &mut crate::random::Rng) -> Vec<(f64, f64)> {
+        let (mut sum, mut squares) = (0.0, 0.0);
+        let mut next = |(k, draw): (usize, f64)| {
+            let n = (k + 1) as f64;
+            sum += draw;
+            squares += draw * draw;
+            (sum / n, ((squares - sum * sum / n) / (n - 1.0)).sqrt())
+        };
+        (0..n / 2).flat_map(|_| normal_pair(rng)).enumerate().map(&mut next).collect()
+    }
+
+    const LOOKS: [u32; 6] = [5, 10, 15, 20, 25, 30];
+
+    /// How often a rule calls a value reproduced whose truth lies exactly at the edge of the band, with margins of half a
+    /// standard deviation, one and two, and the mean number of seeds where the truth is the published value, margin one.
+    fn operating_characteristics(levels: &[f64]) -> ([f64; 3], f64) {
+        let (rule, runs) = (rule(levels), 60_000);
+        let mut rng = crate::random::stream(&["test", "sequential equivalence"]);
+        let (mut reproduced, mut seeds) = ([0_u32; 3], 0);
+        for _ in 0..runs {
+            let moments = moments(30, &mut rng);
+            for (count, margin) in reproduced.iter_mut().zip([0.5, 1.0, 2.0]) {
+                *count += u32::from(decide(&rule, &moments, -2.0 * margin, 0.0).0);
+            }
+            seeds += decide(&rule, &moments, -1.0, 1.0).1;
+        }
+        (reproduced.map(|count| f64::from(count) / f64::from(runs)), seeds as f64 / f64::from(runs))
+    }
+
+    fn assert_characteristics(levels: &[f64], sizes: [f64; 3], seeds: f64) {
+        let found = operating_characteristics(levels);
+        // The standard error of a share is at most 0.0015.
+        let close = found.0.iter().zip(sizes).all(|(found, size)| (found - size).abs() < 0.004);
+        assert!(close && (found.1 - seeds).abs() < 0.1, "{found:?}");
+    }
+
+    #[test]
+    fn the_level_holds_over_all_looks() {
+        let levels = Design::new(LOOKS.to_vec()).nominal_levels(0.05);
+        assert_characteristics(&levels, [0.034, 0.052, 0.053], 13.3);
+    }
+
+    /// What the design is for.
+    #[test]
+    fn without_spending_the_level_does_not_hold() {
+        assert_characteristics(&[0.05; 6], [0.113, 0.144, 0.147], 9.6);
     }
 
     proptest! {

@@ -9,7 +9,7 @@
 //! [`holm`] decides a family of statements together (Holm 1979, doi:10.2307/4615733): with `m` of them, each must be decided at
 //! `alpha / m`, then the rest at `alpha / (m - 1)`, and so on until none is decided any more.
 
-use super::{Interval, MeanEstimate, binomial, spending::Design};
+use super::{Interval, MeanEstimate, binomial::Share, power::Room, spending::Design};
 
 /// Below this many seeds nothing is decided, unless seeds make no difference at all.
 pub const FEWEST_SEEDS: usize = 3;
@@ -20,14 +20,9 @@ pub enum Evidence {
     /// A mean, or a difference of two means: Student-t.
     Mean(MeanEstimate),
     /// A share of seeds: the exact binomial interval of Clopper and Pearson.
-    Share {
-        /// Seeds with success.
-        successes: u64,
-        /// All seeds.
-        n: u64,
-    },
-    /// A difference of two shares, each as successes and seeds: Newcombe's hybrid score interval.
-    Shares([(u64, u64); 2]),
+    Share(Share),
+    /// A difference of two shares: Newcombe's hybrid score interval.
+    Shares(Share, Share),
 }
 
 impl Evidence {
@@ -36,19 +31,18 @@ impl Evidence {
     pub fn value(&self) -> f64 {
         match self {
             Evidence::Mean(estimate) => estimate.value,
-            Evidence::Share { successes, n } => share(*successes, *n),
-            Evidence::Shares([left, right]) => share(left.0, left.1) - share(right.0, right.1),
+            Evidence::Share(share) => share.value(),
+            Evidence::Shares(left, right) => left.value() - right.value(),
         }
     }
 
     /// Seeds it rests on; those of the smaller sample where there are two.
     #[must_use]
     pub fn n(&self) -> usize {
-        let count = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
         match self {
             Evidence::Mean(estimate) => estimate.n(),
-            Evidence::Share { n, .. } => count(*n),
-            Evidence::Shares([left, right]) => count(left.1.min(right.1)),
+            Evidence::Share(share) => share.n as usize,
+            Evidence::Shares(left, right) => left.n.min(right.n) as usize,
         }
     }
 
@@ -56,24 +50,16 @@ impl Evidence {
     #[must_use]
     pub fn interval(&self, nominal: f64) -> Option<Interval> {
         let level = 1.0 - 2.0 * nominal;
-        let of_shares = |(low, high): (f64, f64)| Interval { low, high, level };
         match self {
             Evidence::Mean(estimate) => estimate.interval(level),
-            Evidence::Share { n: 0, .. } => None,
-            Evidence::Share { successes, n } => Some(of_shares(binomial::exact_interval(*successes, *n, nominal))),
-            Evidence::Shares([left, right]) if left.1 == 0 || right.1 == 0 => None,
-            Evidence::Shares([left, right]) => Some(of_shares(binomial::difference_interval(*left, *right, nominal))),
+            Evidence::Share(share) => share.interval(level),
+            Evidence::Shares(left, right) => left.interval_of_difference(*right, level),
         }
     }
 
     fn has_no_spread(&self) -> bool {
         matches!(self, Evidence::Mean(estimate) if estimate.has_no_spread())
     }
-}
-
-#[allow(clippy::cast_precision_loss, reason = "counts of seeds are far below 2^52")]
-fn share(successes: u64, n: u64) -> f64 {
-    successes as f64 / n as f64
 }
 
 /// The values for which a statement holds.
@@ -102,10 +88,13 @@ impl Region {
         if self.closed { high < self.low || self.high < low } else { high <= self.low || self.high <= low }
     }
 
-    /// How far a value is from the nearest end.
+    /// What an interval around a value must stay clear of to decide: both ends from inside, the nearer one from outside.
     #[must_use]
-    pub fn distance(&self, value: f64) -> f64 {
-        (value - self.low).abs().min((value - self.high).abs())
+    pub fn room(&self, value: f64) -> Room {
+        if self.low < value && value < self.high {
+            return Room::in_band(value, self.low, self.high);
+        }
+        Room::to_edge((value - self.low).abs().min((value - self.high).abs()))
     }
 }
 
@@ -192,8 +181,11 @@ pub fn holm(family: &[&Statement]) -> Vec<Outcome> {
     loop {
         let open: Vec<usize> = (0..family.len()).filter(|&index| outcomes[index] == Outcome::Open).collect();
         let share = |index: usize| family[index].alpha / super::estimators::count(open.len());
-        let decided: Vec<(usize, Outcome)> =
-            open.iter().map(|&index| (index, family[index].decide_at(share(index)).outcome)).filter(|it| it.1 != Outcome::Open).collect();
+        let decided: Vec<(usize, Outcome)> = open
+            .iter()
+            .map(|&index| (index, family[index].decide_at(share(index)).outcome))
+            .filter(|it| it.1 != Outcome::Open)
+            .collect();
         if decided.is_empty() {
             return outcomes;
         }
@@ -256,10 +248,14 @@ mod tests {
     /// Three seeds of three give 97.5 % limits of 0.2924 and 1.
     #[test]
     fn shares_are_decided_by_exact_intervals() {
-        let share = |low: f64| Look { evidence: Evidence::Share { successes: 3, n: 3 }, region: Region::between(low, 1.0) };
+        let share =
+            |low: f64| Look { evidence: Evidence::Share(Share { successes: 3, n: 3 }), region: Region::between(low, 1.0) };
         let outcome = |low| Statement { looks: vec![share(low)], design: None, alpha: 0.025 }.decide().outcome;
         assert_eq!((outcome(0.292), outcome(0.293)), (Outcome::Holds, Outcome::Open));
-        let apart = Look { evidence: Evidence::Shares([(20, 20), (0, 20)]), region: Region { low: 0.0, high: f64::INFINITY, closed: false } };
+        let apart = Look {
+            evidence: Evidence::Shares(Share { successes: 20, n: 20 }, Share { successes: 0, n: 20 }),
+            region: Region { low: 0.0, high: f64::INFINITY, closed: false },
+        };
         assert_eq!(Statement { looks: vec![apart], design: None, alpha: 0.025 }.decide().outcome, Outcome::Holds);
     }
 

@@ -7,7 +7,9 @@
 
 use super::{
     Interval, MeanEstimate,
+    binomial::Share,
     mean_estimate::PublishedMean,
+    power::POWER,
     spending::Design,
     statement::{Decision, Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
 };
@@ -296,8 +298,7 @@ fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
 /// Values of 0 and 1 as a share.
 #[must_use]
 pub fn share_of(values: &[f64]) -> Evidence {
-    let successes = values.iter().filter(|value| **value > 0.5).count();
-    Evidence::Share { successes: successes as u64, n: values.len() as u64 }
+    Evidence::Share(Share::of(values.iter().map(|value| *value > 0.5)))
 }
 
 /// About how many more seeds would decide, with a power of 80 %; at least those that are missing to the fewest.
@@ -307,9 +308,9 @@ pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
     match &look.evidence {
         _ if look.evidence.n() < 2 => Some(missing),
         Evidence::Mean(estimate) => {
-            estimate.more_seeds(alpha, look.region.distance(estimate.value)).map(|more| more.max(missing))
+            estimate.more_seeds_for_power(look.region.room(estimate.value), alpha, POWER).map(|more| more.max(missing))
         }
-        Evidence::Share { .. } | Evidence::Shares(_) => None,
+        Evidence::Share(_) | Evidence::Shares(..) => None,
     }
 }
 

@@ -25,8 +25,7 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     grid.notes.extend(spec.notes.iter().cloned());
     grid.margin.clone_from(&spec.margin);
     grid.exploratory = spec.exploratory;
-    let judging =
-        Judging { margin: spec.margin.as_ref(), calibrated_on: spec.calibrated_on.as_deref(), baselines: &baselines };
+    let judging = Judging { margin: spec.margin.as_ref(), calibrated_on: spec.calibrated_on.as_deref(), baselines: &baselines };
     for (row, published) in &spec.published {
         if !judging.publish(&mut grid, row, published) {
             grid.notes.push(format!("Published values of `{row}` have no place in this table."));

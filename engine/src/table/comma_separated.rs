@@ -3,8 +3,21 @@
 use super::{Cell, Grid};
 use crate::{Error, statistics::Verdict};
 
-const HEADER: [&str; 13] =
-    ["row", "column", "statistic", "n", "planned", "value", "sd", "low", "high", "published", "verdict", "verdict_holm", "missing"];
+const HEADER: [&str; 13] = [
+    "row",
+    "column",
+    "statistic",
+    "n",
+    "planned",
+    "value",
+    "sd",
+    "low",
+    "high",
+    "published",
+    "verdict",
+    "verdict_holm",
+    "missing",
+];
 
 /// One line per cell under a header; empty fields where there is no number.
 ///

@@ -177,7 +177,8 @@ impl Grid {
 
     /// How the verdicts come about.
     fn judging(&self) -> Vec<String> {
-        let judged = || self.cells.iter().flatten().filter_map(|cell| cell.judgement.as_ref()).filter(|it| it.statement.is_some());
+        let judged =
+            || self.cells.iter().flatten().filter_map(|cell| cell.judgement.as_ref()).filter(|it| it.statement.is_some());
         if judged().next().is_none() {
             return Vec::new();
         }
@@ -304,8 +305,10 @@ impl Cell {
         let untrained = self.is_untrained().then(|| format!("0 updates: {} was not trained", self.untrained.join(", ")));
         let published = self.judgement.is_some();
         let fixed = self.fixed.as_ref().filter(|_| published).map(|why| format!("not judged: {why}"));
-        let calibrated = self.calibrated_on.as_ref().filter(|_| published).map(|on| format!("calibrated on the published value: {on}"));
-        let seen = self.seen_at.map(|n| format!("unplanned look: the verdict was seen with {n} seeds before, so its level is not held"));
+        let calibrated =
+            self.calibrated_on.as_ref().filter(|_| published).map(|on| format!("calibrated on the published value: {on}"));
+        let seen =
+            self.seen_at.map(|n| format!("unplanned look: the verdict was seen with {n} seeds before, so its level is not held"));
         let cautions: Vec<String> = [untrained, fixed, calibrated, seen].into_iter().flatten().collect();
         (!cautions.is_empty()).then(|| cautions.join("; "))
     }

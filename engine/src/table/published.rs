@@ -184,11 +184,8 @@ impl Judging<'_> {
     }
 
     fn compare(&self, cell: &mut Cell, entry: &PublishedValue) {
-        let reference = Reference {
-            value: entry.value,
-            runs: entry.sd.zip(entry.n),
-            band: Margin::band(self.margin, entry.value),
-        };
+        let reference =
+            Reference { value: entry.value, runs: entry.sd.zip(entry.n), band: Margin::band(self.margin, entry.value) };
         let calibrated = entry.calibrated_on.as_deref().or(self.calibrated_on);
         let unjudged = match calibrated {
             _ if cell.fixed.is_some() => Some(Verdict::NotJudged),

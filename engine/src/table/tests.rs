@@ -1,6 +1,8 @@
 //! Tables of synthetic results, as every renderer writes them.
 
-use super::{Axis, Comparison, Form, Margin, Published, PublishedCell, Statistic, TableSpec, build, csv, html, latex, markdown, terminal};
+use super::{
+    Axis, Comparison, Form, Margin, Published, PublishedCell, Statistic, TableSpec, build, csv, html, latex, markdown, terminal,
+};
 use crate::{
     Phase,
     report::synthetic::{ended, study, trial},
@@ -48,7 +50,10 @@ fn an_improvement_in_every_format() {
 #[test]
 fn a_comparison_by_agent_and_environment() {
     let comparison = Comparison { value: "cycle_length".into(), statistic: Statistic::Iqm, ..Comparison::default() };
-    let published = BTreeMap::from([("dsac".into(), Published::Columns(BTreeMap::from([("eight_cells".into(), PublishedCell::Value(23.0))])))]);
+    let published = BTreeMap::from([(
+        "dsac".into(),
+        Published::Columns(BTreeMap::from([("eight_cells".into(), PublishedCell::Value(23.0))])),
+    )]);
     let spec = TableSpec { comparison: Some(comparison), published, margin: Some(Margin::Absolute(0.5)), ..TableSpec::default() };
     insta::assert_snapshot!(markdown(&build(&spec, &study()).unwrap()));
 }
@@ -62,16 +67,14 @@ fn learning() -> Results {
         trial("e", agent, "", seed, &rows)
     };
     let rule = |seed| trial("e", "rule", "", seed, &vec![(Phase::Final, 0, 0, "return", 3.0)]);
-    Results::of(
-        vec![
-            curve("a", 0, [0.0, 8.0, 8.0, 8.0]),
-            curve("a", 1, [8.0, 8.0, 8.0, 6.0]),
-            curve("b", 0, [0.0, 8.0, 8.0, 8.0]),
-            curve("b", 1, [0.0, 0.0, 1.0, 2.0]),
-            rule(0),
-            rule(1),
-        ],
-    )
+    Results::of(vec![
+        curve("a", 0, [0.0, 8.0, 8.0, 8.0]),
+        curve("a", 1, [8.0, 8.0, 8.0, 6.0]),
+        curve("b", 0, [0.0, 8.0, 8.0, 8.0]),
+        curve("b", 1, [0.0, 0.0, 1.0, 2.0]),
+        rule(0),
+        rule(1),
+    ])
 }
 
 #[test]
@@ -86,7 +89,8 @@ fn the_last_measurements_during_learning() {
 #[test]
 fn results_against_the_budget() {
     let comparison = Comparison { at_steps: vec![15, 30, 31], smooth: Some(0.5), decimals: Some(1), ..Comparison::default() };
-    let published = BTreeMap::from([("a".into(), Published::Columns(BTreeMap::from([("31".into(), PublishedCell::Value(9.0))])))]);
+    let published =
+        BTreeMap::from([("a".into(), Published::Columns(BTreeMap::from([("31".into(), PublishedCell::Value(9.0))])))]);
     let mut results = learning();
     results.trials[3] = ended(results.trials[3].clone(), EndState::Timeout, "60 s");
     let grid = build(&TableSpec { comparison: Some(comparison), published, ..TableSpec::default() }, &results).unwrap();

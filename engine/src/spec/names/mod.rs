@@ -60,7 +60,8 @@ pub fn success(root: &Node, success: Option<&Success>, world: &mut World, source
     let (Some(entry), Some(success)) = (root.entry("success"), success) else { return Vec::new() };
     let mut names = Names { world, sources, found: Vec::new() };
     let place = Place::of(entry, "success".into());
-    let all = Picked { agents: (0..names.world.agents.len()).collect(), environments: (0..names.world.environments.len()).collect() };
+    let all =
+        Picked { agents: (0..names.world.agents.len()).collect(), environments: (0..names.world.environments.len()).collect() };
     names.metric(&success.metric, &place, "metric", &all);
     match (success.above, success.below) {
         (None, None) => {

@@ -18,6 +18,7 @@ use crate::{
     results::SUCCESS,
     statistics::{
         Interval, MeanEstimate, PermutationTest, Seeds,
+        binomial::Share,
         comparison::{by_seed, sign_flip_test, two_sample_permutation_test},
         estimators::mean,
         statement::{Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
@@ -234,7 +235,7 @@ impl Compared {
             (Side::BySeed { values, is_share: true }, Side::Number(number)) => Self::share(values, 1.0, -number),
             (Side::Number(number), Side::BySeed { values, is_share: true }) => Self::share(values, -1.0, *number),
             (Side::BySeed { values, is_share: true }, Side::BySeed { values: others, is_share: true }) => {
-                Self::unpaired(Evidence::Shares([values, others].map(successes)), None)
+                Self::unpaired(Evidence::Shares(successes(values), successes(others)), None)
             }
             (Side::BySeed { values: left, .. }, Side::BySeed { values: right, .. }) => Self::two_samples(left, right),
             (Side::BySeed { values, .. }, Side::Number(number)) => {
@@ -296,8 +297,8 @@ impl Compared {
     }
 }
 
-fn successes(values: &BTreeMap<u64, f64>) -> (u64, u64) {
-    (values.values().filter(|value| **value > 0.5).count() as u64, values.len() as u64)
+fn successes(values: &BTreeMap<u64, f64>) -> Share {
+    Share::of(values.values().map(|value| *value > 0.5))
 }
 
 /// The differences for which a relation holds.
@@ -350,8 +351,8 @@ fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimV
 
 fn notes(compared: &Compared, permutation: Option<PermutationTest>) -> Vec<String> {
     let n = compared.evidence.n();
-    let too_few = (n < FEWEST_SEEDS && !compared.has_no_spread)
-        .then(|| format!("too few seeds ({n}): at least {FEWEST_SEEDS} are needed"));
+    let too_few =
+        (n < FEWEST_SEEDS && !compared.has_no_spread).then(|| format!("too few seeds ({n}): at least {FEWEST_SEEDS} are needed"));
     let is_mean = matches!(compared.evidence, Evidence::Mean(_));
     let unrelated = (compared.design == Design::Unrelated && is_mean)
         .then(|| format!("fewer than {FEWEST_SEEDS} seeds in common: compared as unrelated samples"));
@@ -368,14 +369,18 @@ mod tests {
 
     /// Evaluates `text` where agent `a` has `left` and `b` has `right`, both with seeds counted from the given first one.
     fn outcome(text: &str, (first_a, a): (u64, &[f64]), (first_b, b): (u64, &[f64])) -> ClaimVerdict {
-        evaluate(&parse(text).unwrap(), &|operand| {
-            let (first, values) = match operand.agent.as_str() {
-                "a" => (first_a, a),
-                "b" => (first_b, b),
-                _ => return None,
-            };
-            Some((first..).zip(values.iter().copied()).collect())
-        }, &Seeds::default())
+        evaluate(
+            &parse(text).unwrap(),
+            &|operand| {
+                let (first, values) = match operand.agent.as_str() {
+                    "a" => (first_a, a),
+                    "b" => (first_b, b),
+                    _ => return None,
+                };
+                Some((first..).zip(values.iter().copied()).collect())
+            },
+            &Seeds::default(),
+        )
     }
 
     fn word(text: &str, a: &[f64], b: &[f64]) -> &'static str {
@@ -459,12 +464,18 @@ mod tests {
     fn the_order_and_the_episodes_of_seeds_do_not_matter() {
         let claim = parse("a.x > b.x").unwrap();
         let a = |operand: &Operand| operand.agent == "a";
-        let one = evaluate(&claim, &|operand| {
-            Some(if a(operand) { vec![(0, 3.0), (1, 4.0), (2, 6.0)] } else { vec![(0, 1.0), (1, 1.5), (2, 1.0)] })
-        }, &Seeds::default());
-        let other = evaluate(&claim, &|operand| {
-            Some(if a(operand) { vec![(2, 6.0), (0, 3.0), (1, 3.5), (1, 4.5)] } else { vec![(1, 1.5), (2, 1.0), (0, 1.0)] })
-        }, &Seeds::default());
+        let one = evaluate(
+            &claim,
+            &|operand| Some(if a(operand) { vec![(0, 3.0), (1, 4.0), (2, 6.0)] } else { vec![(0, 1.0), (1, 1.5), (2, 1.0)] }),
+            &Seeds::default(),
+        );
+        let other = evaluate(
+            &claim,
+            &|operand| {
+                Some(if a(operand) { vec![(2, 6.0), (0, 3.0), (1, 3.5), (1, 4.5)] } else { vec![(1, 1.5), (2, 1.0), (0, 1.0)] })
+            },
+            &Seeds::default(),
+        );
         assert_eq!(one, other);
     }
 
@@ -473,7 +484,8 @@ mod tests {
     fn shares_of_successes_are_no_means() {
         let claim = |text: &str| {
             let share = |agent: &str| if agent == "a" { 9 } else { 0 };
-            let seeds = |operand: &Operand| (0..10).map(|seed| (seed, f64::from(u8::from(seed < share(&operand.agent))))).collect();
+            let seeds =
+                |operand: &Operand| (0..10).map(|seed| (seed, f64::from(u8::from(seed < share(&operand.agent))))).collect();
             evaluate(&parse(text).unwrap(), &|operand| Some(seeds(operand)), &Seeds::default())
         };
         // The exact 95 % limits of 9 of 10 are 0.555 and 0.9975.

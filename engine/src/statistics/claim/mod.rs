@@ -54,8 +54,7 @@ pub enum Aggregate {
 
 impl Aggregate {
     /// All of them, in the order of the documentation.
-    pub const ALL: [Aggregate; 5] =
-        [Aggregate::Final, Aggregate::Auc, Aggregate::Max, Aggregate::Min, Aggregate::GivenSuccess];
+    pub const ALL: [Aggregate; 5] = [Aggregate::Final, Aggregate::Auc, Aggregate::Max, Aggregate::Min, Aggregate::GivenSuccess];
 
     /// The word that is written in a claim.
     #[must_use]
