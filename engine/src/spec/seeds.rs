@@ -106,7 +106,7 @@ pub(super) fn schema() -> Value {
         },
     });
     json!({
-        "description": "Number of replicates N (seeds 0 to N - 1), the seeds themselves, or a design: seeds are added look by look until every judged value and claim is decided.",
+        "description": "Number of replicates N (seeds 0 to N - 1), the seeds themselves, or a design `{ min, max, looks }`. With a design seeds are added look by look until every judged value and claim is decided.",
         "default": 1,
         "oneOf": [{ "type": "integer", "minimum": 1, "maximum": MOST_SEEDS }, list, design],
     })

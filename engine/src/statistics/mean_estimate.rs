@@ -151,6 +151,7 @@ impl MeanEstimate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::statistics::power::POWER;
     use crate::statistics::tests::{assert_close, normal_pair, numbers, reference, sequential_reference};
 
     #[test]
@@ -175,12 +176,14 @@ mod tests {
     #[test]
     fn the_number_of_seeds_asked_for_is_the_smallest_that_suffices() {
         let estimate = MeanEstimate::of(&[9.0, 10.0, 11.0]);
-        // Standard deviation 1: with n seeds the half-width is t(0.975, n - 1) / sqrt(n); 2.776 / sqrt(5) = 1.242 and
-        // 2.571 / sqrt(6) = 1.049 enclose 1.1.
-        assert_eq!(estimate.more_seeds(0.95, 1.1), Some(3));
-        assert_eq!(estimate.more_seeds(0.95, 0.0), None);
-        assert_eq!(estimate.more_seeds(0.95, 0.01), None);
-        assert_eq!(MeanEstimate::of(&[1.0]).more_seeds(0.95, 1.0), None);
+        let more = |distance: f64| estimate.more_seeds_for_power(Room::to_edge(distance), 0.025, POWER);
+        // One more seed raises the power, and one fewer does not reach it.
+        let enough = more(1.1).unwrap();
+        let power_of =
+            |more| power(Room::to_edge(1.1), estimate.standard_error_with(more), estimate.degrees_of_freedom_with(more), 0.025);
+        assert!(power_of(enough) >= POWER && power_of(enough - 1) < POWER, "{enough}");
+        assert_eq!((more(0.0), more(0.01)), (None, None));
+        assert_eq!(MeanEstimate::of(&[1.0]).more_seeds_for_power(Room::to_edge(1.0), 0.025, POWER), None);
     }
 
     /// The interval at the level 1 - p ends at 0.
@@ -203,7 +206,7 @@ mod tests {
     fn published_samples_do_not_grow() {
         let (ours, published) = ([9.0, 10.0, 11.0], PublishedMean { value: 9.0, sd: 4.0, n: 4 });
         let wide = MeanEstimate::against_published(&ours, published);
-        assert_eq!((wide.more_seeds(0.95, 1.0), wide.more_seeds_for_power(Room::to_edge(1.0), 0.05, 0.8)), (None, None));
+        assert_eq!(wide.more_seeds_for_power(Room::to_edge(1.0), 0.05, POWER), None);
         let known = MeanEstimate::against_published(&ours, PublishedMean { sd: 0.0, ..published });
         let alone = MeanEstimate::of(&[0.0, 1.0, 2.0]);
         assert_eq!((known.value, known.interval(0.9)), (alone.value, alone.interval(0.9)));

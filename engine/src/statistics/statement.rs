@@ -56,10 +56,6 @@ impl Evidence {
             Evidence::Shares(left, right) => left.interval_of_difference(*right, level),
         }
     }
-
-    fn has_no_spread(&self) -> bool {
-        matches!(self, Evidence::Mean(estimate) if estimate.has_no_spread())
-    }
 }
 
 /// The values for which a statement holds.
@@ -105,6 +101,8 @@ pub struct Look {
     pub evidence: Evidence,
     /// The values for which the statement holds; a margin in percent of a mean moves with it.
     pub region: Region,
+    /// True where seeds make no difference, so that a few of them tell as much as many.
+    pub deterministic: bool,
 }
 
 /// Something that seeds decide.
@@ -165,7 +163,7 @@ impl Statement {
 
 impl Look {
     fn outcome(&self, interval: Option<Interval>) -> Outcome {
-        let enough = self.evidence.n() >= FEWEST_SEEDS || self.evidence.has_no_spread();
+        let enough = self.evidence.n() >= FEWEST_SEEDS || self.deterministic;
         match interval.filter(|_| enough) {
             Some(interval) if self.region.holds(interval) => Outcome::Holds,
             Some(interval) if self.region.fails(interval) => Outcome::Fails,
@@ -199,7 +197,8 @@ mod tests {
     use proptest::prelude::*;
 
     fn at(values: &[f64], region: Region) -> Look {
-        Look { evidence: Evidence::Mean(MeanEstimate::of(values)), region }
+        let estimate = MeanEstimate::of(values);
+        Look { deterministic: estimate.has_no_spread(), evidence: Evidence::Mean(estimate), region }
     }
 
     fn fixed(values: &[f64], region: Region) -> Statement {
@@ -248,13 +247,17 @@ mod tests {
     /// Three seeds of three give 97.5 % limits of 0.2924 and 1.
     #[test]
     fn shares_are_decided_by_exact_intervals() {
-        let share =
-            |low: f64| Look { evidence: Evidence::Share(Share { successes: 3, n: 3 }), region: Region::between(low, 1.0) };
+        let share = |low: f64| Look {
+            evidence: Evidence::Share(Share { successes: 3, n: 3 }),
+            region: Region::between(low, 1.0),
+            deterministic: false,
+        };
         let outcome = |low| Statement { looks: vec![share(low)], design: None, alpha: 0.025 }.decide().outcome;
         assert_eq!((outcome(0.292), outcome(0.293)), (Outcome::Holds, Outcome::Open));
         let apart = Look {
             evidence: Evidence::Shares(Share { successes: 20, n: 20 }, Share { successes: 0, n: 20 }),
             region: Region { low: 0.0, high: f64::INFINITY, closed: false },
+            deterministic: false,
         };
         assert_eq!(Statement { looks: vec![apart], design: None, alpha: 0.025 }.decide().outcome, Outcome::Holds);
     }

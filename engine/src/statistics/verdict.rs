@@ -285,14 +285,16 @@ pub fn judge(reference: Reference, values: &[(u64, f64)], failed: usize, seeds: 
 /// The evidence of the seeds of one look, and the values that count as the same.
 fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
     let (low, high) = reference.band;
-    match reference.runs {
-        _ if is_share => Look { evidence: share_of(values), region: Region::between(low, high) },
-        None => Look { evidence: Evidence::Mean(MeanEstimate::of(values)), region: Region::between(low, high) },
+    let deterministic = !is_share && MeanEstimate::of(values).has_no_spread();
+    let (evidence, region) = match reference.runs {
+        _ if is_share => (share_of(values), Region::between(low, high)),
+        None => (Evidence::Mean(MeanEstimate::of(values)), Region::between(low, high)),
         Some((sd, n)) => {
             let estimate = MeanEstimate::against_published(values, PublishedMean { value: reference.value, sd, n });
-            Look { evidence: Evidence::Mean(estimate), region: Region::between(low - reference.value, high - reference.value) }
+            (Evidence::Mean(estimate), Region::between(low - reference.value, high - reference.value))
         }
-    }
+    };
+    Look { evidence, region, deterministic }
 }
 
 /// Values of 0 and 1 as a share.
@@ -308,7 +310,8 @@ pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
     match &look.evidence {
         _ if look.evidence.n() < 2 => Some(missing),
         Evidence::Mean(estimate) => {
-            estimate.more_seeds_for_power(look.region.room(estimate.value), alpha, POWER).map(|more| more.max(missing))
+            let more = estimate.more_seeds_for_power(look.region.room(estimate.value), alpha, POWER);
+            more.map(|more| more.max(missing)).or((missing > 0).then_some(missing))
         }
         Evidence::Share(_) | Evidence::Shares(..) => None,
     }

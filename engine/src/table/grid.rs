@@ -143,7 +143,7 @@ impl Grid {
         let mut notes = vec![self.reading()];
         notes.extend(self.judging());
         notes.extend(self.each(|cell| cell.is_incomplete().then(|| cell.incompleteness())).map(|note| format!("* {note}")));
-        notes.extend(self.each(|cell| cell.judgement.as_ref().map(Judgement::note).filter(|note| !note.is_empty())));
+        notes.extend(self.grouped(|cell| cell.judgement.as_ref().map(Judgement::note).filter(|note| !note.is_empty())));
         notes.extend(self.grouped(Cell::caution));
         notes.extend(self.notes.iter().cloned());
         notes
@@ -238,11 +238,6 @@ impl Grid {
         }
         text
     }
-}
-
-/// A margin without the digits of its rounding error.
-fn short(margin: f64) -> f64 {
-    format!("{margin:.3e}").parse().unwrap_or(margin)
 }
 
 impl Cell {

@@ -293,7 +293,8 @@ impl Compared {
     }
 
     fn look(&self, relation: Relation) -> Look {
-        Look { evidence: self.evidence.clone(), region: self.region(region(relation, self.right_mean)) }
+        let region = self.region(region(relation, self.right_mean));
+        Look { evidence: self.evidence.clone(), region, deterministic: self.has_no_spread }
     }
 }
 
