@@ -9,6 +9,7 @@ mod end_states;
 mod experiments;
 mod fsck;
 mod identity;
+mod looks;
 mod other_programs;
 mod pins;
 mod program;

@@ -130,6 +130,8 @@ pub(super) fn record(one: &Planned, store: &Store, results: &Results, contents: 
         line.seen_at = look(format!("{} in {}", line.spec.claim, line.place), &line.rests_on, seeds);
     }
     if changed {
+        let folder = store.root().join("looks");
+        std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         write_durably(&path, json!(seen).to_string().as_bytes())?;
     }
     Ok(())

@@ -1,0 +1,86 @@
+//! Seeds that are added look by look, and verdicts that were seen before.
+
+use crate::program::Bench;
+use std::collections::BTreeMap;
+
+const STUDY: &str = "
+study: looks
+environments:
+  cells: { battery: { cells: 2 } }
+agents:
+  equal: { equal_split: {} }
+  random: { random_allocation: {} }
+  observed: { water_filling: {} }
+  known: { water_filling_true_state: {} }
+protocol: { train_evaluate: { steps: 0, final_episodes: 2, trace_episodes: 0 } }
+seeds: { min: 3, max: 9, looks: 3 }
+tables:
+  improvement:
+    improvement: { rows: agent, value: cycle_length, relative_to: equal, agents: [random, equal] }
+    published: { random: -90, equal: 0 }
+    margin: { absolute: 30, why: a third of the scale }
+claims:
+  - equal.cycle_length > random.cycle_length
+  - known.cycle_length > 1.1 * observed.cycle_length
+  - observed.cycle_length > 158
+";
+
+/// Seeds that ended `ok`, by agent.
+fn seeds(bench: &Bench, store: &str) -> BTreeMap<String, u64> {
+    let status: serde_json::Value =
+        serde_json::from_str(&bench.ok(&["status", "looks.yaml", "--store", store, "--format", "json"])).unwrap();
+    let cells = status["cells"].as_array().unwrap().iter();
+    cells.map(|cell| (cell["agent"].as_str().unwrap().to_owned(), cell["ok"].as_u64().unwrap())).collect()
+}
+
+fn report(bench: &Bench) -> String {
+    std::fs::read_to_string(bench.path("results/looks/report.md")).unwrap()
+}
+
+#[test]
+fn what_is_decided_stops_costing_and_what_is_open_goes_on() {
+    let bench = Bench::new();
+    bench.write("looks.yaml", STUDY);
+    bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one"]);
+    let expected = [("equal", 3), ("known", 3), ("observed", 9), ("random", 3)].map(|(agent, n)| (agent.to_owned(), n));
+    assert_eq!(seeds(&bench, "one"), BTreeMap::from(expected));
+    let report = report(&bench);
+    assert!(report.contains("decided at look 1 of 3, with 3 seeds"), "{report}");
+    assert!(report.contains("open after the last of 3 looks"), "{report}");
+    assert!(report.contains("NOT JUDGED") && report.contains("repeated confidence interval"), "{report}");
+    let again = bench.run(&["run", "looks.yaml", "--store", "one"]);
+    assert!(again.err.contains("nothing runs"), "{}", again.err);
+    // One worker, stopped after the first look and gone on with by another command, comes to the same trials.
+    bench.ok(&["run", "looks.yaml", "-j", "1", "--store", "two", "--seeds", "3"]);
+    bench.ok(&["worker", "looks.yaml", "--store", "two"]);
+    assert_eq!(bench.digests("one"), bench.digests("two"));
+}
+
+#[test]
+fn a_plan_begins_with_the_first_look() {
+    let bench = Bench::new();
+    bench.write("looks.yaml", STUDY);
+    let plan = bench.ok(&["plan", "looks.yaml"]);
+    assert!(plan.contains("looks: 12 trials") && plan.contains("looks at 3, 6, 9 seeds"), "{plan}");
+}
+
+#[test]
+fn a_verdict_that_was_seen_without_a_plan_is_marked() {
+    let bench = Bench::new();
+    let fixed = |n: u32| STUDY.replace("{ min: 3, max: 9, looks: 3 }", &n.to_string());
+    bench.write("looks.yaml", &fixed(3));
+    bench.ok(&["run", "looks.yaml"]);
+    assert!(!report(&bench).contains("unplanned look"));
+    // The same number of seeds again is no other look.
+    bench.ok(&["report", "looks.yaml"]);
+    assert!(!report(&bench).contains("unplanned look"));
+    bench.write("looks.yaml", &fixed(5));
+    bench.ok(&["run", "looks.yaml"]);
+    let text = report(&bench);
+    assert!(text.contains("random: unplanned look: the verdict was seen with 3 seeds before, so its level is not held"), "{text}");
+    assert_eq!(text.matches("unplanned look").count(), 4, "{text}");
+    // Trials that are computed in another way are another experiment.
+    bench.write("looks.yaml", &fixed(6).replace("final_episodes: 2", "final_episodes: 3"));
+    bench.ok(&["run", "looks.yaml"]);
+    assert!(!report(&bench).contains("unplanned look"));
+}
