@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
 pub const UPDATES: &str = "updates";
 
+/// The metric that every measured episode records once: how many decisions it took.
+pub const EPISODE_LENGTH: &str = "episode_length";
+
 /// How a trial ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]

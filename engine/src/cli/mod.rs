@@ -3,6 +3,7 @@
 mod compute;
 mod describe;
 mod fsck;
+mod profiles;
 mod progress;
 mod provenance;
 mod rollout;

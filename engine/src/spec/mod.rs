@@ -82,6 +82,8 @@ pub struct Study {
     pub seeds: Vec<u64>,
     /// The profile that was used.
     pub profile: Option<String>,
+    /// Names of all its profiles, in order.
+    pub profiles: Vec<String>,
     /// Tables by name, in order.
     pub tables: Vec<(String, TableSpec)>,
     /// Figures by name, in order.
@@ -197,6 +199,7 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         plays: world.plays,
         seeds,
         profile: None,
+        profiles: root.get("profiles").map_or(&[][..], Node::entries).iter().map(|entry| entry.key.clone()).collect(),
         tables: asked.tables,
         figures: asked.figures,
         claims: asked.claims,
