@@ -14,6 +14,8 @@ pub const UPDATES: &str = "updates";
 
 /// The metric of studies that say what success is: 1 for a seed with success, 0 for one without.
 pub const SUCCESS: &str = "success";
+/// The metric that every measured episode records once: how many decisions it took.
+pub const EPISODE_LENGTH: &str = "episode_length";
 
 /// How a trial ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]

@@ -7,19 +7,26 @@ use super::{
 use crate::{
     Registry, diagnostic,
     plan::{self, Novelty, Plan, Wanted},
+    report,
     results::{EndState, TrialEnd},
     spec::{self, Study},
     store::{Store, StoredTrial, is_missing},
     trial::Trial,
 };
 use serde_json::json;
-use std::{collections::BTreeMap, path::Path, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// Stored trials among which the nearest to a missing one is looked for.
 const MOST_STORED: usize = 500_000;
 
 /// A study that passed its checks, and its trials.
 pub(super) struct Planned {
+    /// Its file.
+    pub(super) path: PathBuf,
     /// The study.
     pub(super) study: Study,
     /// Its trials, narrowed by `--only`.
@@ -65,7 +72,7 @@ fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<P
     let study = spec::load(path, registry, &options(selection)).map_err(|problems| diagnostic::render(&problems, colour()))?;
     let plan = Plan { study: study.name.clone(), title: study.title.clone(), trials: Vec::new() };
     let only = selection.only.clone();
-    let mut planned = Planned { study, plan, costs: Vec::new(), wanted: Wanted::new(), open: None, only };
+    let mut planned = Planned { path: path.to_owned(), study, plan, costs: Vec::new(), wanted: Wanted::new(), open: None, only };
     planned.replan(registry, Wanted::new());
     Ok(planned)
 }
@@ -341,19 +348,11 @@ fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
     let about = if unknown == missing {
         "no stored trial tells how long".to_owned()
     } else {
-        format!("about {} on {workers} workers", duration(wall_s))
+        format!("about {} on {workers} workers", report::duration(wall_s))
     };
     let rest =
         if unknown > 0 && unknown < missing { format!(", and {unknown} trials of agents that never ran") } else { String::new() };
     format!("  {missing} missing: {about}{rest}")
-}
-
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 90.0 => format!("{s:.0} s"),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
 }
 
 fn failures(trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {

@@ -91,6 +91,8 @@ pub struct Study {
     pub success: Option<Success>,
     /// The profile that was used.
     pub profile: Option<String>,
+    /// Names of all its profiles, in order.
+    pub profiles: Vec<String>,
     /// Tables by name, in order.
     pub tables: Vec<(String, TableSpec)>,
     /// Figures by name, in order.
@@ -212,6 +214,7 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         design: plan.design,
         success,
         profile: None,
+        profiles: root.get("profiles").map_or(&[][..], Node::entries).iter().map(|entry| entry.key.clone()).collect(),
         tables: asked.tables,
         figures: asked.figures,
         claims: asked.claims,
