@@ -1,6 +1,7 @@
 //! What is known of a study's trials: the frame that tables, figures and claims read.
 
 use crate::{
+    Metric, PerEpisode,
     recorder::{Phase, Row},
     trial::Trial,
 };
@@ -9,6 +10,12 @@ use serde::{Deserialize, Serialize};
 
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
 pub const UPDATES: &str = "updates";
+
+/// What [`UPDATES`] says, for names, units and directions.
+#[must_use]
+pub fn updates() -> Metric {
+    Metric::new(UPDATES, "", "updates that the agent made so far").per_episode(PerEpisode::Last)
+}
 
 /// How a trial ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]

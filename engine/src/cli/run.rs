@@ -34,6 +34,7 @@ pub(super) fn run(
     let settings = settings::read(common)?;
     let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
     let planned = study::load(registry, selection)?;
+    study::warn(&planned);
     let how = Compute {
         settings: &settings,
         limits: &options.limits,
