@@ -14,6 +14,7 @@ pub mod agent;
 pub mod checkpoint;
 pub mod cli;
 pub mod cross_play;
+pub mod data_file;
 pub mod diagnostic;
 pub mod document;
 pub mod environment;
@@ -39,6 +40,7 @@ pub mod trial;
 
 pub use agent::{Agent, Mode, Transition};
 pub use checkpoint::{Keeper, NoKeeper};
+pub use data_file::DataFile;
 pub use environment::{
     Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, RewardSurface, Seat, Space, Step,
 };

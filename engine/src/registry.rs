@@ -11,6 +11,9 @@ use std::collections::BTreeMap;
 
 /// What a plugin's config must be.
 ///
+/// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then reads what its id
+/// names, whatever happens to the file.
+///
 /// Derive `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc comments become
 /// the descriptions that `describe` prints; `#[schemars(range(min = .., max = ..))]` the limits that `check` holds;
 /// `#[schemars(extend("x-unit" = "s"))]` the unit and `#[schemars(extend("x-source" = "table 3.1"))]` the source of a default.
@@ -176,7 +179,7 @@ impl Registry {
 }
 
 fn typed<C: Config>(raw: &Value) -> Result<C, Error> {
-    serde_json::from_value(raw.clone()).map_err(|source| Error::config("config", source.to_string()))
+    C::deserialize(raw).map_err(|source| Error::config("config", source.to_string()))
 }
 
 fn describe<C: Config>(version: u32, about: &'static str) -> About {

@@ -35,6 +35,7 @@ pub(super) fn run(
     let settings = settings::read(common)?;
     let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
     let mut planned = study::load_with_looks(registry, selection, &store)?;
+    study::warn(&planned);
     let how = Compute {
         settings: &settings,
         limits: &options.limits,

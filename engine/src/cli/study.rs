@@ -97,6 +97,13 @@ pub(super) fn load_with_looks(registry: &Registry, selection: &Selection, store:
     Ok(planned)
 }
 
+/// Says what can be run and is probably not meant.
+pub(super) fn warn(planned: &[Planned]) {
+    for one in planned.iter().filter(|one| !one.study.warnings.is_empty()) {
+        complain(&diagnostic::render(&one.study.warnings, colour()));
+    }
+}
+
 fn options(selection: &Selection) -> spec::Options {
     spec::Options { profile: selection.profile.clone(), sets: selection.sets.clone(), seeds: selection.seeds }
 }
@@ -126,7 +133,9 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
     if common.format == Format::Json {
         return check_as_json(registry, selection);
     }
-    for one in load(registry, selection)? {
+    let planned = load(registry, selection)?;
+    warn(&planned);
+    for one in planned {
         let Planned { study, plan, .. } = one;
         say(&format!(
             "{}: ok, {} trials, {} tables, {} figures, {} claims",
@@ -144,8 +153,13 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
     let mut code = OK;
     let mut reports = Vec::new();
     for path in &selection.specs {
-        let problems = spec::load(path, registry, &options(selection)).err().unwrap_or_default();
-        code = if problems.is_empty() { code } else { BAD_SPEC };
+        let problems = spec::load(path, registry, &options(selection)).map_or_else(
+            |errors| {
+                code = BAD_SPEC;
+                errors
+            },
+            |study| study.warnings,
+        );
         reports.push(json!({"spec": path, "problems": diagnostic::to_json(&problems)}));
     }
     say(&serde_json::Value::Array(reports).to_string());
@@ -172,7 +186,9 @@ fn stored(store: &Store, trials: &[Trial]) -> Vec<Option<StoredTrial>> {
 pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let store = Store::at(&settings.store);
-    for one in load_with_looks(registry, selection, &store)? {
+    let planned = load_with_looks(registry, selection, &store)?;
+    warn(&planned);
+    for one in planned {
         let trials = &one.plan.trials;
         let stored = stored(&store, trials);
         let ends: Vec<_> = stored.iter().map(|stored| stored.as_ref().map(|it| it.end.clone())).collect();

@@ -103,6 +103,8 @@ pub struct Study {
     pub plays: Vec<Play>,
     /// What one trial may use.
     pub limits: Limits,
+    /// What can be run and is probably not meant, sorted by position.
+    pub warnings: Vec<Diagnostic>,
     /// Everything that its trials record, by name; where parts share a name, the first of protocol, environments and agents.
     pub metrics: Vec<Metric>,
     /// Combinations of environment, agent and setting.
@@ -220,6 +222,7 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         claims: asked.claims,
         // The section was held against its schema before.
         limits: root.get("limits").and_then(|node| serde_json::from_value(node.to_value()).ok()).unwrap_or_default(),
+        warnings: world.warnings,
         metrics: world.metrics,
         cells,
         numerics: sections.registry.numerics_version,

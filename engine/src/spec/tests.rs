@@ -67,6 +67,21 @@ fn every_mistake_has_its_message() {
 }
 
 #[test]
+fn what_is_probably_not_meant_has_its_warning_and_fails_nothing() {
+    let warned = files("warned");
+    assert!(warned.len() >= 2);
+    for path in warned {
+        let study = load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        assert!(!study.warnings.is_empty(), "{} warns of nothing", path.display());
+        snapshot("warned/messages", &path, &crate::diagnostic::render(&study.warnings, false));
+    }
+    for path in files("valid") {
+        let study = load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        assert!(study.warnings.is_empty(), "{}: {}", path.display(), crate::diagnostic::render(&study.warnings, false));
+    }
+}
+
+#[test]
 fn right_studies_resolve_and_their_resolved_form_makes_the_same_trials() {
     let files = files("valid");
     assert!(files.len() >= 4);
