@@ -1,6 +1,9 @@
 //! What every agent was given: steps, updates, measured episodes and time.
 
-use super::sheet::{Entry, Sheet, Tone};
+use super::{
+    StudyInfo,
+    sheet::{Entry, Sheet, Tone},
+};
 use crate::{
     Phase,
     cross_play::is_cross_play,
@@ -39,11 +42,11 @@ pub(super) struct Cost {
 }
 
 /// The budget of every agent in every environment; `None` where the study has no trial.
-pub(super) fn sheet(results: &Results) -> Option<Sheet> {
+pub(super) fn sheet(study: &StudyInfo, results: &Results) -> Option<Sheet> {
     let budgets = budgets(results);
     let several = budgets.iter().any(|budget| budget.environment != budgets[0].environment);
     let head = HEAD.into_iter().skip(usize::from(!several)).map(String::from).collect();
-    let rows = budgets.iter().map(|budget| budget.row().split_off(usize::from(!several))).collect();
+    let rows = budgets.iter().map(|budget| budget.row(study).split_off(usize::from(!several))).collect();
     let notes = notes(&budgets, results);
     (!budgets.is_empty()).then(|| Sheet { title: String::new(), head, words: 1 + usize::from(several), rows, notes })
 }
@@ -111,9 +114,10 @@ fn budgets(results: &Results) -> Vec<Budget<'_>> {
 }
 
 impl Budget<'_> {
-    fn row(&self) -> Vec<Entry> {
+    fn row(&self, study: &StudyInfo) -> Vec<Entry> {
         let cost = Cost::of(self.trials.iter().copied());
-        let mut row = vec![Entry::plain(self.environment), Entry::plain(self.agent), self.count(), self.steps(), self.updates()];
+        let mut row = vec![Entry::plain(self.environment), Entry::plain(self.agent), self.count()];
+        row.extend([self.steps(study.learners.contains(self.agent)), self.updates()]);
         row.extend([Phase::Evaluate, Phase::Final].map(|phase| Entry::plain(self.episodes(phase))));
         row.push(Entry::plain(cost.mean().map_or(NONE.into(), duration)));
         row.push(Entry::plain(if cost.trials > 0 { duration(cost.seconds) } else { NONE.into() }));
@@ -135,12 +139,11 @@ impl Budget<'_> {
     }
 
     /// Steps that the agent learned from: those done when the last measurement was made.
-    fn steps(&self) -> Entry {
-        let learning = self.ok().filter(|trial| trial.updates().is_some());
-        let steps =
-            learning.filter_map(|trial| trial.rows.iter().filter(|row| row.phase == Phase::Final).map(|row| row.step).max());
+    fn steps(&self, learns: bool) -> Entry {
+        let learning = self.ok().filter(|trial| learns || trial.updates().is_some());
+        let last = |trial: &TrialResult| trial.rows.iter().filter(|row| row.phase == Phase::Final).map(|row| row.step).max();
         #[allow(clippy::cast_precision_loss, reason = "a budget is far below 2^52 steps")]
-        let steps = steps.map(|steps| steps as f64);
+        let steps = learning.filter_map(last).map(|steps| steps as f64);
         Entry::plain(range(steps))
     }
 
@@ -195,8 +198,8 @@ fn notes(budgets: &[Budget<'_>], results: &Results) -> Vec<String> {
     let mut notes = untrained(results);
     notes.push(format!(
         "Steps are those that an agent learned from (examples, where it was given examples); episodes are measured ones, in \
-         measurements × episodes where there were several. Ranges are over {over}. An agent without a number of updates does not \
-         learn."
+         measurements × episodes where there were several. Ranges are over {over}. Agents that do not learn record no number of \
+         updates."
     ));
     if budgets.iter().any(|budget| budget.agent == "all casts") {
         notes.push("Casts of a play are policies that other trials trained.".into());
@@ -228,7 +231,12 @@ mod tests {
     }
 
     fn texts(results: &Results) -> Vec<Vec<String>> {
-        sheet(results).unwrap().rows.iter().map(|row| row.iter().map(|entry| entry.text.clone()).collect()).collect()
+        sheet(&StudyInfo::default(), results)
+            .unwrap()
+            .rows
+            .iter()
+            .map(|row| row.iter().map(|entry| entry.text.clone()).collect())
+            .collect()
     }
 
     #[test]
@@ -246,9 +254,17 @@ mod tests {
     }
 
     #[test]
+    fn learners_that_record_no_number_of_updates_still_have_their_steps() {
+        let results = Results { trials: vec![trial("tank", "estimator", "", 0, &vec![(Phase::Final, 512, 0, "bias", 0.1)])] };
+        let study = StudyInfo { learners: ["estimator".to_owned()].into(), ..StudyInfo::default() };
+        let row = sheet(&study, &results).unwrap().rows.remove(0);
+        assert_eq!([row[2].text.as_str(), row[3].text.as_str()], ["512", "–"]);
+    }
+
+    #[test]
     fn agents_without_updates_are_flagged() {
         let results = Results::of(vec![learner(0, "", 20, 0.0), learner(1, "", 20, 4.0)]);
-        let row = &sheet(&results).unwrap().rows[0];
+        let row = &sheet(&StudyInfo::default(), &results).unwrap().rows[0];
         assert_eq!(row[3], Entry { text: "0–4: not trained".into(), tone: Tone::Alarm });
         assert_eq!(untrained(&results), ["`learner` in `tank`: 0 updates in 1 of 2 trials: not trained."]);
     }
@@ -259,7 +275,7 @@ mod tests {
         shared.trial.setting = "rate=0.2".into();
         let results = Results::of(vec![learner(0, "rate=0.1", 20, 3.0), shared, learner(0, "rate=0.3", 40, 6.0)]);
         assert_eq!(texts(&results), [["learner", "3", "20–40", "3–6", "3 × 2", "8", "1.0 s", "2.0 s"]]);
-        assert!(sheet(&results).unwrap().notes[0].contains("seeds and settings"));
+        assert!(sheet(&StudyInfo::default(), &results).unwrap().notes[0].contains("seeds and settings"));
     }
 
     #[test]
@@ -267,7 +283,7 @@ mod tests {
         let results = Results::of(vec![encounter("a", "a", 0, 1.0), encounter("a", "b", 0, 1.0), learner(0, "", 20, 3.0)]);
         let rows = texts(&results);
         assert_eq!((rows[0][0].as_str(), rows[0][1].as_str(), rows[0][2].as_str()), ("pursuit", "all casts", "2"));
-        assert_eq!(sheet(&Results::default()), None);
+        assert_eq!(sheet(&StudyInfo::default(), &Results::default()), None);
     }
 
     #[test]

@@ -18,7 +18,7 @@ pub(super) fn report(parts: &Parts<'_>) -> String {
         ("Figures", figures(parts)),
         ("Claims", claims(parts)),
         ("Departures", study.departures.iter().map(|departure| format!("- {}", prose::markdown(departure))).collect()),
-        ("Budgets", budgets::sheet(parts.results).iter().map(Sheet::markdown).collect()),
+        ("Budgets", budgets::sheet(parts.study, parts.results).iter().map(Sheet::markdown).collect()),
         ("Settings that differ", settings(parts)),
         ("Values by seed", by_seed(parts)),
         ("What was run", runs(parts)),

@@ -21,7 +21,7 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
         ("Figures", figures(parts)),
         ("Claims", claims(parts)),
         ("Departures", list(&parts.study.departures)),
-        ("Budgets", budgets::sheet(parts.results).iter().map(Sheet::html).collect()),
+        ("Budgets", budgets::sheet(parts.study, parts.results).iter().map(Sheet::html).collect()),
         ("Settings that differ", settings(parts)),
         ("Values by seed", values_by_seed(parts)),
         ("What was run", runs(parts)),
