@@ -174,7 +174,7 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
     let cells = sections.cells().map_err(|errors| with(found.clone(), errors))?;
     let mut world = builds::build(sections, &cells, &seeds).map_err(|errors| with(found.clone(), errors))?;
     world.plays = cross_play::resolve(sections, &cells, seeds.len()).map_err(|errors| with(found.clone(), errors))?;
-    let asked = names::Asked::read(root, &world, sections.sources);
+    let asked = names::Asked::read(root, &world, sections.sources, sections.folder);
     found.extend(asked.found);
     if !found.is_empty() {
         return Err(in_order(found));

@@ -3,6 +3,7 @@
 use super::{Study, cells::Sections, config, cross_play::Play, path::Target, written::Named};
 use crate::{
     document::{Entry, Node},
+    figure::FigureSpec,
     limits::Limits,
 };
 use serde_json::{Map, Value, json};
@@ -28,7 +29,7 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> String {
     });
     sections.extend(relocated);
     let tables = study.tables.iter().map(|(name, spec)| (name.clone(), given(json!(spec)))).collect();
-    let figures = study.figures.iter().map(|(name, spec)| (name.clone(), given(json!(spec)))).collect();
+    let figures = study.figures.iter().map(|(name, spec)| (name.clone(), given(json!(files_from(spec, folder))))).collect();
     sections.extend([("tables".to_string(), Section::Named(tables)), ("figures".to_string(), Section::Named(figures))]);
     sections.push(("claims".into(), Section::Plain(given(json!(study.claims)))));
     if study.limits != Limits::default() {
@@ -147,6 +148,13 @@ fn given(value: Value) -> Value {
         Value::Array(items) => Value::Array(items.into_iter().map(given).collect()),
         other => other,
     }
+}
+
+/// The same figure with the files of its published curves named relative to `folder`.
+fn files_from(spec: &FigureSpec, folder: &Path) -> FigureSpec {
+    let mut spec = spec.clone();
+    spec.published_curves_mut().for_each(|curve| curve.file = way(folder, &curve.file));
+    spec
 }
 
 /// Names data files relative to `folder`, whichever folder they are named from now.
