@@ -24,6 +24,7 @@ pub mod figure;
 pub mod limits;
 pub mod plan;
 pub mod protocol;
+pub mod published_curve;
 pub mod random;
 pub mod recorder;
 pub mod registry;

@@ -255,7 +255,7 @@ mod tests {
 
     #[test]
     fn learners_that_record_no_number_of_updates_still_have_their_steps() {
-        let results = Results { trials: vec![trial("tank", "estimator", "", 0, &vec![(Phase::Final, 512, 0, "bias", 0.1)])] };
+        let results = Results::of(vec![trial("tank", "estimator", "", 0, &vec![(Phase::Final, 512, 0, "bias", 0.1)])]);
         let study = StudyInfo { learners: ["estimator".to_owned()].into(), ..StudyInfo::default() };
         let row = sheet(&study, &results).unwrap().rows.remove(0);
         assert_eq!([row[2].text.as_str(), row[3].text.as_str()], ["512", "–"]);

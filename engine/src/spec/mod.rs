@@ -191,7 +191,7 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
     let mut world = builds::build(sections, &cells, certain).map_err(|errors| with(found.clone(), errors))?;
     found.extend(names::success(root, success.as_ref(), &mut world, sections.sources));
     world.plays = cross_play::resolve(sections, &cells, plan.seeds.len()).map_err(|errors| with(found.clone(), errors))?;
-    let asked = names::Asked::read(root, &world, sections.sources);
+    let asked = names::Asked::read(root, &world, sections.sources, sections.folder);
     found.extend(asked.found);
     if !found.is_empty() {
         return Err(in_order(found));

@@ -292,6 +292,26 @@ fn the_resolved_study_can_be_stored_in_another_folder() {
 }
 
 #[test]
+fn published_curves_are_found_from_the_study_and_from_its_results() {
+    let dir = tempfile::tempdir().unwrap();
+    let (study_dir, results) = (dir.path().join("experiments"), dir.path().join("results/walk"));
+    std::fs::create_dir_all(study_dir.join("curves")).unwrap();
+    std::fs::create_dir_all(&results).unwrap();
+    std::fs::write(study_dir.join("curves/one.csv"), "step,value\n10,1\n20,3\n").unwrap();
+    let figure = "figures: { curve: { learning_curve: { environments: [short], published: \
+                  [{ label: One, file: curves/one.csv, step: step, value: value }] } } }";
+    let study = load_text(&format!("{HEAD}{figure}"), "a.yaml", &study_dir, &toys(), &Options::default()).unwrap();
+    let path = results.join("resolved.yaml");
+    let resolved = resolved_yaml(&study, &results);
+    assert!(resolved.contains(r#"file: "../../experiments/curves/one.csv""#), "{resolved}");
+    std::fs::write(&path, resolved).unwrap();
+    for study in [study, load(&path, &toys(), &Options::default()).unwrap()] {
+        let curve = &study.figures[0].1.learning_curve.as_ref().unwrap().published[0];
+        assert_eq!(curve.runs().unwrap()[0].points, [(10, 1.0), (20, 3.0)]);
+    }
+}
+
+#[test]
 fn a_study_that_cannot_be_read_is_a_message() {
     let found = load(Path::new("no/such/study.yaml"), &toys(), &Options::default()).unwrap_err();
     assert!(crate::diagnostic::render(&found, false).contains("--> no/such/study.yaml"));
