@@ -127,7 +127,7 @@ fn published_curves_are_compared_at_equal_steps() {
     let references: Vec<_> =
         grid.cells[0].iter().map(|cell| cell.judgement.as_ref().map(|it| (it.reference.value, it.reference.runs))).collect();
     // Up to step 10 there is one measurement only, and the logs end at 28. The two runs differ by 2 and by 1.5.
-    let runs = |difference: f64| Some((difference / 2f64.sqrt(), 2));
+    let runs = |difference: f64| Some((crate::statistics::estimators::sd(&[0.0, difference]), 2));
     assert_eq!(references, [None, Some((4.0, runs(2.0))), Some((7.75, runs(1.5))), None]);
     assert!(grid.cells[1].iter().all(|cell| cell.judgement.is_none()));
     assert!(grid.notes.contains(&"Published curve logs: 2 runs, the last 2 measurements up to each step.".to_owned()));
