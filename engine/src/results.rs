@@ -13,7 +13,7 @@ pub const UPDATES: &str = "updates";
 
 /// What [`UPDATES`] says, for names, units and directions.
 #[must_use]
-pub fn updates() -> Metric {
+pub fn updates_metric() -> Metric {
     Metric::new(UPDATES, "", "updates that the agent made so far").per_episode(PerEpisode::Last)
 }
 
