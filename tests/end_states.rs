@@ -91,7 +91,7 @@ fn a_measurement_that_is_no_number_ends_as_nan_and_reaches_no_table() {
     assert_eq!(answer.code, 100, "{}", answer.err);
     let status = bench.run(&[&["status", study], &options[..]].concat());
     assert!(status.out.contains("nan      bandit dirichlet"), "{}", status.out);
-    assert!(status.out.contains("gradient_variance (phase evaluate) is not finite at step 256: "), "{}", status.out);
+    assert!(status.out.contains("gradient_bias (phase evaluate) is not finite at step 256: NaN"), "{}", status.out);
     assert!(!answer.out.contains("NaN"), "{}", answer.out);
 }
 

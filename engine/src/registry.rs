@@ -68,7 +68,7 @@ pub struct EnvironmentEntry {
 pub struct AgentEntry {
     /// Name, defaults, schema.
     pub about: About,
-    /// False for rules and bounds: the protocol then trains for no step.
+    /// False for rules and bounds: the protocol then measures alone.
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
@@ -86,7 +86,8 @@ pub struct ProtocolEntry {
     pub about: About,
     /// Makes it from a resolved config.
     pub build: Build<dyn Protocol>,
-    /// The config for an agent that does not learn, so that its trials do not depend on training budgets.
+    /// The config for an agent that does not learn: measurements alone, at the steps at which those that learn are measured, so
+    /// that its trials do not depend on the rest of a training budget.
     pub without_training: Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>,
 }
 

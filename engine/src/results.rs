@@ -21,7 +21,7 @@ pub const EPISODE_LENGTH: &str = "episode_length";
 
 /// What [`UPDATES`] says, for names, units and directions.
 #[must_use]
-pub fn updates() -> Metric {
+pub fn updates_metric() -> Metric {
     Metric::new(UPDATES, "", "updates that the agent made so far").per_episode(PerEpisode::Last)
 }
 

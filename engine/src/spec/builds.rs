@@ -12,7 +12,7 @@ use crate::{
     diagnostic::{Diagnostic, in_order},
     random,
     registry::AgentEntry,
-    results::updates,
+    results::updates_metric,
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -72,6 +72,7 @@ struct Measures {
     of_environment: bool,
     gives_examples: bool,
     experience: u64,
+    steps: u64,
 }
 
 /// Builds the cells' parts.
@@ -130,7 +131,7 @@ fn address(part: &Arc<Resolved>) -> usize {
 /// Notes what the trials of a cell record and trace.
 fn note(cell: &Cell, facts: &Facts, measures: &Measures, entry: &AgentEntry, world: &mut World) {
     let environment = facts.metrics.iter().filter(|_| measures.of_environment);
-    let updates = entry.learns.then(updates);
+    let updates = entry.learns.then(updates_metric);
     let metrics = measures.metrics.iter().chain(environment).chain(&entry.metrics).chain(&updates);
     world.record((cell.environment, cell.agent), metrics);
     let traced = world.traced.entry(cell.environment).or_default();
@@ -181,10 +182,10 @@ impl Builder<'_> {
                 self.agents.insert(addresses, learns_after.max(1));
             }
         }
-        let (learns_after, experience) = (self.agents[&addresses], measures.experience);
-        let useless = entry.learns && learns_after > experience;
-        if useless && self.warned.insert((cell.agent, learns_after, experience)) {
-            world.warnings.push(self.learns_nothing(agent, learns_after, experience));
+        let (learns_after, steps) = (self.agents[&addresses], measures.steps);
+        let is_useless = entry.learns && learns_after > measures.experience;
+        if is_useless && self.warned.insert((cell.agent, learns_after, steps)) {
+            world.warnings.push(self.learns_nothing(agent, learns_after, steps));
         }
         Ok(())
     }
@@ -202,13 +203,13 @@ impl Builder<'_> {
         })
     }
 
-    fn learns_nothing(&self, agent: &Resolved, learns_after: u64, experience: u64) -> Diagnostic {
+    fn learns_nothing(&self, agent: &Resolved, learns_after: u64, steps: u64) -> Diagnostic {
         let named = self.sections.written.part(agent.given.target);
         let (name, span) = named.map_or_else(Default::default, |named| (named.name.as_str(), named.name_span));
         let (why, instead) = match learns_after {
             u64::MAX => ("it never learns with these settings".to_owned(), "let it update, or "),
             _ => {
-                let why = format!("it learns from step {learns_after} on, and the protocol ends after {experience} steps");
+                let why = format!("it learns from step {learns_after} on, and the protocol ends after {steps} steps");
                 (why, "give the protocol more steps, let the agent learn from an earlier one, or ")
             }
         };
@@ -256,6 +257,7 @@ impl Builder<'_> {
             of_environment: protocol.records_environment_metrics(),
             gives_examples: protocol.gives_examples(),
             experience: protocol.experience(),
+            steps: protocol.total_steps(),
         });
         self.protocols.insert(resolved.id.clone(), measures);
         built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))
