@@ -205,8 +205,8 @@ fn notes(budgets: &[Budget<'_>], results: &Results) -> Vec<String> {
         notes.push("Casts of a play are policies that other trials trained.".into());
     }
     notes.push(format!(
-        "All trials together: {}. Times are wall-clock times of trials, each on one core; of a trial that was interrupted it is the \
-         time since it last went on.",
+        "All trials together: {}. Times are wall-clock times of trials, each on one core; of a trial that was interrupted it is \
+         the time since it last went on.",
         cost(results).sentence()
     ));
     notes
