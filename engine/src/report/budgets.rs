@@ -160,7 +160,7 @@ impl Budget<'_> {
         let counted: Vec<(usize, usize)> = self.ok().map(|trial| measured(trial, phase)).collect();
         let same = counted.windows(2).all(|pair| pair[0] == pair[1]);
         match counted.first() {
-            Some((measurements, episodes)) if same && *measurements > 1 && episodes % measurements == 0 => {
+            Some((measurements, episodes)) if same && *measurements > 1 && episodes.is_multiple_of(*measurements) => {
                 format!("{measurements} × {}", episodes / measurements)
             }
             #[allow(clippy::cast_precision_loss, reason = "a trial has far fewer than 2^52 episodes")]
@@ -205,8 +205,8 @@ fn notes(budgets: &[Budget<'_>], results: &Results) -> Vec<String> {
         notes.push("Casts of a play are policies that other trials trained.".into());
     }
     notes.push(format!(
-        "All trials together: {}. Times are wall-clock times of trials, each on one core; of a trial that was interrupted it is the \
-         time since it last went on.",
+        "All trials together: {}. Times are wall-clock times of trials, each on one core; of a trial that was interrupted it is \
+         the time since it last went on.",
         cost(results).sentence()
     ));
     notes

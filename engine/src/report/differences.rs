@@ -183,7 +183,8 @@ fn at<'a>(config: &'a Value, path: &[&str]) -> Option<&'a Value> {
 }
 
 impl User<'_> {
-    /// The value of a key; where it has several, all of them with the environments that they belong to, or in the order of settings.
+    /// The value of a key; where it has several, all of them with the environments that they belong to, or in the order of
+    /// settings.
     fn text(&self, path: &[&str]) -> String {
         let mut places: Vec<(String, BTreeSet<&str>)> = Vec::new();
         for variant in &self.variants {

@@ -75,7 +75,8 @@ impl Sheet {
         let notes: String = self.notes.iter().map(|note| format!("<p>{}</p>\n", prose::html(note))).collect();
         let title = if self.title.is_empty() { String::new() } else { format!("<h3>{}</h3>\n", prose::html(&self.title)) };
         format!(
-            "<article>\n{title}<div class=\"wide\">\n<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table>\n</div>\n\
+            "<article>\n{title}<div class=\"wide\">\n<table>\n<thead><tr>{head}</tr></thead>\n\
+             <tbody>\n{rows}</tbody>\n</table>\n</div>\n\
              <div class=\"notes\">\n{notes}</div>\n</article>\n"
         )
     }
