@@ -107,7 +107,7 @@ fn write_report(
     let (results, dir, study) = (collect(one, store), folder(one, selection, reporting), info(one, registry));
     let contents = Contents::of(&study, &results);
     let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, &one.study))?;
-    write_durably(&dir.join("resolved.yaml"), spec::resolved_yaml(&one.study, &dir).as_bytes())?;
+    write_durably(&dir.join("resolved.yaml"), spec::resolved_yaml(&one.study, &dir)?.as_bytes())?;
     store::write_results(&dir.join("evaluations.parquet"), &results)?;
     if common.format == Format::Json {
         say(&as_json(&study, &contents, &paths).to_string());

@@ -193,7 +193,7 @@ pub(super) fn code_of(ends: &[Option<TrialEnd>]) -> u8 {
 /// `resolve`: the study with every default.
 pub(super) fn resolve(registry: &Registry, selection: &Selection) -> Result<u8, Failure> {
     for one in load(registry, selection)? {
-        say(&spec::resolved_yaml(&one.study, Path::new("")));
+        say(&spec::resolved_yaml(&one.study, Path::new(""))?);
     }
     Ok(OK)
 }
