@@ -12,6 +12,7 @@ mod identity;
 mod other_programs;
 mod pins;
 mod program;
+mod provenance;
 mod resume;
 mod rollout;
 mod runs;

@@ -11,6 +11,7 @@
 //! 6. What is on disk says what made it, and has a version.
 
 pub mod agent;
+pub mod build;
 pub mod checkpoint;
 pub mod cli;
 pub mod cross_play;
@@ -38,6 +39,7 @@ pub mod table;
 pub mod trial;
 
 pub use agent::{Agent, Mode, Transition};
+pub use build::Build;
 pub use checkpoint::{Keeper, NoKeeper};
 pub use environment::{
     Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, RewardSurface, Seat, Space, Step,

@@ -4,7 +4,7 @@ use super::{
     Failure, INCOMPLETE, LimitOptions, OK, TRIALS_FAILED, complain, progress::Progress, settings::Settings, study, study::Planned,
 };
 use crate::{
-    cross_play,
+    Registry, cross_play,
     limits::Limits,
     results::EndState,
     scheduler::{self, Task, Workers},
@@ -21,6 +21,8 @@ use std::{
 
 /// How to compute.
 pub(super) struct Compute<'a> {
+    /// What this program is made of.
+    pub(super) registry: &'a Registry,
     /// What holds on this machine.
     pub(super) settings: &'a Settings,
     /// What the command line says of limits.
@@ -37,7 +39,7 @@ impl Compute<'_> {
     /// Runs the trials that are missing (of those that `mine` picks by position); 106 where some still are, 100 where some
     /// of them failed.
     pub(super) fn run(&self, planned: &[Planned], mine: impl Fn(usize) -> bool) -> Result<u8, Failure> {
-        let store = Store::at(&self.settings.store);
+        let store = Store::at(&self.settings.store).by(self.registry.build.clone());
         let tasks = self.tasks(planned, &store, mine);
         if tasks.is_empty() {
             complain("every trial is in the store already; nothing runs");

@@ -16,7 +16,7 @@ mod summaries;
 mod waiting;
 
 use crate::Registry;
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use std::{io::IsTerminal, path::PathBuf, process::ExitCode};
 
 /// Everything went well.
@@ -259,7 +259,7 @@ enum Verb {
 /// Reads the command line and does what it says. `selftest` is the study, with a profile `smoke`, that the self-test computes.
 #[must_use]
 pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
-    let Command { verb, common } = Command::parse();
+    let Command { verb, common } = parse(registry);
     ExitCode::from(match answer(registry, selftest, verb, &common) {
         Ok(code) => code,
         Err(failure) => {
@@ -267,6 +267,12 @@ pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
             failure.code
         }
     })
+}
+
+fn parse(registry: &Registry) -> Command {
+    let version = crate::build::version(registry.build.as_ref());
+    let matches = <Command as CommandFactory>::command().version(version).get_matches();
+    Command::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
 }
 
 fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> Result<u8, Failure> {

@@ -35,6 +35,7 @@ pub(super) fn run(
     let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
     let planned = study::load(registry, selection)?;
     let how = Compute {
+        registry,
         settings: &settings,
         limits: &options.limits,
         workers,
@@ -70,7 +71,8 @@ pub(super) fn worker(
     let settings = settings::read(common)?;
     let (part, parts) = index.map_or(Ok((0, 1)), parse_index)?;
     let planned = study::load(registry, selection)?;
-    let how = Compute { settings: &settings, limits, workers: jobs.max(1), retry_failed: false, wait_for_others: false };
+    let workers = jobs.max(1);
+    let how = Compute { registry, settings: &settings, limits, workers, retry_failed: false, wait_for_others: false };
     how.run(&planned, |position| position % parts == part)
 }
 
@@ -106,7 +108,7 @@ fn write_report(
 ) -> Result<u8, Failure> {
     let (results, dir, study) = (collect(one, store), folder(one, selection, reporting), info(one, registry));
     let contents = Contents::of(&study, &results);
-    let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, &one.study))?;
+    let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, one, store))?;
     write_durably(&dir.join("resolved.yaml"), spec::resolved_yaml(&one.study, &dir)?.as_bytes())?;
     store::write_results(&dir.join("evaluations.parquet"), &results)?;
     if common.format == Format::Json {

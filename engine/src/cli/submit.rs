@@ -145,7 +145,7 @@ pub(super) fn submit(
     let settings = settings::read(common)?;
     let planned = study::load(registry, selection)?;
     let limits = LimitOptions::default();
-    let how = Compute { settings: &settings, limits: &limits, workers: 1, retry_failed: false, wait_for_others: false };
+    let how = Compute { registry, settings: &settings, limits: &limits, workers: 1, retry_failed: false, wait_for_others: false };
     match (options.executor, options.dry_run) {
         (Cluster::Slurm, false) => {
             let options = RunOptions { detach: true, ..RunOptions::default() };

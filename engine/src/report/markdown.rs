@@ -2,6 +2,7 @@
 
 use super::{Parts, files};
 use crate::{
+    build::tally,
     results::TrialResult,
     table::{escape_markdown as escape, markdown},
 };
@@ -119,6 +120,7 @@ pub(super) fn provenance(parts: &Parts<'_>) -> Vec<(&'static str, String)> {
     let entries = [
         ("program", Some(provenance.program.clone())),
         ("source code", commit),
+        ("computed by", Some(tally(&provenance.builds))),
         ("plugin versions", Some(plugins.join(", "))),
         ("profile", provenance.profile.clone()),
         ("seeds", Some(seeds.join(", "))),

@@ -20,7 +20,7 @@ pub use junit::junit;
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use summary::summary;
 
-use crate::{Error, figure, figure::FigureSpec, results::Results, table, table::TableSpec};
+use crate::{Build, Error, figure, figure::FigureSpec, results::Results, table, table::TableSpec};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -54,10 +54,12 @@ pub struct StudyInfo {
 /// What made the results.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Provenance {
-    /// Version of the source code, where known.
+    /// Version of the source code of the program that made the report, where known.
     pub commit: Option<String>,
     /// True where files differed from that version.
     pub dirty: bool,
+    /// The source code of the programs that computed the trials, where they said it, each with the number of its trials.
+    pub builds: Vec<(Option<Build>, usize)>,
     /// The program and its version.
     pub program: String,
     /// Plugins by kind and name, with their versions.

@@ -6,6 +6,7 @@ use super::{
     write,
 };
 use crate::{
+    Build,
     figure::{Bars, FigureSpec, LearningCurve, Trajectory},
     results::Results,
     table::{Axis, Comparison, Published, TableSpec},
@@ -77,6 +78,7 @@ fn provenance() -> Provenance {
     Provenance {
         commit: Some("0123abc".into()),
         dirty: true,
+        builds: vec![(Build::told("0123abc", "true"), 37), (None, 2)],
         program: "regimen 0.1.0".into(),
         plugins: vec![("agent dsac".into(), 3), ("environment battery".into(), 2)],
         cpu: "x86-64 with AVX-512".into(),

@@ -131,7 +131,7 @@ fn run(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: 
 
 /// Runs the trial and stores how it ended; an error is about the store, or says that the trial was stopped.
 fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: &mut impl Write) -> Result<TrialEnd, Error> {
-    let (store, trial) = (Store::at(&request.store), &request.trial);
+    let (store, trial) = (Store::at(&request.store).by(registry.build.clone()), &request.trial);
     let started = now();
     let mut told = started;
     let mut progress = |done, total| {

@@ -5,7 +5,7 @@
 
 use super::{Store, TRIAL_SCHEMA, TrialFile, names, seal::is_sealed};
 use crate::{
-    Error,
+    Build, Error,
     plan::StoredCell,
     results::{TrialEnd, TrialResult},
     trial::{Trial, TrialKey, trial_id},
@@ -35,6 +35,8 @@ pub struct StoredTrial {
     pub device: String,
     /// How it ended.
     pub end: TrialEnd,
+    /// The source code of the program that computed it, where it said.
+    pub build: Option<Build>,
 }
 
 impl Store {
@@ -157,6 +159,8 @@ struct Outline<'a> {
     parts: Option<[&'a str; 3]>,
     key: Replicate,
     end: TrialEnd,
+    #[serde(default)]
+    build: Option<Build>,
 }
 
 #[derive(Deserialize)]
@@ -168,7 +172,7 @@ struct Replicate {
 
 fn parse(text: &[u8]) -> Result<StoredTrial, String> {
     let outline = serde_json::from_slice(text).map_err(|source| source.to_string())?;
-    let Outline { schema, parts, key: Replicate { seed, numerics, device }, end } = outline;
+    let Outline { schema, parts, key: Replicate { seed, numerics, device }, end, build } = outline;
     let parts = match (schema, parts) {
         (1, Some(parts)) => parts.map(str::to_owned),
         (TRIAL_SCHEMA, Some(parts)) if is_sealed(text) => parts.map(str::to_owned),
@@ -177,7 +181,7 @@ fn parse(text: &[u8]) -> Result<StoredTrial, String> {
         (1, None) => serde_json::from_slice::<TrialFile>(text).map_err(|source| source.to_string())?.key.part_ids(),
         (other, _) => return Err(format!("version {other} of its form is not known to this program")),
     };
-    Ok(StoredTrial { parts, seed, numerics, device, end })
+    Ok(StoredTrial { parts, seed, numerics, device, end, build })
 }
 
 /// What `work` gives for 0 to `count`, in that order, computed on as many threads as there are cores.
@@ -256,6 +260,19 @@ mod tests {
         fs::write(&path, file.to_string()).unwrap();
         assert_eq!(store.stored(&trial.id).unwrap().unwrap().parts, trial.key.part_ids());
         assert!(store.load(&trial).unwrap().is_ok());
+    }
+
+    #[test]
+    fn files_say_which_program_made_them_and_those_that_do_not_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let build = Build::told("ffa07ec12345", "true");
+        let (silent, telling) = (Store::at(folder.path()), Store::at(folder.path()).by(build.clone()));
+        acknowledge(&silent, &trial(4, 1), EndState::Ok);
+        acknowledge(&telling, &trial(4, 2), EndState::Ok);
+        let built = |seed: u64| silent.stored(&trial(4, seed).id).unwrap().unwrap().build;
+        assert_eq!((built(1), built(2)), (None, build));
+        let text = fs::read_to_string(silent.folder(&trial(4, 1).id).join("trial.json")).unwrap();
+        assert!(!text.contains("\"build\""), "as programs wrote it that knew no builds: {text}");
     }
 
     #[test]

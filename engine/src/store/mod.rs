@@ -30,7 +30,7 @@ pub use running::RunningTrial;
 pub use seal::hash as digest;
 
 use crate::{
-    Error, Recorder,
+    Build, Error, Recorder,
     results::{EndState, TrialEnd, TrialResult},
     trial::{Trial, TrialKey},
 };
@@ -46,6 +46,8 @@ use std::{
 #[derive(Debug, Clone)]
 pub struct Store {
     root: PathBuf,
+    /// What is stored says that a program of this source code computed it.
+    build: Option<Build>,
 }
 
 /// What `trial.json` holds.
@@ -60,6 +62,9 @@ pub struct TrialFile {
     pub key: TrialKey,
     /// How the trial ended.
     pub end: TrialEnd,
+    /// The source code of the program that computed it, where it knew. No id holds it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub build: Option<Build>,
     /// Hashes of what the trial left besides its metrics, by name: the learned policy.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
@@ -69,7 +74,7 @@ impl TrialFile {
     /// What acknowledges that `trial` ended as `end` and left `files`, named with their hashes.
     #[must_use]
     pub fn new(trial: &Trial, end: TrialEnd, files: BTreeMap<String, String>) -> Self {
-        Self { schema: TRIAL_SCHEMA, parts: Some(trial.key.part_ids()), key: trial.key.clone(), end, files }
+        Self { schema: TRIAL_SCHEMA, parts: Some(trial.key.part_ids()), key: trial.key.clone(), end, build: None, files }
     }
 
     /// The text of the file.
@@ -88,7 +93,13 @@ impl Store {
     /// The store under `root`; nothing is created before the first trial ends.
     #[must_use]
     pub fn at(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into() }
+        Self { root: root.into(), build: None }
+    }
+
+    /// The same store for a program that says which source code it was built from.
+    #[must_use]
+    pub fn by(self, build: Option<Build>) -> Self {
+        Self { build, ..self }
     }
 
     /// Where the store lies.
@@ -136,7 +147,7 @@ impl Store {
     fn acknowledge_with(&self, trial: &Trial, end: &TrialEnd, files: BTreeMap<String, String>) -> Result<(), Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-        let file = TrialFile::new(trial, end.clone(), files);
+        let file = TrialFile { build: self.build.clone(), ..TrialFile::new(trial, end.clone(), files) };
         let path = folder.join("trial.json");
         let text = file.to_bytes().map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
         write_durably(&path, &text)
