@@ -7,6 +7,7 @@ mod cross_play;
 mod disk;
 mod end_states;
 mod experiments;
+mod folders;
 mod fsck;
 mod identity;
 mod other_programs;

@@ -1,7 +1,9 @@
 //! The command line: what can be said, and which function answers.
 
+mod command_line;
 mod compute;
 mod describe;
+mod folders;
 mod fsck;
 mod progress;
 mod provenance;
@@ -160,7 +162,8 @@ fn end_state(word: &str) -> Result<crate::results::EndState, String> {
 
 #[derive(Debug, Clone, Args)]
 struct ReportOptions {
-    /// Folder for tables, figures and the report; `results/<study>` (`results/<study>-<profile>` with a profile).
+    /// Folder for tables, figures and the report; `results/<study>`, with `-<profile>` and with `+<options>` behind it where the
+    /// study is not run as it is written.
     #[arg(long, short = 'o', value_name = "DIR")]
     out: Option<PathBuf>,
     /// Leave with 101 where a published value or a claim differs.

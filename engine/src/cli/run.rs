@@ -3,7 +3,7 @@
 use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, LimitOptions, OK, ReportOptions, RunOptions, Selection, complain,
     compute::Compute,
-    provenance, say, settings,
+    folders, provenance, say, settings,
     study::{self, Planned},
     submit::{self, Executor},
 };
@@ -15,10 +15,7 @@ use crate::{
     store::{self, Store, write_durably},
 };
 use serde_json::json;
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::{Path, PathBuf},
-};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// `run`: the missing trials of all studies together, then a report of each.
 pub(super) fn run(
@@ -34,6 +31,7 @@ pub(super) fn run(
     let settings = settings::read(common)?;
     let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
     let planned = study::load(registry, selection)?;
+    folders::check(&planned, selection, reporting)?;
     let how = Compute {
         registry,
         settings: &settings,
@@ -92,7 +90,9 @@ pub(super) fn report(
 ) -> Result<u8, Failure> {
     let store = Store::at(&settings::read(common)?.store);
     let mut code = OK;
-    for one in &study::load(registry, selection)? {
+    let planned = study::load(registry, selection)?;
+    folders::check(&planned, selection, reporting)?;
+    for one in &planned {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
     Ok(code)
@@ -106,11 +106,15 @@ fn write_report(
     reporting: &ReportOptions,
     common: &Common,
 ) -> Result<u8, Failure> {
-    let (results, dir, study) = (collect(one, store), folder(one, selection, reporting), info(one, registry));
+    let (results, dir) = (collect(one, store), folders::folder(one, selection, reporting));
+    let study = info(one, registry, selection);
     let contents = Contents::of(&study, &results);
     let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, one, store))?;
-    write_durably(&dir.join("resolved.yaml"), spec::resolved_yaml(&one.study, &dir)?.as_bytes())?;
-    store::write_results(&dir.join("evaluations.parquet"), &results)?;
+    let (resolved, evaluations) = (dir.join("resolved.yaml"), dir.join("evaluations.parquet"));
+    write_durably(&resolved, spec::resolved_yaml(&one.study, &dir)?.as_bytes())?;
+    store::write_results(&evaluations, &results)?;
+    let written = [&paths.files[..], &[paths.page.clone(), paths.markdown.clone(), resolved, evaluations]].concat();
+    folders::settle(&dir, one, selection, &written)?;
     if common.format == Format::Json {
         say(&as_json(&study, &contents, &paths).to_string());
     } else {
@@ -121,7 +125,7 @@ fn write_report(
     Ok(if code == OK && reporting.strict && contents.contradicts() { DIFFERS } else { code })
 }
 
-fn info(one: &Planned, registry: &Registry) -> StudyInfo {
+fn info(one: &Planned, registry: &Registry, selection: &Selection) -> StudyInfo {
     let study = &one.study;
     StudyInfo {
         name: study.name.clone(),
@@ -134,6 +138,7 @@ fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         agents: study.agents.clone(),
         environments: study.environments.clone(),
         units: units(one, registry),
+        options: folders::options(selection),
     }
 }
 
@@ -174,17 +179,6 @@ fn as_json(study: &StudyInfo, contents: &Contents, paths: &ReportPaths) -> serde
 /// Columns of the terminal, as the shell tells; 100 elsewhere.
 fn terminal_width() -> usize {
     std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok()).filter(|width| *width >= 40).unwrap_or(100)
-}
-
-fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
-    if let Some(dir) = &reporting.out {
-        return dir.clone();
-    }
-    let name = match &selection.profile {
-        Some(profile) => format!("{}-{profile}", one.study.name),
-        None => one.study.name.clone(),
-    };
-    Path::new("results").join(name)
 }
 
 fn collect(one: &Planned, store: &Store) -> Results {

@@ -13,13 +13,19 @@ use crate::{
     trial::Trial,
 };
 use serde_json::json;
-use std::{collections::BTreeMap, path::Path, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// Stored trials among which the nearest to a missing one is looked for.
 const MOST_STORED: usize = 500_000;
 
 /// A study that passed its checks, and its trials.
 pub(super) struct Planned {
+    /// Its file.
+    pub(super) path: PathBuf,
     /// The study.
     pub(super) study: Study,
     /// Its trials, narrowed by `--only`.
@@ -58,7 +64,7 @@ fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<P
         });
     }
     let costs = costs(registry, &plan);
-    Ok(Planned { study, plan, costs })
+    Ok(Planned { path: path.to_owned(), study, plan, costs })
 }
 
 fn options(selection: &Selection) -> spec::Options {

@@ -251,12 +251,8 @@ fn worker_arguments(specs: &[PathBuf], store: &Path, jobs: usize, selection: &Se
     let mut all = vec!["worker".to_owned()];
     all.extend(specs.iter().map(|path| text(path)));
     all.extend(["--store".into(), text(store), "-j".into(), jobs.to_string()]);
-    let mut with = |name: &str, value: &str| all.extend([name.to_owned(), value.to_owned()]);
-    selection.profile.iter().for_each(|profile| with("--profile", profile));
-    selection.sets.iter().for_each(|set| with("--set", set));
-    selection.seeds.iter().for_each(|seeds| with("--seeds", &seeds.to_string()));
-    selection.only.iter().for_each(|name| with("--only", name));
-    common.machine.iter().for_each(|name| with("--machine", name));
+    all.extend(selection.options());
+    all.extend(common.machine.iter().flat_map(|name| ["--machine".to_owned(), name.clone()]));
     all
 }
 

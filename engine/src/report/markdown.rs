@@ -11,6 +11,7 @@ use crate::{
 pub(super) fn report(parts: &Parts<'_>) -> String {
     let study = parts.study;
     let mut blocks = vec![format!("# {}", escape(title(parts))), format!("Study `{}`. {}", study.name, escape(&study.source))];
+    blocks.extend(study.asked_with().map(|options| format!("**Computed {}.**", escape(&options))));
     blocks.extend(counts(parts));
     blocks.extend(section("Tables", tables(parts)));
     blocks.extend(section("Figures", figures(parts)));

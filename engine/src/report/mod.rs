@@ -6,6 +6,7 @@
 mod contents;
 mod files;
 mod junit;
+mod manifest;
 mod markdown;
 mod outcome;
 mod page;
@@ -17,6 +18,7 @@ mod tests;
 
 pub use contents::{CLAIM_WORDS, ClaimLine, Contents, VERDICT_WORDS};
 pub use junit::junit;
+pub use manifest::{Manifest, Replaced};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use summary::summary;
 
@@ -49,6 +51,15 @@ pub struct StudyInfo {
     pub environments: Vec<String>,
     /// Units by metric.
     pub units: BTreeMap<String, String>,
+    /// Options of the command line that make the results differ from the study as it is written, as `--set dsac.discount=0.9`.
+    pub options: Vec<String>,
+}
+
+impl StudyInfo {
+    /// What the reader must know first: the options of the command line, where there are some.
+    fn asked_with(&self) -> Option<String> {
+        (!self.options.is_empty()).then(|| format!("with {}", self.options.join(", ")))
+    }
 }
 
 /// What made the results.

@@ -37,13 +37,15 @@ pub(super) fn document(title: &str, body: &str) -> String {
 
 fn header(parts: &Parts<'_>, title: &str) -> String {
     let source = escape(&parts.study.source);
+    let note = |options: String| format!("<p><strong>Computed {}.</strong></p>\n", escape(&options));
+    let options = parts.study.asked_with().map_or_else(String::new, note);
     let chips = |what: &str, counts: &[(&str, usize)]| {
         let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word));
         let present: String = counts.iter().filter(|(_, n)| *n > 0).map(chip).collect();
         if present.is_empty() { String::new() } else { format!("<div><h2>{what}</h2><ul>{present}</ul></div>\n") }
     };
     format!(
-        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n<div class=\"summary\">\n{}{}\
+        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n{options}<div class=\"summary\">\n{}{}\
          <div><h2>Trials</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },

@@ -71,6 +71,7 @@ fn info() -> StudyInfo {
         agents: AGENTS.map(String::from).into(),
         environments: vec!["four_cells".into(), "eight_cells".into()],
         units: BTreeMap::from([("cycle_length".into(), "h".into()), ("voltage".into(), "V".into()), ("load".into(), "W".into())]),
+        options: vec!["--set dsac.discount=0.9".into(), "--seeds 5".into()],
     }
 }
 
