@@ -10,6 +10,8 @@ mod experiments;
 mod folders;
 mod fsck;
 mod identity;
+mod mending;
+mod namespaces;
 mod other_programs;
 mod pins;
 mod program;

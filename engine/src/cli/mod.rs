@@ -5,6 +5,7 @@ mod compute;
 mod describe;
 mod folders;
 mod fsck;
+mod prepare;
 mod progress;
 mod provenance;
 mod rollout;

@@ -34,11 +34,12 @@ pub(super) fn run(
     folders::check(&planned, selection, reporting)?;
     let how = Compute {
         registry,
+        asked: (selection, common),
         settings: &settings,
         limits: &options.limits,
         workers,
         retry_failed: options.retry_failed,
-        wait_for_others: true,
+        whole: true,
     };
     let computed = match options.executor.unwrap_or(settings.executor) {
         Executor::Local if options.detach => {
@@ -69,8 +70,8 @@ pub(super) fn worker(
     let settings = settings::read(common)?;
     let (part, parts) = index.map_or(Ok((0, 1)), parse_index)?;
     let planned = study::load(registry, selection)?;
-    let workers = jobs.max(1);
-    let how = Compute { registry, settings: &settings, limits, workers, retry_failed: false, wait_for_others: false };
+    let (asked, workers) = ((selection, common), jobs.max(1));
+    let how = Compute { registry, asked, settings: &settings, limits, workers, retry_failed: false, whole: false };
     how.run(&planned, |position| position % parts == part)
 }
 
@@ -106,7 +107,8 @@ fn write_report(
     reporting: &ReportOptions,
     common: &Common,
 ) -> Result<u8, Failure> {
-    let (results, dir) = (collect(one, store), folders::folder(one, selection, reporting));
+    let mend = selection.command("run", common, &[]);
+    let (results, dir) = (collect(one, store, &mend), folders::folder(one, selection, reporting));
     let study = info(one, registry, selection);
     let contents = Contents::of(&study, &results);
     let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, one, store))?;
@@ -181,10 +183,11 @@ fn terminal_width() -> usize {
     std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok()).filter(|width| *width >= 40).unwrap_or(100)
 }
 
-fn collect(one: &Planned, store: &Store) -> Results {
+/// All trials of a study with what they recorded; `mend` is the command that mends what is damaged.
+fn collect(one: &Planned, store: &Store, mend: &str) -> Results {
     let trials = one.plan.trials.iter().zip(store.load_all(&one.plan.trials)).map(|(trial, loaded)| {
         loaded.unwrap_or_else(|error| {
-            complain(&format!("warning: {error}; the trial counts as missing"));
+            complain(&format!("warning: {error}; the trial counts as missing: `{mend}` sets it aside and runs it again"));
             crate::results::TrialResult { trial: trial.clone(), end: None, names: Vec::new(), rows: Vec::new() }
         })
     });

@@ -4,18 +4,23 @@
 //! <root>/trials/<first two digits>/<id>/metrics.parquet   what an `ok` trial recorded, long form
 //!                                       trial.json        key, end state, digest of metrics.parquet: the acknowledgement
 //!                                       policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
+//!                                       earlier.json      how it ended before, while it is tried again
 //!                                       running/         while it runs: rows so far and a checkpoint, see [`RunningTrial`]
 //! ```
 //!
 //! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial without it
 //! has not run, whatever else lies in its folder.
 
+mod aside;
 mod boundary;
+mod earlier;
 mod fsck;
 mod index;
+mod inside;
 mod lease;
 pub mod metric_log;
 mod metrics_file;
+mod owner;
 mod policy;
 mod running;
 mod seal;
@@ -24,8 +29,9 @@ mod sealed_folder;
 pub use boundary::install as install_boundary_hook;
 pub use fsck::{Fault, Finding, Findings};
 pub use index::StoredTrial;
-pub use lease::{Claim, Leases, Owner};
+pub use lease::{Claim, Leases};
 pub use metrics_file::{MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics, write_results};
+pub use owner::Owner;
 pub use running::RunningTrial;
 pub use seal::hash as digest;
 
@@ -150,7 +156,8 @@ impl Store {
         let file = TrialFile { build: self.build.clone(), ..TrialFile::new(trial, end.clone(), files) };
         let path = folder.join("trial.json");
         let text = file.to_bytes().map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
-        write_durably(&path, &text)
+        write_durably(&path, &text)?;
+        earlier::forget(&folder)
     }
 
     /// What acknowledges a trial; `None` where it was not acknowledged.
@@ -163,10 +170,16 @@ impl Store {
             return Ok(None);
         }
         let text = fs::read(&path).map_err(Error::file("read", &path))?;
-        let file: TrialFile =
-            serde_json::from_slice(&text).map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
+        let damaged = |problem: String| Error::Damaged { path: path.clone(), problem };
+        let file: TrialFile = serde_json::from_slice(&text).map_err(|source| damaged(source.to_string()))?;
         let own = file.key.id();
-        if own == id { Ok(Some(file)) } else { Err(Error::Damaged { path, problem: format!("it belongs to trial {own}") }) }
+        if own != id {
+            return Err(damaged(format!("it belongs to trial {own}")));
+        }
+        match file.files.keys().find(|name| !inside::is_policy(name)) {
+            Some(name) => Err(damaged(format!("it names a file that is none of a trial's: `{name}`"))),
+            None => Ok(Some(file)),
+        }
     }
 
     /// A trial with all it recorded.
@@ -177,16 +190,22 @@ impl Store {
         let end = self.end(&trial.id)?;
         let mut result = TrialResult { trial: trial.clone(), end, names: Vec::new(), rows: Vec::new() };
         if result.is_ok() {
+            let digest = result.end.as_ref().map_or("", |end| &end.digest);
             let path = self.folder(&trial.id).join("metrics.parquet");
-            let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
-            let digest = seal::hash(&bytes);
-            if result.end.as_ref().is_some_and(|end| end.digest != digest) {
-                return Err(Error::Damaged { path, problem: "its hash is not the acknowledged one".into() });
-            }
-            let table = metrics_file::decode(bytes, &path)?;
+            let table = metrics_file::decode(self.metrics(&trial.id, digest)?, &path)?;
             (result.names, result.rows) = (table.names, table.rows);
         }
         Ok(result)
+    }
+
+    /// The metrics file of a trial, held against its acknowledged hash.
+    fn metrics(&self, id: &str, digest: &str) -> Result<Vec<u8>, Error> {
+        let path = self.folder(id).join("metrics.parquet");
+        match inside::read(&path)? {
+            Some(bytes) if seal::hash(&bytes) == digest => Ok(bytes),
+            Some(_) => Err(Error::Damaged { path, problem: "its hash is not the acknowledged one".into() }),
+            None => Err(Error::Damaged { path, problem: "it is not there".into() }),
+        }
     }
 }
 
