@@ -102,6 +102,8 @@ pub struct Registry {
     pub protocols: BTreeMap<&'static str, ProtocolEntry>,
     /// Raised whenever shared numerical code changes the numbers of trials.
     pub numerics_version: u32,
+    /// The source code that the program was built from, where it knows.
+    pub build: Option<crate::Build>,
 }
 
 /// What a learning agent's registration says besides its constructor.
