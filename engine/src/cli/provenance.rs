@@ -6,7 +6,7 @@ use crate::{
     report::Provenance,
     store::{Store, StoredTrial},
 };
-use std::{cmp::Reverse, collections::BTreeMap};
+use std::{cmp::Reverse, collections::{BTreeMap, BTreeSet}};
 
 /// Facts about this program, the machine, a study and who computed its trials, read once for a report.
 pub(super) fn of(registry: &Registry, one: &Planned, store: &Store) -> Provenance {
@@ -19,7 +19,7 @@ pub(super) fn of(registry: &Registry, one: &Planned, store: &Store) -> Provenanc
         plugins: used(registry, one),
         cpu: cpu(),
         operating_system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-        seeds: one.study.seeds.clone(),
+        seeds: one.plan.trials.iter().map(|trial| trial.key.seed).collect::<BTreeSet<_>>().into_iter().collect(),
         profile: one.study.profile.clone(),
         date: std::env::var("SOURCE_DATE_EPOCH").ok(),
     }
