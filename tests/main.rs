@@ -9,6 +9,7 @@ mod end_states;
 mod experiments;
 mod fsck;
 mod identity;
+mod life_bound;
 mod other_programs;
 mod pins;
 mod program;

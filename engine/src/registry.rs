@@ -65,7 +65,7 @@ pub struct EnvironmentEntry {
 pub struct AgentEntry {
     /// Name, defaults, schema.
     pub about: About,
-    /// False for rules and bounds: the protocol then trains for no step.
+    /// False for rules: the protocol then trains for no step.
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
@@ -103,7 +103,7 @@ pub struct Registry {
 /// What a learning agent's registration says besides its constructor.
 #[derive(Debug, Clone, Default)]
 pub struct AgentTraits {
-    /// False for rules and bounds.
+    /// False for rules.
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,

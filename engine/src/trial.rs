@@ -188,7 +188,8 @@ impl TrialKey {
         (find(&registry.protocols, "protocol", &self.protocol.plugin)?.build)(&self.protocol.config)
     }
 
-    fn build_agent(
+    /// The agent, freshly initialised; `policies` as in [`run_after`](Self::run_after).
+    pub(crate) fn build_agent(
         &self,
         registry: &Registry,
         interface: &Interface,

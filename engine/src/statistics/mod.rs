@@ -16,7 +16,7 @@ pub mod verdict;
 
 pub use bootstrap::Bootstrap;
 pub use claim::{Aggregate, Claim, ClaimError, ClaimOutcome, ClaimVerdict, Operand, Within, evaluate};
-pub use comparison::{PairedComparison, PermutationTest};
+pub use comparison::PermutationTest;
 pub use mean_estimate::MeanEstimate;
 pub use verdict::{Judgement, Verdict};
 

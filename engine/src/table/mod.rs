@@ -1,5 +1,6 @@
 //! Tables: what a study asks for, and how it is computed from the results.
 
+mod aggregate;
 mod build;
 mod comma_separated;
 mod cross_play;
@@ -12,6 +13,7 @@ mod terminal;
 #[cfg(test)]
 mod tests;
 
+pub use aggregate::{Aggregate, Normalise, SUITE_MEAN};
 pub use build::{build, compare};
 pub use comma_separated::{csv, write as write_csv};
 pub use cross_play::{CrossPlayTable, MEAN};
@@ -26,7 +28,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// One table of a study. Exactly one of the kinds (`improvement`, `comparison`, `cross_play`) is given.
+/// The kinds of tables, each a key of [`TableSpec`].
+pub const KINDS: [&str; 4] = ["improvement", "comparison", "cross_play", "aggregate"];
+
+/// One table of a study. Exactly one of the [`KINDS`] is given.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TableSpec {
@@ -38,6 +43,8 @@ pub struct TableSpec {
     pub comparison: Option<Comparison>,
     /// A metric of a play, by who plays one role along the rows and who another along the columns, with both means.
     pub cross_play: Option<CrossPlayTable>,
+    /// Aggregates of normalised scores over several environments, one row per agent.
+    pub aggregate: Option<Aggregate>,
     /// Published values by row, or by row and column.
     pub published: BTreeMap<String, Published>,
     /// How far a reproduced value may lie from the published one, in the unit of the cell; 5 % of the published value if absent.

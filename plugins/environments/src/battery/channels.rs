@@ -47,7 +47,7 @@ pub fn metrics(has_bound: bool) -> Vec<Metric> {
     metrics
 }
 
-/// The state as bounds read it, one block of N entries per quantity.
+/// The full state, one block of N entries per quantity.
 pub fn state(cells: usize) -> Vec<Channel> {
     let effective = per_cell("effective_voltage", "V", cells).into_iter().map(|channel| channel.typical(3.6, 0.2));
     let resistance = per_cell("resistance_ohm", "ohm", cells).into_iter().map(|channel| channel.typical(0.13, 0.03));

@@ -15,6 +15,9 @@
 //! the weights directly; `power_demand_w` is then the current times the mean voltage. The trace's `power_w` is the mean demand
 //! of the last decision.
 //!
+//! Beside the result of each episode stands `cycle_length_bound`, the decisions that no controller can exceed from the same start
+//! with the same demands (the module `life_bound`), where the pack has such a bound.
+//!
 //! Departures from the thesis, which leaves these open: the length of a decision, the start states, the parameters of aged
 //! cells and the initial currents; see the config for the values and their reasons. Surface mole fractions are kept 0.001 from
 //! 0 and 1 where the authors' public code has 0.01: the lives under equal split and the
