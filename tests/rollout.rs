@@ -215,7 +215,7 @@ fn an_episode_of_a_stored_trial_is_played_again_to_the_bit() {
             assert!(compared > if agent == "cross_play" { 3 } else { 60 }, "{agent}: {compared}");
         }
     }
-    bench.ok(&["rollout", "battery", "--trial", &of(&all, "ddpg"), "--decisions", "3", "--out", "short.csv"]);
+    bench.ok(&["rollout", "battery", "--trial", &of(&all, "equal_split"), "--decisions", "3", "--out", "short.csv"]);
     assert_eq!(columns(&bench.path("short.csv"))["decision"], [0.0, 1.0, 2.0, 3.0]);
 }
 
@@ -265,13 +265,16 @@ fn a_learner_without_a_policy_is_refused_and_so_is_a_policy_that_does_not_fit() 
     let bench = trained();
     let id = trials(&bench).iter().find(|(_, _, agent)| agent == "ddpg").unwrap().0.clone();
     let folder = Store::at(bench.path("store")).folder(&id).display().to_string();
-    std::fs::create_dir_all(bench.path("empty")).unwrap();
+    for name in ["empty", "alone"] {
+        std::fs::create_dir_all(bench.path(name)).unwrap();
+    }
+    std::fs::copy(format!("{folder}/policy.safetensors"), bench.path("alone/policy.safetensors")).unwrap();
     let refusals: [(&[&str], &[&str]); 7] = [
         (&["battery", "--agent", "dirichlet_sac"], &["`dirichlet_sac` learns", "`--trial ID`", "`--policy FOLDER`"]),
         (&["battery", "--policy", "empty"], &["`empty` does not say whose policy it holds", "`--agent`"]),
         (&["battery", "--policy", "empty", "--agent", "ddpg"], &["the policy in `empty` cannot be used", "cannot read"]),
         (&["battery", "--policy", &folder, "--agent", "equal_split"], &["`equal_split` takes up no stored policy"]),
-        (&["battery", "--policy", &folder, "--agent", "ddpg"], &["cannot be used", "`center` of the policy is"]),
+        (&["battery", "--policy", "alone", "--agent", "ddpg"], &["cannot be used", "`center` of the policy is"]),
         (&["battery", "--policy", &folder, "--config", "eight.yaml"], &["cannot be used", "`inputs` of the policy is"]),
         (&["battery", "--policy", &folder, "--agent", "dpg"], &["unknown agent `dpg`", "did you mean `ddpg`?"]),
     ];
