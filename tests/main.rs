@@ -10,6 +10,7 @@ mod experiments;
 mod folders;
 mod fsck;
 mod identity;
+mod life_bound;
 mod looks;
 mod mending;
 mod namespaces;

@@ -242,7 +242,7 @@ enum Verb {
     Cancel(Selection),
     /// Print the study with every default written out.
     Resolve(Selection),
-    /// Drive one environment with given actions or an agent and write what happens.
+    /// Drive one environment with given actions, an agent or a stored policy and write what happens.
     Rollout(rollout::RolloutOptions),
     /// List what is registered.
     List {
@@ -299,7 +299,7 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),
         Verb::Cancel(selection) => submit::cancel(registry, &selection, common),
         Verb::Resolve(selection) => study::resolve(registry, &selection),
-        Verb::Rollout(options) => rollout::rollout(registry, &options),
+        Verb::Rollout(options) => rollout::rollout(registry, &options, common),
         Verb::List { kind } => describe::list(registry, kind, common),
         Verb::Describe { name } => describe::describe(registry, &name),
         Verb::Schema => describe::schema(registry),

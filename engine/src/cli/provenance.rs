@@ -6,7 +6,10 @@ use crate::{
     report::Provenance,
     store::{Store, StoredTrial},
 };
-use std::{cmp::Reverse, collections::{BTreeMap, BTreeSet}};
+use std::{
+    cmp::Reverse,
+    collections::{BTreeMap, BTreeSet},
+};
 
 /// Facts about this program, the machine, a study and who computed its trials, read once for a report.
 pub(super) fn of(registry: &Registry, one: &Planned, store: &Store) -> Provenance {

@@ -132,6 +132,12 @@ impl Store {
         serde_json::from_slice::<TrialFile>(&text).ok().map(|file| file.key)
     }
 
+    /// The ids of the trials that have a folder and whose ids begin with `prefix`, in order.
+    #[must_use]
+    pub fn ids_beginning_with(&self, prefix: &str) -> Vec<String> {
+        self.ids().into_iter().filter(|id| id.starts_with(prefix)).collect()
+    }
+
     /// The id of every trial that has a folder, in order.
     fn ids(&self) -> Vec<String> {
         let trials = self.root.join("trials");
