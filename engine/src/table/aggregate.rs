@@ -287,7 +287,8 @@ impl Suite<'_> {
         let seeds = scores.complete_seeds().iter().map(|(seed, tasks)| (*seed, column.of(tasks, &others))).collect();
         let fixed = self.spec.fixed().into_iter().find(|(name, _)| column.is_fixed_by_scale() && *name == agent);
         if let Some((_, score)) = fixed {
-            return Cell { seeds, estimate: Some(f64::from(score)), ..cell };
+            let fixed = Some("its scores are 0 or 1 by the normalisation".to_owned());
+            return Cell { seeds, estimate: Some(f64::from(score)), fixed, ..cell };
         }
         let interval = column.interval(&tasks, &others).map(|interval| (interval.low, interval.high));
         Cell { seeds, estimate: Some(column.of(&tasks, &others)), interval, ..cell }
