@@ -226,7 +226,8 @@ pub trait Environment: Send {
         Vec::new()
     }
 
-    /// The full state, which no ordinary policy sees; read by informed controllers, regressions (as the target) and centralised critics.
+    /// The full state, which no ordinary policy sees; read by informed controllers, regressions (as the target) and centralised
+    /// critics.
     fn state(&self) -> Vec<f64> {
         Vec::new()
     }

@@ -16,7 +16,7 @@
 //! cell that was only discharged has d, Vo and overpotentials of at least 0, so the ideal cell at rest with the same x is
 //! no worse at the start of a decision, hence no worse at its end: a power that takes the ideal cell to its end of discharge
 //! takes the real one there too. A cell that collapses within a decision is out: as its voltage falls its power draws ever
-//! more current, and it does not come back before the end (checked at random in `life_bound_tests`).
+//! more current, and it does not come back before the end (a test checks it at random).
 
 use super::cell::LOWEST_SUPPLY_V;
 use super::model::{BULK_VOLUME, SURFACE_VOLUME, resting_voltage};
@@ -76,12 +76,15 @@ impl IdealCell {
     #[must_use]
     pub fn fatal_power_w(&self, x: f64, near_w: f64) -> f64 {
         let reserve = |power_w: f64| self.voltage_after(x, power_w) - self.decisions.end_v;
-        let (mut low, mut high) = ((0.0, reserve(0.0)), (near_w + 0.1, reserve(near_w + 0.1)));
-        if low.1 <= 0.0 {
+        let at_rest = resting_voltage(x) - self.decisions.end_v;
+        if at_rest <= 0.0 {
             return 0.0;
         }
+        let (mut low, mut high) = ((0.0, at_rest), (near_w.max(0.1), reserve(near_w.max(0.1))));
         while high.1 > 0.0 {
-            (low, high) = (high, (1.5 * high.0, reserve(1.5 * high.0)));
+            // The fall of the voltage is convex in the power: drawn out as a straight line, it reaches the end too late.
+            let power_w = high.0 * (at_rest / (at_rest - high.1)).max(1.0 + BRACKET);
+            (low, high) = (high, (power_w, reserve(power_w)));
         }
         // Regula falsi; halving the value of an end that stays (Illinois) keeps it from staying for long.
         while high.0 - low.0 > BRACKET * high.0 {

@@ -113,7 +113,7 @@ impl LifeBound {
 
     /// Decisions that cannot be exceeded from this start of an episode, with these demands of its decisions, W.
     pub fn decisions(&self, cells: &[Cell], demands_w: impl Iterator<Item = f64>) -> u64 {
-        let filled: Vec<f64> = cells.iter().zip(&self.cells).map(|(cell, ideal)| mean_fraction(cell, ideal)).collect();
+        let filled: Vec<f64> = cells.iter().zip(&self.cells).map(|(cell, ideal)| self.mean_fraction(cell, ideal)).collect();
         let mut reserve = Reserve::new(self, &filled);
         let conductance: f64 = filled.iter().zip(&self.cells).map(|(x, cell)| resting_voltage(*x).powi(2) / cell.r_ohm()).sum();
         let (mut recent_w, mut survived) = (0.0, 0);
@@ -129,11 +129,18 @@ impl LifeBound {
         }
         survived
     }
-}
 
-/// Mean mole fraction of the negative electrode.
-fn mean_fraction(cell: &Cell, ideal: &IdealCell) -> f64 {
-    cell.state().charge_c() * ideal.fraction_per_c()
+    /// Mean mole fraction of the negative electrode; an empty one has neither voltage nor energy.
+    fn mean_fraction(&self, cell: &Cell, ideal: &IdealCell) -> f64 {
+        (cell.state().charge_c() * ideal.fraction_per_c()).max(self.decisions.empty)
+    }
+
+    /// An explicit Euler step delivers at the voltage of its start, so a sum over steps exceeds the integral over the charge: by at
+    /// most the charge of the largest step times the fall of the voltage at rest.
+    fn credit_j(&self, filled: &[f64]) -> f64 {
+        let largest_step_c = self.greatest_w / self.decisions.end_v * self.decisions.step_s;
+        filled.iter().map(|x| (resting_voltage(*x) - self.decisions.end_v).max(0.0) * largest_step_c).sum()
+    }
 }
 
 /// The mole fraction at rest of a voltage that lies between those of `empty` and of a full cell.
@@ -231,15 +238,6 @@ impl<'a> Reserve<'a> {
             self.left_j = self.bound.pieces.get(self.piece).map_or(0.0, |piece| self.length_j(piece));
         }
         self.power_w = f64::NEG_INFINITY;
-    }
-}
-
-impl LifeBound {
-    /// An explicit Euler step delivers at the voltage of its start, so a sum over steps exceeds the integral over the charge: by at
-    /// most the charge of the largest step times the fall of the voltage at rest.
-    fn credit_j(&self, filled: &[f64]) -> f64 {
-        let largest_step_c = self.greatest_w / self.decisions.end_v * self.decisions.step_s;
-        filled.iter().map(|x| (resting_voltage(*x) - self.decisions.end_v).max(0.0) * largest_step_c).sum()
     }
 }
 

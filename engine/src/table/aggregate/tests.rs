@@ -1,0 +1,130 @@
+//! Aggregates against an independent computation, and what is said where there is none.
+
+use super::*;
+use crate::{
+    Phase,
+    report::synthetic::{ended, trial},
+    results::{EndState, TrialResult},
+    table::{TableSpec, csv, html, latex, markdown, terminal},
+};
+use serde_json::Value;
+
+/// Scores and aggregates made by `tests/fixtures/statistics/aggregate.py`.
+fn reference() -> Value {
+    serde_json::from_str(include_str!("../../../../tests/fixtures/statistics/aggregate.json")).unwrap()
+}
+
+fn final_value(environment: &str, agent: &str, seed: u64, value: f64) -> TrialResult {
+    trial(environment, agent, "", seed, &vec![(Phase::Final, 9, 0, "score", value)])
+}
+
+/// The raw values of the reference; a seed without one failed.
+fn results() -> Results {
+    let mut trials = Vec::new();
+    for (environment, agents) in reference()["raw"].as_object().unwrap() {
+        for (agent, seeds) in agents.as_object().unwrap() {
+            for (seed, value) in (0..).zip(seeds.as_array().unwrap()) {
+                let trial = final_value(environment, agent, seed, value.as_f64().unwrap_or(0.0));
+                trials.push(if value.is_null() { ended(trial, EndState::Oom, "3 GB") } else { trial });
+            }
+        }
+    }
+    Results::of(trials)
+}
+
+fn spec(normalise: &Value) -> Aggregate {
+    serde_json::from_value(serde_json::json!({
+        "value": "score", "normalise": normalise, "relative_to": "middling", "profile_at": reference()["profile_at"],
+        "agents": ["weak", "middling", "able", "strong"],
+    }))
+    .unwrap()
+}
+
+#[test]
+fn aggregates_agree_with_an_independent_computation() {
+    for case in reference()["cases"].as_array().unwrap() {
+        let spec = spec(&case["normalise"]);
+        let grid = build(&spec, &results()).unwrap();
+        for (heading, cells) in grid.rows.iter().zip(&grid.cells) {
+            for (column, cell) in grid.columns.iter().zip(cells) {
+                let expected = &case["rows"][&heading.name][&column.name];
+                let place = format!("{}, {}: {cell:?} against {expected}", heading.name, column.name);
+                let Some(estimate) = expected["estimate"].as_f64() else {
+                    assert!(cell.estimate.is_none() && cell.planned == 0, "{place}");
+                    continue;
+                };
+                assert!((cell.estimate.unwrap() - estimate).abs() < 1e-12, "{place}");
+                let Some((low, high)) = cell.interval else {
+                    let is_fixed = spec.fixed().iter().any(|(name, _)| *name == heading.name);
+                    assert!(is_fixed && ["median", "mean"].contains(&column.name.as_str()), "{place}");
+                    continue;
+                };
+                let ends = [&expected["low"], &expected["high"]].map(|end| end.as_f64().unwrap());
+                // Other random numbers; a share moves in steps of one seed.
+                let step = if column.name.starts_with("above") { 0.06 } else { 0.0 };
+                let tolerance = 0.03 * (ends[1] - ends[0]) + step;
+                assert!((low - ends[0]).abs() <= tolerance && (high - ends[1]).abs() <= tolerance, "{place}");
+            }
+        }
+    }
+}
+
+#[test]
+fn rows_that_are_fixed_by_construction_say_so() {
+    let grid = build(&spec(&serde_json::json!({"low": "weak", "high": "strong"})), &results()).unwrap();
+    let labels: Vec<&str> = grid.rows.iter().map(|row| row.label.as_str()).collect();
+    assert_eq!(labels, ["weak (0 by construction)", "middling", "able", "strong (1 by construction)"]);
+    for (row, score) in [(0, 0.0), (3, 1.0)] {
+        for column in [1, 2] {
+            let cell = &grid.cells[row][column];
+            assert!((cell.estimate.unwrap() - score).abs() < 1e-12 && cell.interval.is_none(), "{cell:?}");
+        }
+        assert!(grid.cells[row][0].interval.is_some());
+    }
+}
+
+#[test]
+fn every_renderer_writes_it() {
+    let aggregate = Some(spec(&serde_json::json!({"low": "weak", "high": "strong"})));
+    let table = TableSpec { caption: "Three environments".into(), aggregate, ..TableSpec::default() };
+    let grid = crate::table::build(&table, &results()).unwrap();
+    insta::assert_snapshot!("aggregate_markdown", markdown(&grid));
+    insta::assert_snapshot!("aggregate_csv", csv(&grid).unwrap());
+    for text in [latex(&grid, "suite"), html(&grid), terminal(&grid, 300)] {
+        assert!(text.contains("weak (0 by construction)") && text.contains("better than middling"), "{text}");
+    }
+}
+
+#[test]
+fn another_suite_is_no_aggregate() {
+    let mut results = results();
+    for it in results.trials.iter_mut().filter(|it| it.trial.environment == "maze") {
+        match it.trial.agent.as_str() {
+            "able" => *it = ended(it.clone(), EndState::Failed, "it failed"),
+            "middling" => it.trial.agent = "strong".into(),
+            _ => {}
+        }
+    }
+    let spec = Aggregate { agents: Vec::new(), relative_to: None, ..spec(&serde_json::json!({"low": "weak", "high": "strong"})) };
+    let grid = build(&spec, &results).unwrap();
+    let rows: Vec<&str> = grid.rows.iter().map(|row| row.name.as_str()).collect();
+    assert_eq!(rows, ["able", "strong", "weak"], "`middling` has no trials in the maze");
+    assert!(grid.notes.iter().any(|note| note.starts_with("middling is left out")), "{:?}", grid.notes);
+    let able = &grid.cells[0][0];
+    assert_eq!((able.estimate, able.seeds.len()), (None, 0));
+    assert!(able.incompleteness().contains("maze: 6 failed"), "{}", able.incompleteness());
+}
+
+#[test]
+fn what_cannot_be_scaled_or_pooled_is_said() {
+    let numbers = serde_json::json!({"maze": [0, 1], "race": [2, 2], "climb": [0, 1]});
+    let grid = build(&spec(&numbers), &results()).unwrap();
+    assert!(grid.cells.iter().flatten().all(|cell| cell.estimate.is_none()));
+    assert!(grid.cells[0][0].incompleteness().contains("race: nothing tells the scores 0 and 1 apart"));
+    let message = |spec: &Aggregate, results: &Results| build(spec, results).unwrap_err().to_string();
+    let one = Aggregate { environments: vec!["maze".into()], ..spec(&numbers) };
+    assert_eq!(message(&one, &results()), "table: an aggregate needs trials in at least two environments");
+    let mut swept = results();
+    swept.trials[0].trial.setting = "rate=1".into();
+    assert!(message(&Aggregate { agents: Vec::new(), ..spec(&numbers) }, &swept).contains("settings of a sweep"));
+}
