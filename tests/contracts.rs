@@ -1,7 +1,8 @@
 //! What every registered plugin must do, whatever it is: these tests loop over the registry.
 
-use engine::{Action, Environment, Registry, Rng, Space, random::stream};
+use engine::{Action, Environment, NoKeeper, Phase, Registry, Rng, Space, random::stream, results::UPDATES};
 use rand::Rng as _;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 pub(crate) fn registry() -> Registry {
     let mut registry = Registry { numerics_version: numerics::VERSION, ..Registry::default() };
@@ -148,4 +149,36 @@ fn agents_act_within_the_space_of_an_environment_that_takes_them() {
         }
         assert!(taken > 0, "no environment takes {name}");
     }
+}
+
+#[test]
+fn agents_that_learn_count_their_updates_and_others_have_none_to_count() {
+    let registry = registry();
+    for (name, entry) in &registry.agents {
+        for environment in registry.environments.keys() {
+            let interface = default_environment(&registry, environment).interface();
+            let Ok(agent) = (entry.build)(&entry.about.defaults, &interface, &mut stream(&["contract"])) else { continue };
+            assert_eq!(agent.updates(), entry.learns.then_some(0), "{name}");
+            assert_eq!(agent.first_update_after() > 0, entry.learns, "{name}");
+        }
+        if entry.learns {
+            assert!(learns_as_told(&registry, name), "no small trial in which {name} makes an update");
+        }
+    }
+}
+
+/// True where some small trial of an agent ends with updates; none of them may come before the step that the agent tells.
+fn learns_as_told(registry: &Registry, name: &str) -> bool {
+    crate::resume::keys(registry, name).into_iter().any(|key| {
+        let run = AssertUnwindSafe(|| key.run(registry, None, &mut |_, _| {}, &mut NoKeeper));
+        let Ok(Ok(record)) = catch_unwind(run) else { return false };
+        let environment = (registry.environments[key.environment.plugin.as_str()].build)(&key.environment.config).unwrap();
+        let agent = &registry.agents[name];
+        let agent = (agent.build)(&key.agent.config, &environment.interface(), &mut stream(&["contract"])).unwrap();
+        let updates = record.rows().iter().filter(|row| record.names()[usize::from(row.metric)] == UPDATES);
+        // A step of `supervised_fit` is a batch.
+        let early = |step: u64| key.protocol.plugin != "supervised_fit" && step < agent.first_update_after();
+        updates.clone().for_each(|row| assert!(row.value == 0.0 || !early(row.step), "{name}: {row:?}"));
+        updates.filter(|row| row.phase == Phase::Final).map(|row| row.value).sum::<f64>() > 0.0
+    })
 }

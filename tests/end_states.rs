@@ -82,6 +82,20 @@ fn a_number_that_is_none_ends_as_nan() {
 }
 
 #[test]
+fn a_measurement_that_is_no_number_ends_as_nan_and_reaches_no_table() {
+    let bench = Bench::new();
+    let study = crate::program::repository().join("experiments/figure-bias-variance.yaml");
+    let study = study.to_str().unwrap();
+    let options = ["--profile", "smoke", "--set", "bandit.curvature=1e300", "--only", "dirichlet"];
+    let answer = bench.run(&[&["run", study], &options[..]].concat());
+    assert_eq!(answer.code, 100, "{}", answer.err);
+    let status = bench.run(&[&["status", study], &options[..]].concat());
+    assert!(status.out.contains("nan      bandit dirichlet"), "{}", status.out);
+    assert!(status.out.contains("gradient_bias (phase evaluate) is not finite at step 256: NaN"), "{}", status.out);
+    assert!(!answer.out.contains("NaN"), "{}", answer.out);
+}
+
+#[test]
 fn a_process_that_is_always_killed_ends_as_killed_after_its_retries() {
     let (bench, answer) = run("{ how: kill }", &["--retries", "2", "--retry-delay-s", "0.01"]);
     assert_eq!(answer.err.matches("tried again in").count(), 2, "{}", answer.err);

@@ -22,7 +22,9 @@ fn every_study_and_every_profile_passes_the_check() {
         let mut arguments = vec!["check"];
         arguments.extend(profile.iter().flat_map(|profile| ["--profile", profile]));
         arguments.extend(studies.iter().map(String::as_str));
-        bench.ok(&arguments);
+        let answer = bench.run(&arguments);
+        assert_eq!(answer.code, 0, "{}", answer.err);
+        assert!(!answer.err.contains("warning"), "{profile:?}: {}", answer.err);
     }
 }
 

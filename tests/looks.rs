@@ -77,7 +77,10 @@ fn a_verdict_that_was_seen_without_a_plan_is_marked() {
     bench.write("looks.yaml", &fixed(5));
     bench.ok(&["run", "looks.yaml"]);
     let text = report(&bench);
-    assert!(text.contains("random: unplanned look: the verdict was seen with 3 seeds before, so its level is not held"), "{text}");
+    assert!(
+        text.contains("random: unplanned look: the verdict was seen with 3 seeds before, so its level is not held"),
+        "{text}"
+    );
     assert_eq!(text.matches("unplanned look").count(), 4, "{text}");
     // Trials that are computed in another way are another experiment.
     bench.write("looks.yaml", &fixed(6).replace("final_episodes: 2", "final_episodes: 3"));

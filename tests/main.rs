@@ -13,6 +13,7 @@ mod looks;
 mod other_programs;
 mod pins;
 mod program;
+mod reports;
 mod resume;
 mod rollout;
 mod runs;

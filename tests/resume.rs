@@ -1,4 +1,4 @@
-//! A trial that is stopped or killed and goes on in a fresh process ends as if nothing had happened: for every agent that learns.
+//! A trial that is stopped or killed and goes on in a fresh process ends as if nothing had happened: for every agent.
 
 use engine::{
     Agent, Error, Keeper, NoKeeper, Phase, Recorder, Registry,
@@ -7,6 +7,7 @@ use engine::{
 };
 use serde_json::{Value, json};
 use std::{
+    collections::BTreeSet,
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
     time::Duration,
@@ -26,7 +27,8 @@ fn small() -> Value {
         "width": 6, "batch_size": 4, "learning_starts": 24, "updates_per_step": 0.25, "replay_capacity": 64,
         "episode_limit": 5, "ageing": {}, "process_noise": true, "sensor_noise": true, "cells": 2,
         "steps": 72, "environments": 4, "evaluate_every": 24, "episodes": 3, "final_episodes": 260, "trace_episodes": 2,
-        "batch": 4, "examples": 3, "final_examples": 260, "batches": 30,
+        "batch": 4, "examples": 3, "final_examples": 260, "batches": 30, "warm_up": 8,
+        "setting": "differential_game", "weights": [0.4, 0.6],
     })
 }
 
@@ -47,12 +49,12 @@ fn part(name: &str, about: &engine::registry::About) -> Part {
     Part::new(name, about.version, shrunk(about))
 }
 
-/// Every trial of a learning agent with an environment and a protocol in which it can learn.
-fn trials(registry: &Registry, agent: &str) -> Vec<(TrialKey, Outcome)> {
-    let mut found = Vec::new();
+/// A small trial of an agent with every environment and protocol, whether it fits them or not.
+pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
+    let mut keys = Vec::new();
     for (environment, environment_entry) in &registry.environments {
         for (protocol, protocol_entry) in &registry.protocols {
-            let key = TrialKey {
+            let mut key = TrialKey {
                 environment: part(environment, &environment_entry.about),
                 agent: part(agent, &registry.agents[agent].about),
                 protocol: part(protocol, &protocol_entry.about),
@@ -60,16 +62,27 @@ fn trials(registry: &Registry, agent: &str) -> Vec<(TrialKey, Outcome)> {
                 numerics: registry.numerics_version,
                 device: "cpu".into(),
             };
-            // An agent that was built may still not fit the protocol: some learn from actions, some from answers.
-            let learned = |outcome: &Outcome| {
-                let metrics = &registry.agents[agent].metrics;
-                outcome.names.iter().any(|name| metrics.iter().any(|metric| metric.name == *name))
-            };
-            let outcome = catch_unwind(AssertUnwindSafe(|| run(registry, &key, &mut NoKeeper)));
-            found.extend(outcome.ok().and_then(Result::ok).filter(learned).map(|outcome| (key, outcome)));
+            if !registry.agents[agent].learns {
+                key.protocol.config = (protocol_entry.without_training)(&key.protocol.config).unwrap().into();
+            }
+            keys.push(key);
         }
     }
-    found
+    keys
+}
+
+/// What a trial gives, where the agent fits environment and protocol: some learn from actions, some from answers, and some say by
+/// a panic that they cannot.
+fn outcome(registry: &Registry, key: &TrialKey) -> Option<Outcome> {
+    catch_unwind(AssertUnwindSafe(|| run(registry, key, &mut NoKeeper))).ok().and_then(Result::ok)
+}
+
+/// Every trial of a learning agent with an environment and a protocol in which it can learn.
+fn trials(registry: &Registry, agent: &str) -> Vec<(TrialKey, Outcome)> {
+    let metrics = &registry.agents[agent].metrics;
+    let learned = |outcome: &Outcome| outcome.names.iter().any(|name| metrics.iter().any(|metric| metric.name == *name));
+    let with_outcome = |key| outcome(registry, &key).filter(learned).map(|outcome| (key, outcome));
+    keys(registry, agent).into_iter().filter_map(with_outcome).collect()
 }
 
 /// What must not depend on how often a trial was interrupted.
@@ -183,6 +196,29 @@ fn a_trial_that_is_interrupted_ends_as_one_that_is_not() {
             assert!(stops >= 6 && outcome == whole, "{place}: stopped {stops} times");
             let (outcome, kills) = run_interrupted(&registry, &key, (0..).map(|_| End::Killed(last / 8 + 1)));
             assert!(kills >= 4 && outcome == whole, "{place}: killed {kills} times");
+        }
+    }
+}
+
+#[test]
+fn measurements_of_an_agent_that_does_not_learn_are_interrupted_without_a_trace() {
+    let registry = registry();
+    for (name, _) in registry.agents.iter().filter(|(_, entry)| !entry.learns) {
+        for protocol in ["train_evaluate", "supervised_fit"] {
+            let keys = keys(&registry, name).into_iter().filter(|key| key.protocol.plugin == protocol);
+            let first = keys.into_iter().find_map(|key| outcome(&registry, &key).map(|outcome| (key, outcome)));
+            let (key, whole) = first.unwrap_or_else(|| panic!("no environment takes {name} under {protocol}"));
+            let measured = whole.rows.iter().filter(|row| row.0 == Phase::Evaluate).map(|row| row.1).collect::<BTreeSet<_>>();
+            assert_eq!(measured, [0, 24, 48, 72].into(), "{name}, {protocol}");
+            // Before each measurement, and between the two blocks of the final one.
+            let last = opportunities(&registry, &key);
+            assert_eq!(last, 6, "{name}, {protocol}");
+            for at in [1, last] {
+                let (outcome, _) = run_interrupted(&registry, &key, [End::Stopped(at), End::Never]);
+                assert!(outcome == whole, "{name}, {protocol}: stopped once, at {at} of {last}");
+            }
+            let (outcome, stops) = run_interrupted(&registry, &key, (0..).map(|_| End::Stopped(2)));
+            assert!(stops >= 4 && outcome == whole, "{name}, {protocol}: stopped {stops} times");
         }
     }
 }

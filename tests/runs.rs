@@ -36,6 +36,51 @@ fn results_do_not_depend_on_the_number_of_workers_and_a_second_run_does_nothing(
 }
 
 #[test]
+fn a_learner_that_cannot_learn_is_warned_of_and_runs() {
+    let bench = Bench::new();
+    bench.write("small.yaml", &STUDY.replace("learning_starts: 64", "learning_starts: 5000"));
+    let warning = "warning: `dsac` makes no update: it learns from step 5000 on, and the protocol ends after 256 steps";
+    for command in [&["check", "small.yaml"][..], &["plan", "small.yaml"], &["run", "small.yaml", "--seeds", "1"]] {
+        let answer = bench.run(command);
+        assert_eq!((answer.code, answer.err.matches(warning).count()), (0, 1), "{command:?}: {}", answer.err);
+        assert!(answer.err.contains("small.yaml:9:3"), "{}", answer.err);
+    }
+    bench.write("wrong.yaml", &STUDY.replace("width: 16", "wide: 16"));
+    let answer = bench.run(&["check", "small.yaml", "wrong.yaml", "--format", "json"]);
+    let reports: serde_json::Value = serde_json::from_str(&answer.out).unwrap();
+    let severity = |index: usize| &reports[index]["problems"][0]["severity"];
+    assert_eq!((severity(0), severity(1), answer.code), (&"warning".into(), &"error".into(), 2), "{reports}");
+    assert_eq!(bench.run(&["check", "small.yaml", "--format", "json"]).code, 0);
+}
+
+#[test]
+fn a_data_file_that_changes_during_a_run_fails_its_trials_until_it_is_restored() {
+    let bench = Bench::new();
+    let study = "study: loads\nenvironments: { cells: { battery: { cells: 2, load: { file: load.csv } } } }\n\
+                 agents: { equal: { equal_split: {} } }\nprotocol: { train_evaluate: { steps: 0, final_episodes: 200 } }\nseeds: 20\n";
+    bench.write("loads.yaml", study);
+    bench.write("load.csv", "t_s,power_w\n0,16\n");
+    bench.ok(&["run", "loads.yaml", "-j", "1", "--store", "whole"]);
+    let run = bench.command(&["run", "loads.yaml", "-j", "1"]).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let stored = || bench.path("store/trials").exists() && !trial_files(&bench.path("store")).is_empty();
+    crate::slurm::until("a trial is stored", stored);
+    bench.write("load.csv", "t_s,power_w\n0,24\n");
+    let answer = run.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&answer.stderr).into_owned();
+    assert_eq!(answer.status.code(), Some(100), "{text}");
+    let whole = bench.digests("whole");
+    let ended = bench.digests("store");
+    let (failed, kept): (Vec<_>, Vec<_>) = ended.iter().partition(|(_, digest)| digest.is_empty());
+    assert!(!failed.is_empty() && !kept.is_empty(), "{text}");
+    assert!(kept.iter().all(|digest| whole.contains(digest)), "a wrong number was stored under an old id");
+    bench.write("load.csv", "t_s,power_w\n0,16\n");
+    let status = bench.run(&["status", "loads.yaml"]);
+    assert!(status.out.contains("load.csv` does not hold what this trial's id names; restore it"), "{}", status.out);
+    bench.ok(&["run", "loads.yaml", "-j", "1", "--retry-failed"]);
+    assert_eq!(bench.digests("store"), whole);
+}
+
+#[test]
 fn more_seeds_run_only_what_is_missing() {
     let bench = Bench::new();
     bench.write("small.yaml", STUDY);

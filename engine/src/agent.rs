@@ -45,6 +45,16 @@ pub trait Agent: Send {
         Ok(())
     }
 
+    /// How many updates `learn` made so far, also before a checkpoint that `load` took up; `None` for agents that do not learn.
+    fn updates(&self) -> Option<u64> {
+        None
+    }
+
+    /// Transitions that `learn` must have been given before the first update can be made; `u64::MAX` where none ever is.
+    fn first_update_after(&self) -> u64 {
+        0
+    }
+
     /// What [`Agent::assess`] measures; agents without have none.
     fn decision_metrics(&self) -> Vec<Metric> {
         Vec::new()

@@ -50,7 +50,14 @@ impl Sources {
     /// An error at `span`; `path` is the dotted path of the key, empty for the whole file.
     #[must_use]
     pub fn error(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
-        Diagnostic { message: message.into(), path: path.into(), place: self.place(span), about: None, help: None, notes: vec![] }
+        let (message, path, place) = (message.into(), path.into(), self.place(span));
+        Diagnostic { severity: Severity::Error, message, path, place, about: None, help: None, notes: vec![] }
+    }
+
+    /// As [`error`](Self::error), of something that can be run and is probably not meant.
+    #[must_use]
+    pub fn warning(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
+        Diagnostic { severity: Severity::Warning, ..self.error(span, path, message) }
     }
 
     /// The place of a span, with the text of its line.
@@ -88,9 +95,21 @@ pub struct Place {
     source: usize,
 }
 
+/// Whether a study can be run as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// It cannot.
+    Error,
+    /// It can, and its results would say little.
+    Warning,
+}
+
 /// One mistake in a study.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Diagnostic {
+    /// Whether the study can be run all the same.
+    pub severity: Severity,
     /// What is wrong, one lower-case fragment.
     pub message: String,
     /// Dotted path of the key, empty for the whole file.
@@ -171,6 +190,10 @@ impl Paint {
         self.with("1;31", text)
     }
 
+    fn yellow(self, text: &str) -> String {
+        self.with("1;33", text)
+    }
+
     fn blue(self, text: &str) -> String {
         self.with("1;34", text)
     }
@@ -183,7 +206,11 @@ impl Paint {
 fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
     let places = std::iter::once(&diagnostic.place).chain(diagnostic.notes.iter().map(|(_, place)| place));
     let gutter = places.map(|place| if place.numbered { place.line.to_string().len() } else { 1 }).max().unwrap_or(1);
-    let mut out = format!("{}: {}\n", paint.red("error"), paint.bold(&printable(&diagnostic.message)));
+    let severity = match diagnostic.severity {
+        Severity::Error => paint.red("error"),
+        Severity::Warning => paint.yellow("warning"),
+    };
+    let mut out = format!("{severity}: {}\n", paint.bold(&printable(&diagnostic.message)));
     excerpt(&mut out, &diagnostic.place, gutter, '^', paint);
     let margin = " ".repeat(gutter);
     let lines = [
@@ -344,6 +371,16 @@ mod tests {
             plain = plain.replace(code, "");
         }
         assert_eq!(plain, render(&[error], false));
+    }
+
+    #[test]
+    fn a_warning_says_that_it_is_one() {
+        let (sources, error) = sample("a: {b: 1}", 5, 1);
+        let warning = sources.warning(Span { source: 0, line: 1, column: 5, length: 1 }, "a.b", "unknown key `b`");
+        let text = |diagnostic: &Diagnostic| render(std::slice::from_ref(diagnostic), false);
+        assert_eq!(text(&warning), text(&error).replace("error: ", "warning: "));
+        let severities = to_json(&[error, warning]);
+        assert_eq!([&severities[0]["severity"], &severities[1]["severity"]], ["error", "warning"]);
     }
 
     #[test]

@@ -32,6 +32,16 @@ pub enum Error {
         /// What it needs.
         problem: String,
     },
+    /// A data file changed after its content had become part of the trial's id.
+    #[error(
+        "the data file `{}` does not hold what this trial's id names; restore it and run with --retry-failed, or run again as it \
+         is: the changed content makes new trials",
+        path.display()
+    )]
+    DataFileChanged {
+        /// The file.
+        path: PathBuf,
+    },
     /// A number that must be finite is not.
     #[error("{what} is not finite at step {step}: {value}")]
     NotFinite {

@@ -14,6 +14,7 @@ pub mod agent;
 pub mod checkpoint;
 pub mod cli;
 pub mod cross_play;
+pub mod data_file;
 pub mod diagnostic;
 pub mod document;
 pub mod environment;
@@ -23,6 +24,7 @@ pub mod figure;
 pub mod limits;
 pub mod plan;
 pub mod protocol;
+pub mod published_curve;
 pub mod random;
 pub mod recorder;
 pub mod registry;
@@ -39,6 +41,7 @@ pub mod trial;
 
 pub use agent::{Agent, Mode, Transition};
 pub use checkpoint::{Keeper, NoKeeper};
+pub use data_file::DataFile;
 pub use environment::{
     Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, RewardSurface, Seat, Space, Step,
 };

@@ -40,7 +40,7 @@ impl Streams {
         Self { trial_id: trial_id.into(), environment_id: environment_id.into(), seed }
     }
 
-    /// What the environment draws in episode `episode` of `phase`.
+    /// What the environment draws in episode `episode` of `phase`: `train`, `evaluate 3` for the fourth measurement, `final`.
     #[must_use]
     pub fn environment(&self, phase: &str, episode: u64) -> Rng {
         stream(&["environment", &self.environment_id, &self.seed.to_string(), phase, &episode.to_string()])

@@ -1,6 +1,6 @@
 //! What a running trial records: numbers in long form, one row per value.
 
-use crate::checkpoint::exact;
+use crate::{Error, checkpoint::exact};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -57,6 +57,8 @@ pub struct Recorder {
     names: Vec<String>,
     rows: Vec<Row>,
     running: Running,
+    /// Index of the first row whose value is not finite.
+    not_finite: Option<usize>,
 }
 
 /// What has not become rows yet.
@@ -78,12 +80,16 @@ impl Recorder {
     /// A recorder that goes on where another one was.
     #[must_use]
     pub fn resumed(names: Vec<String>, rows: Vec<Row>, running: Running) -> Self {
-        Self { names, rows, running }
+        let not_finite = rows.iter().position(|row| !row.value.is_finite());
+        Self { names, rows, running, not_finite }
     }
 
     /// Records one value.
     pub fn add(&mut self, phase: Phase, step: u64, episode: u64, seat: usize, metric: &str, value: f64) {
         let metric = intern(&mut self.names, metric);
+        if !value.is_finite() && self.not_finite.is_none() {
+            self.not_finite = Some(self.rows.len());
+        }
         self.rows.push(Row { phase, step, episode, seat: u16::try_from(seat).unwrap_or(u16::MAX), metric, value });
     }
 
@@ -117,6 +123,16 @@ impl Recorder {
         }
     }
 
+    /// Refuses a record that holds something else than numbers, whatever was recorded and by whom: no mean of it would be one.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] for the first such row.
+    pub fn all_finite(&self) -> Result<(), Error> {
+        let Some(row) = self.not_finite.map(|index| self.rows[index]) else { return Ok(()) };
+        let what = format!("{} (phase {})", self.names[usize::from(row.metric)], row.phase.name());
+        Err(Error::NotFinite { what, step: row.step, value: row.value })
+    }
+
     /// Metric names in the order of their first use.
     #[must_use]
     pub fn names(&self) -> &[String] {
@@ -143,4 +159,41 @@ pub(crate) fn intern(names: &mut Vec<String>, name: &str) -> u16 {
         names.len() - 1
     });
     u16::try_from(index).unwrap_or(u16::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reason(record: &Recorder) -> String {
+        record.all_finite().map_or_else(|error| error.to_string(), |()| String::new())
+    }
+
+    #[test]
+    fn the_first_value_that_is_no_number_is_named_in_every_phase() {
+        for phase in Phase::ALL {
+            let mut record = Recorder::default();
+            record.add(phase, 10, 0, 0, "return", 1.0);
+            assert_eq!(reason(&record), "");
+            record.add(phase, 20, 0, 0, "voltage", f64::INFINITY);
+            record.add(phase, 30, 0, 0, "return", f64::NAN);
+            let expected = format!("voltage (phase {}) is not finite at step 20: inf", phase.name());
+            assert_eq!(reason(&record), expected);
+            let Recorder { names, rows, running, .. } = record;
+            assert_eq!(reason(&Recorder::resumed(names, rows, running)), expected);
+        }
+    }
+
+    #[test]
+    fn means_and_estimates_count_once_they_are_recorded() {
+        let mut record = Recorder::default();
+        record.mean("loss", f64::NAN);
+        record.latest("bias", f64::INFINITY);
+        assert_eq!(reason(&record), "");
+        let mut estimates = record.clone();
+        record.flush_means(5);
+        estimates.record_latest(Phase::Final, 7);
+        assert_eq!(reason(&record), "loss (phase train) is not finite at step 5: NaN");
+        assert_eq!(reason(&estimates), "bias (phase final) is not finite at step 7: inf");
+    }
 }

@@ -11,6 +11,9 @@ use std::collections::BTreeMap;
 
 /// What a plugin's config must be.
 ///
+/// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then reads what its id
+/// names, whatever happens to the file.
+///
 /// Derive `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc comments become
 /// the descriptions that `describe` prints; `#[schemars(range(min = .., max = ..))]` the limits that `check` holds;
 /// `#[schemars(extend("x-unit" = "s"))]` the unit and `#[schemars(extend("x-source" = "table 3.1"))]` the source of a default.
@@ -65,7 +68,7 @@ pub struct EnvironmentEntry {
 pub struct AgentEntry {
     /// Name, defaults, schema.
     pub about: About,
-    /// False for rules and bounds: the protocol then trains for no step.
+    /// False for rules and bounds: the protocol then measures alone.
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
@@ -83,7 +86,8 @@ pub struct ProtocolEntry {
     pub about: About,
     /// Makes it from a resolved config.
     pub build: Build<dyn Protocol>,
-    /// The config for an agent that does not learn, so that its trials do not depend on training budgets.
+    /// The config for an agent that does not learn: measurements alone, at the steps at which those that learn are measured, so
+    /// that its trials do not depend on the rest of a training budget.
     pub without_training: Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>,
 }
 
@@ -176,7 +180,7 @@ impl Registry {
 }
 
 fn typed<C: Config>(raw: &Value) -> Result<C, Error> {
-    serde_json::from_value(raw.clone()).map_err(|source| Error::config("config", source.to_string()))
+    C::deserialize(raw).map_err(|source| Error::config("config", source.to_string()))
 }
 
 fn describe<C: Config>(version: u32, about: &'static str) -> About {

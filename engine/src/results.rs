@@ -1,6 +1,7 @@
 //! What is known of a study's trials: the frame that tables, figures and claims read.
 
 use crate::{
+    Metric, PerEpisode,
     recorder::{Phase, Row},
     statistics::{Seeds, spending::Design},
     trial::Trial,
@@ -14,6 +15,15 @@ pub const UPDATES: &str = "updates";
 
 /// The metric of studies that say what success is: 1 for a seed with success, 0 for one without.
 pub const SUCCESS: &str = "success";
+
+/// The metric that every measured episode records once: how many decisions it took.
+pub const EPISODE_LENGTH: &str = "episode_length";
+
+/// What [`UPDATES`] says, for names, units and directions.
+#[must_use]
+pub fn updates_metric() -> Metric {
+    Metric::new(UPDATES, "", "updates that the agent made so far").per_episode(PerEpisode::Last)
+}
 
 /// How a trial ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]

@@ -3,6 +3,7 @@
 use crate::{
     Agent, Error, Interface, Keeper, Protocol, Recorder, Registry,
     cross_play::{self, Cast, Team},
+    data_file,
     protocol::{CrossPlay, Run},
     random::Streams,
 };
@@ -56,6 +57,23 @@ impl Part {
             }
         }
         Cow::Owned(config)
+    }
+
+    /// The config as its plugin is built from it: with what its data files hold, each read once and held against its hash.
+    ///
+    /// # Errors
+    /// [`Error::DataFileChanged`], and [`Error::File`] where one cannot be read.
+    pub fn loaded(&self) -> Result<Cow<'_, Value>, Error> {
+        if self.files.is_empty() {
+            return Ok(Cow::Borrowed(&self.config));
+        }
+        let mut config = (*self.config).clone();
+        for (key, content) in &self.files {
+            let named = config.pointer_mut(key).filter(|value| value.is_string());
+            let named = named.ok_or_else(|| Error::config(key, "names no data file, but the trial has the hash of one"))?;
+            *named = data_file::read(named.as_str().unwrap_or_default(), content)?;
+        }
+        Ok(Cow::Owned(config))
     }
 }
 
@@ -167,13 +185,15 @@ impl TrialKey {
     ) -> Result<Recorder, Error> {
         let environment = find(&registry.environments, "environment", &self.environment.plugin)?;
         let protocol = self.build_protocol(registry)?;
-        let make_environment = || (environment.build)(&self.environment.config);
+        let config = self.environment.loaded()?;
+        let make_environment = || (environment.build)(&config);
         let streams = Streams::new(&self.id(), &self.environment_id(), self.seed);
         let interface = make_environment()?.interface();
         let agent = self.build_agent(registry, &interface, &streams, policies)?;
         let record = Recorder::default();
         let mut run = Run { make_environment: &make_environment, agent, streams, record, progress, keeper };
         protocol.run(&mut run)?;
+        run.record.all_finite()?;
         if let Some(dir) = policy_dir {
             run.agent.export(dir).map_err(Error::of_store)?;
         }
@@ -185,7 +205,7 @@ impl TrialKey {
             let config = CrossPlay::deserialize(&*self.protocol.config);
             return config.map(|it| Box::new(it) as _).map_err(|source| Error::config("protocol", source.to_string()));
         }
-        (find(&registry.protocols, "protocol", &self.protocol.plugin)?.build)(&self.protocol.config)
+        (find(&registry.protocols, "protocol", &self.protocol.plugin)?.build)(&*self.protocol.loaded()?)
     }
 
     fn build_agent(
@@ -199,7 +219,7 @@ impl TrialKey {
             return Ok(Box::new(Team::assemble(&cast, registry, interface, streams, policies)?));
         }
         let entry = find(&registry.agents, "agent", &self.agent.plugin)?;
-        (entry.build)(&self.agent.config, interface, &mut streams.agent("initialise"))
+        (entry.build)(&*self.agent.loaded()?, interface, &mut streams.agent("initialise"))
     }
 }
 

@@ -75,6 +75,10 @@ impl Agent for Misbehaving {
         }
         misbehave(self.config.how)
     }
+
+    fn updates(&self) -> Option<u64> {
+        Some(0)
+    }
 }
 
 fn misbehave(how: How) -> Result<(), Error> {

@@ -26,7 +26,7 @@ const TABLES: [(&str, &str); 2] = [
 ];
 
 const FIGURES: [(&str, &str); 6] = [
-    ("learning_curve", "a metric against training steps, with a band over seeds"),
+    ("learning_curve", "a metric against training steps, with its seeds or a band over them"),
     ("trajectory", "step-by-step values of one recorded episode"),
     ("bars", "a metric by groups of bars"),
     ("grouped_lines", "a metric against a swept key"),

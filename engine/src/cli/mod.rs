@@ -4,6 +4,7 @@ mod compute;
 mod describe;
 mod fsck;
 mod looks;
+mod profiles;
 mod progress;
 mod provenance;
 mod rollout;

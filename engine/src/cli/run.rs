@@ -3,7 +3,7 @@
 use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection, complain,
     compute::Compute,
-    looks, provenance, say, settings,
+    looks, profiles, provenance, say, settings,
     study::{self, Planned},
     submit::{self, Executor},
 };
@@ -13,8 +13,9 @@ use crate::{
     results::{Results, TrialResult},
     spec,
     store::{self, Store, write_durably},
+    trial::Trial,
 };
-use serde_json::json;
+use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
@@ -34,6 +35,7 @@ pub(super) fn run(
     let settings = settings::read(common)?;
     let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
     let mut planned = study::load_with_looks(registry, selection, &store)?;
+    study::warn(&planned);
     let how = Compute {
         settings: &settings,
         limits: &options.limits,
@@ -128,7 +130,12 @@ fn write_report(
     reporting: &ReportOptions,
     common: &Common,
 ) -> Result<u8, Failure> {
-    let (results, dir, study) = (collect(one, store), folder(one, selection, reporting), info(one, registry));
+    let (results, dir) = (collect(one, store), folder(one, selection, reporting));
+    let study = StudyInfo {
+        profiles: profiles::of(registry, one, selection, store),
+        ended: profiles::period(one, store),
+        ..info(one, registry)
+    };
     let mut contents = Contents::of(&study, &results);
     looks::record(one, store, &results, &mut contents)?;
     let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, &one.study))?;
@@ -137,7 +144,7 @@ fn write_report(
     if common.format == Format::Json {
         say(&as_json(&study, &contents, &paths).to_string());
     } else {
-        say(&report::summary(&study, &contents, &paths.page, terminal_width()));
+        say(&report::summary(&study, &results, &contents, &paths.page, terminal_width()));
     }
     let ends: Vec<_> = results.trials.iter().map(|result| result.end.clone()).collect();
     let code = study::code_of(&ends);
@@ -157,7 +164,34 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         agents: study.agents.clone(),
         environments: study.environments.clone(),
         units: units(one, registry),
+        learners: learners(one, registry),
+        defaults: defaults(one, registry),
+        ..StudyInfo::default()
     }
+}
+
+/// The agents that learn.
+fn learners(one: &Planned, registry: &Registry) -> BTreeSet<String> {
+    let learns = |trial: &&Trial| registry.agents.get(trial.key.agent.plugin.as_str()).is_some_and(|entry| entry.learns);
+    one.plan.trials.iter().filter(learns).map(|trial| trial.agent.clone()).collect()
+}
+
+/// Configs with every default of the plugins that trials use, by kind and name.
+fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
+    let mut defaults = BTreeMap::new();
+    for key in one.plan.trials.iter().map(|trial| &trial.key) {
+        let [environment, agent, protocol] = [&key.environment, &key.agent, &key.protocol].map(|part| part.plugin.as_str());
+        let abouts = [
+            ("environment", environment, registry.environments.get(environment).map(|entry| &entry.about)),
+            ("agent", agent, registry.agents.get(agent).map(|entry| &entry.about)),
+            ("protocol", protocol, registry.protocols.get(protocol).map(|entry| &entry.about)),
+        ];
+        for (kind, name, about) in abouts {
+            let Some(about) = about else { continue };
+            defaults.entry(format!("{kind} {name}")).or_insert_with(|| about.defaults.clone());
+        }
+    }
+    defaults
 }
 
 /// Units of everything that the trials record, by metric or trace channel. What cannot be built here was refused by the check.

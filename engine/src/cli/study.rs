@@ -7,19 +7,26 @@ use super::{
 use crate::{
     Registry, diagnostic,
     plan::{self, Novelty, Plan, Wanted},
+    report,
     results::{EndState, TrialEnd},
     spec::{self, Study},
     store::{Store, StoredTrial, is_missing},
     trial::Trial,
 };
 use serde_json::json;
-use std::{collections::BTreeMap, path::Path, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// Stored trials among which the nearest to a missing one is looked for.
 const MOST_STORED: usize = 500_000;
 
 /// A study that passed its checks, and its trials.
 pub(super) struct Planned {
+    /// Its file.
+    pub(super) path: PathBuf,
     /// The study.
     pub(super) study: Study,
     /// Its trials, narrowed by `--only`.
@@ -65,7 +72,7 @@ fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<P
     let study = spec::load(path, registry, &options(selection)).map_err(|problems| diagnostic::render(&problems, colour()))?;
     let plan = Plan { study: study.name.clone(), title: study.title.clone(), trials: Vec::new() };
     let only = selection.only.clone();
-    let mut planned = Planned { study, plan, costs: Vec::new(), wanted: Wanted::new(), open: None, only };
+    let mut planned = Planned { path: path.to_owned(), study, plan, costs: Vec::new(), wanted: Wanted::new(), open: None, only };
     planned.replan(registry, Wanted::new());
     Ok(planned)
 }
@@ -88,6 +95,13 @@ pub(super) fn load_with_looks(registry: &Registry, selection: &Selection, store:
         looks::grow(one, registry, store);
     }
     Ok(planned)
+}
+
+/// Says what can be run and is probably not meant.
+pub(super) fn warn(planned: &[Planned]) {
+    for one in planned.iter().filter(|one| !one.study.warnings.is_empty()) {
+        complain(&diagnostic::render(&one.study.warnings, colour()));
+    }
 }
 
 fn options(selection: &Selection) -> spec::Options {
@@ -119,7 +133,9 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
     if common.format == Format::Json {
         return check_as_json(registry, selection);
     }
-    for one in load(registry, selection)? {
+    let planned = load(registry, selection)?;
+    warn(&planned);
+    for one in planned {
         let Planned { study, plan, .. } = one;
         say(&format!(
             "{}: ok, {} trials, {} tables, {} figures, {} claims",
@@ -137,8 +153,13 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
     let mut code = OK;
     let mut reports = Vec::new();
     for path in &selection.specs {
-        let problems = spec::load(path, registry, &options(selection)).err().unwrap_or_default();
-        code = if problems.is_empty() { code } else { BAD_SPEC };
+        let problems = spec::load(path, registry, &options(selection)).map_or_else(
+            |errors| {
+                code = BAD_SPEC;
+                errors
+            },
+            |study| study.warnings,
+        );
         reports.push(json!({"spec": path, "problems": diagnostic::to_json(&problems)}));
     }
     say(&serde_json::Value::Array(reports).to_string());
@@ -165,7 +186,9 @@ fn stored(store: &Store, trials: &[Trial]) -> Vec<Option<StoredTrial>> {
 pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let store = Store::at(&settings.store);
-    for one in load_with_looks(registry, selection, &store)? {
+    let planned = load_with_looks(registry, selection, &store)?;
+    warn(&planned);
+    for one in planned {
         let trials = &one.plan.trials;
         let stored = stored(&store, trials);
         let ends: Vec<_> = stored.iter().map(|stored| stored.as_ref().map(|it| it.end.clone())).collect();
@@ -341,19 +364,11 @@ fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
     let about = if unknown == missing {
         "no stored trial tells how long".to_owned()
     } else {
-        format!("about {} on {workers} workers", duration(wall_s))
+        format!("about {} on {workers} workers", report::duration(wall_s))
     };
     let rest =
         if unknown > 0 && unknown < missing { format!(", and {unknown} trials of agents that never ran") } else { String::new() };
     format!("  {missing} missing: {about}{rest}")
-}
-
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 90.0 => format!("{s:.0} s"),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
 }
 
 fn failures(trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {

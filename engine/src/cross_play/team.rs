@@ -37,7 +37,7 @@ impl Team {
             let entry = registry.agents.get(name.as_str());
             let entry = entry.ok_or_else(|| Error::config("agent", format!("`{name}` is not registered in this program")))?;
             let mut rng = streams.agent(&format!("initialise {role}"));
-            let mut agent = (entry.build)(&member.agent.config, interface, &mut rng)?;
+            let mut agent = (entry.build)(&*member.agent.loaded()?, interface, &mut rng)?;
             if let Some(trial) = &member.trial {
                 take_up(&mut *agent, name, trial, policies)?;
             }

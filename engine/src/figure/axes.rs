@@ -144,19 +144,14 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
 
 /// An upright label in one line, or in several where it is longer than the room; `x` is the middle of the first.
 pub(super) fn upright(label: &str, (x, y): Place, room: f64, marks: &mut Vec<Mark>) {
-    for (index, line) in upright_lines(label, room).into_iter().enumerate() {
+    for (index, line) in break_lines(label, room).into_iter().enumerate() {
         let at = (x + LINE * count(index), y);
         marks.push(Mark::Text { at, text: line, size: TEXT, align: HPos::Center, upright: true });
     }
 }
 
-/// The lines of an upright label.
-pub(super) fn upright_lines(label: &str, room: f64) -> Vec<String> {
-    break_lines(label, room)
-}
-
 /// Text broken between words so that each line fits, where its words are short enough.
-fn break_lines(text: &str, room: f64) -> Vec<String> {
+pub(super) fn break_lines(text: &str, room: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
         match lines.last_mut() {

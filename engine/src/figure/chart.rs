@@ -82,11 +82,44 @@ impl Default for Hue {
     }
 }
 
+/// A learning curve: what is shown of all runs, and each of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Curve {
+    /// Whose curve it is, which is seen from the kind of dashes.
+    pub of: CurveOf,
+    /// The line, with a band around it where low and high are given.
+    pub points: Vec<Point>,
+    /// Runs that are drawn as thin lines; empty where only the line is.
+    pub runs: Vec<RunLine>,
+}
+
+/// Whose learning curve it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum CurveOf {
+    /// Of an agent that learns.
+    Learner,
+    /// Of an agent that does not.
+    NonLearner,
+    /// Of a publication.
+    Publication,
+}
+
+/// One run of a learning curve.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RunLine {
+    /// The seed, or the name that a publication gives the run.
+    pub name: String,
+    /// Its line.
+    pub points: Vec<Point>,
+}
+
 /// The data of a series.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
-    /// A line through points with a band around it where low and high are given.
+    /// A line through points.
     Line(Vec<Point>),
+    /// A learning curve.
+    Curve(Curve),
     /// A line through marked points with an error bar at each.
     MarkedLine(Vec<Point>),
     /// A horizontal dashed line across the panel.
@@ -128,10 +161,11 @@ pub struct Surface {
 }
 
 impl Shape {
-    /// The points of a series; none for a level and a surface.
+    /// The points of a series, without single runs; none for a level and a surface.
     #[must_use]
     pub fn points(&self) -> &[Point] {
         match self {
+            Shape::Curve(curve) => &curve.points,
             Shape::Line(points)
             | Shape::MarkedLine(points)
             | Shape::Points(points)
@@ -142,19 +176,29 @@ impl Shape {
         }
     }
 
-    /// All vertical values that the axis must hold, bands included.
+    /// The single runs of a learning curve, as far as they are drawn.
+    #[must_use]
+    pub fn runs(&self) -> &[RunLine] {
+        if let Shape::Curve(curve) = self { &curve.runs } else { &[] }
+    }
+
+    fn with_runs(&self) -> impl Iterator<Item = &Point> + '_ {
+        self.points().iter().chain(self.runs().iter().flat_map(|run| &run.points))
+    }
+
+    /// All vertical values that the axis must hold, bands and single runs included.
     pub fn heights(&self) -> impl Iterator<Item = f64> + '_ {
         let level = if let Shape::Level(level) = self { Some(*level) } else { None };
         let surface = if let Shape::Surface(surface) = self { surface.y.as_slice() } else { &[] };
         let ends = |point: &Point| [Some(point.y), point.interval.map(|ends| ends.0), point.interval.map(|ends| ends.1)];
-        self.points().iter().flat_map(ends).flatten().chain(level).chain(surface.iter().copied())
+        self.with_runs().flat_map(ends).flatten().chain(level).chain(surface.iter().copied())
     }
 
     /// All horizontal values that the axis must hold, widths of bars included.
     pub fn places(&self) -> impl Iterator<Item = f64> + '_ {
         let half = if let Shape::Bars(_, width) = self { width / 2.0 } else { 0.0 };
         let surface = if let Shape::Surface(surface) = self { surface.x.as_slice() } else { &[] };
-        self.points().iter().flat_map(move |point| [point.x - half, point.x + half]).chain(surface.iter().copied())
+        self.with_runs().flat_map(move |point| [point.x - half, point.x + half]).chain(surface.iter().copied())
     }
 }
 
@@ -171,12 +215,12 @@ impl Series {
 }
 
 impl Chart {
-    /// The data of the figure, one line per point.
+    /// The data of the figure, one line per point; `run` names a single run and is empty for what is shown of all runs.
     ///
     /// # Errors
     /// [`Error::Render`] where the writer refuses.
     pub fn csv(&self) -> Result<String, Error> {
-        let header = ["panel", "series", "n", "x", "y", "low", "high", "z"].map(String::from).to_vec();
+        let header = ["panel", "series", "n", "x", "y", "low", "high", "z", "run"].map(String::from).to_vec();
         let mut lines = vec![header];
         for (index, panel) in self.panels.iter().enumerate() {
             let name = if panel.title.is_empty() { (index + 1).to_string() } else { panel.title.clone() };
@@ -190,24 +234,29 @@ impl Chart {
     }
 }
 
-fn fields(shape: &Shape, x: &Scale) -> Vec<[String; 5]> {
+fn fields(shape: &Shape, x: &Scale) -> Vec<[String; 6]> {
     let none = String::new;
     match shape {
-        Shape::Level(level) => vec![[none(), level.to_string(), none(), none(), none()]],
+        Shape::Level(level) => vec![[none(), level.to_string(), none(), none(), none(), none()]],
         Shape::Surface(surface) => {
             let row = |(y, z): (&f64, &Vec<f64>)| {
-                let cell = |(x, z): (&f64, &f64)| [x.to_string(), y.to_string(), none(), none(), z.to_string()];
+                let cell = |(x, z): (&f64, &f64)| [x.to_string(), y.to_string(), none(), none(), z.to_string(), none()];
                 surface.x.iter().zip(z).map(cell).collect::<Vec<_>>()
             };
             surface.y.iter().zip(&surface.z).flat_map(row).collect()
         }
-        _ => shape.points().iter().map(|point| point_fields(point, x)).collect(),
+        _ => {
+            let of_run = |run: &RunLine| run.points.iter().map(|point| point_fields(point, x, &run.name)).collect::<Vec<_>>();
+            let line = shape.points().iter().map(|point| point_fields(point, x, ""));
+            line.chain(shape.runs().iter().flat_map(of_run)).collect()
+        }
     }
 }
 
-fn point_fields(point: &Point, x: &Scale) -> [String; 5] {
+fn point_fields(point: &Point, x: &Scale, run: &str) -> [String; 6] {
     let (low, high) = point.interval.map_or((String::new(), String::new()), |(low, high)| (low.to_string(), high.to_string()));
-    [x.name_at(point.x).unwrap_or_else(|| point.x.to_string()), point.y.to_string(), low, high, String::new()]
+    let place = x.name_at(point.x).unwrap_or_else(|| point.x.to_string());
+    [place, point.y.to_string(), low, high, String::new(), run.into()]
 }
 
 impl Scale {

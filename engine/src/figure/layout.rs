@@ -156,7 +156,7 @@ fn left_margin(chart: &Chart, ranges: &[(Range, Range)], column: usize, height: 
     let of_panel = |index: usize| {
         let panel = &chart.panels[index];
         let labelled = column == 0 || panel.y.label != chart.panels[index - 1].y.label;
-        let lines = if labelled { axes::upright_lines(&panel.y.label, upright_room(height)).len() } else { 0 };
+        let lines = if labelled { axes::break_lines(&panel.y.label, upright_room(height)).len() } else { 0 };
         widest(&axes::ticks(&panel.y, ranges[index].1, height, false)) + 7.0 + LINE * count(lines)
     };
     (column..chart.panels.len()).step_by(chart.columns.max(1)).map(of_panel).fold(0.0, f64::max)

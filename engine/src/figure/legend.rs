@@ -2,7 +2,7 @@
 
 use super::{
     axes::TEXT,
-    chart::{Chart, Series, Shape},
+    chart::{Chart, CurveOf, Series, Shape},
     layout::text,
     paint::{Mark, text_width},
     series,
@@ -33,13 +33,18 @@ pub(super) fn draw(chart: &Chart, width: f64, marks: &mut Vec<Mark>) -> f64 {
 fn entries(chart: &Chart) -> Vec<(&Series, String)> {
     let mut groups: Vec<Vec<&Series>> = Vec::new();
     for series in chart.panels.iter().flat_map(|panel| &panel.series).filter(|series| !series.label.is_empty()) {
-        let same = |group: &&mut Vec<&Series>| group[0].label == series.label && group[0].style == series.style;
+        let look = |series: &Series| (series.label.clone(), series.style, is_published(series));
+        let same = |group: &&mut Vec<&Series>| look(group[0]) == look(series);
         match groups.iter_mut().find(same) {
             Some(group) => group.push(series),
             None => groups.push(vec![series]),
         }
     }
     groups.into_iter().map(|group| (first_line(&group), name(&group))).collect()
+}
+
+fn is_published(series: &Series) -> bool {
+    matches!(&series.shape, Shape::Curve(curve) if curve.of == CurveOf::Publication)
 }
 
 /// A line rather than a level where an agent has both, so that the sample shows its dash.
@@ -75,7 +80,7 @@ fn lines<'a>(entries: &[(&'a Series, String)], width: f64) -> Vec<Vec<(&'a Serie
 /// Lines need room to show their dashes.
 fn sample_width(series: &Series) -> f64 {
     match series.shape {
-        Shape::Line(_) | Shape::MarkedLine(_) | Shape::Level(_) => 20.0,
+        Shape::Line(_) | Shape::Curve(_) | Shape::MarkedLine(_) | Shape::Level(_) => 20.0,
         Shape::Path(_) => 40.0,
         _ => 8.0,
     }

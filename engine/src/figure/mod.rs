@@ -4,11 +4,16 @@ mod axes;
 mod build;
 mod chart;
 mod contour;
+mod curve_notes;
+#[cfg(test)]
+mod curve_tests;
 mod groups;
 mod layout;
 mod learning_curve;
 mod legend;
+mod over_runs;
 mod paint;
+mod published;
 mod series;
 mod style;
 mod surface;
@@ -18,12 +23,12 @@ mod ticks;
 mod trajectory;
 
 pub use build::{Context, build};
-pub use chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style, Surface};
+pub use chart::{Chart, Curve, CurveOf, Hue, Panel, Point, RunLine, Scale, Series, Shape, Style, Surface};
 
-use crate::Error;
+use crate::{Error, published_curve::PublishedCurve};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 
 /// One figure of a study. Exactly one of the kinds is given.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -31,7 +36,7 @@ use std::collections::BTreeMap;
 pub struct FigureSpec {
     /// What the figure shows, in one sentence.
     pub caption: String,
-    /// A metric against training steps, one line per agent with a band over seeds.
+    /// A metric against training steps, one line per agent with its seeds or a band over them.
     pub learning_curve: Option<LearningCurve>,
     /// Step-by-step values of one recorded episode, one panel per agent.
     pub trajectory: Option<Trajectory>,
@@ -53,22 +58,40 @@ pub struct FigureSpec {
     pub notes: Vec<String>,
 }
 
+impl FigureSpec {
+    /// Seeks the files of its published curves from `folder`.
+    pub fn seek_from(&mut self, folder: &Path) {
+        self.published_curves_mut().for_each(|curve| curve.seek_from(folder));
+    }
+
+    /// The published curves in it.
+    pub fn published_curves_mut(&mut self) -> impl Iterator<Item = &mut PublishedCurve> {
+        self.learning_curve.iter_mut().flat_map(|curve| &mut curve.published)
+    }
+}
+
 /// A metric against training steps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LearningCurve {
     /// The metric.
     pub metric: String,
-    /// What the band around the mean shows.
+    /// What the line of an agent shows of its seeds.
+    pub line: Line,
+    /// What the band around the line shows.
     pub band: Band,
-    /// Which agents, in this order; all where empty. Agents that do not learn become horizontal lines.
+    /// Whether each seed is drawn as a thin line: `true`, `false`, or `auto` for panels in which an agent has at most five.
+    pub seeds: SeedLines,
+    /// Which agents, in this order; all where empty. Agents that do not learn have short dashes.
     pub agents: Vec<String>,
     /// Which environments, one panel each; all where empty.
     pub environments: Vec<String>,
+    /// Curves of publications, which are dotted.
+    pub published: Vec<PublishedCurve>,
     /// Vertical axis on a logarithmic scale.
     pub log_y: bool,
-    /// Weight of the past in a moving average y' = smooth y' + (1 - smooth) y of the mean over seeds, for drawing only; the
-    /// band is that of the values themselves.
+    /// Weight of the past in a moving average y' = smooth y' + (1 - smooth) y along the curve of each seed, for drawing only;
+    /// line and band are those of the averages.
     #[schemars(range(min = 0.0, max = 0.999))]
     pub smooth: f64,
     /// Measurements before this step are left out, of the moving average too: what an untrained agent does may dwarf the rest.
@@ -79,9 +102,12 @@ impl Default for LearningCurve {
     fn default() -> Self {
         Self {
             metric: "return".into(),
-            band: Band::Sd,
+            line: Line::Mean,
+            band: Band::Auto,
+            seeds: SeedLines::Chosen(Automatic::Auto),
             agents: Vec::new(),
             environments: Vec::new(),
+            published: Vec::new(),
             log_y: false,
             smooth: 0.0,
             from_step: 0,
@@ -89,18 +115,50 @@ impl Default for LearningCurve {
     }
 }
 
-/// What a band around a mean over seeds shows.
+/// What a line shows of the seeds at each step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Line {
+    /// Arithmetic mean.
+    Mean,
+    /// Median.
+    Median,
+    /// Interquartile mean: the mean without the smallest and the largest quarter.
+    Iqm,
+}
+
+/// What a band around a line shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Band {
-    /// One standard deviation to each side.
-    Sd,
-    /// 95 % bootstrap interval of the mean.
+    /// The interval, but no band in panels where seeds are drawn because they are few.
+    Auto,
+    /// 95 % interval of what the line shows: Student-t of a mean, percentile bootstrap of a median or interquartile mean.
     Interval,
+    /// One standard deviation to each side, which may leave the range of possible values.
+    Sd,
     /// Smallest to largest seed.
     Range,
     /// No band.
     None,
+}
+
+/// Whether each seed is drawn as a thin line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum SeedLines {
+    /// As the study says.
+    Said(bool),
+    /// As the number of seeds suggests.
+    Chosen(Automatic),
+}
+
+/// The word for a choice that is left to the program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Automatic {
+    /// Seeds are drawn in panels in which an agent has at most five.
+    Auto,
 }
 
 /// Step-by-step values of one recorded episode.
@@ -189,6 +247,6 @@ pub fn svg(chart: &Chart) -> Result<String, Error> {
 ///
 /// # Errors
 /// [`Error::Render`] where the drawing is refused or the file cannot be written.
-pub fn png(chart: &Chart, path: &std::path::Path) -> Result<(), Error> {
+pub fn png(chart: &Chart, path: &Path) -> Result<(), Error> {
     paint::png(&layout::draw(chart), path)
 }

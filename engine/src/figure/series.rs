@@ -1,8 +1,8 @@
-//! Draws the series of a panel: lines with bands, marked lines, levels, points, bars, paths, crosses.
+//! Draws the series of a panel: lines, learning curves, marked lines, levels, points, bars, paths, crosses.
 
 use super::{
     axes::{Frame, Range},
-    chart::{Panel, Point, Series, Shape, Style},
+    chart::{Curve, CurveOf, Panel, Point, Series, Shape, Style},
     layout::count,
     paint::{Mark, Place},
     style::{INK, Marker, Rgb, blend},
@@ -10,25 +10,31 @@ use super::{
 };
 
 const LINE_WIDTH: f64 = 1.2;
+const PUBLISHED_WIDTH: f64 = 0.9;
+const RUN_WIDTH: f64 = 0.5;
 const MARKER: f64 = 2.2;
 const BAND_OPACITY: f64 = 0.18;
 
-/// All series of a panel; bands lie under all lines, so that none is hidden.
+/// All series of a panel: thin lines below bands and bands below lines, so that none is hidden.
 pub(super) fn draw(panel: &Panel, frame: &Frame, heights: Option<Range>, marks: &mut Vec<Mark>) {
-    for series in &panel.series {
-        if let Shape::Line(points) = &series.shape {
-            marks.extend(bands(points, frame, series.style.color()));
-        }
-    }
+    let curves: Vec<(&Curve, Style)> = panel.series.iter().filter_map(curve).collect();
+    runs(&curves, frame, marks);
+    marks.extend(curves.iter().filter(|(curve, _)| !curve.runs.is_empty()).map(|(curve, _)| rim(&places(&curve.points, frame))));
+    marks.extend(curves.iter().flat_map(|(curve, style)| bands(&curve.points, frame, style.color())));
     for series in &panel.series {
         one(series, frame, heights, marks);
     }
+}
+
+fn curve(series: &Series) -> Option<(&Curve, Style)> {
+    if let Shape::Curve(curve) = &series.shape { Some((curve, series.style)) } else { None }
 }
 
 fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<Mark>) {
     let color = series.style.color();
     match &series.shape {
         Shape::Line(points) => marks.extend(dashed(&places(points, frame), series.style.dashes(), LINE_WIDTH, color)),
+        Shape::Curve(curve) => marks.extend(line(curve, series.style, &places(&curve.points, frame))),
         Shape::MarkedLine(points) => {
             marks.extend(whiskers(points, frame, color));
             marks.extend(dashed(&places(points, frame), series.style.dashes(), LINE_WIDTH, color));
@@ -36,7 +42,7 @@ fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<M
         }
         Shape::Level(level) => {
             let ends = [frame.x.low, frame.x.high].map(|x| frame.at(x, *level));
-            marks.extend(dashed(&ends, level_dashes(series.style), LINE_WIDTH, color));
+            marks.extend(dashed(&ends, series.style.short_dashes(), LINE_WIDTH, color));
         }
         Shape::Points(points) => marks.extend(places(points, frame).into_iter().map(|at| marker(series.style, at))),
         Shape::Bars(points, width) => bars(points, *width, frame, color, marks),
@@ -51,18 +57,19 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
     let color = series.style.color();
     let ends = [(x, y), (x + length, y)];
     let middle = (x + length / 2.0, y);
-    match series.shape {
-        Shape::Line(_) => {
-            if series.shape.points().iter().any(|point| point.interval.is_some()) {
+    match &series.shape {
+        Shape::Line(_) => marks.extend(dashed(&ends, series.style.dashes(), LINE_WIDTH, color)),
+        Shape::Curve(curve) => {
+            if curve.points.iter().any(|point| point.interval.is_some()) {
                 marks.push(Mark::Fill { points: rectangle((x, y - 3.0), (x + length, y + 3.0)), color, opacity: BAND_OPACITY });
             }
-            marks.extend(dashed(&ends, series.style.dashes(), LINE_WIDTH, color));
+            marks.extend(line(curve, series.style, &ends));
         }
         Shape::MarkedLine(_) => {
             marks.extend(dashed(&ends, series.style.dashes(), LINE_WIDTH, color));
             marks.push(marker(series.style, middle));
         }
-        Shape::Level(_) => marks.extend(dashed(&ends, level_dashes(series.style), LINE_WIDTH, color)),
+        Shape::Level(_) => marks.extend(dashed(&ends, series.style.short_dashes(), LINE_WIDTH, color)),
         Shape::Points(_) => marks.push(marker(series.style, middle)),
         Shape::Path(_) => {
             let points: Vec<Place> = (0..=8).map(|index| (x + 2.0 + (length - 4.0) * f64::from(index) / 8.0, y)).collect();
@@ -95,9 +102,31 @@ fn bands(points: &[Point], frame: &Frame, color: Rgb) -> Vec<Mark> {
     runs.filter_map(band).collect()
 }
 
-/// Agents that do not learn are dashed in any case.
-fn level_dashes(style: Style) -> &'static [f64] {
-    if style.dashes().is_empty() { &[4.0, 2.0] } else { style.dashes() }
+/// The line of a learning curve; its dashes say whose it is.
+fn line(curve: &Curve, style: Style, places: &[Place]) -> Vec<Mark> {
+    match curve.of {
+        CurveOf::Learner => dashed(places, style.dashes(), LINE_WIDTH, style.color()),
+        CurveOf::NonLearner => dashed(places, style.short_dashes(), LINE_WIDTH, style.color()),
+        CurveOf::Publication => dashed(places, style.dots(), PUBLISHED_WIDTH, style.color()),
+    }
+}
+
+/// The thin lines of learning curves, thinner where there are many. A run of each curve after the other, so that no curve
+/// covers another with all its runs.
+fn runs(curves: &[(&Curve, Style)], frame: &Frame, marks: &mut Vec<Mark>) {
+    let most = curves.iter().map(|(curve, _)| curve.runs.len()).max().unwrap_or(0);
+    let width = RUN_WIDTH * (10.0 / count(most.max(10))).sqrt();
+    for index in 0..most {
+        for (curve, style, run) in curves.iter().filter_map(|(curve, style)| Some((curve, style, curve.runs.get(index)?))) {
+            let dashes = if curve.of == CurveOf::Publication { style.dots() } else { &[] };
+            marks.extend(dashed(&places(&run.points, frame), dashes, width, style.light()));
+        }
+    }
+}
+
+/// A light rim that parts a line from thin lines of nearly its colour.
+fn rim(places: &[Place]) -> Mark {
+    Mark::Line { points: places.to_vec(), width: LINE_WIDTH + 1.0, color: (0xff, 0xff, 0xff) }
 }
 
 /// A line cut into dashes, since the painters draw full lines only.

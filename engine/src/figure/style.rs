@@ -70,10 +70,41 @@ impl Style {
     pub fn dashes(self) -> &'static [f64] {
         match self.variant % 4 {
             0 => &[],
-            1 => &[5.0, 2.0],
-            2 => &[1.3, 1.5],
-            _ => &[6.0, 1.8, 1.3, 1.8],
+            1 => &[6.0, 2.0],
+            2 => &[6.0, 1.8, 1.3, 1.8],
+            _ => &[6.0, 1.6, 1.3, 1.6, 1.3, 1.6],
         }
+    }
+
+    /// Short dashes, for agents that do not learn and for thresholds.
+    #[must_use]
+    pub fn short_dashes(self) -> &'static [f64] {
+        match self.variant % 4 {
+            0 => &[2.4, 1.6],
+            1 => &[2.4, 2.8],
+            2 => &[2.4, 4.0],
+            _ => &[2.4, 1.6, 2.4, 4.4],
+        }
+    }
+
+    /// Dots, for what others published.
+    #[must_use]
+    pub fn dots(self) -> &'static [f64] {
+        match self.variant % 4 {
+            0 => &[1.0, 1.5],
+            1 => &[1.0, 3.0],
+            2 => &[1.0, 1.5, 1.0, 3.5],
+            _ => &[1.0, 1.5, 1.0, 1.5, 1.0, 3.5],
+        }
+    }
+
+    /// The colour of thin lines: equally light for all agents, so that the seeds of none stand out.
+    #[must_use]
+    pub fn light(self) -> Rgb {
+        const LIGHT: f64 = 0.74;
+        let color = self.color();
+        let lightness = (0.299 * f64::from(color.0) + 0.587 * f64::from(color.1) + 0.114 * f64::from(color.2)) / 255.0;
+        blend(color, (0xff, 0xff, 0xff), ((LIGHT - lightness) / (1.0 - lightness)).max(0.0))
     }
 
     /// The marker.
@@ -114,6 +145,25 @@ mod tests {
         let colors: std::collections::BTreeSet<Rgb> = (0..8).map(|index| Style::of_agent(index).color()).collect();
         assert_eq!(colors.len(), 8);
         assert!((0..8).all(|index| Style::of_agent(index).dashes() != Style::of_agent(index + 1).dashes()));
+    }
+
+    #[test]
+    fn who_learned_is_seen_from_the_dashes_of_any_agent() {
+        let kinds = |index| {
+            let style = Style::of_agent(index);
+            [style.dashes(), style.short_dashes(), style.dots()]
+                .map(|dashes| dashes.first().map_or(f64::INFINITY, |first| *first))
+        };
+        let apart = |index| kinds(index).windows(2).all(|pair| pair[0] >= 2.0 * pair[1]);
+        assert!((0..8).all(apart));
+    }
+
+    #[test]
+    fn thin_lines_are_lighter_than_the_line_and_equally_light() {
+        let lightness = |(r, g, b): Rgb| (0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)) / 255.0;
+        for style in (0..7).map(Style::of_agent) {
+            assert!((lightness(style.light()) - 0.74).abs() < 0.01 && lightness(style.color()) < 0.66);
+        }
     }
 
     #[test]

@@ -1,15 +1,21 @@
 //! Figures of synthetic results: their data by snapshot, their drawing by what must hold of it.
 
-use super::{Band, Bars, Chart, Context, Contour, FigureSpec, GroupedLines, LearningCurve, Scatter, Trajectory, build, png, svg};
+use super::{
+    Band, Bars, Chart, Context, Contour, FigureSpec, GroupedLines, LearningCurve, Scatter, Shape, Trajectory, build, curve_tests,
+    png, svg,
+};
 use crate::{
     Phase,
     report::synthetic::{AGENTS, Rows, noise, study, trial},
-    results::Results,
+    results::{Results, UPDATES},
     table::{Axis, Comparison},
 };
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
-fn chart(spec: &FigureSpec, results: &Results) -> Chart {
+pub(super) fn chart(spec: &FigureSpec, results: &Results) -> Chart {
     let agents = AGENTS.map(String::from);
     let units =
         BTreeMap::from([("cycle_length".into(), "h".into()), ("voltage".into(), "V".into()), ("load".into(), "W".into())]);
@@ -20,7 +26,7 @@ fn names(names: &[&str]) -> Vec<String> {
     names.iter().map(|name| (*name).into()).collect()
 }
 
-fn learning_curve(band: Band) -> FigureSpec {
+pub(super) fn learning_curve(band: Band) -> FigureSpec {
     let kind = LearningCurve { metric: "cycle_length".into(), band, ..LearningCurve::default() };
     FigureSpec {
         learning_curve: Some(kind),
@@ -96,6 +102,9 @@ fn many() -> (FigureSpec, Results) {
                 let steps = (0..=last).step_by(if index < 2 { 100_000 } else { 4_000_000 });
                 let mut rows: Rows = steps.map(|step| (Phase::Evaluate, step, 0, "loss", at(step))).collect();
                 rows.push((Phase::Final, last, 0, "loss", at(500_000 * index as u64)));
+                if index < 2 {
+                    rows.push((Phase::Final, last, 0, UPDATES, 1.0));
+                }
                 trials.push(trial(environment, agent, "", seed, &rows));
             }
         }
@@ -113,11 +122,11 @@ fn changes() -> FigureSpec {
 }
 
 /// Every kind, and hard cases.
-fn all() -> Vec<(&'static str, Chart)> {
+fn all(dir: &Path) -> Vec<(&'static str, Chart)> {
     let (sweep, sweep_results) = sweep();
     let (contour, contour_results) = contour(41);
     let one = Results::of(study().trials.into_iter().filter(|trial| trial.trial.environment == "four_cells").collect());
-    vec![
+    let mut all = vec![
         ("learning-curves", chart(&learning_curve(Band::Sd), &study())),
         ("learning-curve", chart(&learning_curve(Band::Interval), &one)),
         ("trajectory", chart(&trajectory(), &study())),
@@ -127,15 +136,17 @@ fn all() -> Vec<(&'static str, Chart)> {
         ("sweep", chart(&sweep, &sweep_results)),
         ("scatter", chart(&scatter(), &sweep_results)),
         ("contour", chart(&contour, &contour_results)),
-    ]
+    ];
+    all.extend(curve_tests::pictures(dir));
+    all
 }
 
 #[test]
 fn every_kind_is_drawn_in_both_formats_and_to_the_same_bytes() {
     let dir = tempfile::tempdir().unwrap();
     // `FIGURES=DIR` keeps the pictures, to be looked at.
-    let dir = std::env::var_os("FIGURES").map_or_else(|| dir.path().to_owned(), Into::into);
-    for (name, chart) in all() {
+    let dir: PathBuf = std::env::var_os("FIGURES").map_or_else(|| dir.path().to_owned(), Into::into);
+    for (name, chart) in all(&dir) {
         let text = svg(&chart).unwrap();
         assert_eq!(text, svg(&chart).unwrap(), "{name}");
         assert!(text.starts_with("<svg width=\"") && text.contains("mm\"") && !text.contains("NaN"), "{name}");
@@ -225,7 +236,7 @@ fn measurements_before_a_step_are_left_out_of_line_and_average() {
     let of = |spec: &FigureSpec| {
         let series = chart(spec, &study()).panels[0].series.clone();
         let line = series.into_iter().find_map(|series| match series.shape {
-            super::chart::Shape::Line(points) => Some(points),
+            Shape::Curve(curve) => Some(curve.points),
             _ => None,
         });
         line.unwrap()
@@ -238,6 +249,7 @@ fn measurements_before_a_step_are_left_out_of_line_and_average() {
     (kind.from_step, kind.smooth) = (step, 0.9);
     let late = of(&spec);
     assert_eq!((late.len() + 2, &late[0]), (whole.len(), &whole[2]));
+    assert_ne!(late[1], whole[3]);
     spec.learning_curve.as_mut().unwrap().from_step = u64::MAX;
     assert!(of(&spec).is_empty());
 }

@@ -6,7 +6,7 @@ use super::{
     position::Position,
 };
 use crate::{
-    Error, Metric, Phase,
+    Error, Metric,
     cross_play::{NAME, VERSION},
     trial::Part,
 };
@@ -38,9 +38,13 @@ impl Protocol for CrossPlay {
         0
     }
 
+    fn experience(&self) -> u64 {
+        0
+    }
+
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
         let position: Option<Position<()>> = run.resume()?;
-        let what = Measurement { phase: Phase::Final, step: 0, episodes: self.episodes, traced: 0 };
+        let what = Measurement::at_the_end(0, self.episodes, 0);
         measure(run, &what, position.and_then(|position| position.measuring), || None::<()>)
     }
 }

@@ -33,7 +33,7 @@ impl Config for EstimatorTracking {}
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "estimator_tracking",
-        1,
+        2,
         "Let an agent estimate something from more and more one-step samples; nothing is learned.",
         |config: EstimatorTracking| config,
         |config| Ok(Box::new(config)),
@@ -53,6 +53,10 @@ impl Protocol for EstimatorTracking {
         self.batches * self.batch
     }
 
+    fn experience(&self) -> u64 {
+        self.total_steps()
+    }
+
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
         let mut sampling = match run.resume()? {
             Some(saved) => Sampling::restored(run, saved)?,
@@ -65,10 +69,12 @@ impl Protocol for EstimatorTracking {
             sampling.batch += 1;
             if sampling.batch.is_power_of_two() {
                 run.record.record_latest(Phase::Evaluate, sampling.batch * self.batch);
+                run.record_updates(Phase::Train, sampling.batch * self.batch);
             }
             (run.progress)(sampling.batch * self.batch, self.total_steps());
         }
         run.record.record_latest(Phase::Final, self.total_steps());
+        run.record_updates(Phase::Final, self.total_steps());
         Ok(())
     }
 }

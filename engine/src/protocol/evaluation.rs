@@ -12,15 +12,31 @@ use serde_json::Value;
 const ROWS: usize = 256;
 
 /// What to measure, and under which name it is stored.
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Measurement {
     /// `Evaluate` or `Final`.
-    pub(super) phase: Phase,
+    phase: Phase,
     /// Training steps done so far.
     pub(super) step: u64,
     /// Number of episodes.
-    pub(super) episodes: u64,
+    episodes: u64,
     /// How many of them, from the first, are recorded step by step.
-    pub(super) traced: u64,
+    traced: u64,
+    /// Names the random streams of its episodes. Measurements of one name have the same episodes, whoever plays them.
+    stream: String,
+}
+
+impl Measurement {
+    /// The measurement number `index`, from 0, of those during learning. Each has episodes of its own, so that a curve does not
+    /// rest on the luck of one set of starts.
+    pub(super) fn while_learning(index: u64, step: u64, episodes: u64) -> Self {
+        Self { phase: Phase::Evaluate, step, episodes, traced: 0, stream: format!("evaluate {index}") }
+    }
+
+    /// The measurement at the end.
+    pub(super) fn at_the_end(step: u64, episodes: u64, traced: u64) -> Self {
+        Self { phase: Phase::Final, step, episodes, traced, stream: "final".into() }
+    }
 }
 
 /// One episode under way.
@@ -38,8 +54,8 @@ struct Episode {
 
 /// Runs the episodes and records return, length, the environment's metrics and those of the agent's decisions of each.
 ///
-/// Episode `k` starts and goes on with the same random numbers for every agent and at every call of the same phase. Before every
-/// block of episodes the trial can be stopped; `learning` says what learning needs then, and `blocks` where to continue.
+/// Episode `k` of a measurement starts and goes on with the same random numbers for every agent. Before every block of episodes
+/// the trial can be stopped; `learning` says what learning needs then, and `blocks` where to continue.
 pub(super) fn measure<L: Serialize>(
     run: &mut Run<'_>,
     what: &Measurement,
@@ -63,6 +79,26 @@ pub(super) fn measure<L: Serialize>(
             active = advance(run, what, active, &mut rng, &mut pool)?;
         }
         first += ROWS as u64;
+    }
+    Ok(())
+}
+
+/// Measures an agent that does not learn, each time that one which learns is measured: nothing else happens to it. `episodes` are
+/// those of all measurements together, for progress.
+pub(super) fn measure_alone(
+    run: &mut Run<'_>,
+    measurements: impl Iterator<Item = Measurement>,
+    episodes: u64,
+) -> Result<(), Error> {
+    let position: Option<Position<usize>> = run.resume()?;
+    let (first, mut blocks) = position.map_or((0, None), |position| (position.learning.unwrap_or(0), position.measuring));
+    let mut done = 0;
+    for (place, what) in measurements.enumerate() {
+        done += what.episodes;
+        if place >= first {
+            measure(run, &what, blocks.take(), || Some(place))?;
+            (run.progress)(done, episodes);
+        }
     }
     Ok(())
 }
@@ -95,7 +131,7 @@ fn start(
     index: u64,
     mut environment: Box<dyn Environment>,
 ) -> Result<Episode, Error> {
-    let mut rng = run.streams.environment(what.phase.name(), index);
+    let mut rng = run.streams.environment(&what.stream, index);
     let seats = environment.reset(&mut rng)?;
     let observation = observe(&*run.agent, &*environment, seats);
     let (returns, info) = (vec![0.0; environment.seats().len()], vec![0.0; environment.metrics().len()]);
@@ -129,7 +165,7 @@ fn advance(
         match step.end {
             None => going_on.push(episode),
             Some(End::Terminated | End::Truncated) => {
-                finish(run, what, &episode)?;
+                finish(run, what, &episode);
                 pool[episode.slot] = Some(episode.environment);
             }
         }
@@ -151,32 +187,24 @@ fn accumulate(sums: &mut [f64], metrics: &[Metric], info: &[f64]) {
     }
 }
 
-fn finish(run: &mut Run<'_>, what: &Measurement, episode: &Episode) -> Result<(), Error> {
+fn finish(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     let Episode { index, decisions, .. } = *episode;
     #[allow(clippy::cast_precision_loss, reason = "an episode has far fewer than 2^52 decisions")]
     let length = decisions as f64;
     for (seat, value) in episode.returns.iter().enumerate() {
-        finite("return", what.step, *value)?;
         run.record.add(what.phase, what.step, index, seat, "return", *value);
     }
     run.record.add(what.phase, what.step, index, 0, "episode_length", length);
     for (metric, value) in episode.environment.metrics().iter().zip(&episode.info) {
         let value = if metric.per_episode == PerEpisode::Mean { value / length } else { *value };
-        finite(&metric.name, what.step, value)?;
         run.record.add(what.phase, what.step, index, 0, &metric.name, value);
     }
     let n_seats = episode.returns.len();
     for (metric, sums) in run.agent.decision_metrics().iter().zip(episode.assessed.chunks(n_seats)) {
         for (seat, sum) in sums.iter().enumerate() {
-            finite(&metric.name, what.step, sum / length)?;
             run.record.add(what.phase, what.step, index, seat, &metric.name, sum / length);
         }
     }
-    Ok(())
-}
-
-fn finite(what: &str, step: u64, value: f64) -> Result<(), Error> {
-    if value.is_finite() { Ok(()) } else { Err(Error::NotFinite { what: what.into(), step, value }) }
 }
 
 fn trace(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
@@ -185,7 +213,8 @@ fn trace(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     }
     let channels = episode.environment.trace_channels();
     for (channel, value) in channels.iter().zip(episode.environment.trace()) {
-        if value.is_finite() {
+        // There is no value yet, as of an action before the first decision.
+        if !value.is_nan() {
             run.record.add(Phase::Trace, episode.decisions, episode.index, 0, &channel.name, value);
         }
     }

@@ -5,9 +5,11 @@ mod estimator_tracking;
 mod evaluation;
 mod position;
 mod supervised_fit;
+#[cfg(test)]
+mod tests;
 mod train_evaluate;
 
-use crate::{Agent, Environment, Error, Keeper, Metric, Recorder, Registry, random::Streams};
+use crate::{Agent, Environment, Error, Keeper, Metric, Phase, Recorder, Registry, random::Streams, results::UPDATES};
 use serde::{Serialize, de::DeserializeOwned};
 
 pub use cross_play::CrossPlay;
@@ -49,12 +51,22 @@ impl Run<'_> {
         state.map(serde_json::from_value).transpose().map_err(misfit)
     }
 
+    /// Records how many updates the agent made so far; nothing for one that does not learn.
+    pub fn record_updates(&mut self, phase: Phase, step: u64) {
+        if let Some(updates) = self.agent.updates() {
+            #[allow(clippy::cast_precision_loss, reason = "a count of updates is far below 2^52")]
+            self.record.add(phase, step, 0, 0, UPDATES, updates as f64);
+        }
+    }
+
     /// A point at which the trial can continue: where a save is due, `state` says all that the protocol needs besides agent and
     /// record. Numbers that may not be finite belong into a field with [`exact`](crate::checkpoint::exact).
     ///
     /// # Errors
-    /// [`Error::Stopped`] where the trial is asked to stop, and where a file cannot be written.
+    /// [`Error::Stopped`] where the trial is asked to stop, [`Error::NotFinite`] where something was recorded that is no number,
+    /// and where a file cannot be written.
     pub fn checkpoint<S: Serialize>(&mut self, state: impl FnOnce() -> S) -> Result<(), Error> {
+        self.record.all_finite()?;
         if !self.keeper.due() {
             return self.keeper.note(&self.record).map_err(Error::of_store);
         }
@@ -66,6 +78,12 @@ impl Run<'_> {
 
 fn misfit(source: serde_json::Error) -> Error {
     Error::Checkpoint { what: "the protocol", problem: source.to_string() }
+}
+
+/// For keys that are written only where they are false.
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_true(value: &bool) -> bool {
+    *value
 }
 
 /// How one trial runs, from the first step to the final measurement.
@@ -86,9 +104,12 @@ pub trait Protocol: Send + Sync {
     /// Steps in all, for progress and cost estimates.
     fn total_steps(&self) -> u64;
 
+    /// Transitions that the agent is given to learn from, in all.
+    fn experience(&self) -> u64;
+
     /// Runs the trial, from its start or from what [`Run::resume`] gives; the numbers are the same either way.
     ///
     /// # Errors
-    /// [`Error::Stopped`] out of [`Run::checkpoint`], whatever the environment or the agent reports, and [`Error::NotFinite`] for a measurement that is no number.
+    /// [`Error::Stopped`] and [`Error::NotFinite`] out of [`Run::checkpoint`], and whatever the environment or the agent reports.
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error>;
 }

@@ -5,7 +5,7 @@
 
 use super::{
     Protocol, Run,
-    evaluation::{self, Measurement, measure, observe},
+    evaluation::{self, Measurement, measure, measure_alone, observe},
     position::{Blocks, Position, restored},
 };
 use crate::{Config, End, Environment, Error, Metric, Phase, Registry, Rng, agent::Transition};
@@ -31,11 +31,15 @@ pub struct SupervisedFit {
     /// Examples of the final measurement.
     #[schemars(range(min = 1))]
     pub final_examples: u64,
+    /// False where the agent does not learn: measurements alone. No study writes it.
+    #[schemars(skip)]
+    #[serde(skip_serializing_if = "super::is_true")]
+    pub train: bool,
 }
 
 impl Default for SupervisedFit {
     fn default() -> Self {
-        Self { steps: 2_000, batch: 64, evaluate_every: 50, examples: 1_000, final_examples: 10_000 }
+        Self { steps: 2_000, batch: 64, evaluate_every: 50, examples: 1_000, final_examples: 10_000, train: true }
     }
 }
 
@@ -45,11 +49,17 @@ impl Config for SupervisedFit {}
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "supervised_fit",
-        1,
+        2,
         "Fit a policy to examples: the observation is the input, the environment's full state the target.",
-        |config: SupervisedFit| SupervisedFit { steps: 0, evaluate_every: 0, examples: 0, ..config },
+        without_training,
         |config| Ok(Box::new(config)),
     );
+}
+
+/// What is left for an agent that does not learn: the measurements, at the same steps.
+fn without_training(config: SupervisedFit) -> SupervisedFit {
+    let alone = SupervisedFit { batch: 1, train: false, ..config };
+    if alone.evaluate_every > 0 { alone } else { SupervisedFit { steps: 0, examples: 0, ..alone } }
 }
 
 impl Protocol for SupervisedFit {
@@ -62,11 +72,29 @@ impl Protocol for SupervisedFit {
     }
 
     fn total_steps(&self) -> u64 {
-        self.steps
+        if self.train { self.steps } else { self.examples_in_all() }
+    }
+
+    fn experience(&self) -> u64 {
+        if self.train { self.steps.saturating_mul(self.batch) } else { 0 }
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
-        let mut blocks = None;
+        if self.train {
+            let blocks = self.fit_and_measure(run)?;
+            measure(run, &self.last(), blocks, || None::<SavedFit>)?;
+        } else {
+            let all = (0..self.n_measurements()).map(|index| self.measurement(index)).chain([self.last()]);
+            measure_alone(run, all, self.examples_in_all())?;
+        }
+        run.record_updates(Phase::Final, self.steps);
+        Ok(())
+    }
+}
+
+impl SupervisedFit {
+    /// All but the final measurement; gives back where to continue that.
+    fn fit_and_measure(&self, run: &mut Run<'_>) -> Result<Option<Blocks>, Error> {
         match run.resume()? {
             None => {
                 let fit = Fit::start(run)?;
@@ -80,14 +108,29 @@ impl Protocol for SupervisedFit {
                 }
                 self.fit(run, fit)?;
             }
-            Some(Position { learning: None, measuring }) => blocks = measuring,
+            Some(Position { learning: None, measuring }) => return Ok(measuring),
         }
-        let what = Measurement { phase: Phase::Final, step: self.steps, episodes: self.final_examples, traced: 0 };
-        measure(run, &what, blocks, || None::<SavedFit>)
+        Ok(None)
     }
-}
 
-impl SupervisedFit {
+    /// Measurements before the final one: before the first batch, and after every `evaluate_every`.
+    fn n_measurements(&self) -> u64 {
+        self.steps.checked_div(self.evaluate_every).map_or(0, |count| count + 1)
+    }
+
+    /// Examples of all measurements.
+    fn examples_in_all(&self) -> u64 {
+        self.n_measurements().saturating_mul(self.examples).saturating_add(self.final_examples)
+    }
+
+    fn measurement(&self, index: u64) -> Measurement {
+        Measurement::while_learning(index, index * self.evaluate_every, self.examples)
+    }
+
+    fn last(&self) -> Measurement {
+        Measurement::at_the_end(self.steps, self.final_examples, 0)
+    }
+
     fn fit(&self, run: &mut Run<'_>, mut fit: Fit) -> Result<(), Error> {
         while fit.step < self.steps {
             run.checkpoint(|| Position { learning: Some(fit.save()), measuring: None })?;
@@ -104,9 +147,11 @@ impl SupervisedFit {
         if self.evaluate_every == 0 || !fit.step.is_multiple_of(self.evaluate_every) {
             return Ok(());
         }
-        run.record.flush_means(fit.step);
-        let what = Measurement { phase: Phase::Evaluate, step: fit.step, episodes: self.examples, traced: 0 };
-        measure(run, &what, blocks, || Some(fit.save()))
+        if blocks.is_none() {
+            run.record.flush_means(fit.step);
+            run.record_updates(Phase::Train, fit.step);
+        }
+        measure(run, &self.measurement(fit.step / self.evaluate_every), blocks, || Some(fit.save()))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{
     Protocol, Run,
-    evaluation::{self, Measurement, measure, observe},
+    evaluation::{self, Measurement, measure, measure_alone, observe},
     position::{Blocks, Position, restored},
 };
 use crate::{Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition, checkpoint::exact};
@@ -31,11 +31,23 @@ pub struct TrainEvaluate {
     /// How many of the final episodes are recorded step by step, for trajectory figures; above 0, the surface of the reward is
     /// recorded too where the environment has one.
     pub trace_episodes: u64,
+    /// False where the agent does not learn: measurements alone. No study writes it.
+    #[schemars(skip)]
+    #[serde(skip_serializing_if = "super::is_true")]
+    pub train: bool,
 }
 
 impl Default for TrainEvaluate {
     fn default() -> Self {
-        Self { steps: 60_000, environments: 64, evaluate_every: 5_000, episodes: 50, final_episodes: 1_000, trace_episodes: 1 }
+        Self {
+            steps: 60_000,
+            environments: 64,
+            evaluate_every: 5_000,
+            episodes: 50,
+            final_episodes: 1_000,
+            trace_episodes: 1,
+            train: true,
+        }
     }
 }
 
@@ -45,11 +57,22 @@ impl Config for TrainEvaluate {}
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "train_evaluate",
-        1,
+        2,
         "Learn for a number of environment steps; measure whole episodes during learning and at the end.",
-        |config: TrainEvaluate| TrainEvaluate { steps: 0, environments: 1, evaluate_every: 0, episodes: 0, ..config },
+        without_training,
         |config| Ok(Box::new(config)),
     );
+}
+
+/// What is left for an agent that does not learn: the measurements, at the same steps.
+fn without_training(config: TrainEvaluate) -> TrainEvaluate {
+    let environments = if config.is_measured_as_with_one_environment() { 1 } else { config.environments };
+    let alone = TrainEvaluate { environments, train: false, ..config };
+    if alone.n_measurements() > 0 {
+        alone
+    } else {
+        TrainEvaluate { steps: 0, environments: 1, evaluate_every: 0, episodes: 0, ..alone }
+    }
 }
 
 impl Protocol for TrainEvaluate {
@@ -64,11 +87,30 @@ impl Protocol for TrainEvaluate {
     }
 
     fn total_steps(&self) -> u64 {
-        self.steps
+        if self.train { self.steps } else { self.episodes_in_all() }
+    }
+
+    fn experience(&self) -> u64 {
+        if self.train { self.steps_taken() } else { 0 }
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
-        let mut blocks = None;
+        if self.train {
+            let blocks = self.learn_and_measure(run)?;
+            (run.progress)(self.steps, self.steps);
+            measure(run, &self.last(), blocks, || None::<SavedLearning>)?;
+        } else {
+            let all = (0..self.n_measurements()).map(|place| self.measurement(place * self.stride())).chain([self.last()]);
+            measure_alone(run, all, self.episodes_in_all())?;
+        }
+        run.record_updates(Phase::Final, self.steps);
+        if self.trace_episodes > 0 { evaluation::trace_reward_surface(run) } else { Ok(()) }
+    }
+}
+
+impl TrainEvaluate {
+    /// All but the final measurement; gives back where to continue that.
+    fn learn_and_measure(&self, run: &mut Run<'_>) -> Result<Option<Blocks>, Error> {
         match run.resume()? {
             None if self.steps == 0 => {}
             None => {
@@ -83,17 +125,48 @@ impl Protocol for TrainEvaluate {
                 }
                 self.learn(run, learning)?;
             }
-            Some(Position { learning: None, measuring }) => blocks = measuring,
+            Some(Position { learning: None, measuring }) => return Ok(measuring),
         }
-        (run.progress)(self.steps, self.steps);
-        let what =
-            Measurement { phase: Phase::Final, step: self.steps, episodes: self.final_episodes, traced: self.trace_episodes };
-        measure(run, &what, blocks, || None::<SavedLearning>)?;
-        if self.trace_episodes > 0 { evaluation::trace_reward_surface(run) } else { Ok(()) }
+        Ok(None)
     }
-}
 
-impl TrainEvaluate {
+    /// Environment steps that learning takes: the last ones are taken by all environments too.
+    fn steps_taken(&self) -> u64 {
+        self.steps.div_ceil(self.environments).saturating_mul(self.environments)
+    }
+
+    /// Steps between two measurements: several multiples of `evaluate_every` that are passed at once are one measurement.
+    fn stride(&self) -> u64 {
+        self.evaluate_every.max(self.environments)
+    }
+
+    /// Measurements before the final one, one of them before the first step.
+    fn n_measurements(&self) -> u64 {
+        if self.steps == 0 || self.evaluate_every == 0 { 0 } else { self.steps_taken() / self.stride() + 1 }
+    }
+
+    /// Episodes of all measurements.
+    fn episodes_in_all(&self) -> u64 {
+        self.n_measurements().saturating_mul(self.episodes).saturating_add(self.final_episodes)
+    }
+
+    /// True where it would be measured at the same steps if environments were stepped one by one.
+    fn is_measured_as_with_one_environment(&self) -> bool {
+        let last = |steps: u64| steps.checked_div(self.evaluate_every);
+        self.stride() == self.evaluate_every && last(self.steps_taken()) == last(self.steps)
+    }
+
+    /// The measurement that is due when `step` is reached.
+    fn measurement(&self, step: u64) -> Measurement {
+        let index = step / self.evaluate_every;
+        // The nominal step, so that curves of different seeds and environment counts share their points.
+        Measurement::while_learning(index, index * self.evaluate_every, self.episodes)
+    }
+
+    fn last(&self) -> Measurement {
+        Measurement::at_the_end(self.steps, self.final_episodes, self.trace_episodes)
+    }
+
     fn learn(&self, run: &mut Run<'_>, mut learning: Learning) -> Result<(), Error> {
         while learning.step < self.steps {
             run.checkpoint(|| Position { learning: Some(learning.save()), measuring: None })?;
@@ -111,10 +184,11 @@ impl TrainEvaluate {
         if !due {
             return Ok(());
         }
-        // The nominal step, so that curves of different seeds and environment counts share their points.
-        let nominal = step / self.evaluate_every * self.evaluate_every;
-        run.record.flush_means(nominal);
-        let what = Measurement { phase: Phase::Evaluate, step: nominal, episodes: self.episodes, traced: 0 };
+        let what = self.measurement(step);
+        if blocks.is_none() {
+            run.record.flush_means(what.step);
+            run.record_updates(Phase::Train, what.step);
+        }
         measure(run, &what, blocks, || Some(learning.save()))
     }
 }

@@ -126,23 +126,6 @@ impl Contents {
         present(ClaimOutcome::ALL.map(|outcome| (outcome.word(), lines().filter(|it| *it == outcome).count())))
     }
 
-    /// What the head of a report counts: published values and claims, taken together (Holm) and one by one where that differs, and
-    /// what is exploratory.
-    #[must_use]
-    pub fn head(&self) -> Vec<(String, Counts)> {
-        let together = |all: Counts, adjusted: Counts, judged: &[&str]| {
-            let rest = all.into_iter().filter(|(word, _)| !judged.contains(word));
-            adjusted.into_iter().chain(rest).collect::<Counts>()
-        };
-        let judged: Vec<&str> = Verdict::ALL.into_iter().filter(|it| it.is_judged()).map(Verdict::word).collect();
-        let published =
-            [self.verdicts(false), together(self.verdicts(false), self.adjusted_verdicts(), &judged), self.verdicts(true)];
-        let judged: Vec<&str> = ClaimOutcome::ALL.into_iter().filter(|it| it.is_judged()).map(ClaimOutcome::word).collect();
-        let claims =
-            [self.outcomes(false), together(self.outcomes(false), self.adjusted_outcomes(), &judged), self.outcomes(true)];
-        [("Published values", published), ("Claims", claims)].into_iter().flat_map(|(what, counts)| lines(what, counts)).collect()
-    }
-
     /// True where a published value differs or a claim is refuted.
     #[must_use]
     pub fn contradicts(&self) -> bool {
@@ -166,17 +149,6 @@ impl Contents {
         let grids = self.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
         grids.filter(move |grid| grid.exploratory == exploratory).flat_map(|grid| grid.cells.iter().flatten())
     }
-}
-
-/// Lines of counts one by one, together, and exploratory: together first, and only where it is another.
-fn lines(what: &str, [alone, together, exploratory]: [Counts; 3]) -> Vec<(String, Counts)> {
-    let mut lines = vec![(what.to_owned(), together.clone())];
-    if together != alone {
-        lines = vec![(format!("{what}, all together (Holm)"), together), (format!("{what}, one by one"), alone)];
-    }
-    lines.push((format!("{what}, exploratory"), exploratory));
-    lines.retain(|(_, counts)| !counts.is_empty());
-    lines
 }
 
 fn present(counts: impl IntoIterator<Item = (&'static str, usize)>) -> Counts {

@@ -28,6 +28,11 @@ pub(super) fn name(name: &str, extension: &str) -> String {
     format!("{}.{extension}", slug(name))
 }
 
+/// Name of the file with the values by seed of a table.
+pub(super) fn by_seed(name: &str) -> String {
+    format!("{}-seeds.csv", slug(name))
+}
+
 /// A name with everything but letters, digits, `.`, `_` and `-` replaced.
 pub(super) fn slug(name: &str) -> String {
     let keep = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);

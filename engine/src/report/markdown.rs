@@ -1,25 +1,31 @@
 //! The report in Markdown.
 
-use super::{Counts, Parts, files};
+use super::{Parts, Period, budgets, differences, files, head, prose, sheet::Sheet};
 use crate::{
+    figure::{Chart, FigureSpec},
     results::TrialResult,
-    table::{escape_markdown as escape, markdown},
+    table::{Grid, escape_markdown as escape, markdown},
 };
 
 /// The whole report.
 pub(super) fn report(parts: &Parts<'_>) -> String {
     let study = parts.study;
-    let mut blocks = vec![format!("# {}", escape(title(parts))), format!("Study `{}`. {}", study.name, escape(&study.source))];
-    blocks.extend(counts(parts));
-    blocks.extend(section("Tables", tables(parts)));
-    blocks.extend(section("Figures", figures(parts)));
-    blocks.extend(section("Claims", claims(parts)));
-    blocks.extend(section("Departures", study.departures.iter().map(|departure| format!("- {}", escape(departure))).collect()));
-    blocks.extend(section("What was run", runs(parts)));
-    blocks.extend(section(
-        "Provenance",
-        provenance(parts).into_iter().map(|(what, value)| format!("- {what}: {}", escape(&value))).collect(),
-    ));
+    let mut blocks =
+        vec![format!("# {}", escape(title(parts))), format!("Study `{}`. {}", study.name, prose::markdown(&study.source))];
+    blocks.extend(head::lines(parts.contents).iter().map(counts));
+    let sections = [
+        ("Tables", tables(parts)),
+        ("Figures", figures(parts)),
+        ("Claims", claims(parts)),
+        ("Departures", study.departures.iter().map(|departure| format!("- {}", prose::markdown(departure))).collect()),
+        ("Budgets", budgets::sheet(parts.study, parts.results).iter().map(Sheet::markdown).collect()),
+        ("Settings that differ", settings(parts)),
+        ("Values by seed", by_seed(parts)),
+        ("What was run", runs(parts)),
+        ("Profiles", study.profiles.iter().map(|it| format!("- {}: {}", escape(it.name()), it.sentence())).collect()),
+        ("Provenance", provenance(parts).into_iter().map(|(what, value)| format!("- {what}: {}", escape(&value))).collect()),
+    ];
+    blocks.extend(sections.into_iter().filter_map(|(heading, items)| section(heading, &items)));
     blocks.join("\n\n") + "\n"
 }
 
@@ -28,39 +34,35 @@ pub(super) fn title<'a>(parts: &Parts<'a>) -> &'a str {
     if parts.study.title.is_empty() { &parts.study.name } else { &parts.study.title }
 }
 
-fn section(heading: &str, items: Vec<String>) -> Option<String> {
+fn section(heading: &str, items: &[String]) -> Option<String> {
     let joint = if items.iter().all(|item| item.starts_with("- ")) { "\n" } else { "\n\n" };
     (!items.is_empty()).then(|| format!("## {heading}\n\n{}", items.join(joint)))
 }
 
-fn counts(parts: &Parts<'_>) -> Option<String> {
-    let line = |(what, counts): (String, Counts)| {
-        let words: Vec<String> = counts.iter().map(|(word, n)| format!("**{n} {word}**")).collect();
-        format!("{what}: {}", words.join(", "))
-    };
-    let lines: Vec<String> = parts.contents.head().into_iter().map(line).collect();
-    (!lines.is_empty()).then(|| lines.join("\n\n"))
+fn counts(counts: &head::Line) -> String {
+    let words: Vec<String> = counts.words.iter().map(|(word, n)| format!("**{n} {word}**")).collect();
+    format!("{}: {}", counts.what, words.join(", "))
 }
 
 fn tables(parts: &Parts<'_>) -> Vec<String> {
-    let table = |(name, grid): &(String, Result<crate::table::Grid, String>)| match grid {
+    let table = |(name, grid): &(String, Result<Grid, String>)| match grid {
         Ok(grid) => format!("### {}\n\n{}", escape(name), markdown(grid).trim_end()),
-        Err(reason) => format!("### {}\n\nCould not be made: {}", escape(name), escape(reason)),
+        Err(reason) => format!("### {}\n\nCould not be made: {}", escape(name), prose::markdown(reason)),
     };
     parts.contents.tables.iter().map(table).collect()
 }
 
 fn figures(parts: &Parts<'_>) -> Vec<String> {
-    let figure =
-        |((name, chart), (_, spec)): (&(String, Result<crate::figure::Chart, String>), &(String, crate::figure::FigureSpec))| {
-            let body = match chart {
-                Ok(chart) => {
-                    format!("![{}](figures/{})\n\n{}", escape(name), files::name(name, "svg"), escape(&chart.notes.join(" ")))
-                }
-                Err(reason) => format!("Could not be drawn: {}", escape(reason)),
-            };
-            format!("### {}\n\n{}\n\n{body}", escape(name), escape(&spec.caption))
+    let figure = |((name, chart), (_, spec)): (&(String, Result<Chart, String>), &(String, FigureSpec))| {
+        let body = match chart {
+            Ok(chart) => {
+                format!("![{}](figures/{})\n\n{}", escape(name), files::name(name, "svg"), escape(&chart.notes.join(" ")))
+            }
+            Err(reason) => format!("Could not be drawn: {}", prose::markdown(reason)),
         };
+        let caption = if spec.caption.is_empty() { String::new() } else { format!("{}\n\n", escape(&spec.caption)) };
+        format!("### {}\n\n{caption}{body}", escape(name))
+    };
     parts.contents.figures.iter().zip(&parts.study.figures).map(figure).collect()
 }
 
@@ -75,6 +77,23 @@ fn claims(parts: &Parts<'_>) -> Vec<String> {
         format!("| {} |", cells.join(" | "))
     }));
     vec![lines.join("\n")]
+}
+
+fn settings(parts: &Parts<'_>) -> Vec<String> {
+    let sheets: Vec<String> = differences::sheets(parts.study, parts.results).iter().map(Sheet::markdown).collect();
+    let text = if sheets.is_empty() { NO_SETTINGS } else { SETTINGS };
+    std::iter::once(format!("{text} The complete configs are in [resolved.yaml](resolved.yaml).")).chain(sheets).collect()
+}
+
+/// What stands above the settings that differ.
+pub(super) const SETTINGS: &str =
+    "Keys that differ between agents, settings or environments, or from the default of their plugin.";
+/// What stands in their place where there are none.
+pub(super) const NO_SETTINGS: &str = "None: every plugin has its defaults.";
+
+fn by_seed(parts: &Parts<'_>) -> Vec<String> {
+    let made = parts.contents.tables.iter().filter(|(_, grid)| grid.is_ok());
+    made.map(|(name, _)| format!("- {}: [{1}]({1})", escape(name), format_args!("tables/{}", files::by_seed(name)))).collect()
 }
 
 fn runs(parts: &Parts<'_>) -> Vec<String> {
@@ -120,6 +139,7 @@ pub(super) fn provenance(parts: &Parts<'_>) -> Vec<(&'static str, String)> {
         ("plugin versions", Some(plugins.join(", "))),
         ("profile", provenance.profile.clone()),
         ("seeds", Some(seeds.join(", "))),
+        ("trials ended", parts.study.ended.as_ref().map(Period::sentence)),
         ("processor", Some(provenance.cpu.clone())),
         ("operating system", Some(provenance.operating_system.clone())),
         ("date", provenance.date.clone()),

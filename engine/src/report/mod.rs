@@ -3,26 +3,38 @@
 //! Everything is a function of what is passed in: no clock, no random number and no version control is read here, so that
 //! the same results give the same bytes.
 
+mod budgets;
+mod by_seed;
 mod contents;
+mod differences;
 mod files;
+mod head;
 mod junit;
 mod markdown;
 mod outcome;
 mod page;
+mod period;
+mod profiles;
+mod prose;
+mod sheet;
 mod summary;
 #[cfg(test)]
 pub(crate) mod synthetic;
 #[cfg(test)]
 mod tests;
 
+pub use budgets::duration;
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
 pub use junit::junit;
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
+pub use period::Period;
+pub use profiles::{ProfileState, ProfileTrials};
 pub use summary::summary;
 
 use crate::{Error, figure, figure::FigureSpec, results::Results, spec::ClaimSpec, table, table::TableSpec};
+use serde_json::Value;
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -49,6 +61,14 @@ pub struct StudyInfo {
     pub environments: Vec<String>,
     /// Units by metric.
     pub units: BTreeMap<String, String>,
+    /// Agents that learn.
+    pub learners: BTreeSet<String>,
+    /// Configs with every default, by kind and name of the plugin, as in `agent dsac`.
+    pub defaults: BTreeMap<String, Value>,
+    /// The study without a profile and with each of its profiles; empty where it has none.
+    pub profiles: Vec<ProfileState>,
+    /// When its trials ended, where the store knows.
+    pub ended: Option<Period>,
 }
 
 /// What made the results.
@@ -128,14 +148,15 @@ struct Parts<'a> {
     drawings: &'a BTreeMap<&'a str, String>,
 }
 
-fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 4], Error> {
+fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5], Error> {
     let texts = [
-        ("md", table::markdown(grid)),
-        ("tex", table::latex(grid, name)),
-        ("csv", table::csv(grid)?),
-        ("html", page::document(&table::escape_html(name), &table::html(grid))),
+        (files::name(name, "md"), table::markdown(grid)),
+        (files::name(name, "tex"), table::latex(grid, name)),
+        (files::name(name, "csv"), table::csv(grid)?),
+        (files::name(name, "html"), page::document(&table::escape_html(name), &table::html(grid))),
+        (files::by_seed(name), by_seed::csv(grid)?),
     ];
-    let paths = texts.each_ref().map(|(extension, _)| dir.join(files::name(name, extension)));
+    let paths = texts.each_ref().map(|(file, _)| dir.join(file));
     for (path, (_, text)) in paths.iter().zip(&texts) {
         files::write(path, text.as_bytes())?;
     }

@@ -1,8 +1,10 @@
 //! The report as one page: style sheet and drawings inside, nothing loaded from elsewhere.
 
 use super::{
-    Counts, Parts, files,
-    markdown::{end_states, failure, provenance, title},
+    Parts, budgets, by_seed, differences, files, head,
+    markdown::{NO_SETTINGS, SETTINGS, end_states, failure, provenance, title},
+    prose,
+    sheet::Sheet,
 };
 use crate::{
     figure::{Chart, FigureSpec},
@@ -15,15 +17,30 @@ const STYLE: &str = include_str!("page.css");
 pub(super) fn page(parts: &Parts<'_>) -> String {
     let title = escape(title(parts));
     let sections = [
-        header(parts, &title),
-        section("Tables", &tables(parts)),
-        section("Figures", &figures(parts)),
-        section("Claims", &claims(parts)),
-        section("Departures", &list(&parts.study.departures)),
-        section("What was run", &runs(parts)),
-        section("Provenance", &entries(parts)),
+        ("Tables", tables(parts)),
+        ("Figures", figures(parts)),
+        ("Claims", claims(parts)),
+        ("Departures", list(&parts.study.departures)),
+        ("Budgets", budgets::sheet(parts.study, parts.results).iter().map(Sheet::html).collect()),
+        ("Settings that differ", settings(parts)),
+        ("Values by seed", values_by_seed(parts)),
+        ("What was run", runs(parts)),
+        ("Profiles", profiles(parts)),
+        ("Provenance", entries(parts)),
     ];
-    document(&title, &sections.concat())
+    let present: Vec<_> = sections.iter().filter(|(_, body)| !body.is_empty()).collect();
+    let link = |(heading, _): &&(&str, String)| format!("<a href=\"#{}\">{heading}</a>\n", anchor(heading));
+    let links: String = present.iter().map(link).collect();
+    let section = |(heading, body): &&(&str, String)| {
+        format!("<section id=\"{}\">\n<h2>{heading}</h2>\n{body}</section>\n", anchor(heading))
+    };
+    let sections: String = present.iter().map(section).collect();
+    document(&title, &format!("{}<nav>\n{links}</nav>\n{sections}", header(parts, &title)))
+}
+
+/// The id of a section, which no table or figure has.
+fn anchor(heading: &str) -> String {
+    format!("section-{}", heading.to_lowercase().replace(' ', "-"))
 }
 
 /// A page of its own around a body; `title` is escaped already.
@@ -36,30 +53,27 @@ pub(super) fn document(title: &str, body: &str) -> String {
 }
 
 fn header(parts: &Parts<'_>, title: &str) -> String {
-    let source = escape(&parts.study.source);
-    let chips = |(what, counts): (String, Counts)| {
+    let source = prose::html(&parts.study.source);
+    let chips = |counts: &head::Line| {
         let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word));
-        format!("<div><h2>{what}</h2><ul>{}</ul></div>\n", counts.iter().map(chip).collect::<String>())
+        format!("<div><h2>{}</h2><ul>{}</ul></div>\n", counts.what, counts.words.iter().map(chip).collect::<String>())
     };
     format!(
         "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n<div class=\"summary\">\n{}\
-         <div><h2>Trials</h2><p>{}</p></div>\n</div>\n</header>\n",
+         <div><h2>Trials</h2><p>{}</p></div>\n<div><h2>Time</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },
-        parts.contents.head().into_iter().map(chips).collect::<String>(),
+        head::lines(parts.contents).iter().map(chips).collect::<String>(),
         escape(&end_states(parts)),
+        budgets::cost(parts.results).sentence(),
     )
-}
-
-fn section(heading: &str, body: &str) -> String {
-    if body.is_empty() { String::new() } else { format!("<section>\n<h2>{heading}</h2>\n{body}</section>\n") }
 }
 
 fn tables(parts: &Parts<'_>) -> String {
     let table = |(name, grid): &(String, Result<Grid, String>)| {
         let body = match grid {
             Ok(grid) => format!("<div class=\"wide\">\n{}</div>\n{}", html(grid), links("tables", name, &["csv", "tex", "md"])),
-            Err(reason) => format!("<p class=\"problem\">Could not be made: {}</p>\n", escape(reason)),
+            Err(reason) => format!("<p class=\"problem\">Could not be made: {}</p>\n", prose::html(reason)),
         };
         format!("<article id=\"{}\">\n<h3>{}</h3>\n{body}</article>\n", files::slug(name), escape(name))
     };
@@ -74,7 +88,9 @@ fn figures(parts: &Parts<'_>) -> String {
 fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &FigureSpec) -> String {
     let body = match (chart, parts.drawings.get(name)) {
         (Ok(chart), Some(svg)) => {
-            let caption = escape(&format!("{} {}", spec.caption, chart.notes.join(" ")));
+            // A caption is a sentence, with or without its full stop.
+            let stop = if spec.caption.is_empty() || spec.caption.ends_with(['.', '!', '?']) { "" } else { "." };
+            let caption = escape(&format!("{}{stop} {}", spec.caption, chart.notes.join(" ")));
             let width = if chart.columns > 1 { "double" } else { "single" };
             let drawing = inline(svg, if spec.caption.is_empty() { name } else { &spec.caption });
             format!(
@@ -83,7 +99,7 @@ fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &F
                 links("figures", name, &["svg", "png", "csv"])
             )
         }
-        (Err(reason), _) => format!("<p class=\"problem\">Could not be drawn: {}</p>\n", escape(reason)),
+        (Err(reason), _) => format!("<p class=\"problem\">Could not be drawn: {}</p>\n", prose::html(reason)),
         (Ok(_), None) => String::new(),
     };
     format!("<article id=\"{}\">\n<h3>{}</h3>\n{body}</article>\n", files::slug(name), escape(name))
@@ -100,34 +116,60 @@ fn links(folder: &str, name: &str, extensions: &[&str]) -> String {
     format!("<p class=\"links\">{}</p>\n", extensions.iter().map(link).collect::<Vec<_>>().join(" · "))
 }
 
+/// The headings of claims, which on a narrow page stand before each of their cells.
+const CLAIM: [&str; 5] = ["claim", "environment", "verdict", "left minus right", "notes"];
+
 fn claims(parts: &Parts<'_>) -> String {
     if parts.contents.claims.is_empty() {
         return String::new();
     }
-    let head = ["claim", "environment", "verdict", "left minus right", "notes"]
-        .map(|cell| format!("<th scope=\"col\">{cell}</th>"))
-        .concat();
-    let row = |line: &super::ClaimLine| {
-        let cells = [
-            format!("<code>{}</code>", escape(&line.spec.claim)),
-            escape(&line.place),
-            verdict_word(&line.verdict_in_words()),
-            escape(&line.numbers()),
-            escape(&line.notes().join("; ")),
-        ];
-        format!("<tr>{}</tr>\n", cells.map(|cell| format!("<td>{cell}</td>")).concat())
+    let head = CLAIM.map(|cell| format!("<th scope=\"col\">{cell}</th>")).concat();
+    let rows: String = parts.contents.claims.iter().map(claim).collect();
+    format!("<table class=\"text\">\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table>\n")
+}
+
+fn claim(line: &super::ClaimLine) -> String {
+    let cells = [
+        format!("<code>{}</code>", escape(&line.spec.claim)),
+        escape(&line.place),
+        verdict_word(&line.verdict_in_words()),
+        escape(&line.numbers()),
+        prose::html(&line.notes().join("; ")),
+    ];
+    let cell = |(heading, cell): (&str, String)| match cell.is_empty() {
+        true => "<td></td>".into(),
+        false => format!("<td data-heading=\"{heading}\">{cell}</td>"),
     };
-    let rows: String = parts.contents.claims.iter().map(row).collect();
-    format!(
-        "<div class=\"wide\">\n<table class=\"text\">\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table>\n</div>\n"
-    )
+    format!("<tr>{}</tr>\n", CLAIM.into_iter().zip(cells).map(cell).collect::<String>())
 }
 
 fn list(items: &[String]) -> String {
     if items.is_empty() {
         return String::new();
     }
-    format!("<ul>\n{}</ul>\n", items.iter().map(|item| format!("<li>{}</li>\n", escape(item))).collect::<String>())
+    format!("<ul>\n{}</ul>\n", items.iter().map(|item| format!("<li>{}</li>\n", prose::html(item))).collect::<String>())
+}
+
+fn settings(parts: &Parts<'_>) -> String {
+    const FILE: &str = "<a href=\"resolved.yaml\">resolved.yaml</a>";
+    let sheets: String = differences::sheets(parts.study, parts.results).iter().map(Sheet::html).collect();
+    let text = if sheets.is_empty() { NO_SETTINGS } else { SETTINGS };
+    format!("<p>{text} The complete configs are in {FILE}.</p>\n{sheets}")
+}
+
+fn values_by_seed(parts: &Parts<'_>) -> String {
+    let made = parts.contents.tables.iter().filter_map(|(name, grid)| Some((name, grid.as_ref().ok()?)));
+    let table = |(name, grid): (&String, &Grid)| {
+        let file = files::by_seed(name);
+        format!(
+            "<details>\n<summary>{}: {} values</summary>\n<div class=\"wide\">\n{}</div>\n\
+             <p class=\"links\"><a href=\"tables/{file}\">all digits: csv</a></p>\n</details>\n",
+            escape(name),
+            by_seed::count(grid),
+            by_seed::html(grid)
+        )
+    };
+    made.map(table).collect()
 }
 
 fn runs(parts: &Parts<'_>) -> String {
@@ -135,7 +177,16 @@ fn runs(parts: &Parts<'_>) -> String {
     format!("<p>{}.</p>\n{}", escape(&end_states(parts)), list(&failed.map(failure).collect::<Vec<_>>()))
 }
 
+fn profiles(parts: &Parts<'_>) -> String {
+    definitions(parts.study.profiles.iter().map(|profile| (profile.name(), profile.sentence())))
+}
+
 fn entries(parts: &Parts<'_>) -> String {
-    let entry = |(what, value): (&str, String)| format!("<dt>{what}</dt><dd>{}</dd>\n", escape(&value));
-    format!("<dl>\n{}</dl>\n", provenance(parts).into_iter().map(entry).collect::<String>())
+    definitions(provenance(parts).into_iter())
+}
+
+fn definitions<'a>(entries: impl Iterator<Item = (&'a str, String)>) -> String {
+    let entry = |(what, value): (&str, String)| format!("<dt>{}</dt><dd>{}</dd>\n", escape(what), escape(&value));
+    let entries: String = entries.map(entry).collect();
+    if entries.is_empty() { entries } else { format!("<dl>\n{entries}</dl>\n") }
 }

@@ -1,12 +1,16 @@
 //! The report in short, for a terminal.
 
-use super::{Contents, Counts, StudyInfo};
-use crate::table::{terminal, wrap};
+use super::{Contents, StudyInfo, budgets, head};
+use crate::{
+    results::Results,
+    table::{terminal, wrap},
+};
 use std::path::Path;
 
-/// Tables, claims, counts of verdicts and the path of the page, as plain text of at most `width` characters a line.
+/// Tables, claims, what was not trained, profiles, counts of verdicts and the path of the page, as plain text of at most `width`
+/// characters a line.
 #[must_use]
-pub fn summary(study: &StudyInfo, contents: &Contents, page: &Path, width: usize) -> String {
+pub fn summary(study: &StudyInfo, results: &Results, contents: &Contents, page: &Path, width: usize) -> String {
     let mut parts = vec![wrap(if study.title.is_empty() { &study.name } else { &study.title }, width)];
     for (name, grid) in &contents.tables {
         parts.push(match grid {
@@ -19,7 +23,13 @@ pub fn summary(study: &StudyInfo, contents: &Contents, page: &Path, width: usize
     if !contents.claims.is_empty() {
         parts.push(claims(contents, width));
     }
-    parts.push(format!("{}Report: {}", counts(contents), page.display()));
+    let mut last: Vec<String> = budgets::untrained(results).into_iter().map(|sentence| sentence.replace('`', "")).collect();
+    last.extend(counts(contents));
+    last.push(format!("Time: {}", budgets::cost(results).sentence()));
+    last.extend(study.profiles.iter().map(|it| format!("Profile {}: {}", it.name(), it.sentence())));
+    let mut last: Vec<String> = last.iter().map(|line| wrap(line, width)).collect();
+    last.push(format!("Report: {}", page.display()));
+    parts.push(last.join("\n"));
     parts.join("\n\n") + "\n"
 }
 
@@ -39,10 +49,10 @@ fn claims(contents: &Contents, width: usize) -> String {
     contents.claims.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-fn counts(contents: &Contents) -> String {
-    let line = |(what, counts): (String, Counts)| {
-        let words: Vec<String> = counts.iter().map(|(word, n)| format!("{n} {word}")).collect();
-        format!("{what}: {}\n", words.join(", "))
+fn counts(contents: &Contents) -> Vec<String> {
+    let line = |counts: &head::Line| {
+        let words: Vec<String> = counts.words.iter().map(|(word, n)| format!("{n} {word}")).collect();
+        format!("{}: {}", counts.what, words.join(", "))
     };
-    contents.head().into_iter().map(line).collect()
+    head::lines(contents).iter().map(line).collect()
 }

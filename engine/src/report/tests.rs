@@ -1,19 +1,76 @@
 //! A whole report of synthetic results.
 
 use super::{
-    Contents, Provenance, StudyInfo, summary,
-    synthetic::{AGENTS, ended, study as results, trial},
+    Contents, Period, ProfileState, ProfileTrials, Provenance, StudyInfo, head, summary,
+    synthetic::{AGENTS, ended, study as recorded, trial},
     write,
 };
 use crate::{
     Phase,
     figure::{Bars, FigureSpec, LearningCurve, Trajectory},
-    results::{EndState, Results, UPDATES},
+    recorder::Row,
+    results::{EPISODE_LENGTH, EndState, Results, TrialResult, UPDATES},
     spec::ClaimSpec,
     statistics::Design,
     table::{Axis, Comparison, Form, Margin, Published, TableSpec},
+    trial::Part,
 };
-use std::{collections::BTreeMap, fs, path::Path};
+use serde_json::{Value, json};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::Path,
+};
+
+/// The synthetic results with configs and with the lengths of measured episodes.
+fn results() -> Results {
+    let mut results = recorded();
+    for result in &mut results.trials {
+        let key = &mut result.trial.key;
+        key.environment = Part::new("battery", 1, json!({"cells": if result.trial.environment == "four_cells" { 4 } else { 8 }}));
+        key.agent = agent(&result.trial.agent);
+        key.protocol = Part::new("train_evaluate", 1, json!({"steps": 60_000, "final_episodes": 4}));
+        if result.is_ok() {
+            record_lengths(result);
+        }
+    }
+    results
+}
+
+fn agent(name: &str) -> Part {
+    let (plugin, config) = match name {
+        "dsac" => ("actor_critic", json!({"width": 256, "rate": 0.0003, "policy": "dirichlet"})),
+        "ddpg" => ("actor_critic", json!({"width": 64, "rate": 0.0003, "policy": "softmax"})),
+        other => (other, json!({})),
+    };
+    Part::new(plugin, 1, config)
+}
+
+fn record_lengths(result: &mut TrialResult) {
+    let metric = u16::try_from(result.names.len()).unwrap();
+    result.names.push(EPISODE_LENGTH.into());
+    let measured = |row: &&Row| [Phase::Evaluate, Phase::Final].contains(&row.phase) && row.metric == 0;
+    let lengths: Vec<Row> = result.rows.iter().filter(measured).map(|row| Row { metric, value: 600.0, ..*row }).collect();
+    result.rows.extend(lengths);
+}
+
+fn defaults() -> BTreeMap<String, Value> {
+    let configs = [
+        ("agent actor_critic", json!({"width": 256, "rate": 0.001, "policy": "dirichlet"})),
+        ("environment battery", json!({"cells": 4})),
+        ("protocol train_evaluate", json!({"steps": 60_000, "final_episodes": 1000})),
+    ];
+    configs.map(|(name, config)| (name.to_owned(), config)).into()
+}
+
+fn profiles() -> Vec<ProfileState> {
+    let state = |name: &str, this_report, [planned, ok, failed, own]: [usize; 4]| ProfileState {
+        name: (!name.is_empty()).then(|| name.to_owned()),
+        this_report,
+        trials: Some(ProfileTrials { planned, ok, failed, own }),
+    };
+    vec![state("", false, [40, 20, 0, 0]), state("smoke", true, [40, 38, 1, 19]), state("paper", false, [200, 0, 0, 0])]
+}
 
 fn improvement() -> TableSpec {
     let published = [("four_cells", 15.2), ("eight_cells", 15.9)].map(|(row, value)| (row.to_owned(), Published::Value(value)));
@@ -43,7 +100,9 @@ fn info() -> StudyInfo {
         name: "table-3.2".into(),
         title: "Average improvement of the working cycle <with & without> learning".into(),
         source: "thesis, table 3.2".into(),
-        departures: vec!["The load profile is drawn from a uniform distribution, since the text gives none.".into()],
+        departures: vec![
+            "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives none.".into(),
+        ],
         tables: vec![
             ("table-3.2".into(), improvement()),
             ("lengths".into(), TableSpec { comparison: Some(comparison), ..TableSpec::default() }),
@@ -72,6 +131,10 @@ fn info() -> StudyInfo {
         ],
         agents: AGENTS.map(String::from).into(),
         environments: vec!["four_cells".into(), "eight_cells".into()],
+        learners: BTreeSet::from(["dsac".into(), "ddpg".into()]),
+        defaults: defaults(),
+        profiles: profiles(),
+        ended: Period::of([Some("2025-01-03T10:00:00Z".into()), Some("2025-01-04T08:30:00Z".into()), None].into_iter()),
         units: BTreeMap::from([("cycle_length".into(), "h".into()), ("voltage".into(), "V".into()), ("load".into(), "W".into())]),
     }
 }
@@ -112,6 +175,7 @@ fn a_report_is_the_same_bytes_each_time_and_loads_nothing() {
     let names: Vec<&str> = one.keys().map(String::as_str).collect();
     insta::assert_snapshot!("files", names.join("\n"));
     insta::assert_snapshot!("report", String::from_utf8(one["report.md"].clone()).unwrap());
+    insta::assert_snapshot!("seeds", String::from_utf8(one["tables/lengths-seeds.csv"].clone()).unwrap());
     let page = String::from_utf8(one["index.html"].clone()).unwrap();
     assert!(!page.contains("<with & without>") && page.contains("&lt;with &amp; without&gt;"));
     assert!(page.contains("used 3.1 GiB of 3.0 GiB &lt;allowed&gt;"));
@@ -152,7 +216,39 @@ fn a_report_of_nothing_says_so() {
 #[test]
 fn the_summary_for_a_terminal() {
     let info = info();
-    insta::assert_snapshot!(summary(&info, &Contents::of(&info, &results()), Path::new("results/table-3.2/index.html"), 100));
+    let results = results();
+    let contents = Contents::of(&info, &results);
+    insta::assert_snapshot!(summary(&info, &results, &contents, Path::new("results/table-3.2/index.html"), 100));
+}
+
+#[test]
+fn the_sections_of_the_page_stand_in_their_order() {
+    let dir = tempfile::tempdir().unwrap();
+    let page = String::from_utf8(written(dir.path())["index.html"].clone()).unwrap();
+    let sections: Vec<&str> = page.split("<section id=\"").skip(1).filter_map(|text| text.split('"').next()).collect();
+    let names = ["tables", "figures", "claims", "departures", "budgets", "settings-that-differ", "values-by-seed"];
+    let names = names.into_iter().chain(["what-was-run", "profiles", "provenance"]).map(|name| format!("section-{name}"));
+    assert!(names.eq(sections.iter().map(ToString::to_string)), "{sections:?}");
+    assert!(sections.iter().all(|section| page.contains(&format!("<a href=\"#{section}\">"))));
+    assert!(page.contains("The load profile of <code>four_cells</code>"));
+    assert!(page.contains("<summary>lengths: 38 values</summary>") && page.contains("href=\"tables/lengths-seeds.csv\""));
+    assert!(page.contains("<dt>paper</dt><dd>0 of 200 trials are stored: never run</dd>"));
+}
+
+#[test]
+fn an_agent_that_made_no_update_is_flagged_everywhere() {
+    let (info, mut results) = (info(), results());
+    for result in results.trials.iter_mut().filter(|result| result.trial.agent == "dsac") {
+        let updates = result.names.iter().position(|name| name == UPDATES).unwrap();
+        result.rows.iter_mut().filter(|row| usize::from(row.metric) == updates).for_each(|row| row.value = 0.0);
+    }
+    let contents = Contents::of(&info, &results);
+    let dir = tempfile::tempdir().unwrap();
+    let paths = write(dir.path(), &info, &results, &contents, &provenance()).unwrap();
+    assert!(fs::read_to_string(paths.page).unwrap().contains("<b class=\"problem\">0: not trained</b>"));
+    let sentence = "`dsac` in `eight_cells`: 0 updates in 5 of 5 trials: not trained.";
+    assert!(fs::read_to_string(paths.markdown).unwrap().contains(sentence));
+    assert!(summary(&info, &results, &contents, dir.path(), 100).contains(&sentence.replace('`', "")));
 }
 
 /// Five seeds of `dsac` and `equal` in one environment, with these differences, and what else `change` does to the trials.
@@ -214,7 +310,7 @@ fn what_was_thought_of_later_is_counted_apart_and_asks_for_no_seeds() {
     let contents = Contents::of(&one_environment(vec![exploratory], table), &results);
     assert!(contents.verdicts(false).is_empty() && contents.outcomes(false).is_empty());
     assert_eq!((contents.verdicts(true), contents.outcomes(true)), (vec![("INCONCLUSIVE", 1)], vec![("INCONCLUSIVE", 1)]));
-    assert_eq!(contents.head().len(), 2);
+    assert_eq!(head::lines(&contents).len(), 2);
     assert!(contents.open().is_empty());
     assert!(contents.claims[0].notes().iter().any(|note| note.starts_with("exploratory: ")));
 }
@@ -245,7 +341,7 @@ fn many_claims_together_are_held_to_more() {
     let contents = Contents::of(&one_environment(claims, published(99.0)), &results);
     assert_eq!((contents.outcomes(false), contents.adjusted_outcomes()), (vec![("SUPPORTED", 12)], vec![("INCONCLUSIVE", 12)]));
     assert_eq!(contents.claims[0].verdict_in_words(), "SUPPORTED (Holm: INCONCLUSIVE)");
-    let head: Vec<String> = contents.head().into_iter().map(|(what, _)| what).collect();
+    let head: Vec<String> = head::lines(&contents).into_iter().map(|line| line.what).collect();
     assert_eq!(head, ["Published values", "Claims, all together (Holm)", "Claims, one by one"]);
 }
 

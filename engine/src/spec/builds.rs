@@ -7,7 +7,13 @@ use super::{
     cross_play::Play,
     path::Target,
 };
-use crate::{Environment, Error, Interface, Metric, diagnostic::Diagnostic, random};
+use crate::{
+    Environment, Error, Interface, Metric,
+    diagnostic::{Diagnostic, in_order},
+    random,
+    registry::AgentEntry,
+    results::updates_metric,
+};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -37,6 +43,8 @@ pub struct World {
     pub metrics: Vec<Metric>,
     /// The plays of these agents.
     pub plays: Vec<Play>,
+    /// What can be run and is probably not meant.
+    pub warnings: Vec<Diagnostic>,
 }
 
 impl World {
@@ -63,6 +71,8 @@ struct Measures {
     metrics: Vec<Metric>,
     of_environment: bool,
     gives_examples: bool,
+    experience: u64,
+    steps: u64,
 }
 
 /// Builds the cells' parts.
@@ -90,9 +100,10 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
         sections,
         environments: BTreeMap::new(),
         protocols: BTreeMap::new(),
-        agents: BTreeSet::new(),
+        agents: BTreeMap::new(),
         recorded: BTreeSet::new(),
         extra: 0,
+        warned: BTreeSet::new(),
     };
     let (mut settings, mut found) = (BTreeSet::new(), Vec::new());
     for cell in cells {
@@ -103,6 +114,7 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
             found.push(*error);
         }
     }
+    world.warnings = in_order(world.warnings);
     if found.is_empty() { Ok(world) } else { Err(found) }
 }
 
@@ -116,16 +128,30 @@ fn address(part: &Arc<Resolved>) -> usize {
     Arc::as_ptr(part).addr()
 }
 
+/// Notes what the trials of a cell record and trace.
+fn note(cell: &Cell, facts: &Facts, measures: &Measures, entry: &AgentEntry, world: &mut World) {
+    let environment = facts.metrics.iter().filter(|_| measures.of_environment);
+    let updates = entry.learns.then(updates_metric);
+    let metrics = measures.metrics.iter().chain(environment).chain(&entry.metrics).chain(&updates);
+    world.record((cell.environment, cell.agent), metrics);
+    let traced = world.traced.entry(cell.environment).or_default();
+    traced.extend(facts.traced.iter().cloned());
+    // A protocol that measures no episodes of an environment traces what it measures.
+    traced.extend(measures.metrics.iter().filter(|_| !measures.of_environment).map(|metric| metric.name.clone()));
+}
+
 struct Builder<'a> {
     sections: &'a Sections<'a>,
     /// By id; `None` where the build failed and was reported.
     environments: BTreeMap<String, Option<Facts>>,
     protocols: BTreeMap<String, Option<Measures>>,
-    /// Pairs of environment and agent that were built, by address: equal parts of cells are one.
-    agents: BTreeSet<(usize, usize)>,
+    /// What a built agent asks for before it learns, by the addresses of environment and agent: equal parts of cells are one.
+    agents: BTreeMap<(usize, usize), u64>,
     /// Environments and agents, each with the variants of environment and protocol that were noted.
     recorded: BTreeSet<(usize, usize, usize, usize)>,
     extra: usize,
+    /// What warnings say: agent, steps before it learns, steps of the protocol.
+    warned: BTreeSet<(usize, u64, u64)>,
 }
 
 impl Builder<'_> {
@@ -133,8 +159,7 @@ impl Builder<'_> {
         let [environment, agent, protocol] = &cell.parts;
         self.environment(environment)?;
         self.protocol(protocol)?;
-        let pair = (cell.environment, cell.agent);
-        let first = !world.recorded.contains_key(&pair);
+        let first = !world.recorded.contains_key(&(cell.environment, cell.agent));
         let (Some(Some(facts)), Some(Some(measures))) =
             (self.environments.get(&environment.id), self.protocols.get(&protocol.id))
         else {
@@ -142,28 +167,55 @@ impl Builder<'_> {
         };
         let entry = &self.sections.registry.agents[agent.part.plugin.as_str()];
         if self.recorded.insert((cell.environment, cell.agent, address(environment), address(protocol))) {
-            let environment = facts.metrics.iter().filter(|_| measures.of_environment);
-            world.record(pair, measures.metrics.iter().chain(environment).chain(&entry.metrics));
-            let traced = world.traced.entry(cell.environment).or_default();
-            traced.extend(facts.traced.iter().cloned());
-            // A protocol that measures no episodes of an environment traces what it measures.
-            traced.extend(measures.metrics.iter().filter(|_| !measures.of_environment).map(|metric| metric.name.clone()));
+            note(cell, facts, measures, entry, world);
         }
         self.extra += usize::from(!first);
-        let new = self.agents.insert((address(environment), address(agent)));
-        if !new || !first && self.extra > MOST_SETTINGS_BUILT {
-            return Ok(());
+        let addresses = (address(environment), address(agent));
+        if !self.agents.contains_key(&addresses) {
+            // One that is not built, or is refused, may learn from the first step on.
+            self.agents.insert(addresses, 1);
+            if first || self.extra <= MOST_SETTINGS_BUILT {
+                if entry.learns && measures.gives_examples && !entry.learns_from_examples {
+                    return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin)));
+                }
+                let learns_after = self.agent(cell, &facts.interface)?;
+                self.agents.insert(addresses, learns_after.max(1));
+            }
         }
-        if entry.learns && measures.gives_examples && !entry.learns_from_examples {
-            return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin)));
+        let (learns_after, steps) = (self.agents[&addresses], measures.steps);
+        let is_useless = entry.learns && learns_after > measures.experience;
+        if is_useless && self.warned.insert((cell.agent, learns_after, steps)) {
+            world.warnings.push(self.learns_nothing(agent, learns_after, steps));
         }
-        let built = (entry.build)(&agent.part.config, &facts.interface, &mut random::stream(&["check"]));
-        built.map(drop).map_err(|error| {
+        Ok(())
+    }
+
+    /// Builds an agent; gives back how many transitions it needs before it can learn.
+    fn agent(&self, cell: &Cell, interface: &Interface) -> Result<u64, Box<Diagnostic>> {
+        let agent = &cell.parts[1];
+        let build = &self.sections.registry.agents[agent.part.plugin.as_str()].build;
+        let built = agent.part.loaded().and_then(|config| build(&config, interface, &mut random::stream(&["check"])));
+        built.map(|agent| agent.first_update_after()).map_err(|error| {
             let place = self.sections.sources.place(self.sections.written.environments[cell.environment].name_span);
             let diagnostic = self.refused(agent, &error);
             let pairing = matches!(error, Error::Mismatch { .. });
             Box::new(if pairing { diagnostic.note("with this environment", place) } else { diagnostic })
         })
+    }
+
+    fn learns_nothing(&self, agent: &Resolved, learns_after: u64, steps: u64) -> Diagnostic {
+        let named = self.sections.written.part(agent.given.target);
+        let (name, span) = named.map_or_else(Default::default, |named| (named.name.as_str(), named.name_span));
+        let (why, instead) = match learns_after {
+            u64::MAX => ("it never learns with these settings".to_owned(), "let it update, or "),
+            _ => {
+                let why = format!("it learns from step {learns_after} on, and the protocol ends after {steps} steps");
+                (why, "give the protocol more steps, let the agent learn from an earlier one, or ")
+            }
+        };
+        let message = format!("`{name}` makes no update: {why}");
+        let help = format!("{instead}call its results those of an agent that was not trained");
+        self.sections.sources.warning(span, &format!("agents.{name}"), message).help(help)
     }
 
     fn learns_otherwise(&self, agent: &Resolved, protocol: &str) -> Diagnostic {
@@ -184,7 +236,7 @@ impl Builder<'_> {
             return Ok(());
         }
         let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
-        let built = (entry.build)(&resolved.part.config);
+        let built = resolved.part.loaded().and_then(|config| (entry.build)(&config));
         let facts = built.as_ref().ok().map(|environment| Facts {
             traced: traced(&**environment),
             metrics: environment.metrics().to_vec(),
@@ -199,11 +251,13 @@ impl Builder<'_> {
             return Ok(());
         }
         let entry = &self.sections.registry.protocols[resolved.part.plugin.as_str()];
-        let built = (entry.build)(&resolved.part.config);
+        let built = resolved.part.loaded().and_then(|config| (entry.build)(&config));
         let measures = built.as_ref().ok().map(|protocol| Measures {
             metrics: protocol.metrics(),
             of_environment: protocol.records_environment_metrics(),
             gives_examples: protocol.gives_examples(),
+            experience: protocol.experience(),
+            steps: protocol.total_steps(),
         });
         self.protocols.insert(resolved.id.clone(), measures);
         built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))

@@ -1,6 +1,7 @@
 //! From the keys that a study gives to a plugin's complete config: defaults, then the preset, then the study's own keys.
 
 use crate::{
+    data_file::hash_of,
     diagnostic::{Diagnostic, Sources, Span},
     document::{Kind, Node},
     registry::About,
@@ -42,8 +43,7 @@ impl<'a> Files<'a> {
 
     fn hash(&mut self, path: &Path) -> Option<String> {
         if !self.hashes.contains_key(path) {
-            let hash = std::fs::read(path).ok().map(|bytes| blake3::hash(&bytes).to_hex()[..32].to_string());
-            self.hashes.insert(path.into(), hash);
+            self.hashes.insert(path.into(), hash_of(path));
         }
         self.hashes[path].clone()
     }

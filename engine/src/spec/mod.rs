@@ -91,6 +91,8 @@ pub struct Study {
     pub success: Option<Success>,
     /// The profile that was used.
     pub profile: Option<String>,
+    /// Names of all its profiles, in order.
+    pub profiles: Vec<String>,
     /// Tables by name, in order.
     pub tables: Vec<(String, TableSpec)>,
     /// Figures by name, in order.
@@ -101,6 +103,8 @@ pub struct Study {
     pub plays: Vec<Play>,
     /// What one trial may use.
     pub limits: Limits,
+    /// What can be run and is probably not meant, sorted by position.
+    pub warnings: Vec<Diagnostic>,
     /// Everything that its trials record, by name; where parts share a name, the first of protocol, environments and agents.
     pub metrics: Vec<Metric>,
     /// Combinations of environment, agent and setting.
@@ -187,7 +191,7 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
     let mut world = builds::build(sections, &cells, certain).map_err(|errors| with(found.clone(), errors))?;
     found.extend(names::success(root, success.as_ref(), &mut world, sections.sources));
     world.plays = cross_play::resolve(sections, &cells, plan.seeds.len()).map_err(|errors| with(found.clone(), errors))?;
-    let asked = names::Asked::read(root, &world, sections.sources);
+    let asked = names::Asked::read(root, &world, sections.sources, sections.folder);
     found.extend(asked.found);
     if !found.is_empty() {
         return Err(in_order(found));
@@ -212,11 +216,13 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         design: plan.design,
         success,
         profile: None,
+        profiles: root.get("profiles").map_or(&[][..], Node::entries).iter().map(|entry| entry.key.clone()).collect(),
         tables: asked.tables,
         figures: asked.figures,
         claims: asked.claims,
         // The section was held against its schema before.
         limits: root.get("limits").and_then(|node| serde_json::from_value(node.to_value()).ok()).unwrap_or_default(),
+        warnings: world.warnings,
         metrics: world.metrics,
         cells,
         numerics: sections.registry.numerics_version,

@@ -3,7 +3,9 @@
 use super::{Study, cells::Sections, config, cross_play::Play, path::Target, seeds::SeedPlan, written::Named};
 use crate::{
     document::{Entry, Node},
+    figure::FigureSpec,
     limits::Limits,
+    table::TableSpec,
 };
 use serde_json::{Map, Value, json};
 use std::{
@@ -27,8 +29,8 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> String {
         (key.clone(), section.clone().map(|key, value| relocate(value, key, from, folder)))
     });
     sections.extend(relocated);
-    let tables = study.tables.iter().map(|(name, spec)| (name.clone(), given(json!(spec)))).collect();
-    let figures = study.figures.iter().map(|(name, spec)| (name.clone(), given(json!(spec)))).collect();
+    let tables = study.tables.iter().map(|(name, spec)| (name.clone(), given(json!(table_from(spec, folder))))).collect();
+    let figures = study.figures.iter().map(|(name, spec)| (name.clone(), given(json!(files_from(spec, folder))))).collect();
     sections.extend([("tables".to_string(), Section::Named(tables)), ("figures".to_string(), Section::Named(figures))]);
     sections.push(("claims".into(), Section::Plain(given(json!(study.claims)))));
     if study.limits != Limits::default() {
@@ -154,6 +156,20 @@ fn given(value: Value) -> Value {
         Value::Array(items) => Value::Array(items.into_iter().map(given).collect()),
         other => other,
     }
+}
+
+/// The same table with the files of its published curves named relative to `folder`.
+fn table_from(spec: &TableSpec, folder: &Path) -> TableSpec {
+    let mut spec = spec.clone();
+    spec.published_curves.iter_mut().for_each(|curve| curve.file = way(folder, &curve.file));
+    spec
+}
+
+/// The same figure with the files of its published curves named relative to `folder`.
+fn files_from(spec: &FigureSpec, folder: &Path) -> FigureSpec {
+    let mut spec = spec.clone();
+    spec.published_curves_mut().for_each(|curve| curve.file = way(folder, &curve.file));
+    spec
 }
 
 /// Names data files relative to `folder`, whichever folder they are named from now.

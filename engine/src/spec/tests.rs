@@ -67,6 +67,21 @@ fn every_mistake_has_its_message() {
 }
 
 #[test]
+fn what_is_probably_not_meant_has_its_warning_and_fails_nothing() {
+    let warned = files("warned");
+    assert!(warned.len() >= 2);
+    for path in warned {
+        let study = load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        assert!(!study.warnings.is_empty(), "{} warns of nothing", path.display());
+        snapshot("warned/messages", &path, &crate::diagnostic::render(&study.warnings, false));
+    }
+    for path in files("valid") {
+        let study = load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        assert!(study.warnings.is_empty(), "{}: {}", path.display(), crate::diagnostic::render(&study.warnings, false));
+    }
+}
+
+#[test]
 fn right_studies_resolve_and_their_resolved_form_makes_the_same_trials() {
     let files = files("valid");
     assert!(files.len() >= 4);
@@ -274,6 +289,26 @@ fn the_resolved_study_can_be_stored_in_another_folder() {
     let stored = std::fs::read_to_string(&path).unwrap();
     assert!(stored.contains(r#"grid: ["../../experiments/one.csv", "../../experiments/two.csv"]"#), "{stored}");
     assert_eq!(ids(&study), ids(&load(&path, &toys(), &Options::default()).unwrap()));
+}
+
+#[test]
+fn published_curves_are_found_from_the_study_and_from_its_results() {
+    let dir = tempfile::tempdir().unwrap();
+    let (study_dir, results) = (dir.path().join("experiments"), dir.path().join("results/walk"));
+    std::fs::create_dir_all(study_dir.join("curves")).unwrap();
+    std::fs::create_dir_all(&results).unwrap();
+    std::fs::write(study_dir.join("curves/one.csv"), "step,value\n10,1\n20,3\n").unwrap();
+    let figure = "figures: { curve: { learning_curve: { environments: [short], published: \
+                  [{ label: One, file: curves/one.csv, step: step, value: value }] } } }";
+    let study = load_text(&format!("{HEAD}{figure}"), "a.yaml", &study_dir, &toys(), &Options::default()).unwrap();
+    let path = results.join("resolved.yaml");
+    let resolved = resolved_yaml(&study, &results);
+    assert!(resolved.contains(r#"file: "../../experiments/curves/one.csv""#), "{resolved}");
+    std::fs::write(&path, resolved).unwrap();
+    for study in [study, load(&path, &toys(), &Options::default()).unwrap()] {
+        let curve = &study.figures[0].1.learning_curve.as_ref().unwrap().published[0];
+        assert_eq!(curve.runs().unwrap()[0].points, [(10, 1.0), (20, 3.0)]);
+    }
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Toy plugins for tests: a corridor, an agent that always walks the same way, one that learns, a protocol.
 
 use crate::{
-    Action, Agent, Channel, Environment, Error, Interface, Metric, Mode, Observation, Protocol, Registry, Rng, Seat, Space, Step,
+    Action, Agent, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation, Protocol, Registry, Rng, Seat,
+    Space, Step,
     registry::{AgentTraits, Config, Preset},
 };
 use schemars::JsonSchema;
@@ -72,7 +73,7 @@ enum Start {
 #[serde(deny_unknown_fields, default)]
 struct Terrain {
     /// CSV file with one height per line.
-    file: String,
+    file: DataFile,
 }
 
 impl Config for CorridorConfig {
@@ -201,12 +202,27 @@ impl Agent for Idle {
     }
 }
 
+/// Takes fifty steps before it learns from them.
+struct Learner(Idle);
+
+impl Agent for Learner {
+    fn act(&mut self, rows: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        self.0.act(rows, mode, rng)
+    }
+    fn updates(&self) -> Option<u64> {
+        Some(0)
+    }
+    fn first_update_after(&self) -> u64 {
+        50
+    }
+}
+
 fn learner(_: LearnerConfig, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     if interface.seats.len() != 1 {
         let problem = format!("it plays one seat, but there are {}", interface.seats.len());
         return Err(Error::Mismatch { agent: "learner", problem });
     }
-    Ok(Box::new(Idle))
+    Ok(Box::new(Learner(Idle)))
 }
 
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -238,6 +254,9 @@ impl Protocol for Train {
         vec![Metric::new("return", "", "sum of rewards"), Metric::new("length", "", "steps of an episode")]
     }
     fn total_steps(&self) -> u64 {
+        self.0
+    }
+    fn experience(&self) -> u64 {
         self.0
     }
     fn run(&self, _: &mut crate::protocol::Run<'_>) -> Result<(), Error> {

@@ -35,6 +35,8 @@ pub struct StoredTrial {
     pub device: String,
     /// How it ended.
     pub end: TrialEnd,
+    /// When it ended, as the file has it; `None` where the program that stored it did not note it.
+    pub ended_at: Option<String>,
 }
 
 impl Store {
@@ -157,6 +159,8 @@ struct Outline<'a> {
     parts: Option<[&'a str; 3]>,
     key: Replicate,
     end: TrialEnd,
+    #[serde(default)]
+    ended_at: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -168,7 +172,7 @@ struct Replicate {
 
 fn parse(text: &[u8]) -> Result<StoredTrial, String> {
     let outline = serde_json::from_slice(text).map_err(|source| source.to_string())?;
-    let Outline { schema, parts, key: Replicate { seed, numerics, device }, end } = outline;
+    let Outline { schema, parts, key: Replicate { seed, numerics, device }, end, ended_at } = outline;
     let parts = match (schema, parts) {
         (1, Some(parts)) => parts.map(str::to_owned),
         (TRIAL_SCHEMA, Some(parts)) if is_sealed(text) => parts.map(str::to_owned),
@@ -177,7 +181,7 @@ fn parse(text: &[u8]) -> Result<StoredTrial, String> {
         (1, None) => serde_json::from_slice::<TrialFile>(text).map_err(|source| source.to_string())?.key.part_ids(),
         (other, _) => return Err(format!("version {other} of its form is not known to this program")),
     };
-    Ok(StoredTrial { parts, seed, numerics, device, end })
+    Ok(StoredTrial { parts, seed, numerics, device, end, ended_at })
 }
 
 /// What `work` gives for 0 to `count`, in that order, computed on as many threads as there are cores.
@@ -253,8 +257,10 @@ mod tests {
         let mut file: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
         file["schema"] = 1.into();
         assert!(file.as_object_mut().unwrap().remove("parts").is_some());
+        assert!(file.as_object_mut().unwrap().remove("ended_at").is_some());
         fs::write(&path, file.to_string()).unwrap();
-        assert_eq!(store.stored(&trial.id).unwrap().unwrap().parts, trial.key.part_ids());
+        let stored = store.stored(&trial.id).unwrap().unwrap();
+        assert_eq!((stored.parts, stored.ended_at), (trial.key.part_ids(), None));
         assert!(store.load(&trial).unwrap().is_ok());
     }
 

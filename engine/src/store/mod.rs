@@ -11,6 +11,7 @@
 //! has not run, whatever else lies in its folder.
 
 mod boundary;
+mod date;
 mod fsck;
 mod index;
 mod lease;
@@ -60,6 +61,9 @@ pub struct TrialFile {
     pub key: TrialKey,
     /// How the trial ended.
     pub end: TrialEnd,
+    /// When it ended, in UTC as RFC 3339 writes it; absent where the program did not note it. No id and no digest holds it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended_at: Option<String>,
     /// Hashes of what the trial left besides its metrics, by name: the learned policy.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
@@ -69,7 +73,7 @@ impl TrialFile {
     /// What acknowledges that `trial` ended as `end` and left `files`, named with their hashes.
     #[must_use]
     pub fn new(trial: &Trial, end: TrialEnd, files: BTreeMap<String, String>) -> Self {
-        Self { schema: TRIAL_SCHEMA, parts: Some(trial.key.part_ids()), key: trial.key.clone(), end, files }
+        Self { schema: TRIAL_SCHEMA, parts: Some(trial.key.part_ids()), key: trial.key.clone(), end, ended_at: None, files }
     }
 
     /// The text of the file.
@@ -136,7 +140,7 @@ impl Store {
     fn acknowledge_with(&self, trial: &Trial, end: &TrialEnd, files: BTreeMap<String, String>) -> Result<(), Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-        let file = TrialFile::new(trial, end.clone(), files);
+        let file = TrialFile { ended_at: Some(date::now()), ..TrialFile::new(trial, end.clone(), files) };
         let path = folder.join("trial.json");
         let text = file.to_bytes().map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
         write_durably(&path, &text)
@@ -269,6 +273,7 @@ mod tests {
         let first = store.finish(&trial(1), &record(), 1.0).unwrap();
         let second = store.finish(&trial(1), &record(), 2.0).unwrap();
         assert_eq!(first.digest, second.digest);
+        assert!(store.stored(&trial(1).id).unwrap().unwrap().ended_at.is_some_and(|date| date.ends_with('Z')));
         let loaded = store.load(&trial(1)).unwrap();
         assert_eq!(loaded.rows, record().rows());
         assert_eq!(loaded.names, record().names());

@@ -26,6 +26,11 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     grid.margin.clone_from(&spec.margin);
     grid.exploratory = spec.exploratory;
     let judging = Judging { margin: spec.margin.as_ref(), calibrated_on: spec.calibrated_on.as_deref(), baselines: &baselines };
+    let last = spec.comparison.as_ref().and_then(|comparison| comparison.last).unwrap_or(1);
+    for curve in &spec.published_curves {
+        let note = judging.publish_curve(&mut grid, curve, usize::try_from(last).unwrap_or(usize::MAX))?;
+        grid.notes.push(note);
+    }
     for (row, published) in &spec.published {
         if !judging.publish(&mut grid, row, published) {
             grid.notes.push(format!("Published values of `{row}` have no place in this table."));

@@ -24,6 +24,7 @@ pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMarg
 pub use seeds::Scope;
 pub use terminal::{terminal, wrap};
 
+use crate::published_curve::PublishedCurve;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -42,6 +43,10 @@ pub struct TableSpec {
     pub cross_play: Option<CrossPlayTable>,
     /// Published values by row, or by row and column.
     pub published: BTreeMap<String, Published>,
+    /// Published curves. Each is compared with the row of its agent at every one of `at_steps`, over as many measurements up to there
+    /// (`last`, 1 where absent) as ours; several runs count as an uncertain value.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub published_curves: Vec<PublishedCurve>,
     /// How far a reproduced value may lie from the published one: a number in the unit of the cell, or one of `absolute`, `percent`
     /// and `ratio` with a reason, `why`; 5 % of the published value if absent.
     pub margin: Option<Margin>,

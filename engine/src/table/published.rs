@@ -1,9 +1,13 @@
 //! Published values beside reproduced ones: how they are written in a study, and what counts as the same.
 
 use super::{Cell, Grid};
-use crate::statistics::{
-    Judgement, Reference, Verdict,
-    verdict::{default_margin, judge},
+use crate::{
+    Error,
+    published_curve::PublishedCurve,
+    statistics::{
+        Judgement, Reference, Summary, Verdict,
+        verdict::{default_margin, judge},
+    },
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -162,6 +166,30 @@ impl Judging<'_> {
         }
     }
 
+    /// Puts a published curve beside the row of its agent, at the steps of the columns, over the mean of as many measurements up to
+    /// there as ours; gives back which runs it was.
+    ///
+    /// # Errors
+    /// [`Error::Render`] where the file does not hold what is asked of it any more.
+    pub(super) fn publish_curve(&self, grid: &mut Grid, curve: &PublishedCurve, last: usize) -> Result<String, Error> {
+        let runs = curve.runs().map_err(|error| Error::Render { what: "table".into(), problem: error.to_string() })?;
+        let names = [curve.agent.as_deref(), curve.environment.as_deref()];
+        let is_row =
+            |heading: &super::Heading| names.into_iter().flatten().all(|name| heading.name.split(", ").any(|word| word == name));
+        for row in (0..grid.rows.len()).filter(|row| is_row(&grid.rows[*row])) {
+            for column in 0..grid.columns.len() {
+                let Ok(step) = grid.columns[column].name.parse() else { continue };
+                let values: Vec<f64> = runs.iter().filter_map(|run| run.last_mean(step, last)).collect();
+                if let Some(entry) = entry_of(&values) {
+                    self.compare(&mut grid.cells[row][column], &entry);
+                }
+            }
+        }
+        let count = if runs.len() == 1 { "1 run".to_owned() } else { format!("{} runs", runs.len()) };
+        let over = if last == 1 { "the measurement".to_owned() } else { format!("the last {last} measurements") };
+        Ok(format!("Published curve {}: {count}, {over} up to each step.", curve.label))
+    }
+
     fn publish_row(&self, grid: &mut Grid, row: usize, entry: &PublishedValue) {
         let only = grid.columns.len() == 1;
         for column in 0..grid.columns.len() {
@@ -199,6 +227,13 @@ impl Judging<'_> {
             _ => judge(reference, &cell.seeds, cell.failed, &cell.looks, cell.is_share),
         });
     }
+}
+
+/// Published runs as one value; `None` without any.
+fn entry_of(values: &[f64]) -> Option<PublishedValue> {
+    let summary = Summary::of(values)?;
+    let n = summary.sd.and(u32::try_from(summary.n).ok());
+    Some(PublishedValue { value: summary.mean, sd: summary.sd, n, calibrated_on: None })
 }
 
 #[cfg(test)]

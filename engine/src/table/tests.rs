@@ -5,6 +5,7 @@ use super::{
 };
 use crate::{
     Phase,
+    published_curve::PublishedCurve,
     report::synthetic::{ended, study, trial},
     results::{EndState, Results, UPDATES},
 };
@@ -104,6 +105,32 @@ fn results_against_the_budget() {
     let last_two = super::compare(&comparison, &results).unwrap();
     assert_eq!(last_two.quantity, "return, mean of the last 2 measurements until the environment steps of each column");
     assert_eq!((last_two.cells[0][0].estimate, last_two.cells[1][1].seeds.clone()), (Some(6.0), vec![(0, 8.0)]));
+}
+
+#[test]
+fn published_curves_are_compared_at_equal_steps() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("logs.csv");
+    std::fs::write(&file, "run,step,value\nx,8,1\nx,18,5\nx,28,9\ny,8,3\ny,18,7\ny,28,10\n").unwrap();
+    let curve = PublishedCurve {
+        label: "logs".into(),
+        agent: Some("a".into()),
+        file,
+        step: "step".into(),
+        value: "value".into(),
+        by: Some("run".into()),
+        ..PublishedCurve::default()
+    };
+    let comparison = Comparison { at_steps: vec![10, 20, 30, 60], last: Some(2), ..Comparison::default() };
+    let spec = TableSpec { comparison: Some(comparison), published_curves: vec![curve], ..TableSpec::default() };
+    let grid = build(&spec, &learning()).unwrap();
+    let references: Vec<_> =
+        grid.cells[0].iter().map(|cell| cell.judgement.as_ref().map(|it| (it.reference.value, it.reference.runs))).collect();
+    // Up to step 10 there is one measurement only, and the logs end at 28. The two runs differ by 2 and by 1.5.
+    let runs = |difference: f64| Some((crate::statistics::estimators::sd(&[0.0, difference]), 2));
+    assert_eq!(references, [None, Some((4.0, runs(2.0))), Some((7.75, runs(1.5))), None]);
+    assert!(grid.cells[1].iter().all(|cell| cell.judgement.is_none()));
+    assert!(grid.notes.contains(&"Published curve logs: 2 runs, the last 2 measurements up to each step.".to_owned()));
 }
 
 #[test]

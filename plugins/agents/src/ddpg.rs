@@ -168,6 +168,7 @@ impl Ddpg {
         let tau = self.config.target_smoothing;
         self.target_critic = soft_update(std::mem::take(&mut self.target_critic), self.critic.network(), tau);
         self.target_policy = soft_update(std::mem::take(&mut self.target_policy), self.policy.network(), tau);
+        self.schedule.count_update();
         Ok(())
     }
 
@@ -228,6 +229,14 @@ impl Agent for Ddpg {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn updates(&self) -> Option<u64> {
+        Some(self.schedule.n_updates())
+    }
+
+    fn first_update_after(&self) -> u64 {
+        UpdateSchedule::first_update_after(self.config.learning_starts, self.config.updates_per_step)
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {

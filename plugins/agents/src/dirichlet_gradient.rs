@@ -127,13 +127,22 @@ impl Agent for DirichletGradient {
         }
         if let Some(transition) = transitions.first() {
             let reward = self.channels.read(&transition.observation.state);
-            self.moments.record(&exact(&self.concentration, &reward, self.entropy_weight), record);
+            self.moments.end_batch(&exact(&self.concentration, &reward, self.entropy_weight), record);
         }
         Ok(())
     }
 
     fn reads_state(&self) -> bool {
         true
+    }
+
+    /// Nothing is learned: an update is one of the estimate, by a batch of samples.
+    fn updates(&self) -> Option<u64> {
+        Some(self.moments.batches())
+    }
+
+    fn first_update_after(&self) -> u64 {
+        1
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {

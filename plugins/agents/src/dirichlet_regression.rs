@@ -84,7 +84,16 @@ pub struct DirichletRegression {
     scaling: Scaling,
     shares: Vec<String>,
     network: Trained<Mlp>,
-    n_examples: u64,
+    progress: Progress,
+}
+
+/// How much was learnt from so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Progress {
+    /// Examples.
+    pub(crate) n_examples: u64,
+    /// Batches, each of which is one update.
+    pub(crate) n_updates: u64,
 }
 
 /// Builds the agent for one seat that acts on a simplex, in an environment whose state is the target.
@@ -110,7 +119,7 @@ impl DirichletRegression {
         let sizes = [scaling.n_channels(), config.width, config.width, config.width, shares.len()];
         let network = Mlp::new(&sizes, &LAYERS, 1.0, rng, &device().autodiff());
         let network = Trained::new(network, Adam::new(config.learning_rate, None));
-        Ok(Self { loss: config.loss, scaling, shares, network, n_examples: 0 })
+        Ok(Self { loss: config.loss, scaling, shares, network, progress: Progress::default() })
     }
 
     fn loss(&self, observations: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Result<Tensor<1>, Error> {
@@ -129,7 +138,7 @@ impl DirichletRegression {
     /// `alpha = softplus(f(s)) + 1`.
     fn concentrations(&self, network: &Mlp, observations: Tensor<2>) -> Result<Tensor<2>, Error> {
         let alpha = softplus(network.forward(observations)) + 1.0;
-        finite("concentration", self.n_examples, mean(alpha.clone()))?;
+        finite("concentration", self.progress.n_examples, mean(alpha.clone()))?;
         Ok(alpha)
     }
 }
@@ -169,15 +178,16 @@ impl Agent for DirichletRegression {
             Mode::Train => sample(alpha, rng).action,
             Mode::Evaluate => alpha,
         };
-        allocation::actions(&values(weights), self.shares.len(), self.n_examples)
+        allocation::actions(&values(weights), self.shares.len(), self.progress.n_examples)
     }
 
     fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        self.n_examples += transitions.len() as u64;
+        self.progress.n_examples += transitions.len() as u64;
         let (observations, targets) = examples(transitions, &self.scaling);
         let loss = self.loss(observations, targets, rng)?;
-        record.mean("loss", finite("loss", self.n_examples, values(loss.clone())[0])?);
+        record.mean("loss", finite("loss", self.progress.n_examples, values(loss.clone())[0])?);
         self.network.descend(&loss);
+        self.progress.n_updates += 1;
         Ok(())
     }
 
@@ -185,16 +195,24 @@ impl Agent for DirichletRegression {
         true
     }
 
+    fn updates(&self) -> Option<u64> {
+        Some(self.progress.n_updates)
+    }
+
+    fn first_update_after(&self) -> u64 {
+        1
+    }
+
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
         self.network.store("network", &mut file);
-        checkpoint::write(NAME, dir, file, &self.n_examples)
+        checkpoint::write(NAME, dir, file, &self.progress)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, n_examples) = checkpoint::read(NAME, dir)?;
+        let (file, progress) = checkpoint::read(NAME, dir)?;
         self.network.restore("network", &file).map_err(checkpoint::error_of(NAME))?;
-        self.n_examples = n_examples;
+        self.progress = progress;
         Ok(())
     }
 

@@ -222,7 +222,7 @@ impl Agent for GaussianSoftmaxGradient {
                 self.exact = Some((reward.clone(), exact(&self.mean, self.sd, &reward, self.config.entropy_weight)));
             }
             if let Some((_, exact)) = &self.exact {
-                self.moments.record(exact, record);
+                self.moments.end_batch(exact, record);
             }
         }
         Ok(())
@@ -230,6 +230,15 @@ impl Agent for GaussianSoftmaxGradient {
 
     fn reads_state(&self) -> bool {
         true
+    }
+
+    /// Nothing is learned: an update is one of the estimate, by a batch of samples.
+    fn updates(&self) -> Option<u64> {
+        Some(self.moments.batches())
+    }
+
+    fn first_update_after(&self) -> u64 {
+        1
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {

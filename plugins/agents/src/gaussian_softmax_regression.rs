@@ -20,7 +20,7 @@
 //! measurement.
 
 use crate::checkpoint::{self, finite};
-use crate::dirichlet_regression::{RegressionLoss, examples, excess_error, log_shares, mean_absolute_error};
+use crate::dirichlet_regression::{Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error};
 use crate::gaussian_softmax_sac::mean_and_log_sd;
 use crate::scaling::{ObservationScaling, Scaling};
 use crate::{allocation, seat};
@@ -72,7 +72,7 @@ pub struct GaussianSoftmaxRegression {
     scaling: Scaling,
     shares: Vec<String>,
     network: Trained<Mlp>,
-    n_examples: u64,
+    progress: Progress,
 }
 
 /// Builds the agent for one seat that acts on a simplex, in an environment whose state is the target.
@@ -98,7 +98,7 @@ impl GaussianSoftmaxRegression {
         let sizes = [scaling.n_channels(), config.width, config.width, config.width, 2 * shares.len()];
         let network = Mlp::new(&sizes, &LAYERS, 1.0, rng, &device().autodiff());
         let network = Trained::new(network, Adam::new(config.learning_rate, None));
-        Ok(Self { loss: config.loss, scaling, shares, network, n_examples: 0 })
+        Ok(Self { loss: config.loss, scaling, shares, network, progress: Progress::default() })
     }
 
     fn loss(&self, observations: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Tensor<1> {
@@ -130,15 +130,16 @@ impl Agent for GaussianSoftmaxRegression {
             Mode::Train => gaussian_softmax_sample(mean, log_sd, rng).action,
             Mode::Evaluate => softmax(mean, 1),
         };
-        allocation::actions(&values(shares), self.shares.len(), self.n_examples)
+        allocation::actions(&values(shares), self.shares.len(), self.progress.n_examples)
     }
 
     fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        self.n_examples += transitions.len() as u64;
+        self.progress.n_examples += transitions.len() as u64;
         let (observations, targets) = examples(transitions, &self.scaling);
         let loss = self.loss(observations, targets, rng);
-        record.mean("loss", finite("loss", self.n_examples, values(loss.clone())[0])?);
+        record.mean("loss", finite("loss", self.progress.n_examples, values(loss.clone())[0])?);
         self.network.descend(&loss);
+        self.progress.n_updates += 1;
         Ok(())
     }
 
@@ -146,16 +147,24 @@ impl Agent for GaussianSoftmaxRegression {
         true
     }
 
+    fn updates(&self) -> Option<u64> {
+        Some(self.progress.n_updates)
+    }
+
+    fn first_update_after(&self) -> u64 {
+        1
+    }
+
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
         self.network.store("network", &mut file);
-        checkpoint::write(NAME, dir, file, &self.n_examples)
+        checkpoint::write(NAME, dir, file, &self.progress)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, n_examples) = checkpoint::read(NAME, dir)?;
+        let (file, progress) = checkpoint::read(NAME, dir)?;
         self.network.restore("network", &file).map_err(checkpoint::error_of(NAME))?;
-        self.n_examples = n_examples;
+        self.progress = progress;
         Ok(())
     }
 

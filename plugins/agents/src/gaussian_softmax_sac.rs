@@ -209,6 +209,7 @@ impl GaussianSoftmaxSac {
         self.update_temperature(log_pi);
         let target = std::mem::take(&mut self.target_critics);
         self.target_critics = soft_update(target, self.critics.network(), self.config.target_smoothing);
+        self.schedule.count_update();
         Ok(())
     }
 
@@ -292,6 +293,14 @@ impl Agent for GaussianSoftmaxSac {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn updates(&self) -> Option<u64> {
+        Some(self.schedule.n_updates())
+    }
+
+    fn first_update_after(&self) -> u64 {
+        UpdateSchedule::first_update_after(self.config.learning_starts, self.config.updates_per_step)
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {

@@ -58,6 +58,7 @@ pub(crate) struct Moments {
     count: f64,
     mean: Vec<f64>,
     squares: Vec<f64>,
+    batches: u64,
 }
 
 impl Moments {
@@ -95,8 +96,14 @@ impl Moments {
         Ok(())
     }
 
-    /// Records bias and spread of the estimates against the exact gradient.
-    pub(crate) fn record(&self, exact: &[f64], record: &mut Recorder) {
+    /// Batches of estimates so far: the updates of what is estimated.
+    pub(crate) fn batches(&self) -> u64 {
+        self.batches
+    }
+
+    /// Ends a batch: records bias and spread of the estimates against the exact gradient.
+    pub(crate) fn end_batch(&mut self, exact: &[f64], record: &mut Recorder) {
+        self.batches += 1;
         let difference: Vec<f64> = self.mean.iter().zip(exact).map(|(mean, exact)| mean - exact).collect();
         let variance = self.squares.iter().sum::<f64>() / (self.count - 1.0).max(1.0);
         record.latest("gradient_bias", norm(&difference) / norm(exact));

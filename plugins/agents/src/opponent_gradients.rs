@@ -150,6 +150,14 @@ impl Agent for OpponentGradients {
         Ok(())
     }
 
+    fn updates(&self) -> Option<u64> {
+        self.learner.updates()
+    }
+
+    fn first_update_after(&self) -> u64 {
+        self.learner.first_update_after()
+    }
+
     fn save(&self, dir: &Path) -> Result<(), Error> {
         self.learner.save(dir)
     }

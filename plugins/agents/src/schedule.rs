@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct UpdateSchedule {
     n_steps: u64,
+    n_updates: u64,
     updates_due: f64,
 }
 
@@ -13,13 +14,31 @@ impl UpdateSchedule {
     /// A schedule at its start.
     #[must_use]
     pub fn new() -> Self {
-        Self { n_steps: 0, updates_due: 0.0 }
+        Self { n_steps: 0, n_updates: 0, updates_due: 0.0 }
     }
 
     /// Environment steps so far, all environments counted.
     #[must_use]
     pub fn n_steps(&self) -> u64 {
         self.n_steps
+    }
+
+    /// Updates so far.
+    #[must_use]
+    pub fn n_updates(&self) -> u64 {
+        self.n_updates
+    }
+
+    /// Counts an update that was made.
+    pub fn count_update(&mut self) {
+        self.n_updates += 1;
+    }
+
+    /// Environment steps without which no update is due, however many environments are stepped together.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates where there is never an update")]
+    pub fn first_update_after(learning_starts: u64, updates_per_step: f64) -> u64 {
+        learning_starts.max((1.0 / updates_per_step).ceil() as u64)
     }
 
     /// Takes in `n_new` environment steps; returns the updates that are due now and carries the fraction.
@@ -53,5 +72,23 @@ mod tests {
         // 0.625 per call from the third on: 0.625, 1.25, 1.875, 2.5.
         assert_eq!(due, [0, 0, 0, 1, 0, 1]);
         assert_eq!(schedule.n_steps(), 60);
+    }
+
+    #[test]
+    fn no_update_is_due_before_the_step_that_is_told() {
+        for (together, starts, per_step) in [(1, 100, 1.0), (64, 128, 0.0625), (10, 30, 0.01), (7, 5, 3.0), (1, 1, 0.3)] {
+            let told = UpdateSchedule::first_update_after(starts, per_step);
+            let mut schedule = UpdateSchedule::new();
+            while schedule.advance(together, starts, per_step) == 0 {}
+            assert!(schedule.n_steps() >= told && told >= starts, "{together} {starts} {per_step}: {told}");
+        }
+        assert_eq!(UpdateSchedule::first_update_after(30, 0.0), u64::MAX);
+    }
+
+    #[test]
+    fn updates_are_counted_as_they_are_made() {
+        let mut schedule = UpdateSchedule::new();
+        (0..3).for_each(|_| schedule.count_update());
+        assert_eq!(schedule.n_updates(), 3);
     }
 }

@@ -162,6 +162,14 @@ impl Agent for UpdateTiming {
         self.timed.reads_state() || self.reference.reads_state()
     }
 
+    fn updates(&self) -> Option<u64> {
+        self.timed.updates()
+    }
+
+    fn first_update_after(&self) -> u64 {
+        self.timed.first_update_after()
+    }
+
     fn load(&mut self, _dir: &Path) -> Result<(), Error> {
         let problem = "times of another process say nothing here: the measurement begins anew".into();
         Err(Error::Checkpoint { what: NAME, problem })

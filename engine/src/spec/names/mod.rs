@@ -14,7 +14,7 @@ use crate::{
     table::TableSpec,
 };
 use serde::de::DeserializeOwned;
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, path::Path};
 
 /// What a study asks for, and what is wrong with it.
 #[derive(Debug, Default)]
@@ -30,19 +30,22 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// Reads the sections `tables`, `figures` and `claims`. What the check against the schema refused is passed over.
+    /// Reads the sections `tables`, `figures` and `claims`; files are sought from `folder`. What the check against the schema
+    /// refused is passed over.
     #[must_use]
-    pub fn read(root: &Node, world: &World, sources: &Sources) -> Self {
+    pub fn read(root: &Node, world: &World, sources: &Sources, folder: &Path) -> Self {
         let mut asked = Self::default();
         let mut names = Names { world, sources, found: Vec::new() };
         for entry in root.get("tables").map_or(&[][..], Node::entries) {
-            if let Some(spec) = typed::<TableSpec>(&entry.value) {
+            if let Some(mut spec) = typed::<TableSpec>(&entry.value) {
+                spec.published_curves.iter_mut().for_each(|curve| curve.seek_from(folder));
                 names.table(&spec, entry);
                 asked.tables.push((entry.key.clone(), spec));
             }
         }
         for entry in root.get("figures").map_or(&[][..], Node::entries) {
-            if let Some(spec) = typed::<FigureSpec>(&entry.value) {
+            if let Some(mut spec) = typed::<FigureSpec>(&entry.value) {
+                spec.seek_from(folder);
                 names.figure(&spec, entry);
                 asked.figures.push((entry.key.clone(), spec));
             }

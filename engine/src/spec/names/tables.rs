@@ -32,6 +32,7 @@ impl Names<'_> {
             (None, None) => return,
         };
         self.margin(spec, &place);
+        self.compared_curves(spec, &place);
         for (row, published) in &spec.published {
             self.published(row, published, &rows, &columns, &place);
             self.judgeable(spec.margin.as_ref(), row, published, &place);
@@ -188,6 +189,24 @@ impl Names<'_> {
                 suggest(column, columns.iter().map(String::as_str))
             };
             self.say((span, format!("{}.{column}", inner.at)), message, help);
+        }
+    }
+
+    /// Published curves are compared at steps, with the row of an agent.
+    fn compared_curves(&mut self, spec: &TableSpec, place: &Place<'_>) {
+        let Some(list) = place.below("published_curves") else { return };
+        if spec.comparison.as_ref().is_none_or(|comparison| comparison.at_steps.is_empty() || comparison.rows != Axis::Agent) {
+            let message = "published curves are compared at steps, but the table has none";
+            self.say((list.key, list.at.clone()), message, "make it a `comparison` with `rows: agent` and `at_steps`");
+        }
+        let all =
+            Picked { agents: (0..self.world.agents.len()).collect(), environments: (0..self.world.environments.len()).collect() };
+        for (index, (curve, node)) in spec.published_curves.iter().zip(list.node.items()).enumerate() {
+            let place = Place { node, key: node.span, at: format!("{}[{index}]", list.at) };
+            if curve.agent.is_none() {
+                self.say((place.key, place.at.clone()), "`agent` is missing: it names the row", "");
+            }
+            self.curve(curve, &place, &all);
         }
     }
 

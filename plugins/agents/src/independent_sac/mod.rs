@@ -143,6 +143,7 @@ impl IndependentSac {
             }
             learner.follow(self.config.target_smoothing);
         }
+        self.schedule.count_update();
         Ok(())
     }
 
@@ -270,6 +271,14 @@ impl Agent for IndependentSac {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn updates(&self) -> Option<u64> {
+        Some(self.schedule.n_updates())
+    }
+
+    fn first_update_after(&self) -> u64 {
+        UpdateSchedule::first_update_after(self.config.learning_starts, self.config.updates_per_step)
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {

@@ -125,6 +125,7 @@ impl Maddpg {
         let tau = self.config.target_smoothing;
         self.learners.iter_mut().for_each(|learner| learner.follow(tau));
         record.mean("exploration_sd", self.config.exploration_sd_at(self.schedule.n_steps()));
+        self.schedule.count_update();
         Ok(())
     }
 
@@ -223,6 +224,14 @@ impl Agent for Maddpg {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn updates(&self) -> Option<u64> {
+        Some(self.schedule.n_updates())
+    }
+
+    fn first_update_after(&self) -> u64 {
+        UpdateSchedule::first_update_after(self.config.learning_starts, self.config.updates_per_step)
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {

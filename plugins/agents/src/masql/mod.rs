@@ -58,7 +58,6 @@ use numerics::parameters::{restore, soft_update, store};
 use numerics::policy_file::{Head, Policy};
 use numerics::stein::{Particles, SteinDirection, stein_direction};
 use numerics::tensor_file::TensorFile;
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "masql";
@@ -75,7 +74,7 @@ pub struct Masql {
     layout: JointLayout,
     learners: Vec<Learner>,
     replay: JointReplay,
-    progress: Progress,
+    schedule: UpdateSchedule,
 }
 
 /// The networks of one seat.
@@ -84,13 +83,6 @@ struct Learner {
     sampler: Trained<Mlp>,
     critic: Trained<Mlp>,
     target_critic: Mlp,
-}
-
-/// What is stored of the agent besides tensors.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-struct Progress {
-    schedule: UpdateSchedule,
-    n_updates: u64,
 }
 
 /// Builds the agent for seats that observe boxes and act in boxes with limits -1 and 1.
@@ -120,7 +112,7 @@ impl Masql {
         Ok(Self {
             learners,
             replay: JointReplay::new(config.replay_capacity, layout.n_observed(), &layout.action_sizes()),
-            progress: Progress::default(),
+            schedule: UpdateSchedule::new(),
             config,
             layout,
         })
@@ -132,8 +124,8 @@ impl Masql {
             self.update_critic(seat, &batch, rng, record)?;
             self.update_sampler(seat, &batch, rng, record)?;
         }
-        self.progress.n_updates += 1;
-        if self.progress.n_updates.is_multiple_of(self.config.target_period) {
+        self.schedule.count_update();
+        if self.schedule.n_updates().is_multiple_of(self.config.target_period) {
             let tau = self.config.target_smoothing;
             self.learners.iter_mut().for_each(|learner| learner.follow(tau));
         }
@@ -147,7 +139,7 @@ impl Masql {
         let seen = self.seen(seat, &batch.observations);
         let critic = &mut self.learners[seat].critic;
         let loss = half_squared_error(value(critic.network(), seen, batch.actions.clone()), target);
-        record.mean("critic_loss", finite("critic_loss", self.progress.schedule.n_steps(), values(loss.clone())[0])?);
+        record.mean("critic_loss", finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
         critic.descend(&loss);
         Ok(())
     }
@@ -179,7 +171,7 @@ impl Masql {
         let held = self.drawn(&sampler.valid(), &seen, self.config.n_held(), rng);
         let moved = self.drawn(sampler, &seen, self.config.moved_particles, rng);
         let (direction, value) = self.direction(seat, &seen, &held, &moved);
-        record.mean("particle_value", finite("particle_value", self.progress.schedule.n_steps(), value)?);
+        record.mean("particle_value", finite("particle_value", self.schedule.n_steps(), value)?);
         record.mean("kernel_bandwidth", direction.mean_bandwidth);
         let direction = matrix(direction.direction, self.layout.n_acted());
         self.learners[seat].sampler.descend(&(moved * direction).mean().neg());
@@ -240,7 +232,7 @@ impl Masql {
     }
 
     fn temperature(&self) -> f64 {
-        self.config.temperature_at(self.progress.schedule.n_steps())
+        self.config.temperature_at(self.schedule.n_steps())
     }
 }
 
@@ -290,16 +282,24 @@ impl Agent for Masql {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         let joint = self.layout.observations(observations);
         let own = (0..self.layout.n_seats()).map(|seat| self.own_action(seat, &joint, mode, rng)).collect();
-        self.layout.actions(&values(Tensor::cat(own, 1)), self.progress.schedule.n_steps())
+        self.layout.actions(&values(Tensor::cat(own, 1)), self.schedule.n_steps())
     }
 
     fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         transitions.iter().for_each(|transition| self.replay.push(transition));
         let Config { learning_starts, updates_per_step, .. } = self.config;
-        for _ in 0..self.progress.schedule.advance(transitions.len(), learning_starts, updates_per_step) {
+        for _ in 0..self.schedule.advance(transitions.len(), learning_starts, updates_per_step) {
             self.update(rng, record)?;
         }
         Ok(())
+    }
+
+    fn updates(&self) -> Option<u64> {
+        Some(self.schedule.n_updates())
+    }
+
+    fn first_update_after(&self) -> u64 {
+        UpdateSchedule::first_update_after(self.config.learning_starts, self.config.updates_per_step)
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -310,11 +310,11 @@ impl Agent for Masql {
             store(&learner.target_critic, &format!("target_critic_{seat}"), &mut file);
         }
         self.replay.store(&mut file);
-        checkpoint::write(NAME, dir, file, &self.progress)
+        checkpoint::write(NAME, dir, file, &self.schedule)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, progress) = checkpoint::read(NAME, dir)?;
+        let (file, schedule) = checkpoint::read(NAME, dir)?;
         let misfit = checkpoint::error_of(NAME);
         for (seat, learner) in self.learners.iter_mut().enumerate() {
             learner.sampler.restore(&format!("sampler_{seat}"), &file).map_err(&misfit)?;
@@ -323,7 +323,7 @@ impl Agent for Masql {
             learner.target_critic = target.map_err(&misfit)?;
         }
         self.replay.restore(&file).map_err(&misfit)?;
-        self.progress = progress;
+        self.schedule = schedule;
         Ok(())
     }
 

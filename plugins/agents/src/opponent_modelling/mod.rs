@@ -340,6 +340,7 @@ impl<A: Algorithm> Learner<A> {
         }
         let tau = self.game.settings.target_smoothing;
         self.game.players.iter_mut().for_each(|player| player.critic.follow(tau));
+        self.game.schedule.count_update();
         Ok(())
     }
 
@@ -391,6 +392,14 @@ impl<A: Algorithm> Agent for Learner<A> {
         };
         let errors = values(Tensor::cat((0..layout.n_seats()).map(error).collect(), 1));
         Ok(errors.chunks(layout.n_seats()).map(|row| row.iter().map(|error| f64::from(*error)).collect()).collect())
+    }
+
+    fn updates(&self) -> Option<u64> {
+        Some(self.game.schedule.n_updates())
+    }
+
+    fn first_update_after(&self) -> u64 {
+        UpdateSchedule::first_update_after(self.game.settings.learning_starts, self.game.settings.updates_per_step)
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {

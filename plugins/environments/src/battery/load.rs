@@ -1,10 +1,9 @@
 //! The load that the pack must carry.
 
-use engine::{Error, Rng};
+use engine::{DataFile, Error, Rng};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
 
 /// Largest demand of the thesis' load, W per cell.
 pub const LARGEST_W_PER_CELL: f64 = 15.0;
@@ -41,7 +40,7 @@ pub enum Load {
     },
     /// A CSV file with the columns `t_s` and either `power_w` or `current_a` (totals over all cells). A value holds from its
     /// time until that of the next row, the last one for ever.
-    File(PathBuf),
+    File(DataFile),
 }
 
 /// A total over all cells.
@@ -79,7 +78,7 @@ impl LoadSource {
             Load::Uniform { low_w, high_w } => Self::Drawn { low: *low_w, high: *high_w, floor: *low_w },
             Load::Constant { power_w } => Self::Constant(Demand::Power(*power_w)),
             Load::ConstantCurrent { current_a } => Self::Constant(Demand::Current(*current_a)),
-            Load::File(path) => Self::Rows(rows(path)?),
+            Load::File(file) => Self::Rows(rows(file)?),
         })
     }
 
@@ -109,10 +108,10 @@ fn at(rows: &[(f64, Demand)], time_s: f64) -> Demand {
     rows[begun.saturating_sub(1)].1
 }
 
-fn rows(path: &Path) -> Result<Vec<(f64, Demand)>, Error> {
-    let problem = |problem: String| Error::config("load.file", format!("`{}`: {problem}", path.display()));
-    let file = std::fs::File::open(path).map_err(Error::file("read", path))?;
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(file);
+fn rows(file: &DataFile) -> Result<Vec<(f64, Demand)>, Error> {
+    let problem = |problem: String| Error::config("load.file", format!("`{}`: {problem}", file.path().display()));
+    let text = file.text()?;
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let header = reader.headers().map_err(|source| problem(source.to_string()))?.clone();
     let column = |name: &str| header.iter().position(|title| title == name);
     let (value_column, demand): (usize, fn(f64) -> Demand) = match (column("power_w"), column("current_a")) {
@@ -149,7 +148,7 @@ mod tests {
     fn load_file(text: &str) -> Result<LoadSource, Error> {
         let mut file = tempfile::NamedTempFile::new().unwrap();
         file.write_all(text.as_bytes()).unwrap();
-        LoadSource::new(&Load::File(file.path().to_path_buf()), 4)
+        LoadSource::new(&Load::File(DataFile::new(file.path())), 4)
     }
 
     #[test]
@@ -193,7 +192,7 @@ mod tests {
             let message = load_file(text).unwrap_err().to_string();
             assert!(message.starts_with("`load.file`") && message.contains(expected), "{message}");
         }
-        assert!(matches!(LoadSource::new(&Load::File("absent.csv".into()), 4), Err(Error::File { .. })));
+        assert!(matches!(LoadSource::new(&Load::File(DataFile::new("absent.csv")), 4), Err(Error::File { .. })));
         assert!(LoadSource::new(&Load::Uniform { low_w: 2.0, high_w: 1.0 }, 4).is_err());
     }
 }

@@ -79,7 +79,7 @@ fn load_file(column: &str, rows: impl Iterator<Item = (f64, f64)>) -> (tempfile:
     let mut file = tempfile::NamedTempFile::new().unwrap();
     writeln!(file, "t_s,{column}").unwrap();
     rows.for_each(|(time_s, load)| writeln!(file, "{time_s},{load}").unwrap());
-    let load = Load::File(file.path().to_path_buf());
+    let load = Load::File(engine::DataFile::new(file.path()));
     (file, load)
 }
 

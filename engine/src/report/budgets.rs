@@ -1,0 +1,293 @@
+//! What every agent was given: steps, updates, measured episodes and time.
+
+use super::{
+    StudyInfo,
+    sheet::{Entry, Sheet, Tone},
+};
+use crate::{
+    Phase,
+    cross_play::is_cross_play,
+    results::{EPISODE_LENGTH, Results, TrialResult},
+};
+use std::collections::BTreeMap;
+
+const HEAD: [&str; 9] = [
+    "environment",
+    "agent",
+    "trials",
+    "steps",
+    "updates",
+    "episodes while learning",
+    "episodes at the end",
+    "time per trial",
+    "time in all",
+];
+/// What stands where there is no number.
+const NONE: &str = "–";
+
+/// The trials of an agent in an environment.
+struct Budget<'a> {
+    environment: &'a str,
+    agent: &'a str,
+    trials: Vec<&'a TrialResult>,
+}
+
+/// What the trials of a study took together.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Cost {
+    /// Seconds, of trials that ended.
+    seconds: f64,
+    /// Trials that ended, each once.
+    trials: usize,
+}
+
+/// The budget of every agent in every environment; `None` where the study has no trial.
+pub(super) fn sheet(study: &StudyInfo, results: &Results) -> Option<Sheet> {
+    let budgets = budgets(results);
+    let several = budgets.iter().any(|budget| budget.environment != budgets[0].environment);
+    let head = HEAD.into_iter().skip(usize::from(!several)).map(String::from).collect();
+    let rows = budgets.iter().map(|budget| budget.row(study).split_off(usize::from(!several))).collect();
+    let notes = notes(&budgets, results);
+    (!budgets.is_empty()).then(|| Sheet { title: String::new(), head, words: 1 + usize::from(several), rows, notes })
+}
+
+/// A sentence for every agent that learns and made no update, per environment.
+pub(super) fn untrained(results: &Results) -> Vec<String> {
+    let sentence = |budget: &Budget<'_>| {
+        let (none, of) = (budget.untrained(), budget.ok().count());
+        (none > 0)
+            .then(|| format!("`{}` in `{}`: 0 updates in {none} of {of} trials: not trained.", budget.agent, budget.environment))
+    };
+    budgets(results).iter().filter_map(sentence).collect()
+}
+
+/// The cost of all trials.
+pub(super) fn cost(results: &Results) -> Cost {
+    Cost::of(results.trials.iter())
+}
+
+impl Cost {
+    /// Trials that stand in several settings and are the same were computed once.
+    fn of<'a>(trials: impl Iterator<Item = &'a TrialResult>) -> Self {
+        let ended = trials.filter_map(|trial| Some((trial.trial.id.as_str(), trial.end.as_ref()?.wall_s)));
+        let seconds: BTreeMap<&str, f64> = ended.collect();
+        Self { seconds: seconds.values().sum(), trials: seconds.len() }
+    }
+
+    fn mean(self) -> Option<f64> {
+        #[allow(clippy::cast_precision_loss, reason = "a study has at most a million trials")]
+        let trials = self.trials as f64;
+        (self.trials > 0).then(|| self.seconds / trials)
+    }
+
+    /// Time and number of trials, in words.
+    pub(super) fn sentence(self) -> String {
+        format!("{} in {} trials", duration(self.seconds), self.trials)
+    }
+}
+
+/// A time in the unit that suits it.
+#[must_use]
+pub fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 9.95 => format!("{s:.1} s"),
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+/// In the order of the plan; all casts of a play are one.
+fn budgets(results: &Results) -> Vec<Budget<'_>> {
+    let mut budgets: Vec<Budget<'_>> = Vec::new();
+    let mut places: BTreeMap<(&str, &str), usize> = BTreeMap::new();
+    for trial in &results.trials {
+        let agent = if is_cross_play(&trial.trial.key) { "all casts" } else { &trial.trial.agent };
+        let environment = trial.trial.environment.as_str();
+        let place = *places.entry((environment, agent)).or_insert(budgets.len());
+        if place == budgets.len() {
+            budgets.push(Budget { environment, agent, trials: Vec::new() });
+        }
+        budgets[place].trials.push(trial);
+    }
+    budgets
+}
+
+impl Budget<'_> {
+    fn row(&self, study: &StudyInfo) -> Vec<Entry> {
+        let cost = Cost::of(self.trials.iter().copied());
+        let mut row = vec![Entry::plain(self.environment), Entry::plain(self.agent), self.count()];
+        row.extend([self.steps(study.learners.contains(self.agent)), self.updates()]);
+        row.extend([Phase::Evaluate, Phase::Final].map(|phase| Entry::plain(self.episodes(phase))));
+        row.push(Entry::plain(cost.mean().map_or(NONE.into(), duration)));
+        row.push(Entry::plain(if cost.trials > 0 { duration(cost.seconds) } else { NONE.into() }));
+        row
+    }
+
+    fn ok(&self) -> impl Iterator<Item = &TrialResult> {
+        self.trials.iter().copied().filter(|trial| trial.is_ok())
+    }
+
+    fn count(&self) -> Entry {
+        let (ok, all) = (self.ok().count(), self.trials.len());
+        Entry::plain(if ok == all { all.to_string() } else { format!("{ok} of {all} ok") })
+    }
+
+    /// Trials that ended well and whose agent learns, but made no update.
+    fn untrained(&self) -> usize {
+        self.ok().filter(|trial| trial.updates() == Some(0.0)).count()
+    }
+
+    /// Steps that the agent learned from: those done when the last measurement was made.
+    fn steps(&self, learns: bool) -> Entry {
+        let learning = self.ok().filter(|trial| learns || trial.updates().is_some());
+        let last = |trial: &TrialResult| trial.rows.iter().filter(|row| row.phase == Phase::Final).map(|row| row.step).max();
+        #[allow(clippy::cast_precision_loss, reason = "a budget is far below 2^52 steps")]
+        let steps = learning.filter_map(last).map(|steps| steps as f64);
+        Entry::plain(range(steps))
+    }
+
+    fn updates(&self) -> Entry {
+        let text = range(self.ok().filter_map(TrialResult::updates));
+        match self.untrained() {
+            0 => Entry::plain(text),
+            _ => Entry { text: format!("{text}: not trained"), tone: Tone::Alarm },
+        }
+    }
+
+    /// Measurements and their episodes, as in `21 × 100`; a range where trials differ.
+    fn episodes(&self, phase: Phase) -> String {
+        let counted: Vec<(usize, usize)> = self.ok().map(|trial| measured(trial, phase)).collect();
+        let same = counted.windows(2).all(|pair| pair[0] == pair[1]);
+        match counted.first() {
+            Some((measurements, episodes)) if same && *measurements > 1 && episodes.is_multiple_of(*measurements) => {
+                format!("{measurements} × {}", episodes / measurements)
+            }
+            #[allow(clippy::cast_precision_loss, reason = "a trial has far fewer than 2^52 episodes")]
+            _ => range(counted.iter().map(|(_, episodes)| *episodes as f64).filter(|episodes| *episodes > 0.0)),
+        }
+    }
+}
+
+/// How many measurements of a phase a trial has, and how many episodes in all of them.
+fn measured(trial: &TrialResult, phase: Phase) -> (usize, usize) {
+    let (mut measurements, mut episodes, mut last) = (0, 0, None);
+    for row in trial.select(phase, EPISODE_LENGTH) {
+        measurements += usize::from(last != Some(row.step));
+        episodes += 1;
+        last = Some(row.step);
+    }
+    (measurements, episodes)
+}
+
+/// The smallest and the largest of whole numbers, or the one that all of them are.
+fn range(numbers: impl Iterator<Item = f64>) -> String {
+    let ends = numbers.fold(None, |ends: Option<(f64, f64)>, number| {
+        Some(ends.map_or((number, number), |(low, high)| (low.min(number), high.max(number))))
+    });
+    match ends {
+        None => NONE.into(),
+        Some((low, high)) if low == high => format!("{low:.0}"),
+        Some((low, high)) => format!("{low:.0}{NONE}{high:.0}"),
+    }
+}
+
+fn notes(budgets: &[Budget<'_>], results: &Results) -> Vec<String> {
+    let settings = results.trials.iter().any(|trial| !trial.trial.setting.is_empty());
+    let over = if settings { "seeds and settings" } else { "seeds" };
+    let mut notes = untrained(results);
+    notes.push(format!(
+        "Steps are those that an agent learned from (examples, where it was given examples); episodes are measured ones, in \
+         measurements × episodes where there were several. Ranges are over {over}. Agents that do not learn record no number of \
+         updates."
+    ));
+    if budgets.iter().any(|budget| budget.agent == "all casts") {
+        notes.push("Casts of a play are policies that other trials trained.".into());
+    }
+    notes.push(format!(
+        "All trials together: {}. Times are wall-clock times of trials, each on one core; of a trial that was interrupted it is \
+         the time since it last went on.",
+        cost(results).sentence()
+    ));
+    notes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        cross_play::encounters_for_tests::encounter,
+        report::synthetic::{Rows, ended, trial},
+        results::{EndState, UPDATES},
+    };
+
+    fn learner(seed: u64, setting: &str, steps: u64, updates: f64) -> TrialResult {
+        let mut rows: Rows = vec![(Phase::Final, steps, 0, UPDATES, updates)];
+        rows.extend((0..3).flat_map(|k| (0..2).map(move |episode| (Phase::Evaluate, 10 * k, episode, EPISODE_LENGTH, 5.0))));
+        rows.extend((0..8).map(|episode| (Phase::Final, steps, episode, EPISODE_LENGTH, 5.0)));
+        let mut result = trial("tank", "learner", setting, seed, &rows);
+        result.trial.id = format!("{seed}-{setting}");
+        result
+    }
+
+    fn texts(results: &Results) -> Vec<Vec<String>> {
+        sheet(&StudyInfo::default(), results)
+            .unwrap()
+            .rows
+            .iter()
+            .map(|row| row.iter().map(|entry| entry.text.clone()).collect())
+            .collect()
+    }
+
+    #[test]
+    fn budgets_are_ranges_over_seeds() {
+        let rule = trial("tank", "rule", "", 0, &vec![(Phase::Final, 0, 0, EPISODE_LENGTH, 5.0)]);
+        let failed = ended(learner(2, "", 20, 3.0), EndState::Oom, "too large");
+        let results = Results::of(vec![learner(0, "", 20, 3.0), learner(1, "", 20, 4.0), failed, rule]);
+        let expected = [
+            ["learner", "2 of 3 ok", "20", "3–4", "3 × 2", "8", "1.0 s", "3.0 s"],
+            ["rule", "1", "–", "–", "–", "1", "1.0 s", "1.0 s"],
+        ];
+        assert_eq!(texts(&results), expected);
+        assert_eq!(cost(&results).sentence(), "4.0 s in 4 trials");
+        assert!(untrained(&results).is_empty());
+    }
+
+    #[test]
+    fn learners_that_record_no_number_of_updates_still_have_their_steps() {
+        let results = Results::of(vec![trial("tank", "estimator", "", 0, &vec![(Phase::Final, 512, 0, "bias", 0.1)])]);
+        let study = StudyInfo { learners: ["estimator".to_owned()].into(), ..StudyInfo::default() };
+        let row = sheet(&study, &results).unwrap().rows.remove(0);
+        assert_eq!([row[2].text.as_str(), row[3].text.as_str()], ["512", "–"]);
+    }
+
+    #[test]
+    fn agents_without_updates_are_flagged() {
+        let results = Results::of(vec![learner(0, "", 20, 0.0), learner(1, "", 20, 4.0)]);
+        let row = &sheet(&StudyInfo::default(), &results).unwrap().rows[0];
+        assert_eq!(row[3], Entry { text: "0–4: not trained".into(), tone: Tone::Alarm });
+        assert_eq!(untrained(&results), ["`learner` in `tank`: 0 updates in 1 of 2 trials: not trained."]);
+    }
+
+    #[test]
+    fn what_was_computed_once_costs_once_and_settings_make_ranges() {
+        let mut shared = learner(0, "rate=0.1", 20, 3.0);
+        shared.trial.setting = "rate=0.2".into();
+        let results = Results::of(vec![learner(0, "rate=0.1", 20, 3.0), shared, learner(0, "rate=0.3", 40, 6.0)]);
+        assert_eq!(texts(&results), [["learner", "3", "20–40", "3–6", "3 × 2", "8", "1.0 s", "2.0 s"]]);
+        assert!(sheet(&StudyInfo::default(), &results).unwrap().notes[0].contains("seeds and settings"));
+    }
+
+    #[test]
+    fn the_casts_of_a_play_are_one_row_and_nothing_is_none() {
+        let results = Results::of(vec![encounter("a", "a", 0, 1.0), encounter("a", "b", 0, 1.0), learner(0, "", 20, 3.0)]);
+        let rows = texts(&results);
+        assert_eq!((rows[0][0].as_str(), rows[0][1].as_str(), rows[0][2].as_str()), ("pursuit", "all casts", "2"));
+        assert_eq!(sheet(&StudyInfo::default(), &Results::default()), None);
+    }
+
+    #[test]
+    fn times_have_the_unit_that_suits_them() {
+        assert_eq!([0.04, 9.97, 89.0, 90.0, 5399.0, 5400.0].map(duration), ["0.0 s", "10 s", "89 s", "2 min", "90 min", "1.5 h"]);
+    }
+}

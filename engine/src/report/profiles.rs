@@ -1,0 +1,76 @@
+//! Which profiles of a study were ever run here.
+
+/// A profile of a study, and how many of its trials are stored.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ProfileState {
+    /// Its name; `None` for the study without a profile.
+    pub name: Option<String>,
+    /// True where the report is made of exactly its trials.
+    pub this_report: bool,
+    /// Its trials; `None` where the study is refused with it.
+    pub trials: Option<ProfileTrials>,
+}
+
+/// The trials of a profile by what the store has of them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ProfileTrials {
+    /// All of them.
+    pub planned: usize,
+    /// Those that ended `ok`.
+    pub ok: usize,
+    /// Those that ended otherwise.
+    pub failed: usize,
+    /// Those that ended and are trials of no other profile: agents that do not learn mostly share theirs.
+    pub own: usize,
+}
+
+impl ProfileState {
+    /// The name, also of the study without a profile.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.name.as_deref().unwrap_or("default")
+    }
+
+    /// What is stored of it, without its name.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        let Some(trials) = self.trials else { return "the study is refused with it".into() };
+        let ProfileTrials { planned, ok, failed, own } = trials;
+        let failures = if failed == 0 { String::new() } else { format!(", {failed} failed") };
+        let stored = if ok == planned {
+            format!("all {planned} trials are stored")
+        } else {
+            format!("{ok} of {planned} trials are stored")
+        };
+        let how = match (ok + failed, own) {
+            _ if self.this_report => ": this report",
+            (0, _) => ": never run",
+            (ended, 0) if ended < planned => ", all of them shared with other profiles: never run itself",
+            _ => "",
+        };
+        format!("{stored}{failures}{how}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sentence(planned: usize, ok: usize, failed: usize, own: usize) -> String {
+        let trials = Some(ProfileTrials { planned, ok, failed, own });
+        ProfileState { name: Some("paper".into()), this_report: false, trials }.sentence()
+    }
+
+    #[test]
+    fn what_never_ran_is_told_from_what_ran_in_part() {
+        assert_eq!(sentence(45, 0, 0, 0), "0 of 45 trials are stored: never run");
+        assert_eq!(sentence(45, 9, 0, 0), "9 of 45 trials are stored, all of them shared with other profiles: never run itself");
+        assert_eq!(sentence(45, 9, 2, 2), "9 of 45 trials are stored, 2 failed");
+        assert_eq!(sentence(45, 45, 0, 0), "all 45 trials are stored");
+        let refused = ProfileState { name: Some("paper".into()), ..ProfileState::default() };
+        assert_eq!(refused.sentence(), "the study is refused with it");
+        let trials = Some(ProfileTrials { planned: 3, ok: 3, failed: 0, own: 3 });
+        let this = ProfileState { name: None, this_report: true, trials };
+        assert_eq!((this.name(), this.sentence().as_str()), ("default", "all 3 trials are stored: this report"));
+    }
+}
