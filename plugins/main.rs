@@ -7,7 +7,11 @@ use std::process::ExitCode;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
-    let mut registry = engine::Registry { numerics_version: numerics::VERSION, ..engine::Registry::default() };
+    let mut registry = engine::Registry {
+        numerics_version: numerics::VERSION,
+        build: engine::Build::told(env!("REGIMEN_COMMIT"), env!("REGIMEN_CHANGED")),
+        ..engine::Registry::default()
+    };
     engine::protocol::register(&mut registry);
     environments::register(&mut registry);
     agents::register(&mut registry);

@@ -1,10 +1,11 @@
 //! What is wrong in a store is found, set aside, and runs again.
 
-use crate::program::{Bench, trial_files};
+use crate::program::{Bench, reseal, trial_files};
 use engine::store::{Fault, Store};
 use rand::Rng as _;
 use std::{
     fs,
+    os::unix::fs::symlink,
     path::{Path, PathBuf},
 };
 
@@ -97,6 +98,76 @@ fn what_is_damaged_cut_off_orphaned_or_foreign_is_set_aside_and_runs_again() {
     bench.ok(&["worker", "small.yaml"]);
     assert_eq!(bench.digests("store"), whole);
     bench.ok(&["fsck", "store"]);
+}
+
+#[test]
+fn names_that_lead_out_of_a_trials_folder_are_not_believed() {
+    let bench = finished();
+    let outside = bench.write("outside.safetensors", "not the store's");
+    let trials = trial_files(&bench.path("store"));
+    let names = ["../../../../outside.safetensors", outside.to_str().unwrap(), "seat/../../../../../outside.safetensors"];
+    for (file, name) in trials.iter().zip(names) {
+        let text = fs::read_to_string(file).unwrap();
+        let (object, _) = text.split_once(",\"check\":").unwrap();
+        let object = object.split(",\"files\":").next().unwrap();
+        let named = format!("{object},\"files\":{{\"{name}\":\"{}\"}}", "0".repeat(32));
+        fs::write(file, reseal(&named)).unwrap();
+    }
+    let found = bench.run(&["fsck", "store"]);
+    assert_eq!(found.code, 106, "{}", found.out);
+    assert!(found.out.contains("it names a file that is none of a trial's"), "{}", found.out);
+    assert_eq!(fs::read_to_string(&outside).unwrap(), "not the store's");
+    assert!(found.out.contains("3 trials have to run again"), "{}", found.out);
+    bench.ok(&["worker", "small.yaml"]);
+    assert!(bench.ok(&["fsck", "store"]).contains("8 trials are whole, 0 are being computed, 0 files are wrong"));
+}
+
+#[test]
+fn links_are_reported_and_set_aside_and_never_followed() {
+    let bench = finished();
+    let whole = bench.digests("store");
+    fs::create_dir(bench.path("outside")).unwrap();
+    for name in ["a.txt", "policy.safetensors", "metrics.log"] {
+        bench.write(&format!("outside/{name}"), "not the store's");
+    }
+    let trials = trial_files(&bench.path("store"));
+    let folder = |index: usize| trials[index].parent().unwrap();
+    let outside = bench.path("outside");
+    symlink("..", folder(0).join("loop")).unwrap();
+    symlink(&outside, folder(1).join("seat")).unwrap();
+    symlink(&outside, folder(2).join("running")).unwrap();
+    fs::rename(folder(3).join("metrics.parquet"), bench.path("outside/metrics.parquet")).unwrap();
+    symlink(bench.path("outside/metrics.parquet"), folder(3).join("metrics.parquet")).unwrap();
+    symlink(&outside, bench.path("store/trials/ff")).unwrap_or(());
+    symlink("..", bench.path("store/loop")).unwrap();
+    symlink("..", folder(4).parent().unwrap().join("0".repeat(32))).unwrap();
+    let found = bench.run(&["fsck", "store"]);
+    assert_eq!(found.code, 106, "{}\n{}", found.out, found.err);
+    assert!(found.out.matches("it is a link, which is not followed").count() >= 5, "{}", found.out);
+    assert!(found.out.contains("1 trials have to run again"), "{}", found.out);
+    for name in ["a.txt", "policy.safetensors", "metrics.log", "metrics.parquet"] {
+        assert!(bench.path(&format!("outside/{name}")).exists(), "{name} is not the store's to move");
+    }
+    assert!(bench.path("store/aside/1/loop").symlink_metadata().unwrap().is_symlink(), "the link itself is moved");
+    bench.ok(&["worker", "small.yaml"]);
+    assert_eq!(bench.digests("store"), whole);
+    assert!(bench.ok(&["fsck", "store"]).contains("8 trials are whole, 0 are being computed, 0 files are wrong"));
+}
+
+#[test]
+fn a_store_whose_folders_are_links_is_left_alone() {
+    for name in ["trials", "aside"] {
+        let bench = finished();
+        let (linked, real) = (bench.path(&format!("store/{name}")), bench.path("real"));
+        fs::create_dir_all(&linked).unwrap();
+        fs::rename(&linked, &real).unwrap();
+        symlink(&real, &linked).unwrap();
+        bench.write("store/foreign", "not ours");
+        let found = bench.run(&["fsck", "store"]);
+        assert_ne!(found.code, 0);
+        assert!(found.err.contains("name the store that it leads into"), "{}", found.err);
+        assert!(bench.path("store/foreign").exists());
+    }
 }
 
 #[test]

@@ -1,7 +1,10 @@
 //! Other programs read what this one writes: metrics with Polars for Python, policies with NumPy, manifests with a validator.
 
-use crate::program::{Bench, repository, trial_files};
-use std::process::Command;
+use crate::{
+    contracts::registry,
+    program::{Bench, repository, trial_files},
+};
+use std::{path::Path, process::Command};
 
 const STUDY: &str = "
 study: readable
@@ -61,6 +64,47 @@ fn numpy_evaluates_an_exported_policy_to_the_same_allocation() {
         .collect();
     assert_eq!(policies.len(), 3, "three agents learn");
     check("evaluate_policy.py", "numpy, polars", &policies);
+}
+
+/// Numbers and texts that readers of an older YAML, or of a looser one, take for something else.
+const AMBIGUOUS: &str = r##"
+study: ambiguous
+title: "1e-6"
+source: "yes"
+departures: ["1:30", "0x1f", "0o17", "2001-01-01", "null", "~", "=", "<<", "- a", "a: b", "# c", " led", "trailed ", "two\nlines",
+             "a tab\t", "\u00e9 \u6f22 \U0001F600", "1_000", ".inf", "1.", "+1", "[a]", "{a: b}", "!tag", "&a", "*a", "%x", "@x",
+             "`x`", "'", "\"", "", "on", "N"]
+environments: { cells: { battery: { cells: 2 } } }
+agents:
+  equal: { equal_split: {} }
+  dsac:
+    dirichlet_sac:
+      { actor_learning_rate: 1e-6, critic_learning_rate: 1.5e-7, first_temperature: 100, target_entropy: { nats: 1.0e+16 } }
+protocol: { train_evaluate: { steps: 64, environments: 8, episodes: 1, final_episodes: 1 } }
+"##;
+
+#[test]
+fn another_reader_of_yaml_finds_the_same_values_in_a_resolved_study() {
+    let bench = Bench::new();
+    let mut studies = vec![bench.write("ambiguous.yaml", AMBIGUOUS)];
+    let folder = std::fs::read_dir(repository().join("experiments")).unwrap().map(|entry| entry.unwrap().path());
+    studies.extend(folder.filter(|path| path.extension().is_some_and(|extension| extension == "yaml")));
+    let registry = registry();
+    let load = |path: &Path| engine::spec::load(path, &registry, &engine::spec::Options::default()).unwrap();
+    let ids = |path: &Path| load(path).plan().trials.into_iter().map(|trial| trial.id).collect::<Vec<_>>();
+    let mut files = Vec::new();
+    for (number, study) in studies.iter().enumerate() {
+        let text = bench.ok(&["resolve", study.to_str().unwrap()]);
+        let resolved = bench.write(&format!("resolved-{number}.yaml"), &text);
+        assert_eq!(ids(study), ids(&resolved), "{}", study.display());
+        let mut sources = engine::diagnostic::Sources::default();
+        let source = sources.add_file("resolved", &text);
+        let values = engine::document::parse(&sources, source, &text).unwrap().to_value();
+        let values = bench.write(&format!("values-{number}.json"), &values.to_string());
+        files.extend([resolved, values].map(|path| path.to_string_lossy().into_owned()));
+    }
+    assert!(std::fs::read_to_string(bench.path("values-0.json")).unwrap().contains("1e-6"), "the ambiguous one is among them");
+    check("compare_values.py", "yaml", &files);
 }
 
 #[test]

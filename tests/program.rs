@@ -98,6 +98,12 @@ pub(crate) fn trial_files(store: &Path) -> Vec<PathBuf> {
     files
 }
 
+/// The text of a `trial.json` that was changed, with a check that holds.
+pub(crate) fn reseal(text: &str) -> String {
+    let object = text.split_once(",\"check\":\"").map_or(text, |(object, _)| object);
+    format!("{object},\"check\":\"{}\"}}", engine::store::digest(object.as_bytes()))
+}
+
 /// What a finished command answered.
 pub(crate) fn answer(output: &Output) -> Answer {
     Answer {

@@ -1,6 +1,15 @@
 //! Simulators through `regimen rollout`, against trajectories of other programs.
 
-use crate::program::{Bench, repository};
+use crate::{
+    contracts::registry,
+    program::{Bench, repository, trial_files},
+};
+use engine::{
+    Phase,
+    random::stream,
+    rollout::{Actions, rows},
+    store::{Store, read_metrics},
+};
 use std::{collections::BTreeMap, path::PathBuf};
 
 fn fixture(name: &str) -> PathBuf {
@@ -96,16 +105,21 @@ fn several_seats_follow_the_other_program() {
 #[test]
 fn wrong_action_files_are_refused_with_the_place() {
     let bench = Bench::new();
-    bench.write("few.csv", "weight_1,weight_2\n0.5,0.5\n");
-    let answer = bench.run(&["rollout", "battery", "--actions", "few.csv", "--out", "out.csv"]);
-    assert_eq!(answer.code, 2);
-    assert!(answer.err.contains("`weight_3` is missing"), "{}", answer.err);
-    bench.write("odd.csv", "weight_1,weight_2,weight_3,weight_4\n0.25,0.25,0.25,x\n");
-    let answer = bench.run(&["rollout", "battery", "--actions", "odd.csv", "--out", "out.csv"]);
-    assert!(answer.err.contains("line 2") && answer.err.contains("`x`"), "{}", answer.err);
-    bench.write("sum.csv", "weight_1,weight_2,weight_3,weight_4\n0.25,0.25,0.25,0.5\n");
-    let answer = bench.run(&["rollout", "battery", "--actions", "sum.csv", "--out", "out.csv"]);
-    assert_ne!(answer.code, 0);
+    for (text, message) in [
+        ("weight_1,weight_2\n0.5,0.5\n", "error: `weights.csv`, line 1: column `weight_3` is missing"),
+        (
+            "weight_1,weight_2,weight_3,weight_4\n0.25,0.25,0.25,x\n",
+            "error: `weights.csv`, line 2, column `weight_4`: `x` is no number",
+        ),
+        (
+            "weight_1,weight_2,weight_3,weight_4\n0.25,0.25,0.25,0.25\n0.25,0.25,0.25,0.5\n",
+            "error: action outside its space: decision 2: the entries sum to 1.25, not to 1",
+        ),
+    ] {
+        bench.write("weights.csv", text);
+        let answer = bench.run(&["rollout", "battery", "--actions", "weights.csv", "--out", "out.csv"]);
+        assert_eq!((answer.code, answer.err.trim()), (2, message));
+    }
 }
 
 #[test]
@@ -119,4 +133,217 @@ fn an_agent_can_decide_and_the_seed_decides_the_rest() {
     assert_eq!(read("a.csv"), read("b.csv"));
     assert_ne!(read("a.csv"), read("c.csv"));
     assert!(read("a.csv").lines().last().unwrap().ends_with("terminated"));
+}
+
+/// Learners of every kind of policy file, a rule, and a play of two of them.
+const STUDY: &str = "
+study: lives
+environments:
+  pack: { battery: { episode_limit: 40, ageing: {} } }
+  tag: { particles: { scenario: predator_prey, episode_length: 6 } }
+agents:
+  dense: { dirichlet_sac: { width: 8, batch_size: 8, learning_starts: 16, evaluation_action: mode } }
+  alike: { dirichlet_sac: { width: 8, batch_size: 8, learning_starts: 16, network: equivariant } }
+  softmax: { gaussian_softmax_sac: { width: 8, batch_size: 8, learning_starts: 16 } }
+  ddpg: { ddpg: { width: 8, batch_size: 8, learning_starts: 16, observation_scaling: none } }
+  equal: { equal_split: {} }
+  stein: { masql: { width: 4, batch_size: 4, learning_starts: 8 } }
+  tdom: { tdom_ac: { width: 4, batch_size: 4, learning_starts: 8 } }
+protocol: { train_evaluate: { steps: 48, environments: 4, evaluate_every: 0, episodes: 0, final_episodes: 5, trace_episodes: 5 } }
+exclude:
+  - { environment: tag, agent: dense }
+  - { environment: tag, agent: alike }
+  - { environment: tag, agent: softmax }
+  - { environment: tag, agent: ddpg }
+  - { environment: tag, agent: equal }
+  - { environment: pack, agent: stein }
+  - { environment: pack, agent: tdom }
+cross_play:
+  pursuit:
+    environment: tag
+    roles: { prey: [agent_3], predators: [agent_0, agent_1, agent_2] }
+    agents: [stein, tdom]
+    episodes: 3
+";
+
+/// Stored trials by id, each with the plugins of environment and agent and the end state.
+fn trials(bench: &Bench) -> Vec<(String, String, String)> {
+    let read = |file: PathBuf| {
+        let trial: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+        let id = file.parent().unwrap().file_name().unwrap().to_string_lossy().into_owned();
+        let plugin = |part: &str| trial["key"][part]["plugin"].as_str().unwrap().to_owned();
+        (id, plugin("environment"), plugin("agent"))
+    };
+    trial_files(&bench.path("store")).into_iter().map(read).collect()
+}
+
+fn trained() -> Bench {
+    let bench = Bench::new();
+    bench.write("lives.yaml", STUDY);
+    bench.ok(&["worker", "lives.yaml", "-j", "2"]);
+    bench
+}
+
+#[test]
+fn an_episode_of_a_stored_trial_is_played_again_to_the_bit() {
+    let bench = trained();
+    let all = trials(&bench);
+    assert_eq!(all.len(), 5 + 2 + 4);
+    for (id, _, agent) in &all {
+        let folder = bench.path("store/trials").join(&id[..2]).join(id);
+        let stored = read_metrics(&folder.join("metrics.parquet")).unwrap();
+        for episode in ["0", "2"] {
+            bench.ok(&["rollout", "--trial", &id[..12], "--episode", episode, "--out", "out.csv"]);
+            let ours = columns(&bench.path("out.csv"));
+            let of_episode = |row: &&engine::recorder::Row| row.episode.to_string() == episode;
+            let named = |name: &str| stored.names.iter().position(|known| known == name).map(|at| u16::try_from(at).unwrap());
+            let mut compared = 0;
+            for row in stored.rows.iter().filter(of_episode).filter(|row| row.phase == Phase::Trace) {
+                let name = &stored.names[usize::from(row.metric)];
+                let decision = usize::try_from(row.step).unwrap();
+                assert_eq!(ours[name][decision].to_bits(), row.value.to_bits(), "{agent}, {name} after {decision}");
+                compared += 1;
+            }
+            let returns = stored.rows.iter().filter(of_episode).filter(|row| row.phase == Phase::Final);
+            for row in returns.filter(|row| Some(row.metric) == named("return")) {
+                let seat = if ours.contains_key("reward") { "reward".into() } else { format!("agent_{}.reward", row.seat) };
+                let earned = ours[&seat][1..].iter().fold(0.0, |sum, reward| sum + reward);
+                assert_eq!(earned.to_bits(), row.value.to_bits(), "{agent}, {seat}");
+                compared += 1;
+            }
+            // Trials of a play trace nothing: only their returns, one per seat, can be compared.
+            assert!(compared > if agent == "cross_play" { 3 } else { 60 }, "{agent}: {compared}");
+        }
+    }
+    bench.ok(&["rollout", "battery", "--trial", &of(&all, "equal_split"), "--decisions", "3", "--out", "short.csv"]);
+    assert_eq!(columns(&bench.path("short.csv"))["decision"], [0.0, 1.0, 2.0, 3.0]);
+}
+
+/// The id of the trial of an agent's plugin.
+fn of(trials: &[(String, String, String)], plugin: &str) -> String {
+    trials.iter().find(|(_, _, agent)| agent == plugin).unwrap().0.clone()
+}
+
+#[test]
+fn a_stored_policy_plays_a_new_episode_as_the_imported_agent_does() {
+    let bench = trained();
+    let registry = registry();
+    let store = Store::at(bench.path("store"));
+    let same = |left: &str, right: &str| {
+        assert_eq!(std::fs::read_to_string(bench.path(left)).unwrap(), std::fs::read_to_string(bench.path(right)).unwrap());
+    };
+    for (id, environment, agent) in trials(&bench).iter().filter(|(_, environment, _)| environment == "battery") {
+        bench.ok(&["rollout", "--trial", id, "--seed", "3", "--out", "trial.csv"]);
+        let key = store.file(id).unwrap().unwrap().key;
+        let mut pack = (registry.environments["battery"].build)(&key.environment.config).unwrap();
+        let entry = &registry.agents[agent.as_str()];
+        let mut one = (entry.build)(&key.agent.config, &pack.interface(), &mut stream(&["other networks"])).unwrap();
+        assert_eq!(one.import(&store.folder(id)).unwrap(), entry.learns, "{agent}");
+        let expected = rows(&mut *pack, Actions::Agent { agent: &mut *one, decisions: 1000 }, 3).unwrap();
+        engine::rollout::write(&expected, &bench.path("expected.csv")).unwrap();
+        same("trial.csv", "expected.csv");
+        if !entry.learns {
+            continue;
+        }
+        bench.write("pack.yaml", "episode_limit: 40\nageing: {}\n");
+        let folder = store.folder(id).display().to_string();
+        let common = ["rollout", environment, "--config", "pack.yaml", "--seed", "3", "--policy", &folder];
+        bench.ok(&[&common[..], &["--out", "folder.csv"]].concat());
+        same("trial.csv", "folder.csv");
+        // A policy on its own: agent and config are given.
+        std::fs::create_dir_all(bench.path("alone")).unwrap();
+        std::fs::copy(store.folder(id).join("policy.safetensors"), bench.path("alone/policy.safetensors")).unwrap();
+        bench.write("agent.yaml", &key.agent.config.to_string());
+        let common = ["rollout", environment, "--config", "pack.yaml", "--seed", "3", "--policy", "alone"];
+        bench.ok(&[&common[..], &["--agent", agent, "--agent-config", "agent.yaml", "--out", "alone.csv"]].concat());
+        same("trial.csv", "alone.csv");
+    }
+}
+
+#[test]
+fn a_learner_without_a_policy_is_refused_and_so_is_a_policy_that_does_not_fit() {
+    let bench = trained();
+    let id = trials(&bench).iter().find(|(_, _, agent)| agent == "ddpg").unwrap().0.clone();
+    let folder = Store::at(bench.path("store")).folder(&id).display().to_string();
+    for name in ["empty", "alone"] {
+        std::fs::create_dir_all(bench.path(name)).unwrap();
+    }
+    std::fs::copy(format!("{folder}/policy.safetensors"), bench.path("alone/policy.safetensors")).unwrap();
+    let refusals: [(&[&str], &[&str]); 7] = [
+        (&["battery", "--agent", "dirichlet_sac"], &["`dirichlet_sac` learns", "`--trial ID`", "`--policy FOLDER`"]),
+        (&["battery", "--policy", "empty"], &["`empty` does not say whose policy it holds", "`--agent`"]),
+        (&["battery", "--policy", "empty", "--agent", "ddpg"], &["the policy in `empty` cannot be used", "cannot read"]),
+        (&["battery", "--policy", &folder, "--agent", "equal_split"], &["`equal_split` takes up no stored policy"]),
+        (&["battery", "--policy", "alone", "--agent", "ddpg"], &["cannot be used", "`center` of the policy is"]),
+        (&["battery", "--policy", &folder, "--config", "eight.yaml"], &["cannot be used", "`inputs` of the policy is"]),
+        (&["battery", "--policy", &folder, "--agent", "dpg"], &["unknown agent `dpg`", "did you mean `ddpg`?"]),
+    ];
+    bench.write("eight.yaml", "cells: 8\n");
+    for (words, parts) in refusals {
+        let answer = bench.run(&[&["rollout"], words, &["--out", "out.csv"]].concat());
+        assert_eq!(answer.code, 2, "{words:?}: {}", answer.err);
+        assert!(parts.iter().all(|part| answer.err.contains(part)), "{words:?}: {}", answer.err);
+    }
+    assert!(!bench.path("out.csv").exists());
+}
+
+#[test]
+fn a_trial_that_cannot_be_played_is_refused_with_the_reason() {
+    let bench = Bench::new();
+    let many = "study: many\nenvironments: { four: { allocation_bandit: {} } }\n\
+                protocol: { train_evaluate: { steps: 8, evaluate_every: 0, final_episodes: 2 } }\n";
+    let agents = "agents: { equal: { equal_split: {} }, bad: { misbehaving: { how: fail } } }\nseeds: 17\n";
+    bench.write("many.yaml", &format!("{many}{agents}"));
+    bench.run_misused(&["worker", "many.yaml", "-j", "2"]);
+    let all = trials(&bench);
+    let (good, failed) = (of(&all, "equal_split"), of(&all, "misbehaving"));
+    // Of 34 ids at least three begin with the same digit.
+    let digit = "0123456789abcdef".chars().find(|digit| all.iter().filter(|it| it.0.starts_with(*digit)).count() > 2).unwrap();
+    let common = all.iter().filter(|it| it.0.starts_with(digit)).count();
+    let begun = bench.path("store/trials/zz/zz0");
+    std::fs::create_dir_all(begun).unwrap();
+    let digit = digit.to_string();
+    let refusals: [(&[&str], Vec<String>); 7] = [
+        (&["--trial", "xy"], vec!["no trial in `store` has an id that begins with `xy`".into()]),
+        (&["--trial", &digit], vec![format!("`{digit}` begins the ids of {common} trials"), "give more digits".into()]),
+        (&["--trial", &failed], vec![format!("trial {failed} ended as failed: "), "it fails as asked".into()]),
+        (&["--trial", "zz"], vec!["trial zz0 has not ended".into()]),
+        (&["battery", "--trial", &good], vec![format!("trial {good} is of `allocation_bandit`, not of `battery`")]),
+        (&["--trial", &good, "--episode", "2"], vec!["its final measurement has the episodes 0 to 1".into()]),
+        (&["--trial", &good, "--episode", "1", "--seed", "1"], vec!["cannot be used with".into()]),
+    ];
+    for (words, parts) in refusals {
+        let answer = bench.run_misused(&[&["rollout"], words, &["--out", "out.csv"]].concat());
+        assert_eq!(answer.code, 2, "{words:?}: {}", answer.err);
+        assert!(parts.iter().all(|part| answer.err.contains(part)), "{words:?}: {}", answer.err);
+    }
+    bench.ok(&["rollout", "--trial", &good, "--out", "out.csv"]);
+}
+
+#[test]
+fn a_trial_without_a_usable_policy_or_without_episodes_is_refused() {
+    let bench = Bench::new();
+    bench.write(
+        "two.yaml",
+        "study: two\nenvironments: { four: { allocation_bandit: {} } }\nagents: { moments: { dirichlet_gradient: {} } }\n\
+         protocol: { estimator_tracking: { batches: 2 } }\n",
+    );
+    bench.ok(&["worker", "two.yaml"]);
+    let id = trials(&bench)[0].0.clone();
+    let refused = |words: &[&str]| {
+        let answer = bench.run(&[&["rollout", "--out", "out.csv"], words].concat());
+        assert_eq!(answer.code, 2, "{}", answer.err);
+        answer.err
+    };
+    assert!(refused(&["--trial", &id]).contains("it measured no episodes at its end; give `--seed`"));
+    assert!(refused(&["--trial", &id, "--seed", "0"]).contains("it left none that was acknowledged"));
+    bench.write("lives.yaml", STUDY);
+    bench.ok(&["worker", "lives.yaml", "--only", "ddpg"]);
+    let id = of(&trials(&bench), "ddpg");
+    let policy = Store::at(bench.path("store")).folder(&id).join("policy.safetensors");
+    let mut bytes = std::fs::read(&policy).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(&policy, bytes).unwrap();
+    assert!(refused(&["--trial", &id]).contains("`policy.safetensors` is damaged"));
 }

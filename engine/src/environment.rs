@@ -95,7 +95,7 @@ pub struct Seat {
 pub struct Interface {
     /// The seats, in order.
     pub seats: Vec<Seat>,
-    /// Channels of the full state, which bounds and centralised critics read.
+    /// Channels of the full state, which informed controllers and centralised critics read.
     pub state: Vec<Channel>,
 }
 
@@ -226,7 +226,7 @@ pub trait Environment: Send {
         Vec::new()
     }
 
-    /// The full state, which no ordinary policy sees; read by bounds, regressions (as the target) and centralised critics.
+    /// The full state, which no ordinary policy sees; read by informed controllers, regressions (as the target) and centralised critics.
     fn state(&self) -> Vec<f64> {
         Vec::new()
     }

@@ -85,6 +85,18 @@ pub enum Error {
     /// The trial left before its end because it was asked to; its state is saved.
     #[error("the trial was asked to stop; it continues from its checkpoint")]
     Stopped,
+    /// A file that a person gave is not what it should be.
+    #[error("`{}`{}: {problem}", path.display(), place(*line, column.as_deref()))]
+    Input {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1, where one is to blame.
+        line: Option<u64>,
+        /// The name of the column, where one is to blame.
+        column: Option<String>,
+        /// What is wrong there.
+        problem: String,
+    },
     /// A stored file is not what it should be.
     #[error("`{}` is damaged: {problem}", path.display())]
     Damaged {
@@ -113,6 +125,12 @@ pub enum Error {
         /// What happened.
         problem: String,
     },
+}
+
+/// A place inside a file, as in `, line 3, column `x``.
+fn place(line: Option<u64>, column: Option<&str>) -> String {
+    let line = line.map_or(String::new(), |line| format!(", line {line}"));
+    line + &column.map_or(String::new(), |column| format!(", column `{column}`"))
 }
 
 impl Error {

@@ -11,6 +11,7 @@
 //! 6. What is on disk says what made it, and has a version.
 
 pub mod agent;
+pub mod build;
 pub mod checkpoint;
 pub mod cli;
 pub mod cross_play;
@@ -40,6 +41,7 @@ pub mod table;
 pub mod trial;
 
 pub use agent::{Agent, Mode, Transition};
+pub use build::Build;
 pub use checkpoint::{Keeper, NoKeeper};
 pub use data_file::DataFile;
 pub use environment::{

@@ -68,7 +68,7 @@ pub struct EnvironmentEntry {
 pub struct AgentEntry {
     /// Name, defaults, schema.
     pub about: About,
-    /// False for rules and bounds: the protocol then measures alone.
+    /// False for rules: the protocol then measures alone.
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
@@ -102,12 +102,14 @@ pub struct Registry {
     pub protocols: BTreeMap<&'static str, ProtocolEntry>,
     /// Raised whenever shared numerical code changes the numbers of trials.
     pub numerics_version: u32,
+    /// The source code that the program was built from, where it knows.
+    pub build: Option<crate::Build>,
 }
 
 /// What a learning agent's registration says besides its constructor.
 #[derive(Debug, Clone, Default)]
 pub struct AgentTraits {
-    /// False for rules and bounds.
+    /// False for rules.
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,

@@ -208,7 +208,8 @@ impl TrialKey {
         (find(&registry.protocols, "protocol", &self.protocol.plugin)?.build)(&*self.protocol.loaded()?)
     }
 
-    fn build_agent(
+    /// The agent, freshly initialised; `policies` as in [`run_after`](Self::run_after).
+    pub(crate) fn build_agent(
         &self,
         registry: &Registry,
         interface: &Interface,

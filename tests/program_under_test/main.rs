@@ -8,7 +8,11 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     crash::install();
-    let mut registry = engine::Registry { numerics_version: numerics::VERSION, ..engine::Registry::default() };
+    let mut registry = engine::Registry {
+        numerics_version: numerics::VERSION,
+        build: engine::Build::told(env!("REGIMEN_COMMIT"), env!("REGIMEN_CHANGED")),
+        ..engine::Registry::default()
+    };
     engine::protocol::register(&mut registry);
     environments::register(&mut registry);
     agents::register(&mut registry);

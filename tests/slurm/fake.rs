@@ -93,6 +93,20 @@ fn the_wait_ends_where_a_policy_never_comes() {
 }
 
 #[test]
+fn what_failed_is_submitted_again_when_asked() {
+    let bench = bench(&format!("{RUN}; echo 7"), "");
+    let failing =
+        STUDY.replace("rule: { rank_rule: { weights: [0.15, 0.25, 0.25, 0.35] } }", "odd: { misbehaving: { how: fail } }");
+    bench.write("small.yaml", &failing.replace("steps: 0", "steps: 16"));
+    assert_eq!((run_misused(&bench, &["run", "small.yaml"]).code, calls(&bench, "sbatch")), (100, 1));
+    let plain = run_misused(&bench, &["run", "small.yaml"]);
+    assert_eq!((plain.code, calls(&bench, "sbatch")), (100, 1), "{}", plain.err);
+    assert!(plain.err.contains("3 trials did not end ok (3 failed): `regimen run small.yaml --retry-failed`"), "{}", plain.err);
+    let again = run_misused(&bench, &["run", "small.yaml", "--retry-failed"]);
+    assert_eq!((again.code, calls(&bench, "sbatch")), (100, 2), "{}", again.err);
+}
+
+#[test]
 fn a_refusal_is_told_in_slurms_words_and_not_repeated() {
     let bench = bench(
         "echo 'sbatch: error: invalid partition specified: nope' >&2\n\

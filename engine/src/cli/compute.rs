@@ -1,14 +1,19 @@
 //! Computes the missing trials of studies on this machine, and says what happens.
 
 use super::{
-    Failure, INCOMPLETE, LimitOptions, OK, TRIALS_FAILED, complain, progress::Progress, settings::Settings, study, study::Planned,
+    Common, Failure, INCOMPLETE, LimitOptions, OK, Selection, TRIALS_FAILED, complain,
+    prepare::{Ends, failed_in_words},
+    progress::Progress,
+    settings::Settings,
+    study::Planned,
 };
 use crate::{
-    cross_play,
+    Registry, cross_play,
     limits::Limits,
-    results::EndState,
+    results::TrialEnd,
     scheduler::{self, Task, Workers},
     store::{Store, is_missing},
+    trial::Trial,
 };
 use std::{
     collections::BTreeSet,
@@ -21,6 +26,10 @@ use std::{
 
 /// How to compute.
 pub(super) struct Compute<'a> {
+    /// What this program is made of.
+    pub(super) registry: &'a Registry,
+    /// What was asked for, to be said in commands that are shown.
+    pub(super) asked: (&'a Selection, &'a Common),
     /// What holds on this machine.
     pub(super) settings: &'a Settings,
     /// What the command line says of limits.
@@ -29,46 +38,85 @@ pub(super) struct Compute<'a> {
     pub(super) workers: usize,
     /// Whether trials that ended otherwise than `ok` run again.
     pub(super) retry_failed: bool,
-    /// Whether to wait for trials that other programs run.
-    pub(super) wait_for_others: bool,
+    /// Whether this is the whole command and not a part of one: it looks at what is stored before, and waits for trials that
+    /// other programs run.
+    pub(super) whole: bool,
+}
+
+/// What is known of a run besides what it stored.
+struct Ran {
+    /// Whether some of its trials ended otherwise than `ok`.
+    failed: bool,
+    /// Whether it was asked to stop.
+    stopped: bool,
+    /// Trials that could not begin for want of a policy, by their places in the list of tasks.
+    without_policy: BTreeSet<usize>,
 }
 
 impl Compute<'_> {
     /// Runs the trials that are missing (of those that `mine` picks by position); 106 where some still are, 100 where some
     /// of them failed.
     pub(super) fn run(&self, planned: &[Planned], mine: impl Fn(usize) -> bool) -> Result<u8, Failure> {
-        let store = Store::at(&self.settings.store);
-        let tasks = self.tasks(planned, &store, mine);
+        let store = Store::at(&self.settings.store).by(self.registry.build.clone());
+        let ends = self.prepare(planned, &store)?;
+        let tasks = self.tasks(planned, &ends, mine);
         if tasks.is_empty() {
-            complain("every trial is in the store already; nothing runs");
+            complain(&self.nothing_runs(planned, &ends));
             return Ok(OK);
         }
         complain(&format!("running {} trials on {} worker processes", tasks.len(), self.workers.min(tasks.len())));
+        let ran = self.work(&tasks, &store)?;
+        let now: Vec<Option<TrialEnd>> = tasks.iter().map(|task| store.end(&task.trial.id).unwrap_or(None)).collect();
+        let ends_now = of_all(planned, &ends).chain(tasks.iter().map(|task| task.trial).zip(&now));
+        if let Some(words) = self.failed(ends_now) {
+            complain(&words);
+        }
+        let left = tasks.iter().zip(&now).enumerate().filter(|(_, (_, end))| is_missing(end.as_ref()));
+        let left: Vec<_> = left.map(|(place, (task, _))| (task, ran.without_policy.contains(&place))).collect();
+        Ok(self.code(&left, &store, &ran))
+    }
+
+    /// Runs the tasks and shows what happens.
+    fn work(&self, tasks: &[Task<'_>], store: &Store) -> Result<Ran, Failure> {
         let stop = Arc::new(AtomicBool::new(false));
         listen_for_signals(&stop)?;
         let (events, received) = mpsc::channel();
-        let mut progress = Progress::new(&tasks, self.workers);
+        let mut progress = Progress::new(tasks, self.workers);
         let ran = std::thread::scope(|scope| {
-            let (workers, tasks, store) = (self.workers(&stop), &tasks, &store);
+            let workers = self.workers(&stop);
             let running = scope.spawn(move || scheduler::run(tasks, store, &workers, &events));
             received.iter().for_each(|event| progress.show(&event));
             running.join()
         });
-        let failed = progress.failed();
+        let (failed, without_policy) = (progress.failed() > 0, progress.without_policy().clone());
         drop(progress);
         match ran {
             Ok(outcome) => outcome?,
             Err(panic) => std::panic::resume_unwind(panic),
         }
-        Ok(self.code(&tasks, &store, failed, stop.load(Ordering::SeqCst)))
+        Ok(Ran { failed, stopped: stop.load(Ordering::SeqCst), without_policy })
     }
 
-    fn code(&self, tasks: &[Task<'_>], store: &Store, failed: usize, stopped: bool) -> u8 {
-        let left: Vec<&Task<'_>> =
-            tasks.iter().filter(|task| is_missing(store.end(&task.trial.id).unwrap_or(None).as_ref())).collect();
-        let elsewhere = left.iter().filter(|task| store.running(&task.trial.id).is_some()).count();
-        let unready = left.iter().filter(|task| !scheduler::is_ready(&task.after, store)).count();
-        let (ours, failed) = (left.len().saturating_sub(elsewhere + unready), failed > 0);
+    /// What is said where no trial is missing.
+    pub(super) fn nothing_runs(&self, planned: &[Planned], ends: &Ends) -> String {
+        let failed = self.failed(of_all(planned, ends));
+        failed.map_or_else(
+            || "every trial is in the store already; nothing runs".into(),
+            |failed| format!("no trial is missing, so nothing runs; {failed}"),
+        )
+    }
+
+    fn failed<'e>(&self, ends: impl Iterator<Item = (&'e Trial, &'e Option<TrialEnd>)>) -> Option<String> {
+        let (selection, common) = self.asked;
+        let ends = ends.map(|(trial, end)| (trial.id.as_str(), end.as_ref()));
+        failed_in_words(ends, &selection.command("run", common, &["--retry-failed"]))
+    }
+
+    /// The exit code, from the trials that are left, each with whether it could not begin for want of a policy.
+    fn code(&self, left: &[(&Task<'_>, bool)], store: &Store, ran: &Ran) -> u8 {
+        let elsewhere = left.iter().filter(|(task, _)| store.running(&task.trial.id).is_some()).count();
+        let unready = left.iter().filter(|(task, unready)| *unready || !scheduler::is_ready(&task.after, store)).count();
+        let ours = left.len().saturating_sub(elsewhere + unready);
         if unready > 0 {
             complain(&format!("{unready} trials of cross-play are missing, because they play policies that are not there"));
         }
@@ -79,8 +127,8 @@ impl Compute<'_> {
             complain(&format!("{ours} trials are still missing; the same command goes on"));
         }
         // A worker leaves to others what plays the policies that others train.
-        match (ours > 0 || unready > 0 && self.wait_for_others, failed) {
-            (true, true) if self.limits.fail_fast && !stopped => TRIALS_FAILED,
+        match (ours > 0 || unready > 0 && self.whole, ran.failed) {
+            (true, true) if self.limits.fail_fast && !ran.stopped => TRIALS_FAILED,
             (true, _) => INCOMPLETE,
             (false, true) => TRIALS_FAILED,
             (false, false) => OK,
@@ -93,7 +141,7 @@ impl Compute<'_> {
             count: self.workers,
             stop: Arc::clone(stop),
             fail_fast: self.limits.fail_fast,
-            wait_for_others: self.wait_for_others,
+            wait_for_others: self.whole,
             checkpoint_every: self.settings.checkpoint_every,
             // Several renewals may be late or lost before a lease looks dead.
             heartbeat: lease_expiry / 6,
@@ -102,18 +150,16 @@ impl Compute<'_> {
     }
 
     /// The trials to run, each once though several studies share it.
-    pub(super) fn tasks<'p>(&self, planned: &'p [Planned], store: &Store, mine: impl Fn(usize) -> bool) -> Vec<Task<'p>> {
+    pub(super) fn tasks<'p>(&self, planned: &'p [Planned], ends: &Ends, mine: impl Fn(usize) -> bool) -> Vec<Task<'p>> {
         let (mut seen, mut tasks) = (BTreeSet::new(), Vec::new());
-        for one in planned {
+        for (one, ends) in planned.iter().zip(ends) {
             let limits = Arc::new(self.limits_of(&one.study.limits));
-            let ends = study::ends(store, &one.plan.trials);
             for (position, ((trial, cost), end)) in one.plan.trials.iter().zip(&one.costs).zip(ends).enumerate() {
-                let retry = self.retry_failed && end.as_ref().is_some_and(|end| end.state != EndState::Ok);
                 let after = cross_play::sources(&trial.key);
                 // A part of the trials may lack the policies that the other parts train: whoever finds them runs what plays them.
                 let mine = mine(position) || !after.is_empty();
-                if mine && (retry || is_missing(end.as_ref())) && seen.insert(trial.id.as_str()) {
-                    tasks.push(Task { trial, cost: *cost, limits: Arc::clone(&limits), before: end, after });
+                if mine && is_missing(end.as_ref()) && seen.insert(trial.id.as_str()) {
+                    tasks.push(Task { trial, cost: *cost, limits: Arc::clone(&limits), before: end.clone(), after });
                 }
             }
         }
@@ -131,6 +177,10 @@ impl Compute<'_> {
             retry_delay_s: said.retry_delay_s.or(held.retry_delay_s),
         }
     }
+}
+
+fn of_all<'e>(planned: &'e [Planned], ends: &'e Ends) -> impl Iterator<Item = (&'e Trial, &'e Option<TrialEnd>)> {
+    planned.iter().zip(ends).flat_map(|(one, ends)| one.plan.trials.iter().zip(ends))
 }
 
 /// The first Ctrl-C (or SIGTERM) stops the run in order, the second one at once. SIGUSR1, the early warning of a batch system,

@@ -1,7 +1,10 @@
 //! `list`, `describe` and `schema`: what is registered, for people and for editors.
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, say};
-use crate::{Registry, spec};
+use crate::{
+    Registry, spec,
+    table::{KINDS, TableSpec},
+};
 use clap::ValueEnum;
 use serde_json::json;
 
@@ -10,7 +13,7 @@ use serde_json::json;
 pub(super) enum Kind {
     /// Simulated systems.
     Environments,
-    /// Algorithms, rules and bounds.
+    /// Algorithms, rules and reference controllers.
     Agents,
     /// Ways to run a trial.
     Protocols,
@@ -19,11 +22,6 @@ pub(super) enum Kind {
     /// Kinds of figures.
     Figures,
 }
-
-const TABLES: [(&str, &str); 2] = [
-    ("improvement", "how much better agents are than one of them"),
-    ("comparison", "a metric of agents and environments side by side"),
-];
 
 const FIGURES: [(&str, &str); 6] = [
     ("learning_curve", "a metric against training steps, with its seeds or a band over them"),
@@ -58,14 +56,22 @@ fn word(kind: Kind) -> String {
     format!("{kind:?}").to_lowercase()
 }
 
-fn entries(registry: &Registry, kind: Kind) -> Vec<(&'static str, &'static str)> {
+fn entries(registry: &Registry, kind: Kind) -> Vec<(&'static str, String)> {
+    let own = |(name, about): (&'static str, &str)| (name, about.to_owned());
     match kind {
-        Kind::Environments => registry.environments.iter().map(|(name, entry)| (*name, entry.about.about)).collect(),
-        Kind::Agents => registry.agents.iter().map(|(name, entry)| (*name, entry.about.about)).collect(),
-        Kind::Protocols => registry.protocols.iter().map(|(name, entry)| (*name, entry.about.about)).collect(),
-        Kind::Tables => TABLES.to_vec(),
-        Kind::Figures => FIGURES.to_vec(),
+        Kind::Environments => registry.environments.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
+        Kind::Agents => registry.agents.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
+        Kind::Protocols => registry.protocols.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
+        Kind::Tables => tables(),
+        Kind::Figures => FIGURES.into_iter().map(own).collect(),
     }
+}
+
+/// The kinds of tables, each with what its key says of it.
+fn tables() -> Vec<(&'static str, String)> {
+    let schema = schemars::schema_for!(TableSpec).to_value();
+    let about = |kind: &str| schema["properties"][kind]["description"].as_str().unwrap_or_default().replace('\n', " ");
+    KINDS.into_iter().map(|kind| (kind, about(kind))).collect()
 }
 
 /// Prints one plugin's parameters.
@@ -79,4 +85,27 @@ pub(super) fn describe(registry: &Registry, name: &str) -> Result<u8, Failure> {
 pub(super) fn schema(registry: &Registry) -> Result<u8, Failure> {
     say(&format!("{:#}", spec::json_schema(registry)));
     Ok(OK)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every key of a table that takes a mapping of its own is a kind: none is left out of the list.
+    #[test]
+    fn every_kind_of_table_is_listed_with_a_sentence() {
+        let schema = schemars::schema_for!(TableSpec).to_value();
+        let takes_mapping = |property: &serde_json::Value| {
+            let place = property["anyOf"][0]["$ref"].as_str().and_then(|place| place.strip_prefix("#/$defs/"));
+            place.is_some_and(|name| schema["$defs"][name]["properties"]["labels"].is_object())
+        };
+        let properties = schema["properties"].as_object().unwrap();
+        let mut kinds: Vec<&str> = properties.iter().filter(|(_, it)| takes_mapping(it)).map(|(key, _)| key.as_str()).collect();
+        let listed = tables();
+        let mut names: Vec<&str> = listed.iter().map(|(name, _)| *name).collect();
+        kinds.sort_unstable();
+        names.sort_unstable();
+        assert_eq!(names, kinds);
+        assert!(listed.iter().all(|(_, about)| about.len() > 20), "{listed:?}");
+    }
 }

@@ -24,7 +24,7 @@ pub(super) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> boo
     let Some(design) = one.study.design.clone() else { return false };
     let before = one.plan.trials.len();
     loop {
-        let (info, results) = (super::run::info(one, registry), super::run::collect(one, store));
+        let (info, results) = (super::run::info(one, registry), super::run::collect(one, store, None));
         let contents = Contents::judged(&info, &results);
         let open = contents.open();
         let mut wanted = one.wanted.clone();

@@ -1,9 +1,12 @@
 //! The command line: what can be said, and which function answers.
 
+mod command_line;
 mod compute;
 mod describe;
+mod folders;
 mod fsck;
 mod looks;
+mod prepare;
 mod profiles;
 mod progress;
 mod provenance;
@@ -18,7 +21,7 @@ mod summaries;
 mod waiting;
 
 use crate::Registry;
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use std::{io::IsTerminal, path::PathBuf, process::ExitCode};
 
 /// Everything went well.
@@ -162,7 +165,8 @@ fn end_state(word: &str) -> Result<crate::results::EndState, String> {
 
 #[derive(Debug, Clone, Args)]
 struct ReportOptions {
-    /// Folder for tables, figures and the report; `results/<study>` (`results/<study>-<profile>` with a profile).
+    /// Folder for tables, figures and the report; `results/<study>`, with `-<profile>` and with `+<options>` behind it where the
+    /// study is not run as it is written.
     #[arg(long, short = 'o', value_name = "DIR")]
     out: Option<PathBuf>,
     /// Leave with 101 where a published value or a claim differs.
@@ -238,7 +242,7 @@ enum Verb {
     Cancel(Selection),
     /// Print the study with every default written out.
     Resolve(Selection),
-    /// Drive one environment with given actions or an agent and write what happens.
+    /// Drive one environment with given actions, an agent or a stored policy and write what happens.
     Rollout(rollout::RolloutOptions),
     /// List what is registered.
     List {
@@ -261,7 +265,7 @@ enum Verb {
 /// Reads the command line and does what it says. `selftest` is the study, with a profile `smoke`, that the self-test computes.
 #[must_use]
 pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
-    let Command { verb, common } = Command::parse();
+    let Command { verb, common } = parse(registry);
     ExitCode::from(match answer(registry, selftest, verb, &common) {
         Ok(code) => code,
         Err(failure) => {
@@ -269,6 +273,12 @@ pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
             failure.code
         }
     })
+}
+
+fn parse(registry: &Registry) -> Command {
+    let version = crate::build::version(registry.build.as_ref());
+    let matches = <Command as CommandFactory>::command().version(version).get_matches();
+    Command::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
 }
 
 fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> Result<u8, Failure> {
@@ -289,7 +299,7 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),
         Verb::Cancel(selection) => submit::cancel(registry, &selection, common),
         Verb::Resolve(selection) => study::resolve(registry, &selection),
-        Verb::Rollout(options) => rollout::rollout(registry, &options),
+        Verb::Rollout(options) => rollout::rollout(registry, &options, common),
         Verb::List { kind } => describe::list(registry, kind, common),
         Verb::Describe { name } => describe::describe(registry, &name),
         Verb::Schema => describe::schema(registry),

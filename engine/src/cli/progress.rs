@@ -19,6 +19,8 @@ pub(super) struct Progress<'a> {
     held: BTreeSet<usize>,
     /// What was said of policies that lack, each once though several trials play them.
     lacking: BTreeSet<String>,
+    /// Trials that could not begin for want of a policy.
+    unready: BTreeSet<usize>,
     bars: Option<Bars>,
 }
 
@@ -32,7 +34,7 @@ impl<'a> Progress<'a> {
     /// Starts showing the run of `tasks` on `workers` slots.
     pub(super) fn new(tasks: &'a [Task<'a>], workers: usize) -> Self {
         let bars = std::io::stderr().is_terminal().then(|| Bars::new(tasks.len() as u64, workers));
-        Self { tasks, done: 0, failed: 0, held: BTreeSet::new(), lacking: BTreeSet::new(), bars }
+        Self { tasks, done: 0, failed: 0, held: BTreeSet::new(), lacking: BTreeSet::new(), unready: BTreeSet::new(), bars }
     }
 
     /// Shows one event.
@@ -54,6 +56,11 @@ impl<'a> Progress<'a> {
     /// How many trials ended in another state than `ok`.
     pub(super) fn failed(&self) -> usize {
         self.failed
+    }
+
+    /// Trials that could not begin for want of a policy, by their places in the list of tasks.
+    pub(super) fn without_policy(&self) -> &BTreeSet<usize> {
+        &self.unready
     }
 
     fn started(&mut self, slot: usize, trial: usize) {
@@ -91,6 +98,7 @@ impl<'a> Progress<'a> {
     }
 
     fn unready(&mut self, trial: usize, reason: &str) {
+        self.unready.insert(trial);
         if self.lacking.insert(reason.to_owned()) {
             self.line(&format!("{} cannot run: {reason}", title(self.tasks[trial].trial)));
         }

@@ -1,27 +1,48 @@
-//! Where numbers come from: program, commit, machine.
+//! Where numbers come from: programs, plugins, machine.
 
-use crate::{Registry, report::Provenance, spec::Study};
-use std::process::Command;
+use super::study::Planned;
+use crate::{
+    Build, Registry,
+    report::Provenance,
+    store::{Store, StoredTrial},
+};
+use std::{
+    cmp::Reverse,
+    collections::{BTreeMap, BTreeSet},
+};
 
-/// Facts about this program, machine and study, read once for a report.
-pub(super) fn of(registry: &Registry, study: &Study) -> Provenance {
+/// Facts about this program, the machine, a study and who computed its trials, read once for a report.
+pub(super) fn of(registry: &Registry, one: &Planned, store: &Store) -> Provenance {
+    let build = registry.build.as_ref();
     Provenance {
-        commit: git(&["rev-parse", "--short=12", "HEAD"]),
-        dirty: git(&["status", "--porcelain", "--untracked-files=no"]).is_some_and(|text| !text.is_empty()),
+        commit: build.map(|build| build.commit.clone()),
+        dirty: build.is_some_and(|build| build.changed),
+        builds: builds(one, store),
         program: format!("regimen {}", env!("CARGO_PKG_VERSION")),
-        plugins: used(registry, study),
+        plugins: used(registry, one),
         cpu: cpu(),
         operating_system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-        seeds: study.seeds.clone(),
-        profile: study.profile.clone(),
+        seeds: one.plan.trials.iter().map(|trial| trial.key.seed).collect::<BTreeSet<_>>().into_iter().collect(),
+        profile: one.study.profile.clone(),
         date: std::env::var("SOURCE_DATE_EPOCH").ok(),
     }
 }
 
+/// How many of the study's trials each build computed, most first.
+fn builds(one: &Planned, store: &Store) -> Vec<(Option<Build>, usize)> {
+    let mut counts: BTreeMap<Option<Build>, usize> = BTreeMap::new();
+    for StoredTrial { build, .. } in store.stored_of(&one.plan.trials).into_iter().flatten().flatten() {
+        *counts.entry(build).or_default() += 1;
+    }
+    let mut builds: Vec<_> = counts.into_iter().collect();
+    builds.sort_by_key(|(_, count)| Reverse(*count));
+    builds
+}
+
 /// Name and version of every plugin that the study's trials use, in order.
-fn used(registry: &Registry, study: &Study) -> Vec<(String, u32)> {
-    let mut names = std::collections::BTreeMap::new();
-    for trial in study.plan().trials {
+fn used(registry: &Registry, one: &Planned) -> Vec<(String, u32)> {
+    let mut names = BTreeMap::new();
+    for trial in one.study.plan().trials {
         let key = trial.key;
         for (kind, part) in [("environment", key.environment), ("agent", key.agent), ("protocol", key.protocol)] {
             names.insert(format!("{kind} {}", part.plugin), part.version);
@@ -29,11 +50,6 @@ fn used(registry: &Registry, study: &Study) -> Vec<(String, u32)> {
     }
     names.insert("numerics".into(), registry.numerics_version);
     names.into_iter().collect()
-}
-
-fn git(arguments: &[&str]) -> Option<String> {
-    let output = Command::new("git").args(arguments).output().ok()?;
-    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
 fn cpu() -> String {

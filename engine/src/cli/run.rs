@@ -3,7 +3,7 @@
 use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection, complain,
     compute::Compute,
-    looks, profiles, provenance, say, settings,
+    folders, looks, profiles, provenance, say, settings,
     study::{self, Planned},
     submit::{self, Executor},
 };
@@ -16,10 +16,7 @@ use crate::{
     trial::Trial,
 };
 use serde_json::{Value, json};
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::{Path, PathBuf},
-};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// `run`: the missing trials of all studies together, then a report of each.
 pub(super) fn run(
@@ -35,13 +32,16 @@ pub(super) fn run(
     let settings = settings::read(common)?;
     let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
     let mut planned = study::load_with_looks(registry, selection, &store)?;
+    folders::check(&planned, selection, reporting)?;
     study::warn(&planned);
-    let how = Compute {
+    let mut how = Compute {
+        registry,
+        asked: (selection, common),
         settings: &settings,
         limits: &options.limits,
         workers,
         retry_failed: options.retry_failed,
-        wait_for_others: true,
+        whole: true,
     };
     let computed = loop {
         let computed = match options.executor.unwrap_or(settings.executor) {
@@ -58,6 +58,8 @@ pub(super) fn run(
         if computed == INCOMPLETE || !grow_all(&mut planned, registry, &store) {
             break computed;
         }
+        // What fails now is not tried again at every look.
+        how.retry_failed = false;
     };
     let mut code = OK;
     for one in &planned {
@@ -91,7 +93,8 @@ pub(super) fn worker(
     let (part, parts) = index.map_or(Ok((0, 1)), parse_index)?;
     let store = Store::at(&settings.store);
     let mut planned = study::load_with_looks(registry, selection, &store)?;
-    let how = Compute { settings: &settings, limits, workers: jobs.max(1), retry_failed: false, wait_for_others: false };
+    let (asked, workers) = ((selection, common), jobs.max(1));
+    let how = Compute { registry, asked, settings: &settings, limits, workers, retry_failed: false, whole: false };
     loop {
         let computed = how.run(&planned, |position| position % parts == part)?;
         if computed == INCOMPLETE || !grow_all(&mut planned, registry, &store) {
@@ -116,7 +119,9 @@ pub(super) fn report(
 ) -> Result<u8, Failure> {
     let store = Store::at(&settings::read(common)?.store);
     let mut code = OK;
-    for one in &study::load_with_looks(registry, selection, &store)? {
+    let planned = study::load_with_looks(registry, selection, &store)?;
+    folders::check(&planned, selection, reporting)?;
+    for one in &planned {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
     Ok(code)
@@ -130,17 +135,22 @@ fn write_report(
     reporting: &ReportOptions,
     common: &Common,
 ) -> Result<u8, Failure> {
-    let (results, dir) = (collect(one, store), folder(one, selection, reporting));
+    let mend = selection.command("run", common, &[]);
+    let (results, dir) = (collect(one, store, Some(&mend)), folders::folder(one, selection, reporting));
     let study = StudyInfo {
         profiles: profiles::of(registry, one, selection, store),
         ended: profiles::period(one, store),
+        options: folders::options(selection),
         ..info(one, registry)
     };
     let mut contents = Contents::of(&study, &results);
     looks::record(one, store, &results, &mut contents)?;
-    let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, &one.study))?;
-    write_durably(&dir.join("resolved.yaml"), spec::resolved_yaml(&one.study, &dir).as_bytes())?;
-    store::write_results(&dir.join("evaluations.parquet"), &results)?;
+    let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, one, store))?;
+    let (resolved, evaluations) = (dir.join("resolved.yaml"), dir.join("evaluations.parquet"));
+    write_durably(&resolved, spec::resolved_yaml(&one.study, &dir)?.as_bytes())?;
+    store::write_results(&evaluations, &results)?;
+    let written = [&paths.files[..], &[paths.page.clone(), paths.markdown.clone(), resolved, evaluations]].concat();
+    folders::settle(&dir, one, selection, &written)?;
     if common.format == Format::Json {
         say(&as_json(&study, &contents, &paths).to_string());
     } else {
@@ -238,21 +248,13 @@ fn terminal_width() -> usize {
     std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok()).filter(|width| *width >= 40).unwrap_or(100)
 }
 
-fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
-    if let Some(dir) = &reporting.out {
-        return dir.clone();
-    }
-    let name = match &selection.profile {
-        Some(profile) => format!("{}-{profile}", one.study.name),
-        None => one.study.name.clone(),
-    };
-    Path::new("results").join(name)
-}
-
-pub(super) fn collect(one: &Planned, store: &Store) -> Results {
+/// All trials of a study with what they recorded; `mend` is the command that mends what is damaged, where that shall be said.
+pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Results {
     let trials = one.plan.trials.iter().zip(store.load_all(&one.plan.trials)).map(|(trial, loaded)| {
         loaded.unwrap_or_else(|error| {
-            complain(&format!("warning: {error}; the trial counts as missing"));
+            if let Some(mend) = mend {
+                complain(&format!("warning: {error}; the trial counts as missing: `{mend}` sets it aside and runs it again"));
+            }
             TrialResult { trial: trial.clone(), end: None, names: Vec::new(), rows: Vec::new() }
         })
     });

@@ -1,4 +1,5 @@
-//! What `status` says of trials that are being computed now: who has them, and how far their log is.
+//! What `status` says of trials that are being computed now: who has them, and how far their log is; and of those that are tried
+//! again: how they ended before.
 
 use crate::{
     results::TrialEnd,
@@ -35,6 +36,21 @@ pub(super) fn running(store: &Store, trials: &[Trial], ends: &[Option<TrialEnd>]
         lines.push(format!("  running  {} more", held.len() - MOST_LINES));
     }
     lines.join("\n")
+}
+
+/// One line per missing trial that ended badly before; empty where there is none.
+pub(super) fn tried_again(store: &Store, trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {
+    let missing = trials.iter().zip(ends).filter(|(_, end)| end.is_none());
+    let earlier = missing.filter_map(|(trial, _)| Some((trial, store.earlier(&trial.id)?)));
+    let lines = earlier.map(|(Trial { environment, agent, setting, key, .. }, end)| {
+        let setting = if setting.is_empty() { String::new() } else { format!(" [{setting}]") };
+        let (seed, state) = (key.seed, end.state.name());
+        format!(
+            "  again    {environment} {agent}{setting} seed {seed}: ended as {state} before and is tried again: {}",
+            end.reason
+        )
+    });
+    lines.collect::<Vec<_>>().join("\n")
 }
 
 /// The step of the last row that has reached a running trial's log.

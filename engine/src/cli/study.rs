@@ -2,7 +2,10 @@
 
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain, looks,
-    running::running, say, settings, submit, waiting::Waiting,
+    prepare::failed_in_words,
+    running::{running, tried_again},
+    say, settings, submit,
+    waiting::Waiting,
 };
 use crate::{
     Registry, diagnostic,
@@ -168,18 +171,29 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
 
 /// The state of every trial; `None` where it has not run or must run again.
 pub(super) fn ends(store: &Store, trials: &[Trial]) -> Vec<Option<TrialEnd>> {
-    stored(store, trials).into_iter().map(|stored| stored.map(|it| it.end)).collect()
+    stored(store, trials).0.into_iter().map(|stored| stored.map(|it| it.end)).collect()
 }
 
-/// What is stored of every trial; what is damaged counts as missing.
-fn stored(store: &Store, trials: &[Trial]) -> Vec<Option<StoredTrial>> {
+/// What is stored of every trial, and whether something is damaged, which counts as missing.
+fn stored(store: &Store, trials: &[Trial]) -> (Vec<Option<StoredTrial>>, bool) {
+    let mut damaged = false;
     let told = |stored: Result<Option<StoredTrial>, crate::Error>| {
         stored.unwrap_or_else(|error| {
+            damaged = true;
             complain(&format!("warning: {error}; the trial counts as missing"));
             None
         })
     };
-    store.stored_of(trials).into_iter().map(told).collect()
+    (store.stored_of(trials).into_iter().map(told).collect(), damaged)
+}
+
+/// As [`stored`], and what mends it is said.
+fn stored_with_advice(store: &Store, trials: &[Trial], selection: &Selection, common: &Common) -> Vec<Option<StoredTrial>> {
+    let (stored, damaged) = stored(store, trials);
+    if damaged {
+        complain(&format!("`{}` sets aside what is damaged and runs it again", selection.command("run", common, &[])));
+    }
+    stored
 }
 
 /// `plan`: trials by cell, what is done, why the rest is not, and what it will cost.
@@ -190,7 +204,7 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
     warn(&planned);
     for one in planned {
         let trials = &one.plan.trials;
-        let stored = stored(&store, trials);
+        let stored = stored_with_advice(&store, trials, selection, common);
         let ends: Vec<_> = stored.iter().map(|stored| stored.as_ref().map(|it| it.end.clone())).collect();
         let known: Vec<_> =
             trials.iter().zip(&stored).filter_map(|(trial, it)| Some((trial.id.as_str(), it.as_ref()?))).collect();
@@ -200,6 +214,7 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
         let waiting = Waiting::of(trials, &ends, &store);
         say(&overview(&one, &ends, Some(&novelties), (settings.workers, &waiting), common.format));
         say_waiting(&waiting, common);
+        say_failed(trials, &ends, selection, common);
     }
     Ok(OK)
 }
@@ -210,13 +225,16 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
     let store = Store::at(&settings.store);
     let mut code = OK;
     for one in load_with_looks(registry, selection, &store)? {
-        let ends = ends(&store, &one.plan.trials);
+        let stored = stored_with_advice(&store, &one.plan.trials, selection, common);
+        let ends: Vec<_> = stored.into_iter().map(|stored| stored.map(|it| it.end)).collect();
         let waiting = Waiting::of(&one.plan.trials, &ends, &store);
         say(&overview(&one, &ends, None, (settings.workers, &waiting), common.format));
         if common.format == Format::Text {
-            let texts = [running(&store, &one.plan.trials, &ends), failures(&one.plan.trials, &ends)];
+            let trials = &one.plan.trials;
+            let texts = [running(&store, trials, &ends), tried_again(&store, trials, &ends), failures(trials, &ends)];
             texts.iter().filter(|text| !text.is_empty()).for_each(|text| say(text));
             say_waiting(&waiting, common);
+            say_failed(trials, &ends, selection, common);
         }
         code = code.max(code_of(&ends));
     }
@@ -228,6 +246,15 @@ fn say_waiting(waiting: &Waiting, common: &Common) {
     let lines = waiting.lines();
     if common.format == Format::Text && !lines.is_empty() {
         say(&lines.join("\n"));
+    }
+}
+
+/// What runs again the trials that did not end well.
+fn say_failed(trials: &[Trial], ends: &[Option<TrialEnd>], selection: &Selection, common: &Common) {
+    let again = selection.command("run", common, &["--retry-failed"]);
+    let ends = trials.iter().zip(ends).map(|(trial, end)| (trial.id.as_str(), end.as_ref()));
+    if let Some(words) = failed_in_words(ends, &again).filter(|_| common.format == Format::Text) {
+        say(&format!("  {words}"));
     }
 }
 
@@ -245,7 +272,7 @@ pub(super) fn code_of(ends: &[Option<TrialEnd>]) -> u8 {
 /// `resolve`: the study with every default.
 pub(super) fn resolve(registry: &Registry, selection: &Selection) -> Result<u8, Failure> {
     for one in load(registry, selection)? {
-        say(&spec::resolved_yaml(&one.study, Path::new("")));
+        say(&spec::resolved_yaml(&one.study, Path::new(""))?);
     }
     Ok(OK)
 }
@@ -346,7 +373,9 @@ fn as_json(one: &Planned, cells: &[(Names<'_>, Cell)], novelties: Option<&[Novel
 fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
     let missing: usize = cells.iter().map(|(_, cell)| cell.missing).sum();
     if missing == 0 {
-        return "  nothing is missing".into();
+        let failed: usize = cells.iter().map(|(_, cell)| cell.failed).sum();
+        let failed = if failed == 0 { String::new() } else { format!(", but {failed} did not end ok") };
+        return format!("  nothing is missing{failed}");
     }
     let mut rates: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
     for ((_, agent, _), cell) in cells {

@@ -3,6 +3,7 @@
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, LimitOptions, NOTHING_SELECTED, OK, RunOptions, Selection, complain,
     compute::{Compute, listen_for_signals},
+    prepare::Ends,
     progress::Progress,
     say, settings,
     study::{self, Planned},
@@ -78,14 +79,11 @@ pub(super) fn run(
     how: &Compute<'_>,
     common: &Common,
 ) -> Result<Option<u8>, Failure> {
-    if options.retry_failed {
-        let text = "error: --retry-failed works on this machine only: add --executor local".into();
-        return Err(Failure { code: BAD_SPEC, text });
-    }
     let slurm = slurm_for(planned, selection, options.jobs, how, common)?;
-    let tasks = how.tasks(planned, &Store::at(&slurm.store), |_| true);
+    let ends = how.prepare(planned, &Store::at(&slurm.store))?;
+    let tasks = how.tasks(planned, &ends, |_| true);
     if tasks.is_empty() {
-        complain("every trial is in the store already; nothing runs");
+        complain(&how.nothing_runs(planned, &ends));
         return Ok(None);
     }
     let stop = Arc::new(AtomicBool::new(false));
@@ -145,7 +143,8 @@ pub(super) fn submit(
     let settings = settings::read(common)?;
     let planned = study::load(registry, selection)?;
     let limits = LimitOptions::default();
-    let how = Compute { settings: &settings, limits: &limits, workers: 1, retry_failed: false, wait_for_others: false };
+    let asked = (selection, common);
+    let how = Compute { registry, asked, settings: &settings, limits: &limits, workers: 1, retry_failed: false, whole: false };
     match (options.executor, options.dry_run) {
         (Cluster::Slurm, false) => {
             let options = RunOptions { detach: true, ..RunOptions::default() };
@@ -173,7 +172,7 @@ fn show_or_write(text: &str, options: &SubmitOptions) -> Result<u8, Failure> {
 fn script(planned: &[Planned], selection: &Selection, how: &Compute<'_>, common: &Common) -> Result<String, Failure> {
     const USUAL_MAX_ARRAY_SIZE: usize = 1001;
     let slurm = slurm_for(planned, selection, None, how, common)?;
-    let missing = how.tasks(planned, &Store::at(&slurm.store), |_| true);
+    let missing = how.tasks(planned, &ends(planned, &slurm.store), |_| true);
     let tasks = missing.len().div_ceil(slurm.options.trials_per_task().get()).max(1);
     let arrays = slurm::divide(tasks, USUAL_MAX_ARRAY_SIZE, slurm.options.max_tasks());
     Ok(slurm::render(&Submission::sample(&slurm.store, &slurm.work, &slurm.options, arrays), 0))
@@ -181,7 +180,7 @@ fn script(planned: &[Planned], selection: &Selection, how: &Compute<'_>, common:
 
 fn manifest(planned: &[Planned], selection: &Selection, how: &Compute<'_>, common: &Common) -> Result<String, Failure> {
     let settings = how.settings;
-    let trials = how.tasks(planned, &Store::at(&settings.store), |_| true);
+    let trials = how.tasks(planned, &ends(planned, &settings.store), |_| true);
     let options = &settings.kubernetes;
     let study = planned.iter().map(|one| one.study.name.as_str()).collect::<Vec<_>>().join("-");
     // Paths stay as written: they are seen from the folder of the volume, not from here.
@@ -190,6 +189,11 @@ fn manifest(planned: &[Planned], selection: &Selection, how: &Compute<'_>, commo
     let workers = kubernetes::Workers { study, arguments, trials: trials.len() };
     let wrong = |error| Failure { code: BAD_SPEC, text: format!("error: regimen.toml: [kubernetes] {error}") };
     kubernetes::manifest(&workers, options).map_err(wrong)
+}
+
+/// How the trials have ended so far; nothing is touched.
+fn ends(planned: &[Planned], store: &Path) -> Ends {
+    planned.iter().map(|one| study::ends(&Store::at(store), &one.plan.trials)).collect()
 }
 
 /// `cancel`: ends what was submitted for the trials of these studies.
@@ -251,12 +255,8 @@ fn worker_arguments(specs: &[PathBuf], store: &Path, jobs: usize, selection: &Se
     let mut all = vec!["worker".to_owned()];
     all.extend(specs.iter().map(|path| text(path)));
     all.extend(["--store".into(), text(store), "-j".into(), jobs.to_string()]);
-    let mut with = |name: &str, value: &str| all.extend([name.to_owned(), value.to_owned()]);
-    selection.profile.iter().for_each(|profile| with("--profile", profile));
-    selection.sets.iter().for_each(|set| with("--set", set));
-    selection.seeds.iter().for_each(|seeds| with("--seeds", &seeds.to_string()));
-    selection.only.iter().for_each(|name| with("--only", name));
-    common.machine.iter().for_each(|name| with("--machine", name));
+    all.extend(selection.options());
+    all.extend(common.machine.iter().flat_map(|name| ["--machine".to_owned(), name.clone()]));
     all
 }
 

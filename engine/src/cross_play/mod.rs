@@ -11,7 +11,7 @@ mod team;
 pub use encounters::Encounters;
 #[cfg(test)]
 pub(crate) use encounters::tests as encounters_for_tests;
-pub(crate) use team::Team;
+pub(crate) use team::{Team, take_up};
 
 use crate::trial::{Part, TrialKey};
 use serde::{Deserialize, Serialize};

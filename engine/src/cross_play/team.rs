@@ -47,7 +47,11 @@ impl Team {
     }
 }
 
-fn take_up(
+/// Has an agent take up the policy that a trial left.
+///
+/// # Errors
+/// [`Error::Source`] where the policy is missing, damaged or of another form.
+pub(crate) fn take_up(
     agent: &mut dyn Agent,
     name: &str,
     trial: &str,

@@ -103,6 +103,12 @@ pub(super) fn measure_alone(
     Ok(())
 }
 
+/// Measures again as at the end of a trial that made `step` training steps, until the block of episodes with `episode` is done.
+pub(crate) fn replay(run: &mut Run<'_>, step: u64, episodes: u64, episode: u64) -> Result<(), Error> {
+    let until = (episode / ROWS as u64 + 1) * ROWS as u64;
+    measure(run, &Measurement::at_the_end(step, episodes.min(until), 0), None, || None::<()>)
+}
+
 /// Environments, each free while it plays no episode.
 type Pool = Vec<Option<Box<dyn Environment>>>;
 

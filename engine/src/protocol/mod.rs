@@ -14,6 +14,7 @@ use serde::{Serialize, de::DeserializeOwned};
 
 pub use cross_play::CrossPlay;
 pub use estimator_tracking::EstimatorTracking;
+pub(crate) use evaluation::replay as replay_measurement;
 pub use supervised_fit::SupervisedFit;
 pub use train_evaluate::TrainEvaluate;
 

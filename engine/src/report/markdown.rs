@@ -2,6 +2,7 @@
 
 use super::{Parts, Period, budgets, differences, files, head, prose, sheet::Sheet};
 use crate::{
+    build::tally,
     figure::{Chart, FigureSpec},
     results::TrialResult,
     table::{Grid, escape_markdown as escape, markdown},
@@ -12,6 +13,7 @@ pub(super) fn report(parts: &Parts<'_>) -> String {
     let study = parts.study;
     let mut blocks =
         vec![format!("# {}", escape(title(parts))), format!("Study `{}`. {}", study.name, prose::markdown(&study.source))];
+    blocks.extend(study.asked_with().map(|options| format!("**Computed {}.**", escape(&options))));
     blocks.extend(head::lines(parts.contents).iter().map(counts));
     let sections = [
         ("Tables", tables(parts)),
@@ -136,6 +138,7 @@ pub(super) fn provenance(parts: &Parts<'_>) -> Vec<(&'static str, String)> {
     let entries = [
         ("program", Some(provenance.program.clone())),
         ("source code", commit),
+        ("computed by", Some(tally(&provenance.builds))),
         ("plugin versions", Some(plugins.join(", "))),
         ("profile", provenance.profile.clone()),
         ("seeds", Some(seeds.join(", "))),

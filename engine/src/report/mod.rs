@@ -10,6 +10,7 @@ mod differences;
 mod files;
 mod head;
 mod junit;
+mod manifest;
 mod markdown;
 mod outcome;
 mod page;
@@ -26,12 +27,13 @@ mod tests;
 pub use budgets::duration;
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
 pub use junit::junit;
+pub use manifest::{Manifest, Replaced};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use period::Period;
 pub use profiles::{ProfileState, ProfileTrials};
 pub use summary::summary;
 
-use crate::{Error, figure, figure::FigureSpec, results::Results, spec::ClaimSpec, table, table::TableSpec};
+use crate::{Build, Error, figure, figure::FigureSpec, results::Results, spec::ClaimSpec, table, table::TableSpec};
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -69,15 +71,26 @@ pub struct StudyInfo {
     pub profiles: Vec<ProfileState>,
     /// When its trials ended, where the store knows.
     pub ended: Option<Period>,
+    /// Options of the command line that make the results differ from the study as it is written, as `--set dsac.discount=0.9`.
+    pub options: Vec<String>,
+}
+
+impl StudyInfo {
+    /// What the reader must know first: the options of the command line, where there are some.
+    fn asked_with(&self) -> Option<String> {
+        (!self.options.is_empty()).then(|| format!("with {}", self.options.join(", ")))
+    }
 }
 
 /// What made the results.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Provenance {
-    /// Version of the source code, where known.
+    /// Version of the source code of the program that made the report, where known.
     pub commit: Option<String>,
     /// True where files differed from that version.
     pub dirty: bool,
+    /// The source code of the programs that computed the trials, where they said it, each with the number of its trials.
+    pub builds: Vec<(Option<Build>, usize)>,
     /// The program and its version.
     pub program: String,
     /// Plugins by kind and name, with their versions.

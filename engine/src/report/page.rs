@@ -54,12 +54,14 @@ pub(super) fn document(title: &str, body: &str) -> String {
 
 fn header(parts: &Parts<'_>, title: &str) -> String {
     let source = prose::html(&parts.study.source);
+    let note = |options: String| format!("<p><strong>Computed {}.</strong></p>\n", escape(&options));
+    let options = parts.study.asked_with().map_or_else(String::new, note);
     let chips = |counts: &head::Line| {
         let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word));
         format!("<div><h2>{}</h2><ul>{}</ul></div>\n", counts.what, counts.words.iter().map(chip).collect::<String>())
     };
     format!(
-        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n<div class=\"summary\">\n{}\
+        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n{options}<div class=\"summary\">\n{}\
          <div><h2>Trials</h2><p>{}</p></div>\n<div><h2>Time</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },

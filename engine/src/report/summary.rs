@@ -12,6 +12,7 @@ use std::path::Path;
 #[must_use]
 pub fn summary(study: &StudyInfo, results: &Results, contents: &Contents, page: &Path, width: usize) -> String {
     let mut parts = vec![wrap(if study.title.is_empty() { &study.name } else { &study.title }, width)];
+    parts.extend(study.asked_with().map(|options| wrap(&format!("Computed {options}."), width)));
     for (name, grid) in &contents.tables {
         parts.push(match grid {
             Ok(grid) => format!("{name}\n{}", terminal(grid, width).trim_end()),

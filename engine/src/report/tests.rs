@@ -6,7 +6,7 @@ use super::{
     write,
 };
 use crate::{
-    Phase,
+    Build, Phase,
     figure::{Bars, FigureSpec, LearningCurve, Trajectory},
     recorder::Row,
     results::{EPISODE_LENGTH, EndState, Results, TrialResult, UPDATES},
@@ -136,6 +136,7 @@ fn info() -> StudyInfo {
         profiles: profiles(),
         ended: Period::of([Some("2025-01-03T10:00:00Z".into()), Some("2025-01-04T08:30:00Z".into()), None].into_iter()),
         units: BTreeMap::from([("cycle_length".into(), "h".into()), ("voltage".into(), "V".into()), ("load".into(), "W".into())]),
+        options: vec!["--set dsac.discount=0.9".into(), "--seeds 5".into()],
     }
 }
 
@@ -147,6 +148,7 @@ fn provenance() -> Provenance {
     Provenance {
         commit: Some("0123abc".into()),
         dirty: true,
+        builds: vec![(Build::told("0123abc", "true"), 37), (None, 2)],
         program: "regimen 0.1.0".into(),
         plugins: vec![("agent dsac".into(), 3), ("environment battery".into(), 2)],
         cpu: "x86-64 with AVX-512".into(),

@@ -95,7 +95,8 @@ pub enum Event {
         /// Who has that one.
         owner: Owner,
     },
-    /// A trial cannot run now, because one whose policy it plays has not ended `ok`; it stays missing.
+    /// A trial cannot run now, because one whose policy it plays has not ended `ok` or left none that can be used; it stays
+    /// missing.
     Unready {
         /// Index into the list of tasks.
         trial: usize,

@@ -48,6 +48,8 @@ pub(super) struct Slot<'a> {
 enum Attempt {
     Ended(TrialEnd),
     Stopped,
+    /// A policy that it plays cannot be used, for this reason.
+    Unready(String),
 }
 
 impl<'a> Slot<'a> {
@@ -139,6 +141,7 @@ impl<'a> Slot<'a> {
                 self.tell(Event::Stopped { slot: self.number });
                 self.all.queue.done(&task.trial.id);
             }
+            Attempt::Unready(reason) => self.give_up(index, reason),
             Attempt::Ended(end) => self.ended(turn, end),
         }
         Ok(())
@@ -188,6 +191,7 @@ impl<'a> Slot<'a> {
         match answer {
             Some(Reply::Ended { end }) => Ok(Attempt::Ended(end)),
             Some(Reply::Stopped) => Ok(Attempt::Stopped),
+            Some(Reply::Unready { reason }) => Ok(Attempt::Unready(reason)),
             Some(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
             _ => self.died(task, turn, started.elapsed().as_secs_f64()),
         }

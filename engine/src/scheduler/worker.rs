@@ -58,6 +58,11 @@ pub enum Reply {
     },
     /// The trial was stopped as asked and will continue from its checkpoint.
     Stopped,
+    /// A policy that the trial plays cannot be used; the trial stays missing.
+    Unready {
+        /// Which one, and what is wrong with it.
+        reason: String,
+    },
     /// The store cannot be written; the trial stays missing.
     StoreRefused {
         /// What was tried and what the system said.
@@ -124,14 +129,15 @@ fn run(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: 
     match attempt(registry, request, stop, replies) {
         Ok(end) => Reply::Ended { end },
         Err(Error::Stopped) => Reply::Stopped,
+        Err(error @ Error::Source { .. }) => Reply::Unready { reason: error.to_string() },
         Err(Error::Store { problem }) => Reply::StoreRefused { problem },
         Err(error) => Reply::StoreRefused { problem: error.to_string() },
     }
 }
 
-/// Runs the trial and stores how it ended; an error is about the store, or says that the trial was stopped.
+/// Runs the trial and stores how it ended; an error is about the store or a policy in it, or says that the trial was stopped.
 fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: &mut impl Write) -> Result<TrialEnd, Error> {
-    let (store, trial) = (Store::at(&request.store), &request.trial);
+    let (store, trial) = (Store::at(&request.store).by(registry.build.clone()), &request.trial);
     let started = now();
     let mut told = started;
     let mut progress = |done, total| {
@@ -155,7 +161,7 @@ fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, repli
             RunningTrial::discard(&folder)?;
             return Ok(end);
         }
-        Ok(Err(error @ (Error::Stopped | Error::Store { .. }))) => return Err(error),
+        Ok(Err(error @ (Error::Stopped | Error::Store { .. } | Error::Source { .. }))) => return Err(error),
         Ok(Err(error @ Error::NotFinite { .. })) => (EndState::Nan, error.to_string()),
         Ok(Err(error)) => (EndState::Failed, error.to_string()),
         Err(panic) => (EndState::Panicked, message(&*panic)),

@@ -15,6 +15,7 @@
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
 //! | `names` | tables, figures and claims against what trials record |
 //! | `resolved`, `describe` | a study with all defaults written out; plugins described for people |
+//! | `way` | from a folder to a file |
 
 mod builds;
 mod cells;
@@ -31,6 +32,7 @@ mod resolved;
 mod seeds;
 mod settings;
 mod sweep;
+mod way;
 mod written;
 
 pub use claims::ClaimSpec;
@@ -39,6 +41,7 @@ pub use describe::describe;
 pub use json_schema::json_schema;
 pub use plugin_config::load_config;
 pub use resolved::resolved_yaml;
+pub use way::{along, way};
 
 use crate::{
     Metric, Registry,

@@ -1,24 +1,26 @@
 //! A study with every default written out.
 
-use super::{Study, cells::Sections, config, cross_play::Play, path::Target, seeds::SeedPlan, written::Named};
+use super::{Study, cells::Sections, config, cross_play::Play, path::Target, seeds::SeedPlan, way::way, written::Named};
 use crate::{
+    Error,
     document::{Entry, Node},
     figure::FigureSpec,
     limits::Limits,
     table::TableSpec,
 };
+use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
-use std::{
-    fmt::Write,
-    path::{Component, Path, PathBuf},
-};
+use serde_saphyr::FlowSeq;
+use std::{collections::BTreeMap, path::Path};
 
 /// The study as YAML with every default written out, to be stored in `folder`: data files are named relative to it.
 ///
 /// The chosen profile and the options of the command line are part of it; profiles and presets are not. It loads to the
-/// same trials.
-#[must_use]
-pub fn resolved_yaml(study: &Study, folder: &Path) -> String {
+/// same trials, and other readers find the same values in it.
+///
+/// # Errors
+/// [`Error::Render`] where a value has no form in YAML.
+pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     let texts = [("study", &study.name), ("title", &study.title), ("source", &study.source)];
     let mut sections: Vec<(String, Section)> = texts.map(|(key, text)| (key.into(), Section::Plain(json!(text)))).into();
     sections.push(("departures".into(), Section::Plain(json!(study.departures))));
@@ -36,17 +38,7 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> String {
     if study.limits != Limits::default() {
         sections.push(("limits".into(), Section::Plain(json!(study.limits))));
     }
-    let mut out = String::new();
-    for (key, section) in &sections {
-        match section {
-            Section::Plain(value) => entry(&mut out, 0, key, value),
-            Section::Named(pairs) => {
-                let _ = write!(out, "{key}:");
-                mapping(&mut out, 0, pairs.iter().map(|(name, value)| (name.as_str(), value)).collect());
-            }
-        }
-    }
-    out
+    text(&sections)
 }
 
 /// A section of a study.
@@ -189,73 +181,54 @@ fn relocate(value: Value, key: &str, from: &Path, folder: &Path) -> Value {
     }
 }
 
-/// The way from one folder to a file, both seen from the current folder.
-fn way(from: &Path, to: &Path) -> PathBuf {
-    let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
-    let plain = |path: PathBuf| {
-        path.components().fold(Vec::new(), |mut parts: Vec<std::ffi::OsString>, part| {
-            match part {
-                Component::ParentDir => drop(parts.pop()),
-                Component::CurDir => {}
-                other => parts.push(other.as_os_str().to_os_string()),
-            }
-            parts
-        })
-    };
-    let (from, to) = (plain(absolute(from)), plain(absolute(to)));
-    let shared = from.iter().zip(&to).take_while(|(one, two)| one == two).count();
-    let up = std::iter::repeat_n("..".into(), from.len() - shared);
-    up.chain(to[shared..].iter().cloned()).collect()
+/// The text of a document with these sections.
+fn text(sections: &[(String, Section)]) -> Result<String, Error> {
+    let options = serde_saphyr::ser_options! { compact_list_indent: false, prefer_block_scalars: false };
+    let refused =
+        |source: serde_saphyr::ser_error::Error| Error::Render { what: "resolved study".into(), problem: source.to_string() };
+    serde_saphyr::to_string_with_options(&Document(sections), options).map_err(refused)
 }
 
-fn entry(out: &mut String, indent: usize, key: &str, value: &Value) {
-    let _ = write!(out, "{:indent$}{}:", "", scalar(&json!(key)));
-    below(out, indent, value);
+/// Sections in their order.
+struct Document<'a>(&'a [(String, Section)]);
+
+impl Serialize for Document<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(key, section)| (key, section)))
+    }
 }
 
-/// What stands behind a key: on the same line where it is short by nature, else indented below.
-fn below(out: &mut String, indent: usize, value: &Value) {
-    match value {
-        Value::Object(map) => {
-            let mut pairs: Vec<(&str, &Value)> = map.iter().map(|(key, value)| (key.as_str(), value)).collect();
-            pairs.sort_by_key(|(key, _)| *key);
-            mapping(out, indent, pairs);
-        }
-        Value::Array(items) if items.iter().any(|item| item.is_object() || item.is_array()) => {
-            out.push('\n');
-            for item in items {
-                let _ = writeln!(out, "{:width$}- {}", "", flow(item), width = indent + 2);
-            }
-        }
-        other => {
-            let _ = writeln!(out, " {}", flow(other));
+impl Serialize for Section {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Section::Plain(value) => Sorted(value).serialize(serializer),
+            Section::Named(pairs) => serializer.collect_map(pairs.iter().map(|(name, value)| (name, Sorted(value)))),
         }
     }
 }
 
-fn mapping(out: &mut String, indent: usize, pairs: Vec<(&str, &Value)>) {
-    out.push_str(if pairs.is_empty() { " {}\n" } else { "\n" });
-    pairs.into_iter().for_each(|(key, value)| entry(out, indent + 2, key, value));
-}
+/// A value whose mappings are in the order of their keys. Lists of numbers and words stand on one line.
+struct Sorted<'a>(&'a Value);
 
-fn flow(value: &Value) -> String {
-    match value {
-        Value::Array(items) => format!("[{}]", items.iter().map(flow).collect::<Vec<_>>().join(", ")),
-        Value::Object(map) => {
-            let mut parts: Vec<String> =
-                map.iter().map(|(key, value)| format!("{}: {}", scalar(&json!(key)), flow(value))).collect();
-            parts.sort();
-            format!("{{{}}}", parts.join(", "))
+impl Serialize for Sorted<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.0 {
+            Value::Object(map) => {
+                let pairs: BTreeMap<&String, Sorted<'_>> = map.iter().map(|(key, value)| (key, Sorted(value))).collect();
+                serializer.collect_map(pairs)
+            }
+            Value::Array(items) if items.iter().all(is_word) => FlowSeq(items).serialize(serializer),
+            Value::Array(items) => serializer.collect_seq(items.iter().map(Sorted)),
+            scalar => scalar.serialize(serializer),
         }
-        other => scalar(other),
     }
 }
 
-/// A scalar; words that could be read as something else are quoted. JSON strings and numbers are YAML.
-fn scalar(value: &Value) -> String {
-    let Some(text) = value.as_str() else { return value.to_string() };
-    let plain = text.starts_with(|first: char| first.is_ascii_alphabetic() || first == '_')
-        && text.chars().all(|letter| letter.is_ascii_alphanumeric() || "_-./".contains(letter))
-        && !["null", "true", "false", "yes", "no", "on", "off", "y", "n"].contains(&text.to_lowercase().as_str());
-    if plain { text.into() } else { value.to_string() }
+/// True for what is read at a glance: numbers and single words.
+fn is_word(value: &Value) -> bool {
+    match value {
+        Value::Array(_) | Value::Object(_) => false,
+        Value::String(text) => !text.contains(char::is_whitespace),
+        _ => true,
+    }
 }

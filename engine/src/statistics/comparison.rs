@@ -1,10 +1,9 @@
-//! Comparisons of two agents: probability of improvement, paired differences by seed, exact permutation tests.
+//! Comparisons of two agents: probability of improvement, exact permutation tests.
 
 use super::{
     Bootstrap, Interval,
     bootstrap::below,
-    estimators::{count, mean, sd, sorted},
-    mean_estimate::MeanEstimate,
+    estimators::{count, mean, sorted},
 };
 use crate::random::{Rng, stream};
 use serde::{Deserialize, Serialize};
@@ -23,47 +22,6 @@ pub fn by_seed(values: &[(u64, f64)]) -> BTreeMap<u64, f64> {
         seeds.entry(seed).or_default().push(value);
     }
     seeds.into_iter().map(|(seed, values)| (seed, mean(&values))).collect()
-}
-
-/// `left - right` for every seed that both have, in the order of seeds.
-#[must_use]
-pub fn paired_differences(left: &[(u64, f64)], right: &[(u64, f64)]) -> Vec<f64> {
-    let right = by_seed(right);
-    by_seed(left).iter().filter_map(|(seed, value)| right.get(seed).map(|other| value - other)).collect()
-}
-
-/// Differences of two agents on the same seeds.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct PairedComparison {
-    /// Seeds that both agents have.
-    pub n: usize,
-    /// Mean of left minus right.
-    pub mean: f64,
-    /// Standard deviation of the differences; `None` for one pair.
-    pub sd: Option<f64>,
-    /// 95 % Student-t interval of the mean; `None` for one pair.
-    pub interval: Option<Interval>,
-    /// 95 % bootstrap interval of the mean; `None` for one pair.
-    pub bootstrap_interval: Option<Interval>,
-    /// The exact sign-flip test.
-    pub permutation: PermutationTest,
-}
-
-impl PairedComparison {
-    /// Compares `left` with `right`, given as (seed, value); `None` where they share no seed.
-    #[must_use]
-    pub fn of(left: &[(u64, f64)], right: &[(u64, f64)]) -> Option<Self> {
-        let differences = paired_differences(left, right);
-        let n = differences.len();
-        (n > 0).then(|| Self {
-            n,
-            mean: mean(&differences),
-            sd: (n > 1).then(|| sd(&differences)),
-            interval: MeanEstimate::of(&differences).interval(0.95),
-            bootstrap_interval: Bootstrap::TABLE.stratified(std::slice::from_ref(&differences), |tasks| mean(&tasks[0])),
-            permutation: sign_flip_test(&differences),
-        })
-    }
 }
 
 /// Probability that a seed of `left` scores above a seed of `right` on the same task, ties counted half, averaged over
@@ -227,20 +185,12 @@ mod tests {
     use super::*;
     use crate::statistics::tests::{assert_close, numbers, reference};
 
-    fn with_seeds(values: &[f64]) -> Vec<(u64, f64)> {
-        values.iter().enumerate().map(|(seed, value)| (seed as u64, *value)).collect()
-    }
-
     #[test]
-    fn paired_comparisons_agree_with_scipy() {
+    fn sign_flip_tests_agree_with_scipy() {
         for case in reference()["paired"].as_array().unwrap() {
-            let (left, right) = (numbers(&case["left"]), numbers(&case["right"]));
-            let comparison = PairedComparison::of(&with_seeds(&left), &with_seeds(&right)).unwrap();
-            let ends = numbers(&case["interval_95"]);
-            assert_close(comparison.interval.unwrap().low, ends[0], 1e-11);
-            assert_close(comparison.interval.unwrap().high, ends[1], 1e-11);
-            assert_close(comparison.permutation.p, case["p_exact"].as_f64().unwrap(), 1e-14);
-            assert!(comparison.bootstrap_interval.unwrap().contains(comparison.mean));
+            let pairs = numbers(&case["left"]).into_iter().zip(numbers(&case["right"]));
+            let test = sign_flip_test(&pairs.map(|(left, right)| left - right).collect::<Vec<_>>());
+            assert_close(test.p, case["p_exact"].as_f64().unwrap(), 1e-14);
         }
     }
 
@@ -309,7 +259,5 @@ mod tests {
     fn episodes_of_one_seed_count_once() {
         let values = [(7, 1.0), (7, 3.0), (8, 5.0)];
         assert_eq!(by_seed(&values), BTreeMap::from([(7, 2.0), (8, 5.0)]));
-        assert_eq!(paired_differences(&values, &[(8, 1.0), (9, 0.0)]), [4.0]);
-        assert_eq!(PairedComparison::of(&values, &[(9, 0.0)]), None);
     }
 }

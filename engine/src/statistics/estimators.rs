@@ -99,6 +99,22 @@ pub fn suite_iqm(tasks: &[Vec<f64>]) -> f64 {
     iqm(&tasks.concat())
 }
 
+/// Mean over tasks of how much the seeds of a task lie below `target` on average, where what lies above counts as `target`
+/// (Agarwal et al. 2021, arXiv:2108.13264, section 4.3); shape as in [`suite_mean`].
+#[must_use]
+pub fn suite_optimality_gap(tasks: &[Vec<f64>], target: f64) -> f64 {
+    let capped = |seeds: &Vec<f64>| target - mean(&seeds.iter().map(|score| score.min(target)).collect::<Vec<_>>());
+    mean(&tasks.iter().map(capped).collect::<Vec<_>>())
+}
+
+/// Mean over tasks of the share of seeds above `score`, a point of the performance profile (the same, section 4.2); shape as in
+/// [`suite_mean`].
+#[must_use]
+pub fn suite_share_above(tasks: &[Vec<f64>], score: f64) -> f64 {
+    let share = |seeds: &Vec<f64>| count(seeds.iter().filter(|value| **value > score).count()) / count(seeds.len());
+    mean(&tasks.iter().map(share).collect::<Vec<_>>())
+}
+
 fn task_means(tasks: &[Vec<f64>]) -> Vec<f64> {
     tasks.iter().map(|seeds| mean(seeds)).collect()
 }
@@ -136,6 +152,15 @@ mod tests {
     fn too_few_values_are_no_number() {
         assert!(mean(&[]).is_nan() && median(&[]).is_nan() && iqm(&[]).is_nan());
         assert!(sd(&[]).is_nan() && sd(&[1.0]).is_nan());
+    }
+
+    #[test]
+    fn gaps_and_profiles_by_hand() {
+        // The first task misses 1 by 0.5 and 0, what it gains above counts nothing; the second by 1 and 2.
+        let tasks = [vec![0.5, 3.0], vec![0.0, -1.0]];
+        assert_eq!(suite_optimality_gap(&tasks, 1.0), 0.875);
+        assert_eq!((suite_share_above(&tasks, 0.5), suite_share_above(&tasks, -1.0)), (0.25, 0.75));
+        assert!(suite_optimality_gap(&[], 1.0).is_nan() && suite_share_above(&[], 1.0).is_nan());
     }
 
     #[test]

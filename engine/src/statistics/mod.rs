@@ -23,7 +23,7 @@ pub mod verdict;
 pub use binomial::Share;
 pub use bootstrap::Bootstrap;
 pub use claim::{Aggregate, Claim, ClaimError, ClaimOutcome, ClaimVerdict, Operand, Within, evaluate};
-pub use comparison::{PairedComparison, PermutationTest};
+pub use comparison::PermutationTest;
 pub use mean_estimate::{MeanEstimate, PublishedMean};
 pub use power::Room;
 pub use spending::Design;

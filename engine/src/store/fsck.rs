@@ -1,11 +1,20 @@
 //! Finds what is wrong in a store and sets it aside; what it held is then missing and runs again.
+//!
+//! The store's folder is never left: no link is followed, and what a trial says of its files is believed only of its own.
 
-use super::{Store, names, policy::files_below, running, seal::hash};
-use crate::{Error, results::EndState};
+use super::{
+    Store, TrialFile,
+    inside::{files_of, is_folder, is_link, read_in},
+    names, running,
+    seal::hash,
+};
+use crate::{
+    Error,
+    results::EndState::{self, Killed, Oom, Timeout},
+};
 use serde::Serialize;
 use std::{
-    collections::{BTreeMap, BTreeSet},
-    fs,
+    collections::BTreeSet,
     path::{Path, PathBuf},
 };
 
@@ -49,6 +58,13 @@ pub struct Finding {
     pub trial: Option<String>,
 }
 
+impl Finding {
+    /// True for a result without its acknowledgement.
+    pub(super) fn is_result(&self) -> bool {
+        self.fault == Fault::Orphaned
+    }
+}
+
 /// What a check found.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Findings {
@@ -64,6 +80,7 @@ pub struct Findings {
 
 /// Folders of a store besides `trials`; what lies in them is not the store's to judge.
 const KNOWN: [&str; 3] = ["owners", "submissions", "aside"];
+const NOT_FOLLOWED: &str = "it is a link, which is not followed";
 
 impl Store {
     /// Checks every file of the store, and sets aside what is wrong if `mend` is set.
@@ -71,7 +88,8 @@ impl Store {
     /// # Errors
     /// Where the store cannot be read, or a file cannot be moved.
     pub fn check(&self, mend: bool) -> Result<Findings, Error> {
-        let mut check = Check { store: self, found: Findings::default() };
+        refuse_links(self)?;
+        let mut check = Check::new(self);
         check.root()?;
         let mut found = check.found;
         found.findings.sort_by(|a, b| a.path.cmp(&b.path));
@@ -80,35 +98,36 @@ impl Store {
         }
         Ok(found)
     }
-
-    fn set_aside(&self, findings: &[Finding]) -> Result<PathBuf, Error> {
-        let all = self.root.join("aside");
-        fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
-        let used: BTreeSet<u64> = names(&all)?.iter().filter_map(|name| name.parse().ok()).collect();
-        let aside = Path::new("aside").join(used.last().map_or(1, |last| last + 1).to_string());
-        for finding in findings {
-            let to = self.root.join(&aside).join(&finding.path);
-            let folder = to.parent().unwrap_or(&all);
-            fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
-            fs::rename(self.root.join(&finding.path), &to).map_err(Error::file("set aside as", &to))?;
-        }
-        Ok(aside)
-    }
 }
 
-struct Check<'a> {
+/// A store whose own folders are links is another one in truth, and is not touched from here.
+pub(super) fn refuse_links(store: &Store) -> Result<(), Error> {
+    let linked = ["trials", "aside"].map(|name| store.root.join(name)).into_iter().find(|path| is_link(path));
+    let problem = "it is a link, and none is followed: name the store that it leads into".into();
+    linked.map_or(Ok(()), |path| Err(Error::Damaged { path, problem }))
+}
+
+/// A look at files of a store.
+pub(super) struct Check<'a> {
     store: &'a Store,
-    found: Findings,
+    pub(super) found: Findings,
+    /// Paths that were noted: each is wrong once, and moved once.
+    noted: BTreeSet<PathBuf>,
 }
 
-impl Check<'_> {
+impl<'a> Check<'a> {
+    /// Nothing was looked at yet.
+    pub(super) fn new(store: &'a Store) -> Self {
+        Self { store, found: Findings::default(), noted: BTreeSet::new() }
+    }
+
     fn root(&mut self) -> Result<(), Error> {
         for name in names(&self.store.root)? {
             let path = PathBuf::from(&name);
             if name == "trials" {
                 self.groups(&path)?;
             } else if !KNOWN.contains(&name.as_str()) {
-                self.note(path, Fault::Foreign, "the store has no such file", None);
+                self.foreign(path, "the store has no such file");
             }
         }
         Ok(())
@@ -117,16 +136,16 @@ impl Check<'_> {
     fn groups(&mut self, trials: &Path) -> Result<(), Error> {
         for group in names(&self.store.root.join(trials))? {
             let path = trials.join(&group);
-            if !is_hexadecimal(&group, 2) || !self.store.root.join(&path).is_dir() {
-                self.note(path, Fault::Foreign, "the store groups trials by the first two digits of their ids", None);
+            if !is_hexadecimal(&group, 2) || !is_folder(&self.store.root.join(&path)) {
+                self.foreign(path, "the store groups trials by the first two digits of their ids");
                 continue;
             }
             for id in names(&self.store.root.join(&path))? {
                 let path = path.join(&id);
-                if is_hexadecimal(&id, 32) && id.starts_with(&group) && self.store.root.join(&path).is_dir() {
+                if is_hexadecimal(&id, 32) && id.starts_with(&group) && is_folder(&self.store.root.join(&path)) {
                     self.trial(&path, &id)?;
                 } else {
-                    self.note(path, Fault::Foreign, "it is not named by a trial's id, or lies in the wrong group", None);
+                    self.foreign(path, "it is not named by a trial's id, or lies in the wrong group");
                 }
             }
         }
@@ -138,78 +157,114 @@ impl Check<'_> {
             self.found.running += 1;
             return Ok(());
         }
-        let files = files_below(&self.store.root.join(folder))?;
         let before = self.found.findings.len();
-        let has = |name: &str| files.iter().any(|file| file == name);
-        let mut expected = vec!["trial.json".to_owned(), "running".to_owned()];
-        let acknowledged = match self.store.file(id) {
-            Ok(file) => file,
-            Err(error) => {
-                self.note(folder.join("trial.json"), Fault::Damaged, &problem(&error), Some(id));
-                None
-            }
-        };
-        if let Some(file) = &acknowledged {
-            expected.extend(file.files.keys().cloned());
-            if file.end.state == EndState::Ok {
-                expected.push("metrics.parquet".into());
-                self.results(folder, id, &file.end.digest, &file.files);
-            }
-            if has("running") {
-                self.note(folder.join("running"), Fault::Left, "the trial has ended", None);
-            }
-        } else if has("running") {
-            self.checkpoints(&folder.join("running"), id)?;
-        }
-        for name in files.iter().filter(|name| !expected.contains(name)) {
-            let (fault, problem) = match name.as_str() {
-                "lease" | "takeover" => (Fault::Left, "its owner is gone"),
-                name if name.starts_with('.') && name.ends_with(".tmp") => (Fault::Left, "its writing was never finished"),
-                name if is_result(name) => (Fault::Orphaned, "the trial was never acknowledged, or without this file"),
-                _ => (Fault::Foreign, "a trial has no such file"),
-            };
-            self.note(folder.join(name), fault, problem, None);
-        }
-        let whole = acknowledged.is_some() && self.found.findings[before..].iter().all(|finding| finding.trial.is_none());
+        let acknowledged = self.inspect(folder, id)?;
+        let whole = acknowledged && self.found.findings[before..].iter().all(|finding| finding.trial.is_none());
         self.found.whole += usize::from(whole);
         Ok(())
     }
 
-    /// The files that an acknowledgement names; where one is not right, the acknowledgement goes with it.
-    fn results(&mut self, folder: &Path, id: &str, digest: &str, others: &BTreeMap<String, String>) {
-        let metrics = [("metrics.parquet", digest)].into_iter();
-        let mut wrong = false;
-        for (name, digest) in metrics.chain(others.iter().map(|(name, digest)| (name.as_str(), digest.as_str()))) {
-            let path = self.store.root.join(folder).join(name);
-            let problem = match fs::read(&path) {
-                Err(_) => Some("it is not there or cannot be read"),
-                Ok(bytes) if hash(&bytes) != digest => Some("its hash is not the acknowledged one"),
-                Ok(_) => None,
-            };
-            if let Some(problem) = problem {
-                wrong = true;
-                if path.exists() {
-                    self.note(folder.join(name), Fault::Damaged, problem, Some(id));
-                } else {
-                    self.note(folder.join("trial.json"), Fault::Orphaned, &format!("`{name}`: {problem}"), Some(id));
-                }
+    /// Looks at the files of a trial on which nobody works; true where the trial is acknowledged.
+    pub(super) fn inspect(&mut self, folder: &Path, id: &str) -> Result<bool, Error> {
+        let files = match files_of(&self.store.root.join(folder)) {
+            Ok(files) => files,
+            Err(error) => {
+                self.note(folder.to_owned(), Fault::Damaged, &problem(&error), Some(id));
+                return Ok(false);
             }
+        };
+        let acknowledged = self.store.file(id).unwrap_or_else(|error| {
+            self.note(folder.join("trial.json"), Fault::Damaged, &problem(&error), Some(id));
+            None
+        });
+        let mut expected = vec!["trial.json".to_owned()];
+        if let Some(file) = &acknowledged {
+            expected.extend(self.results(folder, id, file));
         }
-        let acknowledgement = folder.join("trial.json");
-        if wrong && !self.found.findings.iter().any(|finding| finding.path == acknowledgement) {
-            self.note(acknowledgement, Fault::Orphaned, "a file that it acknowledges is damaged", Some(id));
+        self.kept(folder, id, acknowledged.as_ref())?;
+        for name in files.iter().filter(|name| !expected.contains(name)) {
+            self.unexpected(folder.join(name), name);
+        }
+        Ok(acknowledged.is_some())
+    }
+
+    fn unexpected(&mut self, path: PathBuf, name: &str) {
+        match name {
+            "running" | "earlier.json" => {}
+            "lease" | "takeover" => self.note(path, Fault::Left, "its owner is gone", None),
+            name if name.starts_with('.') && name.ends_with(".tmp") => {
+                self.note(path, Fault::Left, "its writing was never finished", None);
+            }
+            name if is_result(name) && !is_link(&self.store.root.join(&path)) => {
+                self.note(path, Fault::Orphaned, "the trial was never acknowledged, or without this file", None);
+            }
+            _ => self.foreign(path, "a trial has no such file"),
         }
     }
 
-    fn checkpoints(&mut self, folder: &Path, id: &str) -> Result<(), Error> {
-        for (name, problem) in running::faults(&self.store.root.join(folder), id)? {
-            self.note(folder.join(name), Fault::Damaged, problem, None);
+    /// The files that an acknowledgement names; where one is not right, the acknowledgement goes with it.
+    fn results(&mut self, folder: &Path, id: &str, file: &TrialFile) -> Vec<String> {
+        let metrics = (file.end.state == EndState::Ok).then(|| ("metrics.parquet".to_owned(), file.end.digest.clone()));
+        let named: Vec<(String, String)> = metrics.into_iter().chain(file.files.clone()).collect();
+        let before = self.found.findings.len();
+        for (name, digest) in &named {
+            self.result(folder, id, name, digest);
+        }
+        if self.found.findings.len() > before {
+            self.note(folder.join("trial.json"), Fault::Orphaned, "a file that it acknowledges is damaged", Some(id));
+        }
+        named.into_iter().map(|(name, _)| name).collect()
+    }
+
+    fn result(&mut self, folder: &Path, id: &str, name: &str, digest: &str) {
+        match read_in(&self.store.root.join(folder), name) {
+            Ok(Some(bytes)) if hash(&bytes) == digest => {}
+            Ok(Some(_)) => self.note(folder.join(name), Fault::Damaged, "its hash is not the acknowledged one", Some(id)),
+            Ok(None) => self.note(folder.join("trial.json"), Fault::Orphaned, &format!("`{name}`: it is not there"), Some(id)),
+            // What stands in the way of the file, which may be the folder that it should lie in.
+            Err(Error::Damaged { path, problem }) => {
+                let path = path.strip_prefix(&self.store.root).unwrap_or(&path).to_owned();
+                self.note(path, Fault::Damaged, &problem, Some(id));
+            }
+            Err(error) => self.note(folder.join(name), Fault::Damaged, &problem(&error), Some(id)),
+        }
+    }
+
+    /// What is kept of a trial for its next attempt.
+    fn kept(&mut self, folder: &Path, id: &str, acknowledged: Option<&TrialFile>) -> Result<(), Error> {
+        let at = |name: &str| self.store.root.join(folder).join(name);
+        let (running, earlier) = (at("running"), at("earlier.json"));
+        // A trial that was ended from outside goes on from its checkpoint when it is run again.
+        let goes_on = acknowledged.is_none_or(|file| matches!(file.end.state, Timeout | Oom | Killed));
+        if is_folder(&running) && goes_on {
+            for (name, problem) in running::faults(&running, id)? {
+                self.note(folder.join("running").join(name), Fault::Damaged, problem, None);
+            }
+        } else if is_folder(&running) {
+            self.note(folder.join("running"), Fault::Left, "the trial has ended", None);
+        } else if running.symlink_metadata().is_ok() {
+            self.foreign(folder.join("running"), "a running trial keeps a folder of this name");
+        }
+        if earlier.symlink_metadata().is_err() {
+            return Ok(());
+        }
+        if acknowledged.is_some() {
+            self.note(folder.join("earlier.json"), Fault::Left, "the trial has ended since", None);
+        } else if self.store.earlier(id).is_none() {
+            self.note(folder.join("earlier.json"), Fault::Damaged, "it is not what was acknowledged", None);
         }
         Ok(())
     }
 
+    fn foreign(&mut self, path: PathBuf, problem: &str) {
+        let problem = if is_link(&self.store.root.join(&path)) { NOT_FOLLOWED } else { problem };
+        self.note(path, Fault::Foreign, problem, None);
+    }
+
     fn note(&mut self, path: PathBuf, fault: Fault, problem: &str, trial: Option<&str>) {
-        self.found.findings.push(Finding { path, fault, problem: problem.into(), trial: trial.map(Into::into) });
+        if self.noted.insert(path.clone()) {
+            self.found.findings.push(Finding { path, fault, problem: problem.into(), trial: trial.map(Into::into) });
+        }
     }
 }
 

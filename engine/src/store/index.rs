@@ -3,9 +3,9 @@
 //! Of each `trial.json` only what is asked for is parsed: the configs, which are most of it, are skipped. That a file belongs to
 //! the trial in whose folder it lies follows from the ids of its parts, its seed, numerics version and device.
 
-use super::{Store, TRIAL_SCHEMA, TrialFile, names, seal::is_sealed};
+use super::{Store, TRIAL_SCHEMA, TrialFile, inside, names, seal::is_sealed};
 use crate::{
-    Error,
+    Build, Error,
     plan::StoredCell,
     results::{TrialEnd, TrialResult},
     trial::{Trial, TrialKey, trial_id},
@@ -14,7 +14,6 @@ use serde::Deserialize;
 use std::{
     collections::{BTreeMap, BTreeSet, HashSet},
     fs,
-    io::ErrorKind,
     path::Path,
     sync::atomic::{AtomicUsize, Ordering},
 };
@@ -37,6 +36,8 @@ pub struct StoredTrial {
     pub end: TrialEnd,
     /// When it ended, as the file has it; `None` where the program that stored it did not note it.
     pub ended_at: Option<String>,
+    /// The source code of the program that computed it, where it said.
+    pub build: Option<Build>,
 }
 
 impl Store {
@@ -91,11 +92,7 @@ impl Store {
     /// [`Error::Damaged`] where its file is not what it should be.
     pub fn stored(&self, id: &str) -> Result<Option<StoredTrial>, Error> {
         let path = self.folder(id).join("trial.json");
-        let text = match fs::read(&path) {
-            Ok(text) => text,
-            Err(source) if source.kind() == ErrorKind::NotFound => return Ok(None),
-            Err(source) => return Err(Error::file("read", &path)(source)),
-        };
+        let Some(text) = inside::read(&path)? else { return Ok(None) };
         let damaged = |problem: String| Error::Damaged { path: path.clone(), problem };
         let trial = parse(&text).map_err(damaged)?;
         let own = trial_id(trial.parts.each_ref().map(String::as_str), trial.seed, trial.numerics, &trial.device);
@@ -135,6 +132,12 @@ impl Store {
         serde_json::from_slice::<TrialFile>(&text).ok().map(|file| file.key)
     }
 
+    /// The ids of the trials that have a folder and whose ids begin with `prefix`, in order.
+    #[must_use]
+    pub fn ids_beginning_with(&self, prefix: &str) -> Vec<String> {
+        self.ids().into_iter().filter(|id| id.starts_with(prefix)).collect()
+    }
+
     /// The id of every trial that has a folder, in order.
     fn ids(&self) -> Vec<String> {
         let trials = self.root.join("trials");
@@ -161,6 +164,7 @@ struct Outline<'a> {
     end: TrialEnd,
     #[serde(default)]
     ended_at: Option<String>,
+    build: Option<Build>,
 }
 
 #[derive(Deserialize)]
@@ -170,22 +174,23 @@ struct Replicate {
     device: String,
 }
 
-fn parse(text: &[u8]) -> Result<StoredTrial, String> {
-    let outline = serde_json::from_slice(text).map_err(|source| source.to_string())?;
-    let Outline { schema, parts, key: Replicate { seed, numerics, device }, end, ended_at } = outline;
-    let parts = match (schema, parts) {
-        (1, Some(parts)) => parts.map(str::to_owned),
-        (TRIAL_SCHEMA, Some(parts)) if is_sealed(text) => parts.map(str::to_owned),
-        (TRIAL_SCHEMA, _) => return Err("its check does not hold".into()),
-        // Files of the first version may not hold the ids.
-        (1, None) => serde_json::from_slice::<TrialFile>(text).map_err(|source| source.to_string())?.key.part_ids(),
-        (other, _) => return Err(format!("version {other} of its form is not known to this program")),
-    };
-    Ok(StoredTrial { parts, seed, numerics, device, end, ended_at })
+/// The check comes first: whatever a file says of its form, one that cannot be checked is not believed.
+pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
+    let outline: Outline<'_> = serde_json::from_slice(text).map_err(|source| source.to_string())?;
+    if !is_sealed(text) {
+        let earlier = "it carries no check that holds: an earlier program made it, or it was changed";
+        return Err(if outline.schema < TRIAL_SCHEMA { earlier.into() } else { "its check does not hold".into() });
+    }
+    if outline.schema != TRIAL_SCHEMA {
+        return Err(format!("version {} of its form is not known to this program", outline.schema));
+    }
+    let Outline { parts, key: Replicate { seed, numerics, device }, end, build, ended_at, .. } = outline;
+    let parts = parts.ok_or("it does not name its parts")?.map(str::to_owned);
+    Ok(StoredTrial { parts, seed, numerics, device, end, ended_at, build })
 }
 
 /// What `work` gives for 0 to `count`, in that order, computed on as many threads as there are cores.
-fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> Vec<T> + Sync) -> Vec<T> {
+pub(super) fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> Vec<T> + Sync) -> Vec<T> {
     let next = AtomicUsize::new(0);
     let take = || {
         let index = next.fetch_add(1, Ordering::Relaxed);
@@ -248,20 +253,32 @@ mod tests {
     }
 
     #[test]
-    fn files_without_the_ids_of_parts_are_still_read() {
+    fn a_file_that_calls_itself_older_is_not_believed_without_its_check() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path());
         let trial = trial(4, 1);
         store.finish(&trial, &Recorder::default(), 1.0).unwrap();
         let path = store.folder(&trial.id).join("trial.json");
-        let mut file: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
-        file["schema"] = 1.into();
-        assert!(file.as_object_mut().unwrap().remove("parts").is_some());
-        assert!(file.as_object_mut().unwrap().remove("ended_at").is_some());
-        fs::write(&path, file.to_string()).unwrap();
-        let stored = store.stored(&trial.id).unwrap().unwrap();
-        assert_eq!((stored.parts, stored.ended_at), (trial.key.part_ids(), None));
-        assert!(store.load(&trial).unwrap().is_ok());
+        let whole = fs::read_to_string(&path).unwrap();
+        for older in [whole.replace("\"schema\":2", "\"schema\":1"), whole.replace(",\"check\":", ",\"checked\":")] {
+            assert_ne!(older, whole);
+            fs::write(&path, older).unwrap();
+            let Err(Error::Damaged { problem, .. }) = store.stored(&trial.id) else { panic!("it is believed") };
+            assert!(problem.contains("check"), "{problem}");
+        }
+    }
+
+    #[test]
+    fn files_say_which_program_made_them_and_those_that_do_not_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let build = Build::told("ffa07ec12345", "true");
+        let (silent, telling) = (Store::at(folder.path()), Store::at(folder.path()).by(build.clone()));
+        acknowledge(&silent, &trial(4, 1), EndState::Ok);
+        acknowledge(&telling, &trial(4, 2), EndState::Ok);
+        let built = |seed: u64| silent.stored(&trial(4, seed).id).unwrap().unwrap().build;
+        assert_eq!((built(1), built(2)), (None, build));
+        let text = fs::read_to_string(silent.folder(&trial(4, 1).id).join("trial.json")).unwrap();
+        assert!(!text.contains("\"build\""), "as programs wrote it that knew no builds: {text}");
     }
 
     #[test]

@@ -1,74 +1,31 @@
 //! Leases: which process computes a trial now.
 //!
 //! ```text
-//! <root>/owners/<token>.json     one file per process: host, boot, process id, start, Slurm job
+//! <root>/owners/<token>.json     one file per process: host, boot, process id, start, Slurm job, how long a lease holds
 //! <trial's folder>/lease         a hard link to its owner's file
 //! ```
 //!
 //! Taking a lease is one link, which fails where the lease exists; nothing half-written can be seen. The owner renews all
-//! its leases at once by touching its own file, because links share the time of change. A lease dies with its owner: on
-//! the same host and boot at once, when the process is gone; from elsewhere when it was not renewed for a while. No lease
-//! has ever to be cleared by hand. Two processes that compute one trial all the same (an owner that was only suspended)
-//! store the same bits, so a lease saves work and is not needed for correctness.
+//! its leases at once by touching its own file, because links share the time of change. A lease dies with its owner: at once
+//! where the process can be seen to be gone, from elsewhere when it was not renewed for as long as its owner said that it holds.
+//! No lease has ever to be cleared by hand. Two processes that compute one trial all the same (an owner that was only suspended)
+//! store the same bits, so a lease saves work and is not needed for correctness. Nobody needs to be right about the dead either:
+//! an owner whose file is gone writes it again.
 
-use super::{Store, boundary, write_durably};
+use super::{Owner, Store, boundary, write_durably};
 use crate::Error;
 use serde::{Deserialize, Serialize};
 use std::{
+    collections::{BTreeMap, BTreeSet},
     fs::{self, File, OpenOptions},
     io::{ErrorKind, Write},
     path::{Path, PathBuf},
-    time::{Duration, SystemTime},
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant, SystemTime},
 };
 
-/// A process that computes trials.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Owner {
-    /// Name of the machine.
-    pub host: String,
-    /// The machine's boot and the process namespace: process ids mean something only within them.
-    pub boot: String,
-    /// Process id.
-    pub pid: u32,
-    /// When the process started, in clock ticks since boot; tells a process from a later one with its id.
-    pub started_ticks: u64,
-    /// The Slurm job and array task it runs in.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub slurm_job: Option<String>,
-}
-
-impl Owner {
-    /// This process.
-    #[must_use]
-    pub fn this_process() -> Self {
-        let pid = std::process::id();
-        let variable = |name: &str| std::env::var(name).ok();
-        let task = variable("SLURM_ARRAY_JOB_ID").zip(variable("SLURM_ARRAY_TASK_ID")).map(|(job, task)| format!("{job}_{task}"));
-        Self {
-            host: line_of("/proc/sys/kernel/hostname").unwrap_or_else(|| "unknown".into()),
-            boot: this_boot(),
-            pid,
-            started_ticks: started_ticks(pid).unwrap_or(0),
-            slurm_job: task.or_else(|| variable("SLURM_JOB_ID")),
-        }
-    }
-
-    /// Whether the process still runs; `None` where that cannot be told from here.
-    #[must_use]
-    pub fn is_alive(&self) -> Option<bool> {
-        let here = line_of("/proc/sys/kernel/hostname")?;
-        if self.host != here {
-            return None;
-        }
-        // After a restart of the machine, or in another container, nothing of the old processes is left here.
-        Some(self.boot == this_boot() && started_ticks(self.pid) == Some(self.started_ticks))
-    }
-
-    fn token(&self) -> String {
-        let identity = format!("{}/{}/{}/{}", self.host, self.boot, self.pid, self.started_ticks);
-        format!("{}-{}-{}", self.host, self.pid, &blake3::hash(identity.as_bytes()).to_hex()[..8])
-    }
-}
+/// How far the clock of a machine may be from that of the file system. Only commands that write nothing need to know it.
+const CLOCKS_DIFFER: Duration = Duration::from_secs(300);
 
 /// The outcome of asking for a trial.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -79,27 +36,46 @@ pub enum Claim {
     Held(Owner),
 }
 
+/// What an owner's file says, and every lease with it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Announcement {
+    #[serde(flatten)]
+    owner: Owner,
+    /// A lease holds for so long after it was renewed, where nobody can see whether the process runs.
+    #[serde(default = "usual_expiry_s")]
+    lease_expiry_s: f64,
+}
+
+/// What programs held to that did not announce it.
+fn usual_expiry_s() -> f64 {
+    30.0
+}
+
 /// The leases that this process takes.
 #[derive(Debug)]
 pub struct Leases {
     store: Store,
+    announcement: Announcement,
     file: PathBuf,
-    expiry: Duration,
+    /// Trials whose leases this process has.
+    held: Mutex<BTreeSet<String>>,
+    /// Leases that were renewed in the future, with that time and when they were first seen so.
+    ahead: Mutex<BTreeMap<PathBuf, (SystemTime, Instant)>>,
 }
 
 impl Leases {
-    /// Announces this process to a store. Leases of processes elsewhere count as dead when not renewed for `expiry`.
+    /// Announces this process to a store. Where nobody can see whether it runs, its leases count as dead when it did not renew
+    /// them for `expiry`.
     ///
     /// # Errors
     /// Where the store's folder cannot be written.
     pub fn open(store: &Store, expiry: Duration) -> Result<Self, Error> {
-        let owner = Owner::this_process();
+        let announcement = Announcement { owner: Owner::this_process(), lease_expiry_s: expiry.as_secs_f64() };
         let folder = store.root().join("owners");
-        fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-        let leases = Self { store: store.clone(), file: folder.join(format!("{}.json", owner.token())), expiry };
-        leases.forget_the_dead(&folder);
-        let text = serde_json::to_vec(&owner).map_err(|source| Error::Worker { problem: source.to_string() })?;
-        write_durably(&leases.file, &text)?;
+        let file = folder.join(format!("{}.json", announcement.owner.token()));
+        forget_the_dead(&folder);
+        let leases = Self { store: store.clone(), announcement, file, held: Mutex::default(), ahead: Mutex::default() };
+        leases.write()?;
         Ok(leases)
     }
 
@@ -112,12 +88,16 @@ impl Leases {
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let lease = folder.join("lease");
         loop {
-            match fs::hard_link(&self.file, &lease) {
+            match self.take(id, &lease) {
                 Ok(()) => {
                     boundary::pass("after a lease is taken", &lease);
                     return Ok(Claim::Mine);
                 }
                 Err(source) if source.kind() == ErrorKind::AlreadyExists => {}
+                Err(source) if source.kind() == ErrorKind::NotFound && !self.file.exists() => {
+                    self.announce_again()?;
+                    continue;
+                }
                 Err(source) => return Err(Error::file("link a lease at", &lease)(source)),
             }
             match self.holder(&lease)? {
@@ -127,15 +107,29 @@ impl Leases {
         }
     }
 
+    fn take(&self, id: &str, lease: &Path) -> std::io::Result<()> {
+        // Who writes the owner's file again meanwhile must know of this lease.
+        let mut held = lock(&self.held);
+        fs::hard_link(&self.file, lease)?;
+        held.insert(id.to_owned());
+        Ok(())
+    }
+
     /// Gives a trial back.
     ///
     /// # Errors
     /// Where the lease cannot be removed.
     pub fn release(&self, id: &str) -> Result<(), Error> {
         let lease = self.store.folder(id).join("lease");
-        // A lease that was taken over while this process was suspended belongs to another one.
         boundary::pass("before a lease is given back", &lease);
-        if is_same_file(&lease, &self.file) { remove(&lease) } else { Ok(()) }
+        // A lease that was taken over while this process was suspended belongs to another one.
+        let outcome = if self.is_ours(&lease)? { remove(&lease) } else { Ok(()) };
+        lock(&self.held).remove(id);
+        outcome
+    }
+
+    fn is_ours(&self, lease: &Path) -> Result<bool, Error> {
+        Ok(read(lease)?.is_some_and(|found| found.said.owner == self.announcement.owner))
     }
 
     /// Renews all leases of this process.
@@ -143,24 +137,65 @@ impl Leases {
     /// # Errors
     /// Where the owner's file cannot be written.
     pub fn beat(&self) -> Result<(), Error> {
+        match self.touch() {
+            Err(source) if source.kind() == ErrorKind::NotFound => self.announce_again(),
+            outcome => outcome.map_err(Error::file("renew the leases by", &self.file)),
+        }
+    }
+
+    fn touch(&self) -> std::io::Result<()> {
         // The same first byte again: the file system's own clock stamps the change, and nothing can be torn.
-        let touch = || OpenOptions::new().write(true).open(&self.file)?.write_all(b"{");
-        touch().map_err(Error::file("renew the leases by", &self.file))
+        OpenOptions::new().write(true).open(&self.file)?.write_all(b"{")
+    }
+
+    /// Somebody removed the owner's file. A lease of this process is still a link to it and becomes it again, so that renewing it
+    /// goes on to renew them all.
+    fn announce_again(&self) -> Result<(), Error> {
+        let held = lock(&self.held);
+        for id in held.iter().filter(|_| !self.file.exists()) {
+            let lease = self.store.folder(id).join("lease");
+            if self.is_ours(&lease)? && fs::hard_link(&lease, &self.file).is_ok() {
+                return self.touch().map_err(Error::file("renew the leases by", &self.file));
+            }
+        }
+        if self.file.exists() { Ok(()) } else { self.write() }
+    }
+
+    fn write(&self) -> Result<(), Error> {
+        let folder = self.file.parent().unwrap_or(self.store.root());
+        fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+        let text = serde_json::to_vec(&self.announcement).map_err(|source| Error::Worker { problem: source.to_string() })?;
+        write_durably(&self.file, &text)
     }
 
     /// The living owner of a lease, `None` where it is dead or gone.
     fn holder(&self, lease: &Path) -> Result<Option<Owner>, Error> {
-        let Some((owner, renewed)) = read(lease)? else { return Ok(None) };
-        match owner.is_alive() {
-            Some(alive) => Ok(alive.then_some(owner)),
-            None => {
-                // Both times come from the clock of the file system that holds them.
-                self.beat()?;
-                let now = modified(&self.file).map_err(Error::file("read", &self.file))?;
-                let age = now.duration_since(renewed).unwrap_or_default();
-                Ok((age < self.expiry).then_some(owner))
-            }
+        let Some(found) = read(lease)? else { return Ok(None) };
+        let alive = match found.said.owner.is_alive() {
+            Some(alive) => alive,
+            None => !self.is_silent(lease, &found)?,
+        };
+        Ok(alive.then_some(found.said.owner))
+    }
+
+    /// Whether a lease was not renewed for as long as it holds.
+    fn is_silent(&self, lease: &Path, found: &Found) -> Result<bool, Error> {
+        // Both times come from the clock of the file system that holds them.
+        self.beat()?;
+        let now = modified(&self.file).map_err(Error::file("read", &self.file))?;
+        let silence = now.duration_since(found.renewed).unwrap_or_else(|_| self.silence_seen(lease, found.renewed));
+        Ok(silence >= found.expiry())
+    }
+
+    /// For how long this process has seen a lease unchanged. It counts where a lease was renewed in the future (a clock was set
+    /// back): its age is not known then, but a living owner renews it all the same.
+    fn silence_seen(&self, lease: &Path, renewed: SystemTime) -> Duration {
+        let mut ahead = lock(&self.ahead);
+        let seen = ahead.entry(lease.to_owned()).or_insert_with(|| (renewed, now()));
+        if seen.0 != renewed {
+            *seen = (renewed, now());
         }
+        seen.1.elapsed()
     }
 
     /// Removes a lease whose owner is dead. Only who holds `takeover` may, and looks again first: otherwise the lease that
@@ -181,18 +216,8 @@ impl Leases {
                 std::thread::sleep(Duration::from_millis(2));
                 Ok(())
             }
+            Err(source) if source.kind() == ErrorKind::NotFound && !self.file.exists() => self.announce_again(),
             Err(source) => Err(Error::file("link", &takeover)(source)),
-        }
-    }
-
-    /// Files of processes that are gone; their leases keep the content.
-    fn forget_the_dead(&self, folder: &Path) {
-        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-            let dead = matches!(read(&entry.path()), Ok(Some((owner, _))) if owner.is_alive() == Some(false));
-            if dead {
-                // Another process may have removed it already.
-                let _ = fs::remove_file(entry.path());
-            }
         }
     }
 }
@@ -205,30 +230,62 @@ impl Drop for Leases {
 }
 
 impl Store {
-    /// Who computes a trial now, as far as can be told from here: an owner that is known to be dead is left out.
+    /// Who computes a trial now, as far as can be told from here: an owner that is known to be dead is left out, and one that
+    /// cannot be seen and has been silent for long.
     #[must_use]
     pub fn running(&self, id: &str) -> Option<Owner> {
-        let (owner, _) = read(&self.folder(id).join("lease")).ok()??;
-        (owner.is_alive() != Some(false)).then_some(owner)
+        let found = read(&self.folder(id).join("lease")).ok()??;
+        found.may_be_alive().then_some(found.said.owner)
     }
 
-    /// Processes that announced themselves and are not known to be dead.
+    /// Processes that announced themselves and may be alive.
     #[must_use]
     pub fn owners(&self) -> Vec<Owner> {
         let entries = fs::read_dir(self.root().join("owners")).into_iter().flatten().flatten();
-        let owners = entries.filter_map(|entry| read(&entry.path()).ok()?.map(|(owner, _)| owner));
-        let mut owners: Vec<Owner> = owners.filter(|owner| owner.is_alive() != Some(false)).collect();
+        let found = entries.filter_map(|entry| read(&entry.path()).ok()?);
+        let mut owners: Vec<Owner> = found.filter(Found::may_be_alive).map(|found| found.said.owner).collect();
         owners.sort_by(|a, b| (&a.host, a.pid).cmp(&(&b.host, b.pid)));
         owners
     }
 }
 
-/// The owner in a file and when the file was renewed; `None` where there is no such file or no owner in it.
-fn read(path: &Path) -> Result<Option<(Owner, SystemTime)>, Error> {
+/// Removes files of processes that are gone; their leases keep the content. A process that lives all the same writes its file
+/// again.
+fn forget_the_dead(folder: &Path) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let dead = matches!(read(&entry.path()), Ok(Some(found)) if !found.may_be_alive());
+        if dead {
+            // Another process may have removed it already.
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// An owner's file, or a lease, as it was found.
+#[derive(Debug)]
+struct Found {
+    said: Announcement,
+    renewed: SystemTime,
+}
+
+impl Found {
+    fn expiry(&self) -> Duration {
+        Duration::try_from_secs_f64(self.said.lease_expiry_s).unwrap_or(Duration::from_secs_f64(usual_expiry_s()))
+    }
+
+    /// False where the process is known to be dead, or cannot be seen and was silent for longer than clocks can differ.
+    fn may_be_alive(&self) -> bool {
+        let gap = wall_clock().duration_since(self.renewed).unwrap_or_else(|ahead| ahead.duration());
+        self.said.owner.is_alive().unwrap_or_else(|| gap < self.expiry() + CLOCKS_DIFFER)
+    }
+}
+
+/// What a file says and when it was renewed; `None` where there is no such file or no owner in it.
+fn read(path: &Path) -> Result<Option<Found>, Error> {
     let read = || -> std::io::Result<(Vec<u8>, SystemTime)> { Ok((fs::read(path)?, modified(path)?)) };
     match read() {
         // A file that holds no owner was damaged; nobody can hold a trial by it.
-        Ok((text, renewed)) => Ok(serde_json::from_slice(&text).ok().map(|owner| (owner, renewed))),
+        Ok((text, renewed)) => Ok(serde_json::from_slice(&text).ok().map(|said| Found { said, renewed })),
         Err(source) if source.kind() == ErrorKind::NotFound => Ok(None),
         Err(source) => Err(Error::file("read", path)(source)),
     }
@@ -238,12 +295,6 @@ fn modified(path: &Path) -> std::io::Result<SystemTime> {
     File::open(path)?.metadata()?.modified()
 }
 
-fn is_same_file(one: &Path, other: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    let identity = |path: &Path| fs::metadata(path).map(|file| (file.dev(), file.ino())).ok();
-    identity(one).is_some_and(|file| identity(other) == Some(file))
-}
-
 fn remove(path: &Path) -> Result<(), Error> {
     match fs::remove_file(path) {
         Err(source) if source.kind() != ErrorKind::NotFound => Err(Error::file("remove", path)(source)),
@@ -251,109 +302,20 @@ fn remove(path: &Path) -> Result<(), Error> {
     }
 }
 
-fn line_of(path: &str) -> Option<String> {
-    fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // What is locked is whole between any two statements.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn this_boot() -> String {
-    let namespace = fs::read_link("/proc/self/ns/pid").map(|link| link.display().to_string()).unwrap_or_default();
-    format!("{} {namespace}", line_of("/proc/sys/kernel/random/boot_id").unwrap_or_default())
+#[allow(clippy::disallowed_methods, reason = "it says how long a lease was silent, which reaches no result")]
+fn now() -> Instant {
+    Instant::now()
 }
 
-/// When a living process started; `None` where there is none with this id, or only its remains.
-fn started_ticks(pid: u32) -> Option<u64> {
-    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // The name in parentheses may hold anything; the fields after it are numbered from 3.
-    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
-    let gone = matches!(*fields.first()?, "Z" | "X");
-    if gone { None } else { fields.get(19)?.parse().ok() }
+#[allow(clippy::disallowed_methods, reason = "it says how long a lease was silent, which reaches no result")]
+fn wall_clock() -> SystemTime {
+    SystemTime::now()
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const ID: &str = "0123456789abcdef0123456789abcdef";
-
-    fn leases(store: &Store) -> Leases {
-        Leases::open(store, Duration::from_secs(30)).unwrap()
-    }
-
-    /// Leaves the lease of another process behind.
-    fn lease_of(store: &Store, owner: &Owner) {
-        fs::create_dir_all(store.folder(ID)).unwrap();
-        fs::write(store.folder(ID).join("lease"), serde_json::to_vec(owner).unwrap()).unwrap();
-    }
-
-    #[test]
-    fn a_lease_is_exclusive_until_it_is_given_back() {
-        let folder = tempfile::tempdir().unwrap();
-        let store = Store::at(folder.path());
-        let leases = leases(&store);
-        assert_eq!(leases.claim(ID).unwrap(), Claim::Mine);
-        assert!(matches!(leases.claim(ID).unwrap(), Claim::Held(owner) if owner == Owner::this_process()));
-        assert_eq!(store.running(ID), Some(Owner::this_process()));
-        leases.release(ID).unwrap();
-        assert_eq!(store.running(ID), None);
-        assert_eq!(leases.claim(ID).unwrap(), Claim::Mine);
-    }
-
-    #[test]
-    fn many_threads_ask_and_one_gets_it() {
-        let folder = tempfile::tempdir().unwrap();
-        let store = Store::at(folder.path());
-        let leases = leases(&store);
-        // The lease of a dead process lies in the way.
-        lease_of(&store, &Owner { started_ticks: 1, ..Owner::this_process() });
-        let won = std::thread::scope(|scope| {
-            let asked: Vec<_> = (0..16).map(|_| scope.spawn(|| leases.claim(ID).unwrap())).collect();
-            asked.into_iter().map(|thread| thread.join().unwrap()).filter(|claim| *claim == Claim::Mine).count()
-        });
-        assert_eq!(won, 1);
-    }
-
-    #[test]
-    fn a_lease_dies_with_its_process_its_boot_or_its_silence() {
-        let folder = tempfile::tempdir().unwrap();
-        let store = Store::at(folder.path());
-        let this = Owner::this_process();
-        let dead = [
-            Owner { started_ticks: this.started_ticks + 1, ..this.clone() },
-            Owner { boot: "another boot".into(), ..this.clone() },
-        ];
-        for owner in dead {
-            lease_of(&store, &owner);
-            let leases = leases(&store);
-            assert_eq!(leases.claim(ID).unwrap(), Claim::Mine);
-            leases.release(ID).unwrap();
-        }
-        let elsewhere = Owner { host: "another-host".into(), ..this };
-        lease_of(&store, &elsewhere);
-        assert_eq!(leases(&store).claim(ID).unwrap(), Claim::Held(elsewhere));
-        let impatient = Leases::open(&store, Duration::ZERO).unwrap();
-        assert_eq!(impatient.claim(ID).unwrap(), Claim::Mine);
-    }
-
-    #[test]
-    fn a_beat_renews_every_lease_and_changes_nothing_else() {
-        let folder = tempfile::tempdir().unwrap();
-        let store = Store::at(folder.path());
-        let leases = leases(&store);
-        leases.claim(ID).unwrap();
-        let lease = store.folder(ID).join("lease");
-        let (text, before) = (fs::read(&lease).unwrap(), modified(&lease).unwrap());
-        std::thread::sleep(Duration::from_millis(20));
-        leases.beat().unwrap();
-        assert_eq!(fs::read(&lease).unwrap(), text);
-        assert!(modified(&lease).unwrap() > before);
-    }
-
-    #[test]
-    fn a_damaged_lease_holds_nothing() {
-        let folder = tempfile::tempdir().unwrap();
-        let store = Store::at(folder.path());
-        fs::create_dir_all(store.folder(ID)).unwrap();
-        fs::write(store.folder(ID).join("lease"), "{\"host\": ").unwrap();
-        assert_eq!(leases(&store).claim(ID).unwrap(), Claim::Mine);
-    }
-}
+mod tests;

@@ -4,19 +4,24 @@
 //! <root>/trials/<first two digits>/<id>/metrics.parquet   what an `ok` trial recorded, long form
 //!                                       trial.json        key, end state, digest of metrics.parquet: the acknowledgement
 //!                                       policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
+//!                                       earlier.json      how it ended before, while it is tried again
 //!                                       running/         while it runs: rows so far and a checkpoint, see [`RunningTrial`]
 //! ```
 //!
 //! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial without it
 //! has not run, whatever else lies in its folder.
 
+mod aside;
 mod boundary;
 mod date;
+mod earlier;
 mod fsck;
 mod index;
+mod inside;
 mod lease;
 pub mod metric_log;
 mod metrics_file;
+mod owner;
 mod policy;
 mod running;
 mod seal;
@@ -25,13 +30,14 @@ mod sealed_folder;
 pub use boundary::install as install_boundary_hook;
 pub use fsck::{Fault, Finding, Findings};
 pub use index::StoredTrial;
-pub use lease::{Claim, Leases, Owner};
+pub use lease::{Claim, Leases};
 pub use metrics_file::{MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics, write_results};
+pub use owner::Owner;
 pub use running::RunningTrial;
 pub use seal::hash as digest;
 
 use crate::{
-    Error, Recorder,
+    Build, Error, Recorder,
     results::{EndState, TrialEnd, TrialResult},
     trial::{Trial, TrialKey},
 };
@@ -47,6 +53,8 @@ use std::{
 #[derive(Debug, Clone)]
 pub struct Store {
     root: PathBuf,
+    /// What is stored says that a program of this source code computed it.
+    build: Option<Build>,
 }
 
 /// What `trial.json` holds.
@@ -64,6 +72,9 @@ pub struct TrialFile {
     /// When it ended, in UTC as RFC 3339 writes it; absent where the program did not note it. No id and no digest holds it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_at: Option<String>,
+    /// The source code of the program that computed it, where it knew. No id holds it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub build: Option<Build>,
     /// Hashes of what the trial left besides its metrics, by name: the learned policy.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
@@ -73,7 +84,8 @@ impl TrialFile {
     /// What acknowledges that `trial` ended as `end` and left `files`, named with their hashes.
     #[must_use]
     pub fn new(trial: &Trial, end: TrialEnd, files: BTreeMap<String, String>) -> Self {
-        Self { schema: TRIAL_SCHEMA, parts: Some(trial.key.part_ids()), key: trial.key.clone(), end, ended_at: None, files }
+        let parts = Some(trial.key.part_ids());
+        Self { schema: TRIAL_SCHEMA, parts, key: trial.key.clone(), end, ended_at: None, build: None, files }
     }
 
     /// The text of the file.
@@ -92,7 +104,13 @@ impl Store {
     /// The store under `root`; nothing is created before the first trial ends.
     #[must_use]
     pub fn at(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into() }
+        Self { root: root.into(), build: None }
+    }
+
+    /// The same store for a program that says which source code it was built from.
+    #[must_use]
+    pub fn by(self, build: Option<Build>) -> Self {
+        Self { build, ..self }
     }
 
     /// Where the store lies.
@@ -140,10 +158,12 @@ impl Store {
     fn acknowledge_with(&self, trial: &Trial, end: &TrialEnd, files: BTreeMap<String, String>) -> Result<(), Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-        let file = TrialFile { ended_at: Some(date::now()), ..TrialFile::new(trial, end.clone(), files) };
+        let (ended_at, build) = (Some(date::now()), self.build.clone());
+        let file = TrialFile { ended_at, build, ..TrialFile::new(trial, end.clone(), files) };
         let path = folder.join("trial.json");
         let text = file.to_bytes().map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
-        write_durably(&path, &text)
+        write_durably(&path, &text)?;
+        earlier::forget(&folder)
     }
 
     /// What acknowledges a trial; `None` where it was not acknowledged.
@@ -156,10 +176,16 @@ impl Store {
             return Ok(None);
         }
         let text = fs::read(&path).map_err(Error::file("read", &path))?;
-        let file: TrialFile =
-            serde_json::from_slice(&text).map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
+        let damaged = |problem: String| Error::Damaged { path: path.clone(), problem };
+        let file: TrialFile = serde_json::from_slice(&text).map_err(|source| damaged(source.to_string()))?;
         let own = file.key.id();
-        if own == id { Ok(Some(file)) } else { Err(Error::Damaged { path, problem: format!("it belongs to trial {own}") }) }
+        if own != id {
+            return Err(damaged(format!("it belongs to trial {own}")));
+        }
+        match file.files.keys().find(|name| !inside::is_policy(name)) {
+            Some(name) => Err(damaged(format!("it names a file that is none of a trial's: `{name}`"))),
+            None => Ok(Some(file)),
+        }
     }
 
     /// A trial with all it recorded.
@@ -170,16 +196,22 @@ impl Store {
         let end = self.end(&trial.id)?;
         let mut result = TrialResult { trial: trial.clone(), end, names: Vec::new(), rows: Vec::new() };
         if result.is_ok() {
+            let digest = result.end.as_ref().map_or("", |end| &end.digest);
             let path = self.folder(&trial.id).join("metrics.parquet");
-            let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
-            let digest = seal::hash(&bytes);
-            if result.end.as_ref().is_some_and(|end| end.digest != digest) {
-                return Err(Error::Damaged { path, problem: "its hash is not the acknowledged one".into() });
-            }
-            let table = metrics_file::decode(bytes, &path)?;
+            let table = metrics_file::decode(self.metrics(&trial.id, digest)?, &path)?;
             (result.names, result.rows) = (table.names, table.rows);
         }
         Ok(result)
+    }
+
+    /// The metrics file of a trial, held against its acknowledged hash.
+    fn metrics(&self, id: &str, digest: &str) -> Result<Vec<u8>, Error> {
+        let path = self.folder(id).join("metrics.parquet");
+        match inside::read(&path)? {
+            Some(bytes) if seal::hash(&bytes) == digest => Ok(bytes),
+            Some(_) => Err(Error::Damaged { path, problem: "its hash is not the acknowledged one".into() }),
+            None => Err(Error::Damaged { path, problem: "it is not there".into() }),
+        }
     }
 }
 

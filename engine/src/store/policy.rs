@@ -1,6 +1,10 @@
 //! The policies that trials leave in the store, for other programs and for cross-play.
 
-use super::{Store, seal::hash};
+use super::{
+    Store,
+    inside::{files_of, is_file, is_policy, read_in},
+    seal::hash,
+};
 use crate::{Error, results::EndState};
 use std::{
     collections::BTreeMap,
@@ -26,20 +30,32 @@ impl Store {
             return Err(unusable(problem.into()));
         }
         let folder = self.folder(id);
-        for (name, digest) in &file.files {
-            let bytes = fs::read(folder.join(name)).map_err(|source| unusable(format!("`{name}`: {source}")))?;
-            if hash(&bytes) != *digest {
-                return Err(unusable(format!("`{name}` is damaged; `regimen fsck` sets it aside, and the trial runs again")));
-            }
+        match file.files.iter().find(|(name, digest)| !is_whole(&folder, name, digest)) {
+            Some((name, _)) => Err(unusable(format!("`{name}` {DAMAGED}"))),
+            None => Ok(folder),
         }
-        Ok(folder)
     }
+
+    /// True where a trial left a policy and the files are not what was acknowledged.
+    #[must_use]
+    pub fn has_damaged_policy(&self, id: &str) -> bool {
+        match self.file(id) {
+            Ok(file) => file.is_some_and(|it| it.files.iter().any(|(name, digest)| !is_whole(&self.folder(id), name, digest))),
+            Err(error) => matches!(error, Error::Damaged { .. }),
+        }
+    }
+}
+
+const DAMAGED: &str = "is damaged or not there; `regimen run` of its study sets it aside and runs the trial again";
+
+fn is_whole(folder: &Path, name: &str, digest: &str) -> bool {
+    read_in(folder, name).is_ok_and(|bytes| bytes.is_some_and(|bytes| hash(&bytes) == digest))
 }
 
 /// Hashes of what the agent exported into a trial's folder and folders of seats in it, by path inside it, brought to the disk.
 pub(super) fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error> {
     let mut files = BTreeMap::new();
-    for name in files_below(folder)?.into_iter().filter(|name| name.ends_with(".safetensors")) {
+    for name in files_of(folder)?.into_iter().filter(|name| is_policy(name) && is_file(&folder.join(name))) {
         let path = folder.join(&name);
         let seat = path.parent().filter(|parent| *parent != folder);
         for flushed in [Some(path.as_path()), seat].into_iter().flatten() {
@@ -49,20 +65,4 @@ pub(super) fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error>
         files.insert(name, hash(&bytes));
     }
     Ok(files)
-}
-
-/// Paths of all files in a trial's folder, in order. What a running trial keeps is one entry, `running`.
-pub(super) fn files_below(folder: &Path) -> Result<Vec<String>, Error> {
-    let mut found = Vec::new();
-    for entry in fs::read_dir(folder).map_err(Error::file("read", folder))? {
-        let entry = entry.map_err(Error::file("read", folder))?;
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if entry.path().is_dir() && name != "running" {
-            found.extend(files_below(&entry.path())?.into_iter().map(|below| format!("{name}/{below}")));
-        } else {
-            found.push(name);
-        }
-    }
-    found.sort_unstable();
-    Ok(found)
 }

@@ -11,6 +11,7 @@
 
 use super::{
     MetricsTable, boundary,
+    inside::is_file,
     metric_log::{self, LogEnd, LogPosition, MetricLog},
     names,
     sealed_folder::{flush, is_whole, seal},
@@ -252,7 +253,7 @@ pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'stati
 }
 
 fn is_damaged(log: &Path, trial: &str) -> bool {
-    metric_log::read(log).map_or(true, |log| matches!(log.end, LogEnd::Damaged { .. }) || log.trial != trial)
+    !is_file(log) || metric_log::read(log).map_or(true, |log| matches!(log.end, LogEnd::Damaged { .. }) || log.trial != trial)
 }
 
 fn running(folder: &Path) -> PathBuf {

@@ -1,12 +1,13 @@
 //! A folder that says of itself whether it is whole: its last file, `manifest.json`, lists a hash of every other one.
 
+use super::inside::{contents, is_folder, read};
 use crate::Error;
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
     fs::{self, File},
     io,
-    path::{Path, PathBuf},
+    path::Path,
 };
 
 const MANIFEST: &str = "manifest.json";
@@ -38,7 +39,8 @@ pub(super) fn seal(folder: &Path, trial: &str) -> Result<(), Error> {
 
 /// True where a folder is as [`seal`] left it, for this trial and this version of the program.
 pub(super) fn is_whole(folder: &Path, trial: &str) -> bool {
-    let manifest = fs::read(folder.join(MANIFEST)).ok().and_then(|text| serde_json::from_slice::<Manifest>(&text).ok());
+    let text = read(&folder.join(MANIFEST)).ok().flatten().filter(|_| is_folder(folder));
+    let manifest = text.and_then(|text| serde_json::from_slice::<Manifest>(&text).ok());
     manifest.is_some_and(|manifest| describe(folder, trial).is_ok_and(|found| found == manifest))
 }
 
@@ -56,17 +58,4 @@ fn describe(folder: &Path, trial: &str) -> io::Result<Manifest> {
         }
     }
     Ok(Manifest { format: 1, program: env!("CARGO_PKG_VERSION").into(), trial: trial.into(), files })
-}
-
-/// Files and folders inside a folder, at any depth.
-fn contents(folder: &Path) -> io::Result<Vec<PathBuf>> {
-    let mut found = Vec::new();
-    for entry in fs::read_dir(folder)? {
-        let path = entry?.path();
-        if path.is_dir() {
-            found.extend(contents(&path)?);
-        }
-        found.push(path);
-    }
-    Ok(found)
 }

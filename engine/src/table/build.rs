@@ -1,7 +1,8 @@
 //! From results to a grid: which rows and columns there are, and what each cell holds.
 
 use super::{
-    Axis, Cell, Comparison, Form, Grid, Heading, NumberFormat, Statistic, TableSpec, cross_play, published::Judging, seeds::Scope,
+    Axis, Cell, Comparison, Form, Grid, Heading, KINDS, NumberFormat, Statistic, TableSpec, aggregate, cross_play,
+    published::Judging, seeds::Scope,
 };
 use crate::{
     Error, Phase,
@@ -14,12 +15,13 @@ use crate::{
 /// # Errors
 /// [`Error::Render`] where the spec names no kind of table, or names an agent that the results do not know.
 pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
-    let (mut grid, baselines) = match (&spec.improvement, &spec.comparison, &spec.cross_play) {
-        (Some(comparison), None, None) | (None, Some(comparison), None) => {
+    let (mut grid, baselines) = match (&spec.improvement, &spec.comparison, &spec.cross_play, &spec.aggregate) {
+        (Some(comparison), None, None, None) | (None, Some(comparison), None, None) => {
             (compare(comparison, results)?, baselines(comparison, results))
         }
-        (None, None, Some(matrix)) => (cross_play::build(matrix, results)?, Vec::new()),
-        _ => return Err(problem("exactly one of `improvement`, `comparison` and `cross_play` must be given")),
+        (None, None, Some(matrix), None) => (cross_play::build(matrix, results)?, Vec::new()),
+        (None, None, None, Some(suite)) => (aggregate::build(suite, results)?, Vec::new()),
+        _ => return Err(problem(&format!("exactly one kind must be given: {}", KINDS.join(", ")))),
     };
     grid.caption.clone_from(&spec.caption);
     grid.notes.extend(spec.notes.iter().cloned());

@@ -1,5 +1,6 @@
 //! Tables: what a study asks for, and how it is computed from the results.
 
+mod aggregate;
 mod build;
 mod comma_separated;
 mod cross_play;
@@ -13,6 +14,7 @@ mod terminal;
 #[cfg(test)]
 mod tests;
 
+pub use aggregate::{Aggregate, Normalise, SUITE_MEAN};
 pub use build::{build, compare};
 pub use comma_separated::{csv, write as write_csv};
 pub use cross_play::{CrossPlayTable, MEAN};
@@ -29,7 +31,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// One table of a study. Exactly one of the kinds (`improvement`, `comparison`, `cross_play`) is given.
+/// The kinds of tables, each a key of [`TableSpec`].
+pub const KINDS: [&str; 4] = ["improvement", "comparison", "cross_play", "aggregate"];
+
+/// One table of a study. Exactly one of the [`KINDS`] is given.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TableSpec {
@@ -41,6 +46,8 @@ pub struct TableSpec {
     pub comparison: Option<Comparison>,
     /// A metric of a play, by who plays one role along the rows and who another along the columns, with both means.
     pub cross_play: Option<CrossPlayTable>,
+    /// Aggregates of normalised scores over several environments, one row per agent.
+    pub aggregate: Option<Aggregate>,
     /// Published values by row, or by row and column.
     pub published: BTreeMap<String, Published>,
     /// Published curves. Each is compared with the row of its agent at every one of `at_steps`, over as many measurements up to there

@@ -17,7 +17,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use engine::{Channel, Error};
 use numerics::network::{Activation, Mlp};
-use numerics::parameters::store;
+use numerics::parameters::{restore, store};
 use numerics::policy_file::{FILE_NAME, Head, Ports};
 use numerics::tensor_file::{TensorFile, TensorFileError};
 use rand::RngCore;
@@ -137,6 +137,14 @@ impl AssetPolicy {
             "common": channels.common, "inputs": inputs, "center": center, "spread": spread, "outputs": outputs,
         });
         file.write(&dir.join(FILE_NAME))
+    }
+
+    /// The policy with the parameters that [`write`](Self::write) put into a file.
+    ///
+    /// # Errors
+    /// [`TensorFileError`] where one is missing or has another shape.
+    pub fn read(self, file: &TensorFile) -> Result<Self, TensorFileError> {
+        Ok(Self { encoder: restore(self.encoder, "encoder", file)?, head: restore(self.head, "head", file)? })
     }
 
     /// `[batch, observed]` to `[batch, assets]`.

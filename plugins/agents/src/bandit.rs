@@ -84,6 +84,25 @@ pub fn assert_exports(agent: &mut dyn Agent) {
     assert!(action.iter().zip(&exported).all(|(a, b)| (a - b).abs() < 1e-6), "{action:?} {exported:?}");
 }
 
+/// Asserts that an agent which takes up the policy that another one exported is scored as that one to the bit, and that it takes up
+/// none of other channels.
+pub fn assert_imports(build: impl Fn(&Interface, &mut Rng) -> Box<dyn Agent>) {
+    let stream = |name: &str| engine::random::stream(&["imports", name]);
+    let (mut one, mut two) = (build(&interface(), &mut stream("one")), build(&interface(), &mut stream("two")));
+    train(one.as_mut(), 6, &mut stream("train"));
+    let dir = tempfile::tempdir().unwrap();
+    assert!(one.export(dir.path()).unwrap());
+    let seen = [0.3, -0.7].map(|x| Observation { seats: vec![vec![x]], state: Vec::new() });
+    let act = |agent: &mut dyn Agent| agent.act(&seen, Mode::Evaluate, &mut stream("act")).unwrap();
+    assert_ne!(act(one.as_mut()), act(two.as_mut()));
+    assert!(two.import(dir.path()).unwrap());
+    assert_eq!(act(one.as_mut()), act(two.as_mut()));
+    assert!(matches!(two.import(&dir.path().join("nowhere")), Err(engine::Error::File { .. })));
+    let mut other = build(&crate::seat::tests::allocation(&["y"], &["best_1", "best_2", "best_3"], 3), &mut stream("one"));
+    let refusal = other.import(dir.path()).unwrap_err().to_string();
+    assert!(refusal.contains("`inputs` of the policy is [\"x\"], here [\"y\"]"), "{refusal}");
+}
+
 fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum()
 }

@@ -3,9 +3,10 @@
 use engine::Error;
 use numerics::network::Mlp;
 use numerics::optimizer::Trained;
-use numerics::policy_file;
+use numerics::policy_file::{self, Head, Ports};
 use numerics::tensor_file::{TensorFile, TensorFileError};
 use serde::{Serialize, de::DeserializeOwned};
+use serde_json::json;
 use std::path::Path;
 
 /// The file's name inside a directory.
@@ -40,6 +41,26 @@ pub fn import_policy(agent: &'static str, policy: &mut Trained<Mlp>, dir: &Path)
     let misfit = error_of(agent);
     let file = TensorFile::read(&dir.join(policy_file::FILE_NAME)).map_err(&misfit)?;
     policy.restore_network(policy_file::PREFIX, &file).map_err(&misfit)
+}
+
+/// Reads the policy file in `dir` for an agent that would write the same ports and head.
+///
+/// # Errors
+/// [`Error::File`] or [`Error::Checkpoint`] where the file is not there, not whole or says something else of inputs and outputs.
+pub fn read_policy(agent: &'static str, dir: &Path, ports: &Ports, head: Head) -> Result<TensorFile, Error> {
+    let file = TensorFile::read(&dir.join(policy_file::FILE_NAME)).map_err(error_of(agent))?;
+    let Ports { inputs, center, spread, outputs } = ports;
+    let own = [
+        ("inputs", json!(inputs)),
+        ("center", json!(center)),
+        ("spread", json!(spread)),
+        ("outputs", json!(outputs)),
+        ("head", json!(head)),
+    ];
+    match own.into_iter().find(|(key, value)| file.header[key] != *value) {
+        None => Ok(file),
+        Some((key, value)) => Err(misfit(agent, format!("`{key}` of the policy is {}, here {value}", file.header[key]))),
+    }
 }
 
 /// Turns an error about a file of tensors into one of the engine.

@@ -35,7 +35,7 @@ use numerics::gaussian::standard_normal;
 use numerics::network::{Activation, Mlp, device, matrix, values};
 use numerics::optimizer::{Adam, Trained};
 use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy};
+use numerics::policy_file::{Head, PREFIX, Policy};
 use numerics::tensor_file::TensorFile;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -266,6 +266,12 @@ impl Agent for Ddpg {
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        let file = checkpoint::read_policy(NAME, dir, &self.scaling.ports(&self.shares), Head::SoftmaxMean)?;
+        self.policy.restore_network(PREFIX, &file).map_err(checkpoint::error_of(NAME))?;
+        Ok(true)
+    }
 }
 
 #[cfg(test)]
@@ -331,5 +337,6 @@ mod tests {
     #[test]
     fn the_exported_policy_acts_as_the_agent_is_scored() {
         bandit::assert_exports(&mut agent(tiny()));
+        bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());
     }
 }

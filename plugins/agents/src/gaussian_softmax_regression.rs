@@ -31,7 +31,7 @@ use numerics::gaussian::HALF_LN_TWO_PI;
 use numerics::gaussian_policy::gaussian_softmax_sample;
 use numerics::network::{Activation, Mlp, device, matrix, values};
 use numerics::optimizer::{Adam, Trained};
-use numerics::policy_file::{Head, Policy};
+use numerics::policy_file::{Head, PREFIX, Policy};
 use numerics::tensor_file::TensorFile;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -173,6 +173,12 @@ impl Agent for GaussianSoftmaxRegression {
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        let file = checkpoint::read_policy(NAME, dir, &self.scaling.ports(&self.shares), Head::SoftmaxMean)?;
+        self.network.restore_network(PREFIX, &file).map_err(checkpoint::error_of(NAME))?;
+        Ok(true)
+    }
 }
 
 #[cfg(test)]
@@ -214,6 +220,8 @@ mod tests {
     fn what_it_records_is_declared_and_what_it_exports_acts() {
         bandit::assert_declared(&mut agent(RegressionLoss::ExpectedError), &metrics());
         bandit::assert_exports(&mut agent(RegressionLoss::ExpectedError));
+        let config = || Config { width: 16, ..Config::default() };
+        bandit::assert_imports(|interface, rng| build(config(), interface, rng).unwrap());
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Agents: rules, bounds and learning algorithms, one file each, readable beside its paper.
+//! Agents: rules, reference controllers and learning algorithms, one file each, readable beside its paper.
 //!
 //! Invariants
 //! 1. No agent names an environment: it reads the seats, spaces and channel names of an [`engine::Interface`].
@@ -55,11 +55,12 @@ pub fn register(registry: &mut Registry) {
     registry.agent("random_action", 1, "every seat acts uniformly at random", rule(), random_action::build);
     registry.agent("random_allocation", 1, "shares drawn uniformly from the simplex", rule(), random_allocation::build);
     registry.agent("rank_rule", 1, "fixed shares by the rank of the observed voltage", rule(), rank_rule::build);
-    registry.agent("water_filling", 1, "equal terminal voltages, from what is observed", rule(), water_filling::build);
+    let about = "equal terminal voltages, from what is observed: a reference controller";
+    registry.agent("water_filling", 1, about, rule(), water_filling::build);
     registry.agent(
         "water_filling_true_state",
         1,
-        "equal terminal voltages, from the true state: a bound",
+        "equal terminal voltages, from the true state: a reference controller",
         rule(),
         water_filling::build_true_state,
     );

@@ -6,8 +6,11 @@
 //! `sum_i v max(e_i - v, 0) / R_i = P`,   `a_i = (max(e_i - v, 0) / R_i) / sum_j (max(e_j - v, 0) / R_j)`.
 //!
 //! Two agents share this rule. `water_filling` is a controller: it takes `e_i = V_i + R I_i` from what is observed
-//! (`voltage_i`, `current_i`, `power_demand_w`) and one nominal resistance. `water_filling_true_state` is a bound: it reads
+//! (`voltage_i`, `current_i`, `power_demand_w`) and one nominal resistance. `water_filling_true_state` knows more: it reads
 //! `effective_voltage_i` (equilibrium voltage less the surface overpotentials) and `resistance_ohm_i` from the full state.
+//!
+//! Both are reference controllers, not bounds: what they do is good at each decision, and a policy that looks ahead can live
+//! longer. What no controller can exceed is an environment's own metric, such as `cycle_length_bound`.
 //!
 //! | symbol | here | unit |
 //! |---|---|---|
@@ -44,7 +47,7 @@ impl Default for Config {
 
 impl engine::Config for Config {}
 
-/// The bound has no parameters: it reads them from the state.
+/// The controller on the full state has no parameters: it reads them there.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrueStateConfig {}
@@ -60,7 +63,7 @@ pub struct WaterFilling {
     resistance_ohm: Vec<f64>,
 }
 
-/// The bound on the full state.
+/// The controller on the full state.
 #[derive(Debug, Clone)]
 pub struct WaterFillingTrueState {
     sources: Vec<usize>,
@@ -85,7 +88,7 @@ pub fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<d
     }))
 }
 
-/// Builds the bound for one seat that observes `power_demand_w` and a state with `effective_voltage_i`, `resistance_ohm_i`.
+/// Builds the controller for one seat that observes `power_demand_w` and a state with `effective_voltage_i`, `resistance_ohm_i`.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where a channel is missing or the action is not on a simplex.

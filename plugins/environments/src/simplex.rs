@@ -4,14 +4,14 @@ use engine::Error;
 
 /// How far an entry may lie below zero.
 const ENTRY_TOLERANCE: f64 = 1e-9;
-/// How far the sum of the entries may lie from one where nothing else is asked for.
+/// How far the sum of the entries may lie below one, and above it where nothing else is asked for.
 pub const SUM_TOLERANCE: f64 = 1e-6;
 
 /// The action of the only seat, with rounding errors below zero set to zero.
 ///
 /// # Errors
-/// [`Error::Action`] where there is not one seat with `entries` non-negative entries whose sum is 1 to within `sum_tolerance`.
-pub fn checked(actions: &[Vec<f64>], entries: usize, sum_tolerance: f64) -> Result<Vec<f64>, Error> {
+/// [`Error::Action`] where there is not one seat with `entries` non-negative entries whose sum is 1, or at most `excess` above it.
+pub fn checked(actions: &[Vec<f64>], entries: usize, excess: f64) -> Result<Vec<f64>, Error> {
     let problem = |problem: String| Error::Action { problem };
     let [action] = actions else { return Err(problem(format!("{} seats in place of one", actions.len()))) };
     if action.len() != entries {
@@ -22,7 +22,7 @@ pub fn checked(actions: &[Vec<f64>], entries: usize, sum_tolerance: f64) -> Resu
         return Err(problem(format!("entry {} is {}, below 0", index + 1, action[index])));
     }
     let sum: f64 = action.iter().sum();
-    if (sum - 1.0).abs() > sum_tolerance {
+    if sum < 1.0 - SUM_TOLERANCE || sum > 1.0 + excess {
         return Err(problem(format!("the entries sum to {sum}, not to 1")));
     }
     Ok(action.iter().map(|entry| entry.max(0.0)).collect())
@@ -40,6 +40,12 @@ mod tests {
         }
         assert!(checked(&[], 2, SUM_TOLERANCE).is_err());
         assert_eq!(checked(&[vec![1.0, -1e-10]], 2, SUM_TOLERANCE).unwrap(), [1.0, 0.0]);
+    }
+
+    #[test]
+    fn more_than_the_whole_may_be_let_through_and_less_may_not() {
+        let passes = |entry: f64| checked(&[vec![0.5, entry]], 2, 0.05).is_ok();
+        assert!(passes(0.5 + 0.049) && !passes(0.5 + 0.051) && !passes(0.5 - 0.001));
     }
 
     proptest! {

@@ -112,6 +112,11 @@ impl<M: Module + Default> Trained<M> {
         &self.network
     }
 
+    /// Puts another network of the same shape in the place of this one; the optimiser stays as it is.
+    pub fn set_network(&mut self, network: M) {
+        self.network = network;
+    }
+
     /// One step against the gradient of a loss of shape `[1]`.
     pub fn descend(&mut self, loss: &Tensor<1>) {
         self.descend_along(loss);

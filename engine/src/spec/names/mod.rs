@@ -1,5 +1,6 @@
 //! Tables, figures and claims against what trials record: every metric, agent, environment, setting, channel and row.
 
+mod aggregate;
 mod claims;
 mod figures;
 mod tables;

@@ -6,7 +6,8 @@ use crate::{
     document::Entry,
     results::SUCCESS,
     table::{
-        Axis, Comparison, CrossPlayTable, Form, MEAN, Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableSpec,
+        Axis, Comparison, CrossPlayTable, Form, KINDS, MEAN, Margin, Published, PublishedCell, PublishedValue, StatedMargin,
+        TableSpec,
     },
 };
 
@@ -15,21 +16,17 @@ impl Names<'_> {
     pub(super) fn table(&mut self, spec: &TableSpec, entry: &Entry) {
         let place = Place::of(entry, format!("tables.{}", entry.key));
         let comparison = spec.improvement.as_ref().or(spec.comparison.as_ref());
-        let kinds = [
-            ("improvement", spec.improvement.is_some()),
-            ("comparison", spec.comparison.is_some()),
-            ("cross_play", spec.cross_play.is_some()),
-        ];
-        let given: Vec<&str> = kinds.into_iter().filter(|(_, given)| *given).map(|(kind, _)| kind).collect();
+        let kinds = [spec.improvement.is_some(), spec.comparison.is_some(), spec.cross_play.is_some(), spec.aggregate.is_some()];
+        let given: Vec<&str> = KINDS.into_iter().zip(kinds).filter(|(_, given)| *given).map(|(kind, _)| kind).collect();
         let [kind] = given.as_slice() else {
-            let kinds = "`improvement`, `comparison` or `cross_play`";
-            return self.one_kind(&format!("the table `{}`", entry.key), &place, &given, kinds);
+            return self.one_kind(&format!("the table `{}`", entry.key), &place, &given, &quoted(&KINDS.map(String::from)));
         };
         let Some(inner) = place.below(kind) else { return };
-        let (rows, columns) = match (comparison, &spec.cross_play) {
-            (Some(comparison), _) => self.comparison(comparison, &inner, *kind == "improvement"),
-            (None, Some(matrix)) => self.matrix(matrix, &inner),
-            (None, None) => return,
+        let (rows, columns) = match (comparison, &spec.cross_play, &spec.aggregate) {
+            (Some(comparison), ..) => self.comparison(comparison, &inner, *kind == "improvement"),
+            (None, Some(matrix), _) => self.matrix(matrix, &inner),
+            (None, None, Some(suite)) => self.aggregate(suite, &inner, place.below("published").as_ref()),
+            (None, None, None) => return,
         };
         self.margin(spec, &place);
         self.compared_curves(spec, &place);
@@ -250,7 +247,7 @@ impl Names<'_> {
         }
     }
 
-    fn labels(&mut self, place: &Place<'_>, rows: &[String], columns: &[String]) {
+    pub(super) fn labels(&mut self, place: &Place<'_>, rows: &[String], columns: &[String]) {
         let Some(labels) = place.below("labels") else { return };
         let known: Vec<&str> = rows.iter().chain(columns).map(String::as_str).collect();
         for entry in labels.node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str())) {

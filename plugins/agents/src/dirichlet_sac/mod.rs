@@ -295,6 +295,12 @@ impl Agent for DirichletSac {
         self.shape.write(self.policy.network(), ports, self.head(), dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        let file = checkpoint::read_policy(NAME, dir, &self.scaling.ports(&self.shares), self.head())?;
+        self.policy.set_network(Shape::read(self.policy.network().clone(), &file).map_err(checkpoint::error_of(NAME))?);
+        Ok(true)
+    }
 }
 
 #[cfg(test)]

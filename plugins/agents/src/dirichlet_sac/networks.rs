@@ -9,8 +9,9 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use engine::{Channel, Error};
 use numerics::network::{Activation, Mlp, TwinMlp};
-use numerics::policy_file::{Head, Policy, Ports};
-use numerics::tensor_file::TensorFileError;
+use numerics::parameters::restore;
+use numerics::policy_file::{Head, PREFIX, Policy, Ports};
+use numerics::tensor_file::{TensorFile, TensorFileError};
 use rand::RngCore;
 use std::path::Path;
 
@@ -119,6 +120,14 @@ impl Shape {
             (PolicyNetwork::Assets(network), Some(assets)) => network.write(assets, &ports, head, dir),
             (PolicyNetwork::Assets(_), None) => unreachable!("the shape that made this network knows its assets"),
         }
+    }
+
+    /// The policy with the parameters that [`write`](Self::write) put into a file.
+    pub(super) fn read(policy: PolicyNetwork, file: &TensorFile) -> Result<PolicyNetwork, TensorFileError> {
+        Ok(match policy {
+            PolicyNetwork::Dense(network) => PolicyNetwork::Dense(restore(network, PREFIX, file)?),
+            PolicyNetwork::Assets(network) => PolicyNetwork::Assets(network.read(file)?),
+        })
     }
 
     /// Values of both critics of this shape.

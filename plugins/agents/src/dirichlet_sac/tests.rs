@@ -131,6 +131,26 @@ fn the_exported_policy_acts_as_the_agent_is_scored() {
     for evaluation_action in [EvaluationAction::Mean, EvaluationAction::Mode] {
         bandit::assert_exports(&mut agent(Config { evaluation_action, ..tiny() }));
     }
+    bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());
+}
+
+#[test]
+fn a_policy_is_taken_up_by_an_agent_of_the_same_shape_and_head_only() {
+    let interface = crate::seat::tests::allocation(&["voltage_1", "voltage_2", "voltage_3", "power"], &[], 3);
+    let start = |config: Config, name: &str| DirichletSac::new(config, &interface, &mut stream(&[name])).unwrap();
+    let alike = || Config { network: NetworkKind::Equivariant, ..tiny() };
+    let (mut one, mut two) = (start(alike(), "one"), start(alike(), "two"));
+    let dir = tempfile::tempdir().unwrap();
+    one.export(dir.path()).unwrap();
+    assert!(two.import(dir.path()).unwrap());
+    let seen = [Observation { seats: vec![vec![0.1, -0.2, 0.4, 1.0]], state: Vec::new() }];
+    let act = |agent: &mut DirichletSac| agent.act(&seen, Mode::Evaluate, &mut stream(&["act"])).unwrap();
+    assert_eq!(act(&mut one), act(&mut two));
+    let refusal = |config| start(config, "other").import(dir.path()).unwrap_err().to_string();
+    assert!(refusal(tiny()).contains("there is no `policy.layers.0.weight`"), "{}", refusal(tiny()));
+    assert!(refusal(Config { width: 8, ..alike() }).contains("expected"));
+    let other_head = Config { evaluation_action: EvaluationAction::Mode, ..alike() };
+    assert!(refusal(other_head).contains("`head` of the policy is \"dirichlet_mean\", here \"dirichlet_mode\""));
 }
 
 #[test]

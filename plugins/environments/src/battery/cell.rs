@@ -6,7 +6,7 @@ use super::parameters::CellParameters;
 
 /// Below this voltage a power load draws no further current; every such cell is far past the end of its discharge. Without
 /// the limit, a collapsed cell's voltage would change sign and the load would charge it.
-const LOWEST_SUPPLY_V: f64 = 0.1;
+pub(super) const LOWEST_SUPPLY_V: f64 = 0.1;
 
 /// A cell that is being discharged.
 #[derive(Debug, Clone)]

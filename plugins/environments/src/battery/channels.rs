@@ -31,18 +31,23 @@ pub fn seat(cells: usize) -> Seat {
     }
 }
 
-/// What each step reports.
-pub fn metrics() -> Vec<Metric> {
-    vec![
+/// What each step reports; the bound where the pack has one.
+pub fn metrics(has_bound: bool) -> Vec<Metric> {
+    let mut metrics = vec![
         Metric::new("cycle_length", "", "decisions that the pack survived"),
         Metric::new("voltage_spread_at_end_v", "V", "largest less smallest cell voltage at the end of the episode")
             .lower_is_better()
             .per_episode(PerEpisode::Last),
         Metric::new("energy_j", "J", "energy delivered"),
-    ]
+    ];
+    if has_bound {
+        let about = "decisions that no controller can exceed from the same start with the same demands";
+        metrics.push(Metric::new("cycle_length_bound", "", about).per_episode(PerEpisode::Last));
+    }
+    metrics
 }
 
-/// The state as bounds read it, one block of N entries per quantity.
+/// The full state, one block of N entries per quantity.
 pub fn state(cells: usize) -> Vec<Channel> {
     let effective = per_cell("effective_voltage", "V", cells).into_iter().map(|channel| channel.typical(3.6, 0.2));
     let resistance = per_cell("resistance_ohm", "ohm", cells).into_iter().map(|channel| channel.typical(0.13, 0.03));

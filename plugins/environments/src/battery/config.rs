@@ -87,8 +87,9 @@ pub struct BatteryConfig {
     /// empty. The authors' public code has 0.01, which also changes the voltage of a cell below 1.7 % charge.
     #[schemars(range(min = 1e-9, max = 0.1))]
     pub mole_fraction_margin: f64,
-    /// How far the sum of the weights may lie from 1 before an allocation is refused. Rule IV of thesis table 3.3 sums to 1.05 as
-    /// printed, and only applied so, with the pack delivering 5 % more than the demand, does it give the published life.
+    /// How far the sum of the weights may lie above 1 before an allocation is refused; below 1, where the pack would deliver less
+    /// than the demand, it may lie by a rounding error only. Rule IV of thesis table 3.3 sums to 1.05 as printed, and only applied
+    /// so, with the pack delivering 5 % more than the demand, does it give the published life.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub weight_sum_tolerance: f64,
 }

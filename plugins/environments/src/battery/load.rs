@@ -52,6 +52,16 @@ pub enum Demand {
     Current(f64),
 }
 
+impl Demand {
+    /// The power; `None` for a current.
+    pub fn power_w(self) -> Option<f64> {
+        match self {
+            Self::Power(power_w) => Some(power_w),
+            Self::Current(_) => None,
+        }
+    }
+}
+
 /// A load that is ready to be drawn from.
 #[derive(Debug, Clone)]
 pub enum LoadSource {
@@ -80,6 +90,15 @@ impl LoadSource {
             Load::ConstantCurrent { current_a } => Self::Constant(Demand::Current(*current_a)),
             Load::File(file) => Self::Rows(rows(file)?),
         })
+    }
+
+    /// The least power that a decision can demand, W; `None` for currents and for loads that change within a decision.
+    pub fn least_power_w(&self) -> Option<f64> {
+        match self {
+            Self::Drawn { low, floor, .. } => Some(low.max(*floor)),
+            Self::Constant(Demand::Power(power_w)) => Some(*power_w),
+            Self::Constant(Demand::Current(_)) | Self::Rows(_) => None,
+        }
     }
 
     /// The demand of a decision that begins at `time_s`.

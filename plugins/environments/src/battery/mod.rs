@@ -15,6 +15,9 @@
 //! the weights directly; `power_demand_w` is then the current times the mean voltage. The trace's `power_w` is the mean demand
 //! of the last decision.
 //!
+//! Beside the result of each episode stands `cycle_length_bound`, the decisions that no controller can exceed from the same start
+//! with the same demands (the module `life_bound`), where the pack has such a bound.
+//!
 //! Departures from the thesis, which leaves these open: the length of a decision, the start states, the parameters of aged
 //! cells and the initial currents; see the config for the values and their reasons. Surface mole fractions are kept 0.001 from
 //! 0 and 1 where the authors' public code has 0.01: the lives under equal split and the
@@ -26,6 +29,10 @@ mod channels;
 mod config;
 #[cfg(test)]
 mod environment_tests;
+mod ideal_cell;
+mod life_bound;
+#[cfg(test)]
+mod life_bound_tests;
 mod load;
 mod model;
 #[cfg(test)]
@@ -43,6 +50,7 @@ pub use start::Start;
 
 use crate::simplex;
 use engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Step};
+use life_bound::LifeBound;
 use load::{Demand, LoadSource};
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
@@ -61,6 +69,7 @@ pub struct Battery {
     new_parameters: Vec<CellParameters>,
     load: LoadSource,
     starter: Starter,
+    bound: Option<LifeBound>,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
     cells: Vec<Cell>,
@@ -80,6 +89,8 @@ struct Progress {
     weights: Option<Vec<f64>>,
     /// Mean demand of the last decision, W.
     power_w: Option<f64>,
+    /// Decisions that no controller can exceed in this episode, where that is known.
+    bound: Option<u64>,
 }
 
 /// Everything that a stopped trial needs.
@@ -97,6 +108,13 @@ pub fn build(config: BatteryConfig) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(Battery::new(config)?))
 }
 
+impl Progress {
+    /// Before the first decision.
+    fn at_start(demand: Demand) -> Self {
+        Self { steps: 0, decisions: 0, demand, weights: None, power_w: None, bound: None }
+    }
+}
+
 impl Battery {
     /// A pack at its start; call `reset` before `step`.
     ///
@@ -106,14 +124,17 @@ impl Battery {
         let new_parameters = config.parameters()?;
         let physics = Physics { thermal: config.thermal, mole_fraction_margin: config.mole_fraction_margin };
         let count = new_parameters.len();
+        let (steps_per_decision, load) = (config.steps_per_decision()?, LoadSource::new(&config.load, count)?);
+        let bound = LifeBound::new(&config, &new_parameters, &load, steps_per_decision);
         Ok(Self {
-            steps_per_decision: config.steps_per_decision()?,
-            load: LoadSource::new(&config.load, count)?,
+            steps_per_decision,
+            load,
             starter: Starter::new(config.start.clone(), &new_parameters, physics)?,
             seats: vec![channels::seat(count)],
-            metrics: channels::metrics(),
+            metrics: channels::metrics(bound.is_some()),
+            bound,
             cells: new_parameters.iter().map(|parameters| Cell::new(*parameters, physics)).collect(),
-            progress: Progress { steps: 0, decisions: 0, demand: Demand::Power(0.0), weights: None, power_w: None },
+            progress: Progress::at_start(Demand::Power(0.0)),
             new_parameters,
             config,
         })
@@ -191,12 +212,28 @@ impl Battery {
 
     fn observe(&self, rng: &mut Rng) -> Vec<Vec<f64>> {
         let mut seen: Vec<f64> = self.cells.iter().map(Cell::voltage_v).collect();
-        if self.config.sensor_noise {
-            seen.iter_mut().for_each(|voltage_v| *voltage_v += SENSOR_NOISE_V * rng.random_range(-1.0..1.0));
-        }
+        seen.iter_mut().for_each(|voltage_v| *voltage_v += self.sensor_error_v(rng));
         seen.extend(self.cells.iter().map(Cell::current_a));
         seen.push(self.demand_w());
         vec![seen]
+    }
+
+    /// Error of the next reading of a voltage, V.
+    fn sensor_error_v(&self, rng: &mut Rng) -> f64 {
+        if self.config.sensor_noise { SENSOR_NOISE_V * rng.random_range(-1.0..1.0) } else { 0.0 }
+    }
+
+    /// Demands of the decisions of the episode that begins, W, as steps will draw them: what they draw does not depend on
+    /// actions where the pack has a bound.
+    fn demands_to_come(&self, mut rng: Rng) -> impl Iterator<Item = f64> + '_ {
+        let next = move |_: &f64| {
+            let demand = self.load.draw(0.0, &mut rng);
+            for _ in &self.cells {
+                let _ = self.sensor_error_v(&mut rng);
+            }
+            demand.power_w()
+        };
+        std::iter::successors(self.progress.demand.power_w(), next)
     }
 
     /// The coming demand as a power, W.
@@ -247,9 +284,12 @@ impl Environment for Battery {
         self.replace_worn_cells();
         self.starter.place(&mut self.cells, rng);
         let demand = self.load.draw(0.0, rng);
-        self.progress = Progress { steps: 0, decisions: 0, demand, weights: None, power_w: None };
+        self.progress = Progress::at_start(demand);
         self.check_finite()?;
-        Ok(self.observe(rng))
+        let observation = self.observe(rng);
+        let bound = self.bound.as_ref();
+        self.progress.bound = bound.map(|bound| bound.decisions(&self.cells, self.demands_to_come(rng.clone())));
+        Ok(observation)
     }
 
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
@@ -263,7 +303,8 @@ impl Environment for Battery {
         self.progress.power_w = Some(power_w);
         self.progress.weights = Some(weights);
         self.progress.demand = self.load.draw(self.time_s(), rng);
-        let info = vec![reward, highest_v - lowest_v, energy_j];
+        let mut info = vec![reward, highest_v - lowest_v, energy_j];
+        info.extend(self.progress.bound.map(|decisions| decisions as f64));
         Ok(Step { observations: self.observe(rng), rewards: vec![reward], info, end })
     }
 

@@ -24,8 +24,10 @@ use super::parameters::{
 };
 use serde::{Deserialize, Serialize};
 
-const SURFACE_VOLUME: f64 = SURFACE_FRACTION * VOLUME;
-const BULK_VOLUME: f64 = VOLUME - SURFACE_VOLUME;
+/// Volume of the surface layer of an electrode, m3.
+pub(super) const SURFACE_VOLUME: f64 = SURFACE_FRACTION * VOLUME;
+/// Volume of the bulk of an electrode, m3.
+pub(super) const BULK_VOLUME: f64 = VOLUME - SURFACE_VOLUME;
 const GAS_PER_FARADAY: f64 = GAS_CONSTANT / FARADAY;
 const POLYNOMIAL_P: [f64; 14] = redlich_kister_polynomial();
 const SLOPE_N: f64 = REDLICH_KISTER_N / FARADAY;
@@ -225,6 +227,23 @@ impl Model {
         let overpotential_v = state.ohmic_v + state.surface_n_v + state.surface_p_v;
         overpotential_v * current_a / HEAT_CAPACITY + (AMBIENT_K - state.temperature_k) / TIME_THERMAL_S
     }
+}
+
+/// Voltage of a rested cell at ambient temperature whose negative electrode has mole fraction `x_n`, V. Lithium is conserved, so
+/// the positive electrode then has `1 - x_n`.
+#[must_use]
+pub fn resting_voltage(x_n: f64) -> f64 {
+    let nernst = GAS_PER_FARADAY * AMBIENT_K * 2.0 * (x_n / (1.0 - x_n)).ln();
+    (REFERENCE_P_V - REFERENCE_N_V) + nernst + polynomial(&POLYNOMIAL_P, 1.0 - 2.0 * x_n) - SLOPE_N * (2.0 * x_n - 1.0)
+}
+
+/// The integral of [`resting_voltage`] from 0 to `x_n`: energy per coulomb of both electrodes together, V.
+#[must_use]
+pub fn resting_energy(x_n: f64) -> f64 {
+    let nernst = GAS_PER_FARADAY * AMBIENT_K * 2.0 * (x_n * x_n.ln() + (1.0 - x_n) * (1.0 - x_n).ln());
+    let powers = |y: f64| (0..).zip(POLYNOMIAL_P).map(|(k, volts)| volts * y.powi(k + 1) / f64::from(k + 1)).sum::<f64>();
+    let activity = 0.5 * (powers(1.0) - powers(1.0 - 2.0 * x_n));
+    (REFERENCE_P_V - REFERENCE_N_V) * x_n + nernst + activity - SLOPE_N * x_n * (x_n - 1.0)
 }
 
 /// Inverse hyperbolic sine, a relative error of about 1e-14 and several times as quick as the standard library's.

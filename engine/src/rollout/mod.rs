@@ -1,0 +1,87 @@
+//! Drives one environment with given actions, a registered agent or the policy of a stored trial and writes what happened, a row
+//! per decision.
+//!
+//! Columns: `decision`, the environment's trace channels, the action channels that the trace does not hold already,
+//! `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start. Where seats have names, a seat's
+//! columns carry its name in front, as in `agent_0.reward`, and what it observed follows the rewards, as `agent_0.obs_0`, ...
+
+mod columns;
+mod given;
+mod replay;
+
+pub use given::read_actions;
+pub use replay::{Policies, replay, trained_agent};
+
+use crate::{Action, Agent, Environment, Error, Mode, Observation, random};
+use columns::Columns;
+use std::path::Path;
+
+/// Where actions come from.
+pub enum Actions<'a> {
+    /// Given ones, in order; the rollout ends with the last.
+    Given(Vec<Action>),
+    /// An agent's, until the episode ends or `decisions` were made.
+    Agent {
+        /// The agent.
+        agent: &'a mut dyn Agent,
+        /// The most decisions to make.
+        decisions: u64,
+    },
+}
+
+/// Writes rows as CSV, and returns the number of decisions in them: all but the header and the start.
+///
+/// # Errors
+/// What the file system says.
+pub fn write(rows: &[Vec<String>], out: &Path) -> Result<u64, Error> {
+    let failed = |source: csv::Error| match source.into_kind() {
+        csv::ErrorKind::Io(source) => Error::file("write", out)(source),
+        other => Error::file("write", out)(std::io::Error::other(format!("{other:?}"))),
+    };
+    let mut csv = csv::Writer::from_path(out).map_err(failed)?;
+    for row in rows {
+        csv.write_record(row).map_err(failed)?;
+    }
+    csv.flush().map_err(Error::file("write", out))?;
+    Ok((rows.len() as u64).saturating_sub(2))
+}
+
+/// Header and rows of a rollout, as text; numbers are written so that they read back to the same bits.
+///
+/// # Errors
+/// What the environment reports.
+pub fn rows(environment: &mut dyn Environment, mut actions: Actions<'_>, seed: u64) -> Result<Vec<Vec<String>>, Error> {
+    let columns = Columns::of(environment);
+    let mut rng = random::stream(&["rollout", "environment", &seed.to_string()]);
+    let mut agent_rng = random::stream(&["rollout", "agent", &seed.to_string()]);
+    let mut seats = environment.reset(&mut rng)?;
+    let mut rows = vec![columns.header(), columns.row(environment, &seats, 0, None)];
+    for decision in 1.. {
+        let action = match &mut actions {
+            Actions::Given(given) => match given.get(decision as usize - 1) {
+                Some(action) => action.clone(),
+                None => break,
+            },
+            Actions::Agent { decisions, .. } if decision > *decisions => break,
+            Actions::Agent { agent, .. } => {
+                let state = if agent.reads_state() { environment.state() } else { Vec::new() };
+                agent.act(&[Observation { seats, state }], Mode::Evaluate, &mut agent_rng)?.swap_remove(0)
+            }
+        };
+        let step = environment.step(&action, &mut rng).map_err(|error| of_decision(error, decision))?;
+        rows.push(columns.row(environment, &step.observations, decision, Some((&action, &step))));
+        if step.end.is_some() {
+            break;
+        }
+        seats = step.observations;
+    }
+    Ok(rows)
+}
+
+/// An action that is refused, with the number of its decision.
+fn of_decision(error: Error, decision: u64) -> Error {
+    match error {
+        Error::Action { problem } => Error::Action { problem: format!("decision {decision}: {problem}") },
+        other => other,
+    }
+}

@@ -1,0 +1,47 @@
+//! Ways from folders to files, by their names alone: they hold wherever the folder and the file are moved together.
+
+use std::{
+    ffi::OsString,
+    path::{Component, Path, PathBuf},
+};
+
+/// The way from one folder to a file, both seen from the current folder.
+#[must_use]
+pub fn way(from: &Path, to: &Path) -> PathBuf {
+    let (from, to) = (parts(from), parts(to));
+    let shared = from.iter().zip(&to).take_while(|(one, two)| one == two).count();
+    let up = std::iter::repeat_n("..".into(), from.len() - shared);
+    up.chain(to[shared..].iter().cloned()).collect()
+}
+
+/// Where a way leads from a folder.
+#[must_use]
+pub fn along(from: &Path, way: &Path) -> PathBuf {
+    parts(&from.join(way)).into_iter().collect()
+}
+
+/// The parts of a path from the root, without `.` and `..`.
+fn parts(path: &Path) -> Vec<OsString> {
+    let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    absolute.components().fold(Vec::new(), |mut parts, part| {
+        match part {
+            Component::ParentDir => drop(parts.pop()),
+            Component::CurDir => {}
+            other => parts.push(other.as_os_str().to_os_string()),
+        }
+        parts
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_way_leads_back_to_its_file() {
+        let (folder, file) = (Path::new("results/small"), Path::new("experiments/small.yaml"));
+        assert_eq!(way(folder, file), Path::new("../../experiments/small.yaml"));
+        assert_eq!(along(folder, &way(folder, file)), std::path::absolute(file).unwrap());
+        assert_eq!(way(Path::new("a"), Path::new("./b/../small.yaml")), Path::new("../small.yaml"));
+    }
+}

@@ -1,0 +1,99 @@
+//! Sets aside what is wrong: it is moved into a numbered folder of the store, under its own path, and nothing is lost.
+
+use super::{
+    Claim, Finding, Findings, Leases, Store,
+    fsck::{Check, refuse_links},
+    index::in_parallel,
+    names,
+};
+use crate::{
+    Error,
+    results::{EndState, TrialEnd},
+};
+use std::{
+    fs,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
+
+impl Store {
+    /// Those of the trials that ended `ok` whose metrics are not what was acknowledged.
+    #[must_use]
+    pub fn with_damaged_metrics<'a>(&self, ended: &[(&'a str, &TrialEnd)]) -> Vec<&'a str> {
+        in_parallel(ended.len(), |index| {
+            let (id, end) = ended[index];
+            let damaged = end.state == EndState::Ok && matches!(self.metrics(id, &end.digest), Err(Error::Damaged { .. }));
+            damaged.then_some(id).into_iter().collect()
+        })
+    }
+
+    /// Sets aside what is damaged of trials, so that they are missing. Those that another process works on are left to it.
+    ///
+    /// # Errors
+    /// Where a file cannot be moved.
+    pub fn heal(&self, ids: &[&str], leases: &Leases) -> Result<Findings, Error> {
+        refuse_links(self)?;
+        let mut mine = Vec::new();
+        let healed = self.heal_under_leases(ids, leases, &mut mine);
+        let released = mine.iter().try_for_each(|id| leases.release(id));
+        healed.and_then(|found| released.map(|()| found))
+    }
+
+    fn heal_under_leases<'a>(&self, ids: &[&'a str], leases: &Leases, mine: &mut Vec<&'a str>) -> Result<Findings, Error> {
+        let mut found = Findings::default();
+        for id in ids {
+            if leases.claim(id)? == Claim::Mine {
+                mine.push(id);
+                found.findings.extend(self.damage(id)?);
+            }
+        }
+        if !found.findings.is_empty() {
+            found.aside = Some(self.set_aside(&found.findings)?);
+        }
+        Ok(found)
+    }
+
+    /// What keeps a trial from counting: damaged files with their acknowledgement, and results without one.
+    fn damage(&self, id: &str) -> Result<Vec<Finding>, Error> {
+        let mut check = Check::new(self);
+        let folder = self.folder(id);
+        check.inspect(folder.strip_prefix(self.root()).unwrap_or(&folder), id)?;
+        let mut findings = check.found.findings;
+        if !findings.iter().any(|finding| finding.trial.is_some()) {
+            // It became whole while its lease was waited for.
+            return Ok(Vec::new());
+        }
+        findings.retain(|finding| finding.trial.is_some() || finding.is_result());
+        Ok(findings)
+    }
+
+    /// Moves what was found into a new folder, which it answers, as seen from the store's.
+    pub(super) fn set_aside(&self, findings: &[Finding]) -> Result<PathBuf, Error> {
+        let aside = self.new_folder()?;
+        for finding in findings {
+            let to = self.root.join(&aside).join(&finding.path);
+            let folder = to.parent().unwrap_or(&self.root);
+            fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+            fs::rename(self.root.join(&finding.path), &to).map_err(Error::file("set aside as", &to))?;
+        }
+        Ok(aside)
+    }
+
+    /// A numbered folder that no other process has.
+    fn new_folder(&self) -> Result<PathBuf, Error> {
+        let all = self.root.join("aside");
+        fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
+        let mut number = names(&all)?.iter().filter_map(|name| name.parse::<u64>().ok()).max().unwrap_or(0);
+        loop {
+            number += 1;
+            let folder = all.join(number.to_string());
+            match fs::create_dir(&folder) {
+                Err(source) if source.kind() == ErrorKind::AlreadyExists => {}
+                outcome => {
+                    outcome.map_err(Error::file("create", &folder))?;
+                    return Ok(Path::new("aside").join(number.to_string()));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! Reads what lies in a store, and nothing else: no symbolic link is followed, and no name leads out of a trial's folder.
+
+use crate::Error;
+use std::{
+    fs,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
+
+/// What a file holds; `None` where there is none.
+///
+/// # Errors
+/// [`Error::Damaged`] where something else than a file has its name.
+pub(super) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
+    let absent = |kind: ErrorKind| kind == ErrorKind::NotFound;
+    match fs::symlink_metadata(path).map(|data| data.is_file()) {
+        Ok(true) => {}
+        Ok(false) => return Err(no_file(path)),
+        Err(source) if absent(source.kind()) => return Ok(None),
+        Err(source) => return Err(Error::file("read", path)(source)),
+    }
+    match fs::read(path) {
+        Ok(bytes) => Ok(Some(bytes)),
+        Err(source) if absent(source.kind()) => Ok(None),
+        Err(source) => Err(Error::file("read", path)(source)),
+    }
+}
+
+/// What a file of a trial holds, which may lie in the folder of a seat.
+///
+/// # Errors
+/// As [`read`].
+pub(super) fn read_in(trial: &Path, name: &str) -> Result<Option<Vec<u8>>, Error> {
+    let folder = name.split_once('/').map(|(seat, _)| trial.join(seat));
+    match folder.filter(|folder| is_link(folder)) {
+        Some(folder) => Err(no_file(&folder)),
+        None => read(&trial.join(name)),
+    }
+}
+
+fn no_file(path: &Path) -> Error {
+    let problem = "a link, a folder or a pipe has the name of a file; none is followed".into();
+    Error::Damaged { path: path.to_owned(), problem }
+}
+
+/// True for a folder, and not for a link to one.
+pub(super) fn is_folder(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|data| data.is_dir())
+}
+
+/// True for a file, and not for a link to one.
+pub(super) fn is_file(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|data| data.is_file())
+}
+
+/// True for a symbolic link, wherever it leads.
+pub(super) fn is_link(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|data| data.is_symlink())
+}
+
+/// True for the name of a policy: a file in the trial's folder, or in the folder of a seat.
+pub(super) fn is_policy(name: &str) -> bool {
+    let parts: Vec<&str> = name.split('/').collect();
+    let plain = |part: &&str| !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0']);
+    parts.len() <= 2 && parts.iter().all(plain) && name.ends_with(".safetensors")
+}
+
+/// Paths of all files in a trial's folder and the folders of seats in it, in order. Whatever else is there is one entry: links,
+/// folders in a seat's folder, and `running`, what a running trial keeps.
+///
+/// # Errors
+/// Where a folder cannot be read.
+pub(super) fn files_of(trial: &Path) -> Result<Vec<String>, Error> {
+    let mut found = Vec::new();
+    for name in super::names(trial)? {
+        let path = trial.join(&name);
+        if is_folder(&path) && name != "running" {
+            found.extend(super::names(&path)?.into_iter().map(|below| format!("{name}/{below}")));
+        } else {
+            found.push(name);
+        }
+    }
+    found.sort_unstable();
+    Ok(found)
+}
+
+/// Files and folders inside a folder, at any depth.
+///
+/// # Errors
+/// Where a folder cannot be read, or something in it is neither a file nor a folder.
+pub(super) fn contents(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let kind = entry.file_type()?;
+        if kind.is_dir() {
+            found.extend(contents(&entry.path())?);
+        } else if !kind.is_file() {
+            return Err(std::io::Error::new(ErrorKind::InvalidData, "it is neither a file nor a folder"));
+        }
+        found.push(entry.path());
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::symlink;
+
+    #[test]
+    fn policies_lie_in_the_trials_folder_or_a_seats() {
+        for name in ["policy.safetensors", "agent_3/critic.safetensors"] {
+            assert!(is_policy(name), "{name}");
+        }
+        let others = [
+            "../policy.safetensors",
+            "../../x.safetensors",
+            "seat/../../x.safetensors",
+            "/etc/x.safetensors",
+            "a/b/c.safetensors",
+            "a//b.safetensors",
+            "a\\b.safetensors",
+            ".hidden.safetensors",
+            "trial.json",
+            "",
+        ];
+        for name in others {
+            assert!(!is_policy(name), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_link_is_not_followed_wherever_it_stands() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        fs::create_dir(path("seat")).unwrap();
+        fs::write(path("seat/a.safetensors"), "a").unwrap();
+        symlink(path("seat"), path("linked")).unwrap();
+        symlink(path("seat/a.safetensors"), path("a.safetensors")).unwrap();
+        symlink("..", path("loop")).unwrap();
+        assert_eq!(read_in(folder.path(), "seat/a.safetensors").unwrap(), Some(b"a".to_vec()));
+        assert_eq!(read_in(folder.path(), "seat/b.safetensors").unwrap(), None);
+        for name in ["linked/a.safetensors", "a.safetensors"] {
+            assert!(matches!(read_in(folder.path(), name), Err(Error::Damaged { .. })), "{name}");
+        }
+        assert_eq!(files_of(folder.path()).unwrap(), ["a.safetensors", "linked", "loop", "seat/a.safetensors"]);
+        assert!(contents(folder.path()).is_err(), "a folder with links is not what was written");
+    }
+}

@@ -1,0 +1,484 @@
+//! One row per agent over several environments: aggregates of normalised scores, as Agarwal et al. 2021, "Deep reinforcement learning
+//! at the edge of the statistical precipice", arXiv:2108.13264, define them.
+//!
+//! A score is a seed's value in one environment, scaled so that 0 and 1 stand for two agents or two numbers of that environment.
+//! Intervals are those of a stratified bootstrap: seeds are drawn anew within each environment. What stands for 0 and 1 is held
+//! fixed. An agent without a score in one of the environments has no aggregate: other environments would make another suite.
+
+use super::{Axis, Cell, Grid, Heading, NumberFormat, Scope};
+use crate::{
+    Error,
+    results::Results,
+    statistics::{
+        Bootstrap, Interval,
+        comparison::{probability_of_improvement, probability_of_improvement_interval},
+        estimators::{mean, suite_iqm, suite_mean, suite_median, suite_optimality_gap, suite_share_above},
+    },
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Name of the column of means, the only one that is a mean over seeds.
+pub const SUITE_MEAN: &str = "mean";
+
+/// Aggregates of a metric over environments, one row per agent.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Aggregate {
+    /// The metric.
+    #[serde(default = "default_metric")]
+    pub value: String,
+    /// What the scores 0 and 1 stand for in each environment: the means of two agents, or two numbers.
+    pub normalise: Normalise,
+    /// The agent over which the probability of improvement is shown; no such column where absent.
+    #[serde(default)]
+    pub relative_to: Option<String>,
+    /// Scores at which the performance profile is shown: the share of seeds above each, environments weighted alike.
+    #[serde(default)]
+    pub profile_at: Vec<f64>,
+    /// Which agents, in this order; all where empty.
+    #[serde(default)]
+    pub agents: Vec<String>,
+    /// Which environments; all where empty.
+    #[serde(default)]
+    pub environments: Vec<String>,
+    /// Digits after the decimal point.
+    #[serde(default)]
+    #[schemars(range(max = 9))]
+    pub decimals: Option<usize>,
+    /// Names to print instead of the study's own.
+    #[serde(default)]
+    pub labels: BTreeMap<String, String>,
+}
+
+/// What the scores 0 and 1 stand for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged, deny_unknown_fields)]
+pub enum Normalise {
+    /// Two agents, whose means in an environment become 0 and 1.
+    Agents {
+        /// The agent of score 0.
+        low: String,
+        /// The agent of score 1.
+        high: String,
+    },
+    /// Two numbers by environment.
+    Numbers(BTreeMap<String, [f64; 2]>),
+}
+
+fn default_metric() -> String {
+    "return".into()
+}
+
+impl Aggregate {
+    /// Agents whose scores are fixed by construction, with the score.
+    #[must_use]
+    pub fn fixed(&self) -> Vec<(&str, u8)> {
+        match &self.normalise {
+            Normalise::Agents { low, high } => vec![(low, 0), (high, 1)],
+            Normalise::Numbers(_) => Vec::new(),
+        }
+    }
+
+    /// Names of the columns.
+    #[must_use]
+    pub fn columns(&self) -> Vec<String> {
+        Column::all(self).iter().map(Column::name).collect()
+    }
+
+    fn label<'a>(&'a self, name: &'a str) -> &'a str {
+        self.labels.get(name).map_or(name, String::as_str)
+    }
+}
+
+/// Computes the aggregates.
+///
+/// # Errors
+/// [`Error::Render`] where fewer than two environments have trials, or agents of several settings would be pooled.
+pub(super) fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
+    let all = Scope::of(results, &[], &spec.environments);
+    let scope = Scope::of(results, &spec.agents, &spec.environments);
+    let environments = scope.names(Axis::Environment, &spec.environments);
+    if environments.len() < 2 {
+        return Err(problem("an aggregate needs trials in at least two environments"));
+    }
+    if scope.varies(Axis::Setting) {
+        return Err(problem("an aggregate pools no settings of a sweep"));
+    }
+    let suite = Suite { spec, scales: environments.into_iter().map(|name| Scale::of(spec, name, &all)).collect() };
+    let (rows, left_out): (Vec<_>, Vec<_>) =
+        scope.names(Axis::Agent, &spec.agents).into_iter().partition(|agent| suite.is_played_by(agent, &scope));
+    let relative = spec.relative_to.as_ref().map(|agent| suite.scores(agent, &all));
+    let columns = Column::all(spec);
+    let cells = rows.iter().map(|agent| {
+        let scores = suite.scores(agent, &scope);
+        columns.iter().map(|column| suite.cell(agent, &scores, column, relative.as_ref())).collect()
+    });
+    Ok(Grid {
+        quantity: suite.quantity(),
+        statistic: "aggregates",
+        row_axis: Axis::Agent.name(),
+        cells: cells.collect(),
+        rows: rows.iter().map(|agent| suite.heading(agent)).collect(),
+        columns: columns.iter().map(|column| column.heading(spec)).collect(),
+        format: NumberFormat::Fixed(spec.decimals.unwrap_or(3)),
+        notes: suite.notes(&all, &left_out),
+        ..Grid::default()
+    })
+}
+
+/// What a column shows.
+#[derive(Debug, Clone, PartialEq)]
+enum Column {
+    Iqm,
+    Median,
+    Mean,
+    OptimalityGap,
+    Improvement(String),
+    Above(f64),
+}
+
+impl Column {
+    fn all(spec: &Aggregate) -> Vec<Self> {
+        let mut all = vec![Self::Iqm, Self::Median, Self::Mean, Self::OptimalityGap];
+        all.extend(spec.relative_to.clone().map(Self::Improvement));
+        all.extend(spec.profile_at.iter().copied().map(Self::Above));
+        all
+    }
+
+    fn name(&self) -> String {
+        match self {
+            Self::Iqm => "iqm".into(),
+            Self::Median => "median".into(),
+            Self::Mean => SUITE_MEAN.into(),
+            Self::OptimalityGap => "optimality_gap".into(),
+            Self::Improvement(_) => "probability_of_improvement".into(),
+            Self::Above(score) => format!("above_{score}"),
+        }
+    }
+
+    fn heading(&self, spec: &Aggregate) -> Heading {
+        let name = self.name();
+        let plain = match self {
+            Self::Iqm => "interquartile mean".into(),
+            Self::Median | Self::Mean => name.clone(),
+            Self::OptimalityGap => "optimality gap".into(),
+            Self::Improvement(agent) => format!("better than {}", spec.label(agent)),
+            Self::Above(score) => format!("above {score}"),
+        };
+        Heading { label: spec.labels.get(&name).cloned().unwrap_or(plain), name }
+    }
+
+    /// The value of some scores, seeds by environment; `others` are those of the agent to improve on.
+    fn of(&self, tasks: &[Vec<f64>], others: &[Vec<f64>]) -> f64 {
+        match self {
+            Self::Iqm => suite_iqm(tasks),
+            Self::Median => suite_median(tasks),
+            Self::Mean => suite_mean(tasks),
+            Self::OptimalityGap => suite_optimality_gap(tasks, 1.0),
+            Self::Improvement(_) => probability_of_improvement(tasks, others),
+            Self::Above(score) => suite_share_above(tasks, *score),
+        }
+    }
+
+    fn interval(&self, tasks: &[Vec<f64>], others: &[Vec<f64>]) -> Option<Interval> {
+        match self {
+            Self::Improvement(_) => probability_of_improvement_interval(tasks, others, Bootstrap::TABLE),
+            _ => Bootstrap::TABLE.stratified(tasks, |tasks| self.of(tasks, others)),
+        }
+    }
+
+    /// True where the agents that stand for 0 and 1 have these values whatever their seeds do.
+    fn is_fixed_by_scale(&self) -> bool {
+        matches!(self, Self::Median | Self::Mean)
+    }
+}
+
+/// An environment with what its scores 0 and 1 stand for.
+struct Scale {
+    environment: String,
+    /// `None` where an agent that stands for one of them has no value.
+    ends: Option<[f64; 2]>,
+}
+
+impl Scale {
+    fn of(spec: &Aggregate, environment: String, all: &Scope<'_>) -> Self {
+        let of_agent = |agent: &str| {
+            let values = all.at(Axis::Agent, agent).at(Axis::Environment, &environment).finals(&spec.value);
+            (!values.is_empty()).then(|| mean(&values.into_values().collect::<Vec<_>>()))
+        };
+        let ends = match &spec.normalise {
+            Normalise::Agents { low, high } => of_agent(low).zip(of_agent(high)).map(Into::into),
+            Normalise::Numbers(numbers) => numbers.get(&environment).copied(),
+        };
+        Self { environment, ends }
+    }
+
+    /// `None` where nothing can be scaled.
+    fn score(&self, value: f64) -> Option<f64> {
+        self.ends.filter(|[low, high]| low != high).map(|[low, high]| (value - low) / (high - low))
+    }
+}
+
+/// The scores of one agent.
+struct Scores {
+    /// By environment, in the order of the suite, and seed.
+    by_environment: Vec<BTreeMap<u64, f64>>,
+    planned: usize,
+    failed: usize,
+    missing: Vec<String>,
+}
+
+impl Scores {
+    /// Seeds by environment; `None` where an environment has none.
+    fn tasks(&self) -> Option<Vec<Vec<f64>>> {
+        let tasks: Vec<Vec<f64>> = self.by_environment.iter().map(|seeds| seeds.values().copied().collect()).collect();
+        tasks.iter().all(|seeds| !seeds.is_empty()).then_some(tasks)
+    }
+
+    /// Each seed that has a score in every environment, alone: one seed by environment.
+    fn complete_seeds(&self) -> Vec<(u64, Vec<Vec<f64>>)> {
+        let of = |seed: &u64| self.by_environment.iter().map(|seeds| Some(vec![*seeds.get(seed)?])).collect::<Option<_>>();
+        let seeds: BTreeSet<u64> = self.by_environment.iter().flat_map(BTreeMap::keys).copied().collect();
+        seeds.into_iter().filter_map(|seed| Some((seed, of(&seed)?))).collect()
+    }
+}
+
+struct Suite<'a> {
+    spec: &'a Aggregate,
+    scales: Vec<Scale>,
+}
+
+impl Suite<'_> {
+    fn is_played_by(&self, agent: &str, scope: &Scope<'_>) -> bool {
+        let scope = scope.at(Axis::Agent, agent);
+        self.scales.iter().all(|scale| !scope.at(Axis::Environment, &scale.environment).trials.is_empty())
+    }
+
+    fn scores(&self, agent: &str, scope: &Scope<'_>) -> Scores {
+        let scope = scope.at(Axis::Agent, agent);
+        let mut scores =
+            Scores { by_environment: Vec::new(), planned: scope.planned(), failed: scope.failed(), missing: Vec::new() };
+        for scale in &self.scales {
+            let here = scope.at(Axis::Environment, &scale.environment);
+            let label = self.spec.label(&scale.environment);
+            scores.missing.extend(here.absences().into_iter().map(|reason| format!("{label}: {reason}")));
+            let raw = here.finals(&self.spec.value);
+            let scaled: BTreeMap<u64, f64> = raw.iter().filter_map(|(seed, value)| Some((*seed, scale.score(*value)?))).collect();
+            if scaled.len() < raw.len() {
+                scores.missing.push(format!("{label}: nothing tells the scores 0 and 1 apart"));
+            }
+            scores.by_environment.push(scaled);
+        }
+        scores
+    }
+
+    fn cell(&self, agent: &str, scores: &Scores, column: &Column, relative: Option<&Scores>) -> Cell {
+        if matches!(column, Column::Improvement(other) if other == agent) {
+            return Cell::default();
+        }
+        let cell = Cell { planned: scores.planned, failed: scores.failed, missing: scores.missing.clone(), ..Cell::default() };
+        let others = match (column, relative) {
+            (Column::Improvement(_), Some(relative)) => relative.tasks(),
+            _ => Some(Vec::new()),
+        };
+        let (Some(tasks), Some(others)) = (scores.tasks(), others) else { return cell };
+        let seeds = scores.complete_seeds().iter().map(|(seed, tasks)| (*seed, column.of(tasks, &others))).collect();
+        let fixed = self.spec.fixed().into_iter().find(|(name, _)| column.is_fixed_by_scale() && *name == agent);
+        if let Some((_, score)) = fixed {
+            return Cell { seeds, estimate: Some(f64::from(score)), ..cell };
+        }
+        let interval = column.interval(&tasks, &others).map(|interval| (interval.low, interval.high));
+        Cell { seeds, estimate: Some(column.of(&tasks, &others)), interval, ..cell }
+    }
+
+    fn heading(&self, agent: &str) -> Heading {
+        let label = self.spec.label(agent);
+        let label = match self.spec.fixed().iter().find(|(name, _)| *name == agent) {
+            Some((_, score)) => format!("{label} ({score} by construction)"),
+            None => label.into(),
+        };
+        Heading { name: agent.into(), label }
+    }
+
+    fn quantity(&self) -> String {
+        let value = self.spec.labels.get(&self.spec.value).cloned().unwrap_or_else(|| self.spec.value.replace('_', " "));
+        let ends = match &self.spec.normalise {
+            Normalise::Agents { low, high } => {
+                format!("0 stands for the mean of {} and 1 for that of {}", self.spec.label(low), self.spec.label(high))
+            }
+            Normalise::Numbers(_) => "scaled".into(),
+        };
+        format!("{value}, {ends} in each of {} environments", self.scales.len())
+    }
+
+    fn notes(&self, all: &Scope<'_>, left_out: &[String]) -> Vec<String> {
+        let mut notes = vec![
+            "Intervals draw the seeds of each environment anew (stratified bootstrap); what stands for 0 and 1 is held fixed."
+                .into(),
+            self.ends(),
+        ];
+        if !self.spec.fixed().is_empty() {
+            notes.push("Rows that are 0 or 1 by construction show how far their seeds spread; nothing is tested on them.".into());
+        }
+        for (agent, score) in self.spec.fixed() {
+            if all.at(Axis::Agent, agent).trials.iter().any(|trial| !trial.is_ok()) {
+                let label = self.spec.label(agent);
+                notes.push(format!("Trials of {label}, which stands for {score}, are missing: scores will move with them."));
+            }
+        }
+        for agent in left_out {
+            notes.push(format!("{} is left out: it has no trials in some of the environments.", self.spec.label(agent)));
+        }
+        notes
+    }
+
+    /// What 0 and 1 stand for in each environment.
+    fn ends(&self) -> String {
+        let of = |scale: &Scale| {
+            let label = self.spec.label(&scale.environment);
+            let Some([low, high]) = scale.ends else { return format!("{label}: not known yet") };
+            let format = NumberFormat::fitting([low, high].into_iter());
+            format!("{label}: {} and {}", format.write(low), format.write(high))
+        };
+        format!("The scores 0 and 1: {}.", self.scales.iter().map(of).collect::<Vec<_>>().join("; "))
+    }
+}
+
+fn problem(problem: &str) -> Error {
+    Error::Render { what: "table".into(), problem: problem.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        Phase,
+        report::synthetic::{ended, trial},
+        results::{EndState, TrialResult},
+        table::{TableSpec, csv, html, latex, markdown, terminal},
+    };
+    use serde_json::Value;
+
+    /// Scores and aggregates made by `tests/fixtures/statistics/aggregate.py`.
+    fn reference() -> Value {
+        serde_json::from_str(include_str!("../../../tests/fixtures/statistics/aggregate.json")).unwrap()
+    }
+
+    fn final_value(environment: &str, agent: &str, seed: u64, value: f64) -> TrialResult {
+        trial(environment, agent, "", seed, &vec![(Phase::Final, 9, 0, "score", value)])
+    }
+
+    /// The raw values of the reference; a seed without one failed.
+    fn results() -> Results {
+        let mut trials = Vec::new();
+        for (environment, agents) in reference()["raw"].as_object().unwrap() {
+            for (agent, seeds) in agents.as_object().unwrap() {
+                for (seed, value) in (0..).zip(seeds.as_array().unwrap()) {
+                    let trial = final_value(environment, agent, seed, value.as_f64().unwrap_or(0.0));
+                    trials.push(if value.is_null() { ended(trial, EndState::Oom, "3 GB") } else { trial });
+                }
+            }
+        }
+        Results::of(trials)
+    }
+
+    fn spec(normalise: &Value) -> Aggregate {
+        serde_json::from_value(serde_json::json!({
+            "value": "score", "normalise": normalise, "relative_to": "middling", "profile_at": reference()["profile_at"],
+            "agents": ["weak", "middling", "able", "strong"],
+        }))
+        .unwrap()
+    }
+
+    #[test]
+    fn aggregates_agree_with_an_independent_computation() {
+        for case in reference()["cases"].as_array().unwrap() {
+            let spec = spec(&case["normalise"]);
+            let grid = build(&spec, &results()).unwrap();
+            for (heading, cells) in grid.rows.iter().zip(&grid.cells) {
+                for (column, cell) in grid.columns.iter().zip(cells) {
+                    let expected = &case["rows"][&heading.name][&column.name];
+                    let place = format!("{}, {}: {cell:?} against {expected}", heading.name, column.name);
+                    let Some(estimate) = expected["estimate"].as_f64() else {
+                        assert!(cell.estimate.is_none() && cell.planned == 0, "{place}");
+                        continue;
+                    };
+                    assert!((cell.estimate.unwrap() - estimate).abs() < 1e-12, "{place}");
+                    let Some((low, high)) = cell.interval else {
+                        let is_fixed = spec.fixed().iter().any(|(name, _)| *name == heading.name);
+                        assert!(is_fixed && ["median", "mean"].contains(&column.name.as_str()), "{place}");
+                        continue;
+                    };
+                    let ends = [&expected["low"], &expected["high"]].map(|end| end.as_f64().unwrap());
+                    // Other random numbers; a share moves in steps of one seed.
+                    let step = if column.name.starts_with("above") { 0.06 } else { 0.0 };
+                    let tolerance = 0.03 * (ends[1] - ends[0]) + step;
+                    assert!((low - ends[0]).abs() <= tolerance && (high - ends[1]).abs() <= tolerance, "{place}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn rows_that_are_fixed_by_construction_say_so() {
+        let grid = build(&spec(&serde_json::json!({"low": "weak", "high": "strong"})), &results()).unwrap();
+        let labels: Vec<&str> = grid.rows.iter().map(|row| row.label.as_str()).collect();
+        assert_eq!(labels, ["weak (0 by construction)", "middling", "able", "strong (1 by construction)"]);
+        for (row, score) in [(0, 0.0), (3, 1.0)] {
+            for column in [1, 2] {
+                let cell = &grid.cells[row][column];
+                assert!((cell.estimate.unwrap() - score).abs() < 1e-12 && cell.interval.is_none(), "{cell:?}");
+            }
+            assert!(grid.cells[row][0].interval.is_some());
+        }
+    }
+
+    #[test]
+    fn every_renderer_writes_it() {
+        let aggregate = Some(spec(&serde_json::json!({"low": "weak", "high": "strong"})));
+        let table = TableSpec { caption: "Three environments".into(), aggregate, ..TableSpec::default() };
+        let grid = crate::table::build(&table, &results()).unwrap();
+        insta::assert_snapshot!("aggregate_markdown", markdown(&grid));
+        insta::assert_snapshot!("aggregate_csv", csv(&grid).unwrap());
+        for text in [latex(&grid, "suite"), html(&grid), terminal(&grid, 300)] {
+            assert!(text.contains("weak (0 by construction)") && text.contains("better than middling"), "{text}");
+        }
+    }
+
+    #[test]
+    fn another_suite_is_no_aggregate() {
+        let mut results = results();
+        for it in results.trials.iter_mut().filter(|it| it.trial.environment == "maze") {
+            match it.trial.agent.as_str() {
+                "able" => *it = ended(it.clone(), EndState::Failed, "it failed"),
+                "middling" => it.trial.agent = "strong".into(),
+                _ => {}
+            }
+        }
+        let spec =
+            Aggregate { agents: Vec::new(), relative_to: None, ..spec(&serde_json::json!({"low": "weak", "high": "strong"})) };
+        let grid = build(&spec, &results).unwrap();
+        let rows: Vec<&str> = grid.rows.iter().map(|row| row.name.as_str()).collect();
+        assert_eq!(rows, ["able", "strong", "weak"], "`middling` has no trials in the maze");
+        assert!(grid.notes.iter().any(|note| note.starts_with("middling is left out")), "{:?}", grid.notes);
+        let able = &grid.cells[0][0];
+        assert_eq!((able.estimate, able.seeds.len()), (None, 0));
+        assert!(able.incompleteness().contains("maze: 6 failed"), "{}", able.incompleteness());
+    }
+
+    #[test]
+    fn what_cannot_be_scaled_or_pooled_is_said() {
+        let numbers = serde_json::json!({"maze": [0, 1], "race": [2, 2], "climb": [0, 1]});
+        let grid = build(&spec(&numbers), &results()).unwrap();
+        assert!(grid.cells.iter().flatten().all(|cell| cell.estimate.is_none()));
+        assert!(grid.cells[0][0].incompleteness().contains("race: nothing tells the scores 0 and 1 apart"));
+        let message = |spec: &Aggregate, results: &Results| build(spec, results).unwrap_err().to_string();
+        let one = Aggregate { environments: vec!["maze".into()], ..spec(&numbers) };
+        assert_eq!(message(&one, &results()), "table: an aggregate needs trials in at least two environments");
+        let mut swept = results();
+        swept.trials[0].trial.setting = "rate=1".into();
+        assert!(message(&Aggregate { agents: Vec::new(), ..spec(&numbers) }, &swept).contains("settings of a sweep"));
+    }
+}
