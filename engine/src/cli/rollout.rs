@@ -48,7 +48,7 @@ pub(super) struct RolloutOptions {
     /// Which episode of the trial's final measurement; 0 where absent.
     #[arg(long, value_name = "N", requires = "trial", conflicts_with = "seed")]
     episode: Option<u64>,
-    /// Seed of the environment's and the agent's random numbers; 0 where absent.
+    /// Seed of the environment's and the agent's random numbers; 0 where absent. With `--trial`: a new episode, not a measured one.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// The most decisions that an agent makes.

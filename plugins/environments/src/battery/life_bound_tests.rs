@@ -148,7 +148,7 @@ fn longest(cells: &[Cell], demands_w: &[f64], steps: usize) -> u64 {
 
 /// Two cells near their end, a few long decisions: all allocations of a grid are tried.
 #[test]
-fn the_best_of_all_allocations_is_close_below_the_bound() {
+fn the_best_of_all_allocations_lies_below_the_bound() {
     let (mut best, mut bounds) = (0, 0);
     for episode in 0..12 {
         let mut rng = rng("small", episode);
