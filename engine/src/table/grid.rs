@@ -348,11 +348,17 @@ impl NumberFormat {
         if text.starts_with('-') && !text.bytes().any(|byte| (b'1'..=b'9').contains(&byte)) { text[1..].into() } else { text }
     }
 
-    /// Writes a published number with the digits it was published with.
+    /// Writes a published number with the digits it was published with; one with more than anybody prints was computed, of a curve,
+    /// and gets the digits of the table.
     #[must_use]
     pub fn published(self, number: f64) -> String {
+        const MOST_PRINTED: usize = 6;
         match self {
-            Self::Fixed(_) => number.to_string(),
+            Self::Fixed(_) => {
+                let text = number.to_string();
+                let digits = text.split_once('.').map_or(0, |(_, digits)| digits.len());
+                if digits > MOST_PRINTED { self.write(number) } else { text }
+            }
             Self::Scientific(_) => format!("{number:e}"),
         }
     }
@@ -368,6 +374,12 @@ mod tests {
         assert_eq!(NumberFormat::fitting([51234.0].into_iter()), NumberFormat::Fixed(0));
         assert_eq!(NumberFormat::fitting([2e-5, f64::NAN].into_iter()), NumberFormat::Scientific(3));
         assert_eq!(NumberFormat::fitting(std::iter::empty()), NumberFormat::Fixed(1));
+    }
+
+    #[test]
+    fn published_numbers_keep_their_digits_and_computed_ones_do_not() {
+        assert_eq!(NumberFormat::Fixed(1).published(0.0505), "0.0505");
+        assert_eq!(NumberFormat::Fixed(1).published(-160.435_637_499_999_98), "-160.4");
     }
 
     #[test]

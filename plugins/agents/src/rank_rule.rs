@@ -5,7 +5,7 @@
 //!
 //! Table 3.3: rule I `[0.15, 0.25, 0.25, 0.35]`, II `[0.1, 0.2, 0.3, 0.4]`, III `[0.1, 0.2, 0.2, 0.5]`,
 //! IV `[0.05, 0.2, 0.35, 0.45]`. The weights of rule IV sum to 1.05 as printed. They are applied as they are: so the rule lives
-//! 0.126 of an equal split in the battery environment (published: 0.120), divided by their sum 0.194.
+//! 0.122 of an equal split in the battery environment (published: 0.120), divided by their sum 0.194.
 
 use crate::seat;
 use engine::{Action, Agent, Error, Interface, Mode, Observation, Preset, Rng};
