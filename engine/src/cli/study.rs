@@ -292,16 +292,15 @@ struct Cell {
 type Names<'a> = (&'a str, &'a str, &'a str);
 
 fn cells<'a>(one: &'a Planned, ends: &[Option<TrialEnd>]) -> Vec<(Names<'a>, Cell)> {
-    let mut cells: Vec<(Names<'a>, Cell)> = Vec::new();
+    let (mut cells, mut places): (Vec<(Names<'a>, Cell)>, BTreeMap<Names<'a>, usize>) = (Vec::new(), BTreeMap::new());
     for ((trial, end), cost) in one.plan.trials.iter().zip(ends).zip(&one.costs) {
         let names = (trial.environment.as_str(), trial.agent.as_str(), trial.setting.as_str());
-        // The trials of a cell stand side by side in a plan.
-        if cells.last().is_none_or(|(known, _)| *known != names) {
+        // The trials of a cell stand side by side in a plan, except for those of later looks.
+        let place = *places.entry(names).or_insert(cells.len());
+        if place == cells.len() {
             cells.push((names, Cell::default()));
         }
-        if let Some((_, cell)) = cells.last_mut() {
-            cell.add(end.as_ref(), *cost);
-        }
+        cells[place].1.add(end.as_ref(), *cost);
     }
     cells
 }

@@ -173,11 +173,16 @@ impl ClaimLine {
         self.verdict.as_ref().map_or(UNREAD, |verdict| verdict.verdict.word())
     }
 
+    /// The verdict that all claims of the study have together (Holm), where it is another than that of the claim alone.
+    #[must_use]
+    pub fn together(&self) -> Option<ClaimOutcome> {
+        self.verdict.as_ref().ok().and_then(|claim| claim.adjusted.filter(|adjusted| *adjusted != claim.verdict))
+    }
+
     /// The verdict, and the one that all claims of the study have together where it is another.
     #[must_use]
     pub fn verdict_in_words(&self) -> String {
-        let adjusted = self.verdict.as_ref().ok().and_then(|claim| claim.adjusted.filter(|adjusted| *adjusted != claim.verdict));
-        adjusted.map_or(self.word().into(), |adjusted| format!("{} (Holm: {adjusted})", self.word()))
+        self.together().map_or(self.word().into(), |outcome| format!("{} (Holm: {outcome})", self.word()))
     }
 
     /// The difference between the sides with its interval and the number of seeds; empty where nothing has run.

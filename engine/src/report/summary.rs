@@ -43,9 +43,10 @@ fn claims(contents: &Contents, width: usize) -> String {
         };
         let numbers = line.numbers();
         let numbers = if numbers.is_empty() { String::new() } else { format!(": difference {numbers}") };
-        let notes: String = line.notes().iter().map(|note| format!("; {note}")).collect();
+        let together = line.together().map(|outcome| format!("all claims together (Holm): {outcome}"));
+        let notes: String = line.notes().into_iter().chain(together).map(|note| format!("; {note}")).collect();
         let text = wrap(&format!("{}{place}{numbers}{notes}", line.spec.claim), width.saturating_sub(14).max(20));
-        format!("{:<12}  {}", line.verdict_in_words(), text.replace('\n', "\n              "))
+        format!("{:<12}  {}", line.word(), text.replace('\n', "\n              "))
     };
     contents.claims.iter().map(line).collect::<Vec<_>>().join("\n")
 }

@@ -80,6 +80,8 @@ pub struct Findings {
 
 /// Folders of a store besides `trials`; what lies in them is not the store's to judge.
 const KNOWN: [&str; 3] = ["owners", "submissions", "aside"];
+/// The folder of the records of verdicts that were seen.
+const LOOKS: &str = "looks";
 const NOT_FOLLOWED: &str = "it is a link, which is not followed";
 
 impl Store {
@@ -126,8 +128,25 @@ impl<'a> Check<'a> {
             let path = PathBuf::from(&name);
             if name == "trials" {
                 self.groups(&path)?;
+            } else if name == LOOKS {
+                self.looks(&path)?;
             } else if !KNOWN.contains(&name.as_str()) {
                 self.foreign(path, "the store has no such file");
+            }
+        }
+        Ok(())
+    }
+
+    /// Records of verdicts that were seen, a file a study.
+    fn looks(&mut self, folder: &Path) -> Result<(), Error> {
+        let root = self.store.root.join(folder);
+        if !is_folder(&root) {
+            self.foreign(folder.to_path_buf(), "verdicts that were seen are kept in a folder");
+            return Ok(());
+        }
+        for name in names(&root)? {
+            if !name.ends_with(".json") {
+                self.foreign(folder.join(name), "verdicts that were seen are kept in a file per study");
             }
         }
         Ok(())
