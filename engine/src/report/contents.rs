@@ -100,7 +100,7 @@ impl Contents {
     /// How many published values have each verdict, those of exploratory tables apart.
     #[must_use]
     pub fn verdicts(&self, exploratory: bool) -> Counts {
-        let cells = || self.cells(exploratory).filter_map(|cell| cell.verdict());
+        let cells = || self.cells(exploratory).filter_map(table::Cell::verdict);
         present(Verdict::ALL.map(|verdict| (verdict.word(), cells().filter(|it| *it == verdict).count())))
     }
 

@@ -183,8 +183,7 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         found.extend(more);
         in_order(found)
     };
-    let plan =
-        SeedPlan::read(sections.written.seeds.as_ref(), sections.sources).map_err(|error| with(found.clone(), vec![error]))?;
+    let plan = SeedPlan::read(sections.written.seeds.as_ref(), sections.sources).map_err(|errors| with(found.clone(), errors))?;
     if let Some(error) = too_many(root, sections, plan.seeds.len()) {
         return Err(with(found, vec![error]));
     }

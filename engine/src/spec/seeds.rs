@@ -28,13 +28,13 @@ impl SeedPlan {
     ///
     /// # Errors
     /// Looks that contradict each other or the limits.
-    pub fn read(written: Option<&Node>, sources: &Sources) -> Result<Self, Diagnostic> {
+    pub fn read(written: Option<&Node>, sources: &Sources) -> Result<Self, Vec<Diagnostic>> {
         let Some(node) = written else { return Ok(Self { seeds: vec![0], design: None }) };
         match (&node.kind, node.to_value()) {
             (Kind::Mapping(_), value) => {
                 let looks = looks(&value).map_err(|(key, message, help)| {
                     let place = node.entry(key).map_or(node.span, |entry| entry.key_span);
-                    sources.error(place, &format!("seeds.{key}"), message).help(help)
+                    vec![sources.error(place, &format!("seeds.{key}"), message).help(help)]
                 })?;
                 let most = looks.last().copied().unwrap_or(1);
                 Ok(Self { seeds: (0..u64::from(most)).collect(), design: Some(Design::new(looks)) })

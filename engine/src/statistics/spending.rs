@@ -160,9 +160,9 @@ impl Paths {
         for _ in 0..60 {
             let excess = self.crossing(time, boundary) - newly;
             if excess > 0.0 {
-                low = boundary
+                low = boundary;
             } else {
-                high = boundary
+                high = boundary;
             }
             let newton = boundary + excess / self.density(time, boundary);
             let next = if newton > low && newton < high { newton } else { f64::midpoint(low, high) };
