@@ -3,7 +3,7 @@
 use crate::program::Bench;
 use std::collections::BTreeMap;
 
-const STUDY: &str = "
+pub(crate) const STUDY: &str = "
 study: looks
 environments:
   cells: { battery: { cells: 2 } }

@@ -2,7 +2,7 @@
 
 use super::{STUDY, submissions, until};
 use crate::{
-    cross_play,
+    cross_play, looks,
     program::{Answer, Bench, answer},
 };
 use std::{
@@ -79,6 +79,17 @@ fn policies_that_meet_are_run_after_their_training() {
     let ran = run(&bench, &["run", "small.yaml"]);
     assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
     assert_eq!(bench.digests("store").len(), cross_play::TRIALS);
+}
+
+#[test]
+fn planned_looks_are_taken_by_jobs_as_on_one_machine() {
+    let bench = bench(&format!("{RUN}; echo 7"), "");
+    bench.write("small.yaml", looks::STUDY);
+    let ran = run(&bench, &["run", "small.yaml"]);
+    assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
+    bench.write("looks.yaml", looks::STUDY);
+    bench.ok(&["run", "looks.yaml", "--executor", "local", "--store", "local", "-o", "elsewhere"]);
+    assert_eq!(bench.digests("store"), bench.digests("local"));
 }
 
 #[test]
