@@ -86,4 +86,8 @@ fn a_verdict_that_was_seen_without_a_plan_is_marked() {
     bench.write("looks.yaml", &fixed(6).replace("final_episodes: 2", "final_episodes: 3"));
     bench.ok(&["run", "looks.yaml"]);
     assert!(!report(&bench).contains("unplanned look"));
+    // What was seen of the first experiment is not forgotten over the second.
+    bench.write("looks.yaml", &fixed(6));
+    bench.ok(&["run", "looks.yaml"]);
+    assert!(report(&bench).contains("the verdict was seen with 3 seeds before"));
 }

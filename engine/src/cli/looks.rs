@@ -82,16 +82,8 @@ pub(super) fn line(one: &Planned) -> Option<String> {
 /// Numbers of seeds at which a verdict was seen, by what was judged.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Seen {
-    /// By table and cell, or claim and place.
-    verdicts: BTreeMap<String, SeenVerdict>,
-}
-
-#[derive(Debug, Default, Clone, PartialEq, Serialize, Deserialize)]
-struct SeenVerdict {
-    /// Hash of the first seeds' trials: another version of a trial is another experiment.
-    trials: String,
-    /// Numbers of seeds.
-    seeds: BTreeSet<u32>,
+    /// By table and cell, or claim and place, and by the trials of the first seeds: another version of a trial is another experiment.
+    verdicts: BTreeMap<String, BTreeSet<u32>>,
 }
 
 /// Marks verdicts that were seen with fewer seeds before and without a plan for it, and records those that are seen now.
@@ -106,13 +98,9 @@ pub(super) fn record(one: &Planned, store: &Store, results: &Results, contents: 
     let mut changed = false;
     let mut look = |key: String, rests_on: &BTreeSet<CellName>, seeds: Option<u32>| {
         let seeds = seeds?;
-        let entry = seen.verdicts.entry(key).or_default();
-        let trials = first_trials.hash(rests_on);
-        if entry.trials != trials {
-            *entry = SeenVerdict { trials, ..SeenVerdict::default() };
-        }
-        changed |= entry.seeds.insert(seeds);
-        entry.seeds.iter().copied().find(|earlier| *earlier < seeds && !planned.contains(earlier))
+        let before = seen.verdicts.entry(format!("{key} @ {}", first_trials.hash(rests_on))).or_default();
+        changed |= before.insert(seeds);
+        before.iter().copied().find(|earlier| *earlier < seeds && !planned.contains(earlier))
     };
     for (name, grid) in contents.tables.iter_mut().filter_map(|(name, grid)| Some((name, grid.as_mut().ok()?))) {
         for (row, cells) in grid.rows.iter().zip(&mut grid.cells) {
