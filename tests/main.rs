@@ -19,6 +19,7 @@ mod pins;
 mod program;
 mod provenance;
 mod reports;
+mod results;
 mod resume;
 mod rollout;
 mod runs;
