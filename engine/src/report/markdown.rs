@@ -1,11 +1,11 @@
 //! The report in Markdown.
 
-use super::{Parts, Period, budgets, differences, files, head, prose, sheet::Sheet};
+use super::{Parts, Period, budgets, differences, files, head, sheet::Sheet};
 use crate::{
     build::tally,
     figure::{Chart, FigureSpec},
     results::TrialResult,
-    table::{Grid, escape_markdown as escape, markdown},
+    table::{Grid, escape_markdown as escape, markdown, prose},
 };
 
 /// The whole report.
@@ -58,11 +58,16 @@ fn figures(parts: &Parts<'_>) -> Vec<String> {
     let figure = |((name, chart), (_, spec)): (&(String, Result<Chart, String>), &(String, FigureSpec))| {
         let body = match chart {
             Ok(chart) => {
-                format!("![{}](figures/{})\n\n{}", escape(name), files::name(name, "svg"), escape(&chart.notes.join(" ")))
+                format!(
+                    "![{}](figures/{})\n\n{}",
+                    escape(name),
+                    files::name(name, "svg"),
+                    prose::markdown(&chart.notes.join(" "))
+                )
             }
             Err(reason) => format!("Could not be drawn: {}", prose::markdown(reason)),
         };
-        let caption = if spec.caption.is_empty() { String::new() } else { format!("{}\n\n", escape(&spec.caption)) };
+        let caption = if spec.caption.is_empty() { String::new() } else { format!("{}\n\n", prose::markdown(&spec.caption)) };
         format!("### {}\n\n{caption}{body}", escape(name))
     };
     parts.contents.figures.iter().zip(&parts.study.figures).map(figure).collect()

@@ -16,7 +16,6 @@ mod outcome;
 mod page;
 mod period;
 mod profiles;
-mod prose;
 mod sheet;
 mod summary;
 #[cfg(test)]

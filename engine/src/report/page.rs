@@ -3,12 +3,11 @@
 use super::{
     Parts, budgets, by_seed, differences, files, head,
     markdown::{NO_SETTINGS, SETTINGS, end_states, failure, provenance, title},
-    prose,
     sheet::Sheet,
 };
 use crate::{
     figure::{Chart, FigureSpec},
-    table::{Grid, escape_html as escape, html, verdict_word},
+    table::{Grid, escape_html as escape, html, prose, verdict_word},
 };
 
 const STYLE: &str = include_str!("page.css");
@@ -92,7 +91,7 @@ fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &F
         (Ok(chart), Some(svg)) => {
             // A caption is a sentence, with or without its full stop.
             let stop = if spec.caption.is_empty() || spec.caption.ends_with(['.', '!', '?']) { "" } else { "." };
-            let caption = escape(&format!("{}{stop} {}", spec.caption, chart.notes.join(" ")));
+            let caption = prose::html(&format!("{}{stop} {}", spec.caption, chart.notes.join(" ")));
             let width = if chart.columns > 1 { "double" } else { "single" };
             let drawing = inline(svg, if spec.caption.is_empty() { name } else { &spec.caption });
             format!(

@@ -1,7 +1,6 @@
 //! A table about the study itself, of words and numbers that are written already; one renderer each for Markdown and the page.
 
-use super::prose;
-use crate::table::{escape_html, escape_markdown};
+use crate::table::{escape_html, escape_markdown, prose};
 
 /// A table with its notes. The first column heads the rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

@@ -24,7 +24,7 @@ pub fn summary(study: &StudyInfo, results: &Results, contents: &Contents, page: 
     if !contents.claims.is_empty() {
         parts.push(claims(contents, width));
     }
-    let mut last: Vec<String> = budgets::untrained(results).into_iter().map(|sentence| sentence.replace('`', "")).collect();
+    let mut last: Vec<String> = budgets::untrained(results);
     last.extend(counts(contents));
     last.push(format!("Time: {}", budgets::cost(results).sentence()));
     last.extend(study.profiles.iter().map(|it| format!("Profile {}: {}", it.name(), it.sentence())));

@@ -1,6 +1,6 @@
 //! A table in HTML: the verdict as a word, coloured by the page's style sheet.
 
-use super::{Grid, Part};
+use super::{Grid, Part, prose};
 use std::fmt::Write as _;
 
 /// A `table` element with caption and head, followed by its notes. It uses the classes `verdict`, `value` and `notes`.
@@ -9,7 +9,7 @@ pub fn html(grid: &Grid) -> String {
     let parts = grid.parts();
     let mut out = format!(
         "<table>\n<caption>{}</caption>\n<thead><tr><th scope=\"col\">{}</th>",
-        escape(&grid.caption),
+        prose::html(&grid.caption),
         escape(grid.corner())
     );
     for part in &parts {
@@ -20,7 +20,7 @@ pub fn html(grid: &Grid) -> String {
         let _ = writeln!(out, "<tr><th scope=\"row\">{}</th>{}</tr>", escape(&grid.rows[row].label), cells(grid, row, &parts));
     }
     out += "</tbody>\n</table>\n";
-    let notes: String = grid.footnotes().iter().map(|note| format!("<p>{}</p>\n", escape(note))).collect();
+    let notes: String = grid.footnotes().iter().map(|note| format!("<p>{}</p>\n", prose::html(note))).collect();
     format!("{out}<div class=\"notes\">\n{notes}</div>\n")
 }
 

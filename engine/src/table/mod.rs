@@ -8,6 +8,7 @@ mod grid;
 mod html;
 mod latex;
 mod markdown;
+pub(crate) mod prose;
 mod published;
 mod seeds;
 mod terminal;

@@ -1,15 +1,23 @@
-//! Sentences of a study in which words between backticks are names of its parts.
+//! Sentences in which words between backticks are names of parts of a study: captions, notes, departures, reasons.
 
-use crate::table::{escape_html, escape_markdown};
+use super::{html::escape as escape_html, latex::escape as escape_latex, markdown::escape as escape_markdown};
 
 /// The sentence in HTML.
-pub(super) fn html(text: &str) -> String {
+#[must_use]
+pub fn html(text: &str) -> String {
     render(text, escape_html, |code| format!("<code>{}</code>", escape_html(code)))
 }
 
 /// The sentence in Markdown.
-pub(super) fn markdown(text: &str) -> String {
+#[must_use]
+pub fn markdown(text: &str) -> String {
     render(text, escape_markdown, |code| format!("`{code}`"))
+}
+
+/// The sentence in LaTeX.
+#[must_use]
+pub fn latex(text: &str) -> String {
+    render(text, escape_latex, |code| format!("\\texttt{{{}}}", escape_latex(code)))
 }
 
 /// Every second part between backticks is a name. A backtick without its pair is a character like any other.
@@ -32,6 +40,7 @@ mod tests {
     fn names_are_marked_and_all_else_is_plain() {
         assert_eq!(html("`a_b` < <i>"), "<code>a_b</code> &lt; &lt;i&gt;");
         assert_eq!(markdown("the `a_b` of a_b *"), "the `a_b` of a\\_b \\*");
+        assert_eq!(latex("the `a_b` of 5 %"), "the \\texttt{a\\_b} of 5 \\%");
         assert_eq!(markdown("`a` and ` alone"), "`a` and \\` alone");
         assert_eq!(html("no names"), "no names");
     }
