@@ -2,7 +2,7 @@
 
 use super::{
     StudyInfo,
-    sheet::{Entry, Sheet, Tone},
+    sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::{
     Phase,
@@ -22,8 +22,6 @@ const HEAD: [&str; 9] = [
     "time per trial",
     "time in all",
 ];
-/// What stands where there is no number.
-const NONE: &str = "–";
 
 /// The trials of an agent in an environment.
 struct Budget<'a> {
@@ -188,7 +186,7 @@ fn range(numbers: impl Iterator<Item = f64>) -> String {
     match ends {
         None => NONE.into(),
         Some((low, high)) if low == high => format!("{low:.0}"),
-        Some((low, high)) => format!("{low:.0}{NONE}{high:.0}"),
+        Some((low, high)) => format!("{low:.0}–{high:.0}"),
     }
 }
 

@@ -1,10 +1,11 @@
 //! The values of single seeds behind the cells of a table.
 
+use super::sheet::{Entry, NONE, Sheet};
 use crate::{
     Error,
-    table::{Cell, Grid, escape_html as escape, write_csv},
+    table::{Cell, Grid, write_csv},
 };
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// One line per cell and seed, all digits.
 ///
@@ -27,20 +28,18 @@ pub(super) fn count(grid: &Grid) -> usize {
     grid.cells.iter().flatten().map(|cell| cell.seeds.len()).sum()
 }
 
-/// A `table` element: a row per cell, a column per seed.
-pub(super) fn html(grid: &Grid) -> String {
+/// A row per cell, a column per seed.
+pub(super) fn sheet(grid: &Grid) -> Sheet {
     let seeds: BTreeSet<u64> = grid.cells.iter().flatten().flat_map(|cell| cell.seeds.iter().map(|(seed, _)| *seed)).collect();
-    let head: String = seeds.iter().map(|seed| format!("<th scope=\"col\" class=\"value\">seed {seed}</th>")).collect();
+    let head = std::iter::once("cell".into()).chain(seeds.iter().map(|seed| format!("seed {seed}"))).collect();
     let row = |(place, cell): (String, &Cell)| {
-        let value = |seed: &u64| {
-            cell.seeds.iter().find(|(own, _)| own == seed).map_or("–".into(), |(_, value)| grid.format.write(*value))
-        };
-        let values: String = seeds.iter().map(|seed| format!("<td class=\"value\">{}</td>", value(seed))).collect();
-        format!("<tr><th scope=\"row\">{}</th>{values}</tr>\n", escape(&place))
+        let values: BTreeMap<u64, f64> = cell.seeds.iter().copied().collect();
+        let value = |seed: &u64| values.get(seed).map_or(NONE.into(), |value| grid.format.write(*value));
+        std::iter::once(place).chain(seeds.iter().map(value)).map(Entry::plain).collect()
     };
     // Cells that no trial belongs to have nothing to show.
-    let rows: String = grid.places().filter(|(_, cell)| cell.planned > 0).map(row).collect();
-    format!("<table>\n<thead><tr><th scope=\"col\">cell</th>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table>\n")
+    let rows = grid.places().filter(|(_, cell)| cell.planned > 0).map(row).collect();
+    Sheet { head, words: 1, rows, ..Sheet::default() }
 }
 
 #[cfg(test)]
@@ -74,7 +73,7 @@ mod tests {
 
     #[test]
     fn a_missing_seed_leaves_a_gap_in_its_column() {
-        let page = html(&grid());
+        let page = sheet(&grid()).html();
         assert_eq!(page.matches("<th scope=\"col\" class=\"value\">seed ").count(), 5);
         assert_eq!(page.matches("<td class=\"value\">–</td>").count(), 2);
         assert!(page.contains("four_cells, SAC &lt;1&gt;"), "{page}");

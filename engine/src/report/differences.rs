@@ -2,7 +2,7 @@
 
 use super::{
     StudyInfo,
-    sheet::{Entry, Sheet, Tone},
+    sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::{
     cross_play::is_cross_play,
@@ -16,8 +16,6 @@ use std::{collections::BTreeSet, path::Path, sync::Arc};
 const MOST_VALUES: usize = 6;
 /// Characters of one value that are written out.
 const MOST_CHARACTERS: usize = 48;
-/// What stands where a config has no such key.
-const ABSENT: &str = "–";
 
 /// Which part of a trial is looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -223,7 +221,7 @@ fn some_of(values: &[(String, BTreeSet<&str>)]) -> String {
 /// A value as a study would have it, cut where it is long.
 fn word(value: Option<&Value>) -> String {
     let text = match value {
-        None => return ABSENT.into(),
+        None => return NONE.into(),
         Some(Value::String(text)) => text.clone(),
         Some(value) => value.to_string(),
     };

@@ -1,6 +1,6 @@
 //! The report in Markdown.
 
-use super::{Parts, Period, budgets, differences, files, head, sheet::Sheet};
+use super::{Parts, Period, files, head, sheet::Sheet};
 use crate::{
     build::tally,
     figure::{Chart, FigureSpec},
@@ -14,13 +14,13 @@ pub(super) fn report(parts: &Parts<'_>) -> String {
     let mut blocks =
         vec![format!("# {}", escape(title(parts))), format!("Study `{}`. {}", study.name, prose::markdown(&study.source))];
     blocks.extend(study.asked_with().map(|options| format!("**Computed {}.**", escape(&options))));
-    blocks.extend(head::lines(parts.contents).iter().map(counts));
+    blocks.extend(parts.head.iter().map(counts));
     let sections = [
         ("Tables", tables(parts)),
         ("Figures", figures(parts)),
-        ("Claims", claims(parts)),
+        ("Claims", parts.claims.iter().map(Sheet::markdown).collect()),
         ("Departures", study.departures.iter().map(|departure| format!("- {}", prose::markdown(departure))).collect()),
-        ("Budgets", budgets::sheet(parts.study, parts.results).iter().map(Sheet::markdown).collect()),
+        ("Budgets", parts.budgets.iter().map(Sheet::markdown).collect()),
         ("Settings that differ", settings(parts)),
         ("Values by seed", by_seed(parts)),
         ("What was run", runs(parts)),
@@ -73,23 +73,10 @@ fn figures(parts: &Parts<'_>) -> Vec<String> {
     parts.contents.figures.iter().zip(&parts.study.figures).map(figure).collect()
 }
 
-fn claims(parts: &Parts<'_>) -> Vec<String> {
-    if parts.contents.claims.is_empty() {
-        return Vec::new();
-    }
-    let mut lines = vec!["| claim | environment | verdict | difference | notes |".to_owned(), "|---|---|---|---|---|".into()];
-    lines.extend(parts.contents.claims.iter().map(|line| {
-        let cells = [&line.spec.claim, &line.place, &line.verdict_in_words(), &line.numbers(), &line.notes().join("; ")]
-            .map(|text| escape(text));
-        format!("| {} |", cells.join(" | "))
-    }));
-    vec![lines.join("\n")]
-}
-
 fn settings(parts: &Parts<'_>) -> Vec<String> {
-    let sheets: Vec<String> = differences::sheets(parts.study, parts.results).iter().map(Sheet::markdown).collect();
-    let text = if sheets.is_empty() { NO_SETTINGS } else { SETTINGS };
-    std::iter::once(format!("{text} The complete configs are in [resolved.yaml](resolved.yaml).")).chain(sheets).collect()
+    let text = if parts.settings.is_empty() { NO_SETTINGS } else { SETTINGS };
+    let text = format!("{text} The complete configs are in [resolved.yaml](resolved.yaml).");
+    std::iter::once(text).chain(parts.settings.iter().map(Sheet::markdown)).collect()
 }
 
 /// What stands above the settings that differ.

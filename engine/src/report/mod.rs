@@ -5,6 +5,7 @@
 
 mod budgets;
 mod by_seed;
+mod claims;
 mod contents;
 mod differences;
 mod files;
@@ -34,6 +35,7 @@ pub use summary::summary;
 
 use crate::{Build, Error, figure, figure::FigureSpec, results::Results, spec::ClaimSpec, table, table::TableSpec};
 use serde_json::Value;
+use sheet::Sheet;
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
@@ -143,7 +145,17 @@ pub fn write(
             drawings.insert(name.as_str(), svg);
         }
     }
-    let parts = Parts { study, results, contents, provenance, drawings: &drawings };
+    let parts = Parts {
+        study,
+        results,
+        contents,
+        provenance,
+        drawings: &drawings,
+        head: head::lines(contents),
+        claims: claims::sheet(contents),
+        budgets: budgets::sheet(study, results),
+        settings: differences::sheets(study, results),
+    };
     let (markdown, page) = (dir.join("report.md"), dir.join("index.html"));
     files::write(&markdown, markdown::report(&parts).as_bytes())?;
     files::write(&page, page::page(&parts).as_bytes())?;
@@ -158,6 +170,12 @@ struct Parts<'a> {
     provenance: &'a Provenance,
     /// SVG of each figure, by name.
     drawings: &'a BTreeMap<&'a str, String>,
+    /// The counts at the head.
+    head: Vec<head::Line>,
+    claims: Option<Sheet>,
+    budgets: Option<Sheet>,
+    /// The settings that differ, a table per plugin.
+    settings: Vec<Sheet>,
 }
 
 fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5], Error> {

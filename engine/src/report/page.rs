@@ -1,7 +1,7 @@
 //! The report as one page: style sheet and drawings inside, nothing loaded from elsewhere.
 
 use super::{
-    Parts, budgets, by_seed, differences, files, head,
+    Parts, budgets, by_seed, files, head,
     markdown::{NO_SETTINGS, SETTINGS, end_states, failure, provenance, title},
     sheet::Sheet,
 };
@@ -18,9 +18,9 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
     let sections = [
         ("Tables", tables(parts)),
         ("Figures", figures(parts)),
-        ("Claims", claims(parts)),
+        ("Claims", parts.claims.iter().map(Sheet::html).collect()),
         ("Departures", list(&parts.study.departures)),
-        ("Budgets", budgets::sheet(parts.study, parts.results).iter().map(Sheet::html).collect()),
+        ("Budgets", parts.budgets.iter().map(Sheet::html).collect()),
         ("Settings that differ", settings(parts)),
         ("Values by seed", values_by_seed(parts)),
         ("What was run", runs(parts)),
@@ -56,7 +56,7 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
     let note = |options: String| format!("<p><strong>Computed {}.</strong></p>\n", escape(&options));
     let options = parts.study.asked_with().map_or_else(String::new, note);
     let chips = |counts: &head::Line| {
-        let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word));
+        let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word, word));
         format!("<div><h2>{}</h2><ul>{}</ul></div>\n", counts.what, counts.words.iter().map(chip).collect::<String>())
     };
     format!(
@@ -64,7 +64,7 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
          <div><h2>Trials</h2><p>{}</p></div>\n<div><h2>Time</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },
-        head::lines(parts.contents).iter().map(chips).collect::<String>(),
+        parts.head.iter().map(chips).collect::<String>(),
         escape(&end_states(parts)),
         budgets::cost(parts.results).sentence(),
     )
@@ -117,33 +117,6 @@ fn links(folder: &str, name: &str, extensions: &[&str]) -> String {
     format!("<p class=\"links\">{}</p>\n", extensions.iter().map(link).collect::<Vec<_>>().join(" · "))
 }
 
-/// The headings of claims, which on a narrow page stand before each of their cells.
-const CLAIM: [&str; 5] = ["claim", "environment", "verdict", "left minus right", "notes"];
-
-fn claims(parts: &Parts<'_>) -> String {
-    if parts.contents.claims.is_empty() {
-        return String::new();
-    }
-    let head = CLAIM.map(|cell| format!("<th scope=\"col\">{cell}</th>")).concat();
-    let rows: String = parts.contents.claims.iter().map(claim).collect();
-    format!("<table class=\"text\">\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table>\n")
-}
-
-fn claim(line: &super::ClaimLine) -> String {
-    let cells = [
-        format!("<code>{}</code>", escape(&line.spec.claim)),
-        escape(&line.place),
-        verdict_word(&line.verdict_in_words()),
-        escape(&line.numbers()),
-        prose::html(&line.notes().join("; ")),
-    ];
-    let cell = |(heading, cell): (&str, String)| match cell.is_empty() {
-        true => "<td></td>".into(),
-        false => format!("<td data-heading=\"{heading}\">{cell}</td>"),
-    };
-    format!("<tr>{}</tr>\n", CLAIM.into_iter().zip(cells).map(cell).collect::<String>())
-}
-
 fn list(items: &[String]) -> String {
     if items.is_empty() {
         return String::new();
@@ -153,7 +126,7 @@ fn list(items: &[String]) -> String {
 
 fn settings(parts: &Parts<'_>) -> String {
     const FILE: &str = "<a href=\"resolved.yaml\">resolved.yaml</a>";
-    let sheets: String = differences::sheets(parts.study, parts.results).iter().map(Sheet::html).collect();
+    let sheets: String = parts.settings.iter().map(Sheet::html).collect();
     let text = if sheets.is_empty() { NO_SETTINGS } else { SETTINGS };
     format!("<p>{text} The complete configs are in {FILE}.</p>\n{sheets}")
 }
@@ -163,11 +136,11 @@ fn values_by_seed(parts: &Parts<'_>) -> String {
     let table = |(name, grid): (&String, &Grid)| {
         let file = files::by_seed(name);
         format!(
-            "<details>\n<summary>{}: {} values</summary>\n<div class=\"wide\">\n{}</div>\n\
+            "<details>\n<summary>{}: {} values</summary>\n{}\
              <p class=\"links\"><a href=\"tables/{file}\">all digits: csv</a></p>\n</details>\n",
             escape(name),
             by_seed::count(grid),
-            by_seed::html(grid)
+            by_seed::sheet(grid).html()
         )
     };
     made.map(table).collect()

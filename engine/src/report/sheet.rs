@@ -1,6 +1,9 @@
 //! A table about the study itself, of words and numbers that are written already; one renderer each for Markdown and the page.
 
-use crate::table::{escape_html, escape_markdown, prose};
+use crate::table::{escape_html, escape_markdown, markdown_row, prose, verdict_word};
+
+/// What stands where there is nothing to write.
+pub(super) const NONE: &str = "–";
 
 /// A table with its notes. The first column heads the rows.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -26,7 +29,7 @@ pub(super) struct Entry {
     pub(super) tone: Tone,
 }
 
-/// How much an entry wants to be seen.
+/// What an entry is, and how much it wants to be seen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Tone {
     /// Like any other.
@@ -36,25 +39,35 @@ pub(super) enum Tone {
     Quiet,
     /// More than others: something is not well.
     Alarm,
+    /// A formula that a study has so.
+    Code,
+    /// A verdict, in the colour of this word.
+    Verdict(&'static str),
+    /// Sentences with names between backticks; on a narrow page the rows of a table with such entries become lists.
+    Sentence,
 }
 
 impl Entry {
     /// An entry like any other.
     pub(super) fn plain(text: impl Into<String>) -> Self {
-        Self { text: text.into(), tone: Tone::Plain }
+        Self::of(Tone::Plain, text)
+    }
+
+    /// An entry of any kind.
+    pub(super) fn of(tone: Tone, text: impl Into<String>) -> Self {
+        Self { text: text.into(), tone }
     }
 }
 
 impl Sheet {
     /// The sheet in Markdown.
     pub(super) fn markdown(&self) -> String {
-        let line = |cells: Vec<String>| format!("| {} |", cells.join(" | "));
         let rule = |column: usize| if column < self.words { "---" } else { "--:" };
         let mut lines = vec![
-            line(self.head.iter().map(|cell| escape_markdown(cell)).collect()),
+            markdown_row(self.head.iter().map(|cell| escape_markdown(cell))),
             format!("|{}|", (0..self.head.len()).map(rule).collect::<Vec<_>>().join("|")),
         ];
-        lines.extend(self.rows.iter().map(|row| line(row.iter().map(Entry::markdown).collect())));
+        lines.extend(self.rows.iter().map(|row| markdown_row(row.iter().map(Entry::markdown))));
         let title = (!self.title.is_empty()).then(|| format!("### {}", prose::markdown(&self.title)));
         let notes = self.notes.iter().map(|note| prose::markdown(note));
         title.into_iter().chain([lines.join("\n")]).chain(notes).collect::<Vec<_>>().join("\n\n")
@@ -62,29 +75,47 @@ impl Sheet {
 
     /// The sheet in HTML.
     pub(super) fn html(&self) -> String {
+        let title = if self.title.is_empty() { String::new() } else { format!("<h3>{}</h3>\n", prose::html(&self.title)) };
+        let notes: String = self.notes.iter().map(|note| format!("<p>{}</p>\n", prose::html(note))).collect();
+        let notes = if notes.is_empty() { notes } else { format!("<div class=\"notes\">\n{notes}</div>\n") };
+        let table = if self.is_text() {
+            format!("<table class=\"text\">\n{}</table>\n", self.lines())
+        } else {
+            format!("<div class=\"wide\">\n<table>\n{}</table>\n</div>\n", self.lines())
+        };
+        format!("<article>\n{title}{table}{notes}</article>\n")
+    }
+
+    fn is_text(&self) -> bool {
+        self.rows.iter().flatten().any(|entry| entry.tone == Tone::Sentence)
+    }
+
+    fn lines(&self) -> String {
         let class = |column: usize| if column < self.words { "" } else { " class=\"value\"" };
         let heading = |(column, cell): (usize, &String)| format!("<th scope=\"col\"{}>{}</th>", class(column), escape_html(cell));
         let head: String = self.head.iter().enumerate().map(heading).collect();
+        // In a list each entry stands behind its heading.
+        let named = |column: usize| format!(" data-heading=\"{}\"", escape_html(&self.head[column]));
+        let name = |column: usize| if self.is_text() { named(column) } else { String::new() };
         let cell = |(column, entry): (usize, &Entry)| match column {
-            0 => format!("<th scope=\"row\">{}</th>", entry.html()),
-            _ => format!("<td{}>{}</td>", class(column), entry.html()),
+            0 => format!("<th scope=\"row\"{}>{}</th>", name(0), entry.html()),
+            _ => format!("<td{}{}>{}</td>", class(column), name(column), entry.html()),
         };
         let row = |row: &Vec<Entry>| format!("<tr>{}</tr>\n", row.iter().enumerate().map(cell).collect::<String>());
         let rows: String = self.rows.iter().map(row).collect();
-        let notes: String = self.notes.iter().map(|note| format!("<p>{}</p>\n", prose::html(note))).collect();
-        let title = if self.title.is_empty() { String::new() } else { format!("<h3>{}</h3>\n", prose::html(&self.title)) };
-        format!(
-            "<article>\n{title}<div class=\"wide\">\n<table>\n<thead><tr>{head}</tr></thead>\n\
-             <tbody>\n{rows}</tbody>\n</table>\n</div>\n\
-             <div class=\"notes\">\n{notes}</div>\n</article>\n"
-        )
+        format!("<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n")
     }
 }
 
 impl Entry {
     fn markdown(&self) -> String {
-        let text = escape_markdown(&self.text);
-        if self.tone == Tone::Alarm { format!("**{text}**") } else { text }
+        match self.tone {
+            Tone::Plain | Tone::Quiet | Tone::Verdict(_) => escape_markdown(&self.text),
+            Tone::Alarm => format!("**{}**", escape_markdown(&self.text)),
+            // A bar would end the cell, and a line the row.
+            Tone::Code => format!("`{}`", self.text.replace('|', "\\|").replace(['\n', '\r'], " ")),
+            Tone::Sentence => prose::markdown(&self.text),
+        }
     }
 
     fn html(&self) -> String {
@@ -93,6 +124,9 @@ impl Entry {
             Tone::Plain => text,
             Tone::Quiet => format!("<span class=\"quiet\">{text}</span>"),
             Tone::Alarm => format!("<b class=\"problem\">{text}</b>"),
+            Tone::Code => format!("<code>{text}</code>"),
+            Tone::Verdict(word) => verdict_word(word, &self.text),
+            Tone::Sentence => prose::html(&self.text),
         }
     }
 }

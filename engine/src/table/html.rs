@@ -26,7 +26,10 @@ pub fn html(grid: &Grid) -> String {
 
 fn cells(grid: &Grid, row: usize, parts: &[Part]) -> String {
     let cell = |part: &Part| match part {
-        Part::Verdict(_) => format!("<td class=\"verdict\">{}</td>", word(&grid.text(row, *part))),
+        Part::Verdict(column) => {
+            let verdict = grid.cells[row][*column].verdict().map(|verdict| word(verdict.word(), &grid.text(row, *part)));
+            format!("<td class=\"verdict\">{}</td>", verdict.unwrap_or_default())
+        }
         Part::Value(column) => {
             let seeds: Vec<String> =
                 grid.cells[row][*column].seeds.iter().map(|(seed, value)| format!("{seed}: {value}")).collect();
@@ -45,15 +48,11 @@ fn class(part: Part) -> &'static str {
     if matches!(part, Part::Verdict(_)) { "verdict" } else { "value" }
 }
 
-/// A verdict as a word with a class of its own, which carries its colour.
+/// A text with the class of the word of a verdict, which carries its colour.
 #[must_use]
-pub fn word(verdict: &str) -> String {
-    if verdict.is_empty() {
-        return String::new();
-    }
-    // The class is that of the verdict itself, whatever stands in brackets behind it.
-    let class = verdict.split(" (").next().unwrap_or_default().to_lowercase().replace(' ', "-");
-    format!("<span class=\"word {class}\">{}</span>", escape(verdict))
+pub fn word(verdict: &str, text: &str) -> String {
+    let class = verdict.to_lowercase().replace(' ', "-");
+    format!("<span class=\"word {class}\">{}</span>", escape(text))
 }
 
 /// Text with the characters that HTML reads as markup made plain, for text and for attributes in double quotes.

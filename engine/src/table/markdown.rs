@@ -18,7 +18,12 @@ pub fn markdown(grid: &Grid) -> String {
 }
 
 fn line<'a>(cells: impl Iterator<Item = &'a str>) -> String {
-    format!("| {} |", cells.map(escape).collect::<Vec<_>>().join(" | "))
+    row(cells.map(escape))
+}
+
+/// A line of a table; the cells are escaped already.
+pub fn row(cells: impl Iterator<Item = String>) -> String {
+    format!("| {} |", cells.collect::<Vec<_>>().join(" | "))
 }
 
 fn rule(part: Part) -> &'static str {

@@ -22,7 +22,7 @@ pub use cross_play::{CrossPlayTable, MEAN};
 pub use grid::{Cell, Grid, Heading, NumberFormat, Part};
 pub use html::{escape as escape_html, html, word as verdict_word};
 pub use latex::latex;
-pub use markdown::{escape as escape_markdown, markdown};
+pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
 pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMargin};
 pub use seeds::Scope;
 pub use terminal::{terminal, wrap};

@@ -1,0 +1,25 @@
+//! The claims of a study and what the seeds say of them, as a table.
+
+use super::{
+    Contents,
+    contents::ClaimLine,
+    sheet::{Entry, Sheet, Tone},
+};
+
+const HEAD: [&str; 5] = ["claim", "environment", "verdict", "left minus right", "notes"];
+
+/// A row for each claim and place that it is held against; `None` without claims.
+pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
+    let row = |line: &ClaimLine| {
+        vec![
+            Entry::of(Tone::Code, &line.spec.claim),
+            Entry::plain(&line.place),
+            Entry::of(Tone::Verdict(line.word()), line.verdict_in_words()),
+            Entry::plain(line.numbers()),
+            Entry::of(Tone::Sentence, line.notes().join("; ")),
+        ]
+    };
+    let rows: Vec<_> = contents.claims.iter().map(row).collect();
+    let head = HEAD.map(String::from).to_vec();
+    (!rows.is_empty()).then(|| Sheet { title: String::new(), head, words: HEAD.len(), rows, notes: Vec::new() })
+}
