@@ -5,6 +5,8 @@ use super::{
     contents::ClaimLine,
     sheet::{Entry, Sheet, Tone},
 };
+use crate::statistics::ClaimVerdict;
+use std::collections::BTreeSet;
 
 const HEAD: [&str; 5] = ["claim", "environment", "verdict", "left minus right", "notes"];
 
@@ -21,5 +23,12 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     };
     let rows: Vec<_> = contents.claims.iter().map(row).collect();
     let head = HEAD.map(String::from).to_vec();
-    (!rows.is_empty()).then(|| Sheet { title: String::new(), head, words: HEAD.len(), rows, notes: Vec::new() })
+    (!rows.is_empty()).then(|| Sheet { title: String::new(), head, words: HEAD.len(), rows, notes: notes(contents) })
+}
+
+/// What many claims share and is said once, under them: with how many seeds no permutation test could decide anything.
+pub(super) fn notes(contents: &Contents) -> Vec<String> {
+    let note = |claim: &ClaimVerdict| Some(format!("{}: {}.", claim.size(), claim.permutation?.note(0.05)?));
+    let claims = contents.claims.iter().filter_map(|line| line.verdict.as_ref().ok());
+    claims.filter_map(note).collect::<BTreeSet<_>>().into_iter().collect()
 }

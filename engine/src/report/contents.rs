@@ -196,8 +196,7 @@ impl ClaimLine {
             let percent = (1000.0 * interval.level).round() / 10.0;
             format!(" [{}, {}] at {percent} %", format.write(interval.low), format.write(interval.high))
         });
-        let pairs = if verdict.paired { "pairs" } else { "seeds" };
-        format!("{}{interval}, n = {} {pairs}", format.write(difference), verdict.n)
+        format!("{}{interval}, {}", format.write(difference), verdict.size())
     }
 
     /// What the reader must know besides.
@@ -277,7 +276,7 @@ fn hold(
     if !untrained.is_empty() {
         let agents = untrained.into_iter().collect::<Vec<_>>().join(", ");
         let notes = vec![format!("0 updates: {agents} was not trained")];
-        return ClaimVerdict { verdict: ClaimOutcome::NotTrained, statement: None, notes, ..verdict };
+        return ClaimVerdict { verdict: ClaimOutcome::NotTrained, permutation: None, statement: None, notes, ..verdict };
     }
     if spec.calibrated_on.is_some() && verdict.verdict.is_judged() {
         return ClaimVerdict { verdict: ClaimOutcome::Calibrated, statement: None, ..verdict };

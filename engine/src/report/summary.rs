@@ -1,6 +1,6 @@
 //! The report in short, for a terminal.
 
-use super::{Contents, StudyInfo, budgets, head};
+use super::{Contents, StudyInfo, budgets, claims, head};
 use crate::{
     results::Results,
     table::{terminal, wrap},
@@ -22,7 +22,7 @@ pub fn summary(study: &StudyInfo, results: &Results, contents: &Contents, page: 
     let failed = contents.figures.iter().filter_map(|(name, chart)| chart.as_ref().err().map(|reason| (name, reason)));
     parts.extend(failed.map(|(name, reason)| wrap(&format!("{name}: could not be drawn: {reason}"), width)));
     if !contents.claims.is_empty() {
-        parts.push(claims(contents, width));
+        parts.push(verdicts(contents, width));
     }
     let mut last: Vec<String> = budgets::untrained(results);
     last.extend(counts(contents));
@@ -34,7 +34,7 @@ pub fn summary(study: &StudyInfo, results: &Results, contents: &Contents, page: 
     parts.join("\n\n") + "\n"
 }
 
-fn claims(contents: &Contents, width: usize) -> String {
+fn verdicts(contents: &Contents, width: usize) -> String {
     let line = |line: &super::ClaimLine| {
         let place = if line.place.is_empty() || line.spec.claim.ends_with(&line.place) {
             String::new()
@@ -48,7 +48,8 @@ fn claims(contents: &Contents, width: usize) -> String {
         let text = wrap(&format!("{}{place}{numbers}{notes}", line.spec.claim), width.saturating_sub(14).max(20));
         format!("{:<12}  {}", line.word(), text.replace('\n', "\n              "))
     };
-    contents.claims.iter().map(line).collect::<Vec<_>>().join("\n")
+    let notes = claims::notes(contents).into_iter().map(|note| wrap(&note, width));
+    contents.claims.iter().map(line).chain(notes).collect::<Vec<_>>().join("\n")
 }
 
 fn counts(contents: &Contents) -> Vec<String> {

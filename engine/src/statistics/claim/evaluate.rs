@@ -109,13 +109,13 @@ pub struct ClaimVerdict {
     pub difference: Option<f64>,
     /// Interval of the difference at the level that decides; `None` below two seeds.
     pub interval: Option<Interval>,
-    /// Permutation test of a difference of 0, for claims of a direction.
+    /// Permutation test of a difference of 0, for claims of a direction of which a side depends on the seed.
     pub permutation: Option<PermutationTest>,
     /// About how many more seeds would decide with a power of 80 %, where that is open and an affordable number would.
     pub more_seeds: Option<u32>,
     /// Where in the design it stands; `None` where the number of seeds is fixed.
     pub stage: Option<Stage>,
-    /// What the reader must know: too few seeds, seeds that do not match, the smallest p that can be reached.
+    /// What the reader must know: too few seeds, seeds that do not match.
     pub notes: Vec<String>,
     /// What was decided; `None` where nothing could be.
     pub statement: Option<Statement>,
@@ -138,6 +138,12 @@ impl ClaimVerdict {
             notes: Vec::new(),
             statement: None,
         }
+    }
+
+    /// How many seeds it rests on, as in `n = 5 pairs`.
+    #[must_use]
+    pub fn size(&self) -> String {
+        format!("n = {} {}", self.n, if self.paired { "pairs" } else { "seeds" })
     }
 }
 
@@ -333,7 +339,6 @@ fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimV
     let decision = statement.decide();
     let taken = &compared[decision.look];
     let verdict = ClaimOutcome::of(decision.outcome);
-    let permutation = taken.permutation.filter(|_| is_direction);
     let open = verdict == ClaimOutcome::Inconclusive && seeds.design.is_none();
     ClaimVerdict {
         verdict,
@@ -342,15 +347,15 @@ fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimV
         paired: taken.design == Design::Paired,
         difference: Some(taken.difference()).filter(|value| value.is_finite()),
         interval: decision.interval.map(|interval| taken.interval(interval)),
-        permutation,
+        permutation: taken.permutation.filter(|_| is_direction && !taken.has_no_spread),
         more_seeds: if open { verdict::more_seeds(&statement.looks[decision.look], statement.alpha) } else { None },
         stage: Stage::of(seeds, Some(&decision)),
-        notes: notes(taken, permutation),
+        notes: notes(taken),
         statement: Some(statement),
     }
 }
 
-fn notes(compared: &Compared, permutation: Option<PermutationTest>) -> Vec<String> {
+fn notes(compared: &Compared) -> Vec<String> {
     let n = compared.evidence.n();
     let too_few =
         (n < FEWEST_SEEDS && !compared.has_no_spread).then(|| format!("too few seeds ({n}): at least {FEWEST_SEEDS} are needed"));
@@ -358,8 +363,7 @@ fn notes(compared: &Compared, permutation: Option<PermutationTest>) -> Vec<Strin
     let unrelated = (compared.design == Design::Unrelated && is_mean)
         .then(|| format!("fewer than {FEWEST_SEEDS} seeds in common: compared as unrelated samples"));
     let no_spread = compared.has_no_spread.then(|| "the seeds make no difference".to_owned());
-    let smallest_p = permutation.filter(|_| !compared.has_no_spread).and_then(|test| test.note(0.05));
-    [too_few, unrelated, no_spread, smallest_p].into_iter().flatten().collect()
+    [too_few, unrelated, no_spread].into_iter().flatten().collect()
 }
 
 #[cfg(test)]
