@@ -27,6 +27,15 @@ pub struct Transition {
     pub end: Option<End>,
 }
 
+/// What an agent that learns says of its updates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Updates {
+    /// How many `learn` made so far, also before a checkpoint that `load` took up.
+    pub made: u64,
+    /// Transitions that `learn` must have been given before the first one can be made; `u64::MAX` where none ever is.
+    pub first_after: u64,
+}
+
 /// A policy for all seats of an environment, and how it improves.
 ///
 /// A protocol steps several environments together, so `act` and `learn` take one row per environment.
@@ -45,14 +54,9 @@ pub trait Agent: Send {
         Ok(())
     }
 
-    /// How many updates `learn` made so far, also before a checkpoint that `load` took up; `None` for agents that do not learn.
-    fn updates(&self) -> Option<u64> {
+    /// The updates of an agent that learns; `None` for others.
+    fn updates(&self) -> Option<Updates> {
         None
-    }
-
-    /// Transitions that `learn` must have been given before the first update can be made; `u64::MAX` where none ever is.
-    fn first_update_after(&self) -> u64 {
-        0
     }
 
     /// What [`Agent::assess`] measures; agents without have none.

@@ -3,7 +3,7 @@
 //! A plan hashes the content. A trial reads each file once, holds it against the hash, and hands its plugins a config with the
 //! content beside the path: however often a plugin is built, and whatever becomes of the file meanwhile, it reads the same.
 
-use crate::Error;
+use crate::{Error, store};
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -87,7 +87,7 @@ impl JsonSchema for DataFile {
 /// Hash of what the file at `path` holds, as it enters ids; `None` where it cannot be read.
 #[must_use]
 pub fn hash_of(path: &Path) -> Option<String> {
-    fs::read(path).ok().map(|bytes| hash(&bytes))
+    fs::read(path).ok().map(|bytes| store::digest(&bytes))
 }
 
 /// The config's value of the [`DataFile`] at the path `named`, with its content.
@@ -97,15 +97,11 @@ pub fn hash_of(path: &Path) -> Option<String> {
 pub(crate) fn read(named: &str, expected: &str) -> Result<Value, Error> {
     let path = Path::new(named);
     let bytes = fs::read(path).map_err(Error::file("read", path))?;
-    if hash(&bytes) != expected {
+    if store::digest(&bytes) != expected {
         return Err(Error::DataFileChanged { path: path.into() });
     }
     let text = String::from_utf8(bytes).map_err(|source| io::Error::new(io::ErrorKind::InvalidData, source));
     Ok(json!({ "path": named, "content": text.map_err(Error::file("read", path))? }))
-}
-
-fn hash(bytes: &[u8]) -> String {
-    blake3::hash(bytes).to_hex()[..32].to_string()
 }
 
 #[cfg(test)]

@@ -40,7 +40,7 @@ pub mod store;
 pub mod table;
 pub mod trial;
 
-pub use agent::{Agent, Mode, Transition};
+pub use agent::{Agent, Mode, Transition, Updates};
 pub use build::Build;
 pub use checkpoint::{Keeper, NoKeeper};
 pub use data_file::DataFile;

@@ -4,6 +4,7 @@ use crate::{
     Metric, PerEpisode,
     recorder::{Phase, Row},
     statistics::{Seeds, spending::Design},
+    store::is_missing,
     trial::Trial,
 };
 use schemars::JsonSchema;
@@ -198,17 +199,39 @@ impl Results {
         Self { trials, ..Self::default() }
     }
 
-    /// Which seeds of some trials a statement may be decided on: those of looks for which every trial has ended.
+    /// Which seeds of some trials a statement may be decided on: those of looks for which every trial has ended. One that was
+    /// killed from outside has not: it runs again.
     #[must_use]
     pub fn seeds_of(&self, trials: &[&TrialResult]) -> Seeds {
         let Some(design) = &self.design else { return Seeds::default() };
         let mut ended: BTreeMap<CellName, BTreeSet<u64>> = BTreeMap::new();
         for trial in trials {
             let seeds = ended.entry(trial.cell()).or_default();
-            seeds.extend(trial.end.as_ref().map(|_| trial.trial.key.seed));
+            seeds.extend(Some(trial.trial.key.seed).filter(|_| !is_missing(trial.end.as_ref())));
         }
         let is_complete = |most: &&u32| ended.values().all(|seeds| seeds.range(..u64::from(**most)).count() == **most as usize);
         let complete = design.looks().iter().take_while(is_complete).count();
         Seeds { design: Some(design.clone()), complete }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::synthetic::{ended, trial};
+
+    #[test]
+    fn a_look_is_complete_when_all_its_trials_ended_and_none_has_to_run_again() {
+        let complete = |last: Option<EndState>| {
+            let mut trials: Vec<TrialResult> = (0..3).map(|seed| trial("cells", "equal", "", seed, &Vec::new())).collect();
+            trials[2] = match last {
+                Some(state) => ended(trials[2].clone(), state, "told"),
+                None => TrialResult { end: None, ..trials[2].clone() },
+            };
+            let results = Results { trials, design: Some(Design::new(vec![3, 6])), success: None };
+            results.seeds_of(&results.trials.iter().collect::<Vec<_>>()).complete
+        };
+        assert_eq!([EndState::Ok, EndState::Nan, EndState::Timeout].map(|state| complete(Some(state))), [1, 1, 1]);
+        assert_eq!([complete(Some(EndState::Killed)), complete(None)], [0, 0]);
     }
 }

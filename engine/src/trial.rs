@@ -239,6 +239,15 @@ pub struct Trial {
     pub key: TrialKey,
 }
 
+impl Trial {
+    /// Environment, agent, setting and seed in words.
+    #[must_use]
+    pub fn title(&self) -> String {
+        let setting = if self.setting.is_empty() { String::new() } else { format!(" [{}]", self.setting) };
+        format!("{} {}{setting} seed {}", self.environment, self.agent, self.key.seed)
+    }
+}
+
 fn find<'a, T>(entries: &'a BTreeMap<&'static str, T>, kind: &str, name: &str) -> Result<&'a T, Error> {
     entries.get(name).ok_or_else(|| Error::config(kind, format!("`{name}` is not registered in this program")))
 }

@@ -1,6 +1,6 @@
 //! An agent that misbehaves as its config says.
 
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Space, Transition};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Space, Transition, Updates};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -76,8 +76,8 @@ impl Agent for Misbehaving {
         misbehave(self.config.how)
     }
 
-    fn updates(&self) -> Option<u64> {
-        Some(0)
+    fn updates(&self) -> Option<Updates> {
+        Some(Updates { made: 0, first_after: 1 })
     }
 }
 

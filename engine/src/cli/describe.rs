@@ -2,11 +2,14 @@
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, say};
 use crate::{
-    Registry, spec,
-    table::{KINDS, TableSpec},
+    Registry,
+    figure::{self, FigureSpec},
+    spec,
+    table::{self, TableSpec},
 };
 use clap::ValueEnum;
-use serde_json::json;
+use schemars::{JsonSchema, schema_for};
+use serde_json::{Value, json};
 
 /// What can be listed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -23,15 +26,6 @@ pub(super) enum Kind {
     Figures,
 }
 
-const FIGURES: [(&str, &str); 6] = [
-    ("learning_curve", "a metric against training steps, with its seeds or a band over them"),
-    ("trajectory", "step-by-step values of one recorded episode"),
-    ("bars", "a metric by groups of bars"),
-    ("grouped_lines", "a metric against a swept key"),
-    ("scatter", "one metric against another"),
-    ("contour", "a surface with a path over it"),
-];
-
 /// Lists names with a line each.
 pub(super) fn list(registry: &Registry, kind: Option<Kind>, common: &Common) -> Result<u8, Failure> {
     let kinds = kind.map_or_else(|| Kind::value_variants().to_vec(), |kind| vec![kind]);
@@ -39,9 +33,9 @@ pub(super) fn list(registry: &Registry, kind: Option<Kind>, common: &Common) -> 
     if common.format == Format::Json {
         let object = lists.iter().map(|(word, entries)| {
             let entries = entries.iter().map(|(name, about)| json!({"name": name, "about": about})).collect();
-            (word.clone(), serde_json::Value::Array(entries))
+            (word.clone(), Value::Array(entries))
         });
-        say(&serde_json::Value::Object(object.collect()).to_string());
+        say(&Value::Object(object.collect()).to_string());
         return Ok(OK);
     }
     for (word, entries) in lists {
@@ -62,16 +56,16 @@ fn entries(registry: &Registry, kind: Kind) -> Vec<(&'static str, String)> {
         Kind::Environments => registry.environments.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
         Kind::Agents => registry.agents.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
         Kind::Protocols => registry.protocols.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
-        Kind::Tables => tables(),
-        Kind::Figures => FIGURES.into_iter().map(own).collect(),
+        Kind::Tables => kinds::<TableSpec>(&table::KINDS),
+        Kind::Figures => kinds::<FigureSpec>(&figure::KINDS),
     }
 }
 
-/// The kinds of tables, each with what its key says of it.
-fn tables() -> Vec<(&'static str, String)> {
-    let schema = schemars::schema_for!(TableSpec).to_value();
+/// Kinds of tables or figures, each with what its key says of it.
+fn kinds<Spec: JsonSchema>(kinds: &[&'static str]) -> Vec<(&'static str, String)> {
+    let schema = schema_for!(Spec).to_value();
     let about = |kind: &str| schema["properties"][kind]["description"].as_str().unwrap_or_default().replace('\n', " ");
-    KINDS.into_iter().map(|kind| (kind, about(kind))).collect()
+    kinds.iter().map(|kind| (*kind, about(kind))).collect()
 }
 
 /// Prints one plugin's parameters.
@@ -91,21 +85,32 @@ pub(super) fn schema(registry: &Registry) -> Result<u8, Failure> {
 mod tests {
     use super::*;
 
-    /// Every key of a table that takes a mapping of its own is a kind: none is left out of the list.
+    /// Every key that `is_kind` knows by its schema is listed, with a sentence.
+    fn assert_listed<Spec: JsonSchema>(named: &[&'static str], is_kind: impl Fn(&Value) -> bool) {
+        let schema = schema_for!(Spec).to_value();
+        let definition = |property: &Value| {
+            let name = property["anyOf"][0]["$ref"].as_str().and_then(|place| place.strip_prefix("#/$defs/"))?;
+            Some(schema["$defs"][name].clone())
+        };
+        let properties = schema["properties"].as_object().unwrap().iter();
+        let mut keys: Vec<&str> =
+            properties.filter(|(_, it)| definition(it).is_some_and(|it| is_kind(&it))).map(|(key, _)| key.as_str()).collect();
+        let listed = kinds::<Spec>(named);
+        let mut names: Vec<&str> = listed.iter().map(|(name, _)| *name).collect();
+        keys.sort_unstable();
+        names.sort_unstable();
+        assert_eq!(names, keys);
+        assert!(listed.iter().all(|(_, about)| about.len() > 20), "{listed:?}");
+    }
+
     #[test]
     fn every_kind_of_table_is_listed_with_a_sentence() {
-        let schema = schemars::schema_for!(TableSpec).to_value();
-        let takes_mapping = |property: &serde_json::Value| {
-            let place = property["anyOf"][0]["$ref"].as_str().and_then(|place| place.strip_prefix("#/$defs/"));
-            place.is_some_and(|name| schema["$defs"][name]["properties"]["labels"].is_object())
-        };
-        let properties = schema["properties"].as_object().unwrap();
-        let mut kinds: Vec<&str> = properties.iter().filter(|(_, it)| takes_mapping(it)).map(|(key, _)| key.as_str()).collect();
-        let listed = tables();
-        let mut names: Vec<&str> = listed.iter().map(|(name, _)| *name).collect();
-        kinds.sort_unstable();
-        names.sort_unstable();
-        assert_eq!(names, kinds);
-        assert!(listed.iter().all(|(_, about)| about.len() > 20), "{listed:?}");
+        // A margin is a mapping too, and has no labels.
+        assert_listed::<TableSpec>(&table::KINDS, |definition| definition["properties"]["labels"].is_object());
+    }
+
+    #[test]
+    fn every_kind_of_figure_is_listed_with_a_sentence() {
+        assert_listed::<FigureSpec>(&figure::KINDS, |definition| definition["properties"].is_object());
     }
 }

@@ -7,7 +7,7 @@ use super::{complain, study::Planned};
 use crate::{
     Error, Registry,
     plan::Wanted,
-    report::Contents,
+    report::{Contents, Open},
     results::{CellName, Results},
     store::{Store, write_durably},
     trial,
@@ -16,41 +16,50 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{
     collections::{BTreeMap, BTreeSet},
-    path::PathBuf,
+    fs, io,
+    path::Path,
 };
 
-/// Gives combinations the seeds of further looks, as far as the stored results ask for them. True where trials were added.
+/// Gives combinations the seeds that the stored results ask for, look by look. True where one has more than before.
+///
+/// It begins at the first look whatever the plan was before: a failed trial that was tried again may change what an earlier look
+/// decides.
 pub(super) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> bool {
     let Some(design) = one.study.design.clone() else { return false };
-    let before = one.plan.trials.len();
+    let info = super::run::info(one, registry);
+    let before = std::mem::take(&mut one.wanted);
+    if !before.is_empty() {
+        one.replan(registry, Wanted::new());
+    }
     loop {
-        let (info, results) = (super::run::info(one, registry), super::run::collect(one, store, None));
+        let results = super::run::collect(one, store, None);
         let contents = Contents::judged(&info, &results);
         let open = contents.open();
-        let mut wanted = one.wanted.clone();
-        for it in &open {
-            let Some(next) = design.looks().get(it.complete) else { continue };
-            it.rests_on.iter().for_each(|cell| raise(&mut wanted, cell, *next));
-        }
-        raise_sources(one, &mut wanted);
-        let wanted = only_later(wanted, design.looks()[0]);
         one.open = Some(open.len());
+        let wanted = wanted(one, design.looks(), &open);
         if wanted == one.wanted {
-            return one.plan.trials.len() > before;
+            return wanted.iter().any(|(cell, seeds)| before.get(cell).is_none_or(|had| had < seeds));
         }
         one.replan(registry, wanted);
     }
 }
 
+/// How many seeds combinations need for the next look at what is open; at least as many as they have.
+fn wanted(one: &Planned, looks: &[u32], open: &[Open<'_>]) -> Wanted {
+    let mut wanted = one.wanted.clone();
+    for it in open {
+        let Some(next) = looks.get(it.complete) else { continue };
+        it.rests_on.iter().for_each(|cell| raise(&mut wanted, cell, *next));
+    }
+    raise_sources(one, &mut wanted);
+    // Combinations that are still at the first look are not listed.
+    wanted.retain(|_, seeds| *seeds > looks[0]);
+    wanted
+}
+
 fn raise(wanted: &mut Wanted, cell: &CellName, seeds: u32) {
     let now = wanted.entry(cell.clone()).or_insert(seeds);
     *now = seeds.max(*now);
-}
-
-/// Combinations that are still at the first look are not listed.
-fn only_later(mut wanted: Wanted, first: u32) -> Wanted {
-    wanted.retain(|_, seeds| *seeds > first);
-    wanted
 }
 
 /// A play needs the policies of its seeds: whoever trains them comes to the same look.
@@ -91,7 +100,7 @@ struct Seen {
 /// # Errors
 /// [`Error::File`] where the record cannot be written.
 pub(super) fn record(one: &Planned, store: &Store, results: &Results, contents: &mut Contents) -> Result<(), Error> {
-    let path = store.root().join("looks").join(format!("{}.json", one.study.name));
+    let path = store.seen_verdicts(&one.study.name);
     let mut seen = read(&path);
     let first_trials = FirstTrials::of(results);
     let planned: BTreeSet<u32> = one.study.design.iter().flat_map(|design| design.looks().iter().copied()).collect();
@@ -118,8 +127,8 @@ pub(super) fn record(one: &Planned, store: &Store, results: &Results, contents: 
         line.seen_at = look(format!("{} in {}", line.spec.claim, line.place), &line.rests_on, seeds);
     }
     if changed {
-        let folder = store.root().join("looks");
-        std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+        let folder = path.parent().unwrap_or(store.root());
+        fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
         write_durably(&path, json!(seen).to_string().as_bytes())?;
     }
     Ok(())
@@ -135,10 +144,10 @@ fn number(judged: bool, planned: usize, ended: usize, looks: &crate::statistics:
 }
 
 /// A record that cannot be read is begun anew: it guards against mistakes and holds no result.
-fn read(path: &PathBuf) -> Seen {
-    let text = std::fs::read_to_string(path).unwrap_or_default();
-    serde_json::from_str(&text).unwrap_or_else(|error| {
-        if !text.is_empty() {
+fn read(path: &Path) -> Seen {
+    let read = fs::read(path).and_then(|text| serde_json::from_slice(&text).map_err(io::Error::from));
+    read.unwrap_or_else(|error| {
+        if error.kind() != io::ErrorKind::NotFound {
             complain(&format!("warning: {}: {error}; the record of verdicts that were seen begins anew", path.display()));
         }
         Seen::default()

@@ -103,7 +103,9 @@ fn told(end: Result<Option<TrialEnd>, Error>) -> Option<TrialEnd> {
 /// Trials of the studies whose metrics, which the report will read, or whose policies, which missing trials play, are damaged.
 fn damaged_files<'p>(planned: &'p [Planned], ends: &Ends, store: &Store) -> BTreeSet<&'p str> {
     let trials = || planned.iter().flat_map(|one| &one.plan.trials).zip(ends.iter().flatten());
-    let ended: Vec<(&str, &TrialEnd)> = trials().filter_map(|(trial, end)| Some((&*trial.id, end.as_ref()?))).collect();
+    // A trial that stands in several studies or settings is looked at once.
+    let ended: BTreeMap<&str, &TrialEnd> = trials().filter_map(|(trial, end)| Some((&*trial.id, end.as_ref()?))).collect();
+    let ended: Vec<(&str, &TrialEnd)> = ended.into_iter().collect();
     let played: BTreeSet<String> =
         trials().filter(|(_, end)| is_missing(end.as_ref())).flat_map(|(trial, _)| cross_play::sources(&trial.key)).collect();
     let policies = ended.iter().map(|(id, _)| *id).filter(|id| played.contains(*id) && store.has_damaged_policy(id));

@@ -5,7 +5,6 @@ use crate::{
     results::{EndState, TrialEnd},
     scheduler::{Event, Task},
     store::Owner,
-    trial::Trial,
 };
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::{collections::BTreeSet, io::IsTerminal, time::Duration};
@@ -66,7 +65,7 @@ impl<'a> Progress<'a> {
     fn started(&mut self, slot: usize, trial: usize) {
         if let Some(bar) = self.bars.as_ref().and_then(|bars| bars.slots.get(slot)) {
             bar.reset();
-            bar.set_message(title(self.tasks[trial].trial));
+            bar.set_message(self.tasks[trial].trial.title());
         }
     }
 
@@ -78,21 +77,21 @@ impl<'a> Progress<'a> {
     }
 
     fn retried(&self, trial: usize, end: &TrialEnd, wait: Duration) {
-        let title = title(self.tasks[trial].trial);
+        let title = self.tasks[trial].trial.title();
         self.line(&format!("{:<8} {title}: {}; tried again in {:.1} s", end.state.name(), end.reason, wait.as_secs_f64()));
     }
 
     fn held(&mut self, trial: usize, owner: &Owner) {
         if self.held.insert(trial) {
             let job = owner.slurm_job.as_ref().map_or_else(String::new, |job| format!(", Slurm job {job}"));
-            let title = title(self.tasks[trial].trial);
+            let title = self.tasks[trial].trial.title();
             self.line(&format!("waiting for {title}: process {} on {}{job} has it", owner.pid, owner.host));
         }
     }
 
     fn awaits(&mut self, trial: usize, source: &str, owner: &Owner) {
         if self.lacking.insert(source.to_owned()) {
-            let title = title(self.tasks[trial].trial);
+            let title = self.tasks[trial].trial.title();
             self.line(&format!("{title} waits for trial {source}: process {} on {} has it", owner.pid, owner.host));
         }
     }
@@ -100,7 +99,7 @@ impl<'a> Progress<'a> {
     fn unready(&mut self, trial: usize, reason: &str) {
         self.unready.insert(trial);
         if self.lacking.insert(reason.to_owned()) {
-            self.line(&format!("{} cannot run: {reason}", title(self.tasks[trial].trial)));
+            self.line(&format!("{} cannot run: {reason}", self.tasks[trial].trial.title()));
         }
     }
 
@@ -108,7 +107,7 @@ impl<'a> Progress<'a> {
         self.done += 1;
         self.failed += usize::from(end.state != EndState::Ok);
         let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
-        let (title, wall_s) = (title(self.tasks[trial].trial), end.wall_s);
+        let (title, wall_s) = (self.tasks[trial].trial.title(), end.wall_s);
         let by = if slot.is_none() { ", by another program" } else { "" };
         if self.bars.is_none() || end.state != EndState::Ok {
             let width = self.tasks.len().to_string().len();
@@ -165,9 +164,4 @@ impl Bars {
 fn style(template: &str) -> ProgressStyle {
     // The templates are the constants above.
     ProgressStyle::with_template(template).expect("a valid template").progress_chars("━╸─")
-}
-
-fn title(trial: &Trial) -> String {
-    let setting = if trial.setting.is_empty() { String::new() } else { format!(" [{}]", trial.setting) };
-    format!("{} {}{setting} seed {}", trial.environment, trial.agent, trial.key.seed)
 }

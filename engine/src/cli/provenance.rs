@@ -1,23 +1,17 @@
 //! Where numbers come from: programs, plugins, machine.
 
 use super::study::Planned;
-use crate::{
-    Build, Registry,
-    report::Provenance,
-    store::{Store, StoredTrial},
-};
+use crate::{Build, Registry, report::Provenance, store::StoredTrial};
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BTreeSet},
 };
 
-/// Facts about this program, the machine, a study and who computed its trials, read once for a report.
-pub(super) fn of(registry: &Registry, one: &Planned, store: &Store) -> Provenance {
-    let build = registry.build.as_ref();
+/// Facts about this program, the machine, a study and who computed its trials, of which `stored` is what the store has.
+pub(super) fn of(registry: &Registry, one: &Planned, stored: &[Option<StoredTrial>]) -> Provenance {
     Provenance {
-        commit: build.map(|build| build.commit.clone()),
-        dirty: build.is_some_and(|build| build.changed),
-        builds: builds(one, store),
+        build: registry.build.clone(),
+        builds: builds(stored),
         program: format!("regimen {}", env!("CARGO_PKG_VERSION")),
         plugins: used(registry, one),
         cpu: cpu(),
@@ -28,11 +22,11 @@ pub(super) fn of(registry: &Registry, one: &Planned, store: &Store) -> Provenanc
     }
 }
 
-/// How many of the study's trials each build computed, most first.
-fn builds(one: &Planned, store: &Store) -> Vec<(Option<Build>, usize)> {
+/// How many of the stored trials each build computed, most first.
+fn builds(stored: &[Option<StoredTrial>]) -> Vec<(Option<Build>, usize)> {
     let mut counts: BTreeMap<Option<Build>, usize> = BTreeMap::new();
-    for StoredTrial { build, .. } in store.stored_of(&one.plan.trials).into_iter().flatten().flatten() {
-        *counts.entry(build).or_default() += 1;
+    for StoredTrial { build, .. } in stored.iter().flatten() {
+        *counts.entry(build.clone()).or_default() += 1;
     }
     let mut builds: Vec<_> = counts.into_iter().collect();
     builds.sort_by_key(|(_, count)| Reverse(*count));
@@ -42,9 +36,8 @@ fn builds(one: &Planned, store: &Store) -> Vec<(Option<Build>, usize)> {
 /// Name and version of every plugin that the study's trials use, in order.
 fn used(registry: &Registry, one: &Planned) -> Vec<(String, u32)> {
     let mut names = BTreeMap::new();
-    for trial in one.study.plan().trials {
-        let key = trial.key;
-        for (kind, part) in [("environment", key.environment), ("agent", key.agent), ("protocol", key.protocol)] {
+    for key in one.plan.trials.iter().map(|trial| &trial.key) {
+        for (kind, part) in [("environment", &key.environment), ("agent", &key.agent), ("protocol", &key.protocol)] {
             names.insert(format!("{kind} {}", part.plugin), part.version);
         }
     }

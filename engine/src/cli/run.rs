@@ -1,7 +1,8 @@
 //! `run`, `worker`, `report`: compute what is missing, then show what is there.
 
 use super::{
-    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection, complain,
+    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection,
+    TRIALS_FAILED, complain,
     compute::Compute,
     folders, looks, profiles, provenance, say, settings,
     study::{self, Planned},
@@ -9,7 +10,7 @@ use super::{
 };
 use crate::{
     Metric, Registry,
-    report::{self, Contents, Counts, ReportPaths, StudyInfo},
+    report::{self, Contents, Counts, Period, ReportPaths, StudyInfo},
     results::{Results, TrialResult},
     spec,
     store::{self, Store, write_durably},
@@ -54,8 +55,7 @@ pub(super) fn run(
                 None => OK,
             },
         };
-        // What is missing now would be missing at the next look too.
-        if computed == INCOMPLETE || !grow_all(&mut planned, registry, &store) {
+        if !goes_on(computed, &how) || !grow_all(&mut planned, registry, &store) {
             break computed;
         }
         // What fails now is not tried again at every look.
@@ -66,6 +66,11 @@ pub(super) fn run(
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
     Ok(if computed == OK { code } else { computed })
+}
+
+/// Whether a further look may follow what was computed: what is missing now would be missing then too.
+fn goes_on(computed: u8, how: &Compute<'_>) -> bool {
+    computed != INCOMPLETE && !(computed == TRIALS_FAILED && how.limits.fail_fast)
 }
 
 /// Takes every study with planned looks as far as its results ask for; true where trials were added.
@@ -95,10 +100,12 @@ pub(super) fn worker(
     let mut planned = study::load_with_looks(registry, selection, &store)?;
     let (asked, workers) = ((selection, common), jobs.max(1));
     let how = Compute { registry, asked, settings: &settings, limits, workers, retry_failed: false, whole: false };
+    let mut code = OK;
     loop {
-        let computed = how.run(&planned, |position| position % parts == part)?;
-        if computed == INCOMPLETE || !grow_all(&mut planned, registry, &store) {
-            return Ok(computed);
+        // What failed at one look is not made good by the next.
+        code = code.max(how.run(&planned, |position| position % parts == part)?);
+        if !goes_on(code, &how) || !grow_all(&mut planned, registry, &store) {
+            return Ok(code);
         }
     }
 }
@@ -137,15 +144,17 @@ fn write_report(
 ) -> Result<u8, Failure> {
     let mend = selection.command("run", common, &[]);
     let (results, dir) = (collect(one, store, Some(&mend)), folders::folder(one, selection, reporting));
+    // What is damaged was complained of while the results were collected.
+    let stored: Vec<_> = store.stored_of(&one.plan.trials).into_iter().map(|stored| stored.ok().flatten()).collect();
     let study = StudyInfo {
-        profiles: profiles::of(registry, one, selection, store),
-        ended: profiles::period(one, store),
+        profiles: profiles::of(registry, one, &stored, selection, store),
+        ended: Period::of(stored.iter().map(|stored| stored.as_ref()?.ended_at.clone())),
         options: folders::options(selection),
         ..info(one, registry)
     };
     let mut contents = Contents::of(&study, &results);
     looks::record(one, store, &results, &mut contents)?;
-    let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, one, store))?;
+    let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, one, &stored))?;
     let (resolved, evaluations) = (dir.join("resolved.yaml"), dir.join("evaluations.parquet"));
     write_durably(&resolved, spec::resolved_yaml(&one.study, &dir)?.as_bytes())?;
     store::write_results(&evaluations, &results)?;
@@ -237,7 +246,7 @@ fn as_json(study: &StudyInfo, contents: &Contents, paths: &ReportPaths) -> serde
     };
     json!({
         "study": study.name, "published": counts(contents.verdicts(false)), "claims": counts(contents.outcomes(false)),
-        "published_holm": counts(contents.adjusted_verdicts()), "claims_holm": counts(contents.adjusted_outcomes()),
+        "published_holm": counts(contents.verdicts_together()), "claims_holm": counts(contents.outcomes_together()),
         "published_exploratory": counts(contents.verdicts(true)), "claims_exploratory": counts(contents.outcomes(true)),
         "page": paths.page, "files": paths.files,
     })

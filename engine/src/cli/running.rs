@@ -23,13 +23,8 @@ pub(super) fn running(store: &Store, trials: &[Trial], ends: &[Option<TrialEnd>]
         .take(MOST_LINES)
         .map(|(trial, owner)| {
             let job = owner.slurm_job.as_ref().map_or_else(String::new, |job| format!(", Slurm job {job}"));
-            let Trial { environment, agent, setting, key, .. } = trial;
             let logged = logged(store, &trial.id).map_or_else(String::new, |step| format!(", logged up to step {step}"));
-            let setting = if setting.is_empty() { String::new() } else { format!(" [{setting}]") };
-            format!(
-                "  running  {environment} {agent}{setting} seed {}: process {} on {}{job}{logged}",
-                key.seed, owner.pid, owner.host
-            )
+            format!("  running  {}: process {} on {}{job}{logged}", trial.title(), owner.pid, owner.host)
         })
         .collect();
     if held.len() > MOST_LINES {
@@ -42,13 +37,8 @@ pub(super) fn running(store: &Store, trials: &[Trial], ends: &[Option<TrialEnd>]
 pub(super) fn tried_again(store: &Store, trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {
     let missing = trials.iter().zip(ends).filter(|(_, end)| end.is_none());
     let earlier = missing.filter_map(|(trial, _)| Some((trial, store.earlier(&trial.id)?)));
-    let lines = earlier.map(|(Trial { environment, agent, setting, key, .. }, end)| {
-        let setting = if setting.is_empty() { String::new() } else { format!(" [{setting}]") };
-        let (seed, state) = (key.seed, end.state.name());
-        format!(
-            "  again    {environment} {agent}{setting} seed {seed}: ended as {state} before and is tried again: {}",
-            end.reason
-        )
+    let lines = earlier.map(|(trial, end)| {
+        format!("  again    {}: ended as {} before and is tried again: {}", trial.title(), end.state.name(), end.reason)
     });
     lines.collect::<Vec<_>>().join("\n")
 }

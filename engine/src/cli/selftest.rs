@@ -38,6 +38,8 @@ struct Bench {
     folder: PathBuf,
     trials: Vec<Trial>,
     profile: Option<String>,
+    /// The seeds of the first look, where looks are planned: which trials there are must not follow from results here.
+    seeds: Option<u32>,
 }
 
 /// One way to compute the study: its name, and how often a trial was executed in it.
@@ -142,9 +144,10 @@ impl Bench {
         let selection =
             Selection { specs: vec![path], profile: profile.clone(), sets: Vec::new(), seeds: None, only: Vec::new() };
         let planned = study::load(registry, &selection)?;
+        let seeds = planned.iter().find_map(|one| one.study.design.as_ref()?.looks().first().copied());
         let trials: Vec<Trial> = planned.into_iter().flat_map(|one| one.plan.trials).collect();
         refuse_times(registry, &trials)?;
-        Ok(Self { folder, trials, profile })
+        Ok(Self { folder, trials, profile, seeds })
     }
 
     /// Trials with an id of their own.
@@ -172,6 +175,9 @@ impl Bench {
         command.args(arguments).args([STUDY, "--store", store]).current_dir(&self.folder).process_group(0);
         if let Some(profile) = &self.profile {
             command.args(["--profile", profile]);
+        }
+        if let Some(seeds) = self.seeds {
+            command.args(["--seeds", &seeds.to_string()]);
         }
         command.env_remove("REGIMEN_STORE").env_remove("REGIMEN_JOBS").env_remove("REGIMEN_MACHINE");
         command.stdout(Stdio::null()).stderr(file).spawn().map_err(broken)

@@ -402,18 +402,6 @@ fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
 fn failures(trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {
     let failed =
         trials.iter().zip(ends).filter_map(|(trial, end)| Some((trial, end.as_ref().filter(|end| end.state != EndState::Ok)?)));
-    failed
-        .map(|(trial, end)| {
-            format!(
-                "  {:<8} {} {} {} seed {}: {}",
-                end.state.name(),
-                trial.environment,
-                trial.agent,
-                trial.setting,
-                trial.key.seed,
-                end.reason
-            )
-        })
-        .collect::<Vec<_>>()
-        .join("\n")
+    let lines = failed.map(|(trial, end)| format!("  {:<8} {}: {}", end.state.name(), trial.title(), end.reason));
+    lines.collect::<Vec<_>>().join("\n")
 }

@@ -95,14 +95,14 @@ pub(super) fn run(
     }
     let view = begin(&slurm, &mut watching)?;
     if options.detach {
-        complain(&going_on(selection));
+        complain(&going_on(selection, common));
         return Ok(Some(OK));
     }
     let outcome = slurm.follow(view, &mut watching)?;
     drop(watching);
     match outcome {
         Outcome::Ended => Ok(None),
-        Outcome::Stopped => Ok(Some(leave(&going_on(selection)))),
+        Outcome::Stopped => Ok(Some(leave(&going_on(selection, common)))),
         Outcome::Cancelled => Ok(Some(leave("the submission was cancelled; the same command submits what is missing"))),
     }
 }
@@ -125,11 +125,12 @@ fn begin(slurm: &Slurm, watching: &mut Watching<'_>) -> Result<View, Failure> {
     Ok(view)
 }
 
-fn going_on(selection: &Selection) -> String {
-    let specs = selection.specs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(" ");
+fn going_on(selection: &Selection, common: &Common) -> String {
+    let run = selection.command("run", common, &["--executor", "slurm"]);
+    let [status, cancel] = ["status", "cancel"].map(|verb| selection.command(verb, common, &[]));
     format!(
-        "the jobs go on without this program: `regimen run {specs} --executor slurm` follows them and writes the report, \
-         `regimen status {specs}` shows them, `regimen cancel {specs}` ends them"
+        "the jobs go on without this program: `{run}` follows them and writes the report, `{status}` shows them, `{cancel}` ends \
+         them"
     )
 }
 
@@ -141,7 +142,7 @@ pub(super) fn submit(
     common: &Common,
 ) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
-    let planned = study::load(registry, selection)?;
+    let planned = study::load_with_looks(registry, selection, &Store::at(&settings.store))?;
     let limits = LimitOptions::default();
     let asked = (selection, common);
     let how = Compute { registry, asked, settings: &settings, limits: &limits, workers: 1, retry_failed: false, whole: false };
@@ -162,7 +163,7 @@ pub(super) fn submit(
 
 fn show_or_write(text: &str, options: &SubmitOptions) -> Result<u8, Failure> {
     match &options.out {
-        Some(path) => write_durably(&absolute(path)?, text.as_bytes())?,
+        Some(path) => write_durably(path, text.as_bytes())?,
         None => say(text),
     }
     Ok(OK)
@@ -199,7 +200,8 @@ fn ends(planned: &[Planned], store: &Path) -> Ends {
 /// `cancel`: ends what was submitted for the trials of these studies.
 pub(super) fn cancel(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let store = absolute(&settings::read(common)?.store)?;
-    let cancelled = slurm::cancel(&store, &ids(&study::load(registry, selection)?))?;
+    let planned = study::load_with_looks(registry, selection, &Store::at(&store))?;
+    let cancelled = slurm::cancel(&store, &ids(&planned))?;
     cancelled.iter().for_each(|submission| say(&format!("cancelled {}", describe(submission))));
     if cancelled.is_empty() {
         complain("nothing is submitted for these studies");

@@ -52,7 +52,8 @@ impl Summaries {
         }
         let wall_s = started.elapsed().as_secs_f64();
         let store = Store::at(&settings::read(common)?.store);
-        let outcomes: Vec<Outcome> = study::load(registry, selection)?.into_iter().map(|one| outcome(one, &store)).collect();
+        let outcomes: Vec<Outcome> =
+            study::load_with_looks(registry, selection, &store)?.into_iter().map(|one| outcome(one, &store)).collect();
         if let Some(path) = &self.junit {
             write(path, junit(&outcomes, wall_s, code)?)?;
         }
@@ -73,7 +74,7 @@ fn write(path: &std::path::Path, text: String) -> Result<(), Failure> {
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         fs::create_dir_all(folder).map_err(crate::Error::file("create", folder))?;
     }
-    Ok(write_durably(&std::path::absolute(path).map_err(crate::Error::file("find", path))?, text.as_bytes())?)
+    Ok(write_durably(path, text.as_bytes())?)
 }
 
 #[allow(clippy::disallowed_methods, reason = "wall time is reported, it reaches no result")]

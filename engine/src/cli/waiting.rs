@@ -77,10 +77,7 @@ fn source(id: &str, store: &Store, known: &BTreeMap<&str, &Trial>) -> Source {
 }
 
 fn source_line(end: &TrialEnd, source: &str, known: &BTreeMap<&str, &Trial>) -> String {
-    let title = known.get(source).map_or_else(
-        || format!("trial {source}"),
-        |trial| format!("{} {} seed {}", trial.environment, trial.agent, trial.key.seed),
-    );
+    let title = known.get(source).map_or_else(|| format!("trial {source}"), |trial| trial.title());
     let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
     format!("{title} ended as {}{reason}", end.state.name())
 }

@@ -11,7 +11,10 @@
 //! record without jobs, which the next look at the queue shows.
 
 use super::{Work, slurm};
-use crate::{Error, store::write_durably};
+use crate::{
+    Error,
+    store::{names, write_durably},
+};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeSet,
@@ -105,17 +108,10 @@ impl Submission {
     /// Where a record is damaged or cannot be read.
     pub fn all(store: &Path) -> Result<Vec<Self>, Error> {
         let folder = folder_of_all(store);
-        let entries = match fs::read_dir(&folder) {
-            Ok(entries) => entries,
-            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(source) => return Err(Error::file("list", &folder)(source)),
-        };
         let mut submissions = Vec::new();
-        for entry in entries {
-            let entry = entry.map_err(Error::file("list", &folder))?;
-            submissions.extend(read(store, &entry.path().join("submission.json"))?);
+        for name in names(&folder)? {
+            submissions.extend(read(store, &folder.join(name).join("submission.json"))?);
         }
-        submissions.sort_by(|one: &Self, other| one.id.cmp(&other.id));
         Ok(submissions)
     }
 

@@ -30,7 +30,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::Path};
 
-/// One figure of a study. Exactly one of the kinds is given.
+/// The kinds of figures, each a key of [`FigureSpec`].
+pub const KINDS: [&str; 6] = ["learning_curve", "trajectory", "bars", "grouped_lines", "scatter", "contour"];
+
+/// One figure of a study. Exactly one of the [`KINDS`] is given.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FigureSpec {

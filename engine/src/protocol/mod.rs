@@ -56,7 +56,7 @@ impl Run<'_> {
     pub fn record_updates(&mut self, phase: Phase, step: u64) {
         if let Some(updates) = self.agent.updates() {
             #[allow(clippy::cast_precision_loss, reason = "a count of updates is far below 2^52")]
-            self.record.add(phase, step, 0, 0, UPDATES, updates as f64);
+            self.record.add(phase, step, 0, 0, UPDATES, updates.made as f64);
         }
     }
 

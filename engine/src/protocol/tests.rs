@@ -2,7 +2,7 @@
 
 use crate::{
     Action, Agent, AgentTraits, Channel, Config, DataFile, End, Environment, Error, Interface, Metric, Mode, NoKeeper,
-    Observation, PerEpisode, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition,
+    Observation, PerEpisode, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates,
     data_file::hash_of,
     results::UPDATES,
     spec,
@@ -100,11 +100,8 @@ impl Agent for Guess {
         record.latest("estimate", self.loss);
         Ok(())
     }
-    fn updates(&self) -> Option<u64> {
-        self.learns.then_some(self.n_updates)
-    }
-    fn first_update_after(&self) -> u64 {
-        1
+    fn updates(&self) -> Option<Updates> {
+        self.learns.then_some(Updates { made: self.n_updates, first_after: 1 })
     }
 }
 

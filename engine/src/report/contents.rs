@@ -100,37 +100,33 @@ impl Contents {
     /// How many published values have each verdict, those of exploratory tables apart.
     #[must_use]
     pub fn verdicts(&self, exploratory: bool) -> Counts {
-        let cells = || self.cells(exploratory).filter_map(table::Cell::verdict);
-        present(Verdict::ALL.map(|verdict| (verdict.word(), cells().filter(|it| *it == verdict).count())))
+        count_verdicts(self.cells(exploratory).filter_map(table::Cell::verdict))
     }
 
-    /// How many published values have each verdict where all judged values are taken together (Holm).
+    /// The same where all judged values are taken together (Holm); what is not judged, or not yet, keeps its verdict.
     #[must_use]
-    pub fn adjusted_verdicts(&self) -> Counts {
-        let cells = || self.cells(false).filter_map(|cell| cell.judgement.as_ref()?.adjusted);
-        present(Verdict::ALL.map(|verdict| (verdict.word(), cells().filter(|it| *it == verdict).count())))
+    pub fn verdicts_together(&self) -> Counts {
+        let judgements = self.cells(false).filter_map(|cell| cell.judgement.as_ref());
+        count_verdicts(judgements.map(|judgement| judgement.adjusted.unwrap_or(judgement.verdict)))
     }
 
     /// How many claims have each outcome, exploratory ones apart; a claim counts once per environment.
     #[must_use]
     pub fn outcomes(&self, exploratory: bool) -> Counts {
-        let lines = || self.claims.iter().filter(move |line| line.spec.exploratory == exploratory);
-        let words = ClaimOutcome::ALL.map(ClaimOutcome::word).into_iter().chain([UNREAD]);
-        present(words.map(|word| (word, lines().filter(|line| line.word() == word).count())))
+        count_outcomes(self.lines(exploratory).map(ClaimLine::word))
     }
 
-    /// How many claims have each outcome where all claims are taken together (Holm).
+    /// The same where all claims are taken together (Holm); what is not judged, or not yet, keeps its outcome.
     #[must_use]
-    pub fn adjusted_outcomes(&self) -> Counts {
-        let lines = || self.claims.iter().filter_map(|line| line.verdict.as_ref().ok()?.adjusted);
-        present(ClaimOutcome::ALL.map(|outcome| (outcome.word(), lines().filter(|it| *it == outcome).count())))
+    pub fn outcomes_together(&self) -> Counts {
+        count_outcomes(self.lines(false).map(|line| line.together().map_or(line.word(), ClaimOutcome::word)))
     }
 
     /// True where a published value differs or a claim is refuted.
     #[must_use]
     pub fn contradicts(&self) -> bool {
-        let differs = self.verdicts(false).into_iter().any(|(word, _)| word == Verdict::Differs.word());
-        differs || self.outcomes(false).into_iter().any(|(word, _)| word == ClaimOutcome::Refuted.word())
+        let refuted = |line: &ClaimLine| matches!(&line.verdict, Ok(claim) if claim.verdict == ClaimOutcome::Refuted);
+        self.cells(false).any(|cell| cell.verdict() == Some(Verdict::Differs)) || self.lines(false).any(refuted)
     }
 
     /// What is judged and still open, apart from what is exploratory.
@@ -141,7 +137,7 @@ impl Contents {
         let cells = self.cells(false).filter(|cell| cell.verdict().is_some_and(|it| is_open(it, cell.looks.complete)));
         let cells = cells.map(|cell| Open { rests_on: &cell.rests_on, complete: cell.looks.complete });
         let is_open = |line: &&ClaimLine| matches!(&line.verdict, Ok(claim) if claim.verdict == ClaimOutcome::Inconclusive);
-        let lines = self.claims.iter().filter(|line| !line.spec.exploratory).filter(is_open);
+        let lines = self.lines(false).filter(is_open);
         cells.chain(lines.map(|line| Open { rests_on: &line.rests_on, complete: line.looks.complete })).collect()
     }
 
@@ -149,10 +145,25 @@ impl Contents {
         let grids = self.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
         grids.filter(move |grid| grid.exploratory == exploratory).flat_map(|grid| grid.cells.iter().flatten())
     }
+
+    fn lines(&self, exploratory: bool) -> impl Iterator<Item = &ClaimLine> {
+        self.claims.iter().filter(move |line| line.spec.exploratory == exploratory)
+    }
 }
 
-fn present(counts: impl IntoIterator<Item = (&'static str, usize)>) -> Counts {
-    counts.into_iter().filter(|(_, count)| *count > 0).collect()
+fn count_verdicts(verdicts: impl Iterator<Item = Verdict>) -> Counts {
+    count(&Verdict::ALL.map(Verdict::word), verdicts.map(Verdict::word))
+}
+
+fn count_outcomes(words: impl Iterator<Item = &'static str>) -> Counts {
+    count(&[&ClaimOutcome::ALL.map(ClaimOutcome::word)[..], &[UNREAD]].concat(), words)
+}
+
+/// How often each word of a list occurs, in the order of the list.
+fn count(list: &[&'static str], words: impl Iterator<Item = &'static str>) -> Counts {
+    let words: Vec<&str> = words.collect();
+    let counted = list.iter().map(|word| (*word, words.iter().filter(|it| *it == word).count()));
+    counted.filter(|(_, n)| *n > 0).collect()
 }
 
 fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<Grid, crate::Error> {

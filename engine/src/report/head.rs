@@ -1,7 +1,6 @@
 //! The counts at the head of a report.
 
 use super::{Contents, Counts};
-use crate::statistics::{ClaimOutcome, Verdict};
 
 /// A line of the head: what is counted, and how many there are of each word that occurs.
 pub(super) struct Line {
@@ -14,24 +13,17 @@ pub(super) struct Line {
 /// Published values and claims, taken together (Holm) and one by one where that differs, and what is exploratory; what does not
 /// occur is left out.
 pub(super) fn lines(contents: &Contents) -> Vec<Line> {
-    let judged: Vec<&str> = Verdict::ALL.into_iter().filter(|it| it.is_judged()).map(Verdict::word).collect();
     let published = Families {
         alone: contents.verdicts(false),
-        together: together(contents.verdicts(false), contents.adjusted_verdicts(), &judged),
+        together: contents.verdicts_together(),
         exploratory: contents.verdicts(true),
     };
-    let judged: Vec<&str> = ClaimOutcome::ALL.into_iter().filter(|it| it.is_judged()).map(ClaimOutcome::word).collect();
     let claims = Families {
         alone: contents.outcomes(false),
-        together: together(contents.outcomes(false), contents.adjusted_outcomes(), &judged),
+        together: contents.outcomes_together(),
         exploratory: contents.outcomes(true),
     };
     published.lines("Published values").into_iter().chain(claims.lines("Claims")).collect()
-}
-
-/// Adjusted counts of what is judged, and the counts of everything else as they are.
-fn together(all: Counts, adjusted: Counts, judged: &[&str]) -> Counts {
-    adjusted.into_iter().chain(all.into_iter().filter(|(word, _)| !judged.contains(word))).collect()
 }
 
 /// The same things, counted in three ways.

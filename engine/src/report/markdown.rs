@@ -121,15 +121,11 @@ pub(super) fn failure(trial: &TrialResult) -> String {
 /// What made the results, by name.
 pub(super) fn provenance(parts: &Parts<'_>) -> Vec<(&'static str, String)> {
     let provenance = parts.provenance;
-    let commit = provenance
-        .commit
-        .as_ref()
-        .map(|commit| format!("{commit}{}", if provenance.dirty { ", with changed files" } else { "" }));
     let plugins: Vec<String> = provenance.plugins.iter().map(|(name, version)| format!("{name} {version}")).collect();
     let seeds: Vec<String> = provenance.seeds.iter().map(ToString::to_string).collect();
     let entries = [
         ("program", Some(provenance.program.clone())),
-        ("source code", commit),
+        ("source code", provenance.build.as_ref().map(ToString::to_string)),
         ("computed by", Some(tally(&provenance.builds))),
         ("plugin versions", Some(plugins.join(", "))),
         ("profile", provenance.profile.clone()),

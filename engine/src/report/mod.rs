@@ -86,10 +86,8 @@ impl StudyInfo {
 /// What made the results.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Provenance {
-    /// Version of the source code of the program that made the report, where known.
-    pub commit: Option<String>,
-    /// True where files differed from that version.
-    pub dirty: bool,
+    /// The source code of the program that made the report, where it knows.
+    pub build: Option<Build>,
     /// The source code of the programs that computed the trials, where they said it, each with the number of its trials.
     pub builds: Vec<(Option<Build>, usize)>,
     /// The program and its version.

@@ -146,8 +146,7 @@ fn claim(text: &str) -> ClaimSpec {
 
 fn provenance() -> Provenance {
     Provenance {
-        commit: Some("0123abc".into()),
-        dirty: true,
+        build: Build::told("0123abc", "true"),
         builds: vec![(Build::told("0123abc", "true"), 37), (None, 2)],
         program: "regimen 0.1.0".into(),
         plugins: vec![("agent dsac".into(), 3), ("environment battery".into(), 2)],
@@ -330,7 +329,7 @@ fn an_agent_beside_itself_is_not_judged() {
     let table = TableSpec { comparison: Some(comparison), published: BTreeMap::from(values), ..TableSpec::default() };
     let contents = Contents::of(&one_environment(Vec::new(), table), &two_agents(CLEAR, |_, _| {}));
     assert_eq!(contents.verdicts(false), [("REPRODUCED", 1), ("NOT JUDGED", 1)]);
-    assert_eq!(contents.adjusted_verdicts(), [("REPRODUCED", 1)]);
+    assert_eq!(contents.verdicts_together(), contents.verdicts(false));
 }
 
 /// Twelve claims of which each alone has a one-sided p of about 0.01: none stands when they are taken together.
@@ -338,10 +337,10 @@ fn an_agent_beside_itself_is_not_judged() {
 fn many_claims_together_are_held_to_more() {
     let results = two_agents([1.0, 0.2, 0.6, 1.6, 0.4], |_, _| {});
     let alone = Contents::of(&one_environment(vec![claim("dsac.cycle_length > 10")], published(99.0)), &results);
-    assert_eq!((alone.outcomes(false), alone.adjusted_outcomes()), (vec![("SUPPORTED", 1)], vec![("SUPPORTED", 1)]));
+    assert_eq!((alone.outcomes(false), alone.outcomes_together()), (vec![("SUPPORTED", 1)], vec![("SUPPORTED", 1)]));
     let claims = (0..12).map(|index| claim(&format!("dsac.cycle_length > {}", 10.0 - 1e-6 * f64::from(index)))).collect();
     let contents = Contents::of(&one_environment(claims, published(99.0)), &results);
-    assert_eq!((contents.outcomes(false), contents.adjusted_outcomes()), (vec![("SUPPORTED", 12)], vec![("INCONCLUSIVE", 12)]));
+    assert_eq!((contents.outcomes(false), contents.outcomes_together()), (vec![("SUPPORTED", 12)], vec![("INCONCLUSIVE", 12)]));
     assert_eq!(contents.claims[0].verdict_in_words(), "SUPPORTED (Holm: INCONCLUSIVE)");
     let head: Vec<String> = head::lines(&contents).into_iter().map(|line| line.what).collect();
     assert_eq!(head, ["Published values", "Claims, all together (Holm)", "Claims, one by one"]);
@@ -360,6 +359,11 @@ fn open_statements_ask_for_the_next_look() {
     results.trials[0].end = None;
     let contents = Contents::judged(&study, &results);
     assert_eq!(contents.open().iter().map(|it| it.complete).collect::<Vec<_>>(), [1, 0]);
+    // A claim without a complete look is open, alone and together with the others.
+    assert_eq!(
+        (contents.outcomes(false), contents.outcomes_together()),
+        (vec![("SUPPORTED", 1), ("INCONCLUSIVE", 1)], vec![("SUPPORTED", 1), ("INCONCLUSIVE", 1)])
+    );
     results.trials[0] = ended(results.trials[1].clone(), EndState::Oom, "x");
     results.trials[0].trial.agent = "equal".into();
     assert_eq!(Contents::judged(&study, &results).open()[1].complete, 1);

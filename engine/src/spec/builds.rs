@@ -195,7 +195,7 @@ impl Builder<'_> {
         let agent = &cell.parts[1];
         let build = &self.sections.registry.agents[agent.part.plugin.as_str()].build;
         let built = agent.part.loaded().and_then(|config| build(&config, interface, &mut random::stream(&["check"])));
-        built.map(|agent| agent.first_update_after()).map_err(|error| {
+        built.map(|agent| agent.updates().map_or(0, |updates| updates.first_after)).map_err(|error| {
             let place = self.sections.sources.place(self.sections.written.environments[cell.environment].name_span);
             let diagnostic = self.refused(agent, &error);
             let pairing = matches!(error, Error::Mismatch { .. });

@@ -126,6 +126,7 @@ mod tests {
         assert_eq!(read(json!({ "min": 3, "max": 10, "looks": 3 })).unwrap(), [3, 7, 10]);
         assert_eq!(read(json!({ "min": 5, "max": 20 })).unwrap(), [5, 10, 15, 20]);
         assert_eq!(read(json!({ "min": 3, "max": 4 })).unwrap(), [3, 4]);
+        assert_eq!(read(json!({ "min": 3, "max": 1000 })).unwrap().len(), 50, "as many as may be listed");
         assert_eq!(read(json!({ "min": 3, "max": 30, "looks": [3, 5, 8, 30] })).unwrap(), [3, 5, 8, 30]);
     }
 

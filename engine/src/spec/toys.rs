@@ -2,7 +2,7 @@
 
 use crate::{
     Action, Agent, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation, Protocol, Registry, Rng, Seat,
-    Space, Step,
+    Space, Step, Updates,
     registry::{AgentTraits, Config, Preset},
 };
 use schemars::JsonSchema;
@@ -209,11 +209,8 @@ impl Agent for Learner {
     fn act(&mut self, rows: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         self.0.act(rows, mode, rng)
     }
-    fn updates(&self) -> Option<u64> {
-        Some(0)
-    }
-    fn first_update_after(&self) -> u64 {
-        50
+    fn updates(&self) -> Option<Updates> {
+        Some(Updates { made: 0, first_after: 50 })
     }
 }
 

@@ -3,9 +3,9 @@
 //! A trial is tried again by putting its acknowledgement beside its place: it is missing then, whatever becomes of the process
 //! that wanted it, until it has ended anew.
 
-use super::{Store, boundary, index::parse, inside, sealed_folder::flush};
+use super::{Store, boundary, index::parse, inside, remove, sealed_folder::flush};
 use crate::{Error, results::TrialEnd};
-use std::{fs, io::ErrorKind, path::Path};
+use std::{fs, path::Path};
 
 const NAME: &str = "earlier.json";
 
@@ -31,9 +31,5 @@ impl Store {
 
 /// Removes the earlier end of a trial that has ended anew; mostly there is none.
 pub(super) fn forget(trial: &Path) -> Result<(), Error> {
-    let earlier = trial.join(NAME);
-    match fs::remove_file(&earlier) {
-        Err(source) if source.kind() != ErrorKind::NotFound => Err(Error::file("remove", &earlier)(source)),
-        _ => Ok(()),
-    }
+    remove(&trial.join(NAME))
 }

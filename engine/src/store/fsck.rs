@@ -3,7 +3,7 @@
 //! The store's folder is never left: no link is followed, and what a trial says of its files is believed only of its own.
 
 use super::{
-    Store, TrialFile,
+    LOOKS, Store, TrialFile,
     inside::{files_of, is_folder, is_link, read_in},
     names, running,
     seal::hash,
@@ -80,8 +80,6 @@ pub struct Findings {
 
 /// Folders of a store besides `trials`; what lies in them is not the store's to judge.
 const KNOWN: [&str; 3] = ["owners", "submissions", "aside"];
-/// The folder of the records of verdicts that were seen.
-const LOOKS: &str = "looks";
 const NOT_FOLLOWED: &str = "it is a link, which is not followed";
 
 impl Store {

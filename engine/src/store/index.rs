@@ -3,17 +3,16 @@
 //! Of each `trial.json` only what is asked for is parsed: the configs, which are most of it, are skipped. That a file belongs to
 //! the trial in whose folder it lies follows from the ids of its parts, its seed, numerics version and device.
 
-use super::{Store, TRIAL_SCHEMA, TrialFile, inside, names, seal::is_sealed};
+use super::{Store, TRIAL_SCHEMA, inside, names, seal::is_sealed};
 use crate::{
     Build, Error,
     plan::StoredCell,
     results::{TrialEnd, TrialResult},
-    trial::{Trial, TrialKey, trial_id},
+    trial::{Trial, trial_id},
 };
 use serde::Deserialize;
 use std::{
     collections::{BTreeMap, BTreeSet, HashSet},
-    fs,
     path::Path,
     sync::atomic::{AtomicUsize, Ordering},
 };
@@ -91,12 +90,17 @@ impl Store {
     /// # Errors
     /// [`Error::Damaged`] where its file is not what it should be.
     pub fn stored(&self, id: &str) -> Result<Option<StoredTrial>, Error> {
+        Ok(self.acknowledged(id)?.map(|(_, trial)| trial))
+    }
+
+    /// The text of a trial's `trial.json`, which is whole and of this trial, with what [`Store::stored`] gives.
+    pub(super) fn acknowledged(&self, id: &str) -> Result<Option<(Vec<u8>, StoredTrial)>, Error> {
         let path = self.folder(id).join("trial.json");
         let Some(text) = inside::read(&path)? else { return Ok(None) };
         let damaged = |problem: String| Error::Damaged { path: path.clone(), problem };
         let trial = parse(&text).map_err(damaged)?;
         let own = trial_id(trial.parts.each_ref().map(String::as_str), trial.seed, trial.numerics, &trial.device);
-        if own == id { Ok(Some(trial)) } else { Err(damaged(format!("it belongs to trial {own}"))) }
+        if own == id { Ok(Some((text, trial))) } else { Err(damaged(format!("it belongs to trial {own}"))) }
     }
 
     /// The distinct combinations of parts in the store, each with its seeds.
@@ -123,13 +127,9 @@ impl Store {
         let cells: Vec<_> = cells.into_values().collect();
         in_parallel(cells.len(), |index| {
             let (id, seeds) = &cells[index];
-            self.key(id).map(|key| StoredCell { key, seeds: seeds.clone() }).into_iter().collect()
+            let file = self.file(id).ok().flatten();
+            file.map(|file| StoredCell { key: file.key, seeds: seeds.clone() }).into_iter().collect()
         })
-    }
-
-    fn key(&self, id: &str) -> Option<TrialKey> {
-        let text = fs::read(self.folder(id).join("trial.json")).ok()?;
-        serde_json::from_slice::<TrialFile>(&text).ok().map(|file| file.key)
     }
 
     /// The ids of the trials that have a folder and whose ids begin with `prefix`, in order.
@@ -208,8 +208,13 @@ pub(super) fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> Vec<T> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Recorder, results::EndState, trial::Part};
+    use crate::{
+        Recorder,
+        results::EndState,
+        trial::{Part, TrialKey},
+    };
     use serde_json::json;
+    use std::fs;
 
     fn trial(cells: u32, seed: u64) -> Trial {
         let part = |plugin: &str| Part::new(plugin, 1, json!({ "cells": cells }));

@@ -12,7 +12,7 @@
 //! store the same bits, so a lease saves work and is not needed for correctness. Nobody needs to be right about the dead either:
 //! an owner whose file is gone writes it again.
 
-use super::{Owner, Store, boundary, write_durably};
+use super::{Owner, Store, boundary, remove, write_durably};
 use crate::Error;
 use serde::{Deserialize, Serialize};
 use std::{
@@ -293,13 +293,6 @@ fn read(path: &Path) -> Result<Option<Found>, Error> {
 
 fn modified(path: &Path) -> std::io::Result<SystemTime> {
     File::open(path)?.metadata()?.modified()
-}
-
-fn remove(path: &Path) -> Result<(), Error> {
-    match fs::remove_file(path) {
-        Err(source) if source.kind() != ErrorKind::NotFound => Err(Error::file("remove", path)(source)),
-        _ => Ok(()),
-    }
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

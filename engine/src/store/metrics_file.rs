@@ -27,7 +27,7 @@ use polars_io::{
 };
 use std::{io::Cursor, path::Path};
 
-/// Version of the columns and of `trial.json`.
+/// Version of the columns.
 pub const SCHEMA_VERSION: u32 = 1;
 
 /// Rows of one or more trials read back.

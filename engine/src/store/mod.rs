@@ -45,7 +45,7 @@ use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
     fs::{self, File},
-    io::Write,
+    io::{self, Write},
     path::{Path, PathBuf},
 };
 
@@ -97,6 +97,9 @@ impl TrialFile {
     }
 }
 
+/// The folder of the records of verdicts that were seen.
+const LOOKS: &str = "looks";
+
 /// Version of `trial.json`: from 2 on it ends with a hash of what stands before.
 const TRIAL_SCHEMA: u32 = 2;
 
@@ -117,6 +120,12 @@ impl Store {
     #[must_use]
     pub fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// Where the record of the verdicts of a study that were seen lies.
+    #[must_use]
+    pub fn seen_verdicts(&self, study: &str) -> PathBuf {
+        self.root.join(LOOKS).join(format!("{study}.json"))
     }
 
     /// The folder of a trial.
@@ -172,10 +181,7 @@ impl Store {
     /// [`Error::Damaged`] where the file is not what was written, or is of another trial.
     pub fn file(&self, id: &str) -> Result<Option<TrialFile>, Error> {
         let path = self.folder(id).join("trial.json");
-        if self.stored(id)?.is_none() {
-            return Ok(None);
-        }
-        let text = fs::read(&path).map_err(Error::file("read", &path))?;
+        let Some((text, _)) = self.acknowledged(id)? else { return Ok(None) };
         let damaged = |problem: String| Error::Damaged { path: path.clone(), problem };
         let file: TrialFile = serde_json::from_slice(&text).map_err(|source| damaged(source.to_string()))?;
         let own = file.key.id();
@@ -216,10 +222,13 @@ impl Store {
 }
 
 /// Names in a folder, in order; none where there is no folder.
-fn names(folder: &Path) -> Result<Vec<String>, Error> {
+///
+/// # Errors
+/// [`Error::File`] where it cannot be read.
+pub(crate) fn names(folder: &Path) -> Result<Vec<String>, Error> {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
-        Err(source) if source.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) if source.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(source) => return Err(Error::file("read", folder)(source)),
     };
     let mut names = Vec::new();
@@ -248,7 +257,7 @@ pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     written?;
     fs::rename(&temporary, path).map_err(Error::file("rename to", path))?;
     boundary::pass("after a file is renamed", path);
-    File::open(folder).and_then(|folder| folder.sync_all()).map_err(Error::file("flush", folder))?;
+    sealed_folder::flush(folder).map_err(Error::file("flush", folder))?;
     boundary::pass("after a folder is flushed", path);
     Ok(())
 }
@@ -263,6 +272,15 @@ fn write_flushed(temporary: &Path, path: &Path, bytes: &[u8]) -> Result<(), Erro
     file.sync_all().map_err(Error::file("flush", temporary))?;
     boundary::pass("after a file is flushed", path);
     Ok(())
+}
+
+/// Removes a file; that it is gone already is as good.
+fn remove(path: &Path) -> Result<(), Error> {
+    absent_is_fine(fs::remove_file(path)).map_err(Error::file("remove", path))
+}
+
+fn absent_is_fine(outcome: io::Result<()>) -> io::Result<()> {
+    outcome.or_else(|source| if source.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(source) })
 }
 
 /// True where a trial has to run: it never did, or was killed from outside.

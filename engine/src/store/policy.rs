@@ -4,11 +4,12 @@ use super::{
     Store,
     inside::{files_of, is_file, is_policy, read_in},
     seal::hash,
+    sealed_folder::flush,
 };
 use crate::{Error, results::EndState};
 use std::{
     collections::BTreeMap,
-    fs::{self, File},
+    fs,
     path::{Path, PathBuf},
 };
 
@@ -59,7 +60,7 @@ pub(super) fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error>
         let path = folder.join(&name);
         let seat = path.parent().filter(|parent| *parent != folder);
         for flushed in [Some(path.as_path()), seat].into_iter().flatten() {
-            File::open(flushed).and_then(|file| file.sync_all()).map_err(Error::file("flush", flushed))?;
+            flush(flushed).map_err(Error::file("flush", flushed))?;
         }
         let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
         files.insert(name, hash(&bytes));

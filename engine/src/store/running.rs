@@ -10,7 +10,7 @@
 //! ends with the same numbers.
 
 use super::{
-    MetricsTable, boundary,
+    MetricsTable, absent_is_fine, boundary,
     inside::is_file,
     metric_log::{self, LogEnd, LogPosition, MetricLog},
     names,
@@ -258,10 +258,6 @@ fn is_damaged(log: &Path, trial: &str) -> bool {
 
 fn running(folder: &Path) -> PathBuf {
     folder.join("running")
-}
-
-fn absent_is_fine(outcome: io::Result<()>) -> io::Result<()> {
-    outcome.or_else(|source| if source.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(source) })
 }
 
 /// The names of a new folder and of the three above it, which may be as new, reach the disk.

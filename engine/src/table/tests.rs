@@ -7,7 +7,8 @@ use crate::{
     Phase,
     published_curve::PublishedCurve,
     report::synthetic::{ended, study, trial},
-    results::{EndState, Results, UPDATES},
+    results::{EndState, Results, Success, UPDATES},
+    statistics::Design,
 };
 use std::collections::BTreeMap;
 
@@ -196,4 +197,18 @@ fn nothing_to_show_is_said() {
     let no_other = Comparison { form: Some(Form::Ratio), ..Comparison::default() };
     assert!(message(&no_other, &study()).contains("`relative_to` must name"));
     assert!(build(&TableSpec::default(), &study()).unwrap_err().to_string().contains("exactly one"));
+}
+
+/// A seed without success has ended too: its look is complete, though the value rests on the other seeds alone.
+#[test]
+fn seeds_without_success_complete_a_look() {
+    let mut results = Results::of((0..).zip([9.5, 2.0, 9.7]).map(|(seed, value)| final_value("e", "a", seed, value)).collect());
+    let success = Success { metric: "return".into(), above: Some(9.0), below: None };
+    results.trials.iter_mut().for_each(|trial| trial.judge_success(&success));
+    (results.design, results.success) = (Some(Design::new(vec![3, 6])), Some(success));
+    let comparison = Comparison { given_success: true, ..Comparison::default() };
+    let cell = super::compare(&comparison, &results).unwrap().cells[0][0].clone();
+    assert_eq!((cell.seeds, cell.planned, cell.looks.complete), (vec![(0, 9.5), (2, 9.7)], 2, 1));
+    results.trials[1].end = None;
+    assert_eq!(super::compare(&comparison, &results).unwrap().cells[0][0].looks.complete, 0);
 }

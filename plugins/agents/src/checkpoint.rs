@@ -33,14 +33,19 @@ pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(Ten
     Ok((file, counters))
 }
 
-/// Takes the network of a policy file in `dir` over into `policy`.
+/// Takes the network of a policy file in `dir` over into `policy`, whose agent would write the same ports and head.
 ///
 /// # Errors
-/// [`Error::File`] or [`Error::Checkpoint`] where the file is not there, not whole or of a network of another form.
-pub fn import_policy(agent: &'static str, policy: &mut Trained<Mlp>, dir: &Path) -> Result<(), Error> {
-    let misfit = error_of(agent);
-    let file = TensorFile::read(&dir.join(policy_file::FILE_NAME)).map_err(&misfit)?;
-    policy.restore_network(policy_file::PREFIX, &file).map_err(&misfit)
+/// As [`read_policy`], and [`Error::Checkpoint`] for a network of another form.
+pub fn import_policy(
+    agent: &'static str,
+    policy: &mut Trained<Mlp>,
+    dir: &Path,
+    ports: &Ports,
+    head: Head,
+) -> Result<(), Error> {
+    let file = read_policy(agent, dir, ports, head)?;
+    policy.restore_network(policy_file::PREFIX, &file).map_err(error_of(agent))
 }
 
 /// Reads the policy file in `dir` for an agent that would write the same ports and head.

@@ -30,12 +30,12 @@ use crate::targets::{bootstrapped, half_squared_error};
 use crate::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
 use numerics::gaussian::standard_normal;
 use numerics::network::{Activation, Mlp, device, matrix, values};
 use numerics::optimizer::{Adam, Trained};
 use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, PREFIX, Policy};
+use numerics::policy_file::{Head, Policy};
 use numerics::tensor_file::TensorFile;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -231,12 +231,8 @@ impl Agent for Ddpg {
         Ok(())
     }
 
-    fn updates(&self) -> Option<u64> {
-        Some(self.schedule.n_updates())
-    }
-
-    fn first_update_after(&self) -> u64 {
-        UpdateSchedule::first_update_after(self.config.learning_starts, self.config.updates_per_step)
+    fn updates(&self) -> Option<Updates> {
+        Some(self.schedule.updates(self.config.learning_starts, self.config.updates_per_step))
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -268,8 +264,8 @@ impl Agent for Ddpg {
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let file = checkpoint::read_policy(NAME, dir, &self.scaling.ports(&self.shares), Head::SoftmaxMean)?;
-        self.policy.restore_network(PREFIX, &file).map_err(checkpoint::error_of(NAME))?;
+        let ports = self.scaling.ports(&self.shares);
+        checkpoint::import_policy(NAME, &mut self.policy, dir, &ports, Head::SoftmaxMean)?;
         Ok(true)
     }
 }

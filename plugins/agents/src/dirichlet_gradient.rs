@@ -17,7 +17,7 @@ use crate::{
     gradient_moments::{Moments, Reward, RewardChannels, metrics},
     seat,
 };
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Rng, agent::Transition};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Rng, Transition, Updates};
 use numerics::dirichlet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -136,13 +136,8 @@ impl Agent for DirichletGradient {
         true
     }
 
-    /// Nothing is learned: an update is one of the estimate, by a batch of samples.
-    fn updates(&self) -> Option<u64> {
-        Some(self.moments.batches())
-    }
-
-    fn first_update_after(&self) -> u64 {
-        1
+    fn updates(&self) -> Option<Updates> {
+        Some(self.moments.updates())
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {

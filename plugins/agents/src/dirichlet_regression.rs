@@ -24,12 +24,12 @@ use crate::targets::mean;
 use crate::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
 use numerics::dirichlet::LOG_ACTION_FLOOR;
 use numerics::dirichlet_policy::{log_density, sample};
 use numerics::network::{Activation, Mlp, device, matrix, softplus, values};
 use numerics::optimizer::{Adam, Trained};
-use numerics::policy_file::{Head, PREFIX, Policy};
+use numerics::policy_file::{Head, Policy};
 use numerics::tensor_file::TensorFile;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -94,6 +94,12 @@ pub(crate) struct Progress {
     pub(crate) n_examples: u64,
     /// Batches, each of which is one update.
     pub(crate) n_updates: u64,
+}
+
+impl Progress {
+    pub(crate) fn updates(self) -> Updates {
+        Updates { made: self.n_updates, first_after: 1 }
+    }
 }
 
 /// Builds the agent for one seat that acts on a simplex, in an environment whose state is the target.
@@ -195,12 +201,8 @@ impl Agent for DirichletRegression {
         true
     }
 
-    fn updates(&self) -> Option<u64> {
-        Some(self.progress.n_updates)
-    }
-
-    fn first_update_after(&self) -> u64 {
-        1
+    fn updates(&self) -> Option<Updates> {
+        Some(self.progress.updates())
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -223,8 +225,8 @@ impl Agent for DirichletRegression {
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let file = checkpoint::read_policy(NAME, dir, &self.scaling.ports(&self.shares), Head::DirichletMean)?;
-        self.network.restore_network(PREFIX, &file).map_err(checkpoint::error_of(NAME))?;
+        let ports = self.scaling.ports(&self.shares);
+        checkpoint::import_policy(NAME, &mut self.network, dir, &ports, Head::DirichletMean)?;
         Ok(true)
     }
 }

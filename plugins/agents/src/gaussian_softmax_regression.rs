@@ -26,12 +26,12 @@ use crate::scaling::{ObservationScaling, Scaling};
 use crate::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
 use numerics::gaussian::HALF_LN_TWO_PI;
 use numerics::gaussian_policy::gaussian_softmax_sample;
 use numerics::network::{Activation, Mlp, device, matrix, values};
 use numerics::optimizer::{Adam, Trained};
-use numerics::policy_file::{Head, PREFIX, Policy};
+use numerics::policy_file::{Head, Policy};
 use numerics::tensor_file::TensorFile;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -147,12 +147,8 @@ impl Agent for GaussianSoftmaxRegression {
         true
     }
 
-    fn updates(&self) -> Option<u64> {
-        Some(self.progress.n_updates)
-    }
-
-    fn first_update_after(&self) -> u64 {
-        1
+    fn updates(&self) -> Option<Updates> {
+        Some(self.progress.updates())
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -175,8 +171,8 @@ impl Agent for GaussianSoftmaxRegression {
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let file = checkpoint::read_policy(NAME, dir, &self.scaling.ports(&self.shares), Head::SoftmaxMean)?;
-        self.network.restore_network(PREFIX, &file).map_err(checkpoint::error_of(NAME))?;
+        let ports = self.scaling.ports(&self.shares);
+        checkpoint::import_policy(NAME, &mut self.network, dir, &ports, Head::SoftmaxMean)?;
         Ok(true)
     }
 }

@@ -1,7 +1,7 @@
 //! What the two estimators of a policy gradient share: the bandit's reward and the running moments of the estimates.
 
 use crate::checkpoint;
-use engine::{Better, Error, Interface, Metric, Recorder};
+use engine::{Better, Error, Interface, Metric, Recorder, Updates};
 use numerics::tensor_file::TensorFile;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -96,9 +96,9 @@ impl Moments {
         Ok(())
     }
 
-    /// Batches of estimates so far: the updates of what is estimated.
-    pub(crate) fn batches(&self) -> u64 {
-        self.batches
+    /// Nothing is learned: an update is one of the estimate, by a batch of samples.
+    pub(crate) fn updates(&self) -> Updates {
+        Updates { made: self.batches, first_after: 1 }
     }
 
     /// Ends a batch: records bias and spread of the estimates against the exact gradient.

@@ -18,7 +18,7 @@ use crate::opponent_modelling::{Algorithm as _, Learner, SeatBatch, others};
 use crate::tdom_ac::{self, OpponentObjective};
 use burn::tensor::Tensor;
 use engine::{
-    Action, Agent, AgentTraits, Config as _, Error, Interface, Metric, Mode, Observation, Recorder, Rng, agent::Transition,
+    Action, Agent, AgentTraits, Config as _, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates,
 };
 use numerics::optimizer::gradients;
 use numerics::squashed::sample;
@@ -150,12 +150,8 @@ impl Agent for OpponentGradients {
         Ok(())
     }
 
-    fn updates(&self) -> Option<u64> {
+    fn updates(&self) -> Option<Updates> {
         self.learner.updates()
-    }
-
-    fn first_update_after(&self) -> u64 {
-        self.learner.first_update_after()
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {

@@ -1,5 +1,6 @@
 //! When an off-policy agent updates: a number of updates per environment step, after a first stretch without.
 
+use engine::Updates;
 use serde::{Deserialize, Serialize};
 
 /// Counts environment steps and says how many updates are due.
@@ -34,11 +35,12 @@ impl UpdateSchedule {
         self.n_updates += 1;
     }
 
-    /// Environment steps without which no update is due, however many environments are stepped together.
+    /// What an agent that follows this schedule says of its updates: none is due before the step told, however many environments
+    /// are stepped together.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates where there is never an update")]
-    pub fn first_update_after(learning_starts: u64, updates_per_step: f64) -> u64 {
-        learning_starts.max((1.0 / updates_per_step).ceil() as u64)
+    pub fn updates(&self, learning_starts: u64, updates_per_step: f64) -> Updates {
+        Updates { made: self.n_updates, first_after: learning_starts.max((1.0 / updates_per_step).ceil() as u64) }
     }
 
     /// Takes in `n_new` environment steps; returns the updates that are due now and carries the fraction.
@@ -77,18 +79,18 @@ mod tests {
     #[test]
     fn no_update_is_due_before_the_step_that_is_told() {
         for (together, starts, per_step) in [(1, 100, 1.0), (64, 128, 0.0625), (10, 30, 0.01), (7, 5, 3.0), (1, 1, 0.3)] {
-            let told = UpdateSchedule::first_update_after(starts, per_step);
             let mut schedule = UpdateSchedule::new();
+            let told = schedule.updates(starts, per_step).first_after;
             while schedule.advance(together, starts, per_step) == 0 {}
             assert!(schedule.n_steps() >= told && told >= starts, "{together} {starts} {per_step}: {told}");
         }
-        assert_eq!(UpdateSchedule::first_update_after(30, 0.0), u64::MAX);
+        assert_eq!(UpdateSchedule::new().updates(30, 0.0).first_after, u64::MAX);
     }
 
     #[test]
     fn updates_are_counted_as_they_are_made() {
         let mut schedule = UpdateSchedule::new();
         (0..3).for_each(|_| schedule.count_update());
-        assert_eq!(schedule.n_updates(), 3);
+        assert_eq!(schedule.updates(30, 1.0), Updates { made: 3, first_after: 30 });
     }
 }

@@ -15,7 +15,7 @@
 //! Metrics: `update_s`, `reference_update_s` (means over the timed transitions), `update_time_ratio` (of these two).
 
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, agent::Transition,
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -162,12 +162,8 @@ impl Agent for UpdateTiming {
         self.timed.reads_state() || self.reference.reads_state()
     }
 
-    fn updates(&self) -> Option<u64> {
+    fn updates(&self) -> Option<Updates> {
         self.timed.updates()
-    }
-
-    fn first_update_after(&self) -> u64 {
-        self.timed.first_update_after()
     }
 
     fn load(&mut self, _dir: &Path) -> Result<(), Error> {

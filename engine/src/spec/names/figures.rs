@@ -4,7 +4,7 @@ use super::{Names, Picked, Place};
 use crate::{
     diagnostic::suggest,
     document::{Entry, Node},
-    figure::{FigureSpec, LearningCurve},
+    figure::{FigureSpec, KINDS, LearningCurve},
     published_curve::{PublishedCurve, PublishedCurveError},
 };
 use std::collections::BTreeSet;
@@ -12,7 +12,6 @@ use std::collections::BTreeSet;
 impl Names<'_> {
     /// Checks every name in a figure.
     pub(super) fn figure(&mut self, spec: &FigureSpec, entry: &Entry) {
-        const KINDS: [&str; 6] = ["learning_curve", "trajectory", "bars", "grouped_lines", "scatter", "contour"];
         let place = Place::of(entry, format!("figures.{}", entry.key));
         let given: Vec<&str> =
             KINDS.into_iter().filter(|kind| place.node.get(kind).is_some_and(|node| !node.to_value().is_null())).collect();

@@ -4,8 +4,9 @@ use super::*;
 use crate::{
     Phase,
     report::synthetic::{ended, trial},
-    results::{EndState, TrialResult},
-    table::{TableSpec, csv, html, latex, markdown, terminal},
+    results::{EndState, TrialResult, UPDATES},
+    statistics::{Design, Verdict},
+    table::{Published, PublishedCell, TableSpec, csv, html, latex, markdown, terminal},
 };
 use serde_json::Value;
 
@@ -127,4 +128,25 @@ fn what_cannot_be_scaled_or_pooled_is_said() {
     let mut swept = results();
     swept.trials[0].trial.setting = "rate=1".into();
     assert!(message(&Aggregate { agents: Vec::new(), ..spec(&numbers) }, &swept).contains("settings of a sweep"));
+}
+
+/// Agents that stand for 0 and 1 move every score: what is published waits for their trials too, and for their training.
+#[test]
+fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
+    let mut results = results();
+    results.design = Some(Design::new(vec![6, 12]));
+    let aggregate = Some(spec(&serde_json::json!({"low": "weak", "high": "strong"})));
+    let means = Published::Columns(BTreeMap::from([(SUITE_MEAN.to_owned(), PublishedCell::Value(0.6))]));
+    let table = TableSpec { aggregate, published: BTreeMap::from([("able".to_owned(), means)]), ..TableSpec::default() };
+    let able = |results: &Results| crate::table::build(&table, results).unwrap().cells[2][2].clone();
+    let cell = able(&results);
+    let agents: BTreeSet<&str> = cell.rests_on.iter().map(|(_, agent, _)| agent.as_str()).collect();
+    assert_eq!((cell.rests_on.len(), agents), (9, BTreeSet::from(["able", "strong", "weak"])));
+    assert_eq!((cell.looks.complete, cell.judgement.unwrap().stage.map(|stage| stage.of)), (1, Some(2)));
+    let of_weak = results.trials.iter().position(|it| it.trial.agent == "weak").unwrap();
+    let untrained = [(Phase::Final, 9, 0, "score", 0.1), (Phase::Final, 9, 0, UPDATES, 0.0)];
+    results.trials[of_weak] = trial("maze", "weak", "", 0, &untrained.to_vec());
+    assert_eq!(able(&results).verdict(), Some(Verdict::NotTrained));
+    results.trials[of_weak].end = None;
+    assert_eq!(able(&results).looks.complete, 0);
 }

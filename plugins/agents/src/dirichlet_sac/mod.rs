@@ -42,7 +42,7 @@ use crate::targets::{bootstrapped, half_squared_error, mean};
 use crate::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
 use numerics::dirichlet_policy::{log_density, sample};
 use numerics::network::{device, matrix, softplus, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
@@ -260,12 +260,8 @@ impl Agent for DirichletSac {
         Ok(())
     }
 
-    fn updates(&self) -> Option<u64> {
-        Some(self.schedule.n_updates())
-    }
-
-    fn first_update_after(&self) -> u64 {
-        UpdateSchedule::first_update_after(self.config.learning_starts, self.config.updates_per_step)
+    fn updates(&self) -> Option<Updates> {
+        Some(self.schedule.updates(self.config.learning_starts, self.config.updates_per_step))
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {

@@ -39,7 +39,7 @@ use crate::schedule::UpdateSchedule;
 use crate::targets::{bootstrapped, half_squared_error, mean};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
 use numerics::gaussian_policy::{SquashedGaussianSample, squashed_gaussian_sample};
 use numerics::network::{Mlp, TwinMlp, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
@@ -273,12 +273,8 @@ impl Agent for IndependentSac {
         Ok(())
     }
 
-    fn updates(&self) -> Option<u64> {
-        Some(self.schedule.n_updates())
-    }
-
-    fn first_update_after(&self) -> u64 {
-        UpdateSchedule::first_update_after(self.config.learning_starts, self.config.updates_per_step)
+    fn updates(&self) -> Option<Updates> {
+        Some(self.schedule.updates(self.config.learning_starts, self.config.updates_per_step))
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -313,17 +309,16 @@ impl Agent for IndependentSac {
     /// One file per seat, in a folder with the seat's name.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         for (seat, learner) in self.learners.iter().enumerate() {
-            let seen = self.config.sight.columns(&self.layout, seat);
-            let ports = self.layout.ports(seen, self.layout.acted(seat));
-            let policy = Policy::new(learner.policy.network(), ports, Head::Tanh);
+            let policy = Policy::new(learner.policy.network(), self.ports(seat), Head::Tanh);
             policy.write(&self.layout.folder(dir, seat)?).map_err(checkpoint::error_of(NAME))?;
         }
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        for (seat, learner) in self.learners.iter_mut().enumerate() {
-            checkpoint::import_policy(NAME, &mut learner.policy, &self.layout.place(dir, seat))?;
+        for seat in 0..self.learners.len() {
+            let (ports, folder) = (self.ports(seat), self.layout.place(dir, seat));
+            checkpoint::import_policy(NAME, &mut self.learners[seat].policy, &folder, &ports, Head::Tanh)?;
         }
         Ok(true)
     }

@@ -50,7 +50,7 @@ use crate::schedule::UpdateSchedule;
 use crate::targets::{bootstrapped, half_squared_error, mean};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
 use numerics::gaussian::{standard_normal, standard_uniform};
 use numerics::network::{Mlp, matrix, values};
 use numerics::optimizer::{Adam, Trained};
@@ -294,12 +294,8 @@ impl Agent for Masql {
         Ok(())
     }
 
-    fn updates(&self) -> Option<u64> {
-        Some(self.schedule.n_updates())
-    }
-
-    fn first_update_after(&self) -> u64 {
-        UpdateSchedule::first_update_after(self.config.learning_starts, self.config.updates_per_step)
+    fn updates(&self) -> Option<Updates> {
+        Some(self.schedule.updates(self.config.learning_starts, self.config.updates_per_step))
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -332,13 +328,7 @@ impl Agent for Masql {
     /// beside in a file of its own: the best of several draws is the one that it values most.
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         for (seat, learner) in self.learners.iter().enumerate() {
-            let mut ports = self.layout.ports(self.config.sight.columns(&self.layout, seat), 0..self.layout.n_acted());
-            for entry in 0..self.layout.n_acted() {
-                ports.inputs.push(format!("noise_{entry}"));
-                ports.center.push(0.0);
-                ports.spread.push(1.0);
-            }
-            let policy = Policy::new(learner.sampler.network(), ports, Head::Tanh);
+            let policy = Policy::new(learner.sampler.network(), self.ports(seat), Head::Tanh);
             let folder = self.layout.folder(dir, seat)?;
             policy.write(&folder).map_err(checkpoint::error_of(NAME))?;
             let mut critic = TensorFile::default();
@@ -350,9 +340,10 @@ impl Agent for Masql {
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let misfit = checkpoint::error_of(NAME);
-        for (seat, learner) in self.learners.iter_mut().enumerate() {
-            let folder = self.layout.place(dir, seat);
-            checkpoint::import_policy(NAME, &mut learner.sampler, &folder)?;
+        for seat in 0..self.learners.len() {
+            let (ports, folder) = (self.ports(seat), self.layout.place(dir, seat));
+            let learner = &mut self.learners[seat];
+            checkpoint::import_policy(NAME, &mut learner.sampler, &folder, &ports, Head::Tanh)?;
             let critic = TensorFile::read(&folder.join(CRITIC_FILE)).map_err(&misfit)?;
             learner.critic.restore_network(CRITIC, &critic).map_err(&misfit)?;
         }

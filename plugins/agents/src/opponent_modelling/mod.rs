@@ -36,7 +36,7 @@ use crate::joint_replay::JointReplay;
 use crate::schedule::UpdateSchedule;
 use crate::seat::mismatch;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
 use numerics::network::{matrix, values};
 use numerics::policy_file::FILE_NAME;
 use numerics::squashed::{Draw, sample};
@@ -394,12 +394,8 @@ impl<A: Algorithm> Agent for Learner<A> {
         Ok(errors.chunks(layout.n_seats()).map(|row| row.iter().map(|error| f64::from(*error)).collect()).collect())
     }
 
-    fn updates(&self) -> Option<u64> {
-        Some(self.game.schedule.n_updates())
-    }
-
-    fn first_update_after(&self) -> u64 {
-        UpdateSchedule::first_update_after(self.game.settings.learning_starts, self.game.settings.updates_per_step)
+    fn updates(&self) -> Option<Updates> {
+        Some(self.game.schedule.updates(self.game.settings.learning_starts, self.game.settings.updates_per_step))
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
