@@ -44,7 +44,7 @@ use numerics::gaussian_policy::{SquashedGaussianSample, squashed_gaussian_sample
 use numerics::network::{Mlp, TwinMlp, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
 use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy};
+use numerics::policy_file::{Head, Policy, Ports};
 use numerics::tensor_file::TensorFile;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -255,6 +255,13 @@ fn draw(policy: &Mlp, seen: &Tensor<2>, rng: &mut Rng) -> SquashedGaussianSample
 
 fn joined(seen: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
     Tensor::cat(vec![seen.clone(), actions], 1)
+}
+
+impl IndependentSac {
+    /// What the policy of a seat sees and does.
+    fn ports(&self, seat: usize) -> Ports {
+        self.layout.ports(self.config.sight.columns(&self.layout, seat), self.layout.acted(seat))
+    }
 }
 
 impl Agent for IndependentSac {

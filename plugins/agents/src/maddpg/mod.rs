@@ -47,7 +47,7 @@ use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorde
 use numerics::network::{Mlp, values};
 use numerics::optimizer::{Adam, Trained};
 use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy};
+use numerics::policy_file::{Head, Policy, Ports};
 use numerics::tensor_file::TensorFile;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -197,6 +197,13 @@ impl Learner {
 
 fn value(critic: &Mlp, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
     critic.forward(Tensor::cat(vec![observations.clone(), actions], 1))
+}
+
+impl Maddpg {
+    /// What the policy of a seat sees and does.
+    fn ports(&self, seat: usize) -> Ports {
+        self.layout.ports(self.config.policy_sight.columns(&self.layout, seat), self.layout.acted(seat))
+    }
 }
 
 impl Agent for Maddpg {

@@ -55,7 +55,7 @@ use numerics::gaussian::{standard_normal, standard_uniform};
 use numerics::network::{Mlp, matrix, values};
 use numerics::optimizer::{Adam, Trained};
 use numerics::parameters::{restore, soft_update, store};
-use numerics::policy_file::{Head, Policy};
+use numerics::policy_file::{Head, Policy, Ports};
 use numerics::stein::{Particles, SteinDirection, stein_direction};
 use numerics::tensor_file::TensorFile;
 use std::path::Path;
@@ -276,6 +276,20 @@ fn uniform(rows: usize, columns: usize, rng: &mut Rng) -> Tensor<2> {
 
 fn greatest(x: &[f32]) -> usize {
     (0..x.len()).fold(0, |best, at| if x[at] > x[best] { at } else { best })
+}
+
+impl Masql {
+    /// What the sampler of a seat sees, noise for every entry of its joint action at last, and does.
+    fn ports(&self, seat: usize) -> Ports {
+        let acted = 0..self.layout.n_acted();
+        let mut ports = self.layout.ports(self.config.sight.columns(&self.layout, seat), acted.clone());
+        for entry in acted {
+            ports.inputs.push(format!("noise_{entry}"));
+            ports.center.push(0.0);
+            ports.spread.push(1.0);
+        }
+        ports
+    }
 }
 
 impl Agent for Masql {
