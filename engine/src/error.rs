@@ -74,10 +74,10 @@ pub enum Error {
         /// What does not fit.
         problem: String,
     },
-    /// The policy of another trial, which this one plays, cannot be used.
-    #[error("the policy of trial {trial} cannot be used: {problem}")]
+    /// What another trial left for this one cannot be used.
+    #[error("what trial {trial} left cannot be used: {problem}")]
     Source {
-        /// Id of the trial that left the policy.
+        /// Id of the trial that leaves it.
         trial: String,
         /// What is wrong with it.
         problem: String,

@@ -12,6 +12,7 @@
 
 pub mod agent;
 pub mod build;
+pub mod cast;
 pub mod checkpoint;
 pub mod cli;
 pub mod cross_play;
@@ -24,6 +25,7 @@ pub mod executor;
 pub mod figure;
 pub mod limits;
 pub mod plan;
+pub mod product;
 pub mod protocol;
 pub mod published_curve;
 pub mod random;
@@ -48,6 +50,7 @@ pub use environment::{
     Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, RewardSurface, Seat, Space, Step,
 };
 pub use error::Error;
+pub use product::{Product, ProductKind};
 pub use protocol::Protocol;
 pub use random::Rng;
 pub use recorder::{Phase, Recorder};

@@ -2,9 +2,10 @@
 
 use crate::{
     Agent, Error, Interface, Keeper, Protocol, Recorder, Registry,
-    cross_play::{self, Cast, Team},
+    cast::{Seating, Team},
     data_file,
-    protocol::{CrossPlay, Run},
+    product::{FindProduct, Taken, no_product},
+    protocol::Run,
     random::Streams,
 };
 use serde::{Deserialize, Serialize};
@@ -12,7 +13,7 @@ use serde_json::{Value, json};
 use std::{
     borrow::Cow,
     collections::BTreeMap,
-    path::{Path, PathBuf},
+    path::Path,
     sync::Arc,
 };
 
@@ -29,25 +30,29 @@ pub struct Part {
     /// Hashes of the data files that the config names, by JSON pointer: what a file holds determines numbers, its path does not.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
+    /// What the config takes from other trials, by JSON pointer: which trial leaves it determines numbers, its name in a study does not.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub products: BTreeMap<String, Taken>,
 }
 
 impl Part {
-    /// A part without data files.
+    /// A part without data files and products.
     #[must_use]
     pub fn new(plugin: impl Into<String>, version: u32, config: Value) -> Self {
-        Self { plugin: plugin.into(), version, config: Arc::new(config), files: BTreeMap::new() }
+        let (files, products) = (BTreeMap::new(), BTreeMap::new());
+        Self { plugin: plugin.into(), version, config: Arc::new(config), files, products }
     }
 
-    /// Hash of plugin, version, config and the content of data files.
+    /// Hash of plugin, version, config, the content of data files and the trials whose products are taken.
     #[must_use]
     pub fn id(&self) -> String {
         hash(&json!([self.plugin, self.version, *self.identity()]))
     }
 
-    /// The config with the content of data files in place of their paths: what enters the hash.
+    /// The config with the content of data files in place of their paths, and trials in place of names: what enters the hash.
     #[must_use]
     pub fn identity(&self) -> Cow<'_, Value> {
-        if self.files.is_empty() {
+        if self.files.is_empty() && self.products.is_empty() {
             return Cow::Borrowed(&self.config);
         }
         let mut config = (*self.config).clone();
@@ -56,15 +61,21 @@ impl Part {
                 *path = json!({ "content": content });
             }
         }
+        for (key, taken) in &self.products {
+            if let Some(named) = config.pointer_mut(key) {
+                *named = json!({ "product": taken.kind, "trial": taken.trial });
+            }
+        }
         Cow::Owned(config)
     }
 
-    /// The config as its plugin is built from it: with what its data files hold, each read once and held against its hash.
+    /// The config as its plugin is built from it: with what its data files hold, each read once and held against its hash, and with the
+    /// folders of products, which `find` looks up.
     ///
     /// # Errors
-    /// [`Error::DataFileChanged`], and [`Error::File`] where one cannot be read.
-    pub fn loaded(&self) -> Result<Cow<'_, Value>, Error> {
-        if self.files.is_empty() {
+    /// [`Error::DataFileChanged`], [`Error::File`] where one cannot be read, and what `find` says.
+    pub fn loaded(&self, find: FindProduct<'_>) -> Result<Cow<'_, Value>, Error> {
+        if self.files.is_empty() && self.products.is_empty() {
             return Ok(Cow::Borrowed(&self.config));
         }
         let mut config = (*self.config).clone();
@@ -72,6 +83,11 @@ impl Part {
             let named = config.pointer_mut(key).filter(|value| value.is_string());
             let named = named.ok_or_else(|| Error::config(key, "names no data file, but the trial has the hash of one"))?;
             *named = data_file::read(named.as_str().unwrap_or_default(), content)?;
+        }
+        for (key, taken) in &self.products {
+            let named = config.pointer_mut(key).filter(|value| value.is_object());
+            let named = named.ok_or_else(|| Error::config(key, "names no product, but the trial has the source of one"))?;
+            named["folder"] = json!(find(taken)?);
         }
         Ok(Cow::Owned(config))
     }
@@ -106,8 +122,8 @@ pub fn trial_id(parts: [&str; 3], seed: u64, numerics: u32, device: &str) -> Str
 pub struct TrialKey {
     /// The environment.
     pub environment: Part,
-    /// The agent.
-    pub agent: Part,
+    /// Who acts.
+    pub agent: Seating,
     /// The protocol.
     pub protocol: Part,
     /// The replicate.
@@ -137,37 +153,54 @@ impl TrialKey {
         self.environment.id()
     }
 
-    /// As [`run_after`](Self::run_after), for a trial that plays no policy of another one.
+    /// The products of other trials that it takes.
+    #[must_use]
+    pub fn taken(&self) -> Vec<Taken> {
+        let of = |part: &Part| part.products.values().cloned().collect();
+        let mut all: Vec<Taken> = [of(&self.environment), self.agent.taken(), of(&self.protocol)].concat();
+        all.sort();
+        all.dedup();
+        all
+    }
+
+    /// Ids of the trials that must have ended `ok` before it begins, each once.
+    #[must_use]
+    pub fn sources(&self) -> Vec<String> {
+        let mut ids: Vec<String> = self.taken().into_iter().map(|taken| taken.trial).collect();
+        ids.dedup();
+        ids
+    }
+
+    /// As [`run_after`](Self::run_after), for a trial that takes nothing from another one.
     ///
     /// # Errors
-    /// As there, and [`Error::Source`] for a trial of cross-play.
+    /// As there, and [`Error::Source`] for a trial that takes products.
     pub fn run(
         &self,
         registry: &Registry,
-        policy_dir: Option<&Path>,
+        folder: Option<&Path>,
         progress: &mut dyn FnMut(u64, u64),
         keeper: &mut dyn Keeper,
     ) -> Result<Recorder, Error> {
-        let none = |trial: &str| Err(Error::Source { trial: trial.into(), problem: "there is no store to find it in".into() });
-        self.run_after(registry, &none, policy_dir, progress, keeper)
+        self.run_after(registry, &no_product, folder, progress, keeper)
     }
 
     /// Builds the parts and runs the protocol from what `keeper` has of this trial, or from the start; `progress` is told
-    /// steps done and steps in all. `policies` finds the folder of a policy that a trial left, by the trial's id.
+    /// steps done and steps in all. `find` looks up what other trials left; what this one leaves goes into `folder`.
     ///
     /// # Errors
-    /// Whatever a plugin reports, [`Error::Source`] for a policy of another trial that cannot be used, and [`Error::Stopped`]
+    /// Whatever a plugin reports, [`Error::Source`] for a product of another trial that cannot be used, and [`Error::Stopped`]
     /// where `keeper` asked the trial to stop.
     pub fn run_after(
         &self,
         registry: &Registry,
-        policies: &dyn Fn(&str) -> Result<PathBuf, Error>,
-        policy_dir: Option<&Path>,
+        find: FindProduct<'_>,
+        folder: Option<&Path>,
         progress: &mut dyn FnMut(u64, u64),
         keeper: &mut dyn Keeper,
     ) -> Result<Recorder, Error> {
         loop {
-            match self.attempt(registry, policies, policy_dir, progress, keeper) {
+            match self.attempt(registry, find, folder, progress, keeper) {
                 // What the trial continued from does not fit it: the next attempt takes up something older or begins anew.
                 Err(Error::Checkpoint { .. }) if keeper.refuse() => {}
                 outcome => return outcome,
@@ -178,49 +211,44 @@ impl TrialKey {
     fn attempt(
         &self,
         registry: &Registry,
-        policies: &dyn Fn(&str) -> Result<PathBuf, Error>,
-        policy_dir: Option<&Path>,
+        find: FindProduct<'_>,
+        folder: Option<&Path>,
         progress: &mut dyn FnMut(u64, u64),
         keeper: &mut dyn Keeper,
     ) -> Result<Recorder, Error> {
-        let environment = find(&registry.environments, "environment", &self.environment.plugin)?;
-        let protocol = self.build_protocol(registry)?;
-        let config = self.environment.loaded()?;
+        let environment = find_entry(&registry.environments, "environment", &self.environment.plugin)?;
+        let protocol = find_entry(&registry.protocols, "protocol", &self.protocol.plugin)?;
+        let protocol = (protocol.build)(&*self.protocol.loaded(find)?)?;
+        let config = self.environment.loaded(find)?;
         let make_environment = || (environment.build)(&config);
         let streams = Streams::new(&self.id(), &self.environment_id(), self.seed);
         let interface = make_environment()?.interface();
-        let agent = self.build_agent(registry, &interface, &streams, policies)?;
+        let agent = self.build_agent(registry, &interface, &streams, find)?;
         let record = Recorder::default();
-        let mut run = Run { make_environment: &make_environment, agent, streams, record, progress, keeper };
+        let mut run = Run { make_environment: &make_environment, agent, streams, record, progress, keeper, folder };
         protocol.run(&mut run)?;
         run.record.all_finite()?;
-        if let Some(dir) = policy_dir {
-            run.agent.export(dir).map_err(Error::of_store)?;
+        if let (Some(folder), Seating::Agent(_)) = (folder, &self.agent) {
+            run.agent.export(folder).map_err(Error::of_store)?;
         }
         Ok(run.record)
     }
 
-    fn build_protocol(&self, registry: &Registry) -> Result<Box<dyn Protocol>, Error> {
-        if self.protocol.plugin == cross_play::NAME {
-            let config = CrossPlay::deserialize(&*self.protocol.config);
-            return config.map(|it| Box::new(it) as _).map_err(|source| Error::config("protocol", source.to_string()));
-        }
-        (find(&registry.protocols, "protocol", &self.protocol.plugin)?.build)(&*self.protocol.loaded()?)
-    }
-
-    /// The agent, freshly initialised; `policies` as in [`run_after`](Self::run_after).
+    /// What acts, freshly made; `find` as in [`run_after`](Self::run_after).
     pub(crate) fn build_agent(
         &self,
         registry: &Registry,
         interface: &Interface,
         streams: &Streams,
-        policies: &dyn Fn(&str) -> Result<PathBuf, Error>,
+        find: FindProduct<'_>,
     ) -> Result<Box<dyn Agent>, Error> {
-        if let Some(cast) = Cast::of(self) {
-            return Ok(Box::new(Team::assemble(&cast, registry, interface, streams, policies)?));
+        match &self.agent {
+            Seating::Cast(cast) => Ok(Box::new(Team::assemble(cast, registry, interface, streams, find)?)),
+            Seating::Agent(part) => {
+                let entry = find_entry(&registry.agents, "agent", &part.plugin)?;
+                (entry.build)(&*part.loaded(find)?, interface, &mut streams.agent("initialise"))
+            }
         }
-        let entry = find(&registry.agents, "agent", &self.agent.plugin)?;
-        (entry.build)(&*self.agent.loaded()?, interface, &mut streams.agent("initialise"))
     }
 }
 
@@ -235,8 +263,24 @@ pub struct Trial {
     pub agent: String,
     /// The point of the sweep, as `key=value` words; empty without a sweep.
     pub setting: String,
+    /// What it is for.
+    #[serde(default)]
+    pub purpose: Purpose,
     /// What determines the numbers.
     pub key: TrialKey,
+}
+
+/// What a trial is for in its study.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Purpose {
+    /// It is one of a combination of environment, agent and setting, which tables, figures and claims show.
+    #[default]
+    Cell,
+    /// It leaves what other trials take: an entry of the section `prepare`, whose name stands for the environment.
+    Prepared,
+    /// It is an encounter of a play, whose name stands for the environment; the agents by role.
+    Play(BTreeMap<String, String>),
 }
 
 impl Trial {
@@ -248,7 +292,7 @@ impl Trial {
     }
 }
 
-fn find<'a, T>(entries: &'a BTreeMap<&'static str, T>, kind: &str, name: &str) -> Result<&'a T, Error> {
+fn find_entry<'a, T>(entries: &'a BTreeMap<&'static str, T>, kind: &str, name: &str) -> Result<&'a T, Error> {
     entries.get(name).ok_or_else(|| Error::config(kind, format!("`{name}` is not registered in this program")))
 }
 

@@ -1,6 +1,5 @@
 //! What a protocol is: how one trial runs; and the protocols that fit any environment.
 
-mod cross_play;
 mod estimator_tracking;
 mod evaluation;
 mod position;
@@ -9,10 +8,12 @@ mod supervised_fit;
 mod tests;
 mod train_evaluate;
 
-use crate::{Agent, Environment, Error, Keeper, Metric, Phase, Recorder, Registry, random::Streams, results::UPDATES};
+use crate::{
+    Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder, Registry, random::Streams, results::UPDATES,
+};
 use serde::{Serialize, de::DeserializeOwned};
+use std::path::Path;
 
-pub use cross_play::CrossPlay;
 pub use estimator_tracking::EstimatorTracking;
 pub(crate) use evaluation::replay as replay_measurement;
 pub use supervised_fit::SupervisedFit;
@@ -39,6 +40,8 @@ pub struct Run<'a> {
     pub progress: &'a mut dyn FnMut(u64, u64),
     /// Keeps the trial's state, so that it can continue in another process.
     pub keeper: &'a mut dyn Keeper,
+    /// Where products go that the protocol makes; `None` where nothing is kept of the trial but its record.
+    pub folder: Option<&'a Path>,
 }
 
 impl Run<'_> {
@@ -100,6 +103,19 @@ pub trait Protocol: Send + Sync {
     /// True where agents are given examples to learn from, without actions and rewards.
     fn gives_examples(&self) -> bool {
         false
+    }
+
+    /// What a trial leaves for others besides what its agent exports.
+    fn leaves(&self) -> Vec<ProductKind> {
+        Vec::new()
+    }
+
+    /// Writes what a trial of this protocol would leave, but empty: `check` builds from it those that take it.
+    ///
+    /// # Errors
+    /// Where a file cannot be written.
+    fn write_specimen(&self, _interface: &Interface, _folder: &Path) -> Result<(), Error> {
+        Ok(())
     }
 
     /// Steps in all, for progress and cost estimates.

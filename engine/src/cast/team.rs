@@ -1,8 +1,11 @@
 //! Agents that play one environment together, each the seats of its role.
 
 use super::Cast;
-use crate::{Action, Agent, Error, Interface, Mode, Observation, Registry, Rng, random::Streams};
-use std::path::PathBuf;
+use crate::{
+    Action, Agent, Error, Interface, Mode, Observation, Registry, Rng,
+    product::{FindProduct, ProductKind, Taken},
+    random::Streams,
+};
 
 /// Several agents as one. Each is built for all seats, as where it was trained, and of what it does only its own seats count.
 pub(crate) struct Team {
@@ -16,7 +19,7 @@ struct Member {
 }
 
 impl Team {
-    /// Builds the agents of a cast and has them take up their policies, which `policies` finds by the id of a trial.
+    /// Builds the agents of a cast and has them take up their policies, which `find` looks up.
     ///
     /// # Errors
     /// [`Error::Source`] where a policy is missing, damaged or of another form, and what the agents' constructors say.
@@ -25,7 +28,7 @@ impl Team {
         registry: &Registry,
         interface: &Interface,
         streams: &Streams,
-        policies: &dyn Fn(&str) -> Result<PathBuf, Error>,
+        find: FindProduct<'_>,
     ) -> Result<Self, Error> {
         let seat = |name: &String| {
             let found = interface.seats.iter().position(|seat| seat.name == *name);
@@ -37,9 +40,9 @@ impl Team {
             let entry = registry.agents.get(name.as_str());
             let entry = entry.ok_or_else(|| Error::config("agent", format!("`{name}` is not registered in this program")))?;
             let mut rng = streams.agent(&format!("initialise {role}"));
-            let mut agent = (entry.build)(&*member.agent.loaded()?, interface, &mut rng)?;
+            let mut agent = (entry.build)(&*member.agent.loaded(find)?, interface, &mut rng)?;
             if let Some(trial) = &member.trial {
-                take_up(&mut *agent, name, trial, policies)?;
+                take_up(&mut *agent, name, trial, find)?;
             }
             members.push(Member { seats: member.seats.iter().map(seat).collect::<Result<_, _>>()?, agent });
         }
@@ -51,14 +54,9 @@ impl Team {
 ///
 /// # Errors
 /// [`Error::Source`] where the policy is missing, damaged or of another form.
-pub(crate) fn take_up(
-    agent: &mut dyn Agent,
-    name: &str,
-    trial: &str,
-    policies: &dyn Fn(&str) -> Result<PathBuf, Error>,
-) -> Result<(), Error> {
+pub(crate) fn take_up(agent: &mut dyn Agent, name: &str, trial: &str, find: FindProduct<'_>) -> Result<(), Error> {
     let unusable = |problem: String| Error::Source { trial: trial.into(), problem };
-    match agent.import(&policies(trial)?) {
+    match agent.import(&find(&Taken { trial: trial.into(), kind: ProductKind::Policy })?) {
         Ok(true) => Ok(()),
         Ok(false) => Err(unusable(format!("the agent `{name}` takes up no stored policy"))),
         Err(error) => Err(unusable(error.to_string())),

@@ -1,16 +1,26 @@
-//! What the trials of a play measured, by who played which role.
+//! Cross-play: agents that were trained in different trials meet in one environment, each in a role of its own.
+//!
+//! A *play* of a study names an environment, *roles* (every seat belongs to one) and agents. Each ordered combination of agents over roles
+//! and each seed make one trial that measures and learns nothing: its [`Cast`](crate::cast::Cast) names by role the trial whose final policy
+//! is played. Seed `k` of one agent meets seed `k` of the others.
 
-use super::{Cast, is_cross_play, roles};
 use crate::{
     Phase,
     results::{Results, TrialResult},
+    trial::Purpose,
 };
 use std::collections::{BTreeMap, BTreeSet};
+
+/// The name of an encounter: `ROLE:AGENT` words.
+#[must_use]
+pub fn title(roles: &BTreeMap<String, String>) -> String {
+    roles.iter().map(|(role, agent)| format!("{role}:{agent}")).collect::<Vec<_>>().join(" ")
+}
 
 /// The trials of one play, in the order of the plan.
 #[derive(Debug, Clone)]
 pub struct Encounters<'a> {
-    trials: Vec<(BTreeMap<&'a str, &'a str>, &'a TrialResult)>,
+    trials: Vec<(&'a BTreeMap<String, String>, &'a TrialResult)>,
     floors: BTreeSet<&'a str>,
 }
 
@@ -18,15 +28,17 @@ impl<'a> Encounters<'a> {
     /// The trials of the play called `play`; none where the results know no such play.
     #[must_use]
     pub fn of(results: &'a Results, play: &str) -> Self {
-        let ours = results.trials.iter().filter(|it| is_cross_play(&it.trial.key) && it.trial.environment == play);
-        let trials: Vec<_> = ours.map(|it| (roles(&it.trial.agent), it)).collect();
-        let mut floors = BTreeSet::new();
-        for (names, it) in &trials {
-            for (role, member) in Cast::of(&it.trial.key).into_iter().flat_map(|cast| cast.roles) {
-                let name = names.get(role.as_str()).filter(|_| member.trial.is_none());
-                floors.extend(name.copied());
-            }
-        }
+        let of_play = |it: &'a TrialResult| match &it.trial.purpose {
+            Purpose::Play(roles) if it.trial.environment == play => Some((roles, it)),
+            _ => None,
+        };
+        let trials: Vec<_> = results.trials.iter().filter_map(of_play).collect();
+        let untrained = |(roles, it): &(&'a BTreeMap<String, String>, &'a TrialResult)| {
+            let members = it.trial.key.agent.cast().into_iter().flat_map(|cast| &cast.roles);
+            let floors = members.filter(|(_, member)| member.trial.is_none());
+            floors.filter_map(|(role, _)| roles.get(role).map(String::as_str)).collect::<Vec<_>>()
+        };
+        let floors = trials.iter().flat_map(untrained).collect();
         Self { trials, floors }
     }
 
@@ -40,7 +52,7 @@ impl<'a> Encounters<'a> {
     #[must_use]
     pub fn players(&self, role: &str) -> Vec<&'a str> {
         let mut names = Vec::new();
-        for name in self.trials.iter().filter_map(|(roles, _)| roles.get(role).copied()) {
+        for name in self.trials.iter().filter_map(|(roles, _)| roles.get(role).map(String::as_str)) {
             if !names.contains(&name) {
                 names.push(name);
             }
@@ -57,8 +69,8 @@ impl<'a> Encounters<'a> {
     /// The trials in which the given roles are played by the given agents, and all other roles by agents that were trained.
     #[must_use]
     pub fn trials(&self, cast: &[(&str, &str)]) -> Vec<&'a TrialResult> {
-        let fits = |(role, agent): (&&str, &&str)| match cast.iter().find(|(fixed, _)| fixed == role) {
-            Some((_, wanted)) => wanted == agent,
+        let fits = |(role, agent): (&String, &String)| match cast.iter().find(|(fixed, _)| fixed == role) {
+            Some((_, wanted)) => *wanted == agent.as_str(),
             None => !self.is_floor(agent),
         };
         self.trials.iter().filter(|(roles, _)| roles.iter().all(fits)).map(|(_, trial)| *trial).collect()
@@ -85,22 +97,23 @@ impl<'a> Encounters<'a> {
 pub(crate) mod tests {
     use super::*;
     use crate::{
-        cross_play::{Member, title},
+        cast::{Cast, Member, Seating},
         report::synthetic::trial,
         trial::Part,
     };
 
     /// A trial of the play `pursuit`; the agent `still` was not trained.
     pub(crate) fn encounter(prey: &str, predators: &str, seed: u64, score: f64) -> TrialResult {
-        let title = title([("predators", predators), ("prey", prey)]);
-        let mut result = trial("pursuit", &title, "", seed, &vec![(Phase::Final, 0, 0, "score", score)]);
+        let roles = BTreeMap::from([("predators", predators), ("prey", prey)].map(|(role, it)| (role.to_string(), it.to_string())));
+        let mut result = trial("pursuit", &title(&roles), "", seed, &vec![(Phase::Final, 0, 0, "score", score)]);
         let member = |agent: &str| Member {
             seats: Vec::new(),
             agent: Part::new("x", 1, serde_json::Value::Null),
             trial: (agent != "still").then(|| format!("{agent}-{seed}")),
         };
         let cast = Cast { roles: [("predators".into(), member(predators)), ("prey".into(), member(prey))].into() };
-        result.trial.key.agent = cast.part();
+        result.trial.key.agent = Seating::Cast(cast);
+        result.trial.purpose = Purpose::Play(roles);
         result
     }
 
