@@ -31,6 +31,9 @@ pub enum ProductKind {
 }
 
 impl ProductKind {
+    /// Every kind.
+    pub const ALL: [Self; 4] = [Self::Policy, Self::Networks, Self::Dataset, Self::Choice];
+
     /// The word in studies and messages.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -39,6 +42,21 @@ impl ProductKind {
             Self::Networks => "networks",
             Self::Dataset => "dataset",
             Self::Choice => "choice",
+        }
+    }
+
+    /// True where a trial's folder holds such a product.
+    #[must_use]
+    pub fn lies_in(self, folder: &Path) -> bool {
+        let beside_or_below = |name: &str| {
+            let below = std::fs::read_dir(folder).into_iter().flatten().flatten();
+            folder.join(name).is_file() || below.into_iter().any(|entry| entry.path().join(name).is_file())
+        };
+        match self {
+            Self::Policy => beside_or_below("policy.safetensors"),
+            Self::Networks => beside_or_below("networks.safetensors"),
+            Self::Dataset => folder.join("dataset").is_dir(),
+            Self::Choice => folder.join("choice.json").is_file(),
         }
     }
 

@@ -5,7 +5,7 @@ use crate::{
     recorder::{Phase, Row},
     statistics::{Seeds, spending::Design},
     store::is_missing,
-    trial::Trial,
+    trial::{Purpose, Trial},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -181,8 +181,10 @@ impl std::fmt::Display for Success {
 /// All trials of a study, in the order of the plan.
 #[derive(Debug, Clone, Default)]
 pub struct Results {
-    /// The trials.
+    /// The trials of combinations and plays.
     pub trials: Vec<TrialResult>,
+    /// The trials of `prepare`, which leave something for others and are shown as budgets alone.
+    pub prepared: Vec<TrialResult>,
     /// The looks that the study plans; `None` where its number of seeds is fixed.
     pub design: Option<Design>,
     /// What the study counts as a success.
@@ -196,7 +198,8 @@ impl Results {
     /// Trials of a study with a fixed number of seeds, which does not say what a success is.
     #[must_use]
     pub fn of(trials: Vec<TrialResult>) -> Self {
-        Self { trials, ..Self::default() }
+        let (prepared, trials) = trials.into_iter().partition(|it| it.trial.purpose == Purpose::Prepared);
+        Self { trials, prepared, ..Self::default() }
     }
 
     /// Which seeds of some trials a statement may be decided on: those of looks for which every trial has ended. One that was
@@ -228,7 +231,7 @@ mod tests {
                 Some(state) => ended(trials[2].clone(), state, "told"),
                 None => TrialResult { end: None, ..trials[2].clone() },
             };
-            let results = Results { trials, design: Some(Design::new(vec![3, 6])), success: None };
+            let results = Results { design: Some(Design::new(vec![3, 6])), ..Results::of(trials) };
             results.seeds_of(&results.trials.iter().collect::<Vec<_>>()).complete
         };
         assert_eq!([EndState::Ok, EndState::Nan, EndState::Timeout].map(|state| complete(Some(state))), [1, 1, 1]);

@@ -1,7 +1,7 @@
 //! One trial: an environment, an agent, a protocol and a seed, with an identity made of what determines its numbers.
 
 use crate::{
-    Agent, Error, Interface, Keeper, Protocol, Recorder, Registry,
+    Agent, Error, Interface, Keeper, Recorder, Registry,
     cast::{Seating, Team},
     data_file,
     product::{FindProduct, Taken, no_product},

@@ -9,15 +9,38 @@ mod team;
 pub(crate) use team::{Team, take_up};
 
 use crate::{
-    product::{ProductKind, Taken},
+    Registry,
+    product::{Policy, Product, ProductKind, Taken, reference_schema},
+    registry::About,
     trial::{Part, hash},
 };
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::OnceLock};
+
+/// What an agent of a study is called that is the policy of another trial: `{ policy: { from: NAME } }`. It is no plugin.
+pub const POLICY: &str = "policy";
+
+/// What is known of [`POLICY`], as of plugins.
+pub fn about_policy() -> &'static About {
+    static ABOUT: OnceLock<About> = OnceLock::new();
+    ABOUT.get_or_init(|| About {
+        about: "The policy that another trial left, measured and not trained any more.",
+        version: VERSION,
+        defaults: json!({}),
+        schema: reference_schema(ProductKind::Policy),
+        presets: Vec::new(),
+        resolve: Box::new(|raw| serde_json::to_value(serde_json::from_value::<Product<Policy>>(raw.clone())?)),
+    })
+}
 
 /// Raised whenever a change of code moves the numbers of trials with a cast.
 const VERSION: u32 = 2;
+
+/// All that may stand for an agent in a study: the registered agents, and [`POLICY`].
+pub fn agents(registry: &Registry) -> impl Iterator<Item = (&'static str, &About)> {
+    registry.agents.iter().map(|(name, entry)| (*name, &entry.about)).chain([(POLICY, about_policy())])
+}
 
 /// Who acts in a trial.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -84,7 +107,7 @@ pub struct Cast {
 /// Who plays one role.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Member {
-    /// Names of the seats, in the order of the environment.
+    /// Names of the seats, in the order of the environment; all seats where empty.
     pub seats: Vec<String>,
     /// The agent, as in the trial that trained it.
     pub agent: Part,

@@ -2,7 +2,7 @@
 
 use super::Cast;
 use crate::{
-    Action, Agent, Error, Interface, Mode, Observation, Registry, Rng,
+    Action, Agent, Error, Interface, Metric, Mode, Observation, Registry, Rng,
     product::{FindProduct, ProductKind, Taken},
     random::Streams,
 };
@@ -44,9 +44,21 @@ impl Team {
             if let Some(trial) = &member.trial {
                 take_up(&mut *agent, name, trial, find)?;
             }
-            members.push(Member { seats: member.seats.iter().map(seat).collect::<Result<_, _>>()?, agent });
+            let seats = match member.seats.as_slice() {
+                [] => (0..interface.seats.len()).collect(),
+                names => names.iter().map(seat).collect::<Result<_, _>>()?,
+            };
+            members.push(Member { seats, agent });
         }
         Ok(Self { members, n_seats: interface.seats.len() })
+    }
+
+    /// The agent that plays all seats; what several would say of their decisions cannot be told apart by seat.
+    fn alone(&self) -> Option<&dyn Agent> {
+        match self.members.as_slice() {
+            [only] => Some(&*only.agent),
+            _ => None,
+        }
     }
 }
 
@@ -72,6 +84,17 @@ impl Agent for Team {
             }
         }
         Ok(joint)
+    }
+
+    fn decision_metrics(&self) -> Vec<Metric> {
+        self.alone().map_or_else(Vec::new, |agent| agent.decision_metrics())
+    }
+
+    fn assess(&mut self, observations: &[Observation], actions: &[Action]) -> Result<Vec<Vec<f64>>, Error> {
+        match self.members.as_mut_slice() {
+            [only] => only.agent.assess(observations, actions),
+            _ => Ok(Vec::new()),
+        }
     }
 
     fn reads_state(&self) -> bool {

@@ -8,7 +8,7 @@ use super::{
     study::Planned,
 };
 use crate::{
-    Registry, cross_play,
+    Registry,
     limits::Limits,
     results::TrialEnd,
     scheduler::{self, Task, Workers},
@@ -49,8 +49,8 @@ struct Ran {
     failed: bool,
     /// Whether it was asked to stop.
     stopped: bool,
-    /// Trials that could not begin for want of a policy, by their places in the list of tasks.
-    without_policy: BTreeSet<usize>,
+    /// Trials that could not begin for want of what they take, by their places in the list of tasks.
+    blocked: BTreeSet<usize>,
 }
 
 impl Compute<'_> {
@@ -72,7 +72,7 @@ impl Compute<'_> {
             complain(&words);
         }
         let left = tasks.iter().zip(&now).enumerate().filter(|(_, (_, end))| is_missing(end.as_ref()));
-        let left: Vec<_> = left.map(|(place, (task, _))| (task, ran.without_policy.contains(&place))).collect();
+        let left: Vec<_> = left.map(|(place, (task, _))| (task, ran.blocked.contains(&place))).collect();
         Ok(self.code(&left, &store, &ran))
     }
 
@@ -88,13 +88,13 @@ impl Compute<'_> {
             received.iter().for_each(|event| progress.show(&event));
             running.join()
         });
-        let (failed, without_policy) = (progress.failed() > 0, progress.without_policy().clone());
+        let (failed, blocked) = (progress.failed() > 0, progress.blocked().clone());
         drop(progress);
         match ran {
             Ok(outcome) => outcome?,
             Err(panic) => std::panic::resume_unwind(panic),
         }
-        Ok(Ran { failed, stopped: stop.load(Ordering::SeqCst), without_policy })
+        Ok(Ran { failed, stopped: stop.load(Ordering::SeqCst), blocked })
     }
 
     /// What is said where no trial is missing.
@@ -112,13 +112,13 @@ impl Compute<'_> {
         failed_in_words(ends, &selection.command("run", common, &["--retry-failed"]))
     }
 
-    /// The exit code, from the trials that are left, each with whether it could not begin for want of a policy.
+    /// The exit code, from the trials that are left, each with whether it could not begin for want of what they take.
     fn code(&self, left: &[(&Task<'_>, bool)], store: &Store, ran: &Ran) -> u8 {
         let elsewhere = left.iter().filter(|(task, _)| store.running(&task.trial.id).is_some()).count();
         let unready = left.iter().filter(|(task, unready)| *unready || !scheduler::is_ready(&task.after, store)).count();
         let ours = left.len().saturating_sub(elsewhere + unready);
         if unready > 0 {
-            complain(&format!("{unready} trials of cross-play are missing, because they play policies that are not there"));
+            complain(&format!("{unready} trials are blocked, because what they take from others is not there"));
         }
         if elsewhere > 0 {
             complain(&format!("{elsewhere} trials are with other programs"));
@@ -126,7 +126,7 @@ impl Compute<'_> {
         if ours > 0 {
             complain(&format!("{ours} trials are still missing; the same command goes on"));
         }
-        // A worker leaves to others what plays the policies that others train.
+        // A worker leaves to others what takes from their trials.
         match (ours > 0 || unready > 0 && self.whole, ran.failed) {
             (true, true) if self.limits.fail_fast && !ran.stopped => TRIALS_FAILED,
             (true, _) => INCOMPLETE,
@@ -155,8 +155,8 @@ impl Compute<'_> {
         for (one, ends) in planned.iter().zip(ends) {
             let limits = Arc::new(self.limits_of(&one.study.limits));
             for (position, ((trial, cost), end)) in one.plan.trials.iter().zip(&one.costs).zip(ends).enumerate() {
-                let after = cross_play::sources(&trial.key);
-                // A part of the trials may lack the policies that the other parts train: whoever finds them runs what plays them.
+                let after = trial.key.sources();
+                // A part of the trials may lack what the other parts leave: whoever finds it there runs what takes it.
                 let mine = mine(position) || !after.is_empty();
                 if mine && is_missing(end.as_ref()) && seen.insert(trial.id.as_str()) {
                     tasks.push(Task { trial, cost: *cost, limits: Arc::clone(&limits), before: end.clone(), after });

@@ -2,7 +2,7 @@
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, say};
 use crate::{
-    Registry,
+    Registry, cast,
     figure::{self, FigureSpec},
     spec,
     table::{self, TableSpec},
@@ -54,7 +54,7 @@ fn entries(registry: &Registry, kind: Kind) -> Vec<(&'static str, String)> {
     let own = |(name, about): (&'static str, &str)| (name, about.to_owned());
     match kind {
         Kind::Environments => registry.environments.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
-        Kind::Agents => registry.agents.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
+        Kind::Agents => cast::agents(registry).map(|(name, about)| own((name, about.about))).collect(),
         Kind::Protocols => registry.protocols.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
         Kind::Tables => kinds::<TableSpec>(&table::KINDS),
         Kind::Figures => kinds::<FigureSpec>(&figure::KINDS),

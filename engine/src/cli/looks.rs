@@ -62,15 +62,24 @@ fn raise(wanted: &mut Wanted, cell: &CellName, seeds: u32) {
     *now = seeds.max(*now);
 }
 
-/// A play needs the policies of its seeds: whoever trains them comes to the same look.
+/// A trial needs its sources: their combinations come to the same look.
 fn raise_sources(one: &Planned, wanted: &mut Wanted) {
-    let cells: BTreeMap<&str, CellName> = one.plan.trials.iter().map(|trial| (trial.id.as_str(), cell(trial))).collect();
-    let plays = one.plan.trials.iter().filter_map(|trial| Some((wanted.get(&cell(trial)).copied()?, trial)));
-    let needs: Vec<(CellName, u32)> = plays
-        .flat_map(|(seeds, trial)| crate::cross_play::sources(&trial.key).into_iter().map(move |source| (source, seeds)))
-        .filter_map(|(source, seeds)| Some((cells.get(source.as_str())?.clone(), seeds)))
-        .collect();
-    needs.iter().for_each(|(cell, seeds)| raise(wanted, cell, *seeds));
+    let by_id: BTreeMap<&str, &trial::Trial> = one.plan.trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
+    let wanting = one.plan.trials.iter().filter_map(|trial| Some((trial, wanted.get(&cell(trial)).copied()?)));
+    let mut open: Vec<(&trial::Trial, u32)> = wanting.collect();
+    let mut seen: BTreeSet<(&str, u32)> = BTreeSet::new();
+    while let Some((taker, seeds)) = open.pop() {
+        for source in taker.key.sources() {
+            let Some((id, source)) = by_id.get_key_value(source.as_str()) else { continue };
+            if seen.insert((*id, seeds)) {
+                open.push((*source, seeds));
+                // What is prepared has no seeds of its own: it runs for those that take from it.
+                if source.purpose != trial::Purpose::Prepared {
+                    raise(wanted, &cell(source), seeds);
+                }
+            }
+        }
+    }
 }
 
 fn cell(trial: &trial::Trial) -> CellName {

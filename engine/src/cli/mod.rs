@@ -15,6 +15,7 @@ mod run;
 mod running;
 mod selftest;
 mod settings;
+mod stages;
 mod study;
 mod submit;
 mod summaries;

@@ -3,7 +3,7 @@
 
 use super::{Failure, complain, compute::Compute, study::Planned};
 use crate::{
-    Error, cross_play,
+    Error,
     results::{EndState, TrialEnd},
     store::{Claim, Findings, Leases, Store, is_missing},
 };
@@ -100,16 +100,16 @@ fn told(end: Result<Option<TrialEnd>, Error>) -> Option<TrialEnd> {
     })
 }
 
-/// Trials of the studies whose metrics, which the report will read, or whose policies, which missing trials play, are damaged.
+/// Trials of the studies whose metrics, which the report will read, or whose products, which missing trials take, are damaged.
 fn damaged_files<'p>(planned: &'p [Planned], ends: &Ends, store: &Store) -> BTreeSet<&'p str> {
     let trials = || planned.iter().flat_map(|one| &one.plan.trials).zip(ends.iter().flatten());
     // A trial that stands in several studies or settings is looked at once.
     let ended: BTreeMap<&str, &TrialEnd> = trials().filter_map(|(trial, end)| Some((&*trial.id, end.as_ref()?))).collect();
     let ended: Vec<(&str, &TrialEnd)> = ended.into_iter().collect();
-    let played: BTreeSet<String> =
-        trials().filter(|(_, end)| is_missing(end.as_ref())).flat_map(|(trial, _)| cross_play::sources(&trial.key)).collect();
-    let policies = ended.iter().map(|(id, _)| *id).filter(|id| played.contains(*id) && store.has_damaged_policy(id));
-    store.with_damaged_metrics(&ended).into_iter().chain(policies).collect()
+    let taken: BTreeSet<String> =
+        trials().filter(|(_, end)| is_missing(end.as_ref())).flat_map(|(trial, _)| trial.key.sources()).collect();
+    let products = ended.iter().map(|(id, _)| *id).filter(|id| taken.contains(*id) && store.has_damaged_product(id));
+    store.with_damaged_metrics(&ended).into_iter().chain(products).collect()
 }
 
 fn forget(planned: &[Planned], ends: &mut Ends, missing: &BTreeSet<&str>) {

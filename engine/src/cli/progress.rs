@@ -16,10 +16,10 @@ pub(super) struct Progress<'a> {
     failed: usize,
     /// Trials that other programs have, each said once.
     held: BTreeSet<usize>,
-    /// What was said of policies that lack, each once though several trials play them.
+    /// What was said of sources that lack, each once though several trials take from them.
     lacking: BTreeSet<String>,
-    /// Trials that could not begin for want of a policy.
-    unready: BTreeSet<usize>,
+    /// Trials that could not begin for want of what they take.
+    blocked: BTreeSet<usize>,
     bars: Option<Bars>,
 }
 
@@ -33,7 +33,7 @@ impl<'a> Progress<'a> {
     /// Starts showing the run of `tasks` on `workers` slots.
     pub(super) fn new(tasks: &'a [Task<'a>], workers: usize) -> Self {
         let bars = std::io::stderr().is_terminal().then(|| Bars::new(tasks.len() as u64, workers));
-        Self { tasks, done: 0, failed: 0, held: BTreeSet::new(), lacking: BTreeSet::new(), unready: BTreeSet::new(), bars }
+        Self { tasks, done: 0, failed: 0, held: BTreeSet::new(), lacking: BTreeSet::new(), blocked: BTreeSet::new(), bars }
     }
 
     /// Shows one event.
@@ -46,7 +46,7 @@ impl<'a> Progress<'a> {
             Event::Retried { trial, end, wait, .. } => self.retried(*trial, end, *wait),
             Event::Held { trial, owner } => self.held(*trial, owner),
             Event::Awaits { trial, source, owner } => self.awaits(*trial, source, owner),
-            Event::Unready { trial, reason } => self.unready(*trial, reason),
+            Event::Unready { trial, reason } => self.block(*trial, reason),
             Event::Stopped { .. } => {}
             Event::Broken { slot, problem } => self.line(&format!("worker {slot} cannot go on: {problem}")),
         }
@@ -57,9 +57,9 @@ impl<'a> Progress<'a> {
         self.failed
     }
 
-    /// Trials that could not begin for want of a policy, by their places in the list of tasks.
-    pub(super) fn without_policy(&self) -> &BTreeSet<usize> {
-        &self.unready
+    /// Trials that could not begin for want of what they take, by their places in the list of tasks.
+    pub(super) fn blocked(&self) -> &BTreeSet<usize> {
+        &self.blocked
     }
 
     fn started(&mut self, slot: usize, trial: usize) {
@@ -96,10 +96,10 @@ impl<'a> Progress<'a> {
         }
     }
 
-    fn unready(&mut self, trial: usize, reason: &str) {
-        self.unready.insert(trial);
+    fn block(&mut self, trial: usize, reason: &str) {
+        self.blocked.insert(trial);
         if self.lacking.insert(reason.to_owned()) {
-            self.line(&format!("{} cannot run: {reason}", self.tasks[trial].trial.title()));
+            self.line(&format!("blocked  {}: {reason}", self.tasks[trial].trial.title()));
         }
     }
 

@@ -37,7 +37,8 @@ fn builds(stored: &[Option<StoredTrial>]) -> Vec<(Option<Build>, usize)> {
 fn used(registry: &Registry, one: &Planned) -> Vec<(String, u32)> {
     let mut names = BTreeMap::new();
     for key in one.plan.trials.iter().map(|trial| &trial.key) {
-        for (kind, part) in [("environment", &key.environment), ("agent", &key.agent), ("protocol", &key.protocol)] {
+        let agents = key.agent.parts().into_iter().map(|part| ("agent", part));
+        for (kind, part) in [("environment", &key.environment), ("protocol", &key.protocol)].into_iter().chain(agents) {
             names.insert(format!("{kind} {}", part.plugin), part.version);
         }
     }

@@ -3,13 +3,14 @@
 use super::{BAD_SPEC, Common, Failure, OK, colour, complain, settings};
 use crate::{
     Agent, Environment, Registry, diagnostic,
+    product::Taken,
     random::Streams,
     registry::{About, AgentEntry},
     results::{EndState, TrialResult},
     rollout::{self, Actions},
     spec,
     store::{Store, TrialFile},
-    trial::{Part, Trial},
+    trial::{Part, Purpose, Trial},
 };
 use clap::Args;
 use serde_json::Value;
@@ -128,7 +129,7 @@ fn left_by(folder: &Path) -> Result<Option<Part>, Failure> {
     let path = folder.join("trial.json");
     let Ok(text) = std::fs::read(&path) else { return Ok(None) };
     let file: TrialFile = serde_json::from_slice(&text).map_err(|error| refused(&format!("`{}`: {error}", path.display())))?;
-    Ok(Some(file.key.agent))
+    Ok(file.key.agent.agent().cloned())
 }
 
 fn take_up(agent: &mut dyn Agent, name: &str, folder: &Path) -> Result<(), Failure> {
@@ -146,17 +147,17 @@ fn of_trial(registry: &Registry, prefix: &str, options: &RolloutOptions, common:
     if let Some(name) = options.environment.as_ref().filter(|name| **name != key.environment.plugin) {
         return Err(refused(&format!("trial {} is of `{}`, not of `{name}`", trial.trial.id, key.environment.plugin)));
     }
-    let policies = |id: &str| store.policy(id);
+    let find = |taken: &Taken| store.product(taken);
     let Some(seed) = options.seed else {
-        let mut rows = rollout::replay(&trial, options.episode.unwrap_or(0), registry, &policies)?;
+        let mut rows = rollout::replay(&trial, options.episode.unwrap_or(0), registry, &find)?;
         rows.truncate(usize::try_from(options.decisions).unwrap_or(usize::MAX).saturating_add(2));
         return Ok(rows);
     };
     let name = key.environment.plugin.as_str();
     let entry = registry.environments.get(name).ok_or_else(|| unknown("environment", name, registry.environments.keys()))?;
-    let mut environment = (entry.build)(&key.environment.config)?;
+    let mut environment = (entry.build)(&*key.environment.loaded(&find)?)?;
     let streams = Streams::new("rollout", "rollout", seed);
-    let mut agent = rollout::trained_agent(key, registry, &environment.interface(), &streams, &policies)?;
+    let mut agent = rollout::trained_agent(key, registry, &environment.interface(), &streams, &find)?;
     let actions = Actions::Agent { agent: &mut *agent, decisions: options.decisions };
     Ok(rollout::rows(&mut *environment, actions, seed)?)
 }
@@ -179,8 +180,10 @@ fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
     if file.end.state != EndState::Ok {
         return Err(refused(&format!("trial {id} ended as {}: {}", file.end.state.name(), file.end.reason)));
     }
-    let [environment, agent] = [&file.key.environment, &file.key.agent].map(|part| part.plugin.clone());
-    let trial = Trial { id: id.clone(), environment, agent, setting: String::new(), key: file.key };
+    let agents: Vec<&str> = file.key.agent.parts().into_iter().map(|part| part.plugin.as_str()).collect();
+    let (environment, agent) = (file.key.environment.plugin.clone(), agents.join(" "));
+    let (id, setting, purpose) = (id.clone(), String::new(), Purpose::default());
+    let trial = Trial { id, environment, agent, setting, purpose, key: file.key };
     Ok(store.load(&trial)?)
 }
 

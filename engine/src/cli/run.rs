@@ -4,12 +4,12 @@ use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection,
     TRIALS_FAILED, complain,
     compute::Compute,
-    folders, looks, profiles, provenance, say, settings,
+    folders, looks, profiles, provenance, say, settings, stages,
     study::{self, Planned},
     submit::{self, Executor},
 };
 use crate::{
-    Metric, Registry,
+    Registry,
     report::{self, Contents, Counts, Period, ReportPaths, StudyInfo},
     results::{Results, TrialResult},
     spec,
@@ -182,7 +182,8 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         claims: study.claims.clone(),
         agents: study.agents.clone(),
         environments: study.environments.clone(),
-        units: units(one, registry),
+        units: study.units.clone(),
+        stages: stages::of(one),
         learners: learners(one, registry),
         defaults: defaults(one, registry),
         ..StudyInfo::default()
@@ -191,7 +192,10 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
 
 /// The agents that learn.
 fn learners(one: &Planned, registry: &Registry) -> BTreeSet<String> {
-    let learns = |trial: &&Trial| registry.agents.get(trial.key.agent.plugin.as_str()).is_some_and(|entry| entry.learns);
+    let learns = |trial: &&Trial| {
+        let plugin = trial.key.agent.agent().map(|part| part.plugin.as_str());
+        plugin.and_then(|name| registry.agents.get(name)).is_some_and(|entry| entry.learns)
+    };
     one.plan.trials.iter().filter(learns).map(|trial| trial.agent.clone()).collect()
 }
 
@@ -199,45 +203,19 @@ fn learners(one: &Planned, registry: &Registry) -> BTreeSet<String> {
 fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
     let mut defaults = BTreeMap::new();
     for key in one.plan.trials.iter().map(|trial| &trial.key) {
-        let [environment, agent, protocol] = [&key.environment, &key.agent, &key.protocol].map(|part| part.plugin.as_str());
+        let [environment, protocol] = [&key.environment, &key.protocol].map(|part| part.plugin.as_str());
         let abouts = [
             ("environment", environment, registry.environments.get(environment).map(|entry| &entry.about)),
-            ("agent", agent, registry.agents.get(agent).map(|entry| &entry.about)),
             ("protocol", protocol, registry.protocols.get(protocol).map(|entry| &entry.about)),
         ];
-        for (kind, name, about) in abouts {
+        let agents = key.agent.parts().into_iter().map(|part| part.plugin.as_str());
+        let agents = agents.map(|name| ("agent", name, registry.agents.get(name).map(|entry| &entry.about)));
+        for (kind, name, about) in abouts.into_iter().chain(agents) {
             let Some(about) = about else { continue };
             defaults.entry(format!("{kind} {name}")).or_insert_with(|| about.defaults.clone());
         }
     }
     defaults
-}
-
-/// Units of everything that the trials record, by metric or trace channel. What cannot be built here was refused by the check.
-fn units(one: &Planned, registry: &Registry) -> BTreeMap<String, String> {
-    let mut units = BTreeMap::new();
-    let mut built = BTreeSet::new();
-    for trial in &one.plan.trials {
-        let key = &trial.key;
-        if !built.insert((&trial.environment, &trial.agent)) {
-            continue;
-        }
-        let mut note = |metrics: &[Metric]| units.extend(metrics.iter().map(|metric| (metric.name.clone(), metric.unit.clone())));
-        if let Some(entry) = registry.agents.get(key.agent.plugin.as_str()) {
-            note(&entry.metrics);
-        }
-        if let Some(Ok(protocol)) =
-            registry.protocols.get(key.protocol.plugin.as_str()).map(|entry| (entry.build)(&key.protocol.config))
-        {
-            note(&protocol.metrics());
-        }
-        let entry = registry.environments.get(key.environment.plugin.as_str());
-        if let Some(Ok(environment)) = entry.map(|entry| (entry.build)(&key.environment.config)) {
-            note(environment.metrics());
-            units.extend(environment.trace_channels().into_iter().map(|channel| (channel.name, channel.unit)));
-        }
-    }
-    units
 }
 
 fn as_json(study: &StudyInfo, contents: &Contents, paths: &ReportPaths) -> serde_json::Value {
@@ -271,5 +249,5 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
     if let Some(success) = &one.study.success {
         trials.iter_mut().for_each(|trial| trial.judge_success(success));
     }
-    Results { trials, design: one.study.design.clone(), success: one.study.success.clone() }
+    Results { design: one.study.design.clone(), success: one.study.success.clone(), ..Results::of(trials) }
 }

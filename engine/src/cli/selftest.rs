@@ -113,7 +113,10 @@ fn show(rows: &[(&str, usize, usize, bool, bool)], trials: usize, common: &Commo
 
 /// Times differ from run to run, so there is nothing to compare.
 fn refuse_times(registry: &Registry, trials: &[Trial]) -> Result<(), Failure> {
-    let measures_time = |trial: &&Trial| registry.agents.get(&*trial.key.agent.plugin).is_some_and(|agent| agent.measures_time);
+    let measures_time = |trial: &&Trial| {
+        let plugin = trial.key.agent.agent().and_then(|part| registry.agents.get(&*part.plugin));
+        plugin.is_some_and(|agent| agent.measures_time)
+    };
     match trials.iter().find(measures_time) {
         Some(trial) => {
             let problem = format!("the agent `{}` measures time, and two measurements are never equal to the bit", trial.agent);

@@ -4,7 +4,7 @@ use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
-    say, settings, submit,
+    say, settings, stages, submit,
     waiting::Waiting,
 };
 use crate::{
@@ -80,13 +80,16 @@ fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<P
     Ok(planned)
 }
 
-/// Keeps the trials of some environments and agents; all where none is named.
+/// Keeps the trials of some environments and agents, with those that they take from; all where none is named.
 fn narrow(plan: &mut Plan, only: &[String]) {
+    if only.is_empty() {
+        return;
+    }
     let named = |name: &String| only.contains(name);
     let by_environment = plan.trials.iter().any(|trial| named(&trial.environment));
     let by_agent = plan.trials.iter().any(|trial| named(&trial.agent));
-    plan.trials.retain(|trial| {
-        let known = by_environment || by_agent || only.is_empty();
+    plan.keep(|trial| {
+        let known = by_environment || by_agent;
         known && (!by_environment || named(&trial.environment)) && (!by_agent || named(&trial.agent))
     });
 }
@@ -283,6 +286,8 @@ struct Cell {
     ok: usize,
     failed: usize,
     missing: usize,
+    /// Missing ones that do not run by themselves.
+    blocked: usize,
     steps: u64,
     wall_s: f64,
     steps_missing: u64,
@@ -291,16 +296,20 @@ struct Cell {
 /// Names of environment, agent and setting.
 type Names<'a> = (&'a str, &'a str, &'a str);
 
-fn cells<'a>(one: &'a Planned, ends: &[Option<TrialEnd>]) -> Vec<(Names<'a>, Cell)> {
+fn cells<'a>(one: &'a Planned, ends: &[Option<TrialEnd>], waiting: &Waiting) -> Vec<(Names<'a>, Cell)> {
     let (mut cells, mut places): (Vec<(Names<'a>, Cell)>, BTreeMap<Names<'a>, usize>) = (Vec::new(), BTreeMap::new());
-    for ((trial, end), cost) in one.plan.trials.iter().zip(ends).zip(&one.costs) {
+    for (index, ((trial, end), cost)) in one.plan.trials.iter().zip(ends).zip(&one.costs).enumerate() {
         let names = (trial.environment.as_str(), trial.agent.as_str(), trial.setting.as_str());
         // The trials of a cell stand side by side in a plan, except for those of later looks.
         let place = *places.entry(names).or_insert(cells.len());
         if place == cells.len() {
             cells.push((names, Cell::default()));
         }
-        cells[place].1.add(end.as_ref(), *cost);
+        if waiting.is_blocked(index) {
+            cells[place].1.blocked += 1;
+        } else {
+            cells[place].1.add(end.as_ref(), *cost);
+        }
     }
     cells
 }
@@ -329,10 +338,10 @@ fn overview(
     (workers, waiting): (usize, &Waiting),
     format: Format,
 ) -> String {
-    let cells = cells(one, ends);
+    let cells = cells(one, ends, waiting);
     if format == Format::Json {
         let mut overview = as_json(one, &cells, novelties);
-        overview["cross_play"] = waiting.to_json();
+        overview["waiting"] = waiting.to_json();
         return overview.to_string();
     }
     let mut lines = vec![format!("{}: {} trials", one.study.name, one.plan.trials.len())];
@@ -340,18 +349,21 @@ fn overview(
     let (first, second, third) = (width(|key| key.0.len(), 11), width(|key| key.1.len(), 5), width(|key| key.2.len(), 0));
     let setting = if third > 0 { format!("{:<third$}  ", "setting") } else { String::new() };
     let third = third.max(setting.trim_end().len());
+    let is_blocked = cells.iter().any(|(_, cell)| cell.blocked > 0);
+    let blocked = |word: &str| if is_blocked { format!(" {word:>7}") } else { String::new() };
     lines.push(format!(
-        "  {:<first$}  {:<second$}  {setting}{:>6} {:>6} {:>7}",
-        "environment", "agent", "ok", "failed", "missing"
+        "  {:<first$}  {:<second$}  {setting}{:>6} {:>6} {:>7}{}",
+        "environment", "agent", "ok", "failed", "missing", blocked("blocked")
     ));
     for ((environment, agent, setting), cell) in &cells {
         let setting = if third > 0 { format!("{setting:<third$}  ") } else { String::new() };
         lines.push(format!(
-            "  {environment:<first$}  {agent:<second$}  {setting}{:>6} {:>6} {:>7}",
-            cell.ok, cell.failed, cell.missing
+            "  {environment:<first$}  {agent:<second$}  {setting}{:>6} {:>6} {:>7}{}",
+            cell.ok, cell.failed, cell.missing, blocked(&cell.blocked.to_string())
         ));
     }
     lines.extend(looks::line(one));
+    lines.extend(stages::lines(one));
     let why = novelties.map(plan::explain).filter(|text| !text.is_empty());
     lines.extend(why);
     lines.push(cost(&cells, workers));
@@ -359,9 +371,10 @@ fn overview(
 }
 
 fn as_json(one: &Planned, cells: &[(Names<'_>, Cell)], novelties: Option<&[Novelty]>) -> serde_json::Value {
-    let row = |((environment, agent, setting), cell): &(Names<'_>, Cell)| json!({"environment": environment, "agent": agent, "setting": setting, "ok": cell.ok, "failed": cell.failed, "missing": cell.missing});
+    let row = |((environment, agent, setting), cell): &(Names<'_>, Cell)| json!({"environment": environment, "agent": agent, "setting": setting, "ok": cell.ok, "failed": cell.failed, "missing": cell.missing, "blocked": cell.blocked});
     let rows: Vec<_> = cells.iter().map(row).collect();
-    let mut overview = json!({"study": one.study.name, "trials": one.plan.trials.len(), "cells": rows});
+    let stages: Vec<_> = stages::of(one).iter().map(|stage| json!(stage)).collect();
+    let mut overview = json!({"study": one.study.name, "trials": one.plan.trials.len(), "cells": rows, "stages": stages});
     if let Some(novelties) = novelties {
         overview["why"] = plan::to_json(novelties);
     }
@@ -371,6 +384,10 @@ fn as_json(one: &Planned, cells: &[(Names<'_>, Cell)], novelties: Option<&[Novel
 /// An estimate of the time that the missing trials will take, from the stored ones of the same agent.
 fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
     let missing: usize = cells.iter().map(|(_, cell)| cell.missing).sum();
+    let blocked: usize = cells.iter().map(|(_, cell)| cell.blocked).sum();
+    if missing == 0 && blocked > 0 {
+        return format!("  {blocked} blocked, and nothing else is missing");
+    }
     if missing == 0 {
         let failed: usize = cells.iter().map(|(_, cell)| cell.failed).sum();
         let failed = if failed == 0 { String::new() } else { format!(", but {failed} did not end ok") };

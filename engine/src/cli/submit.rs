@@ -90,7 +90,7 @@ pub(super) fn run(
     listen_for_signals(&stop)?;
     let mut watching = Watching::new(&tasks, &slurm.store, stop);
     if watching.missing().is_empty() {
-        complain("what is missing plays policies that are not there; nothing runs");
+        complain("what is missing is blocked: it takes what is not there; nothing runs");
         return Ok(None);
     }
     let view = begin(&slurm, &mut watching)?;
@@ -299,7 +299,7 @@ impl Watch for Watching<'_> {
             }
             _ => true,
         });
-        // What plays a policy that is still to come needs no worker yet, and none at all where the policy never comes.
+        // What takes from trials that are still to come needs no worker yet, and none at all where they never end well.
         let ready = self.left.iter().filter(|&&trial| scheduler::is_ready(&tasks[trial].after, store));
         ready.map(|&trial| tasks[trial].trial.id.clone()).collect()
     }

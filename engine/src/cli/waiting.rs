@@ -1,83 +1,127 @@
-//! What trials of cross-play wait for.
+//! What missing trials wait for: products of other trials that are to come, or that will not come by themselves.
 
 use crate::{
-    cross_play,
     results::{EndState, TrialEnd},
     store::{Store, is_missing},
     trial::Trial,
 };
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-/// Missing trials that play policies of other trials.
+/// Missing trials that take what other trials leave.
+#[derive(Debug, Default)]
 pub(super) struct Waiting {
-    /// How many play policies that are still to come.
+    /// How many take what is still to come.
     to_come: usize,
-    /// Why others cannot run, and how many for that reason.
-    cannot_run: BTreeMap<String, usize>,
+    /// Why others are blocked, and how many for that reason.
+    because: BTreeMap<String, usize>,
+    /// Those that are blocked, by their places among the trials.
+    blocked: BTreeSet<usize>,
 }
 
-/// A trial whose policy another one plays.
+/// Whether what a trial leaves can be taken.
 #[derive(Debug, Clone, PartialEq)]
 enum Source {
-    /// Its policy can be played.
+    /// It is there.
     There,
-    /// It is missing.
+    /// The trial is missing.
     ToCome,
-    /// Its policy will not come by itself, and why.
+    /// It will not come by itself, and why.
     Never(String),
 }
 
 impl Waiting {
-    /// Looks at what every missing trial plays.
+    /// Looks at what every missing trial takes.
     pub(super) fn of(trials: &[Trial], ends: &[Option<TrialEnd>], store: &Store) -> Self {
-        let known: BTreeMap<&str, &Trial> = trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
-        let mut seen: BTreeMap<String, Source> = BTreeMap::new();
-        let mut waiting = Self { to_come: 0, cannot_run: BTreeMap::new() };
-        for (trial, _) in trials.iter().zip(ends).filter(|(_, end)| is_missing(end.as_ref())) {
-            let sources = cross_play::sources(&trial.key).into_iter();
-            let played: Vec<Source> =
-                sources.map(|id| seen.entry(id.clone()).or_insert_with(|| source(&id, store, &known)).clone()).collect();
-            waiting.add(&played);
+        let known = trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
+        let mut sources = Known { store, trials: known, seen: BTreeMap::new() };
+        let mut waiting = Self::default();
+        for (place, (trial, _)) in trials.iter().zip(ends).enumerate().filter(|(_, (_, end))| is_missing(end.as_ref())) {
+            match sources.of_all(trial) {
+                Source::There => {}
+                Source::ToCome => waiting.to_come += 1,
+                Source::Never(because) => {
+                    waiting.blocked.insert(place);
+                    *waiting.because.entry(because).or_default() += 1;
+                }
+            }
         }
         waiting
     }
 
-    fn add(&mut self, played: &[Source]) {
-        let never = played.iter().find_map(|source| if let Source::Never(because) = source { Some(because) } else { None });
-        match never {
-            Some(because) => *self.cannot_run.entry(because.clone()).or_default() += 1,
-            None => self.to_come += usize::from(played.contains(&Source::ToCome)),
-        }
+    /// True for a trial, by its place, that does not run by itself.
+    pub(super) fn is_blocked(&self, place: usize) -> bool {
+        self.blocked.contains(&place)
     }
 
     /// A line each, for people.
     pub(super) fn lines(&self) -> Vec<String> {
-        let count = self.to_come;
-        let to_come = (count > 0).then(|| format!("  {count} trials of cross-play wait for policies of trials that are missing"));
-        let failed = self.cannot_run.iter().map(|(source, count)| format!("  {count} trials of cross-play cannot run: {source}"));
-        to_come.into_iter().chain(failed).collect()
+        let (noun, verb) = words(self.to_come, "waits", "wait");
+        let to_come = (self.to_come > 0).then(|| format!("  {} {noun} {verb} for what other trials leave", self.to_come));
+        let blocked = self.because.iter().map(|(because, count)| {
+            let (noun, verb) = words(*count, "is", "are");
+            format!("  {count} {noun} {verb} blocked: {because}")
+        });
+        to_come.into_iter().chain(blocked).collect()
     }
 
     /// The same for programs.
     pub(super) fn to_json(&self) -> Value {
-        let cannot_run = self.cannot_run.iter().map(|(because, trials)| json!({ "trials": trials, "because": because }));
-        json!({ "to_come": self.to_come, "cannot_run": cannot_run.collect::<Vec<_>>() })
+        let blocked = self.because.iter().map(|(because, trials)| json!({ "trials": trials, "because": because }));
+        json!({ "to_come": self.to_come, "blocked": blocked.collect::<Vec<_>>() })
     }
 }
 
-fn source(id: &str, store: &Store, known: &BTreeMap<&str, &Trial>) -> Source {
-    match store.end(id).unwrap_or(None) {
-        Some(end) if end.state == EndState::Ok => {
-            store.policy(id).map_or_else(|error| Source::Never(error.to_string()), |_| Source::There)
+fn words(count: usize, one: &'static str, several: &'static str) -> (&'static str, &'static str) {
+    if count == 1 { ("trial", one) } else { ("trials", several) }
+}
+
+struct Known<'a> {
+    store: &'a Store,
+    trials: BTreeMap<&'a str, &'a Trial>,
+    seen: BTreeMap<String, Source>,
+}
+
+impl Known<'_> {
+    /// What stands in the way of a trial: what never comes before what is to come.
+    fn of_all(&mut self, trial: &Trial) -> Source {
+        let mut answer = Source::There;
+        for taken in trial.key.taken() {
+            let left = self.source(&taken.trial);
+            let left = match left {
+                // It ended well; what it left may still be damaged or of another kind.
+                Source::There => self.store.product(&taken).map_or_else(|error| Source::Never(error.to_string()), |_| Source::There),
+                other => other,
+            };
+            match left {
+                Source::Never(because) => return Source::Never(because),
+                Source::ToCome => answer = Source::ToCome,
+                Source::There => {}
+            }
         }
-        Some(end) if !is_missing(Some(&end)) => Source::Never(source_line(&end, id, known)),
-        _ => Source::ToCome,
+        answer
     }
-}
 
-fn source_line(end: &TrialEnd, source: &str, known: &BTreeMap<&str, &Trial>) -> String {
-    let title = known.get(source).map_or_else(|| format!("trial {source}"), |trial| trial.title());
-    let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
-    format!("{title} ended as {}{reason}", end.state.name())
+    /// How a source ended or, where it is missing, whether it can run.
+    fn source(&mut self, id: &str) -> Source {
+        if let Some(known) = self.seen.get(id) {
+            return known.clone();
+        }
+        let found = match self.store.end(id).unwrap_or(None) {
+            Some(end) if end.state == EndState::Ok => Source::There,
+            Some(end) if !is_missing(Some(&end)) => Source::Never(self.line(&end, id)),
+            _ => match self.trials.get(id).copied().map(|trial| self.of_all(trial)) {
+                Some(Source::Never(because)) => Source::Never(because),
+                _ => Source::ToCome,
+            },
+        };
+        self.seen.insert(id.to_owned(), found.clone());
+        found
+    }
+
+    fn line(&self, end: &TrialEnd, id: &str) -> String {
+        let title = self.trials.get(id).map_or_else(|| format!("trial {id}"), |trial| trial.title());
+        let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
+        format!("{title} ended as {}{reason}", end.state.name())
+    }
 }

@@ -2,35 +2,41 @@
 
 use super::DEVICE;
 use crate::{
-    cross_play::{Cast, Member, title},
+    cast::{Cast, Member, Seating},
+    cross_play::title,
     spec::{Play, Player, Study},
-    trial::{Trial, TrialKey},
+    trial::{Purpose, Trial, TrialKey},
 };
+use std::collections::BTreeMap;
 
 /// The trials of one play; `trained` are those of the study's cells, seed after seed of each.
-pub(super) fn trials(study: &Study, play: &Play, trained: &[Trial]) -> Vec<Trial> {
+pub(super) fn trials(study: &Study, play: &Play, trained: &[Vec<Trial>]) -> Vec<Trial> {
     let mut trials = Vec::new();
     for players in play.combinations() {
-        let agent = title(play.roles.iter().zip(&players).map(|((role, _), player)| (role.as_str(), player.name.as_str())));
+        let named = play.roles.iter().zip(&players);
+        let roles: BTreeMap<String, String> = named.map(|((role, _), player)| (role.clone(), player.name.clone())).collect();
         for (at, &seed) in study.seeds.iter().enumerate() {
-            let source = |player: &Player| &trained[player.cell * study.seeds.len() + at];
             let member = |((role, seats), player): (&(String, Vec<String>), &&Player)| {
-                let source = source(player);
-                let trial = player.learns.then(|| source.id.clone());
-                (role.clone(), Member { seats: seats.clone(), agent: source.key.agent.clone(), trial })
+                Some((role.clone(), member(seats.clone(), player, &trained[player.cell][at])?))
             };
-            let cast = Cast { roles: play.roles.iter().zip(&players).map(member).collect() };
+            let cast = Cast { roles: play.roles.iter().zip(&players).filter_map(member).collect() };
             let key = TrialKey {
                 environment: play.arena.clone(),
-                agent: cast.part(),
-                protocol: play.protocol.part(),
+                agent: Seating::Cast(cast),
+                protocol: play.protocol.clone(),
                 seed,
                 numerics: study.numerics,
                 device: DEVICE.into(),
             };
-            let (environment, agent, setting) = (play.name.clone(), agent.clone(), String::new());
-            trials.push(Trial { id: key.id(), environment, agent, setting, key });
+            let (environment, agent, purpose) = (play.name.clone(), title(&roles), Purpose::Play(roles.clone()));
+            trials.push(Trial { id: key.id(), environment, agent, setting: String::new(), purpose, key });
         }
     }
     trials
+}
+
+/// One who plays with the policy of the trial `source`; `None` for a cast, which a play refuses.
+fn member(seats: Vec<String>, player: &Player, source: &Trial) -> Option<Member> {
+    let agent = source.key.agent.agent()?.clone();
+    Some(Member { seats, agent, trial: player.learns.then(|| source.id.clone()) })
 }

@@ -24,6 +24,10 @@ impl Display for Reason {
                 write!(out, ", ")?;
                 new_seed(out, stored)
             }
+            Reason::Takes(sources) => {
+                let names: Vec<&str> = sources.iter().map(String::as_str).collect();
+                write!(out, "takes from {}, which {} new", names.join(" and "), if names.len() == 1 { "is" } else { "are" })
+            }
             Reason::NothingLikeIt => write!(out, "nothing like it is stored"),
             Reason::Killed => write!(out, "was killed from outside"),
             Reason::Failed(state) => write!(out, "{}; use --retry-failed", state.name()),
@@ -82,6 +86,7 @@ fn novelty_as_json(it: &Novelty) -> Value {
     let (word, differences, stored) = match &it.reason {
         Reason::NewSeed { stored } => ("new_seed", Vec::new(), Some(stored)),
         Reason::Changed { differences, new_seed } => ("changed", differences.clone(), new_seed.as_ref()),
+        Reason::Takes(_) => ("source_is_new", Vec::new(), None),
         Reason::NothingLikeIt => ("nothing_like_it", Vec::new(), None),
         Reason::Killed => ("killed", Vec::new(), None),
         Reason::Failed(state) => (state.name(), Vec::new(), None),

@@ -12,16 +12,19 @@ pub use leaves::Difference;
 pub use novelty::{Novelty, Reason, StoredCell, novelties};
 
 use crate::{
+    cast::{Cast, Member, Seating},
+    product::Taken,
     results::CellName,
-    spec::Study,
-    trial::{Trial, TrialKey, trial_id},
+    spec::{Cell, Place, Study},
+    trial::{Part, Purpose, Trial, TrialKey, trial_id},
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The kind of device that trials run on.
 const DEVICE: &str = "cpu";
 
-/// The trials of a study: environments, then agents, settings and seeds, in the order of the study, then those of its plays.
+/// The trials of a study: what its entries of `prepare` run, then environments, agents, settings and seeds, in the order of the study, then
+/// its plays.
 ///
 /// Two trials may have the same id: where a sweep does not reach an agent (a protocol's training budget and an agent that
 /// does not learn), its trials stand once in each setting, and the numbers are computed once.
@@ -56,32 +59,113 @@ impl Study {
             let cell = (trial.environment.clone(), trial.agent.clone(), trial.setting.clone());
             wanted.get(&cell).copied().unwrap_or(design.looks()[0])
         };
-        plan.trials.retain(|trial| trial.key.seed < u64::from(seeds(trial)));
+        plan.keep(|trial| trial.purpose != Purpose::Prepared && trial.key.seed < u64::from(seeds(trial)));
         plan.trials.sort_by_key(look);
         plan
     }
 
-    /// Parts are hashed once, not once per seed.
     fn plan_of_all_seeds(&self) -> Plan {
-        let mut trials = Vec::with_capacity(self.cells.len() * self.seeds.len());
-        for cell in &self.cells {
-            let [environment, agent, protocol] = &cell.parts;
-            for &seed in &self.seeds {
-                let id = trial_id([&environment.id, &agent.id, &protocol.id], seed, self.numerics, DEVICE);
-                let key = TrialKey {
-                    environment: environment.part.clone(),
-                    agent: agent.part.clone(),
-                    protocol: protocol.part.clone(),
-                    seed,
-                    numerics: self.numerics,
-                    device: DEVICE.into(),
-                };
-                let (environment, agent) = (self.environments[cell.environment].clone(), self.agents[cell.agent].clone());
-                trials.push(Trial { id, environment, agent, setting: cell.setting.clone(), key });
+        let seeds = self.seeds_of_cells();
+        let mut of_cells: Vec<Vec<Trial>> = vec![Vec::new(); self.cells.len()];
+        for &index in &self.order {
+            of_cells[index] = self.trials_of(index, &seeds, &of_cells);
+        }
+        let plays: Vec<Trial> = self.plays.iter().flat_map(|play| cross_play::trials(self, play, &of_cells)).collect();
+        let n_combinations = self.cells.len() - self.prepared.len();
+        let prepared = of_cells.split_off(n_combinations);
+        let trials = prepared.into_iter().chain(of_cells).flatten().chain(plays).collect();
+        Plan { study: self.name.clone(), title: self.title.clone(), trials }
+    }
+
+    /// The seeds that each cell runs: those of the study, and for an entry of `prepare` those that something takes.
+    fn seeds_of_cells(&self) -> Vec<Vec<u64>> {
+        let mut taken: Vec<BTreeSet<u64>> = vec![BTreeSet::new(); self.cells.len()];
+        let mut seeds = vec![Vec::new(); self.cells.len()];
+        for &index in self.order.iter().rev() {
+            let cell = &self.cells[index];
+            seeds[index] = match cell.place {
+                Place::Combination(..) => self.seeds.clone(),
+                Place::Prepared(_) => taken[index].iter().copied().collect(),
+            };
+            for source in &cell.sources {
+                taken[source.cell].extend(seeds[index].iter().map(|seed| source.seed_for(*seed)));
             }
         }
-        let plays: Vec<Trial> = self.plays.iter().flat_map(|play| cross_play::trials(self, play, &trials)).collect();
-        trials.extend(plays);
-        Plan { study: self.name.clone(), title: self.title.clone(), trials }
+        seeds
+    }
+
+    /// The trials of a cell, once those are there that it takes from. Parts that take nothing are hashed once, not once per seed.
+    fn trials_of(&self, index: usize, seeds: &[Vec<u64>], of_cells: &[Vec<Trial>]) -> Vec<Trial> {
+        let cell = &self.cells[index];
+        let (environment, agent) = self.names(cell);
+        let trial = |&seed: &u64| {
+            // A source runs the seeds that are taken from it, and comes before in the order of cells.
+            let source = |cell: usize, seed: u64| {
+                let place = seeds[cell].iter().position(|it| *it == seed).unwrap_or_default();
+                &of_cells[cell][place]
+            };
+            let key = self.key(cell, seed, &source);
+            let id = if cell.sources.is_empty() {
+                let [environment, agent, protocol] = &cell.parts;
+                trial_id([&environment.id, &agent.id, &protocol.id], seed, self.numerics, DEVICE)
+            } else {
+                key.id()
+            };
+            let purpose = if cell.pair().is_some() { Purpose::Cell } else { Purpose::Prepared };
+            Trial { id, environment: environment.clone(), agent: agent.clone(), setting: cell.setting.clone(), purpose, key }
+        };
+        seeds[index].iter().map(trial).collect()
+    }
+
+    fn names(&self, cell: &Cell) -> (String, String) {
+        match cell.place {
+            Place::Combination(environment, agent) => (self.environments[environment].clone(), self.agents[agent].clone()),
+            Place::Prepared(index) => (self.prepared[index].clone(), cell.parts[1].part.plugin.clone()),
+        }
+    }
+
+    fn key<'a>(&self, cell: &Cell, seed: u64, source: &dyn Fn(usize, u64) -> &'a Trial) -> TrialKey {
+        let part = |place: usize| {
+            let mut part = cell.parts[place].part.clone();
+            for it in cell.sources.iter().filter(|it| it.part == place) {
+                let trial = source(it.cell, it.seed_for(seed)).id.clone();
+                part.products.insert(it.pointer.clone(), Taken { trial, kind: it.kind });
+            }
+            part
+        };
+        let agent = match cell.sources.iter().find(|it| it.part == 1).filter(|_| cell.is_policy()) {
+            Some(it) => policy_of(source(it.cell, it.seed_for(seed))),
+            None => Seating::Agent(part(1)),
+        };
+        let (environment, protocol) = (part(0), part(2));
+        TrialKey { environment, agent, protocol, seed, numerics: self.numerics, device: DEVICE.into() }
+    }
+}
+
+/// The policy that a trial left, in all seats.
+fn policy_of(trial: &Trial) -> Seating {
+    let agent = trial.key.agent.agent().cloned().unwrap_or_else(|| Part::new("", 0, serde_json::Value::Null));
+    let member = Member { seats: Vec::new(), agent, trial: Some(trial.id.clone()) };
+    Seating::Cast(Cast { roles: BTreeMap::from([(String::from("all"), member)]) })
+}
+
+impl Plan {
+    /// Keeps the trials that are wanted, and those that they take from, through any number of steps.
+    pub fn keep(&mut self, wanted: impl Fn(&Trial) -> bool) {
+        let by_id: BTreeMap<&str, &Trial> = self.trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
+        let mut open: Vec<&Trial> = self.trials.iter().filter(|trial| wanted(trial)).collect();
+        let mut kept: BTreeSet<String> = BTreeSet::new();
+        let mut sources: BTreeSet<String> = BTreeSet::new();
+        while let Some(trial) = open.pop() {
+            if !kept.insert(trial.id.clone()) {
+                continue;
+            }
+            for source in trial.key.sources() {
+                open.extend(by_id.get(source.as_str()));
+                sources.insert(source);
+            }
+        }
+        // Two combinations may share a trial; one that is not wanted does not come in by the other.
+        self.trials.retain(|trial| wanted(trial) || sources.contains(&trial.id));
     }
 }

@@ -6,9 +6,9 @@
 
 use super::leaves::{Catalogue, Difference, PartIndex};
 use crate::{
-    cross_play::is_cross_play,
     results::{EndState, TrialEnd},
-    trial::{Trial, TrialKey},
+    cast::{POLICY, Seating},
+    trial::{Part, Purpose, Trial, TrialKey},
 };
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -39,6 +39,8 @@ pub enum Reason {
         /// The stored seeds, where the trial's is not among them.
         new_seed: Option<BTreeSet<u64>>,
     },
+    /// What it takes from other trials is new, by the names of their entries.
+    Takes(BTreeSet<String>),
     /// No stored trial shares at least two of the three plugins.
     NothingLikeIt,
     /// The worker process was killed from outside.
@@ -71,18 +73,32 @@ pub fn novelties(trials: &[Trial], ends: &[Option<TrialEnd>], stored: &[StoredCe
         .map(|(trial, end)| (trial, end.as_ref().map(|end| end.state)))
         .filter(|(_, state)| *state != Some(EndState::Ok))
         // What plays a policy is new because the policy is.
-        .filter(|(trial, _)| !is_cross_play(&trial.key))
+        .filter(|(trial, _)| !matches!(trial.purpose, Purpose::Play(_)))
         .collect();
+    let new: HashMap<&str, &Trial> = pending.iter().map(|(trial, _)| (trial.id.as_str(), *trial)).collect();
     let cells: Vec<_> = pending.chunk_by(|(one, _), (other, _)| names(one) == names(other)).collect();
     let mut search = Search::new(stored, cells.len());
-    cells.into_iter().flat_map(|cell| of_cell(cell, &mut search)).collect()
+    cells.into_iter().flat_map(|cell| of_cell(cell, &new, &mut search)).collect()
 }
 
 fn names(trial: &Trial) -> (&str, &str, &str) {
     (&trial.environment, &trial.agent, &trial.setting)
 }
 
-fn of_cell(cell: &[(&Trial, Option<EndState>)], search: &mut Search) -> Vec<Novelty> {
+/// The entries that a trial takes from and that are new themselves.
+fn new_sources(trial: &Trial, new: &HashMap<&str, &Trial>) -> BTreeSet<String> {
+    let sources = trial.key.sources();
+    sources.iter().filter_map(|id| new.get(id.as_str())).map(|source| entry(source)).collect()
+}
+
+fn entry(trial: &Trial) -> String {
+    match trial.purpose {
+        Purpose::Prepared => trial.environment.clone(),
+        _ => format!("{} in {}", trial.agent, trial.environment),
+    }
+}
+
+fn of_cell(cell: &[(&Trial, Option<EndState>)], new: &HashMap<&str, &Trial>, search: &mut Search) -> Vec<Novelty> {
     let mut reasons: Vec<(Reason, Vec<u64>)> = Vec::new();
     let mut add = |reason: Reason, seed: u64| match reasons.iter_mut().find(|(known, _)| *known == reason) {
         Some((_, seeds)) => seeds.push(seed),
@@ -91,7 +107,10 @@ fn of_cell(cell: &[(&Trial, Option<EndState>)], search: &mut Search) -> Vec<Nove
     let mut absent = Vec::new();
     for (trial, state) in cell {
         match state {
-            None => absent.push(trial.key.seed),
+            None => match new_sources(trial, new) {
+                none if none.is_empty() => absent.push(trial.key.seed),
+                sources => add(Reason::Takes(sources), trial.key.seed),
+            },
             Some(EndState::Killed) => add(Reason::Killed, trial.key.seed),
             Some(state) => add(Reason::Failed(*state), trial.key.seed),
         }
@@ -221,7 +240,11 @@ impl Combination {
 
 impl Catalogue {
     fn combination(&mut self, key: &TrialKey) -> Combination {
-        let parts = [&key.environment, &key.agent, &key.protocol].map(|part| self.index(part));
+        let agent = match &key.agent {
+            Seating::Agent(part) => part.clone(),
+            Seating::Cast(cast) => Part::new(POLICY, 0, serde_json::json!(cast)),
+        };
+        let parts = [&key.environment, &agent, &key.protocol].map(|part| self.index(part));
         Combination { parts, numerics: key.numerics, device: key.device.clone() }
     }
 }

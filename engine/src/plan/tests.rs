@@ -3,7 +3,8 @@
 use super::{Novelty, Reason, StoredCell, explain, novelties, seed_ranges, to_json};
 use crate::{
     results::{EndState, TrialEnd},
-    trial::{Part, Trial, TrialKey},
+    cast::Seating,
+    trial::{Part, Purpose, Trial, TrialKey},
 };
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -12,11 +13,18 @@ use std::collections::BTreeSet;
 fn key() -> TrialKey {
     TrialKey {
         environment: Part::new("battery", 1, json!({"cells": 4, "start": {"charge": 0.9}})),
-        agent: Part::new("dirichlet_sac", 1, json!({"widths": [64, 64], "learning_rate": 0.001})),
+        agent: Seating::Agent(Part::new("dirichlet_sac", 1, json!({"widths": [64, 64], "learning_rate": 0.001}))),
         protocol: Part::new("train_evaluate", 1, json!({"steps": 60000, "episodes": 50})),
         seed: 0,
         numerics: 1,
         device: "cpu".into(),
+    }
+}
+
+fn agent(key: &mut TrialKey) -> &mut Part {
+    match &mut key.agent {
+        Seating::Agent(part) => part,
+        Seating::Cast(_) => unreachable!("these keys have agents"),
     }
 }
 
@@ -27,7 +35,7 @@ fn stored(key: TrialKey, seeds: &[u64]) -> StoredCell {
 fn planned(key: &TrialKey, seeds: std::ops::Range<u64>) -> Vec<Trial> {
     let trial = |seed| {
         let key = TrialKey { seed, ..key.clone() };
-        Trial { id: key.id(), environment: "four".into(), agent: "dsac".into(), setting: String::new(), key }
+        Trial { id: key.id(), environment: "four".into(), agent: "dsac".into(), setting: String::new(), purpose: Purpose::Cell, key }
     };
     seeds.map(trial).collect()
 }
@@ -58,16 +66,16 @@ fn each_kind_of_change_is_named() {
         "0: environment battery.start.charge: 0.9 -> full"
     );
     assert_eq!(
-        one(&edited(|key| &mut key.agent, "/widths", json!([64, 64, 64]))),
+        one(&edited(agent, "/widths", json!([64, 64, 64]))),
         "0: agent dirichlet_sac.widths: [64,64] -> [64,64,64]"
     );
     let mut raised = key();
-    raised.agent.version = 2;
+    agent(&mut raised).version = 2;
     assert_eq!(one(&raised), "0: agent version 1 -> 2");
     assert_eq!(one(&TrialKey { numerics: 2, ..key() }), "0: numerics version 1 -> 2");
     assert_eq!(one(&TrialKey { device: "gpu".into(), ..key() }), "0: device cpu -> gpu");
     let mut other = key();
-    other.agent = Part::new("ddpg", 1, json!({}));
+    other.agent = Seating::Agent(Part::new("ddpg", 1, json!({})));
     assert_eq!(one(&other), "0: agent plugin dirichlet_sac -> ddpg");
     other.environment = Part::new("particles", 1, json!({}));
     assert_eq!(one(&other), "0: nothing like it is stored");
@@ -99,7 +107,7 @@ fn the_content_of_a_data_file_counts_and_its_path_does_not() {
 #[test]
 fn the_nearest_is_the_one_with_the_fewest_differing_leaves() {
     let mut far = edited(|key| &mut key.protocol, "/steps", json!(1));
-    far.agent.version = 7;
+    agent(&mut far).version = 7;
     let near = edited(|key| &mut key.protocol, "/episodes", json!(10));
     let known = [stored(far, &[0, 1, 2, 3]), stored(near, &[0, 1])];
     // A seed counts as one leaf: with it the near one still has fewer differences.

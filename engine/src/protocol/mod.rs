@@ -10,6 +10,7 @@ mod train_evaluate;
 
 use crate::{
     Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder, Registry, random::Streams, results::UPDATES,
+    trial::Part,
 };
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::Path;
@@ -24,6 +25,18 @@ pub fn register(registry: &mut Registry) {
     train_evaluate::register(registry);
     supervised_fit::register(registry);
     estimator_tracking::register(registry);
+}
+
+/// A protocol that measures whole episodes of policies which learn no more, as part of a trial's key.
+#[must_use]
+pub(crate) fn measuring(episodes: u64) -> Part {
+    train_evaluate::measuring(episodes)
+}
+
+/// What it records.
+#[must_use]
+pub(crate) fn measured() -> Vec<Metric> {
+    evaluation::metrics()
 }
 
 /// What a protocol works with. Everything in it belongs to one trial.

@@ -6,6 +6,7 @@ use crate::{
     data_file::hash_of,
     results::UPDATES,
     spec,
+    cast::Seating,
     trial::{Part, TrialKey},
 };
 use rand::Rng as _;
@@ -129,7 +130,7 @@ fn key(agent: (&str, Value), protocol: (&str, Value)) -> TrialKey {
     }
     TrialKey {
         environment: Part::new("dice", 1, json!({})),
-        agent: Part::new(agent.0, 1, agent.1),
+        agent: Seating::Agent(Part::new(agent.0, 1, agent.1)),
         protocol: Part::new(protocol.0, 1, protocol_config),
         seed: 3,
         numerics: 1,

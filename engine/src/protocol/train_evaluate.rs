@@ -5,10 +5,10 @@ use super::{
     evaluation::{self, Measurement, measure, measure_alone, observe},
     position::{Blocks, Position, restored},
 };
-use crate::{Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition, checkpoint::exact};
+use crate::{Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition, checkpoint::exact, trial::Part};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// How long to learn and how much to measure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -53,11 +53,20 @@ impl Default for TrainEvaluate {
 
 impl Config for TrainEvaluate {}
 
+const NAME: &str = "train_evaluate";
+const VERSION: u32 = 2;
+
+/// The final measurement alone, as part of a trial's key.
+pub(super) fn measuring(episodes: u64) -> Part {
+    let alone = without_training(TrainEvaluate { steps: 0, final_episodes: episodes, trace_episodes: 0, ..TrainEvaluate::default() });
+    Part::new(NAME, VERSION, json!(alone))
+}
+
 /// Registers the protocol.
 pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
-        "train_evaluate",
-        2,
+        NAME,
+        VERSION,
         "Learn for a number of environment steps; measure whole episodes during learning and at the end.",
         without_training,
         |config| Ok(Box::new(config)),

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     Phase,
-    cross_play::is_cross_play,
+    trial::Purpose,
     results::{EPISODE_LENGTH, Results, TrialResult},
 };
 use std::collections::BTreeMap;
@@ -99,8 +99,9 @@ pub fn duration(seconds: f64) -> String {
 fn budgets(results: &Results) -> Vec<Budget<'_>> {
     let mut budgets: Vec<Budget<'_>> = Vec::new();
     let mut places: BTreeMap<(&str, &str), usize> = BTreeMap::new();
-    for trial in &results.trials {
-        let agent = if is_cross_play(&trial.trial.key) { "all casts" } else { &trial.trial.agent };
+    for trial in results.prepared.iter().chain(&results.trials) {
+        let is_play = matches!(trial.trial.purpose, Purpose::Play(_));
+        let agent = if is_play { "all casts" } else { &trial.trial.agent };
         let environment = trial.trial.environment.as_str();
         let place = *places.entry((environment, agent)).or_insert(budgets.len());
         if place == budgets.len() {
@@ -214,7 +215,7 @@ fn notes(budgets: &[Budget<'_>], results: &Results) -> Vec<String> {
 mod tests {
     use super::*;
     use crate::{
-        cross_play::encounters_for_tests::encounter,
+        cross_play::tests::encounter,
         report::synthetic::{Rows, ended, trial},
         results::{EndState, UPDATES},
     };

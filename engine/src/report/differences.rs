@@ -5,7 +5,7 @@ use super::{
     sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::{
-    cross_play::is_cross_play,
+    trial::Purpose,
     results::{Results, TrialResult},
     trial::Part,
 };
@@ -62,11 +62,12 @@ impl Kind {
         }
     }
 
-    fn part(self, trial: &TrialResult) -> &Part {
+    /// The trial's part of this kind; `None` for the agent of a trial that measures policies of others.
+    fn part(self, trial: &TrialResult) -> Option<&Part> {
         match self {
-            Kind::Agent => &trial.trial.key.agent,
-            Kind::Protocol => &trial.trial.key.protocol,
-            Kind::Environment => &trial.trial.key.environment,
+            Kind::Agent => trial.trial.key.agent.agent(),
+            Kind::Protocol => Some(&trial.trial.key.protocol),
+            Kind::Environment => Some(&trial.trial.key.environment),
         }
     }
 
@@ -83,8 +84,8 @@ fn plugins<'a>(kind: Kind, study: &StudyInfo, results: &'a Results) -> Vec<Plugi
     let mut plugins: Vec<Plugin<'a>> = Vec::new();
     // The trials of a plan share their configs, and neighbours mostly have the same one.
     let mut last: Option<(&str, &str, &str, &Arc<Value>)> = None;
-    for trial in results.trials.iter().filter(|trial| !is_cross_play(&trial.trial.key) && (all || learns(trial))) {
-        let part = kind.part(trial);
+    for trial in results.trials.iter().filter(|trial| trial.trial.purpose == Purpose::Cell && (all || learns(trial))) {
+        let Some(part) = kind.part(trial) else { continue };
         let place = (kind.user(trial), trial.trial.environment.as_str(), trial.trial.setting.as_str(), &part.config);
         let same = |(user, environment, setting, config): (&str, &str, &str, &Arc<Value>)| {
             (user, environment, setting) == (place.0, place.1, place.2) && Arc::ptr_eq(config, place.3)
@@ -232,12 +233,12 @@ fn word(value: Option<&Value>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::synthetic::trial;
+    use crate::{cast::Seating, report::synthetic::trial};
     use serde_json::json;
 
     fn made(environment: &str, agent: &str, setting: &str, config: Value, steps: u64) -> TrialResult {
         let mut result = trial(environment, agent, setting, 0, &Vec::new());
-        result.trial.key.agent = Part::new(if agent == "rule" { "split" } else { "sac" }, 1, config);
+        result.trial.key.agent = Seating::Agent(Part::new(if agent == "rule" { "split" } else { "sac" }, 1, config));
         result.trial.key.protocol = Part::new("train", 1, json!({"steps": steps, "episodes": 5}));
         result
     }
@@ -315,7 +316,8 @@ mod tests {
     #[test]
     fn data_files_are_known_by_their_content() {
         let mut one = made("tank", "one", "", json!({"load": {"file": "/far/away/load.csv"}}), 100);
-        one.trial.key.agent.files.insert("/load/file".into(), "0123456789abcdef".into());
+        let Seating::Agent(agent) = &mut one.trial.key.agent else { unreachable!("these trials have agents") };
+        agent.files.insert("/load/file".into(), "0123456789abcdef".into());
         let two = made("tank", "two", "", json!({"load": {"file": "other.csv"}}), 100);
         let study = StudyInfo { defaults: std::collections::BTreeMap::new(), ..study() };
         let sheets = sheets(&study, &Results::of(vec![one, two]));

@@ -18,6 +18,7 @@ mod page;
 mod period;
 mod profiles;
 mod sheet;
+mod stages;
 mod summary;
 #[cfg(test)]
 pub(crate) mod synthetic;
@@ -30,6 +31,7 @@ pub use junit::junit;
 pub use manifest::{Manifest, Replaced};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use period::Period;
+pub use stages::{Stage, Take};
 pub use profiles::{ProfileState, ProfileTrials};
 pub use summary::summary;
 
@@ -62,6 +64,8 @@ pub struct StudyInfo {
     pub agents: Vec<String>,
     /// Environments in the study's order.
     pub environments: Vec<String>,
+    /// The entries of a study whose trials take from each other; empty where none does.
+    pub stages: Vec<Stage>,
     /// Units by metric.
     pub units: BTreeMap<String, String>,
     /// Agents that learn.

@@ -4,7 +4,8 @@ use crate::{
     Phase,
     recorder::Row,
     results::{EndState, Results, TrialEnd, TrialResult, UPDATES},
-    trial::{Part, Trial, TrialKey},
+    cast::Seating,
+    trial::{Part, Purpose, Trial, TrialKey},
 };
 use serde_json::Value;
 
@@ -16,13 +17,14 @@ pub(crate) fn trial(environment: &str, agent: &str, setting: &str, seed: u64, ro
     let part = |plugin: &str| Part::new(plugin, 1, Value::Null);
     let key = TrialKey {
         environment: part(environment),
-        agent: part(agent),
+        agent: Seating::Agent(part(agent)),
         protocol: part("train_evaluate"),
         seed,
         numerics: 1,
         device: "cpu".into(),
     };
     let trial = Trial {
+        purpose: Purpose::Cell,
         id: format!("{environment}-{agent}-{seed}"),
         environment: environment.into(),
         agent: agent.into(),

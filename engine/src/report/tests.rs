@@ -13,6 +13,7 @@ use crate::{
     spec::ClaimSpec,
     statistics::Design,
     table::{Axis, Comparison, Form, Margin, Published, TableSpec},
+    cast::Seating,
     trial::Part,
 };
 use serde_json::{Value, json};
@@ -28,7 +29,7 @@ fn results() -> Results {
     for result in &mut results.trials {
         let key = &mut result.trial.key;
         key.environment = Part::new("battery", 1, json!({"cells": if result.trial.environment == "four_cells" { 4 } else { 8 }}));
-        key.agent = agent(&result.trial.agent);
+        key.agent = Seating::Agent(agent(&result.trial.agent));
         key.protocol = Part::new("train_evaluate", 1, json!({"steps": 60_000, "final_episodes": 4}));
         if result.is_ok() {
             record_lengths(result);
@@ -98,6 +99,7 @@ fn info() -> StudyInfo {
     let bars = Comparison { rows: Axis::Environment, value: "cycle_length".into(), ..Comparison::default() };
     StudyInfo {
         name: "table-3.2".into(),
+        stages: Vec::new(),
         title: "Average improvement of the working cycle <with & without> learning".into(),
         source: "thesis, table 3.2".into(),
         departures: vec![

@@ -10,7 +10,7 @@ mod given;
 mod replay;
 
 pub use given::read_actions;
-pub use replay::{Policies, replay, trained_agent};
+pub use replay::{replay, trained_agent};
 
 use crate::{Action, Agent, Environment, Error, Mode, Observation, random};
 use columns::Columns;

@@ -6,26 +6,21 @@
 use super::columns::Columns;
 use crate::{
     Agent, Channel, Environment, Error, Interface, Metric, NoKeeper, Phase, Recorder, Registry, RewardSurface, Rng, Seat, Step,
-    cross_play::take_up,
+    cast::{Seating, take_up},
+    product::FindProduct,
     protocol::{Run, replay_measurement},
     random::Streams,
     results::TrialResult,
     trial::TrialKey,
 };
-use std::{
-    path::PathBuf,
-    sync::mpsc::{Sender, channel},
-};
-
-/// Finds the folder of the policy that a trial left, by its id.
-pub type Policies<'a> = &'a dyn Fn(&str) -> Result<PathBuf, Error>;
+use std::sync::mpsc::{Sender, channel};
 
 /// Header and rows of episode `episode` of the final measurement of a trial.
 ///
 /// # Errors
 /// [`Error::Source`] where the trial measured no such episode, was made by other versions of its plugins or left no policy that
 /// can be used.
-pub fn replay(trial: &TrialResult, episode: u64, registry: &Registry, policies: Policies<'_>) -> Result<Vec<Vec<String>>, Error> {
+pub fn replay(trial: &TrialResult, episode: u64, registry: &Registry, find: FindProduct<'_>) -> Result<Vec<Vec<String>>, Error> {
     let key = &trial.trial.key;
     let unusable = |problem: String| Error::Source { trial: key.id(), problem };
     let (step, episodes) = measured(trial).ok_or_else(|| unusable("it measured no episodes at its end; give `--seed`".into()))?;
@@ -40,14 +35,15 @@ pub fn replay(trial: &TrialResult, episode: u64, registry: &Registry, policies: 
     let streams = Streams::new(&key.id(), &key.environment_id(), key.seed);
     let (sender, rows) = channel();
     let start = streams.environment(Phase::Final.name(), episode);
+    let config = key.environment.loaded(find)?;
     let make_environment = || -> Result<Box<dyn Environment>, Error> {
-        let inner = (entry.build)(&key.environment.config)?;
+        let inner = (entry.build)(&config)?;
         Ok(Box::new(Watched { inner, start: start.clone(), watched: None, sender: sender.clone() }))
     };
-    let agent = trained_agent(key, registry, &make_environment()?.interface(), &streams, policies)?;
+    let agent = trained_agent(key, registry, &make_environment()?.interface(), &streams, find)?;
     let record = Recorder::default();
     let mut run =
-        Run { make_environment: &make_environment, agent, streams, record, progress: &mut |_, _| {}, keeper: &mut NoKeeper };
+        Run { make_environment: &make_environment, agent, streams, record, progress: &mut |_, _| {}, keeper: &mut NoKeeper, folder: None };
     replay_measurement(&mut run, step, episodes, episode)?;
     Ok(rows.try_iter().collect())
 }
@@ -61,12 +57,13 @@ pub fn trained_agent(
     registry: &Registry,
     interface: &Interface,
     streams: &Streams,
-    policies: Policies<'_>,
+    find: FindProduct<'_>,
 ) -> Result<Box<dyn Agent>, Error> {
-    let mut agent = key.build_agent(registry, interface, streams, policies)?;
-    let name = key.agent.plugin.as_str();
-    if registry.agents.get(name).is_some_and(|entry| entry.learns) {
-        take_up(&mut *agent, name, &key.id(), policies)?;
+    let mut agent = key.build_agent(registry, interface, streams, find)?;
+    if let Seating::Agent(part) = &key.agent
+        && registry.agents.get(part.plugin.as_str()).is_some_and(|entry| entry.learns)
+    {
+        take_up(&mut *agent, &part.plugin, &key.id(), find)?;
     }
     Ok(agent)
 }
@@ -79,13 +76,14 @@ fn measured(trial: &TrialResult) -> Option<(u64, u64)> {
 
 /// The first part of a trial that another version of this program made.
 fn other_version(key: &TrialKey, registry: &Registry) -> Option<String> {
-    let [environment, agent, protocol] = [&key.environment, &key.agent, &key.protocol];
+    let (environment, protocol) = (&key.environment, &key.protocol);
     let parts = [
         (environment, registry.environments.get(environment.plugin.as_str()).map(|entry| entry.about.version)),
-        (agent, registry.agents.get(agent.plugin.as_str()).map(|entry| entry.about.version)),
         (protocol, registry.protocols.get(protocol.plugin.as_str()).map(|entry| entry.about.version)),
     ];
-    let other = parts.into_iter().find_map(|(part, now)| now.filter(|now| *now != part.version).map(|now| (part, now)));
+    let agents = key.agent.parts().into_iter();
+    let agents = agents.map(|agent| (agent, registry.agents.get(agent.plugin.as_str()).map(|entry| entry.about.version)));
+    let other = parts.into_iter().chain(agents).find_map(|(part, now)| now.filter(|now| *now != part.version).map(|now| (part, now)));
     if let Some((part, now)) = other {
         return Some(format!("it was made by version {} of `{}`, this program has {now}", part.version, part.plugin));
     }

@@ -86,7 +86,7 @@ pub enum Event {
         /// How it ended.
         end: TrialEnd,
     },
-    /// A trial plays the policy of one that another program runs; it is looked after again later.
+    /// A trial takes from one that another program runs; it is looked after again later.
     Awaits {
         /// Index into the list of tasks.
         trial: usize,
@@ -95,8 +95,7 @@ pub enum Event {
         /// Who has that one.
         owner: Owner,
     },
-    /// A trial cannot run now, because one whose policy it plays has not ended `ok` or left none that can be used; it stays
-    /// missing.
+    /// A trial is blocked: one from which it takes has not ended `ok`, or left nothing that can be used. It stays missing.
     Unready {
         /// Index into the list of tasks.
         trial: usize,
@@ -122,7 +121,7 @@ pub enum Event {
 pub struct Task<'a> {
     /// The trial; the plan holds it.
     pub trial: &'a Trial,
-    /// Its steps; longer trials start first.
+    /// What it costs, in any unit that all tasks share: long paths start first.
     pub cost: u64,
     /// What it may use.
     pub limits: Arc<Limits>,

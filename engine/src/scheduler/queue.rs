@@ -1,11 +1,11 @@
-//! Which trial is next: longest first, those that play the policies of others last, then those whose retry is due and those
-//! that other programs may have left.
+//! Which trial is next: of those whose sources have ended, the one that begins the longest remaining path of trials that take from each
+//! other; then those whose retry is due and those that other programs may have left.
 
 use super::Task;
 use crate::results::TrialEnd;
 use std::{
     cmp::Reverse,
-    collections::{BTreeSet, VecDeque},
+    collections::{BTreeSet, HashMap},
     sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
@@ -37,16 +37,21 @@ pub(super) struct Turn {
 /// The trials that are left.
 pub(super) struct Queue<'a> {
     tasks: &'a [Task<'a>],
-    state: Mutex<State<'a>>,
+    /// Cost of the longest path that begins with a task, the task included.
+    paths: Vec<u64>,
+    /// Tasks that take from a trial, by its id.
+    takers: HashMap<&'a str, Vec<usize>>,
+    state: Mutex<State>,
 }
 
-struct State<'a> {
-    ready: VecDeque<usize>,
+struct State {
+    /// Tasks whose sources have ended, longest path first.
+    ready: BTreeSet<(Reverse<u64>, usize)>,
+    /// How many of a task's sources this program has still to run, or is running.
+    awaited: Vec<usize>,
     later: Vec<Later>,
-    /// Trials that some slot works on: one of them may come back as a retry.
+    /// Trials that some slot works on: one of them may come back as a retry, or be what another one waits for.
     busy: usize,
-    /// Ids of the trials that this program has still to run, or is running.
-    left: BTreeSet<&'a str>,
 }
 
 struct Later {
@@ -55,12 +60,21 @@ struct Later {
 }
 
 impl<'a> Queue<'a> {
-    /// All tasks, longest first.
+    /// All tasks; each trial is a task once.
     pub(super) fn new(tasks: &'a [Task<'a>]) -> Self {
-        let mut order: Vec<usize> = (0..tasks.len()).collect();
-        order.sort_by_key(|&index| (!tasks[index].after.is_empty(), Reverse(tasks[index].cost)));
-        let left = tasks.iter().map(|task| task.trial.id.as_str()).collect();
-        Self { tasks, state: Mutex::new(State { ready: order.into(), later: Vec::new(), busy: 0, left }) }
+        let by_id: HashMap<&str, usize> = tasks.iter().enumerate().map(|(index, task)| (task.trial.id.as_str(), index)).collect();
+        let mut takers: HashMap<&'a str, Vec<usize>> = HashMap::new();
+        let mut awaited = vec![0; tasks.len()];
+        for (index, task) in tasks.iter().enumerate() {
+            for source in task.after.iter().filter_map(|id| by_id.get(id.as_str())) {
+                takers.entry(tasks[*source].trial.id.as_str()).or_default().push(index);
+                awaited[index] += 1;
+            }
+        }
+        let paths = longest_paths(tasks, &takers);
+        let ready = (0..tasks.len()).filter(|&index| awaited[index] == 0).map(|index| (Reverse(paths[index]), index)).collect();
+        let state = State { ready, awaited, later: Vec::new(), busy: 0 };
+        Self { tasks, paths, takers, state: Mutex::new(state) }
     }
 
     /// The next trial; whoever gets one says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
@@ -72,7 +86,7 @@ impl<'a> Queue<'a> {
             state.busy += 1;
             return Next::Try(turn);
         }
-        if let Some(task) = state.ready.pop_front() {
+        if let Some((_, task)) = state.ready.pop_first() {
             state.busy += 1;
             return Next::Try(Turn { task, attempt: 1, before: self.tasks[task].before.clone() });
         }
@@ -83,16 +97,16 @@ impl<'a> Queue<'a> {
         }
     }
 
-    /// The trial with this id needs nothing more.
+    /// The trial with this id needs nothing more, however it ended: what takes from it is looked at.
     pub(super) fn done(&self, id: &str) {
         let mut state = self.lock();
         state.busy -= 1;
-        state.left.remove(id);
-    }
-
-    /// True while the trial with this id is still to be run, or running, in this program.
-    pub(super) fn has_left(&self, id: &str) -> bool {
-        self.lock().left.contains(id)
+        for &taker in self.takers.get(id).into_iter().flatten() {
+            state.awaited[taker] -= 1;
+            if state.awaited[taker] == 0 {
+                state.ready.insert((Reverse(self.paths[taker]), taker));
+            }
+        }
     }
 
     /// The trial is to be tried again after a wait.
@@ -102,18 +116,100 @@ impl<'a> Queue<'a> {
         state.later.push(Later { due: now() + wait, turn });
     }
 
-    /// The trial cannot begin yet: another program has it, or it plays a policy that is still to come.
+    /// The trial cannot begin yet: another program has it, or has what it takes.
     pub(super) fn held(&self, turn: Turn) {
         self.retry(turn, HELD_FOR);
     }
 
-    fn lock(&self) -> MutexGuard<'_, State<'a>> {
+    fn lock(&self) -> MutexGuard<'_, State> {
         // No operation above can panic half-way, so that a poisoned queue is still whole.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
+/// Cost of the longest path that begins with each task. A plan has no circles, so that every path ends.
+fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>) -> Vec<u64> {
+    let mut paths: Vec<Option<u64>> = vec![None; tasks.len()];
+    let mut open: Vec<usize> = (0..tasks.len()).collect();
+    while let Some(&index) = open.last() {
+        let below = takers.get(tasks[index].trial.id.as_str()).map_or(&[][..], Vec::as_slice);
+        let unknown: Vec<usize> = below.iter().copied().filter(|taker| paths[*taker].is_none()).collect();
+        if paths[index].is_some() || unknown.is_empty() {
+            let longest = below.iter().filter_map(|taker| paths[*taker]).max().unwrap_or(0);
+            // Even a trial without steps takes its time.
+            paths[index].get_or_insert(longest.saturating_add(tasks[index].cost.max(1)));
+            open.pop();
+        } else {
+            open.extend(unknown);
+        }
+    }
+    paths.into_iter().map(Option::unwrap_or_default).collect()
+}
+
 #[allow(clippy::disallowed_methods, reason = "it decides when a trial runs, which reaches no result")]
 pub(super) fn now() -> Instant {
     Instant::now()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        cast::Seating,
+        trial::{Part, Purpose, Trial, TrialKey},
+    };
+
+    fn trial(id: &str) -> Trial {
+        let part = || Part::new("x", 1, serde_json::Value::Null);
+        let (environment, agent, protocol) = (part(), Seating::Agent(part()), part());
+        let key = TrialKey { environment, agent, protocol, seed: 0, numerics: 1, device: "cpu".into() };
+        let (environment, agent, setting) = ("e".into(), "a".into(), String::new());
+        Trial { id: id.into(), environment, agent, setting, purpose: Purpose::Cell, key }
+    }
+
+    fn task<'a>(trial: &'a Trial, cost: u64, after: &[&str]) -> Task<'a> {
+        let after = after.iter().map(ToString::to_string).collect();
+        Task { trial, cost, limits: Default::default(), before: None, after }
+    }
+
+    fn next(queue: &Queue<'_>) -> Option<usize> {
+        match queue.next() {
+            Next::Try(turn) => Some(turn.task),
+            Next::Wait(_) | Next::Done => None,
+        }
+    }
+
+    #[test]
+    fn the_longest_remaining_path_comes_first_and_takers_come_after_their_sources() {
+        let trials = ["short", "long", "source", "taker", "last"].map(trial);
+        let [short, long, source, taker, last] = &trials;
+        let tasks = [
+            task(short, 1, &[]),
+            task(long, 100, &[]),
+            task(source, 2, &["elsewhere"]),
+            task(taker, 70, &["source", "short"]),
+            task(last, 60, &["taker"]),
+        ];
+        let queue = Queue::new(&tasks);
+        assert_eq!([next(&queue), next(&queue), next(&queue), next(&queue)], [Some(2), Some(0), Some(1), None]);
+        queue.done("source");
+        assert!(matches!(queue.next(), Next::Wait(_)), "what is running may be waited for");
+        queue.done("short");
+        assert_eq!([next(&queue), next(&queue)], [Some(3), None]);
+        queue.done("long");
+        queue.done("taker");
+        assert_eq!(next(&queue), Some(4));
+        queue.done("last");
+        assert!(matches!(queue.next(), Next::Done));
+    }
+
+    #[test]
+    fn a_long_chain_is_measured_without_recursion() {
+        let trials: Vec<Trial> = (0..20_000).map(|index| trial(&index.to_string())).collect();
+        let after = |index: usize| index.checked_sub(1).map(|before| before.to_string());
+        let tasks: Vec<Task<'_>> =
+            trials.iter().enumerate().map(|(index, it)| task(it, 1, &after(index).iter().map(String::as_str).collect::<Vec<_>>())).collect();
+        let queue = Queue::new(&tasks);
+        assert_eq!((queue.paths[0], queue.paths[19_999], next(&queue)), (20_000, 1, Some(0)));
+    }
 }

@@ -1,4 +1,4 @@
-//! Whether a trial can begin that plays the policies of others.
+//! Whether a trial can begin that takes what others leave.
 
 use crate::{
     results::{EndState, TrialEnd},
@@ -8,24 +8,18 @@ use crate::{
 /// What the trials say of each other.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Readiness {
-    /// All policies are there.
+    /// All of it is there.
     Ready,
-    /// One of them is still to come from this program.
-    Soon,
-    /// Another program works on one of them.
+    /// Another program works on one of the sources.
     Elsewhere(String, Owner),
-    /// One of them does not come, and why.
+    /// One source does not end well by itself, and why.
     Unready(String),
 }
 
-/// How far the trials are whose policies one plays. `is_ours` tells which of them this program has still to run.
-pub(super) fn readiness(after: &[String], store: &Store, is_ours: impl Fn(&str) -> bool) -> Readiness {
+/// How far the trials are from which one takes, none of which this program has still to run.
+pub(super) fn readiness(after: &[String], store: &Store) -> Readiness {
     let mut answer = Readiness::Ready;
     for source in after {
-        if is_ours(source) {
-            answer = Readiness::Soon;
-            continue;
-        }
         // In this order: what ends between the two looks is seen to have ended.
         let (owner, end) = (store.running(source), store.end(source));
         match (end, owner) {
@@ -42,7 +36,7 @@ pub(super) fn readiness(after: &[String], store: &Store, is_ours: impl Fn(&str) 
     answer
 }
 
-/// True where every trial whose policy is played has ended `ok`.
+/// True where every trial from which one takes has ended `ok`.
 #[must_use]
 pub fn is_ready(after: &[String], store: &Store) -> bool {
     after.iter().all(|source| store.end(source).ok().flatten().is_some_and(|end| end.state == EndState::Ok))
@@ -51,12 +45,17 @@ pub fn is_ready(after: &[String], store: &Store) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::{Part, Trial, TrialKey};
+    use crate::{
+        cast::Seating,
+        trial::{Part, Purpose, Trial, TrialKey},
+    };
 
     fn trial(seed: u64) -> Trial {
         let part = || Part::new("x", 1, serde_json::Value::Null);
-        let key = TrialKey { environment: part(), agent: part(), protocol: part(), seed, numerics: 1, device: "cpu".into() };
-        Trial { id: key.id(), environment: "e".into(), agent: "a".into(), setting: String::new(), key }
+        let agent = Seating::Agent(part());
+        let key = TrialKey { environment: part(), agent, protocol: part(), seed, numerics: 1, device: "cpu".into() };
+        let (environment, agent, setting) = ("e".into(), "a".into(), String::new());
+        Trial { id: key.id(), environment, agent, setting, purpose: Purpose::Cell, key }
     }
 
     #[test]
@@ -69,16 +68,14 @@ mod tests {
             let end = TrialEnd { state, reason: "told".into(), wall_s: 0.0, digest: String::new() };
             store.acknowledge(trial, &end).unwrap();
         }
-        let of = |wanted: &[usize], ours: &[usize]| {
+        let of = |wanted: &[usize]| {
             let after: Vec<String> = wanted.iter().map(|&index| ids[index].clone()).collect();
-            readiness(&after, &store, |id| ours.iter().any(|&index| ids[index] == id))
+            readiness(&after, &store)
         };
-        assert_eq!(of(&[0], &[]), Readiness::Ready);
-        assert_eq!(of(&[], &[]), Readiness::Ready);
-        assert_eq!(of(&[0, 3], &[3]), Readiness::Soon);
-        assert_eq!(of(&[0, 2], &[]), Readiness::Unready(format!("trial {} has not run", ids[2])));
-        // That one fails for good is said though another one is still to come.
-        assert_eq!(of(&[3, 1], &[3]), Readiness::Unready(format!("trial {} ended as nan: told", ids[1])));
+        assert_eq!(of(&[0]), Readiness::Ready);
+        assert_eq!(of(&[]), Readiness::Ready);
+        assert_eq!(of(&[0, 2]), Readiness::Unready(format!("trial {} has not run", ids[2])));
+        assert_eq!(of(&[0, 1]), Readiness::Unready(format!("trial {} ended as nan: told", ids[1])));
         assert!(is_ready(&ids[..1], &store) && !is_ready(&ids, &store));
     }
 }

@@ -48,7 +48,7 @@ pub(super) struct Slot<'a> {
 enum Attempt {
     Ended(TrialEnd),
     Stopped,
-    /// A policy that it plays cannot be used, for this reason.
+    /// Something that it takes cannot be used, for this reason.
     Unready(String),
 }
 
@@ -85,12 +85,11 @@ impl<'a> Slot<'a> {
         self.all.workers.stop.load(Ordering::SeqCst) || self.all.halt.load(Ordering::SeqCst)
     }
 
-    /// Takes a trial up, unless it plays policies that are not there.
+    /// Takes a trial up, unless it takes what is not there.
     fn take(&mut self, turn: Turn) -> Result<(), Error> {
         let (index, task) = (turn.task, &self.all.tasks[turn.task]);
-        match readiness(&task.after, self.all.store, |id| self.all.queue.has_left(id)) {
+        match readiness(&task.after, self.all.store) {
             Readiness::Ready => return self.claim(turn),
-            Readiness::Soon => self.all.queue.held(turn),
             Readiness::Elsewhere(source, owner) if self.all.workers.wait_for_others => {
                 self.tell(Event::Awaits { trial: index, source, owner });
                 self.all.queue.held(turn);

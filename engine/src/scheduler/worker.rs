@@ -58,7 +58,7 @@ pub enum Reply {
     },
     /// The trial was stopped as asked and will continue from its checkpoint.
     Stopped,
-    /// A policy that the trial plays cannot be used; the trial stays missing.
+    /// Something that the trial takes cannot be used; the trial stays missing.
     Unready {
         /// Which one, and what is wrong with it.
         reason: String,
@@ -135,7 +135,7 @@ fn run(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: 
     }
 }
 
-/// Runs the trial and stores how it ended; an error is about the store or a policy in it, or says that the trial was stopped.
+/// Runs the trial and stores how it ended; an error is about the store or a product in it, or says that the trial was stopped.
 fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: &mut impl Write) -> Result<TrialEnd, Error> {
     let (store, trial) = (Store::at(&request.store).by(registry.build.clone()), &request.trial);
     let started = now();
@@ -152,7 +152,7 @@ fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, repli
     let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
     let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop))?;
     let outcome = catch_unwind(AssertUnwindSafe(|| {
-        trial.key.run_after(registry, &|source| store.policy(source), Some(&folder), &mut progress, &mut keeper)
+        trial.key.run_after(registry, &|taken| store.product(taken), Some(&folder), &mut progress, &mut keeper)
     }));
     let wall_s = started.elapsed().as_secs_f64();
     let (state, reason) = match outcome {

@@ -6,12 +6,12 @@ use super::{
     config::locate,
     cross_play::Play,
     path::Target,
+    specimens::Specimens,
 };
 use crate::{
-    Environment, Error, Interface, Metric,
+    Agent, Environment, Error, Interface, Metric,
     diagnostic::{Diagnostic, in_order},
     random,
-    registry::AgentEntry,
     results::updates_metric,
 };
 use std::{
@@ -41,6 +41,8 @@ pub struct World {
     pub seeds: Vec<u64>,
     /// Everything that is recorded, each name once.
     pub metrics: Vec<Metric>,
+    /// Units of what is recorded and traced, by name.
+    pub units: BTreeMap<String, String>,
     /// The plays of these agents.
     pub plays: Vec<Play>,
     /// What can be run and is probably not meant.
@@ -52,6 +54,7 @@ impl World {
         let recorded = self.recorded.entry(pair).or_default();
         for metric in metrics {
             recorded.insert(metric.name.clone());
+            self.units.insert(metric.name.clone(), metric.unit.clone());
             if !self.metrics.iter().any(|known| known.name == metric.name) {
                 self.metrics.push(metric.clone());
             }
@@ -60,10 +63,12 @@ impl World {
 }
 
 /// What is known of a built environment.
-struct Facts {
-    interface: Interface,
+pub(super) struct Facts {
+    pub(super) interface: Interface,
     metrics: Vec<Metric>,
     traced: BTreeSet<String>,
+    /// Units of trace channels, by name.
+    units: BTreeMap<String, String>,
 }
 
 /// What is known of a built protocol.
@@ -98,6 +103,8 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
     }
     let mut builder = Builder {
         sections,
+        cells,
+        specimens: Specimens::default(),
         environments: BTreeMap::new(),
         protocols: BTreeMap::new(),
         agents: BTreeMap::new(),
@@ -107,7 +114,7 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
     };
     let (mut settings, mut found) = (BTreeSet::new(), Vec::new());
     for cell in cells {
-        if settings.insert(cell.setting.clone()) {
+        if cell.pair().is_some() && settings.insert(cell.setting.clone()) {
             world.settings.push(cell.setting.clone());
         }
         if let Err(error) = builder.cell(cell, &mut world) {
@@ -128,20 +135,21 @@ fn address(part: &Arc<Resolved>) -> usize {
     Arc::as_ptr(part).addr()
 }
 
-/// Notes what the trials of a cell record and trace.
-fn note(cell: &Cell, facts: &Facts, measures: &Measures, entry: &AgentEntry, world: &mut World) {
+/// What the trials of a pair record and trace; `of_agent` is what its agent records.
+fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Metric], world: &mut World) {
     let environment = facts.metrics.iter().filter(|_| measures.of_environment);
-    let updates = entry.learns.then(updates_metric);
-    let metrics = measures.metrics.iter().chain(environment).chain(&entry.metrics).chain(&updates);
-    world.record((cell.environment, cell.agent), metrics);
-    let traced = world.traced.entry(cell.environment).or_default();
+    world.record(pair, measures.metrics.iter().chain(environment).chain(of_agent));
+    let traced = world.traced.entry(pair.0).or_default();
     traced.extend(facts.traced.iter().cloned());
+    world.units.extend(facts.units.clone());
     // A protocol that measures no episodes of an environment traces what it measures.
     traced.extend(measures.metrics.iter().filter(|_| !measures.of_environment).map(|metric| metric.name.clone()));
 }
 
-struct Builder<'a> {
-    sections: &'a Sections<'a>,
+pub(super) struct Builder<'a> {
+    pub(super) sections: &'a Sections<'a>,
+    pub(super) cells: &'a [Cell],
+    pub(super) specimens: Specimens,
     /// By id; `None` where the build failed and was reported.
     environments: BTreeMap<String, Option<Facts>>,
     protocols: BTreeMap<String, Option<Measures>>,
@@ -151,55 +159,85 @@ struct Builder<'a> {
     recorded: BTreeSet<(usize, usize, usize, usize)>,
     extra: usize,
     /// What warnings say: agent, steps before it learns, steps of the protocol.
-    warned: BTreeSet<(usize, u64, u64)>,
+    warned: BTreeSet<(Target, u64, u64)>,
 }
 
+type Outcome<T> = Result<T, Box<Diagnostic>>;
+
 impl Builder<'_> {
-    fn cell(&mut self, cell: &Cell, world: &mut World) -> Result<(), Box<Diagnostic>> {
+    fn cell(&mut self, cell: &Cell, world: &mut World) -> Outcome<()> {
+        // What a source is refused for is said where the source is.
+        if !self.sources_are_there(cell)? {
+            return Ok(());
+        }
         let [environment, agent, protocol] = &cell.parts;
-        self.environment(environment)?;
-        self.protocol(protocol)?;
-        let first = !world.recorded.contains_key(&(cell.environment, cell.agent));
+        self.environment(cell)?;
+        self.protocol(cell)?;
+        let first = cell.pair().is_none_or(|pair| !world.recorded.contains_key(&pair));
         let (Some(Some(facts)), Some(Some(measures))) =
             (self.environments.get(&environment.id), self.protocols.get(&protocol.id))
         else {
             return Ok(());
         };
-        let entry = &self.sections.registry.agents[agent.part.plugin.as_str()];
-        if self.recorded.insert((cell.environment, cell.agent, address(environment), address(protocol))) {
-            note(cell, facts, measures, entry, world);
+        let (interface, steps, experience) = (facts.interface.clone(), measures.steps, measures.experience);
+        let sections = self.sections;
+        let entry = sections.registry.agents.get(agent.part.plugin.as_str());
+        let learns = entry.is_some_and(|entry| entry.learns);
+        if learns && measures.gives_examples && !entry.is_some_and(|entry| entry.learns_from_examples) {
+            return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin)));
         }
-        self.extra += usize::from(!first);
         let addresses = (address(environment), address(agent));
+        self.extra += usize::from(!first);
         if !self.agents.contains_key(&addresses) {
             // One that is not built, or is refused, may learn from the first step on.
             self.agents.insert(addresses, 1);
             if first || self.extra <= MOST_SETTINGS_BUILT {
-                if entry.learns && measures.gives_examples && !entry.learns_from_examples {
-                    return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin)));
+                let built = self.agent(cell, &interface)?;
+                self.agents.insert(addresses, built.updates().map_or(0, |updates| updates.first_after).max(1));
+                if let Some(pair) = cell.pair().filter(|_| entry.is_none()) {
+                    self.note(cell, pair, &built.decision_metrics(), world);
                 }
-                let learns_after = self.agent(cell, &facts.interface)?;
-                self.agents.insert(addresses, learns_after.max(1));
             }
         }
-        let (learns_after, steps) = (self.agents[&addresses], measures.steps);
-        let is_useless = entry.learns && learns_after > measures.experience;
-        if is_useless && self.warned.insert((cell.agent, learns_after, steps)) {
+        if let (Some(pair), Some(entry)) = (cell.pair(), entry) {
+            let of_agent: Vec<Metric> = entry.metrics.iter().cloned().chain(learns.then(updates_metric)).collect();
+            self.note(cell, pair, &of_agent, world);
+        }
+        let learns_after = self.agents[&addresses];
+        let is_useless = learns && learns_after > experience;
+        if is_useless && self.warned.insert((agent.given.target, learns_after, steps)) {
             world.warnings.push(self.learns_nothing(agent, learns_after, steps));
         }
         Ok(())
     }
 
-    /// Builds an agent; gives back how many transitions it needs before it can learn.
-    fn agent(&self, cell: &Cell, interface: &Interface) -> Result<u64, Box<Diagnostic>> {
+    /// Notes, once for each variant of environment and protocol, what the trials of a pair record.
+    fn note(&mut self, cell: &Cell, pair: (usize, usize), of_agent: &[Metric], world: &mut World) {
+        let [environment, _, protocol] = &cell.parts;
+        let known = (self.environments.get(&environment.id), self.protocols.get(&protocol.id));
+        if let (Some(Some(facts)), Some(Some(measures))) = known
+            && self.recorded.insert((pair.0, pair.1, address(environment), address(protocol)))
+        {
+            note(pair, facts, measures, of_agent, world);
+        }
+    }
+
+    /// Builds the agent of a cell for the seats of its environment.
+    pub(super) fn agent(&mut self, cell: &Cell, interface: &Interface) -> Outcome<Box<dyn Agent>> {
+        if cell.is_policy() {
+            return self.policy(cell, interface);
+        }
         let agent = &cell.parts[1];
         let build = &self.sections.registry.agents[agent.part.plugin.as_str()].build;
-        let built = agent.part.loaded().and_then(|config| build(&config, interface, &mut random::stream(&["check"])));
-        built.map(|agent| agent.updates().map_or(0, |updates| updates.first_after)).map_err(|error| {
-            let place = self.sections.sources.place(self.sections.written.environments[cell.environment].name_span);
+        let built = self.config(cell, 1).and_then(|config| build(&config, interface, &mut random::stream(&["check"])));
+        built.map_err(|error| {
+            let place = cell.pair().map(|pair| self.sections.written.environments[pair.0].name_span);
+            let place = place.filter(|_| matches!(error, Error::Mismatch { .. }));
             let diagnostic = self.refused(agent, &error);
-            let pairing = matches!(error, Error::Mismatch { .. });
-            Box::new(if pairing { diagnostic.note("with this environment", place) } else { diagnostic })
+            Box::new(match place {
+                Some(span) => diagnostic.note("with this environment", self.sections.sources.place(span)),
+                None => diagnostic,
+            })
         })
     }
 
@@ -231,14 +269,16 @@ impl Builder<'_> {
         sections.sources.error(span, &at, message).help(format!("the protocol `train_evaluate` gives it decisions{instead}"))
     }
 
-    fn environment(&mut self, resolved: &Resolved) -> Result<(), Box<Diagnostic>> {
+    pub(super) fn environment(&mut self, cell: &Cell) -> Outcome<()> {
+        let resolved = &cell.parts[0];
         if self.environments.contains_key(&resolved.id) {
             return Ok(());
         }
         let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
-        let built = resolved.part.loaded().and_then(|config| (entry.build)(&config));
+        let built = self.config(cell, 0).and_then(|config| (entry.build)(&config));
         let facts = built.as_ref().ok().map(|environment| Facts {
             traced: traced(&**environment),
+            units: environment.trace_channels().into_iter().map(|channel| (channel.name, channel.unit)).collect(),
             metrics: environment.metrics().to_vec(),
             interface: environment.interface(),
         });
@@ -246,12 +286,13 @@ impl Builder<'_> {
         built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))
     }
 
-    fn protocol(&mut self, resolved: &Resolved) -> Result<(), Box<Diagnostic>> {
+    fn protocol(&mut self, cell: &Cell) -> Outcome<()> {
+        let resolved = &cell.parts[2];
         if self.protocols.contains_key(&resolved.id) {
             return Ok(());
         }
         let entry = &self.sections.registry.protocols[resolved.part.plugin.as_str()];
-        let built = resolved.part.loaded().and_then(|config| (entry.build)(&config));
+        let built = self.config(cell, 2).and_then(|config| (entry.build)(&config));
         let measures = built.as_ref().ok().map(|protocol| Measures {
             metrics: protocol.metrics(),
             of_environment: protocol.records_environment_metrics(),
@@ -263,8 +304,13 @@ impl Builder<'_> {
         built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))
     }
 
+    /// The seats of the environment of a cell, where it could be built.
+    pub(super) fn interface(&self, cell: &Cell) -> Option<Interface> {
+        Some(self.environments.get(&cell.parts[0].id)?.as_ref()?.interface.clone())
+    }
+
     /// A refusal, placed at the key that the plugin names where the study gives it.
-    fn refused(&self, resolved: &Resolved, error: &Error) -> Diagnostic {
+    pub(super) fn refused(&self, resolved: &Resolved, error: &Error) -> Diagnostic {
         let (sections, target) = (self.sections, resolved.given.target);
         let plugin = sections.plugin(target);
         let (at, plugin_span) = plugin.map_or_else(Default::default, |plugin| (plugin.at, plugin.span));

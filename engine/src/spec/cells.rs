@@ -1,15 +1,17 @@
-//! The cells of a study: each combination of environment, agent and setting that is not left out, with its resolved parts.
+//! The cells of a study: each combination of environment, agent and setting that is not left out, and each entry of `prepare`, with its
+//! resolved parts.
 
 use super::{
     config::{self, Files, Plugin},
     overrides::Override,
     path::{self, Target},
     sweep::{Dimension, word},
-    written::{Selection, Written},
+    taking::Source,
+    written::{Chosen, PartKind, Prepared, Selection, Written},
 };
 use crate::{
-    Registry,
-    diagnostic::{Diagnostic, Sources},
+    Registry, cast,
+    diagnostic::{Diagnostic, Sources, Span, suggest},
     document::Node,
     schema_check::View,
     trial::Part,
@@ -20,17 +22,43 @@ use std::{collections::BTreeMap, path::Path, sync::Arc};
 /// Largest number of trials of one study.
 pub const MOST_TRIALS: u64 = 1_000_000;
 
-/// One combination of environment, agent and setting; each seed makes a trial of it.
+/// What trials of different seeds have in common.
 #[derive(Debug, Clone)]
 pub struct Cell {
-    /// Index of the environment.
-    pub environment: usize,
-    /// Index of the agent.
-    pub agent: usize,
+    /// What it is in the study.
+    pub place: Place,
     /// The point of the sweep, as `key=value` words.
     pub setting: String,
     /// Environment, agent and protocol.
     pub parts: [Arc<Resolved>; 3],
+    /// What the parts take from other cells.
+    pub sources: Vec<Source>,
+}
+
+/// What a cell is in the study.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// A combination of an environment and an agent, by their indices.
+    Combination(usize, usize),
+    /// The entry of `prepare` with this index.
+    Prepared(usize),
+}
+
+impl Cell {
+    /// Indices of environment and agent; `None` for an entry of `prepare`.
+    #[must_use]
+    pub fn pair(&self) -> Option<(usize, usize)> {
+        match self.place {
+            Place::Combination(environment, agent) => Some((environment, agent)),
+            Place::Prepared(_) => None,
+        }
+    }
+
+    /// True where the agent is the policy of another trial.
+    #[must_use]
+    pub fn is_policy(&self) -> bool {
+        self.parts[1].part.plugin == cast::POLICY
+    }
 }
 
 /// A plugin with its complete config, hashed.
@@ -78,10 +106,10 @@ pub struct Sections<'a> {
 }
 
 impl Sections<'_> {
-    /// All cells, in the order of environments, agents and points.
+    /// All cells: combinations in the order of environments, agents and points, then the entries of `prepare`.
     ///
     /// # Errors
-    /// Configs that a plugin refuses.
+    /// Configs that a plugin refuses, and names in `prepare` that the study does not have.
     pub fn cells(&self) -> Result<Vec<Cell>, Vec<Diagnostic>> {
         let (mut cells, mut found) = (Vec::new(), Vec::new());
         let mut known = Known { sections: self, files: Files::new(self.folder), parts: BTreeMap::new() };
@@ -94,7 +122,37 @@ impl Sections<'_> {
                 }
             }
         }
+        for (index, entry) in self.written.prepared.iter().enumerate() {
+            match self.parts_of(index, entry).and_then(|targets| known.prepared(index, targets)) {
+                Ok(cell) => cells.push(cell),
+                Err(errors) => found.extend(errors),
+            }
+        }
         if found.is_empty() { Ok(cells) } else { Err(found) }
+    }
+
+    /// Where the parts of an entry of `prepare` are written.
+    fn parts_of(&self, index: usize, entry: &Prepared) -> Result<[Target; 3], Vec<Diagnostic>> {
+        let target = |kind: PartKind, chosen: &Chosen, known: &[super::written::Named], of_study: fn(usize) -> Target| match chosen {
+            Chosen::Own(_) => Ok(Target::Prepared(index, kind)),
+            Chosen::OfStudy(name, span) => {
+                let found = known.iter().position(|it| it.name == *name).map(of_study);
+                found.ok_or_else(|| self.no_such(entry, kind, name, *span, known))
+            }
+        };
+        let protocol = if entry.protocol.is_some() { Target::Prepared(index, PartKind::Protocol) } else { Target::Protocol };
+        let environment = target(PartKind::Environment, &entry.environment, &self.written.environments, Target::Environment);
+        let agent = target(PartKind::Agent, &entry.agent, &self.written.agents, Target::Agent);
+        match (environment, agent) {
+            (Ok(environment), Ok(agent)) => Ok([environment, agent, protocol]),
+            (environment, agent) => Err(environment.err().into_iter().chain(agent.err()).collect()),
+        }
+    }
+
+    fn no_such(&self, entry: &Prepared, kind: PartKind, name: &str, span: Span, known: &[super::written::Named]) -> Diagnostic {
+        let at = format!("prepare.{}.{}", entry.name, kind.name());
+        let error = self.sources.error(span, &at, format!("no {} is named `{name}`", kind.name()));
+        error.help(suggest(name, known.iter().map(|it| it.name.as_str())))
     }
 
     /// Number of cells, without making them.
@@ -105,7 +163,7 @@ impl Sections<'_> {
             let relevant = self.dimensions.iter().filter(|dimension| dimension.concerns(&targets));
             relevant.fold(1u64, |count, dimension| count.saturating_mul(dimension.n_points() as u64))
         };
-        self.pairs().map(points).fold(0, u64::saturating_add)
+        self.pairs().map(points).fold(self.written.prepared.len() as u64, u64::saturating_add)
     }
 
     /// Environments and agents that meet.
@@ -163,13 +221,17 @@ impl Sections<'_> {
     #[must_use]
     pub fn plugin(&self, target: Target) -> Option<Plugin<'_>> {
         let named = self.written.part(target)?;
-        let (about, at) = match target {
-            Target::Environment(_) => {
-                (&self.registry.environments.get(named.plugin.as_str())?.about, format!("environments.{}", named.name))
-            }
-            Target::Agent(_) => (&self.registry.agents.get(named.plugin.as_str())?.about, format!("agents.{}", named.name)),
-            Target::Protocol => (&self.registry.protocols.get(named.plugin.as_str())?.about, "protocol".into()),
+        let (kind, at) = match target {
+            Target::Environment(_) => (PartKind::Environment, format!("environments.{}", named.name)),
+            Target::Agent(_) => (PartKind::Agent, format!("agents.{}", named.name)),
+            Target::Protocol => (PartKind::Protocol, "protocol".into()),
+            Target::Prepared(_, kind) => (kind, format!("prepare.{}.{}", named.name, kind.name())),
             Target::Play(_) | Target::Seeds => return None,
+        };
+        let about = match kind {
+            PartKind::Environment => &self.registry.environments.get(named.plugin.as_str())?.about,
+            PartKind::Agent => cast::agents(self.registry).find(|(name, _)| *name == named.plugin)?.1,
+            PartKind::Protocol => &self.registry.protocols.get(named.plugin.as_str())?.about,
         };
         let schema = path::config_schema(View::new(self.schema, self.schema), target, &named.plugin)?;
         Some(Plugin { name: &named.plugin, about, schema, at: format!("{at}.{}", named.plugin), span: named.plugin_span })
@@ -188,18 +250,46 @@ struct Known<'a> {
 impl Known<'_> {
     fn cell(&mut self, environment: usize, agent: usize, points: &[(usize, usize)]) -> Result<Cell, Vec<Diagnostic>> {
         let targets = [Target::Environment(environment), Target::Agent(agent), Target::Protocol];
-        let plugin = &self.sections.written.agents[agent].plugin;
-        let learns = self.sections.registry.agents.get(plugin.as_str()).is_some_and(|entry| entry.learns);
-        let [one, two, three] = targets.map(|target| {
+        let parts = self.parts(targets, (environment, agent), points)?;
+        let setting = self.sections.setting(&targets, points);
+        Ok(Cell { place: Place::Combination(environment, agent), setting, parts, sources: Vec::new() })
+    }
+
+    /// An entry of `prepare`. Overrides that select no environment and no agent, or those that it takes from the study, apply to it too.
+    fn prepared(&mut self, index: usize, targets: [Target; 3]) -> Result<Cell, Vec<Diagnostic>> {
+        let swept = self.sections.dimensions.iter().flat_map(|it| &it.keys).find(|key| targets.contains(&key.path.target));
+        if let Some(key) = swept {
+            let entry = &self.sections.written.prepared[index];
+            let message = format!("`{}` is swept, so that the entry `{}` would have several settings", key.text, entry.name);
+            let error = self.sections.sources.error(entry.name_span, &format!("prepare.{}", entry.name), message);
+            return Err(vec![error.help("write the part that is meant into the entry")]);
+        }
+        let index_of = |target| match target {
+            Target::Environment(index) | Target::Agent(index) => index,
+            _ => usize::MAX,
+        };
+        let parts = self.parts(targets, (index_of(targets[0]), index_of(targets[1])), &[])?;
+        Ok(Cell { place: Place::Prepared(index), setting: String::new(), parts, sources: Vec::new() })
+    }
+
+    fn parts(
+        &mut self,
+        targets: [Target; 3],
+        (environment, agent): (usize, usize),
+        points: &[(usize, usize)],
+    ) -> Result<[Arc<Resolved>; 3], Vec<Diagnostic>> {
+        let plugin = self.sections.written.plugin(targets[1]);
+        let learns = self.sections.registry.agents.get(plugin).is_some_and(|entry| entry.learns);
+        let [one, two, three] = [0, 1, 2].map(|place| {
+            let target = targets[place];
             let overrides = self.sections.overrides.iter().enumerate();
             let applies = |it: &Override<'_>| it.selection.matches(environment, agent) && it.concerns(target);
             let overrides = overrides.filter(|(_, it)| applies(it)).map(|(index, _)| index).collect();
             let concerned = |(index, _): &&(usize, usize)| self.sections.dimensions[*index].concerns(&[target]);
             let points = points.iter().filter(concerned).copied().collect();
-            self.part(Given { target, overrides, points, training: learns || target != Target::Protocol })
+            self.part(Given { target, overrides, points, training: learns || place < 2 })
         });
-        let setting = self.sections.setting(&targets, points);
-        Ok(Cell { environment, agent, setting, parts: [one?, two?, three?] })
+        Ok([one?, two?, three?])
     }
 
     fn part(&mut self, given: Given) -> Outcome {

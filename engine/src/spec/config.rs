@@ -169,6 +169,10 @@ fn name_files(
 pub fn locate(config: &Node, key: &str) -> Option<Span> {
     let (mut here, mut span) = (config, None);
     for word in key.split('.') {
+        if let Some(item) = word.parse().ok().and_then(|index: usize| here.items().get(index)) {
+            (span, here) = (Some(item.span), item);
+            continue;
+        }
         let Some(entry) = here.entry(word) else { break };
         span = Some(if matches!(entry.value.kind, Kind::Scalar(_)) { entry.value.span } else { entry.key_span });
         here = &entry.value;

@@ -7,10 +7,10 @@ use super::{
     written::Named,
 };
 use crate::{
-    Environment, Protocol,
+    Environment,
     diagnostic::{Diagnostic, Span, suggest},
     document::Node,
-    protocol::CrossPlay,
+    protocol,
     schema_check::{At, Checker},
     trial::Part,
 };
@@ -34,8 +34,10 @@ pub struct Play {
     pub metrics: BTreeSet<String>,
     /// The environment in which they meet.
     pub(crate) arena: Part,
-    /// How much is measured.
-    pub(crate) protocol: CrossPlay,
+    /// Episodes of each trial.
+    pub(crate) episodes: u64,
+    /// How they are measured.
+    pub(crate) protocol: Part,
     /// The keys that differ between `environment` and `arena`, as given.
     pub(super) environment_config: Node,
 }
@@ -102,10 +104,10 @@ impl Reader<'_> {
         let roles = self.roles(&seats);
         self.too_many(players.len(), roles.len(), n_seeds);
         let episodes = self.named.config.get("episodes").and_then(|node| node.to_value().as_u64()).unwrap_or(EPISODES);
-        let protocol = CrossPlay { episodes };
-        let metrics = protocol.metrics().into_iter().chain(built.metrics().iter().cloned()).map(|metric| metric.name).collect();
+        let protocol = protocol::measuring(episodes);
+        let metrics = protocol::measured().into_iter().chain(built.metrics().iter().cloned()).map(|metric| metric.name).collect();
         let (name, environment) = (self.named.name.clone(), self.sections.written.environments[environment].name.clone());
-        Some(Play { name, environment, roles, players, metrics, arena, protocol, environment_config })
+        Some(Play { name, environment, roles, players, metrics, arena, episodes, protocol, environment_config })
     }
 
     fn say(&mut self, span: Span, key: &str, message: impl Into<String>, help: impl Into<String>) {
@@ -134,7 +136,7 @@ impl Reader<'_> {
         };
         let listed = self.named.config.entry("agents");
         let span = listed.map_or(self.named.name_span, |entry| entry.key_span);
-        let here = |index: &usize| self.cells.iter().any(|cell| (cell.environment, cell.agent) == (environment, *index));
+        let here = |index: &usize| self.cells.iter().any(|cell| cell.pair() == Some((environment, *index)));
         let all = || (0..agents.len()).filter(|index| learns(*index) && here(index)).map(|index| (index, span)).collect();
         let chosen: Vec<(usize, Span)> = listed.map_or_else(all, |entry| self.listed(entry.value.items()));
         let mut players: Vec<Player> = Vec::new();
@@ -169,7 +171,7 @@ impl Reader<'_> {
 
     /// The one cell that trains an agent here.
     fn only_cell(&mut self, environment: usize, agent: usize, span: Span) -> Option<usize> {
-        let is_here = |(_, cell): &(usize, &Cell)| (cell.environment, cell.agent) == (environment, agent);
+        let is_here = |(_, cell): &(usize, &Cell)| cell.pair() == Some((environment, agent));
         let found: Vec<usize> = self.cells.iter().enumerate().filter(is_here).map(|(index, _)| index).collect();
         let name = &self.sections.written.agents[agent].name;
         match found.as_slice() {

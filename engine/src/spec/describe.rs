@@ -1,6 +1,6 @@
 //! Plugins described for people: parameters with type, range, unit, default, source and meaning; presets.
 
-use crate::{Registry, registry::About, schema_check::View};
+use crate::{Registry, cast, registry::About, schema_check::View};
 use serde_json::Value;
 use std::fmt::Write;
 
@@ -10,7 +10,7 @@ use std::fmt::Write;
 /// Where no plugin has the name: the nearest one.
 pub fn describe(registry: &Registry, name: &str) -> Result<String, String> {
     let environments = registry.environments.iter().map(|(name, entry)| ("environment", *name, &entry.about));
-    let agents = registry.agents.iter().map(|(name, entry)| ("agent", *name, &entry.about));
+    let agents = cast::agents(registry).map(|(name, about)| ("agent", name, about));
     let protocols = registry.protocols.iter().map(|(name, entry)| ("protocol", *name, &entry.about));
     let all: Vec<_> = environments.chain(agents).chain(protocols).collect();
     let found: Vec<String> =

@@ -3,7 +3,7 @@
 
 use super::{claims::ClaimSpec, cross_play::EPISODES, seeds};
 use crate::{
-    Registry,
+    Registry, cast,
     figure::FigureSpec,
     limits::Limits,
     registry::About,
@@ -19,8 +19,7 @@ pub fn json_schema(registry: &Registry) -> Value {
     let mut definitions = Map::new();
     let environments = registry.environments.iter().map(|(name, entry)| (*name, &entry.about));
     let environment = choice("environment plugin", environments, "environment", &mut definitions);
-    let agents = registry.agents.iter().map(|(name, entry)| (*name, &entry.about));
-    let agent = choice("agent plugin", agents, "agent", &mut definitions);
+    let agent = choice("agent plugin", cast::agents(registry), "agent", &mut definitions);
     let protocols = registry.protocols.iter().map(|(name, entry)| (*name, &entry.about));
     let protocol = choice("protocol plugin", protocols, "protocol", &mut definitions);
     let table = embed(schemars::schema_for!(TableSpec).to_value(), "table", &mut definitions);
@@ -40,14 +39,15 @@ pub fn json_schema(registry: &Registry) -> Value {
             "title": text("What the study is about, as a heading."),
             "source": text("Where the published numbers come from."),
             "departures": { "description": "What differs from the source, one sentence each.", "type": "array", "items": { "type": "string" } },
-            "environments": named("Environments by name, one plugin each.", environment, NAME),
-            "agents": named("Agents by name, one plugin each.", agent, NAME),
-            "protocol": described("How each trial runs.", protocol),
+            "environments": named("Environments by name, one plugin each.", environment.clone(), NAME),
+            "agents": named("Agents by name, one plugin each.", agent.clone(), NAME),
+            "protocol": described("How each trial runs.", protocol.clone()),
             "seeds": seeds::schema(),
             "success": described("What counts as a success of a seed; adds the metric `success`.", success),
             "sweep": sweep(),
             "profiles": profiles(),
             "exclude": exclude(),
+            "prepare": prepare(&environment, &agent, &protocol),
             "cross_play": cross_play(),
             "overrides": overrides(),
             "tables": { "description": "Tables by name.", "type": "object", "additionalProperties": table, "propertyNames": { "pattern": SLUG } },
@@ -194,6 +194,24 @@ fn exclude() -> Value {
         "items": {
             "type": "object", "additionalProperties": false, "minProperties": 1, "x-kind": "environment or agent",
             "properties": { "environment": text("The environment; all where absent."), "agent": text("The agent; all where absent.") },
+        },
+    })
+}
+
+fn prepare(environment: &Value, agent: &Value, protocol: &Value) -> Value {
+    let either = |what: &str, own: &Value| {
+        json!({ "description": format!("The {what}: a name of the study, or one that is written here."), "anyOf": [{ "type": "string" }, own] })
+    };
+    json!({
+        "description": "Trials that leave something for others, by name: `{ from: NAME }` takes it.", "type": "object",
+        "propertyNames": { "pattern": NAME },
+        "additionalProperties": {
+            "type": "object", "additionalProperties": false, "required": ["environment", "agent"],
+            "properties": {
+                "environment": either("environment", environment),
+                "agent": either("agent", agent),
+                "protocol": described("How it runs; as the study's trials where absent.", protocol.clone()),
+            },
         },
     })
 }

@@ -11,6 +11,8 @@
 //! | `sweep`, `overrides` | what varies over the trials |
 //! | `config` | defaults, presets, data files: a plugin's complete config |
 //! | `cells` | combinations of environment, agent and setting |
+//! | `taking` | what cells take from each other, in an order without circles |
+//! | `specimens` | what cells would leave, for a check of those that take it |
 //! | `builds` | builds what the cells name, to hear what plugins refuse and what trials record |
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
 //! | `names` | tables, figures and claims against what trials record |
@@ -31,7 +33,9 @@ mod plugin_config;
 mod resolved;
 mod seeds;
 mod settings;
+mod specimens;
 mod sweep;
+mod taking;
 mod way;
 mod written;
 
@@ -41,6 +45,7 @@ pub use describe::describe;
 pub use json_schema::json_schema;
 pub use plugin_config::load_config;
 pub use resolved::resolved_yaml;
+pub use taking::Source;
 pub use way::{along, way};
 
 use crate::{
@@ -54,10 +59,14 @@ use crate::{
     statistics::spending::Design,
     table::TableSpec,
 };
-use cells::{Cell, MOST_TRIALS, Sections};
+use cells::{MOST_TRIALS, Sections};
+pub(crate) use cells::{Cell, Place};
 use seeds::SeedPlan;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 use written::Written;
 
 /// What a command line changes of a study.
@@ -110,8 +119,14 @@ pub struct Study {
     pub warnings: Vec<Diagnostic>,
     /// Everything that its trials record, by name; where parts share a name, the first of protocol, environments and agents.
     pub metrics: Vec<Metric>,
-    /// Combinations of environment, agent and setting.
+    /// Names of the entries of `prepare`, in order.
+    pub prepared: Vec<String>,
+    /// Units of everything that the trials record and trace, by name.
+    pub units: BTreeMap<String, String>,
+    /// Combinations of environment, agent and setting, then the entries of `prepare`.
     pub(crate) cells: Vec<Cell>,
+    /// The cells in an order in which each comes after those that it takes from.
+    pub(crate) order: Vec<usize>,
     /// Version of the shared numerical code.
     pub(crate) numerics: u32,
     /// The sections that trials are made of, with all defaults.
@@ -188,7 +203,8 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         return Err(with(found, vec![error]));
     }
     let success: Option<Success> = root.get("success").and_then(|node| serde_json::from_value(node.to_value()).ok());
-    let cells = sections.cells().map_err(|errors| with(found.clone(), errors))?;
+    let mut cells = sections.cells().map_err(|errors| with(found.clone(), errors))?;
+    let order = taking::link(sections, &mut cells, &plan.seeds).map_err(|errors| with(found.clone(), errors))?;
     let certain = &plan.seeds[..plan.certain()];
     let mut world = builds::build(sections, &cells, certain).map_err(|errors| with(found.clone(), errors))?;
     found.extend(names::success(root, success.as_ref(), &mut world, sections.sources));
@@ -226,7 +242,10 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         limits: root.get("limits").and_then(|node| serde_json::from_value(node.to_value()).ok()).unwrap_or_default(),
         warnings: world.warnings,
         metrics: world.metrics,
+        units: world.units,
+        prepared: sections.written.prepared.iter().map(|entry| entry.name.clone()).collect(),
         cells,
+        order,
         numerics: sections.registry.numerics_version,
         folder: sections.folder.to_path_buf(),
     })

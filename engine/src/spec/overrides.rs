@@ -79,6 +79,10 @@ fn useless(
         Target::Agent(index) => selection.agent.is_some_and(|it| it != index),
         Target::Protocol => false,
         Target::Play(_) => return Some(error("a play is no part of these combinations, so an override cannot set it".into())),
+        Target::Prepared(..) => {
+            let message = "an entry of `prepare` is no part of these combinations, so an override cannot set it";
+            return Some(error(message.into()).help("write the value into the entry"));
+        }
         Target::Seeds => return Some(error("seeds are the same for all combinations, so an override cannot set them".into())),
     };
     if elsewhere {

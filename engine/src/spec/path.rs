@@ -1,6 +1,6 @@
 //! Dotted paths such as `learner.discount` or `protocol.steps`: what they name and whether it exists.
 
-use super::written::Written;
+use super::written::{PartKind, Written};
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{Kind, Node},
@@ -19,6 +19,8 @@ pub enum Target {
     Protocol,
     /// The play with this index.
     Play(usize),
+    /// A part that is written in the entry of `prepare` with this index.
+    Prepared(usize, PartKind),
     /// The seeds.
     Seeds,
 }
@@ -67,6 +69,9 @@ pub fn find<'a>(
             let known = written.plays.iter().map(|play| play.name.as_str()).collect();
             return fail(1, format!("no play is named `{}`", words[1]), known);
         }
+        if words[0] == "prepare" {
+            return Err(vec![nothing_prepared(&words, span, at, written, sources)]);
+        }
         let index = usize::from(words.len() > 1 && ["environments", "agents"].contains(&words[0]));
         let known = written.names().into_iter().chain(["protocol", "seeds"]);
         return fail(index, format!("no environment or agent is named `{}`", words[index]), known.collect());
@@ -91,6 +96,20 @@ pub fn find<'a>(
     }
 }
 
+/// Why a path that begins with `prepare` names nothing.
+fn nothing_prepared(words: &[&str], span: Span, at: &str, written: &Written, sources: &Sources) -> Diagnostic {
+    let name = words.get(1).copied().unwrap_or_default();
+    let Some(entry) = written.prepared.iter().find(|entry| entry.name == name) else {
+        let known = written.prepared.iter().map(|entry| entry.name.as_str());
+        return sources.error(span, at, format!("no entry of `prepare` is named `{name}`")).help(suggest(name, known));
+    };
+    let own: Vec<String> = PartKind::ALL.into_iter().filter(|kind| entry.own(*kind).is_some()).map(|kind| kind.name().into()).collect();
+    let part = words.get(2).copied().unwrap_or_default();
+    let message = format!("`{part}` is no part that is written in the entry `{name}` of `prepare`");
+    let help = format!("it has {}; what it takes from the study is set there: `NAME.KEY`", own.join(", "));
+    sources.error(span, at, message).help(help)
+}
+
 /// What the first words name, and how many they are.
 fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
     let environment = |name: &str| written.environments.iter().position(|it| it.name == name).map(Target::Environment);
@@ -98,6 +117,11 @@ fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
     match words {
         ["protocol", ..] => Some((Target::Protocol, 1)),
         ["cross_play", name, ..] => Some((super::cross_play::target(&written.plays, name)?, 2)),
+        ["prepare", name, part, ..] => {
+            let index = written.prepared.iter().position(|entry| entry.name == *name)?;
+            let kind = PartKind::ALL.into_iter().find(|kind| kind.name() == *part)?;
+            written.prepared[index].own(kind).map(|_| (Target::Prepared(index, kind), 3))
+        }
         ["environments", name, ..] => environment(name).map(|target| (target, 2)),
         ["agents", name, ..] => agent(name).map(|target| (target, 2)),
         [name, ..] => environment(name).or_else(|| agent(name)).map(|target| (target, 1)),
@@ -108,9 +132,11 @@ fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
 /// Schema of the config of a plugin, as part of the schema `study`.
 pub fn config_schema<'a>(study: View<'a>, target: Target, plugin: &str) -> Option<View<'a>> {
     match target {
-        Target::Environment(_) => study.property("environments")?.property("any")?.property(plugin),
-        Target::Agent(_) => study.property("agents")?.property("any")?.property(plugin),
-        Target::Protocol => study.property("protocol")?.property(plugin),
+        Target::Environment(_) | Target::Prepared(_, PartKind::Environment) => {
+            study.property("environments")?.property("any")?.property(plugin)
+        }
+        Target::Agent(_) | Target::Prepared(_, PartKind::Agent) => study.property("agents")?.property("any")?.property(plugin),
+        Target::Protocol | Target::Prepared(_, PartKind::Protocol) => study.property("protocol")?.property(plugin),
         Target::Play(_) => study.property("cross_play")?.property("any"),
         Target::Seeds => None,
     }

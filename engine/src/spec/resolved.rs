@@ -1,6 +1,10 @@
 //! A study with every default written out.
 
-use super::{Study, cells::Sections, config, cross_play::Play, path::Target, seeds::SeedPlan, way::way, written::Named};
+use super::{
+    Study, cells::Sections, config, cross_play::Play, path::Target, seeds::SeedPlan,
+    way::way,
+    written::{Chosen, Named, PartKind, Prepared},
+};
 use crate::{
     Error,
     document::{Entry, Node},
@@ -102,17 +106,38 @@ pub fn sections(root: &Node, sections: &Sections<'_>, plan: &SeedPlan, plays: &[
     if let Some(success) = root.get("success") {
         all.push(("success".into(), Section::Plain(success.to_value())));
     }
+    if !sections.written.prepared.is_empty() {
+        let entries = sections.written.prepared.iter().enumerate();
+        let entries = entries.map(|(index, entry)| (entry.name.clone(), prepared(index, entry, &mut full))).collect();
+        all.push(("prepare".into(), Section::Named(entries)));
+    }
     if !plays.is_empty() {
         all.push(("cross_play".into(), Section::Named(plays.iter().map(|it| (it.name.clone(), play(it))).collect())));
     }
     all
 }
 
+/// An entry of `prepare`; what it takes from the study stays a name.
+fn prepared(index: usize, entry: &Prepared, full: &mut impl FnMut(Target, &Named) -> Value) -> Value {
+    let mut value = Map::new();
+    for kind in PartKind::ALL {
+        let chosen = match (kind, &entry.environment, &entry.agent) {
+            (PartKind::Environment, Chosen::OfStudy(name, _), _) | (PartKind::Agent, _, Chosen::OfStudy(name, _)) => json!(name),
+            _ => match entry.own(kind) {
+                Some(named) => full(Target::Prepared(index, kind), named),
+                None => continue,
+            },
+        };
+        value.insert(kind.name().into(), chosen);
+    }
+    Value::Object(value)
+}
+
 fn play(play: &Play) -> Value {
     let roles: Map<String, Value> = play.roles.iter().map(|(role, seats)| (role.clone(), json!(seats))).collect();
     let agents: Vec<&str> = play.players.iter().map(|player| player.name.as_str()).collect();
     json!({
-        "environment": play.environment, "roles": roles, "agents": agents, "episodes": play.protocol.episodes,
+        "environment": play.environment, "roles": roles, "agents": agents, "episodes": play.episodes,
         "environment_config": play.environment_config.to_value(),
     })
 }

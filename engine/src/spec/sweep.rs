@@ -106,6 +106,10 @@ fn swept_key<'a>(
         let error = sources.error(entry.key_span, &at, "a play cannot be swept");
         return Err(vec![error.help("write a second play under `cross_play`")]);
     }
+    if matches!(path.target, Target::Prepared(..)) {
+        let error = sources.error(entry.key_span, &at, "what an entry of `prepare` is made of cannot be swept");
+        return Err(vec![error.help("give each value an entry of its own, and sweep or override which one is taken")]);
+    }
     if path.is_preset() {
         let error = sources.error(entry.key_span, &at, "a preset cannot be swept");
         return Err(vec![error.help("give each preset a name of its own under `environments` or `agents`")]);
@@ -148,7 +152,7 @@ impl KeyPath<'_> {
         let target = match self.target {
             Target::Environment(_) => "environment",
             Target::Agent(_) => "agent",
-            Target::Protocol | Target::Play(_) | Target::Seeds => "protocol",
+            Target::Protocol | Target::Play(_) | Target::Prepared(..) | Target::Seeds => "protocol",
         };
         format!("{target}.{}", self.keys.join("."))
     }

@@ -148,7 +148,7 @@ fn presets_and_nested_defaults_are_laid_in_order() {
     let environment = &trials[0].key.environment.config;
     assert_eq!((&environment["cells"], &environment["slip"]), (&json!(50), &json!(0.2)));
     assert!(environment.get("preset").is_none());
-    let agent = &trials.iter().find(|trial| trial.agent == "learner").unwrap().key.agent.config;
+    let agent = &trials.iter().find(|trial| trial.agent == "learner").unwrap().key.agent.agent().unwrap().config;
     assert_eq!(agent["network"], json!({ "width": 256, "depth": 3 }), "the width is the agent's default, not the network's");
 }
 
@@ -167,8 +167,8 @@ fn options_come_after_the_profile_and_take_keys_out_of_the_sweep() {
     assert_eq!(study.seeds, [0, 1]);
     assert_eq!(trials.len(), 2 * 2 * 2);
     let learner = &trials.iter().find(|trial| trial.agent == "learner").unwrap().key;
-    assert_eq!((&learner.agent.config["discount"], &learner.protocol.config["steps"]), (&json!(0.5), &json!(100)));
-    assert_eq!(learner.agent.config["network"]["width"], json!(8));
+    assert_eq!((&learner.agent.agent().unwrap().config["discount"], &learner.protocol.config["steps"]), (&json!(0.5), &json!(100)));
+    assert_eq!(learner.agent.agent().unwrap().config["network"]["width"], json!(8));
 }
 
 #[test]
@@ -176,7 +176,7 @@ fn overrides_hold_for_their_combinations_only() {
     let study = with("overrides: [{ environment: long, set: { protocol.steps: 2000, learner.discount: 0.5 } }]");
     for trial in study.plan().trials.iter().filter(|trial| trial.agent == "learner") {
         let expected = if trial.environment == "long" { (json!(2000), json!(0.5)) } else { (json!(1000), json!(0.99)) };
-        assert_eq!((&trial.key.protocol.config["steps"], &trial.key.agent.config["discount"]), (&expected.0, &expected.1));
+        assert_eq!((&trial.key.protocol.config["steps"], &trial.key.agent.agent().unwrap().config["discount"]), (&expected.0, &expected.1));
     }
 }
 
@@ -191,7 +191,7 @@ fn zipped_keys_go_together_and_samplers_share_their_index() {
     );
     let trials = sampled.plan().trials;
     assert_eq!(trials.iter().filter(|trial| trial.agent == "learner").count(), 2 * 7);
-    assert!(trials.iter().filter(|it| it.agent == "learner").all(|it| it.key.agent.config["network"]["width"].is_u64()));
+    assert!(trials.iter().filter(|it| it.agent == "learner").all(|it| it.key.agent.agent().unwrap().config["network"]["width"].is_u64()));
 }
 
 #[test]
@@ -247,7 +247,7 @@ fn an_override_of_a_mapping_keeps_its_other_keys() {
     let study = read(&format!("{text}overrides: [{{ set: {{ learner.network: {{ width: 8 }} }} }}]")).unwrap();
     let trials = study.plan().trials;
     let learner = trials.iter().find(|trial| trial.agent == "learner").unwrap();
-    assert_eq!(learner.key.agent.config["network"], json!({ "width": 8, "depth": 5 }));
+    assert_eq!(learner.key.agent.agent().unwrap().config["network"], json!({ "width": 8, "depth": 5 }));
     assert_eq!(ids(&study), ids(&read(&resolved_yaml(&study, Path::new(SPECS)).unwrap()).unwrap()));
 }
 

@@ -21,6 +21,87 @@ pub struct Named {
     pub config: Node,
 }
 
+/// An entry of the section `prepare`: a trial that leaves something for others.
+#[derive(Debug, Clone)]
+pub struct Prepared {
+    /// Its name.
+    pub name: String,
+    /// Where the name stands.
+    pub name_span: Span,
+    /// Its environment.
+    pub environment: Chosen,
+    /// Its agent.
+    pub agent: Chosen,
+    /// Its protocol; the study's where absent.
+    pub protocol: Option<Named>,
+}
+
+/// A part of an entry of `prepare`.
+#[derive(Debug, Clone)]
+pub enum Chosen {
+    /// One of the study's own, by its name.
+    OfStudy(String, Span),
+    /// One that is written in the entry.
+    Own(Named),
+}
+
+/// The kinds of parts that a trial has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum PartKind {
+    /// The environment.
+    Environment,
+    /// The agent.
+    Agent,
+    /// The protocol.
+    Protocol,
+}
+
+impl PartKind {
+    /// All of them, in the order of a trial's key.
+    pub const ALL: [Self; 3] = [Self::Environment, Self::Agent, Self::Protocol];
+
+    /// The word in studies.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Environment => "environment",
+            Self::Agent => "agent",
+            Self::Protocol => "protocol",
+        }
+    }
+}
+
+impl Prepared {
+    /// The part that is written in the entry; `None` for one of the study's.
+    #[must_use]
+    pub fn own(&self, kind: PartKind) -> Option<&Named> {
+        match kind {
+            PartKind::Environment => self.environment.own(),
+            PartKind::Agent => self.agent.own(),
+            PartKind::Protocol => self.protocol.as_ref(),
+        }
+    }
+
+    fn own_mut(&mut self, kind: PartKind) -> Option<&mut Named> {
+        match (kind, &mut self.environment, &mut self.agent) {
+            (PartKind::Environment, Chosen::Own(named), _) | (PartKind::Agent, _, Chosen::Own(named)) => Some(named),
+            (PartKind::Protocol, ..) => self.protocol.as_mut(),
+            _ => None,
+        }
+    }
+}
+
+impl Chosen {
+    /// The part that is written in the entry; `None` for one of the study's.
+    #[must_use]
+    pub fn own(&self) -> Option<&Named> {
+        match self {
+            Self::OfStudy(..) => None,
+            Self::Own(named) => Some(named),
+        }
+    }
+}
+
 /// The parts of a study that trials are made of.
 #[derive(Debug, Clone)]
 pub struct Written {
@@ -32,6 +113,8 @@ pub struct Written {
     pub protocol: Named,
     /// The plays, in order.
     pub plays: Vec<Named>,
+    /// The entries of `prepare`, in order.
+    pub prepared: Vec<Prepared>,
     /// The seeds: a count or a list.
     pub seeds: Option<Node>,
 }
@@ -53,6 +136,7 @@ impl Written {
             agents: section("agents"),
             protocol: root.entry("protocol").map(named).unwrap_or(nothing),
             plays: root.get("cross_play").map_or_else(Vec::new, |node| node.entries().iter().map(play).collect()),
+            prepared: root.get("prepare").map_or_else(Vec::new, |node| node.entries().iter().map(prepared).collect()),
             seeds: root.get("seeds").cloned(),
         }
     }
@@ -77,6 +161,7 @@ impl Written {
             Target::Agent(index) => self.agents.get(index),
             Target::Protocol => Some(&self.protocol),
             Target::Play(index) => self.plays.get(index),
+            Target::Prepared(index, kind) => self.prepared.get(index)?.own(kind),
             Target::Seeds => None,
         }
     }
@@ -88,6 +173,9 @@ impl Written {
             Target::Agent(index) => path.assign(&mut self.agents[index].config, &value),
             Target::Protocol => path.assign(&mut self.protocol.config, &value),
             Target::Play(index) => path.assign(&mut self.plays[index].config, &value),
+            Target::Prepared(index, kind) => {
+                self.prepared[index].own_mut(kind).into_iter().for_each(|named| path.assign(&mut named.config, &value));
+            }
             Target::Seeds => self.seeds = Some(value),
         }
     }
@@ -112,8 +200,17 @@ impl Written {
                 found.push(error.note("the other one is named here", sources.place(other.name_span)).help(help));
             }
         }
+        for entry in &self.prepared {
+            if let Some(other) = self.environments.iter().chain(&self.agents).chain(&self.plays).find(|other| other.name == entry.name)
+            {
+                let message = format!("`{}` names an entry of `prepare` and something else", entry.name);
+                let error = sources.error(entry.name_span, &format!("prepare.{}", entry.name), message);
+                let help = "rename one of the two: `from` and `--only` speak of them by name";
+                found.push(error.note("the other one is named here", sources.place(other.name_span)).help(help));
+            }
+        }
         for named in self.environments.iter().chain(&self.agents) {
-            if ["protocol", "seeds", "environments", "agents", "cross_play"].contains(&named.name.as_str()) {
+            if ["protocol", "seeds", "environments", "agents", "cross_play", "prepare"].contains(&named.name.as_str()) {
                 let message = format!("`{}` cannot be a name: dotted paths begin with this word", named.name);
                 found.push(sources.error(named.name_span, &named.name, message).help("choose another name"));
             }
@@ -125,7 +222,23 @@ impl Written {
 /// A play, which has no plugin.
 fn play(entry: &Entry) -> Named {
     let (name, name_span) = (entry.key.clone(), entry.key_span);
-    Named { name, name_span, plugin: crate::cross_play::NAME.into(), plugin_span: name_span, config: entry.value.clone() }
+    Named { name, name_span, plugin: "cross_play".into(), plugin_span: name_span, config: entry.value.clone() }
+}
+
+/// An entry of `prepare`. What it lacks is reported elsewhere.
+fn prepared(entry: &Entry) -> Prepared {
+    let (name, name_span) = (entry.key.clone(), entry.key_span);
+    let part = |kind: PartKind| entry.value.entry(kind.name());
+    let chosen = |kind: PartKind| match part(kind) {
+        Some(part) => match part.value.as_str() {
+            Some(name) => Chosen::OfStudy(name.into(), part.value.span),
+            None => Chosen::Own(Named { name: name.clone(), ..named(part) }),
+        },
+        None => Chosen::OfStudy(String::new(), name_span),
+    };
+    let (environment, agent) = (chosen(PartKind::Environment), chosen(PartKind::Agent));
+    let protocol = part(PartKind::Protocol).map(|entry| Named { name: name.clone(), ..named(entry) });
+    Prepared { name, name_span, environment, agent, protocol }
 }
 
 /// A named part. Where it has not exactly one plugin, which is reported elsewhere, the name alone is known.

@@ -211,7 +211,8 @@ mod tests {
     use crate::{
         Recorder,
         results::EndState,
-        trial::{Part, TrialKey},
+        cast::Seating,
+        trial::{Part, Purpose, TrialKey},
     };
     use serde_json::json;
     use std::fs;
@@ -219,8 +220,9 @@ mod tests {
     fn trial(cells: u32, seed: u64) -> Trial {
         let part = |plugin: &str| Part::new(plugin, 1, json!({ "cells": cells }));
         let (environment, agent, protocol) = (part("battery"), part("equal"), part("evaluate"));
+        let agent = Seating::Agent(agent);
         let key = TrialKey { environment, agent, protocol, seed, numerics: 1, device: "cpu".into() };
-        Trial { id: key.id(), environment: "four".into(), agent: "equal".into(), setting: String::new(), key }
+        Trial { id: key.id(), environment: "four".into(), agent: "equal".into(), setting: String::new(), purpose: Purpose::Cell, key }
     }
 
     fn acknowledge(store: &Store, trial: &Trial, state: EndState) {
@@ -296,7 +298,7 @@ mod tests {
         let mut cells = store.cells(&[], usize::MAX);
         cells.sort_by_key(|cell| cell.seeds.len());
         assert_eq!(cells.len(), 2);
-        assert_eq!(*cells[0].key.agent.config, json!({"cells": 8}));
+        assert_eq!(*cells[0].key.environment.config, json!({"cells": 8}));
         assert_eq!(cells[1].seeds, BTreeSet::from([0, 2]));
         assert_eq!(store.cells(&[], 1).len(), 1);
         let read = store.stored(&trial(8, 1).id).unwrap().unwrap();

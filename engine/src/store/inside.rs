@@ -1,6 +1,6 @@
 //! Reads what lies in a store, and nothing else: no symbolic link is followed, and no name leads out of a trial's folder.
 
-use crate::Error;
+use crate::{Error, ProductKind};
 use std::{
     fs,
     io::ErrorKind,
@@ -26,15 +26,16 @@ pub(super) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     }
 }
 
-/// What a file of a trial holds, which may lie in the folder of a seat.
+/// What a file of a trial holds, which may lie in folders inside the trial's.
 ///
 /// # Errors
 /// As [`read`].
 pub(super) fn read_in(trial: &Path, name: &str) -> Result<Option<Vec<u8>>, Error> {
-    let folder = name.split_once('/').map(|(seat, _)| trial.join(seat));
-    match folder.filter(|folder| is_link(folder)) {
-        Some(folder) => Err(no_file(&folder)),
-        None => read(&trial.join(name)),
+    let path = trial.join(name);
+    let link = path.ancestors().skip(1).take_while(|folder| *folder != trial).find(|folder| is_link(folder));
+    match link {
+        Some(folder) => Err(no_file(folder)),
+        None => read(&path),
     }
 }
 
@@ -58,30 +59,39 @@ pub(super) fn is_link(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|data| data.is_symlink())
 }
 
-/// True for the name of a policy: a file in the trial's folder, or in the folder of a seat.
-pub(super) fn is_policy(name: &str) -> bool {
+/// Most folders between a trial's folder and a file in it.
+const DEEPEST: usize = 4;
+
+/// True for the path, inside a trial's folder, of a file that the trial leaves for others.
+pub(super) fn is_product(name: &str) -> bool {
     let parts: Vec<&str> = name.split('/').collect();
     let plain = |part: &&str| !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0']);
-    parts.len() <= 2 && parts.iter().all(plain) && name.ends_with(".safetensors")
+    let deepest = if ProductKind::Dataset.has_file(name) { DEEPEST } else { 1 };
+    parts.len() <= deepest + 1 && parts.iter().all(plain) && ProductKind::ALL.iter().any(|kind| kind.has_file(name))
 }
 
-/// Paths of all files in a trial's folder and the folders of seats in it, in order. Whatever else is there is one entry: links,
-/// folders in a seat's folder, and `running`, what a running trial keeps.
+/// Paths of all files in a trial's folder and the folders in it, in order. Whatever else is there is one entry: links, folders that
+/// are deeper than any product, and `running`, what a running trial keeps.
 ///
 /// # Errors
 /// Where a folder cannot be read.
 pub(super) fn files_of(trial: &Path) -> Result<Vec<String>, Error> {
     let mut found = Vec::new();
-    for name in super::names(trial)? {
-        let path = trial.join(&name);
-        if is_folder(&path) && name != "running" {
-            found.extend(super::names(&path)?.into_iter().map(|below| format!("{name}/{below}")));
-        } else {
-            found.push(name);
-        }
-    }
+    gather(trial, "", DEEPEST, &mut found)?;
     found.sort_unstable();
     Ok(found)
+}
+
+fn gather(folder: &Path, at: &str, deeper: usize, found: &mut Vec<String>) -> Result<(), Error> {
+    for name in super::names(folder)? {
+        let (path, inside) = (folder.join(&name), format!("{at}{name}"));
+        if deeper > 0 && is_folder(&path) && inside != "running" {
+            gather(&path, &format!("{inside}/"), deeper - 1, found)?;
+        } else {
+            found.push(inside);
+        }
+    }
+    Ok(())
 }
 
 /// Files and folders inside a folder, at any depth.
@@ -109,9 +119,9 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     #[test]
-    fn policies_lie_in_the_trials_folder_or_a_seats() {
-        for name in ["policy.safetensors", "agent_3/critic.safetensors"] {
-            assert!(is_policy(name), "{name}");
+    fn products_lie_in_the_trials_folder_or_a_seats_and_datasets_below() {
+        for name in ["policy.safetensors", "agent_3/critic.safetensors", "choice.json", "dataset/data/0/part-0.parquet"] {
+            assert!(is_product(name), "{name}");
         }
         let others = [
             "../policy.safetensors",
@@ -126,7 +136,7 @@ mod tests {
             "",
         ];
         for name in others {
-            assert!(!is_policy(name), "{name}");
+            assert!(!is_product(name), "{name}");
         }
     }
 

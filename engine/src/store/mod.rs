@@ -4,6 +4,7 @@
 //! <root>/trials/<first two digits>/<id>/metrics.parquet   what an `ok` trial recorded, long form
 //!                                       trial.json        key, end state, digest of metrics.parquet: the acknowledgement
 //!                                       policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
+//!                                       networks.safetensors, dataset/, choice.json   what else it left, see [`ProductKind`](crate::ProductKind)
 //!                                       earlier.json      how it ended before, while it is tried again
 //!                                       running/         while it runs: rows so far and a checkpoint, see [`RunningTrial`]
 //! ```
@@ -22,7 +23,7 @@ mod lease;
 pub mod metric_log;
 mod metrics_file;
 mod owner;
-mod policy;
+mod products;
 mod running;
 mod seal;
 mod sealed_folder;
@@ -75,7 +76,7 @@ pub struct TrialFile {
     /// The source code of the program that computed it, where it knew. No id holds it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build: Option<Build>,
-    /// Hashes of what the trial left besides its metrics, by name: the learned policy.
+    /// Hashes of what the trial left for others, by path inside its folder: a policy, networks, a dataset, a choice.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
 }
@@ -152,7 +153,7 @@ impl Store {
         let bytes = metrics_file::encode(record, &trial.id)?;
         write_durably(&folder.join("metrics.parquet"), &bytes)?;
         let end = TrialEnd { state: EndState::Ok, reason: String::new(), wall_s, digest: seal::hash(&bytes) };
-        self.acknowledge_with(trial, &end, policy::exported(&folder)?)?;
+        self.acknowledge_with(trial, &end, products::exported(&folder)?)?;
         Ok(end)
     }
 
@@ -188,7 +189,7 @@ impl Store {
         if own != id {
             return Err(damaged(format!("it belongs to trial {own}")));
         }
-        match file.files.keys().find(|name| !inside::is_policy(name)) {
+        match file.files.keys().find(|name| !inside::is_product(name)) {
             Some(name) => Err(damaged(format!("it names a file that is none of a trial's: `{name}`"))),
             None => Ok(Some(file)),
         }
@@ -292,20 +293,20 @@ pub fn is_missing(end: Option<&TrialEnd>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Phase;
+    use crate::{Phase, cast::Seating, trial::Purpose};
     use serde_json::json;
 
     fn trial(seed: u64) -> Trial {
         let part = |plugin: &str| serde_json::from_value(json!({"plugin": plugin, "version": 1, "config": {"a": 0.1}})).unwrap();
         let key = TrialKey {
             environment: part("battery"),
-            agent: part("equal"),
+            agent: Seating::Agent(part("equal")),
             protocol: part("evaluate"),
             seed,
             numerics: 1,
             device: "cpu".into(),
         };
-        Trial { id: key.id(), environment: "four".into(), agent: "equal".into(), setting: String::new(), key }
+        Trial { id: key.id(), environment: "four".into(), agent: "equal".into(), setting: String::new(), purpose: Purpose::Cell, key }
     }
 
     fn record() -> Recorder {

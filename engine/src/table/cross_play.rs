@@ -191,7 +191,7 @@ fn notes(spec: &CrossPlayTable, scale: Option<&Scale>, floors: bool) -> Vec<Stri
 mod tests {
     use super::*;
     use crate::{
-        cross_play::encounters_for_tests::encounter,
+        cross_play::tests::encounter,
         table::{Margin, Published, PublishedCell, TableSpec, build, csv, html, latex, markdown},
     };
 

@@ -3,7 +3,7 @@
 use super::Axis;
 use crate::{
     Phase,
-    cross_play::is_cross_play,
+    trial::Purpose,
     results::{EndState, Results, TrialResult, UPDATES},
 };
 use std::collections::BTreeMap;
@@ -46,7 +46,7 @@ impl<'a> Scope<'a> {
     pub fn of(results: &'a Results, agents: &[String], environments: &[String]) -> Self {
         let listed = |list: &[String], name: &str| list.is_empty() || list.iter().any(|item| item == name);
         let wanted = |trial: &&TrialResult| listed(agents, &trial.trial.agent) && listed(environments, &trial.trial.environment);
-        let usual = |trial: &&TrialResult| !is_cross_play(&trial.trial.key);
+        let usual = |trial: &&TrialResult| trial.trial.purpose == Purpose::Cell;
         Self { trials: results.trials.iter().filter(usual).filter(wanted).collect() }
     }
 

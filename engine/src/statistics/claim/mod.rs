@@ -221,14 +221,16 @@ mod tests {
     use super::*;
     use crate::{
         recorder::Row,
-        trial::{Part, Trial, TrialKey},
+        cast::Seating,
+        trial::{Part, Purpose, Trial, TrialKey},
     };
 
     fn trial(rows: &[(Phase, u64, f64)]) -> TrialResult {
         let part = || Part::new("x", 1, serde_json::Value::Null);
         let (environment, agent, protocol) = (part(), part(), part());
+        let agent = Seating::Agent(agent);
         let key = TrialKey { environment, agent, protocol, seed: 0, numerics: 1, device: "cpu".into() };
-        let trial = Trial { id: key.id(), environment: "e".into(), agent: "a".into(), setting: String::new(), key };
+        let trial = Trial { id: key.id(), environment: "e".into(), agent: "a".into(), setting: String::new(), purpose: Purpose::Cell, key };
         let row = |&(phase, step, value): &(Phase, u64, f64)| Row { phase, step, episode: 0, seat: 0, metric: 0, value };
         TrialResult { trial, end: None, names: vec!["return".into()], rows: rows.iter().map(row).collect() }
     }

@@ -1,45 +1,47 @@
-//! The policies that trials leave in the store, for other programs and for cross-play.
+//! What trials leave in the store for other programs and for other trials.
 
 use super::{
     Store,
-    inside::{files_of, is_file, is_policy, read_in},
+    inside::{files_of, is_file, is_product, read_in},
     seal::hash,
-    sealed_folder::flush,
 };
-use crate::{Error, results::EndState};
+use crate::{Error, product::Taken, results::EndState};
 use std::{
     collections::BTreeMap,
-    fs,
+    fs::{self, File},
     path::{Path, PathBuf},
 };
 
 impl Store {
-    /// The folder of the policy that a trial left, each of its files held against the acknowledged hash.
+    /// The folder of a trial with the product that it left, each file of it held against the acknowledged hash.
     ///
     /// # Errors
-    /// [`Error::Source`] where the trial did not end `ok`, left no policy, or left one that is damaged now.
-    pub fn policy(&self, id: &str) -> Result<PathBuf, Error> {
+    /// [`Error::Source`] where the trial did not end `ok`, left no such product, or left one that is damaged now.
+    pub fn product(&self, taken: &Taken) -> Result<PathBuf, Error> {
+        let Taken { trial: id, kind } = taken;
         let unusable = |problem: String| Error::Source { trial: id.into(), problem };
         let file = self.file(id).map_err(|error| unusable(error.to_string()))?;
         let Some(file) = file else { return Err(unusable("it has not run".into())) };
         if file.end.state != EndState::Ok {
             return Err(unusable(format!("it ended as {}", file.end.state.name())));
         }
-        if file.files.is_empty() {
-            let problem =
-                "it left none that was acknowledged, as trials of older versions did; remove its folder to run it again";
-            return Err(unusable(problem.into()));
+        let mut files = file.files.iter().filter(|(name, _)| kind.has_file(name)).peekable();
+        if files.peek().is_none() {
+            let problem = format!(
+                "it left no {kind} that was acknowledged, as trials of older versions did; remove its folder to run it again"
+            );
+            return Err(unusable(problem));
         }
         let folder = self.folder(id);
-        match file.files.iter().find(|(name, digest)| !is_whole(&folder, name, digest)) {
+        match files.find(|(name, digest)| !is_whole(&folder, name, digest)) {
             Some((name, _)) => Err(unusable(format!("`{name}` {DAMAGED}"))),
             None => Ok(folder),
         }
     }
 
-    /// True where a trial left a policy and the files are not what was acknowledged.
+    /// True where a trial left something for others and the files are not what was acknowledged.
     #[must_use]
-    pub fn has_damaged_policy(&self, id: &str) -> bool {
+    pub fn has_damaged_product(&self, id: &str) -> bool {
         match self.file(id) {
             Ok(file) => file.is_some_and(|it| it.files.iter().any(|(name, digest)| !is_whole(&self.folder(id), name, digest))),
             Err(error) => matches!(error, Error::Damaged { .. }),
@@ -53,14 +55,14 @@ fn is_whole(folder: &Path, name: &str, digest: &str) -> bool {
     read_in(folder, name).is_ok_and(|bytes| bytes.is_some_and(|bytes| hash(&bytes) == digest))
 }
 
-/// Hashes of what the agent exported into a trial's folder and folders of seats in it, by path inside it, brought to the disk.
+/// Hashes of what was left in a trial's folder for others, by path inside it, brought to the disk with the folders that hold it.
 pub(super) fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error> {
     let mut files = BTreeMap::new();
-    for name in files_of(folder)?.into_iter().filter(|name| is_policy(name) && is_file(&folder.join(name))) {
+    for name in files_of(folder)?.into_iter().filter(|name| is_product(name) && is_file(&folder.join(name))) {
         let path = folder.join(&name);
         let seat = path.parent().filter(|parent| *parent != folder);
         for flushed in [Some(path.as_path()), seat].into_iter().flatten() {
-            flush(flushed).map_err(Error::file("flush", flushed))?;
+            File::open(flushed).and_then(|file| file.sync_all()).map_err(Error::file("flush", flushed))?;
         }
         let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
         files.insert(name, hash(&bytes));

@@ -1,0 +1,142 @@
+//! What cells would leave for others, made by agents as they begin: `check` builds from it what takes it, so that a product of the wrong
+//! kind or shape is refused before anything runs, by the code that will read the real one.
+
+use super::{
+    builds::Builder,
+    cells::Cell,
+    taking::{self, Source},
+};
+use crate::{
+    Agent, Error, Interface, ProductKind,
+    diagnostic::Diagnostic,
+    product::Taken,
+    random,
+};
+use serde_json::Value;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+/// Specimens by cell.
+#[derive(Debug, Default)]
+pub struct Specimens {
+    root: Option<tempfile::TempDir>,
+    /// `None` where the cell's parts were refused.
+    folders: BTreeMap<usize, Option<PathBuf>>,
+}
+
+impl Specimens {
+    fn new_folder(&mut self, cell: usize) -> std::io::Result<PathBuf> {
+        if self.root.is_none() {
+            self.root = Some(tempfile::Builder::new().prefix("regimen-check-").tempdir()?);
+        }
+        let root = self.root.as_ref().map_or(Path::new(""), tempfile::TempDir::path);
+        let folder = root.join(cell.to_string());
+        std::fs::create_dir_all(&folder)?;
+        Ok(folder)
+    }
+}
+
+impl Builder<'_> {
+    /// Makes the specimens that a cell takes; false where one cannot be made, which is said elsewhere.
+    ///
+    /// # Errors
+    /// A cell that does not leave what is taken from it.
+    pub(super) fn sources_are_there(&mut self, cell: &Cell) -> Result<bool, Box<Diagnostic>> {
+        for source in &cell.sources {
+            let Some(folder) = self.specimen(source.cell) else { return Ok(false) };
+            if !source.kind.lies_in(&folder) {
+                return Err(Box::new(self.leaves_another(cell, source, &folder)));
+            }
+        }
+        Ok(true)
+    }
+
+    /// The folder with what a cell would leave; `None` where its parts are refused.
+    fn specimen(&mut self, index: usize) -> Option<PathBuf> {
+        if let Some(known) = self.specimens.folders.get(&index) {
+            return known.clone();
+        }
+        let made = self.make_specimen(index);
+        self.specimens.folders.insert(index, made.clone());
+        made
+    }
+
+    fn make_specimen(&mut self, index: usize) -> Option<PathBuf> {
+        let cell = &self.cells[index];
+        if !self.sources_are_there(cell).ok()? {
+            return None;
+        }
+        self.environment(cell).ok()?;
+        let interface = self.interface(cell)?;
+        let agent = self.agent(cell, &interface).ok()?;
+        let protocol = &self.sections.registry.protocols[cell.parts[2].part.plugin.as_str()];
+        let protocol = (protocol.build)(&self.config(cell, 2).ok()?).ok()?;
+        let folder = self.specimens.new_folder(index).ok()?;
+        if !cell.is_policy() && agent.updates().is_some() {
+            agent.export(&folder).ok()?;
+        }
+        protocol.write_specimen(&interface, &folder).ok()?;
+        Some(folder)
+    }
+
+    /// The config of a part as it is built from: with what data files hold, and with specimens for products.
+    pub(super) fn config(&self, cell: &Cell, part: usize) -> Result<Value, Error> {
+        let resolved = &cell.parts[part].part;
+        let of_part = cell.sources.iter().filter(|source| source.part == part);
+        let folders: BTreeMap<&Taken, &PathBuf> = of_part
+            .filter_map(|source| {
+                Some((resolved.products.get(&source.pointer)?, self.specimens.folders.get(&source.cell)?.as_ref()?))
+            })
+            .collect();
+        let find = |taken: &Taken| {
+            let found = folders.get(taken).map(|folder| (*folder).clone());
+            found.ok_or_else(|| Error::Source { trial: taken.trial.clone(), problem: "no specimen of it was made".into() })
+        };
+        Ok(resolved.loaded(&find)?.into_owned())
+    }
+
+    /// The agent whose policy a cell measures, with the specimen of the policy taken up.
+    pub(super) fn policy(&mut self, cell: &Cell, interface: &Interface) -> Result<Box<dyn Agent>, Box<Diagnostic>> {
+        let unusable = |builder: &Self, source: &Source, problem: String| {
+            let name = taking::name(builder.sections, &builder.cells[source.cell]);
+            Box::new(builder.at(cell, source, format!("the policy of `{name}` cannot be used here: {problem}")))
+        };
+        // A policy names its source in one place, which was found before.
+        let Some(source) = cell.sources.iter().find(|source| source.part == 1) else {
+            return Err(Box::new(self.sections.sources.error(Default::default(), "agents", "this policy has no source")));
+        };
+        let trained = &self.cells[source.cell];
+        let entry = self.sections.registry.agents.get(trained.parts[1].part.plugin.as_str());
+        let Some(entry) = entry.filter(|entry| entry.learns) else {
+            return Err(unusable(self, source, "it was not trained there; name the trial that trains it, or use the rule itself".into()));
+        };
+        let built = self.config(trained, 1).and_then(|config| (entry.build)(&config, interface, &mut random::stream(&["check"])));
+        let mut agent = built.map_err(|error| unusable(self, source, error.to_string()))?;
+        let folder = self.specimen(source.cell).unwrap_or_default();
+        match agent.import(&folder) {
+            Ok(true) => Ok(agent),
+            Ok(false) => Err(unusable(self, source, "this agent takes up no stored policy".into())),
+            Err(error) => Err(unusable(self, source, error.to_string())),
+        }
+    }
+
+    fn leaves_another(&self, cell: &Cell, source: &Source, folder: &Path) -> Diagnostic {
+        let name = taking::name(self.sections, &self.cells[source.cell]);
+        let left: Vec<&str> = ProductKind::ALL.into_iter().filter(|kind| kind.lies_in(folder)).map(ProductKind::name).collect();
+        let left = if left.is_empty() { "nothing for others".into() } else { left.join(" and ") };
+        let help = match source.kind {
+            ProductKind::Policy | ProductKind::Networks => "take it from an entry whose agent learns",
+            ProductKind::Dataset => "take it from an entry of `prepare` whose protocol gathers one, as `gather` does",
+            ProductKind::Choice => "take it from an entry that searches",
+        };
+        self.at(cell, source, format!("`{name}` leaves {left}, and a {} is taken here", source.kind)).help(help)
+    }
+
+    /// A mistake about what a cell takes, at the place where it is named.
+    fn at(&self, cell: &Cell, source: &Source, message: String) -> Diagnostic {
+        let (span, at) = taking::place(self.sections, &cell.parts[source.part], &source.pointer, "from");
+        self.sections.sources.error(span, &at, message)
+    }
+}
