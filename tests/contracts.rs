@@ -175,7 +175,8 @@ fn learns_as_told(registry: &Registry, name: &str) -> bool {
         let Ok(Ok(record)) = catch_unwind(run) else { return false };
         let environment = (registry.environments[key.environment.plugin.as_str()].build)(&key.environment.config).unwrap();
         let agent = &registry.agents[name];
-        let agent = (agent.build)(&key.agent.config, &environment.interface(), &mut stream(&["contract"])).unwrap();
+        let agent =
+            (agent.build)(&key.agent.agent().unwrap().config, &environment.interface(), &mut stream(&["contract"])).unwrap();
         let first_after = agent.updates().unwrap().first_after;
         let updates = record.rows().iter().filter(|row| record.names()[usize::from(row.metric)] == UPDATES);
         // A step of `supervised_fit` is a batch.

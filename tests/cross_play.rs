@@ -55,7 +55,7 @@ fn stored(bench: &Bench, store: &str) -> BTreeMap<String, Value> {
 }
 
 fn is_encounter(trial: &Value) -> bool {
-    trial["key"]["agent"]["plugin"] == "cross_play"
+    trial["key"]["agent"]["roles"].is_object()
 }
 
 #[test]
@@ -93,7 +93,7 @@ fn what_a_play_measures_depends_on_its_policies_and_on_nothing_else() {
     // Two seeds of tdom, and the five of nine combinations in which it plays.
     assert_eq!(new.len(), 2 + 5 * 2);
     for encounter in new.iter().filter(|trial| is_encounter(trial)) {
-        let roles = encounter["key"]["agent"]["config"]["roles"].as_object().unwrap();
+        let roles = encounter["key"]["agent"]["roles"].as_object().unwrap();
         assert!(roles.values().any(|member| member["agent"]["config"]["discount"] == 0.9));
     }
 }
@@ -154,20 +154,20 @@ fn what_plays_a_policy_that_never_comes_is_not_run_and_says_so() {
     let bench = bench(&STUDY.replace("still: { zero_action: {} }", "still: { misbehaving: { how: fail } }"));
     let run = bench.run_misused(&["run", "pursuit.yaml", "-j", "2"]);
     assert_eq!(run.code, 106, "{}", run.err);
-    assert!(run.err.contains("cannot run: trial ") && run.err.contains("it fails as asked"), "{}", run.err);
-    assert!(run.err.contains("10 trials of cross-play are missing"), "{}", run.err);
+    assert!(run.err.contains("blocked  ") && run.err.contains("it fails as asked"), "{}", run.err);
+    assert!(run.err.contains("10 trials are blocked"), "{}", run.err);
     assert_eq!(stored(&bench, "store").len(), 3 * 2 + 4 * 2, "the others met");
     let status = bench.run_misused(&["status", "pursuit.yaml"]);
     assert_eq!(status.code, 106);
-    assert!(status.out.contains("5 trials of cross-play cannot run: tag still seed 0 ended as failed"), "{}", status.out);
+    assert!(status.out.contains("5 trials are blocked: tag still seed 0 ended as failed"), "{}", status.out);
     let status = bench.run_misused(&["status", "pursuit.yaml", "--format", "json"]);
     let status: Value = serde_json::from_str(&status.out).unwrap();
-    assert_eq!((&status["cross_play"]["to_come"], &status["cross_play"]["cannot_run"][0]["trials"]), (&0.into(), &5.into()));
-    let because = status["cross_play"]["cannot_run"][0]["because"].as_str().unwrap();
+    assert_eq!((&status["waiting"]["to_come"], &status["waiting"]["blocked"][0]["trials"]), (&0.into(), &5.into()));
+    let because = status["waiting"]["blocked"][0]["because"].as_str().unwrap();
     assert!(because.starts_with("tag still seed 0 ended as failed:") && because.ends_with("it fails as asked"), "{because}");
     let again = bench.run_misused(&["run", "pursuit.yaml"]);
     assert_eq!(again.code, 106);
-    assert!(again.err.contains("cannot run"), "{}", again.err);
+    assert!(again.err.contains("blocked"), "{}", again.err);
 }
 
 #[test]
@@ -175,11 +175,11 @@ fn what_plays_an_agent_that_leaves_no_policy_cannot_run_and_says_so() {
     let bench = bench(&STUDY.replace("still: { zero_action: {} }", "still: { misbehaving: {} }"));
     let run = bench.run_misused(&["run", "pursuit.yaml", "-j", "2"]);
     assert_eq!(run.code, 106, "{}", run.err);
-    assert!(run.err.contains("cannot run: the policy of trial "), "{}", run.err);
-    assert!(run.err.contains("10 trials of cross-play are missing, because they play policies"), "{}", run.err);
+    assert!(run.err.contains("what trial ") && run.err.contains("left cannot be used"), "{}", run.err);
+    assert!(run.err.contains("10 trials are blocked, because what they take"), "{}", run.err);
     assert_eq!(stored(&bench, "store").len(), TRIALS - 5 * 2, "nothing is stored of what did not run");
     let status = bench.run_misused(&["status", "pursuit.yaml"]);
-    assert!(status.out.contains("left none that was acknowledged"), "{}", status.out);
+    assert!(status.out.contains("left no policy that was acknowledged"), "{}", status.out);
 }
 
 #[test]
@@ -187,13 +187,13 @@ fn what_waits_is_said_before_anything_ran() {
     let bench = bench(STUDY);
     let plan = bench.ok(&["plan", "pursuit.yaml"]);
     // still meets still without any policy.
-    assert!(plan.contains("16 trials of cross-play wait for policies of trials that are missing"), "{plan}");
+    assert!(plan.contains("16 trials wait for what other trials leave"), "{plan}");
     assert!(plan.contains("predators:tdom prey:level"), "{plan}");
     let plan: Value = serde_json::from_str(&bench.ok(&["plan", "pursuit.yaml", "--format", "json"])).unwrap();
-    assert_eq!(plan["cross_play"]["to_come"], 16);
+    assert_eq!(plan["waiting"]["to_come"], 16);
     let only = bench.run(&["run", "pursuit.yaml", "--only", "pursuit"]);
-    assert_eq!(only.code, 106);
-    assert!(only.err.contains("has not run"), "{}", only.err);
+    assert_eq!(only.code, 0, "{}", only.err);
+    assert_eq!(stored(&bench, "store").len(), TRIALS - 2, "with what it takes, and without what nothing takes");
 }
 
 #[test]
@@ -214,10 +214,10 @@ fn a_policy_that_is_damaged_or_absent_keeps_what_plays_it_from_running_until_a_r
     std::fs::remove_file(absent).unwrap();
     let worker = bench.run(&["worker", "pursuit.yaml"]);
     assert!(worker.err.contains(&damaged_id) && worker.err.contains(&absent_id), "{}", worker.err);
-    assert!(worker.err.contains("8 trials of cross-play are missing"), "{}", worker.err);
+    assert!(worker.err.contains("8 trials are blocked"), "{}", worker.err);
     assert!(stored(&bench, "store").into_values().all(|it| it["end"]["state"] == "ok"), "what did not run is not stored");
     let status = bench.run(&["status", "pursuit.yaml"]);
-    assert!(status.out.contains("trials of cross-play cannot run: the policy of trial"), "{}", status.out);
+    assert!(status.out.contains("trials are blocked: what trial "), "{}", status.out);
     let run = bench.run(&["run", "pursuit.yaml"]);
     assert_eq!(run.code, 0, "{}", run.err);
     assert!(run.err.contains("2 damaged trials run again"), "{}", run.err);

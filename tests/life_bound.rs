@@ -3,6 +3,7 @@
 use crate::contracts::registry;
 use engine::{
     NoKeeper, Phase,
+    cast::Seating,
     trial::{Part, TrialKey},
 };
 use serde_json::{Value, json};
@@ -26,7 +27,7 @@ fn finals(cells: &Value, agent: (&str, &str), metric: &str) -> Vec<f64> {
     let protocol = json!({"steps": 0, "final_episodes": 60, "trace_episodes": 0});
     let key = TrialKey {
         environment: Part::new("battery", 2, environment),
-        agent: Part::new(agent.0, 1, config),
+        agent: Seating::Agent(Part::new(agent.0, 1, config)),
         protocol: Part::new("train_evaluate", 1, (registry.protocols["train_evaluate"].about.resolve)(&protocol).unwrap()),
         seed: 3,
         numerics: numerics::VERSION,

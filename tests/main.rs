@@ -9,6 +9,7 @@ mod end_states;
 mod experiments;
 mod folders;
 mod fsck;
+mod graph;
 mod identity;
 mod life_bound;
 mod looks;

@@ -10,6 +10,7 @@
 use crate::{contracts::registry, program::repository};
 use engine::{
     Registry,
+    cast::Seating,
     registry::About,
     trial::{Part, TrialKey, hash},
 };
@@ -160,6 +161,7 @@ fn digest(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
 /// Every row that a trial records in one line of text, its value in bits.
 fn recorded(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
     let [environment, agent, protocol] = trial.clone().map(|part| Part { version: 0, ..part });
+    let agent = Seating::Agent(agent);
     let key = TrialKey { environment, agent, protocol, seed: 7, numerics: 0, device: "cpu".into() };
     // Not every agent fits every protocol, and some say so by a panic.
     let run = AssertUnwindSafe(|| key.run(registry, None, &mut |_, _| {}, &mut engine::NoKeeper));

@@ -2,6 +2,7 @@
 
 use engine::{
     Agent, Error, Keeper, NoKeeper, Phase, Recorder, Registry,
+    cast::Seating,
     store::RunningTrial,
     trial::{Part, TrialKey},
 };
@@ -56,7 +57,7 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
         for (protocol, protocol_entry) in &registry.protocols {
             let mut key = TrialKey {
                 environment: part(environment, &environment_entry.about),
-                agent: part(agent, &registry.agents[agent].about),
+                agent: Seating::Agent(part(agent, &registry.agents[agent].about)),
                 protocol: part(protocol, &protocol_entry.about),
                 seed: 3,
                 numerics: registry.numerics_version,

@@ -237,7 +237,8 @@ fn a_stored_policy_plays_a_new_episode_as_the_imported_agent_does() {
         let key = store.file(id).unwrap().unwrap().key;
         let mut pack = (registry.environments["battery"].build)(&key.environment.config).unwrap();
         let entry = &registry.agents[agent.as_str()];
-        let mut one = (entry.build)(&key.agent.config, &pack.interface(), &mut stream(&["other networks"])).unwrap();
+        let mut one =
+            (entry.build)(&key.agent.agent().unwrap().config, &pack.interface(), &mut stream(&["other networks"])).unwrap();
         assert_eq!(one.import(&store.folder(id)).unwrap(), entry.learns, "{agent}");
         let expected = rows(&mut *pack, Actions::Agent { agent: &mut *one, decisions: 1000 }, 3).unwrap();
         engine::rollout::write(&expected, &bench.path("expected.csv")).unwrap();
@@ -253,7 +254,7 @@ fn a_stored_policy_plays_a_new_episode_as_the_imported_agent_does() {
         // A policy on its own: agent and config are given.
         std::fs::create_dir_all(bench.path("alone")).unwrap();
         std::fs::copy(store.folder(id).join("policy.safetensors"), bench.path("alone/policy.safetensors")).unwrap();
-        bench.write("agent.yaml", &key.agent.config.to_string());
+        bench.write("agent.yaml", &key.agent.agent().unwrap().config.to_string());
         let common = ["rollout", environment, "--config", "pack.yaml", "--seed", "3", "--policy", "alone"];
         bench.ok(&[&common[..], &["--agent", agent, "--agent-config", "agent.yaml", "--out", "alone.csv"]].concat());
         same("trial.csv", "alone.csv");

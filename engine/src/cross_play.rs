@@ -104,7 +104,8 @@ pub(crate) mod tests {
 
     /// A trial of the play `pursuit`; the agent `still` was not trained.
     pub(crate) fn encounter(prey: &str, predators: &str, seed: u64, score: f64) -> TrialResult {
-        let roles = BTreeMap::from([("predators", predators), ("prey", prey)].map(|(role, it)| (role.to_string(), it.to_string())));
+        let roles =
+            BTreeMap::from([("predators", predators), ("prey", prey)].map(|(role, it)| (role.to_string(), it.to_string())));
         let mut result = trial("pursuit", &title(&roles), "", seed, &vec![(Phase::Final, 0, 0, "score", score)]);
         let member = |agent: &str| Member {
             seats: Vec::new(),

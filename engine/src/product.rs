@@ -284,10 +284,15 @@ mod tests {
 
     #[test]
     fn a_config_says_what_it_takes_and_from_whom() {
-        let read = config(json!({"start": {"from": "fresh", "seed": 0}, "sets": [{"from": "rules", "environment": "pack"}]})).unwrap();
+        let read =
+            config(json!({"start": {"from": "fresh", "seed": 0}, "sets": [{"from": "rules", "environment": "pack"}]})).unwrap();
         let complete = serde_json::to_value(&read).unwrap();
         assert_eq!(config(complete.clone()).unwrap(), read);
-        let reference = |from: &str, environment: Option<&str>, seed| Reference { from: from.into(), environment: environment.map(Into::into), seed };
+        let reference = |from: &str, environment: Option<&str>, seed| Reference {
+            from: from.into(),
+            environment: environment.map(Into::into),
+            seed,
+        };
         let expected = BTreeMap::from([
             ("/sets/0".to_string(), (ProductKind::Dataset, reference("rules", Some("pack"), None))),
             ("/start".to_string(), (ProductKind::Networks, reference("fresh", None, Some(0)))),
@@ -306,7 +311,13 @@ mod tests {
     #[test]
     fn files_belong_to_one_kind() {
         let kinds = [ProductKind::Policy, ProductKind::Networks, ProductKind::Dataset, ProductKind::Choice];
-        let paths = ["policy.safetensors", "good_0/policy.safetensors", "networks.safetensors", "dataset/data/0/part-0.parquet", "choice.json"];
+        let paths = [
+            "policy.safetensors",
+            "good_0/policy.safetensors",
+            "networks.safetensors",
+            "dataset/data/0/part-0.parquet",
+            "choice.json",
+        ];
         for path in paths {
             assert_eq!(kinds.iter().filter(|kind| kind.has_file(path)).count(), 1, "{path}");
         }

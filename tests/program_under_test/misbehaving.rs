@@ -1,9 +1,14 @@
 //! An agent that misbehaves as its config says.
 
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Space, Transition, Updates};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Product, Recorder, Registry, Rng, Space, Transition,
+    Updates, product::Policy,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+const POLICY_FILE: &str = "policy.safetensors";
 
 /// What goes wrong.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -36,6 +41,11 @@ struct Config {
     how: How,
     /// It goes wrong only while this file is not there, and is created then: once.
     once: Option<PathBuf>,
+    /// Whether it leaves a policy, which acts as it does.
+    leaves_policy: bool,
+    /// A policy of another trial, which must be there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    start: Option<Product<Policy>>,
 }
 
 impl engine::Config for Config {}
@@ -52,6 +62,10 @@ pub(crate) fn register(registry: &mut Registry) {
 }
 
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    if let Some(start) = &config.start {
+        let file = start.folder()?.join(POLICY_FILE);
+        std::fs::metadata(&file).map_err(Error::file("find", &file))?;
+    }
     let sizes = interface.seats.iter().map(|seat| match &seat.action {
         Space::Simplex(names) => names.len(),
         other => other.len(),
@@ -64,6 +78,18 @@ impl Agent for Misbehaving {
         #[allow(clippy::cast_precision_loss, reason = "few shares")]
         let equal = |size: usize| vec![1.0 / size as f64; size];
         Ok(observations.iter().map(|_| self.sizes.iter().map(|size| equal(*size)).collect()).collect())
+    }
+
+    fn export(&self, dir: &Path) -> Result<bool, Error> {
+        if self.config.leaves_policy {
+            let file = dir.join(POLICY_FILE);
+            std::fs::write(&file, "equal shares").map_err(Error::file("write", &file))?;
+        }
+        Ok(self.config.leaves_policy)
+    }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        Ok(dir.join(POLICY_FILE).is_file())
     }
 
     fn learn(&mut self, _: &[Transition], _: &mut Rng, _: &mut Recorder) -> Result<(), Error> {

@@ -100,7 +100,7 @@ fn the_wait_ends_where_a_policy_never_comes() {
     assert_eq!((ran.code, calls(&bench, "sbatch")), (106, 1), "{}\n{}", ran.out, ran.err);
     let again = run_misused(&bench, &["run", "small.yaml"]);
     assert_eq!((again.code, calls(&bench, "sbatch")), (106, 1), "{}", again.err);
-    assert!(again.err.contains("plays policies that are not there; nothing runs"), "{}", again.err);
+    assert!(again.err.contains("it takes what is not there; nothing runs"), "{}", again.err);
 }
 
 #[test]

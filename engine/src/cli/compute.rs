@@ -10,13 +10,13 @@ use super::{
 use crate::{
     Registry,
     limits::Limits,
-    results::TrialEnd,
+    results::{EndState, TrialEnd},
     scheduler::{self, Task, Workers},
     store::{Store, is_missing},
     trial::Trial,
 };
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -152,6 +152,7 @@ impl Compute<'_> {
     /// The trials to run, each once though several studies share it.
     pub(super) fn tasks<'p>(&self, planned: &'p [Planned], ends: &Ends, mine: impl Fn(usize) -> bool) -> Vec<Task<'p>> {
         let (mut seen, mut tasks) = (BTreeSet::new(), Vec::new());
+        let paces = paces(planned, ends);
         for (one, ends) in planned.iter().zip(ends) {
             let limits = Arc::new(self.limits_of(&one.study.limits));
             for (position, ((trial, cost), end)) in one.plan.trials.iter().zip(&one.costs).zip(ends).enumerate() {
@@ -159,7 +160,8 @@ impl Compute<'_> {
                 // A part of the trials may lack what the other parts leave: whoever finds it there runs what takes it.
                 let mine = mine(position) || !after.is_empty();
                 if mine && is_missing(end.as_ref()) && seen.insert(trial.id.as_str()) {
-                    tasks.push(Task { trial, cost: *cost, limits: Arc::clone(&limits), before: end.clone(), after });
+                    let pace_s = paces.get(trial.agent.as_str()).copied();
+                    tasks.push(Task { trial, cost: *cost, pace_s, limits: Arc::clone(&limits), before: end.clone(), after });
                 }
             }
         }
@@ -177,6 +179,22 @@ impl Compute<'_> {
             retry_delay_s: said.retry_delay_s.or(held.retry_delay_s),
         }
     }
+}
+
+/// Seconds per step of the agents that have stored trials.
+fn paces<'p>(planned: &'p [Planned], ends: &Ends) -> BTreeMap<&'p str, f64> {
+    let mut sums: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
+    for (one, ends) in planned.iter().zip(ends) {
+        for ((trial, cost), end) in one.plan.trials.iter().zip(&one.costs).zip(ends) {
+            if let Some(end) = end.as_ref().filter(|end| end.state == EndState::Ok) {
+                let sum = sums.entry(trial.agent.as_str()).or_default();
+                #[allow(clippy::cast_precision_loss, reason = "an estimate")]
+                let steps = *cost as f64 + 1.0;
+                *sum = (sum.0 + end.wall_s, sum.1 + steps);
+            }
+        }
+    }
+    sums.into_iter().map(|(agent, (wall_s, steps))| (agent, wall_s / steps)).collect()
 }
 
 fn of_all<'e>(planned: &'e [Planned], ends: &'e Ends) -> impl Iterator<Item = (&'e Trial, &'e Option<TrialEnd>)> {

@@ -353,13 +353,21 @@ fn overview(
     let blocked = |word: &str| if is_blocked { format!(" {word:>7}") } else { String::new() };
     lines.push(format!(
         "  {:<first$}  {:<second$}  {setting}{:>6} {:>6} {:>7}{}",
-        "environment", "agent", "ok", "failed", "missing", blocked("blocked")
+        "environment",
+        "agent",
+        "ok",
+        "failed",
+        "missing",
+        blocked("blocked")
     ));
     for ((environment, agent, setting), cell) in &cells {
         let setting = if third > 0 { format!("{setting:<third$}  ") } else { String::new() };
         lines.push(format!(
             "  {environment:<first$}  {agent:<second$}  {setting}{:>6} {:>6} {:>7}{}",
-            cell.ok, cell.failed, cell.missing, blocked(&cell.blocked.to_string())
+            cell.ok,
+            cell.failed,
+            cell.missing,
+            blocked(&cell.blocked.to_string())
         ));
     }
     lines.extend(looks::line(one));

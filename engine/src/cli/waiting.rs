@@ -90,7 +90,9 @@ impl Known<'_> {
             let left = self.source(&taken.trial);
             let left = match left {
                 // It ended well; what it left may still be damaged or of another kind.
-                Source::There => self.store.product(&taken).map_or_else(|error| Source::Never(error.to_string()), |_| Source::There),
+                Source::There => {
+                    self.store.product(&taken).map_or_else(|error| Source::Never(error.to_string()), |_| Source::There)
+                }
                 other => other,
             };
             match left {

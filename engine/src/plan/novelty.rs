@@ -6,8 +6,8 @@
 
 use super::leaves::{Catalogue, Difference, PartIndex};
 use crate::{
-    results::{EndState, TrialEnd},
     cast::{POLICY, Seating},
+    results::{EndState, TrialEnd},
     trial::{Part, Purpose, Trial, TrialKey},
 };
 use std::collections::{BTreeMap, BTreeSet, HashMap};

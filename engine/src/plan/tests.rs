@@ -2,8 +2,8 @@
 
 use super::{Novelty, Reason, StoredCell, explain, novelties, seed_ranges, to_json};
 use crate::{
-    results::{EndState, TrialEnd},
     cast::Seating,
+    results::{EndState, TrialEnd},
     trial::{Part, Purpose, Trial, TrialKey},
 };
 use serde_json::{Value, json};
@@ -35,7 +35,14 @@ fn stored(key: TrialKey, seeds: &[u64]) -> StoredCell {
 fn planned(key: &TrialKey, seeds: std::ops::Range<u64>) -> Vec<Trial> {
     let trial = |seed| {
         let key = TrialKey { seed, ..key.clone() };
-        Trial { id: key.id(), environment: "four".into(), agent: "dsac".into(), setting: String::new(), purpose: Purpose::Cell, key }
+        Trial {
+            id: key.id(),
+            environment: "four".into(),
+            agent: "dsac".into(),
+            setting: String::new(),
+            purpose: Purpose::Cell,
+            key,
+        }
     };
     seeds.map(trial).collect()
 }
@@ -65,10 +72,7 @@ fn each_kind_of_change_is_named() {
         one(&edited(|key| &mut key.environment, "/start/charge", json!("full"))),
         "0: environment battery.start.charge: 0.9 -> full"
     );
-    assert_eq!(
-        one(&edited(agent, "/widths", json!([64, 64, 64]))),
-        "0: agent dirichlet_sac.widths: [64,64] -> [64,64,64]"
-    );
+    assert_eq!(one(&edited(agent, "/widths", json!([64, 64, 64]))), "0: agent dirichlet_sac.widths: [64,64] -> [64,64,64]");
     let mut raised = key();
     agent(&mut raised).version = 2;
     assert_eq!(one(&raised), "0: agent version 1 -> 2");

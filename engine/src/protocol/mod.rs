@@ -9,8 +9,8 @@ mod tests;
 mod train_evaluate;
 
 use crate::{
-    Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder, Registry, random::Streams, results::UPDATES,
-    trial::Part,
+    Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder, Registry, random::Streams,
+    results::UPDATES, trial::Part,
 };
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::Path;

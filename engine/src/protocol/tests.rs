@@ -3,10 +3,10 @@
 use crate::{
     Action, Agent, AgentTraits, Channel, Config, DataFile, End, Environment, Error, Interface, Metric, Mode, NoKeeper,
     Observation, PerEpisode, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates,
+    cast::Seating,
     data_file::hash_of,
     results::UPDATES,
     spec,
-    cast::Seating,
     trial::{Part, TrialKey},
 };
 use rand::Rng as _;

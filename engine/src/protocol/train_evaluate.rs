@@ -5,7 +5,10 @@ use super::{
     evaluation::{self, Measurement, measure, measure_alone, observe},
     position::{Blocks, Position, restored},
 };
-use crate::{Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition, checkpoint::exact, trial::Part};
+use crate::{
+    Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition, checkpoint::exact,
+    trial::Part,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -58,7 +61,8 @@ const VERSION: u32 = 2;
 
 /// The final measurement alone, as part of a trial's key.
 pub(super) fn measuring(episodes: u64) -> Part {
-    let alone = without_training(TrainEvaluate { steps: 0, final_episodes: episodes, trace_episodes: 0, ..TrainEvaluate::default() });
+    let alone =
+        without_training(TrainEvaluate { steps: 0, final_episodes: episodes, trace_episodes: 0, ..TrainEvaluate::default() });
     Part::new(NAME, VERSION, json!(alone))
 }
 

@@ -6,8 +6,8 @@ use super::{
 };
 use crate::{
     Phase,
-    trial::Purpose,
     results::{EPISODE_LENGTH, Results, TrialResult},
+    trial::Purpose,
 };
 use std::collections::BTreeMap;
 
@@ -61,7 +61,7 @@ pub(super) fn untrained(results: &Results) -> Vec<String> {
 
 /// The cost of all trials.
 pub(super) fn cost(results: &Results) -> Cost {
-    Cost::of(results.trials.iter())
+    Cost::of(results.prepared.iter().chain(&results.trials))
 }
 
 impl Cost {

@@ -5,9 +5,9 @@ use super::{
     sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::{
-    trial::Purpose,
     results::{Results, TrialResult},
     trial::Part,
+    trial::Purpose,
 };
 use serde_json::{Map, Value};
 use std::{collections::BTreeSet, path::Path, sync::Arc};

@@ -1,6 +1,6 @@
 //! The report in Markdown.
 
-use super::{Parts, Period, files, head, sheet::Sheet};
+use super::{Parts, Period, files, head, sheet::Sheet, stages};
 use crate::{
     build::tally,
     figure::{Chart, FigureSpec},
@@ -20,6 +20,7 @@ pub(super) fn report(parts: &Parts<'_>) -> String {
         ("Figures", figures(parts)),
         ("Claims", parts.claims.iter().map(Sheet::markdown).collect()),
         ("Departures", study.departures.iter().map(|departure| format!("- {}", prose::markdown(departure))).collect()),
+        ("Stages", stages::sheet(&study.stages).iter().map(Sheet::markdown).collect()),
         ("Budgets", parts.budgets.iter().map(Sheet::markdown).collect()),
         ("Settings that differ", settings(parts)),
         ("Values by seed", by_seed(parts)),
@@ -91,22 +92,27 @@ fn by_seed(parts: &Parts<'_>) -> Vec<String> {
 }
 
 fn runs(parts: &Parts<'_>) -> Vec<String> {
-    let failed = parts.results.trials.iter().filter(|trial| trial.end.is_some() && !trial.is_ok());
+    let failed = all(parts).filter(|trial| trial.end.is_some() && !trial.is_ok());
     std::iter::once(format!("- {}", end_states(parts)))
         .chain(failed.map(|trial| format!("- {}", escape(&failure(trial)))))
         .collect()
 }
 
+/// The trials that others take from, and those that are shown.
+pub(super) fn all<'a>(parts: &Parts<'a>) -> impl Iterator<Item = &'a TrialResult> + use<'a> {
+    parts.results.prepared.iter().chain(&parts.results.trials)
+}
+
 /// How many trials ended in each way.
 pub(super) fn end_states(parts: &Parts<'_>) -> String {
     let mut counts: std::collections::BTreeMap<_, usize> = std::collections::BTreeMap::new();
-    for trial in &parts.results.trials {
+    for trial in all(parts) {
         *counts.entry(trial.end.as_ref().map(|end| end.state)).or_default() += 1;
     }
     let not_run = counts.remove(&None);
     let ended = counts.into_iter().filter_map(|(state, n)| state.map(|state| format!("{n} {}", state.name())));
     let words: Vec<String> = ended.chain(not_run.map(|n| format!("{n} not run"))).collect();
-    format!("{} trials: {}", parts.results.trials.len(), words.join(", "))
+    format!("{} trials: {}", all(parts).count(), words.join(", "))
 }
 
 /// A failed trial in one line.

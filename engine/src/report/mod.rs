@@ -31,8 +31,8 @@ pub use junit::junit;
 pub use manifest::{Manifest, Replaced};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use period::Period;
-pub use stages::{Stage, Take};
 pub use profiles::{ProfileState, ProfileTrials};
+pub use stages::{Stage, Take};
 pub use summary::summary;
 
 use crate::{Build, Error, figure, figure::FigureSpec, results::Results, spec::ClaimSpec, table, table::TableSpec};

@@ -2,8 +2,9 @@
 
 use super::{
     Parts, budgets, by_seed, files, head,
-    markdown::{NO_SETTINGS, SETTINGS, end_states, failure, provenance, title},
+    markdown::{NO_SETTINGS, SETTINGS, all, end_states, failure, provenance, title},
     sheet::Sheet,
+    stages,
 };
 use crate::{
     figure::{Chart, FigureSpec},
@@ -20,6 +21,7 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
         ("Figures", figures(parts)),
         ("Claims", parts.claims.iter().map(Sheet::html).collect()),
         ("Departures", list(&parts.study.departures)),
+        ("Stages", graph(parts)),
         ("Budgets", parts.budgets.iter().map(Sheet::html).collect()),
         ("Settings that differ", settings(parts)),
         ("Values by seed", values_by_seed(parts)),
@@ -117,6 +119,13 @@ fn links(folder: &str, name: &str, extensions: &[&str]) -> String {
     format!("<p class=\"links\">{}</p>\n", extensions.iter().map(link).collect::<Vec<_>>().join(" · "))
 }
 
+/// What the trials take from each other, drawn and as a table.
+fn graph(parts: &Parts<'_>) -> String {
+    let stages = &parts.study.stages;
+    let sheet = |sheet: Sheet| format!("<figure class=\"double\">\n{}</figure>\n{}", stages::drawing(stages), sheet.html());
+    stages::sheet(stages).map_or_else(String::new, sheet)
+}
+
 fn list(items: &[String]) -> String {
     if items.is_empty() {
         return String::new();
@@ -147,7 +156,7 @@ fn values_by_seed(parts: &Parts<'_>) -> String {
 }
 
 fn runs(parts: &Parts<'_>) -> String {
-    let failed = parts.results.trials.iter().filter(|trial| trial.end.is_some() && !trial.is_ok());
+    let failed = all(parts).filter(|trial| trial.end.is_some() && !trial.is_ok());
     format!("<p>{}.</p>\n{}", escape(&end_states(parts)), list(&failed.map(failure).collect::<Vec<_>>()))
 }
 

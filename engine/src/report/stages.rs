@@ -1,6 +1,9 @@
-//! The graph of a study whose trials take from each other: entries, and what each takes.
+//! The graph of a study whose trials take from each other: entries, what each takes, and a drawing of it.
 
+use super::sheet::{Entry, NONE, Sheet};
+use crate::table::escape_html as escape;
 use serde::Serialize;
+use std::fmt::Write;
 
 /// An entry of a study: an agent, an entry of `prepare`, or a play.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -9,7 +12,7 @@ pub struct Stage {
     pub name: String,
     /// How many trials it has.
     pub trials: usize,
-    /// Steps from the entries that take nothing: each stage stands below those that it takes from.
+    /// Steps from the entries that take nothing: each stage stands behind those that it takes from.
     pub depth: usize,
     /// What it takes, and from which entries.
     pub takes: Vec<Take>,
@@ -22,4 +25,150 @@ pub struct Take {
     pub from: String,
     /// What is taken.
     pub product: String,
+}
+
+/// The entries that take something or leave something that is taken.
+fn connected(stages: &[Stage]) -> Vec<&Stage> {
+    let leaves = |name: &str| stages.iter().flat_map(|stage| &stage.takes).any(|take| take.from == name);
+    stages.iter().filter(|stage| !stage.takes.is_empty() || leaves(&stage.name)).collect()
+}
+
+/// The graph as a sheet; `None` where no entry takes anything.
+pub(super) fn sheet(stages: &[Stage]) -> Option<Sheet> {
+    let row = |stage: &&Stage| {
+        let takes: Vec<String> = stage.takes.iter().map(|take| format!("{} of {}", take.product, take.from)).collect();
+        let takes = if takes.is_empty() { NONE.into() } else { takes.join(", ") };
+        vec![Entry::plain(stage.name.as_str()), Entry::plain(takes), Entry::plain(stage.trials.to_string())]
+    };
+    let rows: Vec<Vec<Entry>> = connected(stages).iter().map(row).collect();
+    let head = ["entry", "takes", "trials"].map(String::from).into();
+    (!rows.is_empty()).then(|| Sheet { head, words: 2, rows, ..Sheet::default() })
+}
+
+/// Sizes of the drawing, in pixels of the page.
+const BOX_HEIGHT: usize = 40;
+const ROW: usize = 58;
+const GAP: usize = 96;
+const LETTER: usize = 8;
+const MARGIN: usize = 6;
+
+/// The graph as a drawing: a box per entry, those that take behind those that leave; empty where no entry takes anything.
+pub(super) fn drawing(stages: &[Stage]) -> String {
+    let places = Places::of(stages);
+    if places.boxes.is_empty() {
+        return String::new();
+    }
+    let mut body = String::new();
+    for at in &places.boxes {
+        for take in &at.stage.takes {
+            if let Some(from) = places.boxes.iter().find(|other| other.stage.name == take.from && other.x != at.x) {
+                body += &arrow(from, at, &take.product);
+            }
+        }
+    }
+    body.extend(places.boxes.iter().map(rectangle));
+    let (width, height) = places.size;
+    format!(
+        "<svg class=\"graph\" role=\"img\" aria-label=\"What the trials of this study take from each other\" \
+         viewBox=\"0 0 {width} {height}\" style=\"max-width: {width}px\">\n<defs><marker id=\"tip\" viewBox=\"0 0 8 8\" refX=\"8\" refY=\"4\" \
+         markerWidth=\"7\" markerHeight=\"7\" orient=\"auto\"><path d=\"M0 0L8 4L0 8z\" fill=\"currentColor\"/></marker></defs>\n{body}</svg>\n"
+    )
+}
+
+/// A stage and where its box stands.
+struct Box<'a> {
+    stage: &'a Stage,
+    x: usize,
+    y: usize,
+    width: usize,
+}
+
+struct Places<'a> {
+    boxes: Vec<Box<'a>>,
+    size: (usize, usize),
+}
+
+impl<'a> Places<'a> {
+    /// One column per depth, each as wide as its longest name.
+    fn of(stages: &'a [Stage]) -> Self {
+        let shown = connected(stages);
+        let deepest = shown.iter().map(|stage| stage.depth).max().unwrap_or(0);
+        let (mut boxes, mut x, mut rows) = (Vec::new(), MARGIN, 0);
+        for depth in 0..=deepest {
+            let column: Vec<&Stage> = shown.iter().copied().filter(|stage| stage.depth == depth).collect();
+            let longest = column.iter().map(|stage| stage.name.chars().count().max(9)).max().unwrap_or(0);
+            let width = longest * LETTER + 20;
+            boxes.extend(column.iter().enumerate().map(|(row, stage)| Box { stage, x, y: MARGIN + row * ROW, width }));
+            rows = rows.max(column.len());
+            x += width + GAP;
+        }
+        Self { boxes, size: (x - GAP + MARGIN, rows * ROW + MARGIN) }
+    }
+}
+
+fn rectangle(at: &Box<'_>) -> String {
+    let Box { stage, x, y, width } = at;
+    let (middle, trials) = (x + width / 2, stage.trials);
+    let noun = if trials == 1 { "trial" } else { "trials" };
+    let mut out = String::new();
+    // Writing into a text cannot fail.
+    let _ = writeln!(out, "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{BOX_HEIGHT}\" rx=\"5\"/>");
+    let _ = writeln!(out, "<text x=\"{middle}\" y=\"{}\">{}</text>", y + 17, escape(&stage.name));
+    let _ = writeln!(out, "<text class=\"small\" x=\"{middle}\" y=\"{}\">{trials} {noun}</text>", y + 32);
+    out
+}
+
+fn arrow(from: &Box<'_>, to: &Box<'_>, product: &str) -> String {
+    let (x1, y1) = (from.x + from.width, from.y + BOX_HEIGHT / 2);
+    let (x2, y2) = (to.x - 2, to.y + BOX_HEIGHT / 2);
+    let middle = x1.midpoint(x2);
+    // The word stands where the arrow leaves, which is the same place for all that take the same thing.
+    format!(
+        "<path d=\"M{x1} {y1}C{middle} {y1} {middle} {y2} {x2} {y2}\" marker-end=\"url(#tip)\"/>\n\
+         <text class=\"small\" x=\"{}\" y=\"{}\">{}</text>\n",
+        x1 + 38,
+        y1 - 5,
+        escape(product)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stages() -> Vec<Stage> {
+        let stage = |name: &str, trials, depth, takes: &[(&str, &str)]| Stage {
+            name: name.into(),
+            trials,
+            depth,
+            takes: takes.iter().map(|(product, from)| Take { from: (*from).into(), product: (*product).into() }).collect(),
+        };
+        vec![
+            stage("rules", 1, 0, &[]),
+            stage("half", 3, 0, &[]),
+            stage("gathered", 3, 1, &[("policy", "half")]),
+            stage("clone", 6, 2, &[("dataset", "gathered"), ("dataset", "rules")]),
+            stage("equal <split>", 2, 0, &[]),
+        ]
+    }
+
+    #[test]
+    fn the_graph_leaves_out_what_stands_alone() {
+        let sheet = sheet(&stages()).unwrap();
+        let text: Vec<Vec<&str>> = sheet.rows.iter().map(|row| row.iter().map(|entry| entry.text.as_str()).collect()).collect();
+        assert_eq!(text[2], ["gathered", "policy of half", "3"]);
+        assert_eq!((text.len(), text[0][1], text[3][1]), (4, NONE, "dataset of gathered, dataset of rules"));
+        assert!(super::sheet(&stages()[..1]).is_none() && drawing(&stages()[..2]).is_empty());
+    }
+
+    #[test]
+    fn boxes_do_not_overlap_and_stand_behind_their_sources() {
+        let stages = stages();
+        let places = Places::of(&stages);
+        let at = |name: &str| places.boxes.iter().find(|it| it.stage.name == name).unwrap();
+        assert!(at("clone").x > at("gathered").x + at("gathered").width && at("gathered").x > at("half").x + at("half").width);
+        assert!(at("half").y >= at("rules").y + BOX_HEIGHT);
+        let svg = drawing(&stages);
+        assert_eq!((svg.matches("<rect").count(), svg.matches("marker-end").count()), (4, 3), "{svg}");
+    }
 }

@@ -2,9 +2,9 @@
 
 use crate::{
     Phase,
+    cast::Seating,
     recorder::Row,
     results::{EndState, Results, TrialEnd, TrialResult, UPDATES},
-    cast::Seating,
     trial::{Part, Purpose, Trial, TrialKey},
 };
 use serde_json::Value;

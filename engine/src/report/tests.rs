@@ -7,13 +7,13 @@ use super::{
 };
 use crate::{
     Build, Phase,
+    cast::Seating,
     figure::{Bars, FigureSpec, LearningCurve, Trajectory},
     recorder::Row,
     results::{EPISODE_LENGTH, EndState, Results, TrialResult, UPDATES},
     spec::ClaimSpec,
     statistics::Design,
     table::{Axis, Comparison, Form, Margin, Published, TableSpec},
-    cast::Seating,
     trial::Part,
 };
 use serde_json::{Value, json};

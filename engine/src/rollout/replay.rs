@@ -42,8 +42,15 @@ pub fn replay(trial: &TrialResult, episode: u64, registry: &Registry, find: Find
     };
     let agent = trained_agent(key, registry, &make_environment()?.interface(), &streams, find)?;
     let record = Recorder::default();
-    let mut run =
-        Run { make_environment: &make_environment, agent, streams, record, progress: &mut |_, _| {}, keeper: &mut NoKeeper, folder: None };
+    let mut run = Run {
+        make_environment: &make_environment,
+        agent,
+        streams,
+        record,
+        progress: &mut |_, _| {},
+        keeper: &mut NoKeeper,
+        folder: None,
+    };
     replay_measurement(&mut run, step, episodes, episode)?;
     Ok(rows.try_iter().collect())
 }
@@ -83,7 +90,8 @@ fn other_version(key: &TrialKey, registry: &Registry) -> Option<String> {
     ];
     let agents = key.agent.parts().into_iter();
     let agents = agents.map(|agent| (agent, registry.agents.get(agent.plugin.as_str()).map(|entry| entry.about.version)));
-    let other = parts.into_iter().chain(agents).find_map(|(part, now)| now.filter(|now| *now != part.version).map(|now| (part, now)));
+    let other =
+        parts.into_iter().chain(agents).find_map(|(part, now)| now.filter(|now| *now != part.version).map(|now| (part, now)));
     if let Some((part, now)) = other {
         return Some(format!("it was made by version {} of `{}`, this program has {now}", part.version, part.plugin));
     }

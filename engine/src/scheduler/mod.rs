@@ -121,8 +121,10 @@ pub enum Event {
 pub struct Task<'a> {
     /// The trial; the plan holds it.
     pub trial: &'a Trial,
-    /// What it costs, in any unit that all tasks share: long paths start first.
+    /// Its steps.
     pub cost: u64,
+    /// Seconds per step that trials of its agent took before; `None` where none is stored. Long paths start first.
+    pub pace_s: Option<f64>,
     /// What it may use.
     pub limits: Arc<Limits>,
     /// How it ended before, where it runs again all the same.

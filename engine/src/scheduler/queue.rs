@@ -37,14 +37,16 @@ pub(super) struct Turn {
 /// The trials that are left.
 pub(super) struct Queue<'a> {
     tasks: &'a [Task<'a>],
-    /// Cost of the longest path that begins with a task, the task included.
-    paths: Vec<u64>,
     /// Tasks that take from a trial, by its id.
     takers: HashMap<&'a str, Vec<usize>>,
-    state: Mutex<State>,
+    state: Mutex<State<'a>>,
 }
 
-struct State {
+struct State<'a> {
+    /// Seconds per step of the agents of which a trial has ended.
+    paces: HashMap<&'a str, f64>,
+    /// Microseconds of the longest path that begins with a task, the task included.
+    paths: Vec<u64>,
     /// Tasks whose sources have ended, longest path first.
     ready: BTreeSet<(Reverse<u64>, usize)>,
     /// How many of a task's sources this program has still to run, or is running.
@@ -71,10 +73,24 @@ impl<'a> Queue<'a> {
                 awaited[index] += 1;
             }
         }
-        let paths = longest_paths(tasks, &takers);
+        let paces = tasks.iter().filter_map(|task| Some((task.trial.agent.as_str(), task.pace_s?))).collect();
+        let paths = longest_paths(tasks, &takers, &paces);
         let ready = (0..tasks.len()).filter(|&index| awaited[index] == 0).map(|index| (Reverse(paths[index]), index)).collect();
-        let state = State { ready, awaited, later: Vec::new(), busy: 0 };
-        Self { tasks, paths, takers, state: Mutex::new(state) }
+        let state = State { paces, paths, ready, awaited, later: Vec::new(), busy: 0 };
+        Self { tasks, takers, state: Mutex::new(state) }
+    }
+
+    /// A trial took this long: once for each agent, the order of what is left is made anew from it.
+    pub(super) fn note_pace(&self, task: usize, wall_s: f64) {
+        let Task { trial, cost, .. } = &self.tasks[task];
+        let mut state = self.lock();
+        if state.paces.contains_key(trial.agent.as_str()) {
+            return;
+        }
+        state.paces.insert(&trial.agent, wall_s / steps(*cost));
+        state.paths = longest_paths(self.tasks, &self.takers, &state.paces);
+        let ready: Vec<usize> = state.ready.iter().map(|(_, task)| *task).collect();
+        state.ready = ready.into_iter().map(|task| (Reverse(state.paths[task]), task)).collect();
     }
 
     /// The next trial; whoever gets one says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
@@ -104,7 +120,8 @@ impl<'a> Queue<'a> {
         for &taker in self.takers.get(id).into_iter().flatten() {
             state.awaited[taker] -= 1;
             if state.awaited[taker] == 0 {
-                state.ready.insert((Reverse(self.paths[taker]), taker));
+                let path = state.paths[taker];
+                state.ready.insert((Reverse(path), taker));
             }
         }
     }
@@ -121,14 +138,26 @@ impl<'a> Queue<'a> {
         self.retry(turn, HELD_FOR);
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, State<'a>> {
         // No operation above can panic half-way, so that a poisoned queue is still whole.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Cost of the longest path that begins with each task. A plan has no circles, so that every path ends.
-fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>) -> Vec<u64> {
+#[allow(clippy::cast_precision_loss, reason = "an estimate; even a trial without steps takes its time")]
+fn steps(cost: u64) -> f64 {
+    cost as f64 + 1.0
+}
+
+/// Microseconds of the longest path that begins with each task. A plan has no circles, so that every path ends. An agent of which nothing is
+/// known counts as the slowest known one: it begins early, so that it becomes known.
+fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: &HashMap<&str, f64>) -> Vec<u64> {
+    let slowest = paces.values().copied().fold(1e-6, f64::max);
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a duration, saturating")]
+    let microseconds = |task: &Task<'_>| {
+        let pace = paces.get(task.trial.agent.as_str()).copied().unwrap_or(slowest);
+        (steps(task.cost) * pace * 1e6).ceil() as u64
+    };
     let mut paths: Vec<Option<u64>> = vec![None; tasks.len()];
     let mut open: Vec<usize> = (0..tasks.len()).collect();
     while let Some(&index) = open.last() {
@@ -136,8 +165,7 @@ fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>) -> Vec<
         let unknown: Vec<usize> = below.iter().copied().filter(|taker| paths[*taker].is_none()).collect();
         if paths[index].is_some() || unknown.is_empty() {
             let longest = below.iter().filter_map(|taker| paths[*taker]).max().unwrap_or(0);
-            // Even a trial without steps takes its time.
-            paths[index].get_or_insert(longest.saturating_add(tasks[index].cost.max(1)));
+            paths[index].get_or_insert(longest.saturating_add(microseconds(&tasks[index])));
             open.pop();
         } else {
             open.extend(unknown);
@@ -169,7 +197,7 @@ mod tests {
 
     fn task<'a>(trial: &'a Trial, cost: u64, after: &[&str]) -> Task<'a> {
         let after = after.iter().map(ToString::to_string).collect();
-        Task { trial, cost, limits: Default::default(), before: None, after }
+        Task { trial, cost, pace_s: None, limits: Default::default(), before: None, after }
     }
 
     fn next(queue: &Queue<'_>) -> Option<usize> {
@@ -207,9 +235,28 @@ mod tests {
     fn a_long_chain_is_measured_without_recursion() {
         let trials: Vec<Trial> = (0..20_000).map(|index| trial(&index.to_string())).collect();
         let after = |index: usize| index.checked_sub(1).map(|before| before.to_string());
-        let tasks: Vec<Task<'_>> =
-            trials.iter().enumerate().map(|(index, it)| task(it, 1, &after(index).iter().map(String::as_str).collect::<Vec<_>>())).collect();
+        let tasks: Vec<Task<'_>> = trials
+            .iter()
+            .enumerate()
+            .map(|(index, it)| task(it, 1, &after(index).iter().map(String::as_str).collect::<Vec<_>>()))
+            .collect();
         let queue = Queue::new(&tasks);
-        assert_eq!((queue.paths[0], queue.paths[19_999], next(&queue)), (20_000, 1, Some(0)));
+        let paths = queue.lock().paths.clone();
+        assert_eq!((paths[0], paths[19_999], next(&queue)), (40_000, 2, Some(0)));
+    }
+
+    #[test]
+    fn what_is_known_of_an_agents_pace_orders_the_rest() {
+        let mut trials = ["fast", "slow", "fast again", "slow again"].map(trial);
+        trials.iter_mut().for_each(|trial| trial.agent = trial.id.split(' ').next().unwrap_or_default().into());
+        let [fast, slow, fast_again, slow_again] = &trials;
+        let known = Task { pace_s: Some(0.001), ..task(fast, 999, &[]) };
+        let tasks = [known, task(slow, 99, &[]), task(fast_again, 499, &[]), task(slow_again, 99, &[])];
+        let queue = Queue::new(&tasks);
+        // As slow as the slowest known one, 100 steps take less than 500 of the known agent.
+        assert_eq!([next(&queue), next(&queue)], [Some(0), Some(2)]);
+        let queue = Queue::new(&tasks);
+        queue.note_pace(1, 50.0);
+        assert_eq!([next(&queue), next(&queue), next(&queue)], [Some(1), Some(3), Some(0)]);
     }
 }

@@ -158,6 +158,9 @@ impl<'a> Slot<'a> {
                 if self.all.workers.fail_fast && end.state != EndState::Ok {
                     self.all.halt.store(true, Ordering::SeqCst);
                 }
+                if end.state == EndState::Ok {
+                    self.all.queue.note_pace(index, end.wall_s);
+                }
                 self.tell(Event::Ended { slot: self.number, trial: index, end });
                 self.all.queue.done(&self.all.tasks[index].trial.id);
             }

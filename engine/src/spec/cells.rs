@@ -133,13 +133,14 @@ impl Sections<'_> {
 
     /// Where the parts of an entry of `prepare` are written.
     fn parts_of(&self, index: usize, entry: &Prepared) -> Result<[Target; 3], Vec<Diagnostic>> {
-        let target = |kind: PartKind, chosen: &Chosen, known: &[super::written::Named], of_study: fn(usize) -> Target| match chosen {
-            Chosen::Own(_) => Ok(Target::Prepared(index, kind)),
-            Chosen::OfStudy(name, span) => {
-                let found = known.iter().position(|it| it.name == *name).map(of_study);
-                found.ok_or_else(|| self.no_such(entry, kind, name, *span, known))
-            }
-        };
+        let target =
+            |kind: PartKind, chosen: &Chosen, known: &[super::written::Named], of_study: fn(usize) -> Target| match chosen {
+                Chosen::Own(_) => Ok(Target::Prepared(index, kind)),
+                Chosen::OfStudy(name, span) => {
+                    let found = known.iter().position(|it| it.name == *name).map(of_study);
+                    found.ok_or_else(|| self.no_such(entry, kind, name, *span, known))
+                }
+            };
         let protocol = if entry.protocol.is_some() { Target::Prepared(index, PartKind::Protocol) } else { Target::Protocol };
         let environment = target(PartKind::Environment, &entry.environment, &self.written.environments, Target::Environment);
         let agent = target(PartKind::Agent, &entry.agent, &self.written.agents, Target::Agent);

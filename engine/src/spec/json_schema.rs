@@ -199,9 +199,7 @@ fn exclude() -> Value {
 }
 
 fn prepare(environment: &Value, agent: &Value, protocol: &Value) -> Value {
-    let either = |what: &str, own: &Value| {
-        json!({ "description": format!("The {what}: a name of the study, or one that is written here."), "anyOf": [{ "type": "string" }, own] })
-    };
+    let either = |what: &str, own: &Value| json!({ "description": format!("The {what}: a name of the study, or one that is written here."), "anyOf": [{ "type": "string" }, own] });
     json!({
         "description": "Trials that leave something for others, by name: `{ from: NAME }` takes it.", "type": "object",
         "propertyNames": { "pattern": NAME },

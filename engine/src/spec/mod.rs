@@ -59,8 +59,8 @@ use crate::{
     statistics::spending::Design,
     table::TableSpec,
 };
-use cells::{MOST_TRIALS, Sections};
 pub(crate) use cells::{Cell, Place};
+use cells::{MOST_TRIALS, Sections};
 use seeds::SeedPlan;
 use serde_json::Value;
 use std::{

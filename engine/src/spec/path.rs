@@ -103,7 +103,8 @@ fn nothing_prepared(words: &[&str], span: Span, at: &str, written: &Written, sou
         let known = written.prepared.iter().map(|entry| entry.name.as_str());
         return sources.error(span, at, format!("no entry of `prepare` is named `{name}`")).help(suggest(name, known));
     };
-    let own: Vec<String> = PartKind::ALL.into_iter().filter(|kind| entry.own(*kind).is_some()).map(|kind| kind.name().into()).collect();
+    let own: Vec<String> =
+        PartKind::ALL.into_iter().filter(|kind| entry.own(*kind).is_some()).map(|kind| kind.name().into()).collect();
     let part = words.get(2).copied().unwrap_or_default();
     let message = format!("`{part}` is no part that is written in the entry `{name}` of `prepare`");
     let help = format!("it has {}; what it takes from the study is set there: `NAME.KEY`", own.join(", "));

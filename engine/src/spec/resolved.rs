@@ -1,7 +1,12 @@
 //! A study with every default written out.
 
 use super::{
-    Study, cells::Sections, config, cross_play::Play, path::Target, seeds::SeedPlan,
+    Study,
+    cells::Sections,
+    config,
+    cross_play::Play,
+    path::Target,
+    seeds::SeedPlan,
     way::way,
     written::{Chosen, Named, PartKind, Prepared},
 };

@@ -64,7 +64,7 @@ fn looks(value: &Value) -> Result<Vec<u32>, Wrong> {
     let looks = match value.get("looks") {
         Some(Value::Array(list)) => list.iter().filter_map(Value::as_u64).collect(),
         Some(count) => evenly(least, most, count.as_u64().unwrap_or(2)),
-        None => evenly(least, most, (most / least).max(2)),
+        None => evenly(least, most, (most / least).clamp(2, MOST_LOOKS)),
     };
     if looks.windows(2).any(|pair| pair[0] >= pair[1]) {
         let message = format!("looks must rise, but these are {}", listed(&looks));

@@ -6,12 +6,7 @@ use super::{
     cells::Cell,
     taking::{self, Source},
 };
-use crate::{
-    Agent, Error, Interface, ProductKind,
-    diagnostic::Diagnostic,
-    product::Taken,
-    random,
-};
+use crate::{Agent, Error, Interface, ProductKind, diagnostic::Diagnostic, product::Taken, random};
 use serde_json::Value;
 use std::{
     collections::BTreeMap,
@@ -110,7 +105,11 @@ impl Builder<'_> {
         let trained = &self.cells[source.cell];
         let entry = self.sections.registry.agents.get(trained.parts[1].part.plugin.as_str());
         let Some(entry) = entry.filter(|entry| entry.learns) else {
-            return Err(unusable(self, source, "it was not trained there; name the trial that trains it, or use the rule itself".into()));
+            return Err(unusable(
+                self,
+                source,
+                "it was not trained there; name the trial that trains it, or use the rule itself".into(),
+            ));
         };
         let built = self.config(trained, 1).and_then(|config| (entry.build)(&config, interface, &mut random::stream(&["check"])));
         let mut agent = built.map_err(|error| unusable(self, source, error.to_string()))?;

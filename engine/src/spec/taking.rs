@@ -104,7 +104,8 @@ impl Reader<'_> {
             return self.cells.iter().position(|cell| cell.place == Place::Prepared(entry));
         }
         let Some(agent) = written.agents.iter().position(|it| it.name == *from) else {
-            let known = written.prepared.iter().map(|it| it.name.as_str()).chain(written.agents.iter().map(|it| it.name.as_str()));
+            let known =
+                written.prepared.iter().map(|it| it.name.as_str()).chain(written.agents.iter().map(|it| it.name.as_str()));
             let help = suggest(from, known);
             self.say(named, "from", format!("no entry of `prepare` and no agent is named `{from}`"), help);
             return None;
@@ -123,7 +124,12 @@ impl Reader<'_> {
         let Some(name) = name else {
             if own.is_none() {
                 let help = suggest("", known.iter().map(|it| it.name.as_str()));
-                self.say(named, "from", format!("`{}` was trained in an environment that is not said", named.reference.from), help);
+                self.say(
+                    named,
+                    "from",
+                    format!("`{}` was trained in an environment that is not said", named.reference.from),
+                    help,
+                );
             }
             return own;
         };
@@ -202,7 +208,9 @@ fn in_order(sections: &Sections<'_>, cells: &[Cell]) -> Result<Vec<usize>, Vec<D
             let (span, at) = place(sections, &cells[cell].parts[source.part], &source.pointer, "from");
             let way: Vec<String> = order.way.iter().map(|index| format!("`{}`", name(sections, &cells[*index]))).collect();
             let message = format!("this makes a circle: {} takes from itself", way.join(" takes from "));
-            return Err(vec![sections.sources.error(span, &at, message).help("a trial can take only from trials that end before it begins")]);
+            return Err(vec![
+                sections.sources.error(span, &at, message).help("a trial can take only from trials that end before it begins"),
+            ]);
         }
     }
     Ok(order.order)

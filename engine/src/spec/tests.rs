@@ -167,7 +167,10 @@ fn options_come_after_the_profile_and_take_keys_out_of_the_sweep() {
     assert_eq!(study.seeds, [0, 1]);
     assert_eq!(trials.len(), 2 * 2 * 2);
     let learner = &trials.iter().find(|trial| trial.agent == "learner").unwrap().key;
-    assert_eq!((&learner.agent.agent().unwrap().config["discount"], &learner.protocol.config["steps"]), (&json!(0.5), &json!(100)));
+    assert_eq!(
+        (&learner.agent.agent().unwrap().config["discount"], &learner.protocol.config["steps"]),
+        (&json!(0.5), &json!(100))
+    );
     assert_eq!(learner.agent.agent().unwrap().config["network"]["width"], json!(8));
 }
 
@@ -176,7 +179,10 @@ fn overrides_hold_for_their_combinations_only() {
     let study = with("overrides: [{ environment: long, set: { protocol.steps: 2000, learner.discount: 0.5 } }]");
     for trial in study.plan().trials.iter().filter(|trial| trial.agent == "learner") {
         let expected = if trial.environment == "long" { (json!(2000), json!(0.5)) } else { (json!(1000), json!(0.99)) };
-        assert_eq!((&trial.key.protocol.config["steps"], &trial.key.agent.agent().unwrap().config["discount"]), (&expected.0, &expected.1));
+        assert_eq!(
+            (&trial.key.protocol.config["steps"], &trial.key.agent.agent().unwrap().config["discount"]),
+            (&expected.0, &expected.1)
+        );
     }
 }
 
@@ -191,7 +197,12 @@ fn zipped_keys_go_together_and_samplers_share_their_index() {
     );
     let trials = sampled.plan().trials;
     assert_eq!(trials.iter().filter(|trial| trial.agent == "learner").count(), 2 * 7);
-    assert!(trials.iter().filter(|it| it.agent == "learner").all(|it| it.key.agent.agent().unwrap().config["network"]["width"].is_u64()));
+    assert!(
+        trials
+            .iter()
+            .filter(|it| it.agent == "learner")
+            .all(|it| it.key.agent.agent().unwrap().config["network"]["width"].is_u64())
+    );
 }
 
 #[test]

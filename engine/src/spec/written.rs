@@ -201,7 +201,8 @@ impl Written {
             }
         }
         for entry in &self.prepared {
-            if let Some(other) = self.environments.iter().chain(&self.agents).chain(&self.plays).find(|other| other.name == entry.name)
+            if let Some(other) =
+                self.environments.iter().chain(&self.agents).chain(&self.plays).find(|other| other.name == entry.name)
             {
                 let message = format!("`{}` names an entry of `prepare` and something else", entry.name);
                 let error = sources.error(entry.name_span, &format!("prepare.{}", entry.name), message);

@@ -210,8 +210,8 @@ mod tests {
     use super::*;
     use crate::{
         Recorder,
-        results::EndState,
         cast::Seating,
+        results::EndState,
         trial::{Part, Purpose, TrialKey},
     };
     use serde_json::json;
@@ -222,7 +222,14 @@ mod tests {
         let (environment, agent, protocol) = (part("battery"), part("equal"), part("evaluate"));
         let agent = Seating::Agent(agent);
         let key = TrialKey { environment, agent, protocol, seed, numerics: 1, device: "cpu".into() };
-        Trial { id: key.id(), environment: "four".into(), agent: "equal".into(), setting: String::new(), purpose: Purpose::Cell, key }
+        Trial {
+            id: key.id(),
+            environment: "four".into(),
+            agent: "equal".into(),
+            setting: String::new(),
+            purpose: Purpose::Cell,
+            key,
+        }
     }
 
     fn acknowledge(store: &Store, trial: &Trial, state: EndState) {

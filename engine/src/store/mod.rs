@@ -306,7 +306,14 @@ mod tests {
             numerics: 1,
             device: "cpu".into(),
         };
-        Trial { id: key.id(), environment: "four".into(), agent: "equal".into(), setting: String::new(), purpose: Purpose::Cell, key }
+        Trial {
+            id: key.id(),
+            environment: "four".into(),
+            agent: "equal".into(),
+            setting: String::new(),
+            purpose: Purpose::Cell,
+            key,
+        }
     }
 
     fn record() -> Recorder {

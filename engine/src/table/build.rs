@@ -275,6 +275,8 @@ fn label(comparison: &Comparison, name: &str) -> String {
 
 fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Cell {
     let mut scope = measure.trained_for(scope);
+    // A seed without success has ended too: the looks are over all of them.
+    let behind = relation.trials_behind(&scope, results);
     if measure.comparison.given_success {
         scope.trials.retain(|trial| trial.succeeded() != Some(false));
     }
@@ -287,7 +289,6 @@ fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, 
             Err(reason) => missing.push(format!("seed {}: {reason}", trial.trial.key.seed)),
         }
     }
-    let behind = relation.trials_behind(&scope, results);
     let cell = Cell {
         planned: scope.planned(),
         failed: scope.failed(),

@@ -3,8 +3,8 @@
 use super::Axis;
 use crate::{
     Phase,
-    trial::Purpose,
     results::{EndState, Results, TrialResult, UPDATES},
+    trial::Purpose,
 };
 use std::collections::BTreeMap;
 

@@ -12,7 +12,7 @@
 //! | policy | `head(h_i, h)` | `[batch, assets]` |
 //! | critic | `head(h)`, where x_i also holds the share of asset i | `[batch, 1]` |
 
-use crate::seat;
+use crate::{checkpoint, seat};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use engine::{Channel, Error};
@@ -73,6 +73,34 @@ impl AssetChannels {
         }
         columns.extend(more.map(|block| block.reshape([rows, 1])));
         Tensor::cat(columns, 1)
+    }
+
+    /// A policy's file, if its network acts on these channels: on as many assets, or on another number with the same words for the
+    /// blocks of channels and the same common ones. What is typical of a channel is then that of these assets.
+    ///
+    /// # Errors
+    /// As [`checkpoint::read_policy`].
+    pub fn policy_file(&self, agent: &'static str, dir: &Path, ports: &Ports, head: Head) -> Result<TensorFile, Error> {
+        let file = TensorFile::read(&dir.join(FILE_NAME)).map_err(checkpoint::error_of(agent))?;
+        if file.header["n_assets"] == json!(self.n_assets) {
+            return checkpoint::read_policy(agent, dir, ports, head);
+        }
+        let inputs: Vec<String> = serde_json::from_value(file.header["inputs"].clone()).unwrap_or_default();
+        let places = |key: &str| serde_json::from_value(file.header[key].clone()).unwrap_or_default();
+        let theirs = Self { n_assets: 0, blocks: places("blocks"), common: places("common") }.words(&inputs);
+        let ours = self.words(&ports.inputs);
+        if theirs == ours && file.header["head"] == json!(head) {
+            return Ok(file);
+        }
+        let problem = format!("the policy reads {} for each asset, here there are {}", theirs.join(", "), ours.join(", "));
+        Err(Error::Checkpoint { what: agent, problem })
+    }
+
+    /// What is observed of an asset and of none, without numbers of assets.
+    fn words(&self, inputs: &[String]) -> Vec<String> {
+        let name = |place: &usize| inputs.get(*place).map_or("", String::as_str);
+        let of_assets = self.blocks.iter().map(|first| name(first).trim_end_matches("_1").to_owned());
+        of_assets.chain(self.common.iter().map(|place| format!("{} of none", name(place)))).collect()
     }
 
     fn n_features(&self) -> usize {

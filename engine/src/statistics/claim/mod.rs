@@ -220,8 +220,8 @@ impl fmt::Display for Claim {
 mod tests {
     use super::*;
     use crate::{
-        recorder::Row,
         cast::Seating,
+        recorder::Row,
         trial::{Part, Purpose, Trial, TrialKey},
     };
 
@@ -230,7 +230,14 @@ mod tests {
         let (environment, agent, protocol) = (part(), part(), part());
         let agent = Seating::Agent(agent);
         let key = TrialKey { environment, agent, protocol, seed: 0, numerics: 1, device: "cpu".into() };
-        let trial = Trial { id: key.id(), environment: "e".into(), agent: "a".into(), setting: String::new(), purpose: Purpose::Cell, key };
+        let trial = Trial {
+            id: key.id(),
+            environment: "e".into(),
+            agent: "a".into(),
+            setting: String::new(),
+            purpose: Purpose::Cell,
+            key,
+        };
         let row = |&(phase, step, value): &(Phase, u64, f64)| Row { phase, step, episode: 0, seat: 0, metric: 0, value };
         TrialResult { trial, end: None, names: vec!["return".into()], rows: rows.iter().map(row).collect() }
     }

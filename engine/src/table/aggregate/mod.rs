@@ -8,7 +8,7 @@
 use super::{Axis, Cell, Grid, Heading, NumberFormat, Scope};
 use crate::{
     Error,
-    results::Results,
+    results::{Results, TrialResult},
     statistics::{
         Bootstrap, Interval,
         comparison::{probability_of_improvement, probability_of_improvement_interval},
@@ -113,7 +113,11 @@ pub(super) fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> 
     let columns = Column::all(spec);
     let cells = rows.iter().map(|agent| {
         let scores = suite.scores(agent, &scope);
-        columns.iter().map(|column| suite.cell(agent, &scores, column, relative.as_ref())).collect()
+        let cell = |column: &Column| {
+            let behind = suite.trials_behind(agent, column, &all);
+            suite.cell(agent, &scores, column, relative.as_ref(), Cell::resting_on(&behind, results))
+        };
+        columns.iter().map(cell).collect()
     });
     Ok(Grid {
         quantity: suite.quantity(),
@@ -274,11 +278,22 @@ impl Suite<'_> {
         scores
     }
 
-    fn cell(&self, agent: &str, scores: &Scores, column: &Column, relative: Option<&Scores>) -> Cell {
+    /// The trials of an agent, of the agents that stand for 0 and 1, and of the one to improve on: all of them move the value.
+    fn trials_behind<'r>(&self, agent: &str, column: &Column, all: &Scope<'r>) -> Vec<&'r TrialResult> {
+        let mut agents: BTreeSet<&str> = self.spec.fixed().into_iter().map(|(name, _)| name).chain([agent]).collect();
+        if let Column::Improvement(other) = column {
+            agents.insert(other);
+        }
+        let in_suite = |trial: &&TrialResult| self.scales.iter().any(|scale| scale.environment == trial.trial.environment);
+        let behind = all.trials.iter().copied().filter(|trial| agents.contains(trial.trial.agent.as_str()));
+        behind.filter(in_suite).collect()
+    }
+
+    fn cell(&self, agent: &str, scores: &Scores, column: &Column, relative: Option<&Scores>, behind: Cell) -> Cell {
         if matches!(column, Column::Improvement(other) if other == agent) {
             return Cell::default();
         }
-        let cell = Cell { planned: scores.planned, failed: scores.failed, missing: scores.missing.clone(), ..Cell::default() };
+        let cell = Cell { planned: scores.planned, failed: scores.failed, missing: scores.missing.clone(), ..behind };
         let others = match (column, relative) {
             (Column::Improvement(_), Some(relative)) => relative.tasks(),
             _ => Some(Vec::new()),

@@ -1,7 +1,7 @@
 //! The hyper-parameters of the Dirichlet soft actor-critic, each with the source of its default.
 
 use crate::scaling::ObservationScaling;
-use engine::Preset;
+use engine::{Preset, Product, product::Networks};
 use numerics::dirichlet::entropy;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -71,6 +71,9 @@ pub struct Config {
     /// Largest concentration of one share, or null for no limit.
     #[schemars(range(min = 1.0))]
     pub concentration_cap: Option<f64>,
+    /// Networks to begin from in place of fresh ones: policy, critics and temperature of another trial. Optimisers and replay are new.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start: Option<Product<Networks>>,
 }
 
 /// What the networks know of the assets.
@@ -142,6 +145,7 @@ impl Default for Config {
             critic_action_scaling: ActionScaling::Centred,
             shifted_entropy_bonus: false,
             concentration_cap: None,
+            start: None,
         }
     }
 }

@@ -48,11 +48,14 @@ use numerics::network::{device, matrix, softplus, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
 use numerics::parameters::{restore, soft_update, store};
 use numerics::policy_file::Head;
+use numerics::tensor_file::{TensorFile, TensorFileError};
 use rand::RngCore;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "dirichlet_sac";
+/// File with the networks that another trial may begin from.
+const NETWORKS_FILE: &str = "networks.safetensors";
 
 /// The agent.
 #[derive(Debug, Clone)]
@@ -119,7 +122,7 @@ impl DirichletSac {
         let policy = shape.policy(rng, &tracked);
         let critics = shape.critics(rng, &tracked);
         let adam = |rate| Adam::new(rate, config.gradient_clip);
-        Ok(Self {
+        let mut agent = Self {
             target_entropy: config.target_nats(n_shares),
             shape,
             target_critics: critics.valid(),
@@ -132,7 +135,31 @@ impl DirichletSac {
             config,
             scaling,
             shares,
-        })
+        };
+        if let Some(start) = agent.config.start.clone() {
+            agent.begin_from(start.folder()?).map_err(|error| Error::config("start", error.to_string()))?;
+        }
+        Ok(agent)
+    }
+
+    /// Takes over networks and temperature that another trial left; optimisers and replay stay new.
+    fn begin_from(&mut self, dir: &Path) -> Result<(), TensorFileError> {
+        let file = TensorFile::read(&dir.join(NETWORKS_FILE))?;
+        self.policy.set_network(restore(self.policy.network().clone(), "policy", &file)?);
+        self.critics.set_network(restore(self.critics.network().clone(), "critics", &file)?);
+        self.target_critics = restore(self.target_critics.clone(), "target_critics", &file)?;
+        self.log_temperature = file.header["log_temperature"].as_f64().unwrap_or(self.log_temperature);
+        Ok(())
+    }
+
+    /// What [`begin_from`](Self::begin_from) reads.
+    fn leave_networks(&self, dir: &Path) -> Result<(), TensorFileError> {
+        let mut file = TensorFile::default();
+        store(self.policy.network(), "policy", &mut file);
+        store(self.critics.network(), "critics", &mut file);
+        store(&self.target_critics, "target_critics", &mut file);
+        file.header["log_temperature"] = self.log_temperature.into();
+        file.write(&dir.join(NETWORKS_FILE))
     }
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
@@ -265,7 +292,7 @@ impl Agent for DirichletSac {
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
-        let mut file = numerics::tensor_file::TensorFile::default();
+        let mut file = TensorFile::default();
         self.policy.store("policy", &mut file);
         self.critics.store("critics", &mut file);
         store(&self.target_critics, "target_critics", &mut file);
@@ -289,11 +316,12 @@ impl Agent for DirichletSac {
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let ports = self.scaling.ports(&self.shares);
         self.shape.write(self.policy.network(), ports, self.head(), dir).map_err(checkpoint::error_of(NAME))?;
+        self.leave_networks(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let file = checkpoint::read_policy(NAME, dir, &self.scaling.ports(&self.shares), self.head())?;
+        let file = self.shape.policy_file(dir, &self.scaling.ports(&self.shares), self.head())?;
         self.policy.set_network(Shape::read(self.policy.network().clone(), &file).map_err(checkpoint::error_of(NAME))?);
         Ok(true)
     }

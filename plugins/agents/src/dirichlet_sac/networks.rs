@@ -5,6 +5,7 @@ use super::{
     config::{Config, NetworkKind},
 };
 use crate::asset_network::{AssetChannels, AssetCritic, AssetPolicy};
+use crate::checkpoint;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use engine::{Channel, Error};
@@ -119,6 +120,17 @@ impl Shape {
             (PolicyNetwork::Dense(network), _) => Policy::new(network, ports, head).write(dir),
             (PolicyNetwork::Assets(network), Some(assets)) => network.write(assets, &ports, head, dir),
             (PolicyNetwork::Assets(_), None) => unreachable!("the shape that made this network knows its assets"),
+        }
+    }
+
+    /// A policy's file, if its network acts on these ports. One that treats assets alike acts on any number of them.
+    ///
+    /// # Errors
+    /// As [`checkpoint::read_policy`].
+    pub(super) fn policy_file(&self, dir: &Path, ports: &Ports, head: Head) -> Result<TensorFile, Error> {
+        match &self.assets {
+            Some(assets) => assets.policy_file(NAME, dir, ports, head),
+            None => checkpoint::read_policy(NAME, dir, ports, head),
         }
     }
 
