@@ -83,7 +83,7 @@ fn any_number_of_steps_run_in_order_and_give_the_same_bits_for_any_number_of_wor
     let table = std::fs::read_to_string(bench.path("results/graph/tables/life.csv")).unwrap();
     let of = |agent: &str| {
         let row = table.lines().find(|line| line.starts_with(&format!("{agent},fresh,"))).unwrap_or_else(|| panic!("{table}"));
-        row.split(',').nth(2).unwrap().to_owned()
+        row.split(',').nth(5).unwrap().to_owned()
     };
     assert_eq!(of("sac"), of("from_fresh"));
     assert_ne!(of("sac"), of("equal"));
@@ -158,7 +158,7 @@ fn a_failure_blocks_all_that_follows_and_a_retry_goes_down_the_graph() {
     let status = bench.run_misused(&["status", "graph.yaml"]);
     assert_eq!(status.code, 106);
     assert!(
-        status.out.contains("6 trials are blocked: first misbehaving seed 0 ended as failed: it fails as asked"),
+        status.out.contains("6 trials are blocked: first misbehaving seed 0 ended as failed: test: it fails as asked"),
         "{}",
         status.out
     );
@@ -213,7 +213,7 @@ fn a_policy_that_does_not_fit_is_refused_by_check_with_its_place() {
     ));
     let check = bench.run(&["check", "graph.yaml"]);
     assert_eq!(check.code, 2, "{}", check.out);
-    assert!(check.err.contains("graph.yaml:8:"), "{}", check.err);
+    assert!(check.err.contains("graph.yaml:9:"), "{}", check.err);
     assert!(check.err.contains("the policy of `sac in fresh` cannot be used here"), "{}", check.err);
     assert!(check.err.contains("`inputs` of the policy is"), "{}", check.err);
     assert!(check.err.contains("start"), "networks of four cells do not begin eight: {}", check.err);

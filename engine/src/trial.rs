@@ -158,6 +158,18 @@ impl TrialKey {
         all
     }
 
+    /// Of these, what it takes by names of its own: a cast takes policies, and what their agents were made from is theirs.
+    #[must_use]
+    pub fn taken_by_name(&self) -> Vec<Taken> {
+        match self.agent.cast() {
+            None => self.taken(),
+            Some(cast) => {
+                let parts = [&self.environment, &self.protocol];
+                parts.into_iter().flat_map(|part| part.products.values().cloned()).chain(cast.policies()).collect()
+            }
+        }
+    }
+
     /// Ids of the trials that must have ended `ok` before it begins, each once.
     #[must_use]
     pub fn sources(&self) -> Vec<String> {

@@ -124,7 +124,8 @@ impl Cast {
         hash(&json!(["cast", VERSION, roles]))
     }
 
-    fn policies(&self) -> impl Iterator<Item = Taken> {
+    /// The policies that it takes.
+    pub fn policies(&self) -> impl Iterator<Item = Taken> {
         let trials = self.roles.values().filter_map(|member| member.trial.clone());
         trials.map(|trial| Taken { trial, kind: ProductKind::Policy })
     }

@@ -20,7 +20,7 @@ pub(super) fn of(one: &Planned) -> Vec<Stage> {
             names.push(name);
         }
         *counts.entry(name).or_default() += 1;
-        for taken in trial.key.taken() {
+        for taken in trial.key.taken_by_name() {
             let Some(source) = by_id.get(taken.trial.as_str()) else { continue };
             let take = Take { from: entry(source).to_owned(), product: taken.kind.name().to_owned() };
             takes.entry(name).or_default().insert(take);

@@ -87,8 +87,8 @@ fn names(trial: &Trial) -> (&str, &str, &str) {
 
 /// The entries that a trial takes from and that are new themselves.
 fn new_sources(trial: &Trial, new: &HashMap<&str, &Trial>) -> BTreeSet<String> {
-    let sources = trial.key.sources();
-    sources.iter().filter_map(|id| new.get(id.as_str())).map(|source| entry(source)).collect()
+    let taken = trial.key.taken_by_name();
+    taken.iter().filter_map(|taken| new.get(taken.trial.as_str())).map(|source| entry(source)).collect()
 }
 
 fn entry(trial: &Trial) -> String {

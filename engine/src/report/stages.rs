@@ -3,7 +3,7 @@
 use super::sheet::{Entry, NONE, Sheet};
 use crate::table::escape_html as escape;
 use serde::Serialize;
-use std::fmt::Write;
+use std::{collections::BTreeSet, fmt::Write};
 
 /// An entry of a study: an agent, an entry of `prepare`, or a play.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -60,18 +60,16 @@ pub(super) fn drawing(stages: &[Stage]) -> String {
     }
     let mut body = String::new();
     for at in &places.boxes {
-        for take in &at.stage.takes {
-            if let Some(from) = places.boxes.iter().find(|other| other.stage.name == take.from && other.x != at.x) {
-                body += &arrow(from, at, &take.product);
-            }
-        }
+        let from = |take: &Take| places.boxes.iter().find(|other| other.stage.name == take.from && other.x != at.x);
+        body.extend(at.stage.takes.iter().filter_map(from).map(|from| arrow(from, at)));
+        body += &products(at);
     }
     body.extend(places.boxes.iter().map(rectangle));
     let (width, height) = places.size;
     format!(
         "<svg class=\"graph\" role=\"img\" aria-label=\"What the trials of this study take from each other\" \
          viewBox=\"0 0 {width} {height}\" style=\"max-width: {width}px\">\n<defs><marker id=\"tip\" viewBox=\"0 0 8 8\" refX=\"8\" refY=\"4\" \
-         markerWidth=\"7\" markerHeight=\"7\" orient=\"auto\"><path d=\"M0 0L8 4L0 8z\" fill=\"currentColor\"/></marker></defs>\n{body}</svg>\n"
+         markerWidth=\"7\" markerHeight=\"7\" orient=\"auto\"><path class=\"tip\" d=\"M0 0L8 4L0 8z\"/></marker></defs>\n{body}</svg>\n"
     )
 }
 
@@ -118,18 +116,19 @@ fn rectangle(at: &Box<'_>) -> String {
     out
 }
 
-fn arrow(from: &Box<'_>, to: &Box<'_>, product: &str) -> String {
+/// What an entry takes, in words above the tips of its arrows.
+fn products(at: &Box<'_>) -> String {
+    let words: BTreeSet<&str> = at.stage.takes.iter().map(|take| take.product.as_str()).collect();
+    let words = words.into_iter().collect::<Vec<_>>().join(", ");
+    let (x, y) = (at.x.saturating_sub(12), at.y + BOX_HEIGHT / 2 - 6);
+    format!("<text class=\"small end\" x=\"{x}\" y=\"{y}\">{}</text>\n", escape(&words))
+}
+
+fn arrow(from: &Box<'_>, to: &Box<'_>) -> String {
     let (x1, y1) = (from.x + from.width, from.y + BOX_HEIGHT / 2);
     let (x2, y2) = (to.x - 2, to.y + BOX_HEIGHT / 2);
     let middle = x1.midpoint(x2);
-    // The word stands where the arrow leaves, which is the same place for all that take the same thing.
-    format!(
-        "<path d=\"M{x1} {y1}C{middle} {y1} {middle} {y2} {x2} {y2}\" marker-end=\"url(#tip)\"/>\n\
-         <text class=\"small\" x=\"{}\" y=\"{}\">{}</text>\n",
-        x1 + 38,
-        y1 - 5,
-        escape(product)
-    )
+    format!("<path d=\"M{x1} {y1}C{middle} {y1} {middle} {y2} {x2} {y2}\" marker-end=\"url(#tip)\"/>\n")
 }
 
 #[cfg(test)]
