@@ -24,6 +24,12 @@ fn agents_and_environments_do_not_know_each_other() {
     assert!(!depends_on("plugins/environments", "agents"));
 }
 
+/// So that simulated systems compile without the tensors that learning needs.
+#[test]
+fn environments_do_not_depend_on_networks() {
+    assert!(!depends_on("plugins/environments", "numerics") && !depends_on("plugins/environments", "burn"));
+}
+
 #[test]
 fn only_the_metrics_file_names_polars() {
     let mut naming = Vec::new();
