@@ -17,12 +17,9 @@
 //!
 //! `action_sd` sets how sharp the policy is, as for the Dirichlet policy: sigma is the one that gives the first share this deviation.
 
-use crate::{
-    dirichlet_gradient::mean_action,
-    gradient_moments::{Moments, Reward, RewardChannels, metrics},
-    seat,
-};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Rng, Transition, Updates};
+use crate::shared::gradient_moments::{Moments, Reward, RewardChannels, mean_action, metrics};
+use crate::shared::seat;
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Transition, Updates};
 use numerics::gaussian;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -66,11 +63,6 @@ impl Default for Config {
 
 impl engine::Config for Config {}
 
-/// What the registration says.
-pub fn traits() -> AgentTraits {
-    AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() }
-}
-
 /// The estimator.
 #[derive(Debug)]
 pub struct GaussianSoftmaxGradient {
@@ -84,11 +76,18 @@ pub struct GaussianSoftmaxGradient {
     moments: Moments,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "policy gradient of a Gaussian-softmax policy on a bandit, estimated and exact";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the estimator for an allocation bandit.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for other environments, [`Error::Config`] for a mean or a deviation that no such policy has.
-pub fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let channels = RewardChannels::find(NAME, interface)?;
     seat::simplex(NAME, seat::only_seat(NAME, interface)?)?;
     if channels.len() != 3 {

@@ -37,13 +37,7 @@ pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(Ten
 ///
 /// # Errors
 /// As [`read_policy`], and [`Error::Checkpoint`] for a network of another form.
-pub fn import_policy(
-    agent: &'static str,
-    policy: &mut Trained<Mlp>,
-    dir: &Path,
-    ports: &Ports,
-    head: Head,
-) -> Result<(), Error> {
+pub fn import_policy(agent: &'static str, policy: &mut Trained<Mlp>, dir: &Path, ports: &Ports, head: Head) -> Result<(), Error> {
     let file = read_policy(agent, dir, ports, head)?;
     policy.restore_network(policy_file::PREFIX, &file).map_err(error_of(agent))
 }
