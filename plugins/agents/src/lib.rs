@@ -50,7 +50,7 @@ pub fn register(registry: &mut Registry) {
     dirichlet_regression::register(registry, 1);
     dirichlet_sac::register(registry, 1);
     equal_split::register(registry, 1);
-    gaussian_softmax_gradient::register(registry, 1);
+    gaussian_softmax_gradient::register(registry, 2);
     gaussian_softmax_regression::register(registry, 1);
     gaussian_softmax_sac::register(registry, 1);
     independent_sac::register(registry, 1);

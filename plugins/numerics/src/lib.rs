@@ -6,6 +6,7 @@ pub mod dense;
 pub mod dirichlet;
 pub mod dirichlet_policy;
 pub mod gamma;
+pub mod gauss_hermite;
 pub mod gaussian;
 pub mod gaussian_head;
 pub mod gaussian_softmax;

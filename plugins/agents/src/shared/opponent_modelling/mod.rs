@@ -1,4 +1,5 @@
-//! What the algorithms with opponent models share: networks per seat, replay, the order of updates, acting, storing.
+//! What the algorithms with opponent models share: networks per seat, replay, the order of updates, acting,
+//! storing.
 //!
 //! | thesis, chapter 4 | here | shape |
 //! |---|---|---|
@@ -10,14 +11,16 @@
 //! | P(a^i given s), ROMMEO alone | [`Player::prior`] | head `[batch, 2 n_i]` |
 //! | Q^i and its target | [`Player::critic`] | `[batch, 1]` |
 //!
-//! Policies, opponent models and priors see the joint observation, as in the released code, or with `sight: own` that of their seat.
-//! Each seat has its own networks and draws its own minibatch; target critics move after all seats are through. A critic's input is
-//! the joint action in the order of the seats, then the joint observation: the released code puts the own action last, which is
-//! the same network with its columns named otherwise.
+//! Policies, opponent models and priors see the joint observation, as in the released code, or with `sight:
+//! own` that of their seat. Each seat has its own networks and draws its own minibatch; target critics move
+//! after all seats are through. A critic's input is the joint action in the order of the seats, then the
+//! joint observation: the released code puts the own action last, which is the same network with its columns
+//! named otherwise.
 //!
-//! A folder that `save` wrote continues training. One that `export` wrote (`policy.safetensors`) holds policies, opponent models
-//! and running moments of all seats: `import` takes it, and the agent then acts as the exported one did, so that some seats of
-//! one stored agent can be set against the other seats of another.
+//! A folder that `save` wrote continues training. One that `export` wrote (`policy.safetensors`) holds
+//! policies, opponent models and running moments of all seats: `import` takes it, and the agent then acts as
+//! the exported one did, so that some seats of one stored agent can be set against the other seats of
+//! another.
 
 mod config;
 mod networks;
@@ -47,7 +50,8 @@ use std::path::Path;
 /// Name of the metric of [`Agent::assess`].
 pub const PREDICTION_ERROR: &str = "opponent_prediction_error";
 
-/// What one of two is conditioned on the other: the policy on the predicted actions, or the prediction on the own action.
+/// What one of two is conditioned on the other: the policy on the predicted actions, or the prediction on the
+/// own action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Conditioning {
     /// `pi(a^i given s, a^-i)` and `rho(a^-i given s)`.
@@ -71,7 +75,8 @@ pub trait Algorithm: Clone + Send + 'static {
     /// The actions `[rows, n_i]` of a seat.
     fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2>;
 
-    /// The mean actions of the others `[rows, n_acted - n_i]` that a seat predicts where all seats do `actions`.
+    /// The mean actions of the others `[rows, n_acted - n_i]` that a seat predicts where all seats do
+    /// `actions`.
     fn predict(&self, game: &Game, seat: usize, observations: &Tensor<2>, actions: &Tensor<2>) -> Tensor<2>;
 
     /// One update of a seat's networks.
@@ -224,7 +229,8 @@ impl Game {
         Ok(())
     }
 
-    /// One step of a seat's critic towards `r + gamma (1 - d) next_value`, `next_value` `[batch, 1]` (eq. 4.12, without its half).
+    /// One step of a seat's critic towards `r + gamma (1 - d) next_value`, `next_value` `[batch, 1]` (eq.
+    /// 4.12, without its half).
     ///
     /// # Errors
     /// [`Error::NotFinite`].
@@ -319,10 +325,12 @@ impl Game {
 }
 
 impl<A: Algorithm> Learner<A> {
-    /// An agent for an environment with at least two seats, all of which observe a box and act in one from -1 to 1.
+    /// An agent for an environment with at least two seats, all of which observe a box and act in one from -1
+    /// to 1.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] for any other environment, [`Error::Config`] for batches that cannot be normalised.
+    /// [`Error::Mismatch`] for any other environment, [`Error::Config`] for batches that cannot be
+    /// normalised.
     pub fn new(algorithm: A, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         let settings = *algorithm.settings();
         Self::with_settings(algorithm, settings, interface, rng)
