@@ -24,6 +24,12 @@ fn agents_and_environments_do_not_know_each_other() {
     assert!(!depends_on("plugins/environments", "agents"));
 }
 
+/// So that simulated systems compile without the tensors that learning needs.
+#[test]
+fn environments_do_not_depend_on_networks() {
+    assert!(!depends_on("plugins/environments", "numerics") && !depends_on("plugins/environments", "burn"));
+}
+
 #[test]
 fn only_the_metrics_file_names_polars() {
     let mut naming = Vec::new();
@@ -33,6 +39,19 @@ fn only_the_metrics_file_names_polars() {
         }
     });
     assert_eq!(naming, ["metrics_file.rs"]);
+}
+
+/// What two agents need lies in `shared`; one agent alone is about another, whose gradients it takes apart.
+#[test]
+fn no_agent_is_made_of_another() {
+    let mut found = Vec::new();
+    visit(&repository().join("plugins/agents/src"), &mut |path, text| {
+        let foreign = |line: &&str| line.starts_with("use crate::") && !line.starts_with("use crate::shared::");
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        found.extend(text.lines().filter(foreign).map(|line| (name.clone(), line.to_owned())));
+    });
+    let about = "use crate::tdom_ac::{self, OpponentObjective};";
+    assert_eq!(found, [("opponent_gradients.rs".to_owned(), about.to_owned())]);
 }
 
 fn visit(folder: &std::path::Path, seen: &mut dyn FnMut(&std::path::Path, &str)) {

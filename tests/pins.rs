@@ -114,7 +114,7 @@ fn advice(pin: &Pin) -> String {
         "Raise the version of what you changed:\n\
          - environment `{}` (now {}): the number after its name in plugins/environments/src/lib.rs\n\
          - agent `{}` (now {}): the number after its name in plugins/agents/src/lib.rs\n\
-         - protocol `{}` (now {}): the number after its name in engine/src/protocol/{2}.rs\n\
+         - protocol `{}` (now {}): the number after its name in engine/src/protocol/{4}.rs\n\
          - shared code, also the engine's (now {}): `VERSION` in plugins/numerics/src/lib.rs\n\
          Then renew the pins: {COMMAND}",
         environment.0, environment.1, agent.0, agent.1, protocol.0, protocol.1, pin.numerics

@@ -22,15 +22,17 @@
 //! Metrics, means over the updates since the last measurement: `critic_loss` half the squared error, `policy_loss`
 //! `-mean(Q(s, mu(s)))`.
 
-use crate::checkpoint::{self, finite};
-use crate::replay::{Batch, Replay};
-use crate::scaling::{ObservationScaling, Scaling};
-use crate::schedule::UpdateSchedule;
-use crate::targets::{bootstrapped, half_squared_error};
-use crate::{allocation, seat};
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::replay::{Batch, Replay};
+use crate::shared::scaling::{ObservationScaling, Scaling};
+use crate::shared::schedule::UpdateSchedule;
+use crate::shared::targets::{bootstrapped, half_squared_error};
+use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+};
 use numerics::gaussian::standard_normal;
 use numerics::network::{Activation, Mlp, device, matrix, values};
 use numerics::optimizer::{Adam, Trained};
@@ -122,17 +124,23 @@ pub struct Ddpg {
     schedule: UpdateSchedule,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "deep deterministic policy gradient with a softmax output";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the agent for one seat that observes a box and acts on a simplex.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other seat.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(Ddpg::new(config, interface, rng)?))
 }
 
 /// What [`Ddpg::learn`] records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of the critic").lower_is_better(),
         Metric::new("policy_loss", "", "minus the critic's value of the policy's actions").lower_is_better(),
@@ -153,7 +161,7 @@ impl Ddpg {
             target_critic: critic.valid(),
             policy: Trained::new(policy, Adam::new(config.actor_learning_rate, config.gradient_clip)),
             critic: Trained::new(critic, Adam::new(config.critic_learning_rate, config.gradient_clip)),
-            replay: Replay::new(config.replay_capacity, n_observed, n_shares),
+            replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
             schedule: UpdateSchedule::new(),
             config,
             scaling,
@@ -162,7 +170,7 @@ impl Ddpg {
     }
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let batch = self.replay.sample(self.config.batch_size, rng);
+        let batch = self.replay.sample_with_replacement(self.config.batch_size, rng);
         self.update_critic(&batch, record)?;
         self.update_policy(&batch, record)?;
         let tau = self.config.target_smoothing;
@@ -222,7 +230,7 @@ impl Agent for Ddpg {
 
     fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         for transition in transitions {
-            self.replay.push(transition, 0, &self.scaling);
+            self.replay.push_scaled(transition, &self.scaling);
         }
         let Config { learning_starts, updates_per_step, .. } = self.config;
         for _ in 0..self.schedule.advance(transitions.len(), learning_starts, updates_per_step) {
@@ -273,7 +281,7 @@ impl Agent for Ddpg {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bandit;
+    use crate::shared::bandit;
     use engine::random::stream;
 
     fn tiny() -> Config {
@@ -288,7 +296,7 @@ mod tests {
     fn the_target_uses_both_target_networks() {
         let mut agent = agent(tiny());
         bandit::train(&mut agent, 6, &mut stream(&["target"]));
-        let mut batch = agent.replay.sample(4, &mut stream(&["batch"]));
+        let mut batch = agent.replay.sample_with_replacement(4, &mut stream(&["batch"]));
         batch.continues = batch.continues.ones_like();
         let next = softmax(agent.target_policy.forward(batch.next_observations.clone()), 1);
         let q = values(value(&agent.target_critic, &batch.next_observations, next));

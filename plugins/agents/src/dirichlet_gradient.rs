@@ -13,11 +13,9 @@
 //!
 //! `action_sd` sets how sharp the policy is: the standard deviation of the first share, from which A follows.
 
-use crate::{
-    gradient_moments::{Moments, Reward, RewardChannels, metrics},
-    seat,
-};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Rng, Transition, Updates};
+use crate::shared::gradient_moments::{Moments, Reward, RewardChannels, mean_action, metrics};
+use crate::shared::seat;
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Transition, Updates};
 use numerics::dirichlet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -47,11 +45,6 @@ impl Default for Config {
 
 impl engine::Config for Config {}
 
-/// What the registration says.
-pub fn traits() -> AgentTraits {
-    AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() }
-}
-
 /// The estimator.
 #[derive(Debug)]
 pub struct DirichletGradient {
@@ -61,11 +54,18 @@ pub struct DirichletGradient {
     moments: Moments,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "policy gradient of a Dirichlet policy on a bandit, estimated and exact";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the estimator for an allocation bandit.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for other environments, [`Error::Config`] for a mean that is no allocation.
-pub fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let channels = RewardChannels::find(NAME, interface)?;
     seat::simplex(NAME, seat::only_seat(NAME, interface)?)?;
     let mean = mean_action(config.mean, channels.len())?;
@@ -81,17 +81,6 @@ pub fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<d
         channels,
         moments: Moments::default(),
     }))
-}
-
-/// The mean action, which must lie inside the simplex; equal shares where absent.
-pub(crate) fn mean_action(given: Option<Vec<f64>>, entries: usize) -> Result<Vec<f64>, Error> {
-    #[allow(clippy::cast_precision_loss, reason = "a handful of entries")]
-    let mean = given.unwrap_or_else(|| vec![1.0 / entries as f64; entries]);
-    let sum: f64 = mean.iter().sum();
-    if mean.len() != entries || mean.iter().any(|share| *share <= 0.0) || (sum - 1.0).abs() > 1e-9 {
-        return Err(Error::config("mean", format!("write {entries} shares above 0 that sum to 1")));
-    }
-    Ok(mean)
 }
 
 /// Gradient in alpha of E r(a) + beta H.

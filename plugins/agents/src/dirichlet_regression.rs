@@ -18,14 +18,16 @@
 //! It samples in training and takes the mean `alpha / sum(alpha)` where it is scored. Metric: `loss`, mean over the calls
 //! since the last measurement.
 
-use crate::checkpoint::{self, finite};
-use crate::scaling::{ObservationScaling, Scaling};
-use crate::targets::mean;
-use crate::{allocation, seat};
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::scaling::{ObservationScaling, Scaling};
+use crate::shared::simplex_regression::{Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error};
+use crate::shared::targets::mean;
+use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
-use numerics::dirichlet::LOG_ACTION_FLOOR;
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+};
 use numerics::dirichlet_policy::{log_density, sample};
 use numerics::network::{Activation, Mlp, device, matrix, softplus, values};
 use numerics::optimizer::{Adam, Trained};
@@ -54,20 +56,6 @@ pub struct Config {
     pub observation_scaling: ObservationScaling,
 }
 
-/// What a regression onto the simplex minimises.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum RegressionLoss {
-    /// Mean absolute error of a reparameterised draw against the target.
-    #[default]
-    ExpectedError,
-    /// Minus the log likelihood of the target.
-    LogLikelihood,
-    /// Mean absolute error of a draw, by the score-function policy gradient (thesis, eq. 3.4 and 3.7): the draw is not
-    /// differentiated, its log density is weighted with its error less the mean error of the batch.
-    ScoreFunction,
-}
-
 impl Default for Config {
     fn default() -> Self {
         let loss = RegressionLoss::ExpectedError;
@@ -87,32 +75,23 @@ pub struct DirichletRegression {
     progress: Progress,
 }
 
-/// How much was learnt from so far.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Progress {
-    /// Examples.
-    pub(crate) n_examples: u64,
-    /// Batches, each of which is one update.
-    pub(crate) n_updates: u64,
-}
-
-impl Progress {
-    pub(crate) fn updates(self) -> Updates {
-        Updates { made: self.n_updates, first_after: 1 }
-    }
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "regression onto a simplex with a Dirichlet distribution";
+    let traits = AgentTraits { learns: true, metrics: metrics(), learns_from_examples: true, ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
 }
 
 /// Builds the agent for one seat that acts on a simplex, in an environment whose state is the target.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other environment.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(DirichletRegression::new(&config, interface, rng)?))
 }
 
 /// What [`DirichletRegression::learn`] records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     vec![Metric::new("loss", "", "what the regression minimises").lower_is_better()]
 }
 
@@ -147,32 +126,6 @@ impl DirichletRegression {
         finite("concentration", self.progress.n_examples, mean(alpha.clone()))?;
         Ok(alpha)
     }
-}
-
-/// Mean over rows and shares of `|action - target|`.
-pub(crate) fn mean_absolute_error(action: Tensor<2>, targets: Tensor<2>) -> Tensor<1> {
-    (action - targets).abs().mean()
-}
-
-/// Mean absolute error of each row less that of the batch, `[batch, 1]`, without gradients.
-pub(crate) fn excess_error(action: Tensor<2>, targets: Tensor<2>) -> Tensor<2> {
-    let errors = (action - targets).abs().mean_dim(1);
-    let batch = errors.clone().mean_dim(0);
-    errors - batch
-}
-
-/// Logarithms of shares, with a floor below which a share counts as zero.
-pub(crate) fn log_shares(shares: Tensor<2>) -> Tensor<2> {
-    shares.clamp_min(LOG_ACTION_FLOOR.exp()).log()
-}
-
-/// Observations as the network sees them and targets, of a batch of transitions.
-#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-pub(crate) fn examples(transitions: &[Transition], scaling: &Scaling) -> (Tensor<2>, Tensor<2>) {
-    let seen = transitions.iter().flat_map(|transition| scaling.apply(&transition.observation.seats[0])).collect();
-    let targets = transitions.iter().flat_map(|transition| &transition.observation.state).map(|x| *x as f32).collect();
-    let n_shares = transitions.first().map_or(1, |transition| transition.observation.state.len());
-    (matrix(seen, scaling.n_channels()), matrix(targets, n_shares))
 }
 
 impl Agent for DirichletRegression {
@@ -234,20 +187,12 @@ impl Agent for DirichletRegression {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bandit;
+    use crate::shared::bandit;
     use engine::random::stream;
 
     fn agent(loss: RegressionLoss) -> DirichletRegression {
         let config = Config { loss, width: 16, ..Config::default() };
         DirichletRegression::new(&config, &bandit::interface(), &mut stream(&["regression"])).unwrap()
-    }
-
-    #[test]
-    fn losses_by_hand() {
-        let error = mean_absolute_error(matrix(vec![0.5, 0.5, 0.25, 0.75], 2), matrix(vec![0.25, 0.75, 0.25, 0.75], 2));
-        assert_eq!(values(error), [0.125]);
-        let logs = values(log_shares(matrix(vec![1.0, 0.0], 2)));
-        assert!(logs[0] == 0.0 && (f64::from(logs[1]) - LOG_ACTION_FLOOR).abs() < 1e-3, "{logs:?}");
     }
 
     #[test]
@@ -287,7 +232,7 @@ mod tests {
 
     #[test]
     fn a_state_that_is_no_target_is_refused() {
-        let interface = crate::seat::tests::allocation(&["x"], &["best_1"], 3);
+        let interface = crate::shared::seat::tests::allocation(&["x"], &["best_1"], 3);
         assert!(matches!(build(Config::default(), &interface, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
     }
 }

@@ -2,10 +2,12 @@
 //!
 //! `a_i = 1 / N`. It observes nothing, learns nothing and records nothing.
 
-use crate::{allocation::equal_shares, seat};
-use engine::{Action, Agent, Error, Interface, Mode, Observation, Rng};
+use crate::shared::{allocation::equal_shares, seat};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+const NAME: &str = "equal_split";
 
 /// It has no parameters.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
@@ -20,12 +22,18 @@ pub struct EqualSplit {
     action: Action,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "every asset gets the same share";
+    registry.agent(NAME, version, about, AgentTraits::default(), build);
+}
+
 /// Builds the rule for any number of seats that act on simplexes.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where a seat's action is not on a simplex.
-pub fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let action = interface.seats.iter().map(|seat| Ok(equal_shares(seat::simplex("equal_split", seat)?.len())));
+fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let action = interface.seats.iter().map(|seat| Ok(equal_shares(seat::simplex(NAME, seat)?.len())));
     Ok(Box::new(EqualSplit { action: action.collect::<Result<_, Error>>()? }))
 }
 
@@ -38,7 +46,7 @@ impl Agent for EqualSplit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seat::tests::allocation;
+    use crate::shared::seat::tests::allocation;
 
     #[test]
     fn four_assets_get_a_quarter_each() {

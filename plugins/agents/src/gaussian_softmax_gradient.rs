@@ -17,12 +17,10 @@
 //!
 //! `action_sd` sets how sharp the policy is, as for the Dirichlet policy: sigma is the one that gives the first share this deviation.
 
-use crate::{
-    dirichlet_gradient::mean_action,
-    gradient_moments::{Moments, Reward, RewardChannels, metrics},
-    seat,
-};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Rng, Transition, Updates};
+use crate::shared::gradient_moments::{Moments, Reward, RewardChannels, mean_action, metrics};
+use crate::shared::seat;
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Transition, Updates};
+use numerics::gauss_hermite::gauss_hermite;
 use numerics::gaussian;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -66,11 +64,6 @@ impl Default for Config {
 
 impl engine::Config for Config {}
 
-/// What the registration says.
-pub fn traits() -> AgentTraits {
-    AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() }
-}
-
 /// The estimator.
 #[derive(Debug)]
 pub struct GaussianSoftmaxGradient {
@@ -84,11 +77,18 @@ pub struct GaussianSoftmaxGradient {
     moments: Moments,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "policy gradient of a Gaussian-softmax policy on a bandit, estimated and exact";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the estimator for an allocation bandit.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for other environments, [`Error::Config`] for a mean or a deviation that no such policy has.
-pub fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let channels = RewardChannels::find(NAME, interface)?;
     seat::simplex(NAME, seat::only_seat(NAME, interface)?)?;
     if channels.len() != 3 {
@@ -164,38 +164,6 @@ fn exact(mean: &[f64], sd: f64, reward: &Reward, entropy_weight: f64) -> Vec<f64
     (0..mean.len()).map(|entry| (at(entry, step) - at(entry, -step)) / (2.0 * step)).collect()
 }
 
-/// Nodes and weights for expectations over N(0, 1): roots of the probabilists' Hermite polynomial by Newton's method.
-///
-/// The orthonormal recurrence h_{k+1} = (z h_k - sqrt(k) h_{k-1}) / sqrt(k + 1) does not overflow; weights are 1 / sum_k h_k(z)^2.
-fn gauss_hermite(n: usize) -> Vec<(f64, f64)> {
-    #[allow(clippy::cast_precision_loss, reason = "a few dozen nodes")]
-    let root = |k: usize| (k as f64).sqrt();
-    let polynomials = |z: f64| {
-        let mut h = vec![1.0, z];
-        for k in 1..n {
-            h.push((z * h[k] - root(k) * h[k - 1]) / root(k + 1));
-        }
-        h
-    };
-    // Roots are bracketed by sign changes on a grid that is finer than their least distance.
-    #[allow(clippy::cast_precision_loss, reason = "a grid of a few thousand points")]
-    let grid = |index: usize| -12.0 + 24.0 * index as f64 / 6001.0;
-    let value = |z: f64| polynomials(z)[n];
-    let mut rule = Vec::with_capacity(n);
-    for index in 0..6001 {
-        let (mut low, mut high) = (grid(index), grid(index + 1));
-        if value(low) * value(high) < 0.0 {
-            for _ in 0..60 {
-                let middle = 0.5 * (low + high);
-                if value(low) * value(middle) <= 0.0 { high = middle } else { low = middle }
-            }
-            let z = 0.5 * (low + high);
-            rule.push((z, 1.0 / polynomials(z)[..n].iter().map(|h| h * h).sum::<f64>()));
-        }
-    }
-    rule
-}
-
 impl GaussianSoftmaxGradient {
     fn estimate(&self, candidate: &[f64], action: &[f64], reward: f64) -> Vec<f64> {
         let log_sd = vec![self.sd.ln(); self.mean.len()];
@@ -248,16 +216,6 @@ impl Agent for GaussianSoftmaxGradient {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_quadrature_has_the_moments_of_a_normal() {
-        let rule = gauss_hermite(NODES);
-        assert_eq!(rule.len(), NODES);
-        for (power, expected) in [(0, 1.0), (2, 1.0), (4, 3.0), (6, 15.0), (3, 0.0)] {
-            let moment: f64 = rule.iter().map(|(z, w)| w * z.powi(power)).sum();
-            assert!((moment - expected).abs() < 1e-9, "{power}: {moment}");
-        }
-    }
 
     /// For a small sigma the softmax is linear: E a = softmax(mu), its gradient a_i (v_i - v . a).
     #[test]

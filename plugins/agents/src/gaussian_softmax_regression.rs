@@ -19,16 +19,18 @@
 //! It samples in training and takes `softmax(mean)` where it is scored. Metric: `loss`, mean over the calls since the last
 //! measurement.
 
-use crate::checkpoint::{self, finite};
-use crate::dirichlet_regression::{Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error};
-use crate::gaussian_softmax_sac::mean_and_log_sd;
-use crate::scaling::{ObservationScaling, Scaling};
-use crate::{allocation, seat};
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::scaling::{ObservationScaling, Scaling};
+use crate::shared::simplex_regression::{Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error};
+use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+};
 use numerics::gaussian::HALF_LN_TWO_PI;
-use numerics::gaussian_policy::gaussian_softmax_sample;
+use numerics::gaussian_head::mean_and_log_sd;
+use numerics::gaussian_softmax::gaussian_softmax_sample;
 use numerics::network::{Activation, Mlp, device, matrix, values};
 use numerics::optimizer::{Adam, Trained};
 use numerics::policy_file::{Head, Policy};
@@ -75,17 +77,23 @@ pub struct GaussianSoftmaxRegression {
     progress: Progress,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "regression onto a simplex with a Gaussian-softmax distribution";
+    let traits = AgentTraits { learns: true, metrics: metrics(), learns_from_examples: true, ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the agent for one seat that acts on a simplex, in an environment whose state is the target.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other environment.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(GaussianSoftmaxRegression::new(&config, interface, rng)?))
 }
 
 /// What [`GaussianSoftmaxRegression::learn`] records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     vec![Metric::new("loss", "", "what the regression minimises").lower_is_better()]
 }
 
@@ -180,7 +188,7 @@ impl Agent for GaussianSoftmaxRegression {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bandit;
+    use crate::shared::bandit;
     use engine::random::stream;
 
     fn agent(loss: RegressionLoss) -> GaussianSoftmaxRegression {
@@ -222,7 +230,7 @@ mod tests {
 
     #[test]
     fn a_state_that_is_no_target_is_refused() {
-        let interface = crate::seat::tests::allocation(&["x"], &["best_1"], 3);
+        let interface = crate::shared::seat::tests::allocation(&["x"], &["best_1"], 3);
         assert!(matches!(build(Config::default(), &interface, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
     }
 }

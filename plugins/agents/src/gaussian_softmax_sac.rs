@@ -22,16 +22,19 @@
 //! Metrics, means over the updates since the last measurement: `critic_loss`, `policy_loss`, `policy_entropy`
 //! (`-mean(log pi)` of the candidate), `temperature`, `mean_value`.
 
-use crate::checkpoint::{self, finite};
-use crate::replay::{Batch, Replay};
-use crate::scaling::{ObservationScaling, Scaling};
-use crate::schedule::UpdateSchedule;
-use crate::targets::{bootstrapped, half_squared_error, mean};
-use crate::{allocation, seat};
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::replay::{Batch, Replay};
+use crate::shared::scaling::{ObservationScaling, Scaling};
+use crate::shared::schedule::UpdateSchedule;
+use crate::shared::targets::{bootstrapped, half_squared_error, mean};
+use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
-use numerics::gaussian_policy::{GaussianSoftmaxSample, gaussian_softmax_sample};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+};
+use numerics::gaussian_head::{self, mean_and_log_sd};
+use numerics::gaussian_softmax::{GaussianSoftmaxSample, gaussian_softmax_sample};
 use numerics::network::{Activation, Mlp, TwinMlp, device, matrix, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
 use numerics::parameters::{restore, soft_update, store};
@@ -42,8 +45,6 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "gaussian_softmax_sac";
-const LOG_SD_LOW: f64 = -20.0;
-const LOG_SD_HIGH: f64 = 2.0;
 
 /// Hyper-parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -152,17 +153,23 @@ struct Counters {
     schedule: UpdateSchedule,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "soft actor-critic with a Gaussian-softmax policy";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the agent for one seat that observes a box and acts on a simplex.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other seat.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(GaussianSoftmaxSac::new(config, interface, rng)?))
 }
 
 /// What [`GaussianSoftmaxSac::learn`] records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of both critics").lower_is_better(),
         Metric::new("policy_loss", "", "temperature times log pi less the lower critic").lower_is_better(),
@@ -194,7 +201,7 @@ impl GaussianSoftmaxSac {
             critics: Trained::new(critics, adam(config.critic_learning_rate)),
             log_temperature: config.first_temperature.ln(),
             temperature_adam: ScalarAdam::new(config.temperature_learning_rate),
-            replay: Replay::new(config.replay_capacity, n_observed, n_shares),
+            replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
             schedule: UpdateSchedule::new(),
             config,
             scaling,
@@ -203,7 +210,7 @@ impl GaussianSoftmaxSac {
     }
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let batch = self.replay.sample(self.config.batch_size, rng);
+        let batch = self.replay.sample_with_replacement(self.config.batch_size, rng);
         self.update_critics(&batch, rng, record)?;
         let log_pi = self.update_policy(&batch, rng, record)?;
         self.update_temperature(log_pi);
@@ -265,13 +272,6 @@ impl GaussianSoftmaxSac {
     }
 }
 
-/// The first half of the columns, and the second half within the limits of `ln sd`.
-pub(crate) fn mean_and_log_sd(output: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
-    let [rows, columns] = output.dims();
-    let mean = output.clone().slice([0..rows, 0..columns / 2]);
-    (mean, output.slice([0..rows, columns / 2..columns]).clamp(LOG_SD_LOW, LOG_SD_HIGH))
-}
-
 impl Agent for GaussianSoftmaxSac {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
@@ -279,14 +279,14 @@ impl Agent for GaussianSoftmaxSac {
         let policy = self.policy.network().valid();
         let shares = match mode {
             Mode::Train => self.draw(&policy, &scaled, rng).action,
-            Mode::Evaluate => softmax(mean_and_log_sd(policy.forward(scaled)).0, 1),
+            Mode::Evaluate => softmax(gaussian_head::mean(policy.forward(scaled)), 1),
         };
         allocation::actions(&values(shares), self.shares.len(), self.schedule.n_steps())
     }
 
     fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         for transition in transitions {
-            self.replay.push(transition, 0, &self.scaling);
+            self.replay.push_scaled(transition, &self.scaling);
         }
         let Config { learning_starts, updates_per_step, .. } = self.config;
         for _ in 0..self.schedule.advance(transitions.len(), learning_starts, updates_per_step) {
@@ -337,7 +337,7 @@ impl Agent for GaussianSoftmaxSac {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bandit;
+    use crate::shared::bandit;
     use engine::random::stream;
 
     fn tiny() -> Config {
@@ -364,7 +364,7 @@ mod tests {
     fn the_soft_target_by_hand() {
         let mut agent = agent(Config { first_temperature: 0.5, ..tiny() });
         bandit::train(&mut agent, 1, &mut stream(&["target"]));
-        let mut batch = agent.replay.sample(4, &mut stream(&["batch"]));
+        let mut batch = agent.replay.sample_with_replacement(4, &mut stream(&["batch"]));
         batch.continues = batch.continues.ones_like();
         let target = values(agent.soft_target(&batch, &mut stream(&["noise"])));
         let next = agent.draw(&agent.policy.network().valid(), &batch.next_observations, &mut stream(&["noise"]));

@@ -14,17 +14,20 @@
 //!
 //! Metrics: means over the models, of the latest update. Both parts are taken with the same draws.
 
-use crate::opponent_modelling::{Algorithm as _, Learner, SeatBatch, others};
+use crate::shared::opponent_modelling::{Learner, SeatBatch, Settings, others};
 use crate::tdom_ac::{self, OpponentObjective};
 use burn::tensor::Tensor;
 use engine::{
-    Action, Agent, AgentTraits, Config as _, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates,
+    Action, Agent, AgentTraits, Config as _, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition,
+    Updates,
 };
 use numerics::optimizer::gradients;
 use numerics::squashed::sample;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+const NAME: &str = "opponent_gradients";
 
 /// Hyper-parameters of the learning: a preset of `tdom_ac`.
 const PRESET: &str = "differential_game";
@@ -55,11 +58,6 @@ impl Default for Config {
 
 impl engine::Config for Config {}
 
-/// What the registration says.
-pub fn traits() -> AgentTraits {
-    AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() }
-}
-
 fn metrics() -> Vec<Metric> {
     let norm = |name: &str, about: &str| Metric::new(name, "", about).lower_is_better();
     vec![
@@ -74,11 +72,18 @@ pub struct OpponentGradients {
     learner: Learner<tdom_ac::Config>,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "takes the gradient of the opponent models of TDOM-AC apart into the critics' part and the entropy's";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the agent for an environment that `tdom_ac` can be used with.
 ///
 /// # Errors
 /// Those of `tdom_ac`.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(OpponentGradients { learner: Learner::new(learning(config)?, interface, rng)? }))
 }
 
@@ -88,7 +93,8 @@ fn learning(config: Config) -> Result<tdom_ac::Config, Error> {
     let learning: Result<tdom_ac::Config, _> = serde_json::from_value(values);
     let learning = learning.map_err(|problem| Error::config("opponent_objective", format!("preset `{PRESET}`: {problem}")))?;
     let Config { opponent_objective, width, batch_size, learning_starts } = config;
-    Ok(tdom_ac::Config { opponent_objective, width, batch_size, learning_starts, ..learning })
+    let settings = Settings { width, batch_size, learning_starts, ..learning.settings };
+    Ok(tdom_ac::Config { opponent_objective, settings, ..learning })
 }
 
 impl OpponentGradients {
@@ -110,7 +116,8 @@ impl OpponentGradients {
 
     /// Norms for the model `at` of a seat, which predicts the seat `other`.
     fn parts_of_model(&mut self, seat: usize, (at, other): (usize, usize), batch: &SeatBatch, rng: &mut Rng) -> (f64, f64) {
-        let value_alone = tdom_ac::Config { opponent_entropy_weight: 0.0, ..self.learner.algorithm.clone() };
+        let settings = Settings { opponent_entropy_weight: 0.0, ..self.learner.algorithm.settings };
+        let value_alone = tdom_ac::Config { settings, ..self.learner.algorithm.clone() };
         let game = &mut self.learner.game;
         let mut same_draws = rng.clone();
         let value = match value_alone.opponent_objective {
@@ -141,7 +148,7 @@ impl Agent for OpponentGradients {
 
     fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         self.learner.learn(transitions, rng, &mut Recorder::default())?;
-        let starts = self.learner.algorithm.settings().learning_starts;
+        let starts = self.learner.algorithm.settings.learning_starts;
         if self.learner.game.replay.len() as u64 >= starts {
             let (value, entropy) = self.parts(rng);
             record.latest("value_gradient", value);
@@ -174,7 +181,7 @@ impl Agent for OpponentGradients {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::coordination;
+    use crate::shared::coordination;
     use engine::random::stream;
 
     fn agent(opponent_objective: OpponentObjective) -> OpponentGradients {
@@ -210,7 +217,8 @@ mod tests {
             let batch = agent.learner.game.batch(0, &mut stream(&["batch"]));
             let config = agent.learner.algorithm.clone();
             let mut gradient = |weight: f64| {
-                let (config, rng) = (tdom_ac::Config { opponent_entropy_weight: weight, ..config.clone() }, &mut stream(&["x"]));
+                let settings = Settings { opponent_entropy_weight: weight, ..config.settings };
+                let (config, rng) = (tdom_ac::Config { settings, ..config.clone() }, &mut stream(&["x"]));
                 let game = &mut agent.learner.game;
                 let loss = match objective {
                     OpponentObjective::Aligned => config.aligned_loss(game, 0, (0, 1), &batch, rng),

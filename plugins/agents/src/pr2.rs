@@ -29,16 +29,17 @@
 //!
 //! Metrics: those of [`crate::tdom_ac`] with the losses above.
 
-use crate::opponent_modelling::{
-    Algorithm, Conditioning, Game, Learner, Player, SeatBatch, Settings, beside, metrics as shared_metrics, opponent_config,
-    others, preset,
+use crate::shared::opponent_modelling::{
+    Algorithm, Conditioning, Game, Learner, Origin, Player, SeatBatch, Settings, beside, metrics as shared_metrics, others,
 };
 use burn::tensor::Tensor;
-use engine::{Agent, Error, Interface, Metric, Mode, Preset, Recorder, Rng};
+use engine::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
 use numerics::squashed::{mean_action, sample};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+
+const NAME: &str = "pr2";
 
 /// What follows a transition in the critic's target.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -73,21 +74,41 @@ pub enum JoinedDraws {
     LogMeanExp,
 }
 
-opponent_config! {
-    /// Hyper-parameters. The defaults are those of the released code's latest variant in the particle tasks.
-    critic_entropy_weight = 1.0;
+/// Hyper-parameters. The defaults are those of the released code's latest variant in the particle tasks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
     /// Draws from the opponent models per state, in the critic's target and the policy's objective.
     #[schemars(range(min = 1, max = 1024), extend("x-source" = "released code: 1 in predator and prey, else 16"))]
-    opponent_samples: usize = 1,
+    pub opponent_samples: usize,
     /// What follows a transition in the critic's target.
     #[schemars(extend("x-source" = "released code: per_state in predator and prey, else batch_mean"))]
-    bootstrap: Bootstrap = Bootstrap::PerState,
+    pub bootstrap: Bootstrap,
     /// Which way the opponent models move the seat's own value.
     #[schemars(extend("x-source" = "Wen et al. 2019; released code: minimise in cooperative navigation"))]
-    opponent_objective: OpponentObjective = OpponentObjective::Maximise,
+    pub opponent_objective: OpponentObjective,
     /// How the values of several draws become one.
     #[schemars(extend("x-source" = "released code; Wen et al. 2019: log_mean_exp"))]
-    joined_draws: JoinedDraws = JoinedDraws::Mean,
+    pub joined_draws: JoinedDraws,
+    /// Weight alpha of the entropy in the critic's target.
+    #[schemars(range(min = 0.0), extend("x-source" = "released code; thesis, section 4.5: 1"))]
+    pub critic_entropy_weight: f64,
+    /// What all algorithms with opponent models share.
+    #[serde(flatten)]
+    pub settings: Settings,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            opponent_samples: 1,
+            bootstrap: Bootstrap::PerState,
+            opponent_objective: OpponentObjective::Maximise,
+            joined_draws: JoinedDraws::Mean,
+            critic_entropy_weight: 1.0,
+            settings: Settings::default(),
+        }
+    }
 }
 
 impl engine::Config for Config {
@@ -103,36 +124,54 @@ impl engine::Config for Config {
         original["critic_entropy_weight"] = 0.0.into();
         let navigation = own(16, "batch_mean", "minimise");
         vec![
-            preset("thesis", "thesis, section 4.5, as printed", own(16, "per_state", "maximise")),
-            preset("original", "Wen et al. 2019: no entropy of the own policy", original),
-            preset("released_code", "released code, predator and prey (pr2_comp.py)", own(1, "per_state", "maximise")),
-            preset("released_code_navigation", "released code, cooperative navigation (pr2_v1.py)", navigation),
-            preset("differential_game", "released code, differential game (pr2.py)", own(16, "batch_mean", "maximise")),
+            Origin::Text.preset("thesis", "thesis, section 4.5, as printed", own(16, "per_state", "maximise")),
+            Origin::ParticleCode.preset("original", "Wen et al. 2019: no entropy of the own policy", original),
+            Origin::ParticleCode.preset(
+                "released_code",
+                "released code, predator and prey (pr2_comp.py)",
+                own(1, "per_state", "maximise"),
+            ),
+            Origin::ParticleCode.preset(
+                "released_code_navigation",
+                "released code, cooperative navigation (pr2_v1.py)",
+                navigation,
+            ),
+            Origin::GameCode.preset(
+                "differential_game",
+                "released code, differential game (pr2.py)",
+                own(16, "batch_mean", "maximise"),
+            ),
         ]
     }
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "actor-critic for several seats that reasons through the others' answers to its own action";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
 }
 
 /// Builds the agent for an environment with several seats that observe boxes and act in boxes from -1 to 1.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other environment.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(Learner::new(config, interface, rng)?))
 }
 
 /// What the agent records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     shared_metrics()
 }
 
 impl Algorithm for Config {
-    const NAME: &'static str = "pr2";
+    const NAME: &'static str = NAME;
     const CONDITIONING: Conditioning = Conditioning::PredictionOnAction;
     const HAS_PRIOR: bool = false;
 
-    fn settings(&self) -> Settings {
-        self.shared()
+    fn settings(&self) -> &Settings {
+        &self.settings
     }
 
     fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
@@ -201,7 +240,7 @@ impl Config {
         let drawn = sample(game.players[seat].opponents[at].tracked_head(input), rng);
         let actions = game.layout.with_action(&batch.actions, other, drawn.action);
         let value = game.players[seat].critic.value(&batch.observations, actions);
-        let entropy = drawn.log_density * self.opponent_entropy_weight;
+        let entropy = drawn.log_density * self.settings.opponent_entropy_weight;
         match self.opponent_objective {
             OpponentObjective::Maximise => (entropy - value).mean(),
             OpponentObjective::Minimise => (entropy + value).mean(),
@@ -216,7 +255,7 @@ impl Config {
         let answers = self.answers(&mut game.players[seat], &seen, &own.action, rng);
         let critic = &game.players[seat].critic;
         let values = answers.into_iter().map(|others| critic.value(s, game.joint(seat, own.action.clone(), others)));
-        let weight = self.policy_entropy_weight;
+        let weight = self.settings.policy_entropy_weight;
         let value = self.joined(values.collect(), weight);
         ((own.log_density.clone() * weight - value).mean(), own.log_density)
     }
@@ -245,25 +284,17 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::coordination;
-    use crate::opponent_modelling::trials;
+    use crate::shared::coordination;
+    use crate::shared::opponent_modelling::trials;
     use engine::random::stream;
     use numerics::network::{matrix, values};
 
     fn tiny() -> Config {
-        Config {
-            width: 16,
-            batch_size: 32,
-            learning_starts: 32,
-            updates_per_step: 0.5,
-            learning_rate: 3e-3,
-            opponent_samples: 2,
-            ..Config::default()
-        }
+        Config { opponent_samples: 2, settings: trials::tiny(), ..Config::default() }
     }
 
     fn plain() -> Config {
-        Config { input_normalisation: false, gradient_clip: None, stale_policy_step: false, width: 6, ..tiny() }
+        Config { settings: trials::plain(), ..tiny() }
     }
 
     #[test]
@@ -305,7 +336,8 @@ mod tests {
     #[test]
     fn gradients_agree_with_finite_differences_through_the_answers() {
         for (input_normalisation, joined_draws) in [(false, JoinedDraws::Mean), (true, JoinedDraws::LogMeanExp)] {
-            let config = Config { input_normalisation, joined_draws, ..plain() };
+            let settings = Settings { input_normalisation, ..trials::plain() };
+            let config = Config { joined_draws, settings, ..plain() };
             let policy = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
                 learner.algorithm.clone().policy_loss(&mut learner.game, 0, batch, rng).0
             };
@@ -330,7 +362,8 @@ mod tests {
 
     #[test]
     fn a_pessimist_turns_the_gradient_of_the_value() {
-        let mut learner = trials::learner(Config { opponent_entropy_weight: 0.0, ..plain() });
+        let mut learner =
+            trials::learner(Config { settings: Settings { opponent_entropy_weight: 0.0, ..trials::plain() }, ..plain() });
         let batch = trials::batch(&mut learner, 8);
         let mut gradient = |opponent_objective| {
             let config = Config { opponent_objective, ..learner.algorithm.clone() };
@@ -343,7 +376,8 @@ mod tests {
 
     #[test]
     fn it_learns_to_coordinate() {
-        trials::assert_learns(Config { policy_entropy_weight: 0.1, opponent_entropy_weight: 0.1, ..tiny() });
+        let settings = Settings { policy_entropy_weight: 0.1, opponent_entropy_weight: 0.1, ..trials::tiny() };
+        trials::assert_learns(Config { settings, ..tiny() });
     }
 
     #[test]
@@ -358,7 +392,7 @@ mod tests {
 
     #[test]
     fn a_seat_that_sees_its_own_observation_heeds_no_other() {
-        trials::assert_sight(|sight| Config { sight, ..tiny() });
+        trials::assert_sight(|settings| Config { settings, ..tiny() });
     }
 
     #[test]

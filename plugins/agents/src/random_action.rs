@@ -5,11 +5,13 @@
 //!
 //! [`random_allocation`]: crate::random_allocation
 
-use crate::{random_allocation::uniform_shares, seat::mismatch};
-use engine::{Action, Agent, Error, Interface, Mode, Observation, Rng, Space};
+use crate::shared::{allocation::uniform_shares, seat::mismatch};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng, Space};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+const NAME: &str = "random_action";
 
 /// It has no parameters.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
@@ -24,15 +26,21 @@ pub struct RandomAction {
     spaces: Vec<Space>,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "every seat acts uniformly at random";
+    registry.agent(NAME, version, about, AgentTraits::default(), build);
+}
+
 /// Builds the policy for any number of seats.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where a channel of an action has no limits to draw between.
-pub fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     for seat in &interface.seats {
         let Space::Box(channels) = &seat.action else { continue };
         if let Some(open) = channels.iter().find(|channel| !(channel.low.is_finite() && channel.high.is_finite())) {
-            return Err(mismatch("random_action", format!("it draws between limits, and `{}` has none", open.name)));
+            return Err(mismatch(NAME, format!("it draws between limits, and `{}` has none", open.name)));
         }
     }
     Ok(Box::new(RandomAction { spaces: interface.seats.iter().map(|seat| seat.action.clone()).collect() }))

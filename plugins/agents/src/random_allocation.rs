@@ -3,11 +3,12 @@
 //! Uniform on the simplex is `Dirichlet(1, ..., 1)`: `a_i = e_i / sum_j e_j` with `e_i = -ln(1 - u_i)` exponential,
 //! `u_i` uniform in `[0, 1)`. It draws in both modes, learns nothing and records nothing.
 
-use crate::seat;
-use engine::{Action, Agent, Error, Interface, Mode, Observation, Rng};
-use rand::Rng as _;
+use crate::shared::{allocation::uniform_shares, seat};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+const NAME: &str = "random_allocation";
 
 /// It has no parameters.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
@@ -22,12 +23,18 @@ pub struct RandomAllocation {
     n_shares: Vec<usize>,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "shares drawn uniformly from the simplex";
+    registry.agent(NAME, version, about, AgentTraits::default(), build);
+}
+
 /// Builds the policy for any number of seats that act on simplexes.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where a seat's action is not on a simplex.
-pub fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let n_shares = interface.seats.iter().map(|seat| Ok(seat::simplex("random_allocation", seat)?.len()));
+fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let n_shares = interface.seats.iter().map(|seat| Ok(seat::simplex(NAME, seat)?.len()));
     Ok(Box::new(RandomAllocation { n_shares: n_shares.collect::<Result<_, Error>>()? }))
 }
 
@@ -38,18 +45,10 @@ impl Agent for RandomAllocation {
     }
 }
 
-/// One draw from `Dirichlet(1, ..., 1)`, `n` shares that sum to 1.
-pub fn uniform_shares(n: usize, rng: &mut Rng) -> Vec<f64> {
-    // The smallest exponential is kept above zero so that a single asset never divides zero by zero.
-    let exponentials: Vec<f64> = (0..n).map(|_| (-(-rng.random::<f64>()).ln_1p()).max(f64::MIN_POSITIVE)).collect();
-    let total: f64 = exponentials.iter().sum();
-    exponentials.into_iter().map(|e| e / total).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seat::tests::allocation;
+    use crate::shared::seat::tests::allocation;
 
     #[test]
     fn shares_sum_to_one_and_have_the_moments_of_a_uniform_simplex() {

@@ -7,8 +7,8 @@
 //! IV `[0.05, 0.2, 0.35, 0.45]`. The weights of rule IV sum to 1.05 as printed. They are applied as they are: so the rule lives
 //! 0.122 of an equal split in the battery environment (published: 0.120), divided by their sum 0.194.
 
-use crate::seat;
-use engine::{Action, Agent, Error, Interface, Mode, Observation, Preset, Rng};
+use crate::shared::seat;
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Preset, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -49,11 +49,17 @@ pub struct RankRule {
     voltages: Vec<usize>,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "fixed shares by the rank of the observed voltage";
+    registry.agent(NAME, version, about, AgentTraits::default(), build);
+}
+
 /// Builds the rule for one seat that observes one `voltage_..` channel per share.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for other seats, [`Error::Config`] for weights that are no shares or do not fit in number.
-pub fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let seat = seat::only_seat(NAME, interface)?;
     let n_assets = seat::simplex(NAME, seat)?.len();
     let channels = seat::observed(NAME, seat)?;
@@ -95,7 +101,7 @@ impl Agent for RankRule {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seat::tests::allocation;
+    use crate::shared::seat::tests::allocation;
 
     const CHANNELS: [&str; 5] = ["power_demand_w", "voltage_1", "voltage_2", "voltage_3", "voltage_4"];
 

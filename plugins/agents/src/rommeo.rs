@@ -24,59 +24,88 @@
 //!
 //! Metrics: those of [`crate::tdom_ac`] with the losses above, and `prior_loss`.
 
-use crate::opponent_modelling::{
-    ActingPrediction, Algorithm, Conditioning, Game, Learner, SeatBatch, Settings, beside, decide, metrics as shared_metrics,
-    opponent_config, others, policy_loss, predict, preset,
+use crate::shared::opponent_modelling::{
+    ActingPrediction, Algorithm, Conditioning, Game, GaussianNetwork, Learner, Origin, SeatBatch, Settings, beside, decide,
+    metrics as shared_metrics, others, policy_loss, predict,
 };
 use burn::tensor::Tensor;
-use engine::{Agent, Error, Interface, Metric, Mode, Preset, Recorder, Rng};
-use numerics::squashed::{candidate_of, log_density, mean, sample, standard_deviation};
+use engine::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
+use numerics::gaussian_head::{mean, standard_deviation};
+use numerics::squashed::{candidate_of, log_density, sample};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-opponent_config! {
-    /// Hyper-parameters. The defaults are those of the released code in the particle tasks.
-    critic_entropy_weight = 1.0;
+const NAME: &str = "rommeo";
+
+/// Hyper-parameters. The defaults are those of the released code in the particle tasks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
     /// What the policy is given as the others' actions when it explores.
     #[schemars(extend("x-source" = "released code; thesis, algorithm 2"))]
-    acting_prediction: ActingPrediction = ActingPrediction::Sample,
+    pub acting_prediction: ActingPrediction,
     /// Weight k of the squares of the prior's mean and standard deviation in its loss.
     #[schemars(range(min = 0.0), extend("x-source" = "released code"))]
-    prior_regularisation: f64 = 0.0005,
+    pub prior_regularisation: f64,
+    /// Weight alpha of the entropy in the critic's target.
+    #[schemars(range(min = 0.0), extend("x-source" = "released code; thesis, section 4.5: 1"))]
+    pub critic_entropy_weight: f64,
+    /// What all algorithms with opponent models share.
+    #[serde(flatten)]
+    pub settings: Settings,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            acting_prediction: ActingPrediction::Sample,
+            prior_regularisation: 0.0005,
+            critic_entropy_weight: 1.0,
+            settings: Settings::default(),
+        }
+    }
 }
 
 impl engine::Config for Config {
     fn presets() -> Vec<Preset> {
         let own = |acting: &str| json!({ "critic_entropy_weight": 1.0, "acting_prediction": acting });
         vec![
-            preset("thesis", "thesis, section 4.5, as printed", own("sample")),
-            preset("released_code", "released code, particle tasks", own("sample")),
-            preset("differential_game", "released code, differential game", own("mean")),
+            Origin::Text.preset("thesis", "thesis, section 4.5, as printed", own("sample")),
+            Origin::ParticleCode.preset("released_code", "released code, particle tasks", own("sample")),
+            Origin::GameCode.preset("differential_game", "released code, differential game", own("mean")),
         ]
     }
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "actor-critic for several seats with opponent models regularised by what the others did";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
 }
 
 /// Builds the agent for an environment with several seats that observe boxes and act in boxes from -1 to 1.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other environment.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(Learner::new(config, interface, rng)?))
 }
 
 /// What the agent records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     let prior = Metric::new("prior_loss", "", "loss of the priors, mean over the seats").lower_is_better();
     [shared_metrics(), vec![prior]].concat()
 }
 
 impl Algorithm for Config {
-    const NAME: &'static str = "rommeo";
+    const NAME: &'static str = NAME;
     const CONDITIONING: Conditioning = Conditioning::PolicyOnPrediction;
     const HAS_PRIOR: bool = true;
 
-    fn settings(&self) -> Settings {
-        self.shared()
+    fn settings(&self) -> &Settings {
+        &self.settings
     }
 
     fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
@@ -104,13 +133,13 @@ impl Algorithm for Config {
             total += game.opponent_step(seat, at, &loss)?;
         }
         record.mean("opponent_loss", total);
-        let (loss, log_density) = policy_loss(game, seat, batch, self.policy_entropy_weight, rng);
+        let (loss, log_density) = policy_loss(game, seat, batch, self.settings.policy_entropy_weight, rng);
         game.improve_policy(seat, &loss, log_density, record)
     }
 }
 
 /// The prior of a seat.
-fn prior(game: &mut Game, seat: usize) -> &mut crate::opponent_modelling::GaussianNetwork {
+fn prior(game: &mut Game, seat: usize) -> &mut GaussianNetwork {
     // This algorithm says that its seats have priors, so all of them do.
     game.players[seat].prior.as_mut().expect("a prior per seat")
 }
@@ -167,24 +196,24 @@ impl Config {
         let own = candidate_of(game.own(&batch.actions, seat));
         let log_pi = log_density(game.players[seat].policy.plain_head(beside(&seen, of_others)), own);
         let value = game.players[seat].critic.value(s, actions);
-        (drawn.log_density - expected - value + log_pi * self.opponent_entropy_weight).mean()
+        (drawn.log_density - expected - value + log_pi * self.settings.opponent_entropy_weight).mean()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::coordination;
-    use crate::opponent_modelling::trials;
+    use crate::shared::coordination;
+    use crate::shared::opponent_modelling::trials;
     use engine::random::stream;
     use numerics::network::values;
 
     fn tiny() -> Config {
-        Config { width: 16, batch_size: 32, learning_starts: 32, updates_per_step: 0.5, learning_rate: 3e-3, ..Config::default() }
+        Config { settings: trials::tiny(), ..Config::default() }
     }
 
     fn plain() -> Config {
-        Config { input_normalisation: false, gradient_clip: None, stale_policy_step: false, width: 6, ..tiny() }
+        Config { settings: trials::plain(), ..tiny() }
     }
 
     #[test]
@@ -205,7 +234,8 @@ mod tests {
     #[test]
     fn gradients_agree_with_finite_differences() {
         for input_normalisation in [false, true] {
-            let config = Config { input_normalisation, ..plain() };
+            let settings = Settings { input_normalisation, ..trials::plain() };
+            let config = Config { settings, ..plain() };
             // Through the prior's density of the draw, the critic and the policy's condition.
             let opponent = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
                 learner.algorithm.clone().opponent_loss(&mut learner.game, 0, (0, 1), batch, rng)
@@ -231,7 +261,7 @@ mod tests {
 
     #[test]
     fn the_prior_learns_what_was_done() {
-        let mut learner = trials::learner(Config { learning_rate: 0.01, ..tiny() });
+        let mut learner = trials::learner(Config { settings: Settings { learning_rate: 0.01, ..trials::tiny() }, ..tiny() });
         let batch = trials::batch(&mut learner, 32);
         let mut record = Recorder::default();
         let before = values(learner.algorithm.prior_loss(&mut learner.game, 0, &batch))[0];
@@ -243,7 +273,8 @@ mod tests {
 
     #[test]
     fn it_learns_to_coordinate() {
-        trials::assert_learns(Config { policy_entropy_weight: 0.1, opponent_entropy_weight: 0.1, ..tiny() });
+        let settings = Settings { policy_entropy_weight: 0.1, opponent_entropy_weight: 0.1, ..trials::tiny() };
+        trials::assert_learns(Config { settings, ..tiny() });
     }
 
     #[test]
@@ -258,7 +289,7 @@ mod tests {
 
     #[test]
     fn a_seat_that_sees_its_own_observation_heeds_no_other() {
-        trials::assert_sight(|sight| Config { sight, ..tiny() });
+        trials::assert_sight(|settings| Config { settings, ..tiny() });
     }
 
     #[test]

@@ -27,16 +27,18 @@
 //! eq. 4.22 summed over the opponents, `policy_loss` eq. 4.16, `policy_entropy` `-mean(log pi)`. In evaluation
 //! `opponent_prediction_error`, per seat.
 
-use crate::opponent_modelling::{
-    ActingPrediction, Algorithm, Conditioning, Game, Learner, SeatBatch, Settings, beside, decide, metrics as shared_metrics,
-    opponent_config, others, policy_loss, predict, preset,
+use crate::shared::opponent_modelling::{
+    ActingPrediction, Algorithm, Conditioning, Game, Learner, Origin, SeatBatch, Settings, beside, decide,
+    metrics as shared_metrics, others, policy_loss, predict,
 };
 use burn::tensor::Tensor;
-use engine::{Agent, Error, Interface, Metric, Mode, Preset, Recorder, Rng};
+use engine::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
 use numerics::squashed::sample;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+
+const NAME: &str = "tdom_ac";
 
 /// What the opponent models climb.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -49,49 +51,73 @@ pub enum OpponentObjective {
     Neutralised,
 }
 
-opponent_config! {
-    /// Hyper-parameters. The defaults are those of the released code in the particle tasks.
-    critic_entropy_weight = 0.5;
+/// Hyper-parameters. The defaults are those of the released code in the particle tasks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
     /// What the opponent models climb.
     #[schemars(extend("x-source" = "thesis, eq. 4.22"))]
-    opponent_objective: OpponentObjective = OpponentObjective::Aligned,
+    pub opponent_objective: OpponentObjective,
     /// What the policy is given as the others' actions when it explores.
     #[schemars(extend("x-source" = "released code; thesis, algorithm 2: sample"))]
-    acting_prediction: ActingPrediction = ActingPrediction::Mean,
+    pub acting_prediction: ActingPrediction,
+    /// Weight alpha of the entropy in the critic's target.
+    #[schemars(range(min = 0.0), extend("x-source" = "released code; thesis, section 4.5: 1"))]
+    pub critic_entropy_weight: f64,
+    /// What all algorithms with opponent models share.
+    #[serde(flatten)]
+    pub settings: Settings,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            opponent_objective: OpponentObjective::Aligned,
+            acting_prediction: ActingPrediction::Mean,
+            critic_entropy_weight: 0.5,
+            settings: Settings::default(),
+        }
+    }
 }
 
 impl engine::Config for Config {
     fn presets() -> Vec<Preset> {
         let own = |weight: f64, acting: &str| json!({ "critic_entropy_weight": weight, "acting_prediction": acting });
         vec![
-            preset("thesis", "thesis, section 4.5, as printed", own(1.0, "sample")),
-            preset("released_code", "released code, particle tasks", own(0.5, "mean")),
-            preset("differential_game", "released code, differential game", own(0.0, "mean")),
+            Origin::Text.preset("thesis", "thesis, section 4.5, as printed", own(1.0, "sample")),
+            Origin::ParticleCode.preset("released_code", "released code, particle tasks", own(0.5, "mean")),
+            Origin::GameCode.preset("differential_game", "released code, differential game", own(0.0, "mean")),
         ]
     }
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "actor-critic for several seats whose opponent models follow the others' improvement";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
 }
 
 /// Builds the agent for an environment with several seats that observe boxes and act in boxes from -1 to 1.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other environment.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(Learner::new(config, interface, rng)?))
 }
 
 /// What the agent records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     shared_metrics()
 }
 
 impl Algorithm for Config {
-    const NAME: &'static str = "tdom_ac";
+    const NAME: &'static str = NAME;
     const CONDITIONING: Conditioning = Conditioning::PolicyOnPrediction;
     const HAS_PRIOR: bool = false;
 
-    fn settings(&self) -> Settings {
-        self.shared()
+    fn settings(&self) -> &Settings {
+        &self.settings
     }
 
     fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
@@ -113,7 +139,7 @@ impl Algorithm for Config {
         let next_value = self.next_value(game, seat, batch, rng);
         game.improve_critic(seat, batch, next_value, record)?;
         self.improve_opponents(game, seat, batch, rng, record)?;
-        let (loss, log_density) = policy_loss(game, seat, batch, self.policy_entropy_weight, rng);
+        let (loss, log_density) = policy_loss(game, seat, batch, self.settings.policy_entropy_weight, rng);
         game.improve_policy(seat, &loss, log_density, record)
     }
 }
@@ -165,7 +191,7 @@ impl Config {
         let drawn = sample(game.players[seat].opponents[at].tracked_head(seen), rng);
         let actions = game.layout.with_action(&batch.actions, other, drawn.action);
         let value = game.players[other].critic.value(&batch.observations, actions);
-        (drawn.log_density * self.opponent_entropy_weight - value).mean()
+        (drawn.log_density * self.settings.opponent_entropy_weight - value).mean()
     }
 
     /// Eq. 4.17 for one opponent as a loss: `mean(alpha log rho - sum of all Q)`, all others being predicted.
@@ -186,7 +212,7 @@ impl Config {
         predicted[at] = drawn.action;
         let actions = game.joint(seat, own, predicted);
         let critics = game.players.iter().map(|player| player.critic.value(&batch.observations, actions.clone()));
-        let loss = critics.fold(drawn.log_density * self.opponent_entropy_weight, |sum, value| sum - value);
+        let loss = critics.fold(drawn.log_density * self.settings.opponent_entropy_weight, |sum, value| sum - value);
         loss.mean()
     }
 }
@@ -194,18 +220,18 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::coordination;
-    use crate::opponent_modelling::trials;
+    use crate::shared::coordination;
+    use crate::shared::opponent_modelling::trials;
     use engine::random::stream;
     use numerics::network::values;
     use numerics::parameters::{parameters, with_parameters};
 
     fn tiny() -> Config {
-        Config { width: 16, batch_size: 32, learning_starts: 32, updates_per_step: 0.5, learning_rate: 3e-3, ..Config::default() }
+        Config { settings: trials::tiny(), ..Config::default() }
     }
 
     fn plain() -> Config {
-        Config { input_normalisation: false, gradient_clip: None, stale_policy_step: false, width: 6, ..tiny() }
+        Config { settings: trials::plain(), ..tiny() }
     }
 
     fn learner(config: Config) -> Learner<Config> {
@@ -228,7 +254,8 @@ mod tests {
     #[test]
     fn gradients_agree_with_finite_differences_through_the_draws() {
         for input_normalisation in [false, true] {
-            let config = Config { input_normalisation, ..plain() };
+            let settings = Settings { input_normalisation, ..trials::plain() };
+            let config = Config { settings, ..plain() };
             let aligned = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
                 learner.algorithm.clone().aligned_loss(&mut learner.game, 0, (0, 1), batch, rng)
             };
@@ -261,7 +288,7 @@ mod tests {
         let mut opposed = parameters(learner.game.players[0].critic.network());
         opposed[4..].iter_mut().flat_map(|parameter| &mut parameter.values).for_each(|x| *x = -*x);
         let network = with_parameters(learner.game.players[0].critic.network().clone(), &opposed).unwrap();
-        learner.game.players[1].critic.set_network(network, &learner.algorithm.shared());
+        learner.game.players[1].critic.set_network(network, &learner.algorithm.settings);
         let rng = || stream(&["draws"]);
         let entropy = |learner: &mut Learner<Config>| {
             let mut rng = rng();
@@ -284,7 +311,8 @@ mod tests {
 
     #[test]
     fn it_learns_to_coordinate() {
-        trials::assert_learns(Config { policy_entropy_weight: 0.1, opponent_entropy_weight: 0.1, ..tiny() });
+        let settings = Settings { policy_entropy_weight: 0.1, opponent_entropy_weight: 0.1, ..trials::tiny() };
+        trials::assert_learns(Config { settings, ..tiny() });
     }
 
     #[test]
@@ -299,7 +327,7 @@ mod tests {
 
     #[test]
     fn a_seat_that_sees_its_own_observation_heeds_no_other() {
-        trials::assert_sight(|sight| Config { sight, ..tiny() });
+        trials::assert_sight(|settings| Config { settings, ..tiny() });
     }
 
     #[test]

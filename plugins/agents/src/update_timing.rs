@@ -47,11 +47,6 @@ impl Default for Config {
 
 impl engine::Config for Config {}
 
-/// What the registration says.
-pub fn traits() -> AgentTraits {
-    AgentTraits { learns: true, metrics: metrics(), measures_time: true, ..AgentTraits::default() }
-}
-
 fn metrics() -> Vec<Metric> {
     let time = |name: &str, about: &str| Metric::new(name, "s", about).lower_is_better();
     vec![
@@ -71,11 +66,18 @@ pub struct UpdateTiming {
     reference_s: f64,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "times one update of an algorithm beside another's: its numbers are times, and differ from run to run";
+    let traits = AgentTraits { learns: true, metrics: metrics(), measures_time: true, ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds both algorithms for an environment that both can be used with.
 ///
 /// # Errors
 /// [`Error::Config`] for a name that is not known, and whatever the algorithms refuse.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let mut registry = Registry::default();
     crate::register(&mut registry);
     let setting = config.setting.as_deref();
@@ -175,7 +177,7 @@ impl Agent for UpdateTiming {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::coordination;
+    use crate::shared::coordination;
     use engine::random::stream;
 
     fn timing(config: Config) -> Result<Box<dyn Agent>, Error> {

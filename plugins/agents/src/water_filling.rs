@@ -22,8 +22,8 @@
 //! Of two levels that meet `P` the higher one is taken, since it needs less current. Where no level meets `P`, the level of
 //! the greatest power is taken. The rule is myopic: it looks at the present decision only. It records nothing.
 
-use crate::{allocation::equal_shares, seat};
-use engine::{Action, Agent, Error, Interface, Mode, Observation, Rng};
+use crate::shared::{allocation::equal_shares, seat};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -71,11 +71,23 @@ pub struct WaterFillingTrueState {
     demand: usize,
 }
 
+/// Registers the controller on observables.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "equal terminal voltages, from what is observed: a reference controller";
+    registry.agent(OBSERVED, version, about, AgentTraits::default(), build);
+}
+
+/// Registers the controller on the full state.
+pub(crate) fn register_true_state(registry: &mut Registry, version: u32) {
+    let about = "equal terminal voltages, from the true state: a reference controller";
+    registry.agent(TRUE_STATE, version, about, AgentTraits::default(), build_true_state);
+}
+
 /// Builds the controller for one seat that observes `voltage_i`, `current_i` and `power_demand_w`.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where a channel is missing or the action is not on a simplex.
-pub fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let seat = seat::only_seat(OBSERVED, interface)?;
     let n_assets = seat::simplex(OBSERVED, seat)?.len();
     let channels = seat::observed(OBSERVED, seat)?;
@@ -92,7 +104,7 @@ pub fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<d
 ///
 /// # Errors
 /// [`Error::Mismatch`] where a channel is missing or the action is not on a simplex.
-pub fn build_true_state(_: TrueStateConfig, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build_true_state(_: TrueStateConfig, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let seat = seat::only_seat(TRUE_STATE, interface)?;
     let n_assets = seat::simplex(TRUE_STATE, seat)?.len();
     let suffixes = seat::assets(TRUE_STATE, &interface.state, "effective_voltage_", n_assets)?;
@@ -172,7 +184,7 @@ fn level(source_v: &[f64], resistance_ohm: &[f64], power_w: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seat::tests::allocation;
+    use crate::shared::seat::tests::allocation;
     use proptest::prelude::*;
 
     fn close(a: &[f64], b: &[f64]) -> bool {

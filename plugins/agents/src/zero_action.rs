@@ -2,10 +2,12 @@
 //!
 //! It observes nothing, learns nothing and records nothing.
 
-use crate::seat::mismatch;
-use engine::{Action, Agent, Error, Interface, Mode, Observation, Rng, Seat, Space};
+use crate::shared::seat::mismatch;
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng, Seat, Space};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+const NAME: &str = "zero_action";
 
 /// It has no parameters.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
@@ -20,21 +22,26 @@ pub struct ZeroAction {
     action: Action,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    registry.agent(NAME, version, "every seat does nothing", AgentTraits::default(), build);
+}
+
 /// Builds the policy for any number of seats that act in boxes.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where 0 is no action of a seat.
-pub fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let action = interface.seats.iter().map(zeros).collect::<Result<_, _>>()?;
     Ok(Box::new(ZeroAction { action }))
 }
 
 fn zeros(seat: &Seat) -> Result<Vec<f64>, Error> {
     let Space::Box(channels) = &seat.action else {
-        return Err(mismatch("zero_action", "it does nothing, which only actions in a box allow"));
+        return Err(mismatch(NAME, "it does nothing, which only actions in a box allow"));
     };
     match channels.iter().find(|channel| channel.low > 0.0 || channel.high < 0.0) {
-        Some(channel) => Err(mismatch("zero_action", format!("0 lies outside the limits of `{}`", channel.name))),
+        Some(channel) => Err(mismatch(NAME, format!("0 lies outside the limits of `{}`", channel.name))),
         None => Ok(vec![0.0; channels.len()]),
     }
 }
@@ -48,7 +55,7 @@ impl Agent for ZeroAction {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::seat::tests::allocation;
+    use crate::shared::seat::tests::allocation;
     use engine::Channel;
 
     fn agent(channel: Channel) -> Result<Box<dyn Agent>, Error> {

@@ -1,5 +1,12 @@
 //! Environments: simulated systems with one or more seats.
 //!
+//! "The thesis" is Y. Tian, "Prescriptive Maintenance and Operation with Deep Reinforcement Learning",
+//! dissertation: chapter 3 for `allocation_bandit`, `simplex_reconstruction` and `battery` (Y. Tian, M. Han,
+//! C. Kulkarni and O. Fink, "A prescriptive Dirichlet power allocation policy with deep reinforcement
+//! learning", Reliability Engineering and System Safety 224 (2022) 108529), chapter 4 for the games (Y. Tian,
+//! K.-R. Kladny, Q. Wang, Z. Huang and O. Fink, "Multi-agent actor-critic with time dynamical opponent
+//! model", Neurocomputing 517 (2023) 165-172).
+//!
 //! To add one, write a module with a config and an [`engine::Environment`], and one line in [`register`].
 
 pub mod allocation_bandit;

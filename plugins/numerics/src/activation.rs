@@ -3,16 +3,18 @@
 //! The slope is taken from the output `y` alone: `y > 0 ? 1 : s` for rectifiers and `1 - y^2` for the tangent. Every loop is
 //! free of branches and of calls into a C library, so it is vectorised and gives the same bits on every machine.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Slope of the leaky rectifier below zero (Maas et al. 2013).
 pub const LEAKY_SLOPE: f64 = 0.01;
 
-/// The non-linearity after a hidden layer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// The activation after a hidden layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Activation {
     /// `max(x, 0)`.
+    #[default]
     Relu,
     /// `x` above zero, `0.01 x` below.
     LeakyRelu,

@@ -12,7 +12,7 @@
 use rand::RngCore;
 
 use crate::gamma::{log_gamma_slope, sample_log_gamma};
-use crate::special::{digamma, ln_gamma, trigamma};
+use crate::special::{digamma, ln_gamma, log_sum_exp, trigamma};
 
 /// The smallest logarithm of a coordinate of a draw. Its exponential, 1.6e-38, is still an ordinary `f32`.
 ///
@@ -76,12 +76,6 @@ fn draw_of(concentration: &[f64], log_gammas: &[f64]) -> Draw {
     };
     let (log_action, slope) = concentration.iter().zip(log_gammas).map(coordinate).unzip();
     Draw { log_action, slope }
-}
-
-/// `ln sum exp`, without overflow.
-pub(crate) fn log_sum_exp(values: &[f64]) -> f64 {
-    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    largest + values.iter().map(|value| (value - largest).exp()).sum::<f64>().ln()
 }
 
 /// `ln B(alpha) = sum ln Gamma(alpha_i) - ln Gamma(A)` (thesis, equation 3.11).

@@ -19,7 +19,7 @@
 
 use rand::RngCore;
 
-use crate::dirichlet::log_sum_exp;
+use crate::special::log_sum_exp;
 
 /// `ln(2 pi) / 2`.
 pub const HALF_LN_TWO_PI: f64 = 0.9189385332046728;

@@ -1,13 +1,15 @@
-//! Numerics that environments and agents share, and that know neither the engine nor reinforcement learning: special functions,
-//! distributions, networks, optimisers, files of parameters.
+//! Numerics that agents share, and that know neither the engine nor reinforcement learning: special
+//! functions, distributions, networks, optimisers, files of parameters.
 
 pub mod activation;
 pub mod dense;
 pub mod dirichlet;
 pub mod dirichlet_policy;
 pub mod gamma;
+pub mod gauss_hermite;
 pub mod gaussian;
-pub mod gaussian_policy;
+pub mod gaussian_head;
+pub mod gaussian_softmax;
 pub mod input_norm;
 pub mod linearised;
 pub mod network;

@@ -5,8 +5,10 @@
 //! `m <- b1 m + (1 - b1) g`, `v <- b2 v + (1 - b2) g^2`,
 //! `x <- x - rate (m / (1 - b1^t)) / (sqrt(v / (1 - b2^t)) + epsilon)`.
 //!
-//! `b1 = 0.9`, `b2 = 0.999`, `epsilon = 1e-8` as in the paper (`burn`'s own optimiser takes 1e-5). One pass over each
-//! parameter on the host does the whole step; the state can be stored and continues to the same bits.
+//! `b1 = 0.9`, `b2 = 0.999`, `epsilon = 1e-8` as in the paper. `burn`'s own optimiser clips the gradient of
+//! each parameter by itself; the algorithms here clip by the Euclidean norm over all parameters of a network.
+//! One pass over each parameter on the host does the whole step; the state can be stored and continues to the
+//! same bits.
 
 use crate::parameters::map_values;
 use crate::tensor_file::{TensorFile, TensorFileError};
@@ -29,13 +31,15 @@ pub struct Adam {
 }
 
 impl Adam {
-    /// Adam with a learning rate and, where given, gradients scaled down to a largest Euclidean norm over all parameters.
+    /// Adam with a learning rate and, where given, gradients scaled down to a largest Euclidean norm over all
+    /// parameters.
     #[must_use]
     pub fn new(learning_rate: f64, largest_norm: Option<f64>) -> Self {
         Self { learning_rate, largest_norm, n_steps: 0, first: Vec::new(), second: Vec::new() }
     }
 
-    /// The module after one step against the gradients of a loss; parameters that the loss does not reach stay.
+    /// The module after one step against the gradients of a loss; parameters that the loss does not reach
+    /// stay.
     pub fn step<M: Module>(&mut self, module: M, loss_gradients: Gradients) -> M {
         let gradients = self.clipped(&module, loss_gradients);
         self.apply(module, &gradients)
@@ -161,14 +165,16 @@ impl<M: Module + Default> Trained<M> {
     }
 }
 
-/// The gradient of each parameter on the host, in the order of the module's fields; empty where there is none.
+/// The gradient of each parameter on the host, in the order of the module's fields; empty where there is
+/// none.
 pub fn gradients<M: Module>(module: &M, loss_gradients: &mut Gradients) -> Vec<Vec<f32>> {
     let mut collector = Collector { gradients: loss_gradients, found: Vec::new() };
     module.visit(&mut collector);
     collector.found
 }
 
-/// Scales gradients down so that their Euclidean norm over all parameters is at most `largest`; returns the norm before.
+/// Scales gradients down so that their Euclidean norm over all parameters is at most `largest`; returns the
+/// norm before.
 #[allow(clippy::cast_possible_truncation, reason = "gradients are f32")]
 pub fn clip(gradients: &mut [Vec<f32>], largest: f64) -> f64 {
     let norm = gradients.iter().flatten().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>().sqrt();

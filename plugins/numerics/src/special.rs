@@ -1,12 +1,14 @@
-//! Special functions of one positive real variable, in `f64`: ln Gamma, its first two derivatives, and the regularised
-//! incomplete gamma function.
+//! Special functions in `f64`: ln Gamma of a positive number, its first two derivatives, the regularised
+//! incomplete gamma function, and the logarithm of a sum of exponentials.
 //!
-//! For `1e-3 <= x <= 1e6` the first three are within 1e-14 of the exact value, relative to the larger of the value and one
-//! (digamma crosses zero near 1.46; ln Gamma keeps its relative accuracy at its zeros 1 and 2 too). For `x <= 0` and NaN they
-//! return NaN: no distribution of this crate has such a parameter, and the reflection to negative arguments is left out.
+//! For `1e-3 <= x <= 1e6` the first three are within 1e-14 of the exact value, relative to the larger of the
+//! value and one (digamma crosses zero near 1.46; ln Gamma keeps its relative accuracy at its zeros 1 and 2
+//! too). For `x <= 0` and NaN they return NaN: no distribution of this crate has such a parameter, and the
+//! reflection to negative arguments is left out.
 //!
-//! Method: the asymptotic series in `1/x` from 10 upwards (Abramowitz and Stegun 6.1.40, 6.3.18, 6.4.12), reached from below by
-//! the recurrence; around 1 and 2 ln Gamma uses its Taylor series (A&S 6.1.33), because there the recurrence would cancel.
+//! Method: the asymptotic series in `1/x` from 10 upwards (Abramowitz and Stegun 6.1.40, 6.3.18, 6.4.12),
+//! reached from below by the recurrence; around 1 and 2 ln Gamma uses its Taylor series (A&S 6.1.33), because
+//! there the recurrence would cancel.
 
 use std::f64::consts::PI;
 
@@ -16,7 +18,8 @@ const ASYMPTOTIC_FROM: f64 = 10.0;
 /// `1 - gamma`, gamma being Euler's constant.
 const ONE_MINUS_EULER: f64 = 0.42278433509846713;
 
-/// `(-1)^k (zeta(k) - 1) / k` for `k = 2, 3, ...`: ln Gamma(2 + z) less its linear term, as a power series in `z`.
+/// `(-1)^k (zeta(k) - 1) / k` for `k = 2, 3, ...`: ln Gamma(2 + z) less its linear term, as a power series in
+/// `z`.
 const LN_GAMMA_AT_TWO: [f64; 29] = [
     0.3224670334241132,
     -0.0673523010531981,
@@ -60,6 +63,12 @@ const DIGAMMA: [f64; 8] =
 /// Coefficients of `1/x^3, 1/x^5, ...` in the series of trigamma: the Bernoulli numbers `B_2k`.
 const TRIGAMMA: [f64; 9] =
     [1.0 / 6.0, -1.0 / 30.0, 1.0 / 42.0, -1.0 / 30.0, 5.0 / 66.0, -691.0 / 2730.0, 7.0 / 6.0, -3617.0 / 510.0, 43_867.0 / 798.0];
+
+/// `ln sum exp`, without overflow.
+pub(crate) fn log_sum_exp(values: &[f64]) -> f64 {
+    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    largest + values.iter().map(|value| (value - largest).exp()).sum::<f64>().ln()
+}
 
 /// The logarithm of the gamma function, for `x > 0`.
 #[must_use]
@@ -125,7 +134,8 @@ pub fn trigamma(x: f64) -> f64 {
     inverse + square * (0.5 + inverse * polynomial(&TRIGAMMA, square)) + below
 }
 
-/// The regularised lower incomplete gamma function `P(shape, x)`: the distribution function of a Gamma(shape, 1) variable.
+/// The regularised lower incomplete gamma function `P(shape, x)`: the distribution function of a Gamma(shape,
+/// 1) variable.
 ///
 /// `shape > 0` and `x >= 0`, otherwise NaN. The cost of one value grows with the square root of `shape`.
 #[must_use]
@@ -156,10 +166,11 @@ pub(crate) fn is_upper_tail(shape: f64, x: f64) -> bool {
     x > shape + 2.5 * shape.sqrt() + 2.0
 }
 
-/// The continued fraction `F = Gamma(shape, x) / (x^shape exp(-x))` of the upper incomplete gamma function (A&S 6.5.31 in its
-/// even form) and its derivative in `shape`.
+/// The continued fraction `F = Gamma(shape, x) / (x^shape exp(-x))` of the upper incomplete gamma function
+/// (A&S 6.5.31 in its even form) and its derivative in `shape`.
 ///
-/// Evaluated from the tail at a fixed depth, which is exact to 1e-13 where [`is_upper_tail`] holds, for any shape.
+/// Evaluated from the tail at a fixed depth, which is exact to 1e-13 where [`is_upper_tail`] holds, for any
+/// shape.
 pub(crate) fn upper_fraction(shape: f64, x: f64) -> (f64, f64) {
     const DEPTH: u32 = 64;
     let (mut tail, mut tail_slope) = (0.0, 0.0);

@@ -1,22 +1,25 @@
-//! Gaussian policies squashed by tanh whose mean and logarithm of the standard deviation come from one network output, the head.
+//! Gaussian policies squashed by tanh, whose mean and standard deviation come from a head
+//! ([`crate::gaussian_head`]).
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
-//! | mu, ln sigma | the two halves of `head`; ln sigma is held in [-20, 2] | `[rows, n]` each |
+//! | mu, ln sigma | the two halves of `head` | `[rows, n]` each |
 //! | epsilon | noise from the caller's stream | `[rows, n]` |
 //! | x = mu + sigma epsilon | `candidate` | `[rows, n]` |
 //! | a = tanh x | `action` | `[rows, n]` |
 //! | ln pi(a) = ln N(x; mu, sigma) - sum ln(1 - a^2 + 1e-6) | `log_density` | `[rows, 1]` |
 //!
-//! The small number keeps the density of a saturated action finite, as public code of soft actor-critic has it (Haarnoja et
-//! al. 2018); [`crate::gaussian_policy`] has the density without it. A draw and a density are one autodiff operation each, with
-//! the gradients by hand: with `c = 2 a (1 - a^2) / (1 - a^2 + 1e-6)` the density of a draw has `d/dmu = c` and
-//! `d/dln sigma = c sigma epsilon - 1`; that of a given candidate, with `z = (x - mu) / sigma`, has `d/dmu = z / sigma`,
-//! `d/dln sigma = z^2 - 1` and `d/dx = c - z / sigma`. Where ln sigma is held, it has no gradient.
+//! The small number keeps the density of a saturated action finite, as public code of soft actor-critic has
+//! it (Haarnoja et al. 2018); [`sample_exact`] has the density without it, in a form that needs none. Apart
+//! from that, a draw and a density are one autodiff operation each, with the gradients by hand: with `c = 2 a
+//! (1 - a^2) / (1 - a^2 + 1e-6)` the density of a draw has `d/dmu = c` and `d/dln sigma = c sigma epsilon -
+//! 1`; that of a given candidate, with `z = (x - mu) / sigma`, has `d/dmu = z / sigma`, `d/dln sigma = z^2 -
+//! 1` and `d/dx = c - z / sigma`. Where ln sigma is held, it has no gradient.
 
 use crate::activation::tanh;
 use crate::dense::row_by_row;
 use crate::gaussian::{HALF_LN_TWO_PI, standard_normal};
+use crate::gaussian_head::{LOG_SD_LIMITS, candidate, mean, mean_and_log_sd};
 use crate::network::{matrix, values};
 use burn::Tensor;
 use burn::backend::autodiff::checkpoint::base::Checkpointer;
@@ -25,14 +28,13 @@ use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind, unary};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, Flex, backend_extension};
-use burn::tensor::TensorData;
+use burn::tensor::{TensorData, activation::softplus};
 use rand::RngCore;
 use std::marker::PhantomData;
 
-/// Limits of ln sigma.
-pub const LOG_SD_LIMITS: [f32; 2] = [-20.0, 2.0];
 const SMALL: f32 = 1e-6;
-/// What a stored action is multiplied by before it is unsquashed, so that an action on the boundary has a candidate.
+/// What a stored action is multiplied by before it is unsquashed, so that an action on the boundary has a
+/// candidate.
 const INSIDE: f64 = 0.9999;
 
 /// A reparameterised draw; gradients flow to the head it was drawn from.
@@ -57,7 +59,18 @@ pub fn sample(head: Tensor<2>, rng: &mut impl RngCore) -> Draw {
     Draw { action: columns(0, n), candidate: columns(n, 2 * n), log_density: columns(2 * n, 2 * n + 1) }
 }
 
-/// The log density `[rows, 1]` of given candidates `[rows, n]`; gradients flow to the head `[rows, 2 n]` and to the candidates.
+/// As [`sample`], from the same stream, with the log density `ln N(x; mu, sigma) - sum ln(1 - a^2)` of the
+/// cube itself.
+pub fn sample_exact(head: Tensor<2>, rng: &mut impl RngCore) -> Draw {
+    let (mean, log_sd) = mean_and_log_sd(head);
+    let (candidate, log_density) = candidate(mean, log_sd, rng);
+    // ln(1 - tanh(x)^2) = 2 (ln 2 - x - softplus(-2 x)) stays finite where tanh rounds to one.
+    let log_derivative = (candidate.clone() + softplus(candidate.clone() * -2.0, 1.0) - std::f64::consts::LN_2) * -2.0;
+    Draw { action: candidate.clone().tanh(), candidate, log_density: log_density - log_derivative.sum_dim(1) }
+}
+
+/// The log density `[rows, 1]` of given candidates `[rows, n]`; gradients flow to the head `[rows, 2 n]` and
+/// to the candidates.
 #[must_use]
 pub fn log_density(head: Tensor<2>, candidate: Tensor<2>) -> Tensor<2> {
     Tensor::from_dispatch(<Dispatch as SquashedOperation>::density(head.into_dispatch(), candidate.into_dispatch()))
@@ -67,20 +80,6 @@ pub fn log_density(head: Tensor<2>, candidate: Tensor<2>) -> Tensor<2> {
 #[must_use]
 pub fn mean_action(head: Tensor<2>) -> Tensor<2> {
     mean(head).tanh()
-}
-
-/// The half `mu` `[rows, n]` of a head.
-#[must_use]
-pub fn mean(head: Tensor<2>) -> Tensor<2> {
-    let [n_rows, n_columns] = head.dims();
-    head.slice([0..n_rows, 0..n_columns / 2])
-}
-
-/// `sigma` `[rows, n]` of a head.
-#[must_use]
-pub fn standard_deviation(head: Tensor<2>) -> Tensor<2> {
-    let [n_rows, n_columns] = head.dims();
-    head.slice([0..n_rows, n_columns / 2..n_columns]).clamp(LOG_SD_LIMITS[0], LOG_SD_LIMITS[1]).exp()
 }
 
 /// Candidates `atanh(0.9999 a)` of stored actions, a plain tensor.
@@ -102,7 +101,8 @@ trait SquashedOperation: Backend {
     fn density(head: FloatTensor<Self>, candidate: FloatTensor<Self>) -> FloatTensor<Self>;
 }
 
-/// The backward passes over plain tensors. A further backend implements them and is named as a selector above.
+/// The backward passes over plain tensors. A further backend implements them and is named as a selector
+/// above.
 trait SquashedPasses: SquashedOperation {
     /// Gradient in the head from the head, what was drawn and the upstream gradient.
     fn draw_gradient(head: FloatTensor<Self>, drawn: FloatTensor<Self>, upstream: FloatTensor<Self>) -> FloatTensor<Self>;
@@ -124,7 +124,8 @@ fn held(log_sd: f32) -> (f32, f32) {
     (value, if log_sd < low || log_sd > high { 0.0 } else { 1.0 })
 }
 
-/// `1 - tanh(x)^2` by way of `e^(-2 |x|)`: of a rounded tangent near one, the difference would have no digits left.
+/// `1 - tanh(x)^2` by way of `e^(-2 |x|)`: of a rounded tangent near one, the difference would have no digits
+/// left.
 fn rest(x: f32) -> f32 {
     let e = (-2.0 * x.abs()).exp();
     4.0 * e / ((1.0 + e) * (1.0 + e))
@@ -277,7 +278,7 @@ impl<B: SquashedPasses> Backward<B, 2> for DensityBackward<B> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gaussian_policy::squashed_gaussian_sample;
+    use crate::gaussian;
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
     /// Two rows of two actions; the last ln sigma is above its limit.
@@ -293,8 +294,7 @@ mod tests {
     }
 
     /// A sum with a weight of its own for every entry of action, candidate and density.
-    fn drawn_loss(head: Tensor<2>) -> Tensor<1> {
-        let draw = sample(head, &mut rng());
+    fn drawn_loss(draw: Draw) -> Tensor<1> {
         let weights = |from: f32| matrix((0..4u8).map(|i| from - 0.7 * f32::from(i)).collect(), 2);
         (draw.action * weights(1.0)).sum()
             + (draw.candidate * weights(0.3)).sum()
@@ -318,11 +318,14 @@ mod tests {
     }
 
     #[test]
-    fn the_gradient_of_a_draw_agrees_with_finite_differences() {
-        let head = tracked(&HEAD, 4);
-        let gradient = values(head.grad(&drawn_loss(head.clone()).backward()).unwrap());
-        assert_differences(&HEAD, 4, &gradient, drawn_loss);
-        assert_eq!(gradient[7], 0.0);
+    fn the_gradients_of_draws_agree_with_finite_differences() {
+        let draws: [fn(Tensor<2>) -> Draw; 2] = [|head| sample(head, &mut rng()), |head| sample_exact(head, &mut rng())];
+        for draw in draws {
+            let head = tracked(&HEAD, 4);
+            let gradient = values(head.grad(&drawn_loss(draw(head.clone())).backward()).unwrap());
+            assert_differences(&HEAD, 4, &gradient, |head| drawn_loss(draw(head)));
+            assert_eq!(gradient[7], 0.0);
+        }
     }
 
     #[test]
@@ -339,13 +342,24 @@ mod tests {
     fn a_draw_has_the_density_of_its_candidate_and_that_of_the_exact_form() {
         let numbers = [0.3, -0.8, -0.5, 0.2, 1.1, 0.1, -1.0, 1.5];
         let head = matrix(numbers.to_vec(), 4);
-        let draw = sample(head.clone(), &mut rng());
-        let (mean, log_sd) = (head.clone().slice([0..2, 0..2]), head.clone().slice([0..2, 2..4]));
-        let exact = squashed_gaussian_sample(mean, log_sd, &mut rng());
+        let (draw, exact) = (sample(head.clone(), &mut rng()), sample_exact(head.clone(), &mut rng()));
         let close = |a: Tensor<2>, b: Tensor<2>| values(a).iter().zip(values(b)).all(|(a, b)| (a - b).abs() < 1e-3);
-        assert!(close(draw.log_density.clone(), log_density(head.clone(), draw.candidate)));
-        assert!(close(draw.action, exact.action));
+        assert!(close(draw.log_density.clone(), log_density(head, draw.candidate.clone())));
+        assert!(close(draw.action, exact.action) && close(draw.candidate, exact.candidate));
         assert!(close(draw.log_density, exact.log_density));
+    }
+
+    #[test]
+    fn the_exact_density_is_that_of_the_host() {
+        let mut rng = rng();
+        let got = values(sample_exact(matrix(HEAD.to_vec(), 4), &mut rng.clone()).log_density);
+        for (head, got) in HEAD.chunks(4).zip(got) {
+            let held = |x: &f32| f64::from(x.min(LOG_SD_LIMITS[1]));
+            let (mean, log_sd) = ([0, 1].map(|i| f64::from(head[i])), [2, 3].map(|i| held(&head[i])));
+            let candidate = gaussian::sample(&mean, &log_sd, &mut rng);
+            let want = gaussian::squashed_log_density(&mean, &log_sd, &candidate);
+            assert!((f64::from(got) - want).abs() < 1e-5 * want.abs().max(1.0), "{got} {want}");
+        }
     }
 
     #[test]
@@ -353,5 +367,7 @@ mod tests {
         let draw = sample(matrix(vec![40.0, -3.0], 2), &mut rng());
         assert!(values(draw.action.clone()) == [1.0] && values(draw.log_density)[0].is_finite());
         assert!((values(candidate_of(draw.action))[0] - 4.9517).abs() < 1e-3);
+        let exact = sample_exact(matrix(vec![60.0, -60.0, -3.0, -3.0], 4), &mut rng());
+        assert!(values(exact.log_density)[0].is_finite());
     }
 }

@@ -1,6 +1,6 @@
 //! The hyper-parameters of the Dirichlet soft actor-critic, each with the source of its default.
 
-use crate::scaling::ObservationScaling;
+use crate::shared::scaling::ObservationScaling;
 use engine::{Preset, Product, product::Networks};
 use numerics::dirichlet::entropy;
 use schemars::JsonSchema;
@@ -20,7 +20,9 @@ pub struct Config {
     /// Step size of Adam for the logarithm of the temperature beta.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "own choice, the critics' rate"))]
     pub temperature_learning_rate: f64,
-    /// Temperature beta before learning. A Dirichlet's entropy is negative, so a high temperature makes dying pay.
+    /// Temperature beta before learning. The entropy of n shares is at most -ln (n - 1)!, which is below zero
+    /// from three shares on: the bonus for it is then a cost of every step, and a high temperature makes
+    /// dying pay.
     #[schemars(range(min = 1e-9, max = 1e3), extend("x-source" = "pilot study"))]
     pub first_temperature: f64,
     /// Transitions per update.
@@ -46,7 +48,8 @@ pub struct Config {
     /// Hidden layers of a fully connected critic.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 3.4.5"))]
     pub critic_layers: usize,
-    /// The temperature steers to the entropy of `Dirichlet(c, ..., c)` with this concentration c of each share.
+    /// The temperature steers to the entropy of `Dirichlet(c, ..., c)` with this concentration c of each
+    /// share.
     #[schemars(range(min = 1.0, max = 1e6), extend("x-source" = "pilot study"))]
     pub target_concentration: f64,
     /// Entropy that the temperature steers to, in place of that of a concentration.
@@ -66,7 +69,8 @@ pub struct Config {
     pub observation_scaling: ObservationScaling,
     /// How actions reach the critics.
     pub critic_action_scaling: ActionScaling,
-    /// Take `beta (-log pi - target)` in place of `beta (-log pi)` as the bonus, so that it does not make dying pay.
+    /// Take `beta (-log pi - target)` in place of `beta (-log pi)` as the bonus, so that it does not make
+    /// dying pay.
     pub shifted_entropy_bonus: bool,
     /// Largest concentration of one share, or null for no limit.
     #[schemars(range(min = 1.0))]
@@ -93,8 +97,9 @@ pub enum NetworkKind {
 pub enum TargetEntropy {
     /// This many nats.
     Nats(f64),
-    /// Minus the square root of the number of shares, as printed in the thesis (table 3.1). For 4 shares it is nearly the
-    /// largest entropy that a policy with concentrations of at least 1 can have, for 8 it is out of reach.
+    /// Minus the square root of the number of shares, as printed in the thesis (table 3.1). For 4 shares it
+    /// is nearly the largest entropy that a policy with concentrations of at least 1 can have, for 8 it is
+    /// out of reach.
     MinusSqrtD,
 }
 

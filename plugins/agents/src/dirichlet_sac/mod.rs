@@ -28,21 +28,24 @@
 //! `policy_loss` eq. 3.18, `policy_entropy` `-mean(log pi)`, `temperature` beta, `mean_concentration` mean of alpha,
 //! `mean_value` mean of the lower critic at the policy's actions.
 
+mod asset_network;
 mod config;
 mod networks;
 
 pub use config::{ActionScaling, Config, EvaluationAction, NetworkKind, TargetEntropy};
 use networks::{Critics, PolicyNetwork, Shape};
 
-use crate::checkpoint::{self, finite};
-use crate::replay::{Batch, Replay};
-use crate::scaling::Scaling;
-use crate::schedule::UpdateSchedule;
-use crate::targets::{bootstrapped, half_squared_error, mean};
-use crate::{allocation, seat};
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::replay::{Batch, Replay};
+use crate::shared::scaling::Scaling;
+use crate::shared::schedule::UpdateSchedule;
+use crate::shared::targets::{bootstrapped, half_squared_error, mean};
+use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+};
 use numerics::dirichlet_policy::{log_density, sample};
 use numerics::network::{device, matrix, softplus, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
@@ -89,17 +92,23 @@ struct Counters {
     schedule: UpdateSchedule,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "soft actor-critic with a Dirichlet policy";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the agent for one seat that observes a box and acts on a simplex.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other seat.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(DirichletSac::new(config, interface, rng)?))
 }
 
 /// What [`DirichletSac::learn`] records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of both critics, eq. 3.16").lower_is_better(),
         Metric::new("policy_loss", "", "beta log pi less the lower critic, eq. 3.18").lower_is_better(),
@@ -130,7 +139,7 @@ impl DirichletSac {
             critics: Trained::new(critics, adam(config.critic_learning_rate)),
             log_temperature: config.first_temperature.ln(),
             temperature_adam: ScalarAdam::new(config.temperature_learning_rate),
-            replay: Replay::new(config.replay_capacity, n_observed, n_shares),
+            replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
             schedule: UpdateSchedule::new(),
             config,
             scaling,
@@ -163,7 +172,7 @@ impl DirichletSac {
     }
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let batch = self.replay.sample(self.config.batch_size, rng);
+        let batch = self.replay.sample_with_replacement(self.config.batch_size, rng);
         self.update_critics(&batch, rng, record)?;
         let log_pi = self.update_policy(&batch, rng, record)?;
         self.update_temperature(log_pi);
@@ -278,7 +287,7 @@ impl Agent for DirichletSac {
 
     fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         for transition in transitions {
-            self.replay.push(transition, 0, &self.scaling);
+            self.replay.push_scaled(transition, &self.scaling);
         }
         let Config { learning_starts, updates_per_step, .. } = self.config;
         for _ in 0..self.schedule.advance(transitions.len(), learning_starts, updates_per_step) {

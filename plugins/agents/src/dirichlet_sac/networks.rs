@@ -1,11 +1,11 @@
 //! The two shapes of network that the agent can have: fully connected as in the thesis, or alike for every asset.
 
+use super::asset_network::{AssetChannels, AssetCritic, AssetPolicy};
 use super::{
     NAME,
     config::{Config, NetworkKind},
 };
-use crate::asset_network::{AssetChannels, AssetCritic, AssetPolicy};
-use crate::checkpoint;
+use crate::shared::checkpoint;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use engine::{Channel, Error};

@@ -1,5 +1,5 @@
 use super::*;
-use crate::bandit;
+use crate::shared::bandit;
 use engine::random::stream;
 use numerics::parameters::{parameters, with_parameters};
 
@@ -22,9 +22,10 @@ fn the_soft_target_has_the_lower_critic_and_the_entropy() {
         let observe = |x: f64| Observation { seats: vec![vec![x]], state: Vec::new() };
         let (observation, next_observation) = (observe(0.0), observe(x));
         let (action, rewards) = (vec![vec![0.2, 0.3, 0.5]], vec![2.0]);
-        agent.replay.push(&Transition { observation, action, rewards, next_observation, end: None }, 0, &agent.scaling);
+        let transition = Transition { observation, action, rewards, next_observation, end: None };
+        agent.replay.push_scaled(&transition, &agent.scaling);
     }
-    let batch = agent.replay.sample(4, &mut stream(&["batch"]));
+    let batch = agent.replay.sample_with_replacement(4, &mut stream(&["batch"]));
     let target = values(agent.soft_target(&batch, &mut stream(&["noise"])).unwrap());
     let alpha = agent.concentrations(&agent.policy.network().valid(), &batch.next_observations);
     let drawn = sample(alpha.clone(), &mut stream(&["noise"]));
@@ -136,7 +137,7 @@ fn the_exported_policy_acts_as_the_agent_is_scored() {
 
 #[test]
 fn a_policy_is_taken_up_by_an_agent_of_the_same_shape_and_head_only() {
-    let interface = crate::seat::tests::allocation(&["voltage_1", "voltage_2", "voltage_3", "power"], &[], 3);
+    let interface = crate::shared::seat::tests::allocation(&["voltage_1", "voltage_2", "voltage_3", "power"], &[], 3);
     let start = |config: Config, name: &str| DirichletSac::new(config, &interface, &mut stream(&[name])).unwrap();
     let alike = || Config { network: NetworkKind::Equivariant, ..tiny() };
     let (mut one, mut two) = (start(alike(), "one"), start(alike(), "two"));

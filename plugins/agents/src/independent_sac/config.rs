@@ -1,8 +1,9 @@
 //! The hyper-parameters of independent soft actor-critic, each with the source of its default.
 
-use crate::joint::Sight;
-use crate::seat_network::{Hidden, HiddenActivation, check_batch};
+use crate::shared::joint::Sight;
+use crate::shared::seat_network::{Hidden, check_batch};
 use engine::{Error, Preset};
+use numerics::network::Activation;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -48,7 +49,7 @@ pub struct Config {
     pub hidden_layers: usize,
     /// What follows each hidden layer.
     #[schemars(extend("x-source" = "Haarnoja et al. 2018, table 1"))]
-    pub activation: HiddenActivation,
+    pub activation: Activation,
     /// Transitions that the replay buffer holds.
     #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub replay_capacity: usize,
@@ -90,7 +91,7 @@ impl Default for Config {
             updates_per_step: 0.25,
             width: 128,
             hidden_layers: 2,
-            activation: HiddenActivation::Relu,
+            activation: Activation::Relu,
             replay_capacity: 1_000_000,
             learning_starts: 1_000,
             gradient_clip: None,

@@ -31,20 +31,21 @@ mod tests;
 
 pub use config::{Config, Temperature};
 
-use crate::checkpoint::{self, finite};
-use crate::gaussian_softmax_sac::mean_and_log_sd;
-use crate::joint::{JointLayout, columns};
-use crate::joint_replay::{JointBatch, JointReplay};
-use crate::schedule::UpdateSchedule;
-use crate::targets::{bootstrapped, half_squared_error, mean};
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::joint::{JointLayout, columns};
+use crate::shared::replay::{Batch, Replay};
+use crate::shared::schedule::UpdateSchedule;
+use crate::shared::targets::{bootstrapped, half_squared_error, mean};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
-use numerics::gaussian_policy::{SquashedGaussianSample, squashed_gaussian_sample};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+};
 use numerics::network::{Mlp, TwinMlp, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
 use numerics::parameters::{restore, soft_update, store};
 use numerics::policy_file::{Head, Policy, Ports};
+use numerics::squashed::{mean_action, sample_exact};
 use numerics::tensor_file::TensorFile;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -59,7 +60,7 @@ pub struct IndependentSac {
     config: Config,
     layout: JointLayout,
     learners: Vec<Learner>,
-    replay: JointReplay,
+    replay: Replay,
     schedule: UpdateSchedule,
 }
 
@@ -96,17 +97,23 @@ struct Counters {
     schedule: UpdateSchedule,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "soft actor-critic in every seat, each for itself";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the agent for seats that observe boxes and act in boxes with limits -1 and 1.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other seat, [`Error::Config`] for settings that contradict each other.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(IndependentSac::new(config, interface, rng)?))
 }
 
 /// What [`IndependentSac::learn`] records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of both critics, mean over seats").lower_is_better(),
         Metric::new("policy_loss", "", "temperature times log pi less the lower critic, mean over seats").lower_is_better(),
@@ -123,7 +130,7 @@ impl IndependentSac {
         let learners = (0..layout.n_seats()).map(|seat| Learner::new(&config, &layout, seat, rng)).collect();
         Ok(Self {
             learners,
-            replay: JointReplay::new(config.replay_capacity, layout.n_observed(), &layout.action_sizes()),
+            replay: Replay::of_seats(config.replay_capacity, &layout),
             schedule: UpdateSchedule::new(),
             config,
             layout,
@@ -133,7 +140,7 @@ impl IndependentSac {
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let step = self.schedule.n_steps();
         for seat in 0..self.layout.n_seats() {
-            let drawn = self.replay.sample(self.config.batch_size.min(self.replay.len()), rng);
+            let drawn = self.replay.sample_distinct(self.config.batch_size.min(self.replay.len()), rng);
             let batch = self.seat_batch(seat, drawn);
             let learner = &mut self.learners[seat];
             learner.update_critics(&batch, self.config.discount, step, rng, record)?;
@@ -147,7 +154,7 @@ impl IndependentSac {
         Ok(())
     }
 
-    fn seat_batch(&self, seat: usize, batch: JointBatch) -> SeatBatch {
+    fn seat_batch(&self, seat: usize, batch: Batch) -> SeatBatch {
         SeatBatch {
             seen: self.seen(seat, &batch.observations),
             actions: columns(&batch.actions, self.layout.acted(seat)),
@@ -164,8 +171,8 @@ impl IndependentSac {
     fn own_action(&self, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
         let (seen, policy) = (self.seen(seat, observations), self.learners[seat].policy.network().valid());
         match mode {
-            Mode::Train => draw(&policy, &seen, rng).action,
-            Mode::Evaluate => mean_and_log_sd(policy.forward(seen)).0.tanh(),
+            Mode::Train => sample_exact(policy.forward(seen), rng).action,
+            Mode::Evaluate => mean_action(policy.forward(seen)),
         }
     }
 }
@@ -206,7 +213,7 @@ impl Learner {
 
     /// Eq. 2 and 3: reward plus the discounted soft value of what follows, without gradients.
     fn soft_target(&self, batch: &SeatBatch, discount: f64, rng: &mut Rng) -> Tensor<2> {
-        let next = draw(&self.policy.network().valid(), &batch.next_seen, rng);
+        let next = sample_exact(self.policy.network().valid().forward(batch.next_seen.clone()), rng);
         let (q1, q2) = self.target_critics.forward(joined(&batch.next_seen, next.action));
         let soft_value = q1.min_pair(q2) - next.log_density * self.temperature();
         bootstrapped(batch.rewards.clone(), batch.continues.clone(), soft_value, discount)
@@ -225,7 +232,7 @@ impl Learner {
 
     /// The loss of eq. 9, and the means of `log pi` and of the lower critic.
     fn policy_loss(&self, policy: &Mlp, batch: &SeatBatch, rng: &mut Rng) -> (Tensor<1>, f32, f32) {
-        let drawn = draw(policy, &batch.seen, rng);
+        let drawn = sample_exact(policy.forward(batch.seen.clone()), rng);
         // Plain critics: the gradient passes through them to the action, and none of their own is computed.
         let (q1, q2) = self.critics.network().valid().forward(joined(&batch.seen, drawn.action));
         let q = q1.min_pair(q2);
@@ -246,11 +253,6 @@ impl Learner {
     fn follow(&mut self, tau: f64) {
         self.target_critics = soft_update(std::mem::take(&mut self.target_critics), self.critics.network(), tau);
     }
-}
-
-fn draw(policy: &Mlp, seen: &Tensor<2>, rng: &mut Rng) -> SquashedGaussianSample {
-    let (mean, log_sd) = mean_and_log_sd(policy.forward(seen.clone()));
-    squashed_gaussian_sample(mean, log_sd, rng)
 }
 
 fn joined(seen: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {

@@ -1,10 +1,10 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use crate::coordination as game;
-use crate::joint::Sight;
-use crate::seat_network::HiddenActivation;
+use crate::shared::coordination as game;
+use crate::shared::joint::Sight;
 use engine::random::stream;
+use numerics::network::Activation;
 use numerics::optimizer::gradients;
 
 fn tiny() -> Config {
@@ -27,7 +27,7 @@ fn agent(config: Config) -> IndependentSac {
 fn trained(config: Config) -> (IndependentSac, SeatBatch) {
     let mut agent = agent(config);
     game::train(&mut agent, 6, &mut stream(&["some"]));
-    let batch = agent.seat_batch(1, agent.replay.sample(8, &mut stream(&["batch"])));
+    let batch = agent.seat_batch(1, agent.replay.sample_distinct(8, &mut stream(&["batch"])));
     (agent, batch)
 }
 
@@ -49,7 +49,7 @@ fn the_soft_target_by_hand() {
     let learner = &agent.learners[1];
     batch.continues = batch.continues.ones_like();
     let y = values(learner.soft_target(&batch, 0.95, &mut stream(&["noise"])));
-    let next = draw(&learner.policy.network().valid(), &batch.next_seen, &mut stream(&["noise"]));
+    let next = sample_exact(learner.policy.network().valid().forward(batch.next_seen.clone()), &mut stream(&["noise"]));
     let (q1, q2) = learner.target_critics.forward(joined(&batch.next_seen, next.action));
     let (q1, q2, log_pi, r) = (values(q1), values(q2), values(next.log_density), values(batch.rewards));
     let alpha = learner.temperature() as f32;
@@ -58,7 +58,7 @@ fn the_soft_target_by_hand() {
 
 #[test]
 fn the_policy_gradient_agrees_with_finite_differences() {
-    let (agent, batch) = trained(Config { width: 5, activation: HiddenActivation::Tanh, ..tiny() });
+    let (agent, batch) = trained(Config { width: 5, activation: Activation::Tanh, ..tiny() });
     let learner = &agent.learners[1];
     game::assert_gradient(learner.policy.network(), |policy| learner.policy_loss(policy, &batch, &mut stream(&["xi"])).0);
 }
@@ -100,7 +100,7 @@ fn it_learns_to_coordinate() {
 
 #[test]
 fn spaces_that_do_not_fit_are_refused() {
-    let allocation = crate::bandit::interface();
+    let allocation = crate::shared::bandit::interface();
     assert!(matches!(IndependentSac::new(tiny(), &allocation, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
 }
 

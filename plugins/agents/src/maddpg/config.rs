@@ -1,9 +1,10 @@
 //! The hyper-parameters of multi-agent deep deterministic policy gradient, each with the source of its default.
 
-use crate::exploration::Noise;
-use crate::joint::Sight;
-use crate::seat_network::{Hidden, HiddenActivation, check_batch};
+use super::exploration::Noise;
+use crate::shared::joint::Sight;
+use crate::shared::seat_network::{Hidden, check_batch};
 use engine::{Error, Preset};
+use numerics::network::Activation;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -38,7 +39,7 @@ pub struct Config {
     pub hidden_layers: usize,
     /// What follows each hidden layer.
     #[schemars(extend("x-source" = "Lowe et al. 2017, appendix"))]
-    pub activation: HiddenActivation,
+    pub activation: Activation,
     /// Transitions that the replay buffer holds.
     #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "Lowe et al. 2017, appendix"))]
     pub replay_capacity: usize,
@@ -79,7 +80,7 @@ impl Default for Config {
             updates_per_step: 0.25,
             width: 64,
             hidden_layers: 2,
-            activation: HiddenActivation::Relu,
+            activation: Activation::Relu,
             replay_capacity: 1_000_000,
             learning_starts: 1_000,
             gradient_clip: Some(0.5),

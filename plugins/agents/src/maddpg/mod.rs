@@ -30,20 +30,25 @@
 //! `-mean(Q_i)` at the policy's action, without the penalty, `exploration_sd` the deviation of the noise.
 
 mod config;
+mod exploration;
 #[cfg(test)]
 mod tests;
 
 pub use config::Config;
+pub use exploration::Noise;
 
-use crate::checkpoint::{self, finite};
-use crate::exploration::Exploration;
-use crate::joint::{JointLayout, columns};
-use crate::joint_replay::{JointBatch, JointReplay};
-use crate::schedule::UpdateSchedule;
-use crate::targets::{bootstrapped, half_squared_error};
+use exploration::Exploration;
+
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::joint::{JointLayout, columns};
+use crate::shared::replay::{Batch, Replay};
+use crate::shared::schedule::UpdateSchedule;
+use crate::shared::targets::{bootstrapped, half_squared_error};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+};
 use numerics::network::{Mlp, values};
 use numerics::optimizer::{Adam, Trained};
 use numerics::parameters::{restore, soft_update, store};
@@ -62,7 +67,7 @@ pub struct Maddpg {
     config: Config,
     layout: JointLayout,
     learners: Vec<Learner>,
-    replay: JointReplay,
+    replay: Replay,
     exploration: Exploration,
     schedule: UpdateSchedule,
 }
@@ -83,17 +88,23 @@ struct Counters {
     schedule: UpdateSchedule,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "multi-agent deep deterministic policy gradient: critics of the joint action";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the agent for seats that observe boxes and act in boxes with limits -1 and 1.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other seat, [`Error::Config`] for settings that contradict each other.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(Maddpg::new(config, interface, rng)?))
 }
 
 /// What [`Maddpg::learn`] records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of a critic, mean over seats").lower_is_better(),
         Metric::new("policy_loss", "", "minus the critic's value of the policy's actions, mean over seats").lower_is_better(),
@@ -108,7 +119,7 @@ impl Maddpg {
         let learners = (0..layout.n_seats()).map(|seat| Learner::new(&config, &layout, seat, rng)).collect();
         Ok(Self {
             learners,
-            replay: JointReplay::new(config.replay_capacity, layout.n_observed(), &layout.action_sizes()),
+            replay: Replay::of_seats(config.replay_capacity, &layout),
             exploration: Exploration::new(config.exploration_noise, layout.n_acted()),
             schedule: UpdateSchedule::new(),
             config,
@@ -118,7 +129,7 @@ impl Maddpg {
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         for seat in 0..self.layout.n_seats() {
-            let batch = self.replay.sample(self.config.batch_size.min(self.replay.len()), rng);
+            let batch = self.replay.sample_distinct(self.config.batch_size.min(self.replay.len()), rng);
             self.update_critic(seat, &batch, record)?;
             self.update_policy(seat, &batch, record)?;
         }
@@ -130,7 +141,7 @@ impl Maddpg {
     }
 
     /// Eq. 6: the critic descends the squared error to its target.
-    fn update_critic(&mut self, seat: usize, batch: &JointBatch, record: &mut Recorder) -> Result<(), Error> {
+    fn update_critic(&mut self, seat: usize, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
         let target = self.target(seat, batch);
         let critic = &mut self.learners[seat].critic;
         let loss = half_squared_error(value(critic.network(), &batch.observations, batch.actions.clone()), target);
@@ -140,7 +151,7 @@ impl Maddpg {
     }
 
     /// Eq. 6: `y = r_i + gamma Q_i'(x', mu_1'(o_1'), ..., mu_N'(o_N'))`.
-    fn target(&self, seat: usize, batch: &JointBatch) -> Tensor<2> {
+    fn target(&self, seat: usize, batch: &Batch) -> Tensor<2> {
         let next = self.joint_action(&batch.next_observations, |learner| learner.target_policy.clone());
         let next_value = value(&self.learners[seat].target_critic, &batch.next_observations, next);
         let rewards = self.replay.rewards_of(batch, seat, self.config.reward_normalisation);
@@ -148,7 +159,7 @@ impl Maddpg {
     }
 
     /// Eq. 5: the policy ascends its critic through its own action; what the others do is taken from the batch.
-    fn update_policy(&mut self, seat: usize, batch: &JointBatch, record: &mut Recorder) -> Result<(), Error> {
+    fn update_policy(&mut self, seat: usize, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
         let (loss, penalty) = self.policy_loss(seat, self.learners[seat].policy.network(), batch);
         record.mean("policy_loss", finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
         self.learners[seat].policy.descend(&(loss + penalty));
@@ -156,7 +167,7 @@ impl Maddpg {
     }
 
     /// Minus the critic's mean value, and the penalty on what enters the tanh.
-    fn policy_loss(&self, seat: usize, policy: &Mlp, batch: &JointBatch) -> (Tensor<1>, Tensor<1>) {
+    fn policy_loss(&self, seat: usize, policy: &Mlp, batch: &Batch) -> (Tensor<1>, Tensor<1>) {
         let logits = policy.forward(self.seen(seat, &batch.observations));
         let actions = self.layout.with_action(&batch.actions, seat, logits.clone().tanh());
         // A plain critic: the gradient passes through it to the action, and none of its own is computed.
@@ -246,8 +257,8 @@ impl Agent for Maddpg {
             store(&learner.target_critic, &format!("target_critic_{seat}"), &mut file);
         }
         self.replay.store(&mut file);
-        let Self { exploration, schedule, .. } = self.clone();
-        checkpoint::write(NAME, dir, file, &Counters { exploration, schedule })
+        let counters = Counters { exploration: self.exploration.clone(), schedule: self.schedule };
+        checkpoint::write(NAME, dir, file, &counters)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {

@@ -1,11 +1,11 @@
 //! Tests of the agent as a whole and of its equations.
 
+use super::exploration::Noise;
 use super::*;
-use crate::coordination as game;
-use crate::exploration::Noise;
-use crate::joint::Sight;
-use crate::seat_network::HiddenActivation;
+use crate::shared::coordination as game;
+use crate::shared::joint::Sight;
 use engine::random::stream;
+use numerics::network::Activation;
 use numerics::optimizer::gradients;
 
 fn tiny() -> Config {
@@ -23,10 +23,10 @@ fn agent(config: Config) -> Maddpg {
     Maddpg::new(config, &game::game(), &mut stream(&["maddpg"])).unwrap()
 }
 
-fn trained(config: Config) -> (Maddpg, JointBatch) {
+fn trained(config: Config) -> (Maddpg, Batch) {
     let mut agent = agent(config);
     game::train(&mut agent, 6, &mut stream(&["some"]));
-    let batch = agent.replay.sample(8, &mut stream(&["batch"]));
+    let batch = agent.replay.sample_distinct(8, &mut stream(&["batch"]));
     (agent, batch)
 }
 
@@ -47,7 +47,7 @@ fn the_target_uses_all_target_networks() {
 #[test]
 fn the_policy_gradient_passes_the_critic_of_the_joint_action() {
     for policy_sight in [Sight::Own, Sight::Joint] {
-        let config = Config { width: 5, activation: HiddenActivation::Tanh, logit_penalty: 0.1, policy_sight, ..tiny() };
+        let config = Config { width: 5, activation: Activation::Tanh, logit_penalty: 0.1, policy_sight, ..tiny() };
         let (agent, batch) = trained(config);
         game::assert_gradient(agent.learners[1].policy.network(), |policy| {
             let (loss, penalty) = agent.policy_loss(1, policy, &batch);
@@ -97,7 +97,7 @@ fn contradictions_are_named() {
     assert!(problem(Config { final_exploration_sd: 0.9, ..tiny() }).contains("0.9 is above `exploration_sd`, 0.5"));
     let preset = <Config as engine::Config>::presets();
     assert!(preset.iter().all(|p| serde_json::from_value::<Config>(p.values.clone()).unwrap().check().is_ok()));
-    let allocation = crate::bandit::interface();
+    let allocation = crate::shared::bandit::interface();
     assert!(matches!(Maddpg::new(tiny(), &allocation, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
 }
 

@@ -1,8 +1,9 @@
 //! The hyper-parameters of multi-agent soft Q-learning, each with the source of its default.
 
-use crate::joint::Sight;
-use crate::seat_network::{Hidden, HiddenActivation, check_batch};
+use crate::shared::joint::Sight;
+use crate::shared::seat_network::{Hidden, check_batch};
 use engine::{Error, Preset};
+use numerics::network::Activation;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -40,7 +41,7 @@ pub struct Config {
     pub hidden_layers: usize,
     /// What follows each hidden layer.
     #[schemars(extend("x-source" = "code of Tian et al. 2019"))]
-    pub activation: HiddenActivation,
+    pub activation: Activation,
     /// Transitions that the replay buffer holds.
     #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "code of Tian et al. 2019"))]
     pub replay_capacity: usize,
@@ -102,7 +103,7 @@ impl Default for Config {
             updates_per_step: 0.25,
             width: 100,
             hidden_layers: 2,
-            activation: HiddenActivation::Relu,
+            activation: Activation::Relu,
             replay_capacity: 1_000_000,
             learning_starts: 1_000,
             gradient_clip: None,

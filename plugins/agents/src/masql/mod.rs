@@ -43,14 +43,16 @@ mod tests;
 
 pub use config::{Config, EvaluationAction};
 
-use crate::checkpoint::{self, finite};
-use crate::joint::{JointLayout, columns, repeat_rows};
-use crate::joint_replay::{JointBatch, JointReplay};
-use crate::schedule::UpdateSchedule;
-use crate::targets::{bootstrapped, half_squared_error, mean};
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::joint::{JointLayout, columns, repeat_rows};
+use crate::shared::replay::{Batch, Replay};
+use crate::shared::schedule::UpdateSchedule;
+use crate::shared::targets::{bootstrapped, half_squared_error, mean};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+};
 use numerics::gaussian::{standard_normal, standard_uniform};
 use numerics::network::{Mlp, matrix, values};
 use numerics::optimizer::{Adam, Trained};
@@ -73,7 +75,7 @@ pub struct Masql {
     config: Config,
     layout: JointLayout,
     learners: Vec<Learner>,
-    replay: JointReplay,
+    replay: Replay,
     schedule: UpdateSchedule,
 }
 
@@ -85,17 +87,23 @@ struct Learner {
     target_critic: Mlp,
 }
 
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "multi-agent soft Q-learning: joint actions drawn by a Stein sampler";
+    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
 /// Builds the agent for seats that observe boxes and act in boxes with limits -1 and 1.
 ///
 /// # Errors
 /// [`Error::Mismatch`] for any other seat, [`Error::Config`] for settings that contradict each other.
-pub fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     Ok(Box::new(Masql::new(config, interface, rng)?))
 }
 
 /// What [`Masql::learn`] records.
-#[must_use]
-pub fn metrics() -> Vec<Metric> {
+fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of a critic, mean over seats").lower_is_better(),
         Metric::new("particle_value", "", "mean value of the joint actions that the samplers draw"),
@@ -111,7 +119,7 @@ impl Masql {
         let learners = (0..layout.n_seats()).map(|seat| Learner::new(&config, &layout, seat, rng)).collect();
         Ok(Self {
             learners,
-            replay: JointReplay::new(config.replay_capacity, layout.n_observed(), &layout.action_sizes()),
+            replay: Replay::of_seats(config.replay_capacity, &layout),
             schedule: UpdateSchedule::new(),
             config,
             layout,
@@ -120,7 +128,7 @@ impl Masql {
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         for seat in 0..self.layout.n_seats() {
-            let batch = self.replay.sample(self.config.batch_size.min(self.replay.len()), rng);
+            let batch = self.replay.sample_distinct(self.config.batch_size.min(self.replay.len()), rng);
             self.update_critic(seat, &batch, rng, record)?;
             self.update_sampler(seat, &batch, rng, record)?;
         }
@@ -134,7 +142,7 @@ impl Masql {
     }
 
     /// Eq. 11: the critic descends the squared error to its target.
-    fn update_critic(&mut self, seat: usize, batch: &JointBatch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn update_critic(&mut self, seat: usize, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let target = self.soft_target(seat, batch, rng);
         let seen = self.seen(seat, &batch.observations);
         let critic = &mut self.learners[seat].critic;
@@ -145,7 +153,7 @@ impl Masql {
     }
 
     /// Reward plus the discounted soft value of what follows.
-    fn soft_target(&self, seat: usize, batch: &JointBatch, rng: &mut Rng) -> Tensor<2> {
+    fn soft_target(&self, seat: usize, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
         let next_value = self.soft_value(seat, &batch.next_observations, rng);
         let rewards = self.replay.rewards_of(batch, seat, self.config.reward_normalisation);
         bootstrapped(rewards, batch.continues.clone(), next_value, self.config.discount)
@@ -164,7 +172,7 @@ impl Masql {
     }
 
     /// Eq. 14: the sampler's parameters follow its particles in the direction of eq. 13.
-    fn update_sampler(&mut self, seat: usize, batch: &JointBatch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn update_sampler(&mut self, seat: usize, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let seen = self.seen(seat, &batch.observations);
         let sampler = self.learners[seat].sampler.network();
         // Particles of the plain network are held: no gradient reaches them.

@@ -1,10 +1,10 @@
 //! Tests of the agent as a whole and of its equations.
 
 use super::*;
-use crate::coordination as game;
-use crate::joint::Sight;
-use crate::seat_network::HiddenActivation;
+use crate::shared::coordination as game;
+use crate::shared::joint::Sight;
 use engine::random::stream;
+use numerics::network::Activation;
 
 fn tiny() -> Config {
     Config {
@@ -27,10 +27,10 @@ fn agent(config: Config) -> Masql {
     Masql::new(config, &game::game(), &mut stream(&["masql"])).unwrap()
 }
 
-fn trained(config: Config) -> (Masql, JointBatch) {
+fn trained(config: Config) -> (Masql, Batch) {
     let mut agent = agent(config);
     game::train(&mut agent, 6, &mut stream(&["some"]));
-    let batch = agent.replay.sample(8, &mut stream(&["batch"]));
+    let batch = agent.replay.sample_distinct(8, &mut stream(&["batch"]));
     (agent, batch)
 }
 
@@ -62,7 +62,7 @@ fn sums_of_exponentials_do_not_overflow() {
 
 #[test]
 fn scores_agree_with_finite_differences() {
-    let (agent, batch) = trained(Config { activation: HiddenActivation::Tanh, sight: Sight::Joint, ..tiny() });
+    let (agent, batch) = trained(Config { activation: Activation::Tanh, sight: Sight::Joint, ..tiny() });
     let actions = vec![0.3f32, -0.6, 0.9, 0.1];
     let seen = columns(&batch.observations, 0..2).slice([0..2, 0..2]);
     let (scores, _) = agent.scores(0, seen.clone(), &matrix(actions.clone(), 2));
@@ -82,7 +82,7 @@ fn scores_agree_with_finite_differences() {
 
 #[test]
 fn parameters_follow_the_moved_particles_along_the_direction() {
-    let (agent, batch) = trained(Config { activation: HiddenActivation::Tanh, width: 4, ..tiny() });
+    let (agent, batch) = trained(Config { activation: Activation::Tanh, width: 4, ..tiny() });
     let (seen, sampler) = (agent.seen(0, &batch.observations), agent.learners[0].sampler.network());
     let held = agent.drawn(&sampler.valid(), &seen, 6, &mut stream(&["held"]));
     let draw_moved = |sampler: &Mlp| agent.drawn(sampler, &seen, 6, &mut stream(&["moved"]));
@@ -144,7 +144,7 @@ fn it_learns_to_coordinate() {
 
 #[test]
 fn spaces_that_do_not_fit_are_refused() {
-    let allocation = crate::bandit::interface();
+    let allocation = crate::shared::bandit::interface();
     assert!(matches!(Masql::new(tiny(), &allocation, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
 }
 

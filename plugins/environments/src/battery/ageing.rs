@@ -17,7 +17,7 @@ pub struct Ageing {
     /// Change of the resistance per ampere second.
     #[schemars(range(min = 0.0), extend("x-unit" = "ohm/(A s)", "x-source" = "Daigle and Kulkarni 2016"))]
     pub r_rate: f64,
-    /// Change of the diffusion constant per ampere second.
+    /// Change of the resistance to diffusion per ampere second.
     #[schemars(range(min = 0.0), extend("x-unit" = "1/(m3 A)", "x-source" = "Daigle and Kulkarni 2016"))]
     pub t_diffusion_rate: f64,
     /// A cell whose mobile charge is below this at the start of an episode is replaced: its parameters start again.

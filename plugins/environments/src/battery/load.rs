@@ -38,8 +38,8 @@ pub enum Load {
         #[schemars(extend("x-unit" = "A"))]
         current_a: f64,
     },
-    /// A CSV file with the columns `t_s` and either `power_w` or `current_a` (totals over all cells). A value holds from its
-    /// time until that of the next row, the last one for ever.
+    /// A CSV file with the columns `t_s` and either `power_w` or `current_a` (totals over all cells). A value
+    /// holds from its time until that of the next row, the last one for ever.
     File(DataFile),
 }
 
@@ -92,7 +92,8 @@ impl LoadSource {
         })
     }
 
-    /// The least power that a decision can demand, W; `None` for currents and for loads that change within a decision.
+    /// The least power that a decision can demand, W; `None` for currents and for loads that change within a
+    /// decision.
     pub fn least_power_w(&self) -> Option<f64> {
         match self {
             Self::Drawn { low, floor, .. } => Some(low.max(*floor)),
@@ -110,7 +111,8 @@ impl LoadSource {
         }
     }
 
-    /// The demand at `time_s` within a decision that began with `drawn`: only a file changes within a decision.
+    /// The demand at `time_s` within a decision that began with `drawn`: only a file changes within a
+    /// decision.
     #[inline]
     pub fn within(&self, drawn: Demand, time_s: f64) -> Demand {
         match self {
@@ -122,7 +124,8 @@ impl LoadSource {
 
 /// The row that holds at `time_s`; before the first row, the first one.
 fn at(rows: &[(f64, Demand)], time_s: f64) -> Demand {
-    // A step's time is a product of a count and a step size: half a microsecond keeps rounding from missing a row.
+    // A step's time is a product of a count and a step size: half a microsecond keeps rounding from missing a
+    // row.
     let begun = rows.partition_point(|(start_s, _)| *start_s <= time_s + 5e-7);
     rows[begun.saturating_sub(1)].1
 }
@@ -140,17 +143,26 @@ fn rows(file: &DataFile) -> Result<Vec<(f64, Demand)>, Error> {
     };
     let time_column = column("t_s").ok_or_else(|| problem("needs a column `t_s`".into()))?;
     let mut rows: Vec<(f64, Demand)> = Vec::new();
-    for (index, record) in reader.records().enumerate() {
-        let line = index + 2;
+    for record in reader.records() {
         let record = record.map_err(|source| problem(source.to_string()))?;
-        let time_s = number(&record, time_column).map_err(|text| problem(format!("line {line}: t_s `{text}` is no number")))?;
-        let value = number(&record, value_column).map_err(|text| problem(format!("line {line}: `{text}` is no number")))?;
+        let unfit = |what: String| problem(format!("line {}: {what}", line_of(&record, &text)));
+        let time_s = number(&record, time_column).map_err(|text| unfit(format!("t_s `{text}` is no number")))?;
+        let value = number(&record, value_column).map_err(|text| unfit(format!("`{text}` is no number")))?;
         if rows.last().is_some_and(|(before_s, _)| *before_s >= time_s) {
-            return Err(problem(format!("line {line}: t_s {time_s} does not lie after the row before it")));
+            return Err(unfit(format!("t_s {time_s} does not lie after the row before it")));
         }
         rows.push((time_s, demand(value)));
     }
     if rows.is_empty() { Err(problem("has no rows".into())) } else { Ok(rows) }
+}
+
+/// The line of a text that a record stands on. The place that the reader tells is that of the end of the
+/// record before it, from which it passes over empty lines.
+fn line_of(record: &csv::StringRecord, text: &str) -> usize {
+    let place = record.position().and_then(|place| usize::try_from(place.byte()).ok()).unwrap_or_default();
+    let (before, rest) = text.split_at(place);
+    let empty = rest.len() - rest.trim_start_matches(['\r', '\n']).len();
+    before.matches('\n').count() + rest[..empty].matches('\n').count() + 1
 }
 
 /// The finite number in `column`, or the text that is none.
@@ -206,6 +218,7 @@ mod tests {
             ("power_w\n1\n", "needs a column `t_s`"),
             ("t_s,power_w\n0,1\n0,2\n", "line 3: t_s 0 does not lie after"),
             ("t_s,power_w\n0,much\n", "line 2: `much` is no number"),
+            ("t_s,power_w\n\n0,1\n\n\n5,much\n", "line 6: `much` is no number"),
             ("t_s,power_w\n", "has no rows"),
         ] {
             let message = load_file(text).unwrap_err().to_string();

@@ -1,7 +1,7 @@
 //! Constants of the lithium-ion cell (type 18650, about 2.1 Ah), each with its unit.
 //!
-//! Source of all values: M. Daigle and C. Kulkarni, "Electrochemistry-based battery modeling for prognostics", PHM 2013,
-//! as published in NASA's `progpy` 1.9.0 (`BatteryElectroChemEOD`).
+//! Source of all values: M. Daigle and C. Kulkarni, "Electrochemistry-based battery modeling for
+//! prognostics", PHM 2013, as published in NASA's `progpy` 1.9.0 (`BatteryElectroChemEOD`).
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -81,7 +81,9 @@ pub struct CellParameters {
     /// Lumped ohmic resistance Ro.
     #[schemars(range(min = 1e-6, max = 10.0), extend("x-unit" = "ohm", "x-source" = "Daigle and Kulkarni 2013"))]
     pub r_ohm: f64,
-    /// Diffusion constant D between bulk and surface; a larger one is slower.
+    /// Resistance D to diffusion between bulk and surface: the difference of their charge concentrations
+    /// (C/m3) over D is the charge that flows per second. The source calls it a diffusion constant, though a
+    /// larger one is slower.
     #[schemars(range(min = 1e4, max = 1e12), extend("x-unit" = "s/m3", "x-source" = "Daigle and Kulkarni 2013"))]
     pub t_diffusion: f64,
 }
@@ -103,8 +105,8 @@ impl Default for CellParameters {
     }
 }
 
-/// Four cells of a second-life pack: less capacity and more resistance from cell to cell. The thesis gives no values; these
-/// leave room for its reported gain of 151 % over an equal split.
+/// Four cells of a second-life pack: less capacity and more resistance from cell to cell. The thesis gives no
+/// values; these leave room for its reported gain of 151 % over an equal split.
 pub const SECOND_LIFE: [CellParameters; 4] = [
     CellParameters::aged(7000.0, 0.125),
     CellParameters::aged(6600.0, 0.135),

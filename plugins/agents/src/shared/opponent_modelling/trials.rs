@@ -1,8 +1,8 @@
 //! What the tests of the algorithms with opponent models share.
 
 use super::{Algorithm, GaussianNetwork, Learner, PREDICTION_ERROR, SeatBatch, Settings};
-use crate::coordination;
-use crate::joint::Sight;
+use crate::shared::coordination;
+use crate::shared::joint::Sight;
 use burn::tensor::Tensor;
 use engine::random::stream;
 use engine::{Agent, Metric, Mode, Observation, Rng};
@@ -10,6 +10,17 @@ use numerics::input_norm::NormalisedMlp;
 use numerics::network::{Activation, values};
 use numerics::optimizer::gradients;
 use numerics::parameters::{parameters, with_parameters};
+
+/// Settings for small networks that learn fast.
+pub(crate) fn tiny() -> Settings {
+    let (width, batch_size, learning_starts) = (16, 32, 32);
+    Settings { width, batch_size, learning_starts, updates_per_step: 0.5, learning_rate: 3e-3, ..Settings::default() }
+}
+
+/// Those without anything between a loss and its gradient.
+pub(crate) fn plain() -> Settings {
+    Settings { input_normalisation: false, gradient_clip: None, stale_policy_step: false, width: 6, ..tiny() }
+}
 
 /// An agent for the game of the tests.
 pub(crate) fn learner<A: Algorithm>(algorithm: A) -> Learner<A> {
@@ -49,7 +60,7 @@ pub(crate) fn assert_gradient<A: Algorithm>(
     loss: impl Fn(&mut Learner<A>, &SeatBatch, &mut Rng) -> Tensor<1>,
 ) {
     // A rectifier that turns within a step would blur the differences.
-    let settings = Settings { activation: Activation::Tanh, ..algorithm.settings() };
+    let settings = Settings { activation: Activation::Tanh, ..*algorithm.settings() };
     let mut learner = Learner::with_settings(algorithm, settings, &coordination::game(), &mut stream(&["learner"])).unwrap();
     let batch = batch(&mut learner, 12);
     let noise = || stream(&["noise"]);
@@ -76,7 +87,7 @@ pub(crate) fn assert_gradient<A: Algorithm>(
 pub(crate) fn assert_reaches_only<A: Algorithm>(learner: &Learner<A>, loss: &Tensor<1>, name: &str) {
     let mut found = loss.backward();
     let mut reached = |network: &NormalisedMlp| gradients(network, &mut found).concat().iter().any(|x| *x != 0.0);
-    let mut game = learner.game.clone();
+    let game = &learner.game;
     for (known, model) in game.gaussians() {
         assert_eq!(reached(model.network()), known == name, "{known}");
     }
@@ -122,12 +133,13 @@ pub(crate) fn assert_declared<A: Algorithm>(algorithm: A, declared: Vec<Metric>)
 
 /// Asserts that what another seat observes moves a seat's action where sight is joint, and does not where it is its own; that
 /// such an agent learns, and that its export fits one of the same sight alone.
-pub(crate) fn assert_sight<A: Algorithm>(algorithm: impl Fn(Option<Sight>) -> A) {
+pub(crate) fn assert_sight<A: Algorithm>(algorithm: impl Fn(Settings) -> A) {
     let first_action = |learner: &mut Learner<A>, of_other: f64| {
         let seen = Observation { seats: vec![vec![0.3], vec![of_other]], state: Vec::new() };
         learner.act(&[seen], Mode::Evaluate, &mut stream(&["x"])).unwrap()[0][0].clone()
     };
-    let [mut own, mut joint] = [Some(Sight::Own), None].map(|sight| learner(algorithm(sight)));
+    let agent = |sight| learner(algorithm(Settings { sight, ..tiny() }));
+    let [mut own, mut joint] = [Some(Sight::Own), None].map(agent);
     assert_eq!(first_action(&mut own, -0.6), first_action(&mut own, 0.6));
     assert_ne!(first_action(&mut joint, -0.6), first_action(&mut joint, 0.6));
     let untrained = first_action(&mut own, 0.0);
@@ -136,7 +148,7 @@ pub(crate) fn assert_sight<A: Algorithm>(algorithm: impl Fn(Option<Sight>) -> A)
     let dir = tempfile::tempdir().unwrap();
     own.export(dir.path()).unwrap();
     assert!(joint.import(dir.path()).is_err());
-    let mut another = learner(algorithm(Some(Sight::Own)));
+    let mut another = agent(Some(Sight::Own));
     assert!(another.import(dir.path()).unwrap());
     assert_eq!(first_action(&mut another, 0.0), first_action(&mut own, 0.0));
 }

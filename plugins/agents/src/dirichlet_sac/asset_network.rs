@@ -12,7 +12,7 @@
 //! | policy | `head(h_i, h)` | `[batch, assets]` |
 //! | critic | `head(h)`, where x_i also holds the share of asset i | `[batch, 1]` |
 
-use crate::{checkpoint, seat};
+use crate::shared::{checkpoint, seat};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use engine::{Channel, Error};

@@ -7,7 +7,7 @@
 //! | o_i, a_i | columns `observed(i)` and `acted(i)` | `[batch, ..]` |
 //! | a^-i | [`JointLayout::others`] | `[batch, n_acted - n_i]` |
 
-use crate::seat::{mismatch, observed};
+use super::seat::{mismatch, observed};
 use burn::tensor::Tensor;
 use engine::{Action, Channel, Error, Interface, Observation, Seat, Space};
 use numerics::network::matrix;
@@ -234,8 +234,8 @@ fn ranges(names: &[Vec<String>]) -> Vec<Range<usize>> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::coordination::interface;
     use super::*;
-    use crate::coordination::interface;
     use numerics::network::values;
 
     #[test]

@@ -1,12 +1,21 @@
-//! From weights to shares on a simplex.
+//! Shares on a simplex: equal, drawn, and made of weights.
 
-use engine::{Action, Error};
+use engine::{Action, Error, Rng};
+use rand::Rng as _;
 
 /// `n` equal shares.
 #[must_use]
 #[allow(clippy::cast_precision_loss, reason = "a number of assets is far below 2^52")]
 pub fn equal_shares(n: usize) -> Vec<f64> {
     vec![1.0 / n as f64; n]
+}
+
+/// One draw from `Dirichlet(1, ..., 1)`, `n` shares that sum to 1.
+pub fn uniform_shares(n: usize, rng: &mut Rng) -> Vec<f64> {
+    // The smallest exponential is kept above zero so that a single asset never divides zero by zero.
+    let exponentials: Vec<f64> = (0..n).map(|_| (-(-rng.random::<f64>()).ln_1p()).max(f64::MIN_POSITIVE)).collect();
+    let total: f64 = exponentials.iter().sum();
+    exponentials.into_iter().map(|e| e / total).collect()
 }
 
 /// Rows of `n` positive `f32` weights as one action each, shares that sum to 1 in double precision.

@@ -1,6 +1,7 @@
-//! What the two estimators of a policy gradient share: the bandit's reward and the running moments of the estimates.
+//! What the two estimators of a policy gradient share: the bandit's reward, the policy's mean and the moments
+//! of the estimates.
 
-use crate::checkpoint;
+use super::checkpoint;
 use engine::{Better, Error, Interface, Metric, Recorder, Updates};
 use numerics::tensor_file::TensorFile;
 use serde::{Deserialize, Serialize};
@@ -50,6 +51,17 @@ impl RewardChannels {
     pub(crate) fn read(&self, state: &[f64]) -> Reward {
         Reward { values: self.values.iter().map(|&index| state[index]).collect(), curvature: state[self.curvature] }
     }
+}
+
+/// The mean action, which must lie inside the simplex; equal shares where absent.
+pub(crate) fn mean_action(given: Option<Vec<f64>>, entries: usize) -> Result<Vec<f64>, Error> {
+    #[allow(clippy::cast_precision_loss, reason = "a handful of entries")]
+    let mean = given.unwrap_or_else(|| vec![1.0 / entries as f64; entries]);
+    let sum: f64 = mean.iter().sum();
+    if mean.len() != entries || mean.iter().any(|share| *share <= 0.0) || (sum - 1.0).abs() > 1e-9 {
+        return Err(Error::config("mean", format!("write {entries} shares above 0 that sum to 1")));
+    }
+    Ok(mean)
 }
 
 /// Running mean and variance of single-sample gradient estimates (Welford).

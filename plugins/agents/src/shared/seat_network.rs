@@ -3,21 +3,6 @@
 use engine::Error;
 use numerics::network::{Activation, Mlp, device};
 use rand::RngCore;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-/// The activation after every hidden layer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum HiddenActivation {
-    /// `max(x, 0)`.
-    #[default]
-    Relu,
-    /// `x` above zero, `0.01 x` below.
-    LeakyRelu,
-    /// Hyperbolic tangent.
-    Tanh,
-}
 
 /// Hidden layers of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,19 +12,14 @@ pub struct Hidden {
     /// Number of layers.
     pub layers: usize,
     /// What follows each of them.
-    pub activation: HiddenActivation,
+    pub activation: Activation,
 }
 
 impl Hidden {
     /// A network to be trained, `inputs` to `outputs`; `output_gain` as in [`Mlp::new`].
     pub fn network(self, inputs: usize, outputs: usize, output_gain: f64, rng: &mut impl RngCore) -> Mlp {
         let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
-        let activation = match self.activation {
-            HiddenActivation::Relu => Activation::Relu,
-            HiddenActivation::LeakyRelu => Activation::LeakyRelu,
-            HiddenActivation::Tanh => Activation::Tanh,
-        };
-        Mlp::new(&sizes, &vec![activation; self.layers], output_gain, rng, &device().autodiff())
+        Mlp::new(&sizes, &vec![self.activation; self.layers], output_gain, rng, &device().autodiff())
     }
 }
 
@@ -64,7 +44,7 @@ mod tests {
 
     #[test]
     fn all_hidden_layers_are_alike() {
-        let hidden = Hidden { width: 7, layers: 3, activation: HiddenActivation::Tanh };
+        let hidden = Hidden { width: 7, layers: 3, activation: Activation::Tanh };
         let network = hidden.network(2, 5, 1.0, &mut engine::random::stream(&["hidden"]));
         assert_eq!((network.sizes(), network.activations()), (vec![2, 7, 7, 7, 5], [Activation::Tanh; 3].as_slice()));
     }

@@ -11,7 +11,7 @@ pub fn best(x: f64) -> Vec<f64> {
 
 /// One observed channel, three shares, the answer as the state.
 pub fn interface() -> Interface {
-    crate::seat::tests::allocation(&["x"], &["best_1", "best_2", "best_3"], 3)
+    crate::shared::seat::tests::allocation(&["x"], &["best_1", "best_2", "best_3"], 3)
 }
 
 /// `n` decisions at random observations, as the agent takes them in training.
@@ -98,7 +98,8 @@ pub fn assert_imports(build: impl Fn(&Interface, &mut Rng) -> Box<dyn Agent>) {
     assert!(two.import(dir.path()).unwrap());
     assert_eq!(act(one.as_mut()), act(two.as_mut()));
     assert!(matches!(two.import(&dir.path().join("nowhere")), Err(engine::Error::File { .. })));
-    let mut other = build(&crate::seat::tests::allocation(&["y"], &["best_1", "best_2", "best_3"], 3), &mut stream("one"));
+    let mut other =
+        build(&crate::shared::seat::tests::allocation(&["y"], &["best_1", "best_2", "best_3"], 3), &mut stream("one"));
     let refusal = other.import(dir.path()).unwrap_err().to_string();
     assert!(refusal.contains("`inputs` of the policy is [\"x\"], here [\"y\"]"), "{refusal}");
 }

@@ -1,14 +1,15 @@
-//! Gaussian policies on burn tensors: squashed by tanh, or mapped to the simplex by softmax. Differentiable in mean and `log_sd`.
+//! Gaussian policies mapped to the simplex by softmax, on burn tensors; differentiable in mean and `log_sd`,
+//! as [`crate::gaussian_head`] makes them of the output of a network.
 //!
-//! Noise comes from the caller's stream, drawn on the host. [`crate::gaussian`] holds the same densities in `f64` and says what
-//! separates the density of a candidate from that of its softmax.
+//! [`crate::gaussian`] holds the same densities in `f64` and says what separates the density of a candidate
+//! from that of its softmax.
 
 use burn::Tensor;
-use burn::tensor::TensorData;
-use burn::tensor::activation::{log_softmax, softmax, softplus};
+use burn::tensor::activation::{log_softmax, softmax};
 use rand::RngCore;
 
-use crate::gaussian::{HALF_LN_TWO_PI, standard_normal};
+use crate::gaussian::HALF_LN_TWO_PI;
+use crate::gaussian_head::candidate;
 
 /// A reparameterised draw of a Gaussian-softmax policy.
 #[derive(Debug, Clone)]
@@ -21,15 +22,6 @@ pub struct GaussianSoftmaxSample {
     pub log_density: Tensor<2>,
 }
 
-/// A reparameterised draw of a tanh-squashed Gaussian policy.
-#[derive(Debug, Clone)]
-pub struct SquashedGaussianSample {
-    /// `tanh(mean + sd noise)` `[batch, n]`.
-    pub action: Tensor<2>,
-    /// The log density of the action on the cube `[batch, 1]`.
-    pub log_density: Tensor<2>,
-}
-
 /// Draws `softmax(x)`, `x ~ N(mean, exp(log_sd))`, for each row; `mean` and `log_sd` are `[batch, n]`.
 ///
 /// # Panics
@@ -39,20 +31,11 @@ pub fn gaussian_softmax_sample(mean: Tensor<2>, log_sd: Tensor<2>, rng: &mut imp
     GaussianSoftmaxSample { action: softmax(candidate.clone(), 1), candidate, log_density }
 }
 
-/// Draws `tanh(x)`, `x ~ N(mean, exp(log_sd))`, for each row; `mean` and `log_sd` are `[batch, n]`.
+/// The true log density `[batch, 1]` of `softmax(candidate)` on the simplex: the common shift is integrated
+/// out.
 ///
-/// # Panics
-/// If the two shapes differ.
-pub fn squashed_gaussian_sample(mean: Tensor<2>, log_sd: Tensor<2>, rng: &mut impl RngCore) -> SquashedGaussianSample {
-    let (candidate, log_density) = candidate(mean, log_sd, rng);
-    // ln(1 - tanh(x)^2) = 2 (ln 2 - x - softplus(-2 x)) stays finite where tanh rounds to one.
-    let log_derivative = (candidate.clone() + softplus(candidate.clone() * -2.0, 1.0) - std::f64::consts::LN_2) * -2.0;
-    SquashedGaussianSample { action: candidate.tanh(), log_density: log_density - log_derivative.sum_dim(1) }
-}
-
-/// The true log density `[batch, 1]` of `softmax(candidate)` on the simplex: the common shift is integrated out.
-///
-/// See [`crate::gaussian::softmax_log_density`] for the equation; all three arguments are `[batch, n]` and differentiable.
+/// See [`crate::gaussian::softmax_log_density`] for the equation; all three arguments are `[batch, n]` and
+/// differentiable.
 #[must_use]
 pub fn gaussian_softmax_log_density(mean: Tensor<2>, log_sd: Tensor<2>, candidate: Tensor<2>) -> Tensor<2> {
     let coordinates = mean.dims()[1] as f64;
@@ -64,17 +47,6 @@ pub fn gaussian_softmax_log_density(mean: Tensor<2>, log_sd: Tensor<2>, candidat
     let spread = (weights * (residuals - centre).square()).sum_dim(1);
     let parts = log_sd.sum_dim(1) + (total.log() + spread) * 0.5 + log_action.sum_dim(1);
     (parts + (coordinates - 1.0) * HALF_LN_TWO_PI).neg()
-}
-
-/// `x = mean + sd noise` `[batch, n]` and its log density `[batch, 1]`, which along the draw depends on `log_sd` alone.
-fn candidate(mean: Tensor<2>, log_sd: Tensor<2>, rng: &mut impl RngCore) -> (Tensor<2>, Tensor<2>) {
-    assert_eq!(mean.dims(), log_sd.dims(), "means and standard deviations are of one shape");
-    let [batch, coordinates] = mean.dims();
-    let values: Vec<f32> = (0..batch * coordinates).map(|_| standard_normal(rng) as f32).collect();
-    let noise = Tensor::<2>::from_data(TensorData::new(values, [batch, coordinates]), &mean.device());
-    let kernel = noise.clone().square() * -0.5 - HALF_LN_TWO_PI;
-    let log_density = (kernel - log_sd.clone()).sum_dim(1);
-    (mean + log_sd.exp() * noise, log_density)
 }
 
 #[cfg(test)]
@@ -138,8 +110,6 @@ mod tests {
     #[test]
     fn densities_match_the_host() {
         let (mean, log_sd) = inputs(&Device::default());
-        let squashed = squashed_gaussian_sample(mean.clone(), log_sd.clone(), &mut rng());
-        assert_close(&doubles(squashed.log_density), &host(gaussian::squashed_log_density), 1e-5);
         let softmax = gaussian_softmax_sample(mean.clone(), log_sd.clone(), &mut rng());
         assert_close(&doubles(softmax.log_density), &host(gaussian::log_density), 1e-5);
         let of_action: fn(&[f64], &[f64], &[f64]) -> f64 =
@@ -152,20 +122,11 @@ mod tests {
     #[test]
     fn gradients_are_those_of_differences() {
         let weights = |like: &Tensor<2>| Tensor::<2>::from_data([[1.0, -2.0, 0.5]], &like.device());
-        check_gradient(|mean, log_sd| squashed_gaussian_sample(mean, log_sd, &mut rng()).log_density);
         check_gradient(|mean, log_sd| gaussian_softmax_sample(mean, log_sd, &mut rng()).log_density);
-        check_gradient(|mean, log_sd| weights(&mean) * squashed_gaussian_sample(mean, log_sd, &mut rng()).action);
         check_gradient(|mean, log_sd| weights(&mean) * gaussian_softmax_sample(mean, log_sd, &mut rng()).action);
         check_gradient(|mean, log_sd| {
             let candidate = gaussian_softmax_sample(mean.clone(), log_sd.clone(), &mut rng()).candidate;
             gaussian_softmax_log_density(mean, log_sd, candidate)
         });
-    }
-
-    #[test]
-    fn squashed_density_is_finite_far_out() {
-        let mean = Tensor::<2>::from_data([[60.0, -60.0]], &Device::default());
-        let sample = squashed_gaussian_sample(mean.clone(), mean * 0.0 - 3.0, &mut rng());
-        assert!(doubles(sample.log_density).iter().all(|value| value.is_finite()));
     }
 }

@@ -1,14 +1,17 @@
-//! Replay buffer of a Markov game: the last transitions of all seats, drawn uniformly without replacement.
+//! Replay buffer: the last transitions of all seats (Lin 1992; Mnih et al. 2015). An environment of one seat
+//! is a game of one.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
-//! | s, a, r, s' | `observations`, `actions`, `rewards`, `next_observations`, all seats in order | `[batch, ..]`, rewards `[batch, n_seats]` |
+//! | s, a, s' | `observations`, `actions`, `next_observations`, all seats in order | `[batch, ..]` |
+//! | r | `rewards` | `[batch, n_seats]` |
 //! | 1 - d | `continues`: 0 where s' is terminal, 1 elsewhere, also where an episode was only cut off | `[batch, 1]` |
-//! | mu_i, sigma_i | [`JointReplay::reward_moments`], over everything that is stored | scalars |
+//! | mu_i, sigma_i | [`Replay::reward_moments`], over everything that is stored | scalars |
 
-use crate::joint::columns;
+use super::joint::{JointLayout, columns};
+use super::scaling::Scaling;
 use burn::tensor::Tensor;
-use engine::{End, Transition};
+use engine::{End, Observation, Transition};
 use numerics::network::matrix;
 use numerics::tensor_file::{HostTensor, TensorFile, TensorFileError};
 use rand::{Rng, RngCore};
@@ -18,12 +21,12 @@ use std::collections::HashSet;
 /// Below this, rewards count as all alike.
 const SMALLEST_SD: f64 = 1e-8;
 
-/// A ring of transitions, each one row of `f32`: joint observation, joint action, rewards, next observation, continues.
+/// A ring of transitions, each one row of `f32`: observation, action, rewards, next observation, continues.
 #[derive(Debug, Clone, PartialEq)]
-pub struct JointReplay {
+pub struct Replay {
     capacity: usize,
     n_observed: usize,
-    action_sizes: Vec<usize>,
+    n_acted: usize,
     rows: Vec<f32>,
     oldest: usize,
     sums: Vec<RewardSums>,
@@ -39,7 +42,7 @@ struct RewardSums {
 
 /// Transitions as plain tensors.
 #[derive(Debug, Clone)]
-pub struct JointBatch {
+pub struct Batch {
     /// What all seats saw, `[batch, n_observed]`.
     pub observations: Tensor<2>,
     /// What all seats did, `[batch, n_acted]`.
@@ -52,12 +55,19 @@ pub struct JointBatch {
     pub continues: Tensor<2>,
 }
 
-impl JointReplay {
-    /// An empty buffer for `capacity` transitions of a joint observation with `n_observed` entries and one action per seat.
+impl Replay {
+    /// An empty buffer for `capacity` transitions of `n_seats` seats, whose observations have `n_observed`
+    /// entries and whose actions `n_acted`, all seats taken together.
     #[must_use]
-    pub fn new(capacity: usize, n_observed: usize, action_sizes: &[usize]) -> Self {
-        let sums = vec![RewardSums::default(); action_sizes.len()];
-        Self { capacity: capacity.max(1), n_observed, action_sizes: action_sizes.to_vec(), rows: Vec::new(), oldest: 0, sums }
+    pub fn new(capacity: usize, n_observed: usize, n_acted: usize, n_seats: usize) -> Self {
+        let sums = vec![RewardSums::default(); n_seats];
+        Self { capacity: capacity.max(1), n_observed, n_acted, rows: Vec::new(), oldest: 0, sums }
+    }
+
+    /// An empty buffer for `capacity` transitions of the seats of a layout.
+    #[must_use]
+    pub fn of_seats(capacity: usize, layout: &JointLayout) -> Self {
+        Self::new(capacity, layout.n_observed(), layout.n_acted(), layout.n_seats())
     }
 
     /// Number of transitions that are stored.
@@ -72,12 +82,25 @@ impl JointReplay {
         self.rows.is_empty()
     }
 
-    /// Adds one step of all seats; the oldest transition gives way where the buffer is full.
+    /// Adds one step of all seats, as they observed it; the oldest transition gives way where the buffer is
+    /// full.
     ///
     /// # Panics
     /// Where the observations, the actions and the rewards do not have the lengths of the buffer.
     pub fn push(&mut self, transition: &Transition) {
-        let row = row(transition);
+        self.insert(transition, |observation| single(observation.seats.iter().flatten()).collect());
+    }
+
+    /// As [`Replay::push`] for an environment of one seat, whose observations are scaled.
+    ///
+    /// # Panics
+    /// Where the observation, the action and the reward do not have the lengths of the buffer.
+    pub fn push_scaled(&mut self, transition: &Transition, scaling: &Scaling) {
+        self.insert(transition, |observation| scaling.apply(&observation.seats[0]).collect());
+    }
+
+    fn insert(&mut self, transition: &Transition, seen: impl Fn(&Observation) -> Vec<f32>) {
+        let row = row(transition, seen);
         assert_eq!(row.len(), self.row_length(), "entries of a transition");
         assert_eq!(transition.rewards.len(), self.n_seats(), "rewards of a transition");
         if self.is_empty() {
@@ -86,37 +109,39 @@ impl JointReplay {
         if self.len() < self.capacity {
             self.add_to_sums(&row, 1.0);
             self.rows.extend(row);
-            return;
-        }
-        let place = self.oldest * row.len()..(self.oldest + 1) * row.len();
-        let leaving = self.rows[place.clone()].to_vec();
-        self.add_to_sums(&leaving, -1.0);
-        self.add_to_sums(&row, 1.0);
-        self.rows[place].copy_from_slice(&row);
-        self.oldest = (self.oldest + 1) % self.capacity;
-        if self.oldest == 0 {
-            self.sum_anew();
+        } else {
+            self.replace_oldest(&row);
         }
     }
 
-    /// `n` transitions drawn uniformly without replacement.
+    /// `n` transitions drawn uniformly with replacement.
+    ///
+    /// # Panics
+    /// Where the buffer is empty.
+    pub fn sample_with_replacement(&self, n: usize, rng: &mut impl RngCore) -> Batch {
+        let picked: Vec<usize> = (0..n).map(|_| rng.random_range(0..self.len())).collect();
+        self.picked(&picked)
+    }
+
+    /// `n` different transitions, drawn uniformly.
     ///
     /// # Panics
     /// Where the buffer holds fewer than `n` transitions.
-    pub fn sample(&self, n: usize, rng: &mut impl RngCore) -> JointBatch {
+    pub fn sample_distinct(&self, n: usize, rng: &mut impl RngCore) -> Batch {
         assert!(n <= self.len(), "{n} transitions of {}", self.len());
         self.picked(&distinct(n, self.len(), rng))
     }
 
     /// The `n` latest transitions, the oldest of them first; all where fewer are stored.
     #[must_use]
-    pub fn latest(&self, n: usize) -> JointBatch {
+    pub fn latest(&self, n: usize) -> Batch {
         let (stored, n) = (self.len(), n.min(self.len()));
         let picked: Vec<usize> = (stored - n..stored).map(|age| (self.oldest + age) % stored).collect();
         self.picked(&picked)
     }
 
-    /// Mean and population standard deviation of a seat's rewards over everything that is stored; zeros for an empty buffer.
+    /// Mean and population standard deviation of a seat's rewards over everything that is stored; zeros for
+    /// an empty buffer.
     #[must_use]
     #[allow(clippy::cast_precision_loss, reason = "a number of transitions is far below 2^52")]
     pub fn reward_moments(&self, seat: usize) -> (f64, f64) {
@@ -126,10 +151,10 @@ impl JointReplay {
         (origin + shift, (sum_of_squares / n - shift * shift).max(0.0).sqrt())
     }
 
-    /// The rewards of one seat in a batch, `[batch, 1]`: as earned or, `standardised`, less the mean of all that are stored and
-    /// divided by their standard deviation (by 1 where they are all alike).
+    /// The rewards of one seat in a batch, `[batch, 1]`: as earned or, `standardised`, less the mean of all
+    /// that are stored and divided by their standard deviation (by 1 where they are all alike).
     #[must_use]
-    pub fn rewards_of(&self, batch: &JointBatch, seat: usize, standardised: bool) -> Tensor<2> {
+    pub fn rewards_of(&self, batch: &Batch, seat: usize, standardised: bool) -> Tensor<2> {
         let rewards = columns(&batch.rewards, seat..seat + 1);
         if !standardised {
             return rewards;
@@ -141,18 +166,18 @@ impl JointReplay {
     /// Puts the buffer into a file.
     pub fn store(&self, file: &mut TensorFile) {
         let shape = vec![self.len(), self.row_length()];
-        file.insert("joint_replay", HostTensor { shape, values: self.rows.clone() });
-        file.header["joint_replay"] = serde_json::json!({ "oldest": self.oldest, "reward_sums": self.sums });
+        file.insert("replay", HostTensor { shape, values: self.rows.clone() });
+        file.header["replay"] = serde_json::json!({ "oldest": self.oldest, "reward_sums": self.sums });
     }
 
-    /// Continues from what [`JointReplay::store`] put into a file.
+    /// Continues from what [`Replay::store`] put into a file.
     ///
     /// # Errors
     /// [`TensorFileError`] where the file holds no buffer or one of another shape.
     pub fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
-        let stored = file.get("joint_replay")?;
-        let header = &file.header["joint_replay"];
-        let missing = |name: &str| TensorFileError::Missing { name: format!("joint_replay.{name}") };
+        let stored = file.get("replay")?;
+        let header = &file.header["replay"];
+        let missing = |name: &str| TensorFileError::Missing { name: format!("replay.{name}") };
         let oldest = header["oldest"].as_u64().and_then(|oldest| usize::try_from(oldest).ok());
         let oldest = oldest.ok_or_else(|| missing("oldest"))?;
         let sums: Vec<RewardSums> = serde_json::from_value(header["reward_sums"].clone()).map_err(|_| missing("reward_sums"))?;
@@ -166,14 +191,14 @@ impl JointReplay {
         Ok(())
     }
 
-    fn picked(&self, picked: &[usize]) -> JointBatch {
+    fn picked(&self, picked: &[usize]) -> Batch {
         let row = self.row_length();
         let columns = |from: usize, count: usize| {
             let values = picked.iter().flat_map(|at| &self.rows[at * row + from..at * row + from + count]);
             matrix(values.copied().collect(), count)
         };
-        let (observed, acted, seats) = (self.n_observed, self.n_acted(), self.n_seats());
-        JointBatch {
+        let (observed, acted, seats) = (self.n_observed, self.n_acted, self.n_seats());
+        Batch {
             observations: columns(0, observed),
             actions: columns(observed, acted),
             rewards: columns(observed + acted, seats),
@@ -182,15 +207,27 @@ impl JointReplay {
         }
     }
 
+    fn replace_oldest(&mut self, row: &[f32]) {
+        let place = self.oldest * row.len()..(self.oldest + 1) * row.len();
+        let leaving = self.rows[place.clone()].to_vec();
+        self.add_to_sums(&leaving, -1.0);
+        self.add_to_sums(row, 1.0);
+        self.rows[place].copy_from_slice(row);
+        self.oldest = (self.oldest + 1) % self.capacity;
+        if self.oldest == 0 {
+            self.sum_anew();
+        }
+    }
+
     fn start_sums(&mut self, row: &[f32]) {
-        let first = self.n_observed + self.n_acted();
+        let first = self.n_observed + self.n_acted;
         for (sums, reward) in self.sums.iter_mut().zip(&row[first..]) {
             *sums = RewardSums { origin: f64::from(*reward), ..RewardSums::default() };
         }
     }
 
     fn add_to_sums(&mut self, row: &[f32], sign: f64) {
-        let first = self.n_observed + self.n_acted();
+        let first = self.n_observed + self.n_acted;
         for (sums, reward) in self.sums.iter_mut().zip(&row[first..]) {
             let distance = f64::from(*reward) - sums.origin;
             sums.sum += sign * distance;
@@ -207,19 +244,16 @@ impl JointReplay {
     }
 
     fn n_seats(&self) -> usize {
-        self.action_sizes.len()
-    }
-
-    fn n_acted(&self) -> usize {
-        self.action_sizes.iter().sum()
+        self.sums.len()
     }
 
     fn row_length(&self) -> usize {
-        2 * self.n_observed + self.n_acted() + self.n_seats() + 1
+        2 * self.n_observed + self.n_acted + self.n_seats() + 1
     }
 }
 
-/// `n` different numbers below `total`, every subset as likely as any other (Floyd; Bentley 1987, Communications of the ACM 30).
+/// `n` different numbers below `total`, every subset as likely as any other (Floyd; Bentley 1987,
+/// Communications of the ACM 30).
 fn distinct(n: usize, total: usize, rng: &mut impl RngCore) -> Vec<usize> {
     let mut taken = HashSet::with_capacity(n);
     let mut draw = |last: usize| {
@@ -231,27 +265,34 @@ fn distinct(n: usize, total: usize, rng: &mut impl RngCore) -> Vec<usize> {
     (total - n..total).map(&mut draw).collect()
 }
 
-#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-fn row(transition: &Transition) -> Vec<f32> {
+fn row(transition: &Transition, seen: impl Fn(&Observation) -> Vec<f32>) -> Vec<f32> {
     let Transition { observation, action, rewards, next_observation, end } = transition;
-    let continues = f64::from(u8::from(*end != Some(End::Terminated)));
-    let before = observation.seats.iter().flatten().chain(action.iter().flatten()).chain(rewards);
-    let row = before.chain(next_observation.seats.iter().flatten()).chain([&continues]);
-    row.map(|entry| *entry as f32).collect()
+    let mut row = seen(observation);
+    row.extend(single(action.iter().flatten().chain(rewards)));
+    row.extend(seen(next_observation));
+    row.push(f32::from(u8::from(*end != Some(End::Terminated))));
+    row
+}
+
+/// Numbers as networks compute with them.
+#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+fn single<'a>(entries: impl Iterator<Item = &'a f64>) -> impl Iterator<Item = f32> {
+    entries.map(|entry| *entry as f32)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::scaling::ObservationScaling;
     use super::*;
-    use engine::{Observation, random::stream};
+    use engine::{Channel, random::stream};
     use numerics::network::values;
 
     /// Two seats that observe 2 and 1 entries and act with 1 and 2.
-    fn replay(capacity: usize) -> JointReplay {
-        JointReplay::new(capacity, 3, &[1, 2])
+    fn replay(capacity: usize) -> Replay {
+        Replay::new(capacity, 3, 3, 2)
     }
 
-    fn push(replay: &mut JointReplay, x: f64) {
+    fn push(replay: &mut Replay, x: f64) {
         let observe = |x: f64| Observation { seats: vec![vec![x, -x], vec![x + 0.5]], state: vec![7.0] };
         replay.push(&Transition {
             observation: observe(x),
@@ -262,7 +303,7 @@ mod tests {
         });
     }
 
-    fn filled(capacity: usize, n: u8) -> JointReplay {
+    fn filled(capacity: usize, n: u8) -> Replay {
         let mut replay = replay(capacity);
         (1..=n).for_each(|x| push(&mut replay, f64::from(x)));
         replay
@@ -270,7 +311,7 @@ mod tests {
 
     #[test]
     fn the_oldest_gives_way_and_rows_stay_together() {
-        let batch = filled(3, 5).sample(3, &mut stream(&["joint replay"]));
+        let batch = filled(3, 5).sample_distinct(3, &mut stream(&["replay"]));
         let (seen, done) = (values(batch.observations), values(batch.actions));
         let (rewards, next, continues) = (values(batch.rewards), values(batch.next_observations), values(batch.continues));
         let mut drawn: Vec<f32> = (0..3).map(|i| seen[3 * i]).collect();
@@ -291,18 +332,52 @@ mod tests {
         let (replay, mut rng) = (filled(20, 10), stream(&["uniform"]));
         let mut counts = [0; 10];
         for _ in 0..2_000 {
-            let mut seen = values(replay.sample(4, &mut rng).rewards).into_iter().step_by(2).collect::<Vec<_>>();
+            let mut seen = values(replay.sample_distinct(4, &mut rng).rewards).into_iter().step_by(2).collect::<Vec<_>>();
             seen.sort_by(f32::total_cmp);
             assert!(seen.windows(2).all(|pair| pair[0] < pair[1]));
             seen.iter().for_each(|reward| counts[(reward / 10.0) as usize - 1] += 1);
         }
-        // Each of ten is expected in 800 of 2000 draws of four, with a deviation of sqrt(2000 * 0.4 * 0.6) = 22.
+        // Each of ten is expected in 800 of 2000 draws of four, with a deviation of sqrt(2000 * 0.4 * 0.6) =
+        // 22.
         assert!(counts.iter().all(|count| (710..890).contains(count)), "{counts:?}");
     }
 
     #[test]
+    fn with_replacement_draws_are_uniform_and_repeat() {
+        let (replay, mut rng) = (filled(20, 4), stream(&["replaced"]));
+        let rewards = values(replay.sample_with_replacement(4_000, &mut rng).rewards);
+        for x in 1..=4u8 {
+            // Each is expected 1000 times, with a deviation of sqrt(4000 * 0.25 * 0.75) = 27.
+            let count = rewards.iter().filter(|reward| **reward == 10.0 * f32::from(x)).count();
+            assert!((890..1110).contains(&count), "{x}: {count}");
+        }
+    }
+
+    #[test]
+    fn observations_of_one_seat_are_scaled() {
+        let channels = [Channel::new("x", "").typical(1.0, 2.0), Channel::new("y", "")];
+        let scaling = Scaling::new(ObservationScaling::Typical, &channels);
+        let mut replay = Replay::new(2, 2, 1, 1);
+        let observe = |x: f64| Observation { seats: vec![vec![x, -x]], state: Vec::new() };
+        replay.push_scaled(
+            &Transition {
+                observation: observe(3.0),
+                action: vec![vec![0.5]],
+                rewards: vec![7.0],
+                next_observation: observe(5.0),
+                end: Some(End::Terminated),
+            },
+            &scaling,
+        );
+        let batch = replay.latest(1);
+        assert_eq!((values(batch.observations), values(batch.actions)), (vec![1.0, -3.0], vec![0.5]));
+        assert_eq!((values(batch.next_observations), values(batch.rewards)), (vec![2.0, -5.0], vec![7.0]));
+        assert_eq!(values(batch.continues), [0.0]);
+    }
+
+    #[test]
     fn the_latest_come_in_their_order() {
-        let first = |batch: JointBatch| values(batch.observations).into_iter().step_by(3).collect::<Vec<_>>();
+        let first = |batch: Batch| values(batch.observations).into_iter().step_by(3).collect::<Vec<_>>();
         assert_eq!(first(filled(3, 5).latest(2)), [4.0, 5.0]);
         assert_eq!(first(filled(3, 5).latest(9)), [3.0, 4.0, 5.0]);
         assert_eq!(first(filled(9, 5).latest(2)), [4.0, 5.0]);
@@ -346,7 +421,7 @@ mod tests {
         push(&mut two, 9.1);
         assert_eq!(one, two);
         assert!(replay(2).restore(&file).is_err());
-        assert!(JointReplay::new(3, 3, &[3]).restore(&file).is_err());
+        assert!(Replay::new(3, 3, 3, 1).restore(&file).is_err());
         assert!(replay(3).restore(&TensorFile::default()).is_err());
     }
 }

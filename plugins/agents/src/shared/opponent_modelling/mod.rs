@@ -1,4 +1,5 @@
-//! What the algorithms with opponent models share: networks per seat, replay, the order of updates, acting, storing.
+//! What the algorithms with opponent models share: networks per seat, replay, the order of updates, acting,
+//! storing.
 //!
 //! | thesis, chapter 4 | here | shape |
 //! |---|---|---|
@@ -10,14 +11,16 @@
 //! | P(a^i given s), ROMMEO alone | [`Player::prior`] | head `[batch, 2 n_i]` |
 //! | Q^i and its target | [`Player::critic`] | `[batch, 1]` |
 //!
-//! Policies, opponent models and priors see the joint observation, as in the released code, or with `sight: own` that of their seat.
-//! Each seat has its own networks and draws its own minibatch; target critics move after all seats are through. A critic's input is
-//! the joint action in the order of the seats, then the joint observation: the released code puts the own action last, which is
-//! the same network with its columns named otherwise.
+//! Policies, opponent models and priors see the joint observation, as in the released code, or with `sight:
+//! own` that of their seat. Each seat has its own networks and draws its own minibatch; target critics move
+//! after all seats are through. A critic's input is the joint action in the order of the seats, then the
+//! joint observation: the released code puts the own action last, which is the same network with its columns
+//! named otherwise.
 //!
-//! A folder that `save` wrote continues training. One that `export` wrote (`policy.safetensors`) holds policies, opponent models
-//! and running moments of all seats: `import` takes it, and the agent then acts as the exported one did, so that some seats of
-//! one stored agent can be set against the other seats of another.
+//! A folder that `save` wrote continues training. One that `export` wrote (`policy.safetensors`) holds
+//! policies, opponent models and running moments of all seats: `import` takes it, and the agent then acts as
+//! the exported one did, so that some seats of one stored agent can be set against the other seats of
+//! another.
 
 mod config;
 mod networks;
@@ -25,16 +28,16 @@ mod prediction;
 #[cfg(test)]
 pub(crate) mod trials;
 
-pub use config::{ActingPrediction, Rectifier, Settings};
-pub(crate) use config::{opponent_config, preset};
+pub use config::{ActingPrediction, Origin, Settings};
 pub use networks::{Critic, GaussianNetwork};
 pub(crate) use prediction::{decide, policy_loss, predict};
 
-use crate::checkpoint::{self, finite};
-use crate::joint::{JointLayout, columns};
-use crate::joint_replay::JointReplay;
-use crate::schedule::UpdateSchedule;
-use crate::seat::mismatch;
+use super::checkpoint::{self, finite};
+use super::joint::{JointLayout, columns};
+use super::replay::Replay;
+use super::schedule::UpdateSchedule;
+use super::seat::mismatch;
+use super::targets::bootstrapped;
 use burn::tensor::Tensor;
 use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
 use numerics::network::{matrix, values};
@@ -47,7 +50,8 @@ use std::path::Path;
 /// Name of the metric of [`Agent::assess`].
 pub const PREDICTION_ERROR: &str = "opponent_prediction_error";
 
-/// What one of two is conditioned on the other: the policy on the predicted actions, or the prediction on the own action.
+/// What one of two is conditioned on the other: the policy on the predicted actions, or the prediction on the
+/// own action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Conditioning {
     /// `pi(a^i given s, a^-i)` and `rho(a^-i given s)`.
@@ -66,12 +70,13 @@ pub trait Algorithm: Clone + Send + 'static {
     const HAS_PRIOR: bool;
 
     /// The settings that all algorithms share.
-    fn settings(&self) -> Settings;
+    fn settings(&self) -> &Settings;
 
     /// The actions `[rows, n_i]` of a seat.
     fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2>;
 
-    /// The mean actions of the others `[rows, n_acted - n_i]` that a seat predicts where all seats do `actions`.
+    /// The mean actions of the others `[rows, n_acted - n_i]` that a seat predicts where all seats do
+    /// `actions`.
     fn predict(&self, game: &Game, seat: usize, observations: &Tensor<2>, actions: &Tensor<2>) -> Tensor<2>;
 
     /// One update of a seat's networks.
@@ -120,7 +125,7 @@ pub struct Game {
     /// One per seat.
     pub players: Vec<Player>,
     /// What was seen and done.
-    pub replay: JointReplay,
+    pub replay: Replay,
     schedule: UpdateSchedule,
 }
 
@@ -150,7 +155,7 @@ fn prediction_error() -> Metric {
 impl Player {
     fn new<A: Algorithm>(layout: &JointLayout, seat: usize, settings: &Settings, rng: &mut Rng) -> Self {
         let (n_observed, n_acted, sizes) = (layout.n_observed(), layout.n_acted(), layout.action_sizes());
-        let (own, n_seen) = (sizes[seat], settings.sight.columns(layout, seat).len());
+        let (own, n_seen) = (sizes[seat], settings.sight().columns(layout, seat).len());
         let (for_policy, for_opponents) = match A::CONDITIONING {
             Conditioning::PolicyOnPrediction => (n_seen + n_acted - own, n_seen),
             Conditioning::PredictionOnAction => (n_seen, n_seen + own),
@@ -168,11 +173,20 @@ impl Player {
         self.opponents.iter_mut().map(|model| sample(model.plain_head(input.clone()), rng)).collect()
     }
 
-    /// Every Gaussian with the name it is stored under.
-    fn gaussians(&mut self) -> impl Iterator<Item = (String, &mut GaussianNetwork)> {
-        let opponents = self.opponents.iter_mut().enumerate().map(|(at, model)| (format!("opponent_{at}"), model));
-        let prior = self.prior.iter_mut().map(|prior| ("prior".into(), prior));
-        [("policy".into(), &mut self.policy)].into_iter().chain(opponents).chain(prior)
+    /// The names that the Gaussians of a seat are stored under, in their order.
+    fn names(&self, seat: usize) -> Vec<String> {
+        let opponents = (0..self.opponents.len()).map(|at| format!("seat_{seat}.opponent_{at}"));
+        let prior = self.prior.iter().map(|_| format!("seat_{seat}.prior"));
+        [format!("seat_{seat}.policy")].into_iter().chain(opponents).chain(prior).collect()
+    }
+
+    /// Policy, opponent models and, where there is one, the prior.
+    fn gaussians(&self) -> impl Iterator<Item = &GaussianNetwork> {
+        [&self.policy].into_iter().chain(&self.opponents).chain(&self.prior)
+    }
+
+    fn gaussians_mut(&mut self) -> impl Iterator<Item = &mut GaussianNetwork> {
+        [&mut self.policy].into_iter().chain(&mut self.opponents).chain(&mut self.prior)
     }
 }
 
@@ -197,7 +211,7 @@ impl Game {
     /// The columns of joint observations that policy, opponent models and prior of a seat see.
     #[must_use]
     pub fn seen(&self, seat: usize, observations: &Tensor<2>) -> Tensor<2> {
-        columns(observations, self.settings.sight.columns(&self.layout, seat))
+        columns(observations, self.settings.sight().columns(&self.layout, seat))
     }
 
     /// A seat's own columns of joint actions.
@@ -215,7 +229,8 @@ impl Game {
         Ok(())
     }
 
-    /// One step of a seat's critic towards `r + gamma (1 - d) next_value`, `next_value` `[batch, 1]` (eq. 4.12, without its half).
+    /// One step of a seat's critic towards `r + gamma (1 - d) next_value`, `next_value` `[batch, 1]` (eq.
+    /// 4.12, without its half).
     ///
     /// # Errors
     /// [`Error::NotFinite`].
@@ -227,7 +242,7 @@ impl Game {
         record: &mut Recorder,
     ) -> Result<(), Error> {
         let SeatBatch { rewards, continues, .. } = batch.clone();
-        let target = crate::targets::bootstrapped(rewards, continues, next_value, self.settings.discount);
+        let target = bootstrapped(rewards, continues, next_value, self.settings.discount);
         let value = self.players[seat].critic.tracked_value(&batch.observations, batch.actions.clone());
         let loss = (value - target).square().mean();
         self.note("critic_loss", &loss, record)?;
@@ -267,34 +282,32 @@ impl Game {
 
     /// A minibatch as a seat learns from it.
     pub(crate) fn batch(&self, seat: usize, rng: &mut Rng) -> SeatBatch {
-        let batch = self.replay.sample(self.settings.batch_size.min(self.replay.len()), rng);
-        let rewards = columns(&batch.rewards, seat..seat + 1);
+        let batch = self.replay.sample_distinct(self.settings.batch_size.min(self.replay.len()), rng);
         SeatBatch {
+            rewards: self.replay.rewards_of(&batch, seat, self.settings.reward_normalisation),
             observations: batch.observations,
             actions: batch.actions,
-            rewards: if self.settings.reward_normalisation { self.standardised(rewards, seat) } else { rewards },
             next_observations: batch.next_observations,
             continues: batch.continues,
         }
     }
 
-    /// Rewards by mean and deviation over the whole buffer; where they never differed, by the mean alone.
-    fn standardised(&self, rewards: Tensor<2>, seat: usize) -> Tensor<2> {
-        let (mean, sd) = self.replay.reward_moments(seat);
-        let centred = rewards - mean;
-        if sd > 1e-8 { centred / sd } else { centred }
+    /// Every Gaussian of every seat with the name it is stored under.
+    fn gaussians(&self) -> impl Iterator<Item = (String, &GaussianNetwork)> {
+        let players = self.players.iter().enumerate();
+        players.flat_map(|(seat, player)| player.names(seat).into_iter().zip(player.gaussians()))
     }
 
-    fn gaussians(&mut self) -> impl Iterator<Item = (String, &mut GaussianNetwork)> {
+    fn gaussians_mut(&mut self) -> impl Iterator<Item = (String, &mut GaussianNetwork)> {
         let players = self.players.iter_mut().enumerate();
-        players.flat_map(|(seat, player)| player.gaussians().map(move |(name, model)| (format!("seat_{seat}.{name}"), model)))
+        players.flat_map(|(seat, player)| player.names(seat).into_iter().zip(player.gaussians_mut()))
     }
 
     /// Policies and opponent models as another program, or `load`, needs them to act.
     fn exported(&self, agent: &str) -> TensorFile {
         let mut file = TensorFile::default();
         let seat = |(seat, player): (usize, &Player)| {
-            let ports = self.layout.ports(self.settings.sight.columns(&self.layout, seat), self.layout.acted(seat));
+            let ports = self.layout.ports(self.settings.sight().columns(&self.layout, seat), self.layout.acted(seat));
             let sizes = player.policy.network().sizes();
             json!({ "name": self.layout.seats()[seat], "inputs": ports.inputs, "outputs": ports.outputs, "policy_sizes": sizes })
         };
@@ -304,7 +317,7 @@ impl Game {
             "activation": self.settings.activation, "input_normalisation": self.settings.input_normalisation,
             "epsilon": numerics::input_norm::EPSILON, "head": "tanh_of_first_half",
         });
-        for (name, model) in self.clone().gaussians() {
+        for (name, model) in self.gaussians() {
             model.store_acting(&name, &mut file);
         }
         file
@@ -312,12 +325,14 @@ impl Game {
 }
 
 impl<A: Algorithm> Learner<A> {
-    /// An agent for an environment with at least two seats, all of which observe a box and act in one from -1 to 1.
+    /// An agent for an environment with at least two seats, all of which observe a box and act in one from -1
+    /// to 1.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] for any other environment, [`Error::Config`] for batches that cannot be normalised.
+    /// [`Error::Mismatch`] for any other environment, [`Error::Config`] for batches that cannot be
+    /// normalised.
     pub fn new(algorithm: A, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
-        let settings = algorithm.settings();
+        let settings = *algorithm.settings();
         Self::with_settings(algorithm, settings, interface, rng)
     }
 
@@ -328,7 +343,7 @@ impl<A: Algorithm> Learner<A> {
             return Err(mismatch(A::NAME, "it models opponents, and the environment has one seat alone"));
         }
         let players = (0..layout.n_seats()).map(|seat| Player::new::<A>(&layout, seat, &settings, rng)).collect();
-        let replay = JointReplay::new(settings.replay_capacity, layout.n_observed(), &layout.action_sizes());
+        let replay = Replay::of_seats(settings.replay_capacity, &layout);
         Ok(Self { algorithm, game: Game { settings, layout, players, replay, schedule: UpdateSchedule::new() } })
     }
 
@@ -345,7 +360,7 @@ impl<A: Algorithm> Learner<A> {
     }
 
     fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
-        for (name, model) in self.game.gaussians() {
+        for (name, model) in self.game.gaussians_mut() {
             model.restore(&name, file)?;
         }
         for (seat, player) in self.game.players.iter_mut().enumerate() {
@@ -355,7 +370,7 @@ impl<A: Algorithm> Learner<A> {
     }
 
     fn restore_acting(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
-        self.game.gaussians().try_for_each(|(name, model)| model.restore_acting(&name, file))
+        self.game.gaussians_mut().try_for_each(|(name, model)| model.restore_acting(&name, file))
     }
 }
 
@@ -400,7 +415,7 @@ impl<A: Algorithm> Agent for Learner<A> {
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
-        for (name, model) in self.game.clone().gaussians() {
+        for (name, model) in self.game.gaussians() {
             model.store(&name, &mut file);
         }
         for (seat, player) in self.game.players.iter().enumerate() {

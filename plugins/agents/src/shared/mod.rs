@@ -1,0 +1,19 @@
+//! What agents share and what is none: buffers, checkpoints, schedules, layouts of seats, and the frame of
+//! the algorithms with opponent models.
+
+pub mod allocation;
+#[cfg(test)]
+pub(crate) mod bandit;
+pub mod checkpoint;
+#[cfg(test)]
+pub(crate) mod coordination;
+pub(crate) mod gradient_moments;
+pub mod joint;
+pub mod opponent_modelling;
+pub mod replay;
+pub mod scaling;
+pub mod schedule;
+pub mod seat;
+pub mod seat_network;
+pub mod simplex_regression;
+pub mod targets;
