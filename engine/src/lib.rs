@@ -22,6 +22,7 @@ pub mod environment;
 pub mod error;
 pub mod executor;
 pub mod figure;
+pub mod kinds;
 pub mod limits;
 pub mod plan;
 pub mod protocol;

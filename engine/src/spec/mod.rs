@@ -24,7 +24,7 @@ mod config;
 mod cross_play;
 mod describe;
 mod json_schema;
-mod names;
+pub(crate) mod names;
 mod overrides;
 mod path;
 mod plugin_config;

@@ -68,6 +68,18 @@ impl Aggregate {
         }
     }
 
+    /// What it is, in a sentence.
+    #[must_use]
+    pub fn about(self) -> &'static str {
+        match self {
+            Aggregate::Final => "Mean of the final measurement; a metric alone stands for it.",
+            Aggregate::Auc => "Mean over the points of the learning curve (the area under it, per point).",
+            Aggregate::Max => "The largest point of the learning curve.",
+            Aggregate::Min => "The smallest point of the learning curve.",
+            Aggregate::GivenSuccess => "Mean of the final measurement, of the seeds with success alone.",
+        }
+    }
+
     /// The number of one trial: from its final phase, or from the curve of its evaluate phase; `None` where the phase has
     /// no row of the metric.
     #[must_use]

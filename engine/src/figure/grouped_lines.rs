@@ -1,60 +1,68 @@
-//! Bars, lines over a swept key, and scatter: final values, grouped.
+//! A metric against a swept key: a line per agent and remaining setting, agents without the key as levels.
 
 use super::{
-    Bars, FigureSpec, GroupedLines, Scatter,
-    build::{Context, by_environment, label, label_with_setting, level},
-    chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
+    Figure, FigureSpec,
+    build::{Context, by_environment, count, label, label_with_setting, level},
+    chart::{Chart, Point, Scale, Series, Shape, Style},
 };
 use crate::{
     Error,
+    diagnostic::suggest,
+    spec::names::{Names, Place},
     statistics::Summary,
-    table::{self, Axis, Grid, Scope},
+    table::{Axis, Scope},
 };
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Groups of bars: the rows of a comparison are groups, its columns bars, with 95 % intervals.
-pub(super) fn bars(kind: &Bars, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-    let grid = table::compare(&kind.of, context.results)?;
-    let named = |name: &str, printed: &str| spec.labels.get(name).cloned().unwrap_or_else(|| printed.into());
-    let categories = grid.rows.iter().map(|row| named(&row.name, &row.label)).collect();
-    let mut y = context.scale(spec, &kind.of.value, false);
-    if kind.of.relative_to.is_some() {
-        y.label = if grid.unit.is_empty() { grid.quantity.clone() } else { format!("{} ({})", grid.quantity, grid.unit) };
-        y.label = y.label.replace(", by seed", "").replace('_', " ");
+/// A metric against a swept key.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct GroupedLines {
+    /// The metric on the vertical axis.
+    pub metric: String,
+    /// The swept key on the horizontal axis, as its last word (`learning_rate`).
+    pub x: String,
+    /// Which agents, one line each; all where empty.
+    pub agents: Vec<String>,
+    /// Which environments, one panel each; all where empty.
+    pub environments: Vec<String>,
+    /// Horizontal axis on a logarithmic scale.
+    pub log_x: bool,
+    /// Vertical axis on a logarithmic scale.
+    pub log_y: bool,
+}
+
+impl Figure for GroupedLines {
+    #[cfg(test)]
+    fn example() -> &'static str {
+        "{ metric: return, x: discount, agents: [learner, rule] }"
     }
-    y.includes = vec![0.0];
-    let series = (0..grid.columns.len()).map(|column| {
-        let style = bar_style(&grid, column, context);
-        let label =
-            if grid.columns.len() == 1 { String::new() } else { named(&grid.columns[column].name, &grid.columns[column].label) };
-        Series { label, seeds: None, style, shape: Shape::Bars(bar_points(&grid, column), 0.8 / count(grid.columns.len())) }
-    });
-    let panel = Panel { series: series.collect(), x: Scale { categories, ..Scale::default() }, y, ..Panel::default() };
-    let notes = grid.footnotes().iter().map(|note| note.replace("in brackets", "as lines").replace("* ", "")).collect();
-    Ok(Chart { panels: vec![panel], columns: 1, notes, ..Chart::default() })
-}
 
-fn bar_style(grid: &Grid, column: usize, context: Context<'_>) -> Style {
-    let name = &grid.columns[column].name;
-    if context.agents.contains(name) {
-        context.style(name)
-    } else {
-        Style { hue: Hue::Ramp(column, grid.columns.len().max(2)), variant: column }
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        let picked = names.pick(at);
+        names.metric(&self.metric, at, "metric", &picked);
+        check_swept(&self.x, names, at);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        build(self, spec, context)
     }
 }
 
-fn bar_points(grid: &Grid, column: usize) -> Vec<Point> {
-    let width = 0.8 / count(grid.columns.len());
-    let offset = (count(column) + 0.5) * width - 0.4;
-    let point = |(row, cells): (usize, &Vec<table::Cell>)| {
-        let cell = &cells[column];
-        Some(Point { x: count(row) + offset, y: cell.estimate?, interval: cell.interval })
-    };
-    grid.cells.iter().enumerate().filter_map(point).collect()
+/// The key is one that the study sweeps.
+fn check_swept(key: &str, names: &mut Names<'_>, at: &Place<'_>) {
+    let swept = &names.world.swept;
+    if swept.is_empty() {
+        names.say(at.value("x"), format!("`x` is `{key}`, but the study has no `sweep`"), "");
+    } else if !swept.iter().any(|known| known == key) {
+        let help = suggest(key, swept.iter().map(String::as_str));
+        names.say(at.value("x"), format!("no sweep varies `{key}`"), help);
+    }
 }
 
-/// A metric against a swept key: a line per agent and remaining setting, agents without the key as levels.
-pub(super) fn lines(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+fn build(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let scope = Scope::of(context.results, &kind.agents, &kind.environments);
     let categories = categories(&scope, &kind.x);
     let x = context.scale(spec, &kind.x, kind.log_x && categories.is_empty());
@@ -128,34 +136,6 @@ fn split(setting: &str, key: &str) -> Option<(String, String)> {
 
 fn position(value: &str, categories: &[String]) -> f64 {
     categories.iter().position(|name| name == value).map_or_else(|| value.parse().unwrap_or(0.0), count)
-}
-
-/// One metric against another: a point per seed.
-pub(super) fn scatter(kind: &Scatter, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-    let scope = Scope::of(context.results, &kind.agents, &kind.environments);
-    let scales = (context.scale(spec, &kind.x, false), context.scale(spec, &kind.y, false));
-    let mut chart = by_environment(spec, &scope, &kind.environments, scales, |scope| {
-        let agents = scope.names(Axis::Agent, &kind.agents);
-        agents.iter().filter_map(|agent| cloud(kind, spec, context, &scope.at(Axis::Agent, agent), agent)).collect()
-    })?;
-    chart.notes.push("One point per seed.".into());
-    Ok(chart)
-}
-
-fn cloud(kind: &Scatter, spec: &FigureSpec, context: Context<'_>, scope: &Scope<'_>, agent: &str) -> Option<Series> {
-    let point = |trial: &&crate::results::TrialResult| {
-        let mean = |metric: &str| trial.mean(crate::Phase::Final, metric);
-        Some(Point { x: mean(&kind.x)?, y: mean(&kind.y)?, interval: None })
-    };
-    let points: Vec<Point> = scope.trials.iter().filter(|trial| trial.is_ok()).filter_map(point).collect();
-    let seeds = Some((scope.finals(&kind.y).len(), scope.planned()));
-    let style = context.style(agent);
-    (!points.is_empty()).then(|| Series { label: label(spec, agent), seeds, style, shape: Shape::Points(points) })
-}
-
-#[allow(clippy::cast_precision_loss, reason = "a count of rows or columns")]
-fn count(number: usize) -> f64 {
-    number as f64
 }
 
 #[cfg(test)]
