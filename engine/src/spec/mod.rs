@@ -3,6 +3,7 @@
 //!
 //! | file | what it does |
 //! |---|---|
+//! | `sections` | the sections of a study as they are written, as types |
 //! | `json_schema` | the schema of a study with all plugins' parameters; sections are held against it first |
 //! | `written` | named parts and their positions |
 //! | `path` | dotted paths of sweeps, profiles, overrides and `--set` |
@@ -29,6 +30,7 @@ mod overrides;
 mod path;
 mod plugin_config;
 mod resolved;
+mod sections;
 mod seeds;
 mod settings;
 mod sweep;

@@ -56,7 +56,7 @@ impl Default for CrossPlayTable {
 impl Table for CrossPlayTable {
     #[cfg(test)]
     fn example() -> &'static str {
-        "{ play: tag, rows: chaser, columns: runner, value: return }"
+        "{ play: tag, rows: chaser, columns: runner, value: return, normalise: false }"
     }
 
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>, _: Option<&Place<'_>>) -> (Vec<String>, Vec<String>) {
