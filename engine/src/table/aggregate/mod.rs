@@ -10,7 +10,7 @@ mod check;
 use super::{Axis, Cell, Fixed, Grid, Heading, Missing, NoValue, NumberFormat, OneNumber, Quantity, Scope, Table, problem};
 use crate::{
     Error,
-    results::Results,
+    results::{Results, TrialResult},
     spec::names::{Names, Place},
     statistics::{
         Bootstrap, Interval,
@@ -98,7 +98,7 @@ impl Aggregate {
 impl Table for Aggregate {
     #[cfg(test)]
     fn example() -> &'static str {
-        "{ value: return, normalise: { low: rule, high: learner }, agents: [learner, rule] }"
+        "{ value: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: [short, long] }"
     }
 
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>, published: Option<&Place<'_>>) -> (Vec<String>, Vec<String>) {
@@ -131,7 +131,8 @@ fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
     let columns = Column::all(spec);
     let cells = rows.iter().map(|agent| {
         let scores = suite.scores(agent, &scope);
-        columns.iter().map(|column| suite.cell(agent, &scores, column, relative.as_ref())).collect()
+        let resting = Cell::resting_on(&suite.behind(agent, &all), results);
+        columns.iter().map(|column| suite.cell(agent, &scores, column, relative.as_ref(), &resting)).collect()
     });
     Ok(Grid {
         quantity: Quantity::plain(suite.quantity()),
@@ -292,11 +293,17 @@ impl Suite<'_> {
         scores
     }
 
-    fn cell(&self, agent: &str, scores: &Scores, column: &Column, relative: Option<&Scores>) -> Cell {
+    /// The trials of an agent and of those that stand for 0 and 1, whose values move every score.
+    fn behind<'r>(&self, agent: &str, all: &Scope<'r>) -> Vec<&'r TrialResult> {
+        let is_behind = |name: &str| name == agent || self.spec.fixed().iter().any(|(fixed, _)| *fixed == name);
+        all.trials.iter().copied().filter(|trial| is_behind(&trial.trial.agent)).collect()
+    }
+
+    fn cell(&self, agent: &str, scores: &Scores, column: &Column, relative: Option<&Scores>, resting: &Cell) -> Cell {
         if matches!(column, Column::Improvement(other) if other == agent) {
             return Cell::default();
         }
-        let cell = Cell { planned: scores.planned, failed: scores.failed, missing: scores.missing.clone(), ..Cell::default() };
+        let cell = Cell { planned: scores.planned, failed: scores.failed, missing: scores.missing.clone(), ..resting.clone() };
         let others = match (column, relative) {
             (Column::Improvement(_), Some(relative)) => relative.tasks(),
             _ => Some(Vec::new()),

@@ -194,6 +194,8 @@ fn label(comparison: &Comparison, name: &str) -> String {
 
 fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Cell {
     let mut scope = measure.trained_for(scope);
+    // A seed without success has ended too: looks wait for it no longer.
+    let behind = relation.trials_behind(&scope, results);
     if measure.comparison.given_success {
         scope.trials.retain(|trial| trial.succeeded() != Some(false));
     }
@@ -206,7 +208,6 @@ fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, 
             Err(why) => missing.push(Missing::of(why)),
         }
     }
-    let behind = relation.trials_behind(&scope, results);
     let cell = Cell {
         planned: scope.planned(),
         failed: scope.failed(),

@@ -1,6 +1,6 @@
 //! Comparisons against what trials record: metrics, agents, what the rows and columns are.
 
-use super::{Axis, Comparison, Form};
+use super::{Axis, Comparison, Form, Taken};
 use crate::{
     diagnostic::suggest,
     results::SUCCESS,
@@ -62,8 +62,25 @@ fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picke
         let message = "`given_success` needs a section `success`: the study does not say what a success is";
         names.say(place.value("given_success"), message, "write `success: { metric: METRIC, above: VALUE }`");
     }
-    if spec.value == SUCCESS && spec.given_success {
+    if spec.value != SUCCESS {
+        return;
+    }
+    if spec.given_success {
         names.say(place.value("given_success"), "the share of successes among successes is 1", "remove one of the two");
+    }
+    let while_learning = match &spec.taken {
+        Taken::Final => None,
+        Taken::Last(_) => Some("last"),
+        Taken::StepsUntilAbove { .. } => Some("steps_until_above"),
+        Taken::AtSteps { .. } => Some("at_steps"),
+    };
+    if let Some(key) = while_learning {
+        let message = "`success` is judged by the final measurement, and by none during learning";
+        names.say(place.value(key), message, format!("remove `{key}`"));
+    }
+    if matches!(spec.resolved_form(), Form::Ratio | Form::PercentChange) {
+        let message = "a seed's `success` is 0 or 1, so that its ratio to another one means nothing";
+        names.say(place.value("as"), message, "write `as: difference`, or compare the shares in a claim");
     }
 }
 
