@@ -35,6 +35,7 @@ pub mod results;
 pub mod rollout;
 pub mod scheduler;
 pub mod schema_check;
+pub mod setting;
 pub mod spec;
 pub mod statistics;
 pub mod store;

@@ -7,6 +7,7 @@ use crate::{
     registry::{About, AgentEntry},
     results::{EndState, TrialResult},
     rollout::{self, Actions},
+    setting::Setting,
     spec,
     store::{Store, TrialFile},
     trial::{Part, Trial},
@@ -180,7 +181,7 @@ fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
         return Err(refused(&format!("trial {id} ended as {}: {}", file.end.state.name(), file.end.reason)));
     }
     let [environment, agent] = [&file.key.environment, &file.key.agent].map(|part| part.plugin.clone());
-    let trial = Trial { id: id.clone(), environment, agent, setting: String::new(), key: file.key };
+    let trial = Trial { id: id.clone(), environment, agent, setting: String::new(), point: Setting::default(), key: file.key };
     Ok(store.load(&trial)?)
 }
 

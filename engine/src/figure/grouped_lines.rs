@@ -8,12 +8,14 @@ use super::{
 use crate::{
     Error,
     diagnostic::suggest,
+    setting::word,
     spec::names::{Names, Place},
     statistics::Summary,
     table::{Axis, Scope},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// A metric against a swept key.
@@ -79,13 +81,14 @@ fn build(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result
 
 /// The values of the key where not all of them are numbers, in the order of the plan; else none.
 fn categories(scope: &Scope<'_>, key: &str) -> Vec<String> {
-    let mut values: Vec<String> = Vec::new();
-    for value in scope.trials.iter().filter_map(|trial| Some(split(&trial.trial.setting, key)?.0)) {
-        if !values.contains(&value) {
-            values.push(value);
+    let values: Vec<&Value> = scope.trials.iter().filter_map(|trial| trial.trial.point.get(key)).collect();
+    let mut names: Vec<String> = Vec::new();
+    for name in values.iter().map(|value| word(value)).filter(|_| !values.iter().all(|value| value.is_number())) {
+        if !names.contains(&name) {
+            names.push(name);
         }
     }
-    if values.iter().all(|value| value.parse::<f64>().is_ok()) { Vec::new() } else { values }
+    names
 }
 
 /// Points of a line, the fewest seeds of a point, and the seeds planned.
@@ -104,8 +107,12 @@ fn swept(
         let scope = scope.at(Axis::Setting, &setting);
         let values: Vec<f64> = scope.finals(&kind.metric).into_values().collect();
         let Some(summary) = Summary::of(&values) else { continue };
-        let (place, rest) = split(&setting, &kind.x).map_or((None, None), |(value, rest)| (Some(value), Some(rest)));
-        let x = place.map_or(0.0, |value| position(&value, categories));
+        // All trials of a setting stand at one point of the sweep.
+        let point = &scope.trials[0].trial.point;
+        let (x, rest) = match point.get(&kind.x) {
+            Some(value) => (position(value, categories), Some(point.without(&kind.x).to_string())),
+            None => (0.0, None),
+        };
         let group = groups.entry(rest).or_insert((Vec::new(), usize::MAX, 0));
         group.0.push(Point { x, y: summary.mean, interval: summary.interval.map(|interval| (interval.low, interval.high)) });
         (group.1, group.2) = (group.1.min(summary.n), group.2.max(scope.planned()));
@@ -126,27 +133,7 @@ fn swept(
     groups.into_iter().enumerate().map(series).collect()
 }
 
-/// The value of a key in a setting, and the setting without it; `None` where it has no such key.
-fn split(setting: &str, key: &str) -> Option<(String, String)> {
-    let is_key = |word: &&str| word.split_once('=').is_some_and(|(name, _)| name == key || name.rsplit('.').next() == Some(key));
-    let word = setting.split_whitespace().find(is_key)?;
-    let rest: Vec<&str> = setting.split_whitespace().filter(|other| *other != word).collect();
-    Some((word.split_once('=')?.1.into(), rest.join(" ")))
-}
-
-fn position(value: &str, categories: &[String]) -> f64 {
-    categories.iter().position(|name| name == value).map_or_else(|| value.parse().unwrap_or(0.0), count)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_setting_is_split_by_the_last_word_of_the_key() {
-        assert_eq!(split("dsac.rate=1e-4 cells=4", "rate"), Some(("1e-4".into(), "cells=4".into())));
-        assert_eq!(split("dsac.rate=1e-4", "dsac.rate"), Some(("1e-4".into(), String::new())));
-        assert_eq!(split("dsac.rate=1e-4", "ate"), None);
-        assert_eq!(split("", "rate"), None);
-    }
+fn position(value: &Value, categories: &[String]) -> f64 {
+    let place = categories.iter().position(|name| *name == word(value));
+    place.map_or_else(|| value.as_f64().unwrap_or(0.0), count)
 }

@@ -3,6 +3,7 @@
 use super::DEVICE;
 use crate::{
     cross_play::{Cast, Member, title},
+    setting::Setting,
     spec::{Play, Player, Study},
     trial::{Trial, TrialKey},
 };
@@ -29,7 +30,7 @@ pub(super) fn trials(study: &Study, play: &Play, trained: &[Trial]) -> Vec<Trial
                 device: DEVICE.into(),
             };
             let (environment, agent, setting) = (play.name.clone(), agent.clone(), String::new());
-            trials.push(Trial { id: key.id(), environment, agent, setting, key });
+            trials.push(Trial { id: key.id(), environment, agent, setting, point: Setting::default(), key });
         }
     }
     trials

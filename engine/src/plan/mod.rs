@@ -77,7 +77,7 @@ impl Study {
                     device: DEVICE.into(),
                 };
                 let (environment, agent) = (self.environments[cell.environment].clone(), self.agents[cell.agent].clone());
-                trials.push(Trial { id, environment, agent, setting: cell.setting.clone(), key });
+                trials.push(Trial { id, environment, agent, setting: cell.setting.clone(), point: cell.point.clone(), key });
             }
         }
         let plays: Vec<Trial> = self.plays.iter().flat_map(|play| cross_play::trials(self, play, &trials)).collect();

@@ -3,6 +3,7 @@
 use super::{Novelty, Reason, StoredCell, explain, novelties, seed_ranges, to_json};
 use crate::{
     results::{EndState, TrialEnd},
+    setting::Setting,
     trial::{Part, Trial, TrialKey},
 };
 use serde_json::{Value, json};
@@ -27,7 +28,14 @@ fn stored(key: TrialKey, seeds: &[u64]) -> StoredCell {
 fn planned(key: &TrialKey, seeds: std::ops::Range<u64>) -> Vec<Trial> {
     let trial = |seed| {
         let key = TrialKey { seed, ..key.clone() };
-        Trial { id: key.id(), environment: "four".into(), agent: "dsac".into(), setting: String::new(), key }
+        Trial {
+            id: key.id(),
+            environment: "four".into(),
+            agent: "dsac".into(),
+            setting: String::new(),
+            point: Setting::default(),
+            key,
+        }
     };
     seeds.map(trial).collect()
 }

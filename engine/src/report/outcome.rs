@@ -62,7 +62,10 @@ fn trial_as_json((trial, end): &(Trial, Option<TrialEnd>)) -> Value {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::trial::{Part, TrialKey};
+    use crate::{
+        setting::Setting,
+        trial::{Part, TrialKey},
+    };
 
     /// A study with one trial of every end, and one that has not run.
     pub(in crate::report) fn one_of_each() -> Outcome {
@@ -73,7 +76,14 @@ pub(super) mod tests {
             let (environment, agent, protocol) = (part("battery"), part("equal_split"), part("train_evaluate"));
             let key = TrialKey { environment, agent, protocol, seed, numerics: 1, device: "cpu".into() };
             let setting = if seed == 1 { "rate=0.1 note=\"<&>\"".into() } else { String::new() };
-            let trial = Trial { id: format!("{seed:032}"), environment: "four".into(), agent: "equal".into(), setting, key };
+            let trial = Trial {
+                id: format!("{seed:032}"),
+                environment: "four".into(),
+                agent: "equal".into(),
+                setting,
+                point: Setting::default(),
+                key,
+            };
             let reason = if state == Some(Ok) { String::new() } else { "5 < 3 & \"so on\" \u{1b}[31m]]>\u{0}\u{fffe}".into() };
             (trial, state.map(|state| TrialEnd { state, reason, wall_s: 1.5, digest: String::new() }))
         };

@@ -51,12 +51,15 @@ pub fn is_ready(after: &[String], store: &Store) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::{Part, Trial, TrialKey};
+    use crate::{
+        setting::Setting,
+        trial::{Part, Trial, TrialKey},
+    };
 
     fn trial(seed: u64) -> Trial {
         let part = || Part::new("x", 1, serde_json::Value::Null);
         let key = TrialKey { environment: part(), agent: part(), protocol: part(), seed, numerics: 1, device: "cpu".into() };
-        Trial { id: key.id(), environment: "e".into(), agent: "a".into(), setting: String::new(), key }
+        Trial { id: key.id(), environment: "e".into(), agent: "a".into(), setting: String::new(), point: Setting::default(), key }
     }
 
     #[test]

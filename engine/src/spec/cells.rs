@@ -4,7 +4,7 @@ use super::{
     config::{self, Files, Plugin},
     overrides::Override,
     path::{self, Target},
-    sweep::{Dimension, word},
+    sweep::Dimension,
     written::{Selection, Written},
 };
 use crate::{
@@ -12,6 +12,7 @@ use crate::{
     diagnostic::{Diagnostic, Sources},
     document::Node,
     schema_check::View,
+    setting::Setting,
     trial::Part,
 };
 use serde_json::Value;
@@ -29,6 +30,8 @@ pub struct Cell {
     pub agent: usize,
     /// The point of the sweep, as `key=value` words.
     pub setting: String,
+    /// The same with the values themselves.
+    pub point: Setting,
     /// Environment, agent and protocol.
     pub parts: [Arc<Resolved>; 3],
 }
@@ -146,8 +149,8 @@ impl Sections<'_> {
         config
     }
 
-    /// The point of the sweep in words. A key is written with its last word, or as a whole where that is not unique.
-    fn setting(&self, targets: &[Target], points: &[(usize, usize)]) -> String {
+    /// The point of the sweep. A key is written with its last word, or as a whole where that is not unique.
+    fn setting(&self, targets: &[Target], points: &[(usize, usize)]) -> Setting {
         let keys = points.iter().flat_map(|(index, point)| self.dimensions[*index].keys.iter().map(move |key| (key, *point)));
         let keys: Vec<_> = keys.filter(|(key, _)| targets.contains(&key.path.target)).collect();
         let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_string();
@@ -155,8 +158,7 @@ impl Sections<'_> {
             let unique = keys.iter().filter(|(key, _)| last(&key.text) == last(text)).count() == 1;
             if unique { last(text) } else { text.to_string() }
         };
-        let words = keys.iter().map(|(key, point)| format!("{}={}", name(&key.text), word(&key.values[*point].to_value())));
-        words.collect::<Vec<_>>().join(" ")
+        Setting::new(keys.iter().map(|(key, point)| (name(&key.text), key.values[*point].to_value())).collect())
     }
 
     /// The plugin of a part.
@@ -198,8 +200,8 @@ impl Known<'_> {
             let points = points.iter().filter(concerned).copied().collect();
             self.part(Given { target, overrides, points, training: learns || target != Target::Protocol })
         });
-        let setting = self.sections.setting(&targets, points);
-        Ok(Cell { environment, agent, setting, parts: [one?, two?, three?] })
+        let point = self.sections.setting(&targets, points);
+        Ok(Cell { environment, agent, setting: point.to_string(), point, parts: [one?, two?, three?] })
     }
 
     fn part(&mut self, given: Given) -> Outcome {

@@ -278,15 +278,6 @@ fn swept_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnosti
     found
 }
 
-/// A value as a word of a setting's name.
-#[must_use]
-pub fn word(value: &Value) -> String {
-    match value {
-        Value::String(text) if !text.is_empty() && !text.contains([' ', '=', '"']) => text.clone(),
-        other => other.to_string(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -211,6 +211,7 @@ mod tests {
     use crate::{
         Recorder,
         results::EndState,
+        setting::Setting,
         trial::{Part, TrialKey},
     };
     use serde_json::json;
@@ -220,7 +221,14 @@ mod tests {
         let part = |plugin: &str| Part::new(plugin, 1, json!({ "cells": cells }));
         let (environment, agent, protocol) = (part("battery"), part("equal"), part("evaluate"));
         let key = TrialKey { environment, agent, protocol, seed, numerics: 1, device: "cpu".into() };
-        Trial { id: key.id(), environment: "four".into(), agent: "equal".into(), setting: String::new(), key }
+        Trial {
+            id: key.id(),
+            environment: "four".into(),
+            agent: "equal".into(),
+            setting: String::new(),
+            point: Setting::default(),
+            key,
+        }
     }
 
     fn acknowledge(store: &Store, trial: &Trial, state: EndState) {

@@ -292,7 +292,7 @@ pub fn is_missing(end: Option<&TrialEnd>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Phase;
+    use crate::{Phase, setting::Setting};
     use serde_json::json;
 
     fn trial(seed: u64) -> Trial {
@@ -305,7 +305,14 @@ mod tests {
             numerics: 1,
             device: "cpu".into(),
         };
-        Trial { id: key.id(), environment: "four".into(), agent: "equal".into(), setting: String::new(), key }
+        Trial {
+            id: key.id(),
+            environment: "four".into(),
+            agent: "equal".into(),
+            setting: String::new(),
+            point: Setting::default(),
+            key,
+        }
     }
 
     fn record() -> Recorder {

@@ -233,6 +233,7 @@ mod tests {
     use super::*;
     use crate::{
         recorder::Row,
+        setting::Setting,
         trial::{Part, Trial, TrialKey},
     };
 
@@ -240,7 +241,14 @@ mod tests {
         let part = || Part::new("x", 1, serde_json::Value::Null);
         let (environment, agent, protocol) = (part(), part(), part());
         let key = TrialKey { environment, agent, protocol, seed: 0, numerics: 1, device: "cpu".into() };
-        let trial = Trial { id: key.id(), environment: "e".into(), agent: "a".into(), setting: String::new(), key };
+        let trial = Trial {
+            id: key.id(),
+            environment: "e".into(),
+            agent: "a".into(),
+            setting: String::new(),
+            point: Setting::default(),
+            key,
+        };
         let row = |&(phase, step, value): &(Phase, u64, f64)| Row { phase, step, episode: 0, seat: 0, metric: 0, value };
         TrialResult { trial, end: None, names: vec!["return".into()], rows: rows.iter().map(row).collect() }
     }
