@@ -4,13 +4,14 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fmt;
 
-/// Swept keys with their values, in the order of the sweep; none without a sweep. Its display is `key=value` words.
+/// Swept keys with their values, in the order of the sweep; none without a sweep. Its display is `key=value`
+/// words.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Setting(Vec<(String, Value)>);
 
 impl Setting {
-    /// The point with these keys. A key is written with its last word, or as a whole where that is not unique.
+    /// The point with these keys and values, in this order.
     #[must_use]
     pub fn new(values: Vec<(String, Value)>) -> Self {
         Self(values)

@@ -1,4 +1,5 @@
-//! Contours: a surface that a trial traced point by point, with what it measured during learning as a path over it.
+//! Contours: a surface that a trial traced point by point, with what it measured during learning as a path
+//! over it.
 
 use super::{
     Figure, FigureSpec,
@@ -121,7 +122,8 @@ fn series(kind: &Contour, spec: &FigureSpec, context: Context<'_>, trial: &Trial
     Ok(series)
 }
 
-/// What was measured during learning, in order, and its name; `None` where the study asks for none or nothing was measured.
+/// What was measured during learning, in order, and its name; `None` where the study asks for none or nothing
+/// was measured.
 fn path(kind: &Contour, trial: &TrialResult) -> Option<(String, Vec<Point>)> {
     let [x, y] = kind.path.as_slice() else { return None };
     let (x, y) = (trial.curve(Phase::Evaluate, x), trial.curve(Phase::Evaluate, y));

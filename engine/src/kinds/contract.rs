@@ -1,4 +1,5 @@
-//! What every kind of table and figure is held to: it describes itself, refuses what it does not know, and can be built.
+//! What every kind of table and figure is held to: it describes itself, refuses what it does not know, and
+//! can be built.
 
 use super::Kind;
 use crate::{

@@ -1,4 +1,5 @@
-//! Kinds of tables and of figures: one list of each, which everything reads that lists, describes, checks or builds them.
+//! Kinds of tables and of figures: one list of each, which everything reads that lists, describes, checks or
+//! builds them.
 //!
 //! A kind is a type that can be read from a study, with the trait of its list ([`crate::table::TableKind`] or
 //! [`crate::figure::FigureKind`] names them). Adding one is a file with that type and a line in the list.
@@ -43,7 +44,8 @@ impl Contradiction {
     }
 }
 
-/// The schema of an entry that gives exactly one of the kinds: a key for each. A key without a value counts as not given.
+/// The schema of an entry that gives exactly one of the kinds: a key for each. A key without a value counts
+/// as not given.
 pub(crate) fn schema(kinds: &[Kind], generator: &mut SchemaGenerator) -> Schema {
     let property = |kind: &Kind| {
         let value = (kind.schema)(generator);
@@ -53,7 +55,8 @@ pub(crate) fn schema(kinds: &[Kind], generator: &mut SchemaGenerator) -> Schema 
     json_schema!({ "type": "object", "properties": properties })
 }
 
-/// A list of kinds: an enum of their types, which is written as a mapping with the kind's name as its one key.
+/// A list of kinds: an enum of their types, which is written as a mapping with the kind's name as its one
+/// key.
 macro_rules! kinds {
     ($(#[$doc:meta])* $Any:ident: $Trait:ident { $($name:literal => $Variant:ident($Spec:ty), $about:literal;)+ }) => {
         $(#[$doc])*

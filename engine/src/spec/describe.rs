@@ -1,4 +1,5 @@
-//! Plugins and kinds of tables and figures described for people: keys with type, range, unit, default, source and meaning; presets.
+//! Plugins and kinds of tables and figures described for people: keys with type, range, unit, default, source
+//! and meaning; presets.
 
 use crate::{
     Registry, figure::FigureKind, kinds::Kind, registry::About, schema_check::View, statistics::Aggregate, table::TableKind,
@@ -7,7 +8,8 @@ use schemars::SchemaGenerator;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
-/// Describes the environment, agent, protocol or kind of table or figure of this name; all of them where several share it.
+/// Describes the environment, agent, protocol or kind of table or figure of this name; all of them where
+/// several share it.
 ///
 /// # Errors
 /// Where nothing has the name: the nearest one.

@@ -1,12 +1,13 @@
-//! The JSON Schema of a study, the parameters of all registered plugins included. Editors complete by it and `check` holds
-//! studies against it, so the two cannot differ.
+//! The JSON Schema of a study, the parameters of all registered plugins included. Editors complete by it and
+//! `check` holds studies against it, so the two cannot differ.
 
 use super::sections::Sections;
 use crate::{Registry, registry::About, schema_check::NAME};
 use schemars::SchemaGenerator;
 use serde_json::{Map, Value, json};
 
-/// JSON Schema (draft 2020-12) of a study: that of its sections, with the plugins' own schemas where these are named.
+/// JSON Schema (draft 2020-12) of a study: that of its sections, with the plugins' own schemas where these
+/// are named.
 #[must_use]
 pub fn json_schema(registry: &Registry) -> Value {
     let mut schema = SchemaGenerator::default().into_root_schema_for::<Sections>().to_value();

@@ -1,5 +1,5 @@
-//! The sections of a study as they are written. Editors complete by their schemas, and studies are held against them before the
-//! sections are read one by one, with the positions of what is in them.
+//! The sections of a study as they are written. Editors complete by their schemas, and studies are held
+//! against them before the sections are read one by one, with the positions of what is in them.
 
 use super::{claims::ClaimSpec, cross_play::EPISODES, seeds::SeedsText, sweep::Generator};
 use crate::{
@@ -27,7 +27,8 @@ pub(super) struct Sections {
     source: String,
     /// What differs from the source, one sentence each.
     departures: Vec<String>,
-    /// Number of replicates N (seeds 0 to N - 1), the seeds themselves, or a design `{ min, max, looks }`. With a design seeds are added look by look until every judged value and claim is decided.
+    /// Number of replicates N (seeds 0 to N - 1), the seeds themselves, or a design `{ min, max, looks }`.
+    /// With a design seeds are added look by look until every judged value and claim is decided.
     #[schemars(extend("default" = 1))]
     seeds: SeedsText,
     /// What counts as a success of a seed; adds the metric `success`.
@@ -94,7 +95,8 @@ struct PlayText {
     /// Seats by role, at least two roles; every seat of the environment has one.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     roles: BTreeMap<String, Seats>,
-    /// Agents of the study, those that learn with the policy of their final training step; all that learn where absent.
+    /// Agents of the study, those that learn with the policy of their final training step; all that learn
+    /// where absent.
     #[serde(default)]
     #[schemars(length(min = 1))]
     agents: Vec<String>,

@@ -21,16 +21,31 @@ use serde_json::{Value, json};
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum Generator {
-    /// Values of which every combination is tried.
-    Grid(Listed),
-    /// Values that go together with those of the other `zip` keys, one by one.
-    Zip(Listed),
-    /// Samples spread evenly between two limits.
-    Random(Samples),
-    /// Samples whose logarithm is spread evenly between two limits.
-    LogUniform(Samples),
-    /// Samples with one in each of equally likely slices.
-    LatinHypercube(SlicedSamples),
+    /// Every combination of listed values.
+    Grid(
+        /// Values of which every combination is tried.
+        Listed,
+    ),
+    /// Listed values, key by key.
+    Zip(
+        /// Values that go together with those of the other `zip` keys, one by one.
+        Listed,
+    ),
+    /// Samples of a uniform distribution.
+    Random(
+        /// Samples spread evenly between two limits.
+        Samples,
+    ),
+    /// Samples of a log-uniform distribution.
+    LogUniform(
+        /// Samples whose logarithm is spread evenly between two limits.
+        Samples,
+    ),
+    /// Samples of a Latin hypercube.
+    LatinHypercube(
+        /// Samples with one in each of equally likely slices.
+        SlicedSamples,
+    ),
 }
 
 /// A value for each point.

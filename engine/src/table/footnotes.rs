@@ -1,4 +1,5 @@
-//! The sentences under a table: what its numbers are, how verdicts come about, which seeds are missing, what to be careful with.
+//! The sentences under a table: what its numbers are, how verdicts come about, which seeds are missing, what
+//! to be careful with.
 
 use super::{Cell, Fixed, Grid, Margin, OneNumber};
 use crate::statistics::Judgement;
@@ -13,7 +14,8 @@ pub enum Intervals {
 }
 
 impl Grid {
-    /// What the numbers are, how they were made, which seeds are missing, and the notes of the study, a sentence each.
+    /// What the numbers are, how they were made, which seeds are missing, and the notes of the study, a
+    /// sentence each.
     #[must_use]
     pub fn footnotes(&self, intervals: Intervals) -> Vec<String> {
         let star = if intervals == Intervals::InBrackets { "* " } else { "" };

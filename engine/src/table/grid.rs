@@ -36,7 +36,8 @@ pub struct Grid {
     pub notes: Vec<String>,
 }
 
-/// What the numbers of a table are. Its display is a phrase, as in `cycle length, change from equal, by seed`.
+/// What the numbers of a table are. Its display is a phrase, as in `cycle length, change from equal, by
+/// seed`.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Quantity {
     /// The quantity of one agent.
@@ -177,7 +178,8 @@ pub enum Part {
 }
 
 impl Grid {
-    /// The printed columns from left to right: each column, followed by published value and verdict where it has any.
+    /// The printed columns from left to right: each column, followed by published value and verdict where it
+    /// has any.
     #[must_use]
     pub fn parts(&self) -> Vec<Part> {
         let has_published = |column: usize| self.cells.iter().any(|row| row[column].judgement.is_some());
@@ -222,7 +224,8 @@ impl Grid {
         places.flat_map(move |(row, cells)| self.columns.iter().zip(cells).map(move |(column, cell)| (label(row, column), cell)))
     }
 
-    /// The number of seeds that most cells rest on; cells with another number say theirs. `None` where no cell has a seed.
+    /// The number of seeds that most cells rest on; cells with another number say theirs. `None` where no
+    /// cell has a seed.
     #[must_use]
     pub fn usual_n(&self) -> Option<usize> {
         let mut counts: std::collections::BTreeMap<usize, usize> = std::collections::BTreeMap::new();
@@ -336,8 +339,8 @@ impl NumberFormat {
         if text.starts_with('-') && !text.bytes().any(|byte| (b'1'..=b'9').contains(&byte)) { text[1..].into() } else { text }
     }
 
-    /// Writes a published number with the digits it was published with; one with more than anybody prints was computed, of a curve,
-    /// and gets the digits of the table.
+    /// Writes a published number with the digits it was published with; one with more than anybody prints was
+    /// computed, of a curve, and gets the digits of the table.
     #[must_use]
     pub fn published(self, number: f64) -> String {
         const MOST_PRINTED: usize = 6;

@@ -75,8 +75,8 @@ pub(crate) trait Table {
         None
     }
 
-    /// Checks every name in it against what trials record, and what it says of the values that are published beside it. Gives
-    /// back the names of its rows and columns.
+    /// Checks every name in it against what trials record, and what it says of the values that are published
+    /// beside it. Gives back the names of its rows and columns.
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>, published: Option<&Place<'_>>) -> (Vec<String>, Vec<String>);
 
     /// Computes rows, columns and cells, without published values.
@@ -95,8 +95,8 @@ pub(crate) trait Table {
         None
     }
 
-    /// Over how many measurements up to each column, a step, published curves are compared; `None` where columns are no steps or
-    /// rows no agents.
+    /// Over how many measurements up to each column, a step, published curves are compared; `None` where
+    /// columns are no steps or rows no agents.
     fn measurements_by_step(&self) -> Option<u64> {
         None
     }
@@ -115,15 +115,16 @@ pub struct TableSpec {
     /// Published values by row, or by row and column.
     #[serde(default)]
     pub published: BTreeMap<String, Published>,
-    /// Published curves. Each is compared with the row of its agent at every one of `at_steps`, over as many measurements up to there
-    /// (`last`, 1 where absent) as ours; several runs count as an uncertain value.
+    /// Published curves. Each is compared with the row of its agent at every one of `at_steps`, over as many
+    /// measurements up to there (`last`, 1 where absent) as ours; several runs count as an uncertain value.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub published_curves: Vec<PublishedCurve>,
-    /// How far a reproduced value may lie from the published one: a number in the unit of the cell, or one of `absolute`, `percent`
-    /// and `ratio` with a reason, `why`; 5 % of the published value if absent.
+    /// How far a reproduced value may lie from the published one: a number in the unit of the cell, or one of
+    /// `absolute`, `percent` and `ratio` with a reason, `why`; 5 % of the published value if absent.
     #[serde(default)]
     pub margin: Option<Margin>,
-    /// What was chosen with the published values in view; agreement with them then says nothing, and their verdict is CALIBRATED.
+    /// What was chosen with the published values in view; agreement with them then says nothing, and their
+    /// verdict is CALIBRATED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
     /// True where the comparison was thought of after results were seen; its verdicts are counted apart.
@@ -168,7 +169,8 @@ impl TableKind {
         self.it().metric_of_unit()
     }
 
-    /// Over how many measurements up to each column published curves are compared; `None` where they cannot be.
+    /// Over how many measurements up to each column published curves are compared; `None` where they cannot
+    /// be.
     #[must_use]
     pub fn measurements_by_step(&self) -> Option<u64> {
         self.it().measurements_by_step()
@@ -178,7 +180,8 @@ impl TableKind {
 /// Computes a table. Seeds that are missing are counted in their cells, never left out in silence.
 ///
 /// # Errors
-/// [`Error::Render`] where the spec names an agent that the results do not know, or they hold nothing of what it shows.
+/// [`Error::Render`] where the spec names an agent that the results do not know, or they hold nothing of what
+/// it shows.
 pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     let kind = spec.kind.it();
     let (mut grid, baselines) = (kind.build(results)?, kind.baselines(results));

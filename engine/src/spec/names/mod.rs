@@ -1,4 +1,5 @@
-//! Tables, figures and claims against what trials record: every metric, agent, environment, setting, channel and row.
+//! Tables, figures and claims against what trials record: every metric, agent, environment, setting, channel
+//! and row.
 
 mod claims;
 mod figures;
@@ -34,8 +35,8 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// Reads the sections `tables`, `figures` and `claims`; files are sought from `folder`. What the check against the schema
-    /// refused is passed over.
+    /// Reads the sections `tables`, `figures` and `claims`; files are sought from `folder`. What the check
+    /// against the schema refused is passed over.
     #[must_use]
     pub fn read(root: &Node, world: &World, sources: &Sources, folder: &Path) -> Self {
         let mut asked = Self::default();
@@ -54,7 +55,8 @@ impl Asked {
     }
 }
 
-/// Checks what the study calls a success, and lets every combination that records its metric record `success`.
+/// Checks what the study calls a success, and lets every combination that records its metric record
+/// `success`.
 pub fn success(root: &Node, success: Option<&Success>, world: &mut World, sources: &Sources) -> Vec<Diagnostic> {
     let (Some(entry), Some(success)) = (root.entry("success"), success) else { return Vec::new() };
     let mut names = Names { world, sources, found: Vec::new() };
@@ -140,7 +142,8 @@ impl<'a> Place<'a> {
     }
 }
 
-/// What trials record, for tables, figures and claims to be held against, and what was found wrong with these.
+/// What trials record, for tables, figures and claims to be held against, and what was found wrong with
+/// these.
 pub(crate) struct Names<'a> {
     pub(crate) world: &'a World,
     sources: &'a Sources,
@@ -154,8 +157,8 @@ impl Names<'_> {
         self.found.push(if help.is_empty() { error } else { error.help(help) });
     }
 
-    /// The one kind that a table or figure is of, and what is written for it. Of options that exclude each other all but one are
-    /// left out, so that what else is wrong is found too.
+    /// The one kind that a table or figure is of, and what is written for it. Of options that exclude each
+    /// other all but one are left out, so that what else is wrong is found too.
     fn kind<Spec: DeserializeOwned + JsonSchema>(
         &mut self,
         what: &str,
@@ -174,7 +177,8 @@ impl Names<'_> {
         serde_json::from_value(value).ok().map(|spec| (spec, *kind))
     }
 
-    /// Says that a table or figure gives no kind, or several; a key that nobody knows may have been meant and was said before.
+    /// Says that a table or figure gives no kind, or several; a key that nobody knows may have been meant and
+    /// was said before.
     fn not_one_kind<Spec: JsonSchema>(&mut self, what: &str, place: &Place<'_>, given: &[&kinds::Kind], kinds: &[kinds::Kind]) {
         let message = match given {
             [first, second, ..] => format!("{what} shows both `{}` and `{}`", first.name, second.name),

@@ -108,7 +108,8 @@ impl<'a> Relation<'a> {
     }
 }
 
-/// A row or column: its heading, where it lies on each of its axes, and at which step of the learning, if not at the end.
+/// A row or column: its heading, where it lies on each of its axes, and at which step of the learning, if not
+/// at the end.
 struct Place {
     heading: Heading,
     at: Vec<(Axis, String)>,
@@ -138,7 +139,8 @@ fn places(comparison: &Comparison, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>
         Some(axis) => names(comparison, scope, axis).iter().map(|name| place(comparison, &[(axis, name.clone())])).collect(),
         None => vec![Place { heading: only_column(comparison), at: Vec::new(), at_step: None }],
     };
-    // What varies and is neither row nor column splits the rows: different settings are never averaged as if they were seeds.
+    // What varies and is neither row nor column splits the rows: different settings are never averaged as if
+    // they were seeds.
     let splitting: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| free(axis) && Some(*axis) != column_axis).collect();
     let rows = names(comparison, scope, comparison.rows).into_iter().flat_map(|name| {
         let first = vec![(comparison.rows, name)];
@@ -260,7 +262,8 @@ fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFor
     }
 }
 
-/// Agents that a row's single published value does not speak of: the one compared with, and rules beside learners.
+/// Agents that a row's single published value does not speak of: the one compared with, and rules beside
+/// learners.
 pub(super) fn baselines(comparison: &Comparison, results: &Results) -> Vec<String> {
     let scope = Scope::of(results, &comparison.agents, &comparison.environments);
     let agents = scope.names(Axis::Agent, &comparison.agents);

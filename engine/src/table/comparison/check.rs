@@ -106,7 +106,8 @@ fn names_of(axis: Axis, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     }
 }
 
-/// Names of the columns: the steps or the axis asked for, or the first of agent, environment and setting that varies and is no row.
+/// Names of the columns: the steps or the axis asked for, or the first of agent, environment and setting that
+/// varies and is no row.
 fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     if !spec.steps().is_empty() {
         return spec.steps().iter().map(u64::to_string).collect();

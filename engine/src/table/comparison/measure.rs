@@ -54,7 +54,8 @@ impl Measure<'_> {
         trial.curve(Phase::Evaluate, &self.comparison.value)
     }
 
-    /// What a trial measured: at the end, or on the way there. Agents that do not learn are measured at the end only.
+    /// What a trial measured: at the end, or on the way there. Agents that do not learn are measured at the
+    /// end only.
     fn of(&self, trial: &TrialResult) -> Result<f64, NoValue> {
         let curve = self.curve(trial);
         let values: Vec<f64> = curve.iter().map(|(_, value)| *value).collect();

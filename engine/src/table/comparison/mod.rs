@@ -27,8 +27,8 @@ use written::Written;
 pub struct Comparison {
     /// What the rows are.
     pub rows: Axis,
-    /// What the columns are; where absent, the first of agent, environment and setting that varies and is no row, or none.
-    /// Has no effect where the columns are steps.
+    /// What the columns are; where absent, the first of agent, environment and setting that varies and is no
+    /// row, or none. Has no effect where the columns are steps.
     pub columns: Option<Axis>,
     /// The metric.
     pub value: String,
@@ -54,7 +54,8 @@ pub struct Comparison {
     pub labels: BTreeMap<String, String>,
 }
 
-/// Which measurements of a trial become its number. Agents that do not learn have a final measurement alone, which is taken.
+/// Which measurements of a trial become its number. Agents that do not learn have a final measurement alone,
+/// which is taken.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub enum Taken {
     /// The final measurement.

@@ -17,21 +17,25 @@ const WEIGHT_AT_STEPS: f64 = 0.0;
 pub(super) struct Written {
     /// What the rows are.
     rows: Axis,
-    /// What the columns are; where absent, the first of agent, environment and setting that varies and is no row, or none.
+    /// What the columns are; where absent, the first of agent, environment and setting that varies and is no
+    /// row, or none.
     columns: Option<Axis>,
     /// The metric.
     value: String,
     /// How the seeds become one number.
     statistic: Statistic,
-    /// Take the mean of the last so many measurements during learning (up to each of `at_steps`) in place of the final one.
+    /// Take the mean of the last so many measurements during learning (up to each of `at_steps`) in place of
+    /// the final one.
     #[schemars(range(min = 1))]
     last: Option<u64>,
-    /// Take the environment steps until the moving average of the measurements during learning is above this value.
+    /// Take the environment steps until the moving average of the measurements during learning is above this
+    /// value.
     steps_until_above: Option<f64>,
-    /// Make these environment steps the columns: what was measured there during learning, the final measurement of agents that do
-    /// not learn. A column that no trial trains for is empty.
+    /// Make these environment steps the columns: what was measured there during learning, the final
+    /// measurement of agents that do not learn. A column that no trial trains for is empty.
     at_steps: Vec<u64>,
-    /// Weight of the past in the moving average of `steps_until_above`, 0.9 where absent, and of `at_steps`, 0 where absent.
+    /// Weight of the past in the moving average of `steps_until_above`, 0.9 where absent, and of `at_steps`,
+    /// 0 where absent.
     #[schemars(range(min = 0.0, max = 0.999))]
     smooth: Option<f64>,
     /// Take the seeds with success alone, where the study says what success is.
@@ -91,7 +95,8 @@ impl Written {
         }
     }
 
-    /// The same with the options of one of the ways in which measurements are taken. A usual weight is left out.
+    /// The same with the options of one of the ways in which measurements are taken. A usual weight is left
+    /// out.
     fn taking(self, taken: Taken) -> Self {
         let weight = |smooth: f64, usual: f64| Some(smooth).filter(|smooth| *smooth != usual);
         match taken {
