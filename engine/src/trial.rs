@@ -7,6 +7,7 @@ use crate::{
     product::{FindProduct, Taken, no_product},
     protocol::Run,
     random::Streams,
+    setting::Setting,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -270,6 +271,9 @@ pub struct Trial {
     pub agent: String,
     /// The point of the sweep, as `key=value` words; empty without a sweep.
     pub setting: String,
+    /// The same with the values themselves; empty in trials that were stored before it was recorded.
+    #[serde(default, skip_serializing_if = "Setting::is_empty")]
+    pub point: Setting,
     /// What it is for.
     #[serde(default)]
     pub purpose: Purpose,

@@ -1,14 +1,8 @@
 //! `list`, `describe` and `schema`: what is registered, for people and for editors.
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, say};
-use crate::{
-    Registry, cast,
-    figure::{self, FigureSpec},
-    spec,
-    table::{self, TableSpec},
-};
+use crate::{Registry, cast, figure::FigureKind, kinds, spec, statistics::Aggregate, table::TableKind};
 use clap::ValueEnum;
-use schemars::{JsonSchema, schema_for};
 use serde_json::{Value, json};
 
 /// What can be listed.
@@ -24,6 +18,8 @@ pub(super) enum Kind {
     Tables,
     /// Kinds of figures.
     Figures,
+    /// How a trial's measurements become one number in a claim.
+    Aggregates,
 }
 
 /// Lists names with a line each.
@@ -56,19 +52,17 @@ fn entries(registry: &Registry, kind: Kind) -> Vec<(&'static str, String)> {
         Kind::Environments => registry.environments.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
         Kind::Agents => cast::agents(registry).map(|(name, about)| own((name, about.about))).collect(),
         Kind::Protocols => registry.protocols.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
-        Kind::Tables => kinds::<TableSpec>(&table::KINDS),
-        Kind::Figures => kinds::<FigureSpec>(&figure::KINDS),
+        Kind::Tables => kinds(TableKind::ALL),
+        Kind::Figures => kinds(FigureKind::ALL),
+        Kind::Aggregates => Aggregate::ALL.map(|it| own((it.name(), it.about()))).into(),
     }
 }
 
-/// Kinds of tables or figures, each with what its key says of it.
-fn kinds<Spec: JsonSchema>(kinds: &[&'static str]) -> Vec<(&'static str, String)> {
-    let schema = schema_for!(Spec).to_value();
-    let about = |kind: &str| schema["properties"][kind]["description"].as_str().unwrap_or_default().replace('\n', " ");
-    kinds.iter().map(|kind| (*kind, about(kind))).collect()
+fn kinds(kinds: &[kinds::Kind]) -> Vec<(&'static str, String)> {
+    kinds.iter().map(|kind| (kind.name, kind.about.to_owned())).collect()
 }
 
-/// Prints one plugin's parameters.
+/// Prints the keys of a plugin, or of a kind of table or figure.
 pub(super) fn describe(registry: &Registry, name: &str) -> Result<u8, Failure> {
     let text = spec::describe(registry, name).map_err(|text| Failure { code: BAD_SPEC, text })?;
     say(&text);
@@ -79,38 +73,4 @@ pub(super) fn describe(registry: &Registry, name: &str) -> Result<u8, Failure> {
 pub(super) fn schema(registry: &Registry) -> Result<u8, Failure> {
     say(&format!("{:#}", spec::json_schema(registry)));
     Ok(OK)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Every key that `is_kind` knows by its schema is listed, with a sentence.
-    fn assert_listed<Spec: JsonSchema>(named: &[&'static str], is_kind: impl Fn(&Value) -> bool) {
-        let schema = schema_for!(Spec).to_value();
-        let definition = |property: &Value| {
-            let name = property["anyOf"][0]["$ref"].as_str().and_then(|place| place.strip_prefix("#/$defs/"))?;
-            Some(schema["$defs"][name].clone())
-        };
-        let properties = schema["properties"].as_object().unwrap().iter();
-        let mut keys: Vec<&str> =
-            properties.filter(|(_, it)| definition(it).is_some_and(|it| is_kind(&it))).map(|(key, _)| key.as_str()).collect();
-        let listed = kinds::<Spec>(named);
-        let mut names: Vec<&str> = listed.iter().map(|(name, _)| *name).collect();
-        keys.sort_unstable();
-        names.sort_unstable();
-        assert_eq!(names, keys);
-        assert!(listed.iter().all(|(_, about)| about.len() > 20), "{listed:?}");
-    }
-
-    #[test]
-    fn every_kind_of_table_is_listed_with_a_sentence() {
-        // A margin is a mapping too, and has no labels.
-        assert_listed::<TableSpec>(&table::KINDS, |definition| definition["properties"]["labels"].is_object());
-    }
-
-    #[test]
-    fn every_kind_of_figure_is_listed_with_a_sentence() {
-        assert_listed::<FigureSpec>(&figure::KINDS, |definition| definition["properties"].is_object());
-    }
 }

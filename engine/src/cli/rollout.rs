@@ -8,6 +8,7 @@ use crate::{
     registry::{About, AgentEntry},
     results::{EndState, TrialResult},
     rollout::{self, Actions},
+    setting::Setting,
     spec,
     store::{Store, TrialFile},
     trial::{Part, Purpose, Trial},
@@ -183,7 +184,7 @@ fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
     let agents: Vec<&str> = file.key.agent.parts().into_iter().map(|part| part.plugin.as_str()).collect();
     let (environment, agent) = (file.key.environment.plugin.clone(), agents.join(" "));
     let (id, setting, purpose) = (id.clone(), String::new(), Purpose::default());
-    let trial = Trial { id, environment, agent, setting, purpose, key: file.key };
+    let trial = Trial { id, environment, agent, setting, point: Setting::default(), purpose, key: file.key };
     Ok(store.load(&trial)?)
 }
 

@@ -3,7 +3,6 @@
 use super::{
     FigureSpec,
     chart::{Chart, Scale, Series, Shape, Style},
-    contour, groups, learning_curve, trajectory,
 };
 use crate::{
     Error,
@@ -26,21 +25,9 @@ pub struct Context<'a> {
 /// Computes a figure.
 ///
 /// # Errors
-/// [`Error::Render`] where the spec names no kind of figure, or the results hold nothing of what it shows.
+/// [`Error::Render`] where the results hold nothing of what it shows.
 pub fn build(spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-    let kinds: [Option<Result<Chart, Error>>; 6] = [
-        spec.learning_curve.as_ref().map(|kind| learning_curve::build(kind, spec, context)),
-        spec.trajectory.as_ref().map(|kind| trajectory::build(kind, spec, context)),
-        spec.bars.as_ref().map(|kind| groups::bars(kind, spec, context)),
-        spec.grouped_lines.as_ref().map(|kind| groups::lines(kind, spec, context)),
-        spec.scatter.as_ref().map(|kind| groups::scatter(kind, spec, context)),
-        spec.contour.as_ref().map(|kind| contour::build(kind, spec, context)),
-    ];
-    let mut given = kinds.into_iter().flatten();
-    let (Some(chart), None) = (given.next(), given.next()) else {
-        return Err(problem("exactly one kind of figure must be given"));
-    };
-    let mut chart = chart?;
+    let mut chart = spec.kind.it().build(spec, context)?;
     for panel in &mut chart.panels {
         panel.x.label = spec.x_label.clone().unwrap_or_else(|| std::mem::take(&mut panel.x.label));
         panel.y.label = spec.y_label.clone().unwrap_or_else(|| std::mem::take(&mut panel.y.label));
@@ -59,7 +46,7 @@ impl Context<'_> {
 
     /// Label of an axis that shows a metric: its name with spaces, and its unit.
     pub(super) fn scale(&self, spec: &FigureSpec, metric: &str, log: bool) -> Scale {
-        let name = spec.labels.get(metric).cloned().unwrap_or_else(|| metric.replace('_', " "));
+        let name = spec.labels.get(metric).cloned().unwrap_or_else(|| spaced(metric));
         // A word that stands for numbered channels has the unit of the first of them.
         let unit = self
             .units
@@ -107,6 +94,16 @@ pub(super) fn by_environment(
 /// A line across the panel at the mean of agents that do not learn.
 pub(super) fn level(label: String, style: Style, seeds: (usize, usize), value: f64) -> Series {
     Series { label, seeds: Some(seeds), style, shape: Shape::Level(value) }
+}
+
+#[allow(clippy::cast_precision_loss, reason = "a count of rows or columns")]
+pub(super) fn count(number: usize) -> f64 {
+    number as f64
+}
+
+/// A name as the axes of figures show it.
+pub(super) fn spaced(name: &str) -> String {
+    name.replace('_', " ")
 }
 
 pub(super) fn problem(problem: &str) -> Error {

@@ -1,18 +1,71 @@
-//! Contours: a surface that a trial traced point by point, with what it measured during learning as a path over it.
+//! Contours: a surface that a trial traced point by point, with what it measured during learning as a path
+//! over it.
 
 use super::{
-    Contour, FigureSpec,
+    Figure, FigureSpec,
     build::{Context, label, problem},
     chart::{Chart, Panel, Point, Series, Shape, Style, Surface},
 };
 use crate::{
     Error, Phase,
     results::TrialResult,
+    spec::names::{Names, Picked, Place},
     table::{Axis, Scope},
 };
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A surface that was traced, with a path over it that was measured during learning.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Contour {
+    /// Trace metrics that hold x, y and z of the surface, a grid point per row.
+    pub surface: Vec<String>,
+    /// Metrics that hold x and y of the path, a point per measurement during learning, from light to dark.
+    pub path: Vec<String>,
+    /// Which agents, one panel each; all where empty.
+    pub agents: Vec<String>,
+    /// Which environment; the first where absent.
+    pub environment: Option<String>,
+    /// Which seed; the first where absent.
+    pub seed: Option<u64>,
+}
+
+impl Figure for Contour {
+    #[cfg(test)]
+    fn example() -> &'static str {
+        "{ surface: [height_1, height_2, height_1], path: [return, length], agents: [learner] }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        let picked = names.pick(at).of_one_environment();
+        names.channels(at, "surface", 3, 3, &picked);
+        check_path(names, at, &picked);
+        names.seed(self.seed, at);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        build(self, spec, context)
+    }
+}
+
+/// The two metrics of the path, which are measured during learning.
+fn check_path(names: &mut Names<'_>, at: &Place<'_>, picked: &Picked) {
+    let Some(list) = at.below("path") else { return };
+    let items = list.node.items();
+    if ![0, 2].contains(&items.len()) {
+        names.say(at.value("path"), format!("`path` needs 2 names, but has {}", items.len()), "");
+    }
+    let recorded = names.recorded(picked);
+    for item in items {
+        if let Some(name) = item.as_str().filter(|name| !recorded.contains(*name)) {
+            names.unknown_metric(name, (item.span, list.at.clone()), &recorded);
+        }
+    }
+}
 
 /// One panel per agent.
-pub(super) fn build(kind: &Contour, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+fn build(kind: &Contour, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let [x, y, _] = kind.surface.as_slice() else {
         return Err(problem("`surface` must name three metrics: x, y and z"));
     };
@@ -69,7 +122,8 @@ fn series(kind: &Contour, spec: &FigureSpec, context: Context<'_>, trial: &Trial
     Ok(series)
 }
 
-/// What was measured during learning, in order, and its name; `None` where the study asks for none or nothing was measured.
+/// What was measured during learning, in order, and its name; `None` where the study asks for none or nothing
+/// was measured.
 fn path(kind: &Contour, trial: &TrialResult) -> Option<(String, Vec<Point>)> {
     let [x, y] = kind.path.as_slice() else { return None };
     let (x, y) = (trial.curve(Phase::Evaluate, x), trial.curve(Phase::Evaluate, y));

@@ -2,7 +2,7 @@
 
 use super::{
     Band, Chart, Context, CurveOf, FigureSpec, LearningCurve, Line, SeedLines, Shape, build,
-    tests::{chart, learning_curve},
+    tests::{chart, curve_of, learning_curve},
 };
 use crate::{
     Phase,
@@ -38,7 +38,7 @@ const CLIMBERS: [&str; 6] = ["one", "two", "three", "four", "five", "rule"];
 fn climb(change: impl Fn(&mut LearningCurve), agents: usize, seeds: u64) -> Chart {
     let mut kind = LearningCurve { smooth: 0.7, ..LearningCurve::default() };
     change(&mut kind);
-    let spec = FigureSpec { learning_curve: Some(kind), ..FigureSpec::default() };
+    let spec = FigureSpec::of(kind);
     let (names, units) =
         (CLIMBERS[CLIMBERS.len() - agents..].iter().map(|name| (*name).into()).collect::<Vec<_>>(), BTreeMap::new());
     build(&spec, Context { results: &climbers(agents, seeds), agents: &names, units: &units }).unwrap()
@@ -92,7 +92,7 @@ fn curves(chart: &Chart) -> Vec<&super::Curve> {
 fn smoothed_lines_stay_in_their_bands() {
     let spec = |band, line| {
         let mut spec = learning_curve(band);
-        let kind = spec.learning_curve.as_mut().unwrap();
+        let kind = curve_of(&mut spec);
         (kind.smooth, kind.line) = (0.95, line);
         spec
     };
@@ -195,7 +195,7 @@ fn a_published_curve_that_cannot_be_read_is_said() {
     let dir = tempfile::tempdir().unwrap();
     let published = PublishedCurve { value: "score".into(), ..logs(dir.path()).remove(1) };
     let kind = LearningCurve { published: vec![published], ..LearningCurve::default() };
-    let spec = FigureSpec { learning_curve: Some(kind), ..FigureSpec::default() };
+    let spec = FigureSpec::of(kind);
     let (agents, units) = (Vec::new(), BTreeMap::new());
     let error = build(&spec, Context { results: &climbers(2, 2), agents: &agents, units: &units }).unwrap_err().to_string();
     assert!(error.starts_with("published curve `others`: ") && error.ends_with("has no column `score`"), "{error}");
@@ -246,7 +246,7 @@ fn notes_tell_panels_with_few_seeds_from_others() {
         it
     });
     results.trials.extend(few);
-    let spec = FigureSpec { learning_curve: Some(LearningCurve::default()), ..FigureSpec::default() };
+    let spec = FigureSpec::of(LearningCurve::default());
     let notes = chart(&spec, &results).notes.join(" ");
     assert!(notes.contains("Thin lines are the seeds, in panels where an agent has at most 5."), "{notes}");
     assert!(notes.contains("smallest and the largest seed, in the other panels."), "{notes}");

@@ -1,7 +1,7 @@
 //! Learning curves: a line over seeds at each measurement, with the seeds themselves or a band.
 
 use super::{
-    FigureSpec, LearningCurve,
+    Figure, FigureSpec,
     build::{Context, by_environment, label_with_setting, level},
     chart::{Chart, Curve, CurveOf, RunLine, Scale, Series, Shape, Style},
     curve_notes,
@@ -10,14 +10,132 @@ use super::{
 };
 use crate::{
     Error, Phase,
-    published_curve::Run,
+    published_curve::{PublishedCurve, Run},
     results::TrialResult,
+    spec::names::{Names, Picked, Place},
     statistics::Summary,
     table::{Axis, Scope},
 };
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A metric against training steps.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct LearningCurve {
+    /// The metric.
+    pub metric: String,
+    /// What the line of an agent shows of its seeds.
+    pub line: Line,
+    /// What the band around the line shows.
+    pub band: Band,
+    /// Whether each seed is drawn as a thin line: `true`, `false`, or `auto` for panels in which an agent has at most five.
+    pub seeds: SeedLines,
+    /// Which agents, in this order; all where empty. Agents that do not learn have short dashes.
+    pub agents: Vec<String>,
+    /// Which environments, one panel each; all where empty.
+    pub environments: Vec<String>,
+    /// Curves of publications, which are dotted.
+    pub published: Vec<PublishedCurve>,
+    /// Vertical axis on a logarithmic scale.
+    pub log_y: bool,
+    /// Weight of the past in a moving average y' = smooth y' + (1 - smooth) y along the curve of each seed, for drawing only;
+    /// line and band are those of the averages.
+    #[schemars(range(min = 0.0, max = 0.999))]
+    pub smooth: f64,
+    /// Measurements before this step are left out, of the moving average too: what an untrained agent does may dwarf the rest.
+    pub from_step: u64,
+}
+
+impl Default for LearningCurve {
+    fn default() -> Self {
+        Self {
+            metric: "return".into(),
+            line: Line::Mean,
+            band: Band::Auto,
+            seeds: SeedLines::Chosen(Automatic::Auto),
+            agents: Vec::new(),
+            environments: Vec::new(),
+            published: Vec::new(),
+            log_y: false,
+            smooth: 0.0,
+            from_step: 0,
+        }
+    }
+}
+
+/// What a line shows of the seeds at each step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Line {
+    /// Arithmetic mean.
+    Mean,
+    /// Median.
+    Median,
+    /// Interquartile mean: the mean without the smallest and the largest quarter.
+    Iqm,
+}
+
+/// What a band around a line shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Band {
+    /// The interval, but no band in panels where seeds are drawn because they are few.
+    Auto,
+    /// 95 % interval of what the line shows: Student-t of a mean, percentile bootstrap of a median or interquartile mean.
+    Interval,
+    /// One standard deviation to each side, which may leave the range of possible values.
+    Sd,
+    /// Smallest to largest seed.
+    Range,
+    /// No band.
+    None,
+}
+
+/// Whether each seed is drawn as a thin line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum SeedLines {
+    /// As the study says.
+    Said(bool),
+    /// As the number of seeds suggests.
+    Chosen(Automatic),
+}
+
+/// The word for a choice that is left to the program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Automatic {
+    /// Seeds are drawn in panels in which an agent has at most five.
+    Auto,
+}
+
+impl Figure for LearningCurve {
+    #[cfg(test)]
+    fn example() -> &'static str {
+        "{ metric: return, agents: [learner] }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        let picked = names.pick(at);
+        names.metric(&self.metric, at, "metric", &picked);
+        published_curves(self, names, at, &picked);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        build(self, spec, context)
+    }
+}
+
+fn published_curves(kind: &LearningCurve, names: &mut Names<'_>, at: &Place<'_>, picked: &Picked) {
+    let Some(list) = at.below("published") else { return };
+    for (curve, place) in kind.published.iter().zip(list.items()) {
+        names.curve(curve, &place, picked);
+    }
+}
 
 /// One panel per environment, one line per agent and setting, and what others published.
-pub(super) fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let scope = Scope::of(context.results, &kind.agents, &kind.environments);
     let x = Scale { label: "environment steps".into(), ..Scale::default() };
     let y = context.scale(spec, &kind.metric, kind.log_y);

@@ -1,8 +1,8 @@
 //! Figures of synthetic results: their data by snapshot, their drawing by what must hold of it.
 
 use super::{
-    Band, Bars, Chart, Context, Contour, FigureSpec, GroupedLines, LearningCurve, Scatter, Shape, Trajectory, build, curve_tests,
-    png, svg,
+    Band, Bars, Chart, Context, Contour, FigureKind, FigureSpec, GroupedLines, LearningCurve, Scatter, Shape, Trajectory, build,
+    curve_tests, png, svg,
 };
 use crate::{
     Phase,
@@ -28,11 +28,12 @@ fn names(names: &[&str]) -> Vec<String> {
 
 pub(super) fn learning_curve(band: Band) -> FigureSpec {
     let kind = LearningCurve { metric: "cycle_length".into(), band, ..LearningCurve::default() };
-    FigureSpec {
-        learning_curve: Some(kind),
-        labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into())]),
-        ..FigureSpec::default()
-    }
+    FigureSpec { labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into())]), ..FigureSpec::of(kind) }
+}
+
+pub(super) fn curve_of(spec: &mut FigureSpec) -> &mut LearningCurve {
+    let FigureKind::LearningCurve(curve) = &mut spec.kind else { panic!("no learning curve") };
+    curve
 }
 
 fn trajectory() -> FigureSpec {
@@ -42,12 +43,12 @@ fn trajectory() -> FigureSpec {
         threshold: Some(3.2),
         ..Trajectory::default()
     };
-    FigureSpec { trajectory: Some(kind), ..FigureSpec::default() }
+    FigureSpec::of(kind)
 }
 
 fn bars() -> FigureSpec {
     let of = Comparison { rows: Axis::Environment, value: "cycle_length".into(), ..Comparison::default() };
-    FigureSpec { bars: Some(Bars { of }), ..FigureSpec::default() }
+    FigureSpec::of(Bars { of })
 }
 
 /// A sweep of one agent's learning rate, beside an agent without it.
@@ -63,7 +64,7 @@ fn sweep() -> (FigureSpec, Results) {
         trials.push(trial("e", "equal", "", seed, &value(3.0)));
     }
     let kind = GroupedLines { metric: "return".into(), x: "learning_rate".into(), log_x: true, ..GroupedLines::default() };
-    (FigureSpec { grouped_lines: Some(kind), ..FigureSpec::default() }, Results::of(trials))
+    (FigureSpec::of(kind), Results::of(trials))
 }
 
 /// A valley with a path down it.
@@ -81,11 +82,11 @@ fn contour(size: u64) -> (FigureSpec, Results) {
     }
     let trials = ["dsac", "ddpg"].map(|agent| trial("e", agent, "", 0, &rows)).into();
     let kind = Contour { surface: names(&["x", "y", "loss"]), path: names(&["path_x", "path_y"]), ..Contour::default() };
-    (FigureSpec { contour: Some(kind), ..FigureSpec::default() }, Results::of(trials))
+    (FigureSpec::of(kind), Results::of(trials))
 }
 
 fn scatter() -> FigureSpec {
-    FigureSpec { scatter: Some(Scatter { x: "return".into(), y: "cost".into(), ..Scatter::default() }), ..FigureSpec::default() }
+    FigureSpec::of(Scatter { x: "return".into(), y: "cost".into(), ..Scatter::default() })
 }
 
 /// Five environments on a logarithmic axis, long names, small numbers, and a seed that stopped early.
@@ -110,7 +111,7 @@ fn many() -> (FigureSpec, Results) {
         }
     }
     let kind = LearningCurve { metric: "loss".into(), band: Band::Range, log_y: true, ..LearningCurve::default() };
-    (FigureSpec { learning_curve: Some(kind), ..FigureSpec::default() }, Results::of(trials))
+    (FigureSpec::of(kind), Results::of(trials))
 }
 
 /// Negative bars under long names.
@@ -118,7 +119,7 @@ fn changes() -> FigureSpec {
     let of = Comparison { value: "cycle_length".into(), relative_to: Some("dsac".into()), ..Comparison::default() };
     let labels = [("equal", "equal split of the load"), ("bound", "upper bound, solved with foresight")];
     let labels = labels.map(|(name, label)| (name.to_owned(), label.to_owned())).into();
-    FigureSpec { bars: Some(Bars { of }), labels, ..FigureSpec::default() }
+    FigureSpec { labels, ..FigureSpec::of(Bars { of }) }
 }
 
 /// Every kind, and hard cases.
@@ -221,13 +222,10 @@ fn nothing_to_draw_is_said() {
     let results = study();
     let message =
         |spec: &FigureSpec| build(spec, Context { results: &results, agents: &agents, units: &units }).unwrap_err().to_string();
-    assert!(message(&FigureSpec::default()).contains("exactly one kind"));
     let unknown = LearningCurve { metric: "nothing".into(), ..LearningCurve::default() };
-    assert!(message(&FigureSpec { learning_curve: Some(unknown), ..FigureSpec::default() }).contains("no trial has recorded"));
+    assert!(message(&FigureSpec::of(unknown)).contains("no trial has recorded"));
     let untraced = Trajectory { channels: names(&["pressure"]), ..Trajectory::default() };
-    assert!(
-        message(&FigureSpec { trajectory: Some(untraced), ..FigureSpec::default() }).contains("no trial has recorded a trace")
-    );
+    assert!(message(&FigureSpec::of(untraced)).contains("no trial has recorded a trace"));
 }
 
 #[test]
@@ -243,14 +241,14 @@ fn measurements_before_a_step_are_left_out_of_line_and_average() {
     };
     let whole = of(&spec);
     let from = whole[2].x;
-    let kind = spec.learning_curve.as_mut().unwrap();
+    let kind = curve_of(&mut spec);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a step")]
     let step = from as u64;
     (kind.from_step, kind.smooth) = (step, 0.9);
     let late = of(&spec);
     assert_eq!((late.len() + 2, &late[0]), (whole.len(), &whole[2]));
     assert_ne!(late[1], whole[3]);
-    spec.learning_curve.as_mut().unwrap().from_step = u64::MAX;
+    curve_of(&mut spec).from_step = u64::MAX;
     assert!(of(&spec).is_empty());
 }
 

@@ -1,18 +1,56 @@
 //! Trajectories: one recorded episode, a row of panels per channel, a column per agent.
 
 use super::{
-    FigureSpec, Trajectory,
+    Figure, FigureSpec,
     build::{Context, label, problem},
     chart::{Chart, Hue, Panel, Point, Scale, Series, Shape, Style},
 };
 use crate::{
     Error, Phase,
     results::TrialResult,
+    spec::names::{Names, Place},
     table::{Axis, Scope},
 };
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Step-by-step values of one recorded episode.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Trajectory {
+    /// Trace channels to draw; a word without a number (`voltage`) stands for all channels `voltage_1`, `voltage_2`, ... One row of panels each.
+    pub channels: Vec<String>,
+    /// Which agents, one column of panels each.
+    pub agents: Vec<String>,
+    /// Which environment; the first where absent.
+    pub environment: Option<String>,
+    /// Which seed; the first where absent.
+    pub seed: Option<u64>,
+    /// Which recorded episode, from 0.
+    pub episode: u64,
+    /// A horizontal line at this value in the first row of panels.
+    pub threshold: Option<f64>,
+}
+
+impl Figure for Trajectory {
+    #[cfg(test)]
+    fn example() -> &'static str {
+        "{ channels: [height], agents: [learner, rule], environment: short }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
+        let picked = names.pick(at).of_one_environment();
+        names.channels(at, "channels", 1, usize::MAX, &picked);
+        names.seed(self.seed, at);
+    }
+
+    fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+        build(self, spec, context)
+    }
+}
 
 /// Panels of one episode; all of a row share the vertical axis, all the horizontal one.
-pub(super) fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
+fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let trials = trials(kind, context);
     let has_trace = |trial: &&TrialResult| kind.channels.iter().any(|channel| !lines(kind, trial, channel).is_empty());
     let trials: Vec<&TrialResult> = trials.into_iter().filter(has_trace).collect();

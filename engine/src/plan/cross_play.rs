@@ -4,6 +4,7 @@ use super::DEVICE;
 use crate::{
     cast::{Cast, Member, Seating},
     cross_play::title,
+    setting::Setting,
     spec::{Play, Player, Study},
     trial::{Purpose, Trial, TrialKey},
 };
@@ -29,7 +30,8 @@ pub(super) fn trials(study: &Study, play: &Play, trained: &[Vec<Trial>]) -> Vec<
                 device: DEVICE.into(),
             };
             let (environment, agent, purpose) = (play.name.clone(), title(&roles), Purpose::Play(roles.clone()));
-            trials.push(Trial { id: key.id(), environment, agent, setting: String::new(), purpose, key });
+            let (setting, point) = (String::new(), Setting::default());
+            trials.push(Trial { id: key.id(), environment, agent, setting, point, purpose, key });
         }
     }
     trials

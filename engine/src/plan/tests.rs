@@ -4,6 +4,7 @@ use super::{Novelty, Reason, StoredCell, explain, novelties, seed_ranges, to_jso
 use crate::{
     cast::Seating,
     results::{EndState, TrialEnd},
+    setting::Setting,
     trial::{Part, Purpose, Trial, TrialKey},
 };
 use serde_json::{Value, json};
@@ -41,6 +42,7 @@ fn planned(key: &TrialKey, seeds: std::ops::Range<u64>) -> Vec<Trial> {
             agent: "dsac".into(),
             setting: String::new(),
             purpose: Purpose::Cell,
+            point: Setting::default(),
             key,
         }
     };

@@ -4,7 +4,7 @@ use super::{
     Run,
     position::{Blocks, Position, restored},
 };
-use crate::{End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent};
+use crate::{End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, results::EPISODE_LENGTH};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -200,7 +200,7 @@ fn finish(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     for (seat, value) in episode.returns.iter().enumerate() {
         run.record.add(what.phase, what.step, index, seat, "return", *value);
     }
-    run.record.add(what.phase, what.step, index, 0, "episode_length", length);
+    run.record.add(what.phase, what.step, index, 0, EPISODE_LENGTH, length);
     for (metric, value) in episode.environment.metrics().iter().zip(&episode.info) {
         let value = if metric.per_episode == PerEpisode::Mean { value / length } else { *value };
         run.record.add(what.phase, what.step, index, 0, &metric.name, value);
@@ -241,6 +241,6 @@ pub(super) fn trace_reward_surface(run: &mut Run<'_>) -> Result<(), Error> {
 pub(super) fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("return", "", "sum of the rewards of an episode, per seat"),
-        Metric::new("episode_length", "decisions", "decisions until the episode ended"),
+        Metric::new(EPISODE_LENGTH, "decisions", "decisions until the episode ended"),
     ]
 }

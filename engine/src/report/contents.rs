@@ -9,7 +9,7 @@ use crate::{
     statistics::{
         Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Seeds, Statement, Verdict, claim, evaluate, holm, verdict,
     },
-    table::{self, Axis, Grid, NumberFormat, Scope, TableSpec},
+    table::{self, Axis, Grid, NumberFormat, Scope, TableSpec, unplanned_look_in_words, untrained_in_words},
 };
 use std::collections::BTreeSet;
 
@@ -168,10 +168,7 @@ fn count(list: &[&'static str], words: impl Iterator<Item = &'static str>) -> Co
 
 fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<Grid, crate::Error> {
     let mut grid = table::build(spec, results)?;
-    let comparison = spec.improvement.as_ref().or(spec.comparison.as_ref());
-    let compared = comparison.filter(|comparison| comparison.has_unit_of_metric()).map(|comparison| &comparison.value);
-    let raw = spec.cross_play.as_ref().filter(|matrix| !matrix.normalise).map(|matrix| &matrix.value);
-    if let Some(metric) = compared.or(raw) {
+    if let Some(metric) = spec.kind.metric_of_unit() {
         grid.unit = study.units.get(metric).filter(|unit| *unit != "1").cloned().unwrap_or_default();
     }
     Ok(grid)
@@ -216,8 +213,7 @@ impl ClaimLine {
         let exploratory = self.spec.exploratory.then(|| "exploratory: thought of after results were seen".to_owned());
         let calibrated = self.spec.calibrated_on.as_ref().map(|on| format!("calibrated: {on}"));
         let why = (!self.spec.why.is_empty()).then(|| self.spec.why.clone());
-        let unplanned =
-            self.seen_at.map(|n| format!("unplanned look: the verdict was seen with {n} seeds before, so its level is not held"));
+        let unplanned = self.seen_at.map(unplanned_look_in_words);
         let found = match &self.verdict {
             Err(reason) => vec![reason.clone()],
             Ok(claim) => notes_of(claim),
@@ -285,8 +281,7 @@ fn hold(
     let untrained: BTreeSet<&str> =
         trials.iter().filter(|trial| trial.updates() == Some(0.0)).map(|trial| trial.trial.agent.as_str()).collect();
     if !untrained.is_empty() {
-        let agents = untrained.into_iter().collect::<Vec<_>>().join(", ");
-        let notes = vec![format!("0 updates: {agents} was not trained")];
+        let notes = vec![untrained_in_words(untrained.into_iter())];
         return ClaimVerdict { verdict: ClaimOutcome::NotTrained, permutation: None, statement: None, notes, ..verdict };
     }
     if spec.calibrated_on.is_some() && verdict.verdict.is_judged() {

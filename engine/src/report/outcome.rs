@@ -64,6 +64,7 @@ pub(super) mod tests {
     use super::*;
     use crate::{
         cast::Seating,
+        setting::Setting,
         trial::{Part, Purpose, TrialKey},
     };
 
@@ -78,7 +79,7 @@ pub(super) mod tests {
             let key = TrialKey { environment, agent, protocol, seed, numerics: 1, device: "cpu".into() };
             let setting = if seed == 1 { "rate=0.1 note=\"<&>\"".into() } else { String::new() };
             let (environment, agent, purpose) = ("four".into(), "equal".into(), Purpose::Cell);
-            let trial = Trial { id: format!("{seed:032}"), environment, agent, setting, purpose, key };
+            let trial = Trial { id: format!("{seed:032}"), environment, agent, setting, point: Setting::default(), purpose, key };
             let reason = if state == Some(Ok) { String::new() } else { "5 < 3 & \"so on\" \u{1b}[31m]]>\u{0}\u{fffe}".into() };
             (trial, state.map(|state| TrialEnd { state, reason, wall_s: 1.5, digest: String::new() }))
         };

@@ -5,6 +5,7 @@ use crate::{
     cast::Seating,
     recorder::Row,
     results::{EndState, Results, TrialEnd, TrialResult, UPDATES},
+    setting::Setting,
     trial::{Part, Purpose, Trial, TrialKey},
 };
 use serde_json::Value;
@@ -29,6 +30,7 @@ pub(crate) fn trial(environment: &str, agent: &str, setting: &str, seed: u64, ro
         environment: environment.into(),
         agent: agent.into(),
         setting: setting.into(),
+        point: point(setting),
         key,
     };
     let mut names: Vec<String> = Vec::new();
@@ -48,6 +50,15 @@ pub(crate) fn trial(environment: &str, agent: &str, setting: &str, seed: u64, ro
     };
     let rows = rows.iter().map(row).collect();
     TrialResult { trial, end: Some(end(EndState::Ok, "")), names, rows }
+}
+
+/// The point that these `key=value` words stand for.
+fn point(words: &str) -> Setting {
+    let pair = |word: &str| {
+        let (key, value) = word.split_once('=').unwrap();
+        (key.to_owned(), serde_json::from_str(value).unwrap_or_else(|_| value.into()))
+    };
+    Setting::new(words.split_whitespace().map(pair).collect())
 }
 
 /// The same trial, ended otherwise.

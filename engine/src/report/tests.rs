@@ -13,7 +13,7 @@ use crate::{
     results::{EPISODE_LENGTH, EndState, Results, TrialResult, UPDATES},
     spec::ClaimSpec,
     statistics::Design,
-    table::{Axis, Comparison, Form, Margin, Published, TableSpec},
+    table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
     trial::Part,
 };
 use serde_json::{Value, json};
@@ -75,19 +75,19 @@ fn profiles() -> Vec<ProfileState> {
 
 fn improvement() -> TableSpec {
     let published = [("four_cells", 15.2), ("eight_cells", 15.9)].map(|(row, value)| (row.to_owned(), Published::Value(value)));
+    let of = Improvement(Comparison {
+        rows: Axis::Environment,
+        value: "cycle_length".into(),
+        relative_to: Some("equal".into()),
+        agents: vec!["dsac".into(), "ddpg".into()],
+        labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into()), ("ddpg".into(), "DDPG".into())]),
+        ..Comparison::default()
+    });
     TableSpec {
         caption: "Average improvement of the working cycle over an equal split.".into(),
-        improvement: Some(Comparison {
-            rows: Axis::Environment,
-            value: "cycle_length".into(),
-            relative_to: Some("equal".into()),
-            agents: vec!["dsac".into(), "ddpg".into()],
-            labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into()), ("ddpg".into(), "DDPG".into())]),
-            ..Comparison::default()
-        }),
         published: BTreeMap::from(published),
         notes: vec!["The text gives no spread.".into()],
-        ..TableSpec::default()
+        ..TableSpec::of(of)
     }
 }
 
@@ -97,6 +97,7 @@ fn info() -> StudyInfo {
     let trajectory =
         Trajectory { channels: vec!["voltage".into(), "load".into()], threshold: Some(3.2), ..Trajectory::default() };
     let bars = Comparison { rows: Axis::Environment, value: "cycle_length".into(), ..Comparison::default() };
+    let of_nobody = Comparison { agents: vec!["nobody".into()], ..Comparison::default() };
     StudyInfo {
         name: "table-3.2".into(),
         stages: Vec::new(),
@@ -107,23 +108,13 @@ fn info() -> StudyInfo {
         ],
         tables: vec![
             ("table-3.2".into(), improvement()),
-            ("lengths".into(), TableSpec { comparison: Some(comparison), ..TableSpec::default() }),
-            ("empty".into(), TableSpec::default()),
+            ("lengths".into(), TableSpec::of(comparison)),
+            ("empty".into(), TableSpec::of(of_nobody)),
         ],
         figures: vec![
-            (
-                "learning-curve".into(),
-                FigureSpec {
-                    caption: "Cycle length while learning.".into(),
-                    learning_curve: Some(curve),
-                    ..FigureSpec::default()
-                },
-            ),
-            (
-                "voltages".into(),
-                FigureSpec { caption: "One discharge.".into(), trajectory: Some(trajectory), ..FigureSpec::default() },
-            ),
-            ("bars".into(), FigureSpec { bars: Some(Bars { of: bars }), ..FigureSpec::default() }),
+            ("learning-curve".into(), FigureSpec { caption: "Cycle length while learning.".into(), ..FigureSpec::of(curve) }),
+            ("voltages".into(), FigureSpec { caption: "One discharge.".into(), ..FigureSpec::of(trajectory) }),
+            ("bars".into(), FigureSpec::of(Bars { of: bars })),
         ],
         claims: vec![
             claim("dsac.cycle_length > equal.cycle_length"),
@@ -273,7 +264,7 @@ fn one_environment(claims: Vec<ClaimSpec>, table: TableSpec) -> StudyInfo {
 fn published(value: f64) -> TableSpec {
     let comparison = Comparison { value: "cycle_length".into(), agents: vec!["dsac".into()], ..Comparison::default() };
     let published = BTreeMap::from([("dsac".into(), Published::Value(value))]);
-    TableSpec { comparison: Some(comparison), published, margin: Some(Margin::Absolute(1.0)), ..TableSpec::default() }
+    TableSpec { published, margin: Some(Margin::Absolute(1.0)), ..TableSpec::of(comparison) }
 }
 
 const CLEAR: [f64; 5] = [1.0, 1.1, 0.9, 1.05, 0.95];
@@ -285,7 +276,11 @@ fn what_made_no_update_is_not_judged() {
         Contents::of(&one_environment(vec![claim("dsac.cycle_length > equal.cycle_length")], published(11.0)), &untrained);
     assert_eq!((contents.verdicts(false), contents.outcomes(false)), (vec![("NOT TRAINED", 1)], vec![("NOT TRAINED", 1)]));
     let grid = contents.tables[0].1.as_ref().unwrap();
-    assert!(grid.footnotes().iter().any(|note| note == "dsac: 0 updates: dsac was not trained."), "{:?}", grid.footnotes());
+    assert!(
+        grid.footnotes(Intervals::InBrackets).iter().any(|note| note == "dsac: 0 updates: dsac was not trained."),
+        "{:?}",
+        grid.footnotes(Intervals::InBrackets)
+    );
     assert_eq!(contents.claims[0].notes(), ["0 updates: dsac was not trained"]);
     let trained = two_agents(CLEAR, |_, _| {});
     let contents =
@@ -301,7 +296,15 @@ fn what_was_used_to_choose_a_setting_is_never_reproduced() {
     let table = TableSpec { calibrated_on: on(), ..published(11.0) };
     let contents = Contents::of(&one_environment(vec![calibrated], table), &results);
     assert_eq!((contents.verdicts(false), contents.outcomes(false)), (vec![("CALIBRATED", 1)], vec![("CALIBRATED", 1)]));
-    assert!(contents.tables[0].1.as_ref().unwrap().footnotes().iter().any(|note| note.contains("the load was chosen by it")));
+    assert!(
+        contents.tables[0]
+            .1
+            .as_ref()
+            .unwrap()
+            .footnotes(Intervals::InBrackets)
+            .iter()
+            .any(|note| note.contains("the load was chosen by it"))
+    );
     assert!(!contents.contradicts() && contents.open().is_empty());
 }
 
@@ -328,7 +331,7 @@ fn an_agent_beside_itself_is_not_judged() {
         ..Comparison::default()
     };
     let values = [("equal".into(), Published::Value(1.0)), ("dsac".into(), Published::Value(1.1))];
-    let table = TableSpec { comparison: Some(comparison), published: BTreeMap::from(values), ..TableSpec::default() };
+    let table = TableSpec { published: BTreeMap::from(values), ..TableSpec::of(comparison) };
     let contents = Contents::of(&one_environment(Vec::new(), table), &two_agents(CLEAR, |_, _| {}));
     assert_eq!(contents.verdicts(false), [("REPRODUCED", 1), ("NOT JUDGED", 1)]);
     assert_eq!(contents.verdicts_together(), contents.verdicts(false));

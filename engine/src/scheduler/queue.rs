@@ -184,6 +184,7 @@ mod tests {
     use super::*;
     use crate::{
         cast::Seating,
+        setting::Setting,
         trial::{Part, Purpose, Trial, TrialKey},
     };
 
@@ -192,7 +193,7 @@ mod tests {
         let (environment, agent, protocol) = (part(), Seating::Agent(part()), part());
         let key = TrialKey { environment, agent, protocol, seed: 0, numerics: 1, device: "cpu".into() };
         let (environment, agent, setting) = ("e".into(), "a".into(), String::new());
-        Trial { id: id.into(), environment, agent, setting, purpose: Purpose::Cell, key }
+        Trial { id: id.into(), environment, agent, setting, point: Setting::default(), purpose: Purpose::Cell, key }
     }
 
     fn task<'a>(trial: &'a Trial, cost: u64, after: &[&str]) -> Task<'a> {

@@ -47,6 +47,7 @@ mod tests {
     use super::*;
     use crate::{
         cast::Seating,
+        setting::Setting,
         trial::{Part, Purpose, Trial, TrialKey},
     };
 
@@ -55,7 +56,7 @@ mod tests {
         let agent = Seating::Agent(part());
         let key = TrialKey { environment: part(), agent, protocol: part(), seed, numerics: 1, device: "cpu".into() };
         let (environment, agent, setting) = ("e".into(), "a".into(), String::new());
-        Trial { id: key.id(), environment, agent, setting, purpose: Purpose::Cell, key }
+        Trial { id: key.id(), environment, agent, setting, point: Setting::default(), purpose: Purpose::Cell, key }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use super::{
     config::{self, Files, Plugin},
     overrides::Override,
     path::{self, Target},
-    sweep::{Dimension, word},
+    sweep::Dimension,
     taking::Source,
     written::{Chosen, PartKind, Prepared, Selection, Written},
 };
@@ -14,6 +14,7 @@ use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::Node,
     schema_check::View,
+    setting::Setting,
     trial::Part,
 };
 use serde_json::Value;
@@ -29,6 +30,8 @@ pub struct Cell {
     pub place: Place,
     /// The point of the sweep, as `key=value` words.
     pub setting: String,
+    /// The same with the values themselves.
+    pub point: Setting,
     /// Environment, agent and protocol.
     pub parts: [Arc<Resolved>; 3],
     /// What the parts take from other cells.
@@ -205,8 +208,8 @@ impl Sections<'_> {
         config
     }
 
-    /// The point of the sweep in words. A key is written with its last word, or as a whole where that is not unique.
-    fn setting(&self, targets: &[Target], points: &[(usize, usize)]) -> String {
+    /// The point of the sweep. A key is written with its last word, or as a whole where that is not unique.
+    fn setting(&self, targets: &[Target], points: &[(usize, usize)]) -> Setting {
         let keys = points.iter().flat_map(|(index, point)| self.dimensions[*index].keys.iter().map(move |key| (key, *point)));
         let keys: Vec<_> = keys.filter(|(key, _)| targets.contains(&key.path.target)).collect();
         let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_string();
@@ -214,8 +217,7 @@ impl Sections<'_> {
             let unique = keys.iter().filter(|(key, _)| last(&key.text) == last(text)).count() == 1;
             if unique { last(text) } else { text.to_string() }
         };
-        let words = keys.iter().map(|(key, point)| format!("{}={}", name(&key.text), word(&key.values[*point].to_value())));
-        words.collect::<Vec<_>>().join(" ")
+        Setting::new(keys.iter().map(|(key, point)| (name(&key.text), key.values[*point].to_value())).collect())
     }
 
     /// The plugin of a part.
@@ -252,8 +254,9 @@ impl Known<'_> {
     fn cell(&mut self, environment: usize, agent: usize, points: &[(usize, usize)]) -> Result<Cell, Vec<Diagnostic>> {
         let targets = [Target::Environment(environment), Target::Agent(agent), Target::Protocol];
         let parts = self.parts(targets, (environment, agent), points)?;
-        let setting = self.sections.setting(&targets, points);
-        Ok(Cell { place: Place::Combination(environment, agent), setting, parts, sources: Vec::new() })
+        let point = self.sections.setting(&targets, points);
+        let (place, setting) = (Place::Combination(environment, agent), point.to_string());
+        Ok(Cell { place, setting, point, parts, sources: Vec::new() })
     }
 
     /// An entry of `prepare`. Overrides that select no environment and no agent, or those that it takes from the study, apply to it too.
@@ -270,7 +273,8 @@ impl Known<'_> {
             _ => usize::MAX,
         };
         let parts = self.parts(targets, (index_of(targets[0]), index_of(targets[1])), &[])?;
-        Ok(Cell { place: Place::Prepared(index), setting: String::new(), parts, sources: Vec::new() })
+        let (setting, point) = (String::new(), Setting::default());
+        Ok(Cell { place: Place::Prepared(index), setting, point, parts, sources: Vec::new() })
     }
 
     fn parts(

@@ -1,25 +1,58 @@
-//! Plugins described for people: parameters with type, range, unit, default, source and meaning; presets.
+//! Plugins and kinds of tables and figures described for people: keys with type, range, unit, default, source
+//! and meaning; presets.
 
-use crate::{Registry, cast, registry::About, schema_check::View};
-use serde_json::Value;
+use crate::{
+    Registry, cast, figure::FigureKind, kinds::Kind, registry::About, schema_check::View, statistics::Aggregate, table::TableKind,
+};
+use schemars::SchemaGenerator;
+use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
-/// Describes the environment, agent or protocol of this name; all of them where several kinds share it.
+/// Describes the environment, agent, protocol or kind of table or figure of this name; all of them where
+/// several share it.
 ///
 /// # Errors
-/// Where no plugin has the name: the nearest one.
+/// Where nothing has the name: the nearest one.
 pub fn describe(registry: &Registry, name: &str) -> Result<String, String> {
     let environments = registry.environments.iter().map(|(name, entry)| ("environment", *name, &entry.about));
     let agents = cast::agents(registry).map(|(name, about)| ("agent", name, about));
     let protocols = registry.protocols.iter().map(|(name, entry)| ("protocol", *name, &entry.about));
-    let all: Vec<_> = environments.chain(agents).chain(protocols).collect();
-    let found: Vec<String> =
-        all.iter().filter(|(_, known, _)| *known == name).map(|(kind, name, about)| plugin(kind, name, about)).collect();
+    let plugins = environments.chain(agents).chain(protocols).map(|(kind, name, about)| (name, plugin(kind, name, about)));
+    let tables = TableKind::ALL.iter().map(|it| (it.name, asked_for("table", it)));
+    let figures = FigureKind::ALL.iter().map(|it| (it.name, asked_for("figure", it)));
+    let aggregates = Aggregate::ALL.into_iter().map(|it| (it.name(), aggregate(it)));
+    let all: Vec<(&str, String)> = plugins.chain(tables).chain(figures).chain(aggregates).collect();
+    let found: Vec<&str> = all.iter().filter(|(known, _)| *known == name).map(|(_, text)| text.as_str()).collect();
     if found.is_empty() {
-        let known = all.iter().map(|(_, known, _)| *known);
-        return Err(format!("no plugin is named `{name}`; {}", crate::diagnostic::suggest(name, known)));
+        let known = all.iter().map(|(known, _)| *known);
+        return Err(format!("nothing is named `{name}`; {}", crate::diagnostic::suggest(name, known)));
     }
     Ok(found.join("\n"))
+}
+
+/// A kind of table or figure.
+fn asked_for(what: &str, kind: &Kind) -> String {
+    let mut out = String::new();
+    let mut generator = SchemaGenerator::default();
+    let mut schema = (kind.schema)(&mut generator).to_value();
+    schema["$defs"] = Value::Object(generator.take_definitions(true));
+    let view = View::new(&schema, &schema);
+    line(&mut out, 0, &format!("{} ({what})", kind.name));
+    line(&mut out, 0, kind.about);
+    line(&mut out, 0, "");
+    line(&mut out, 0, "Keys");
+    parameters(&mut out, 1, &view, &defaults(&view));
+    out
+}
+
+/// The defaults that a schema says, by key.
+fn defaults(schema: &View<'_>) -> Value {
+    let default = |name: &str| Some((name.to_owned(), schema.property(name)?.get("default")?.clone()));
+    Value::Object(schema.property_names().into_iter().filter_map(default).collect::<Map<_, _>>())
+}
+
+fn aggregate(aggregate: Aggregate) -> String {
+    format!("{} (one number of a trial, in a claim)\n{}\n", aggregate.name(), aggregate.about())
 }
 
 fn plugin(kind: &str, name: &str, about: &About) -> String {
@@ -51,7 +84,8 @@ fn parameters(out: &mut String, level: usize, schema: &View<'_>, defaults: &Valu
     for name in names {
         let Some(property) = schema.property(name) else { continue };
         let default = defaults.get(name).unwrap_or(&Value::Null);
-        line(out, level, &format!("{name}: {}", kind(&property, default)));
+        let required = schema.get("required").and_then(Value::as_array).is_some_and(|keys| keys.contains(&json!(name)));
+        line(out, level, &format!("{name}: {}", kind(&property, default, required)));
         let description = property.get("description").and_then(Value::as_str).unwrap_or_default();
         description.lines().filter(|text| !text.trim().is_empty()).for_each(|text| line(out, level + 1, text.trim()));
         if let Some(source) = property.get("x-source").and_then(Value::as_str) {
@@ -64,12 +98,13 @@ fn parameters(out: &mut String, level: usize, schema: &View<'_>, defaults: &Valu
 }
 
 /// Type, range, unit and default in one line.
-fn kind(property: &View<'_>, default: &Value) -> String {
+fn kind(property: &View<'_>, default: &Value, required: bool) -> String {
     let places = property.alternatives();
     let range = places.iter().map(View::range).find(|range| !range.is_empty());
     let unit = property.get("x-unit").and_then(Value::as_str).filter(|unit| !unit.is_empty());
     let default = match default {
         Value::Object(_) => None,
+        Value::Null if required => Some("required".into()),
         Value::Null => Some("default none".to_string()),
         value => Some(format!("default {value}")),
     };

@@ -1,66 +1,37 @@
-//! The JSON Schema of a study, the parameters of all registered plugins included. Editors complete by it and `check` holds
-//! studies against it, so the two cannot differ.
+//! The JSON Schema of a study, the parameters of all registered plugins included. Editors complete by it and
+//! `check` holds studies against it, so the two cannot differ.
 
-use super::{claims::ClaimSpec, cross_play::EPISODES, seeds};
-use crate::{
-    Registry, cast,
-    figure::FigureSpec,
-    limits::Limits,
-    registry::About,
-    results::Success,
-    schema_check::{NAME, SLUG},
-    table::TableSpec,
-};
+use super::sections::Sections;
+use crate::{Registry, cast, registry::About, schema_check::NAME};
+use schemars::SchemaGenerator;
 use serde_json::{Map, Value, json};
 
-/// JSON Schema (draft 2020-12) of a study.
+/// JSON Schema (draft 2020-12) of a study: that of its sections, with the plugins' own schemas where these
+/// are named.
 #[must_use]
 pub fn json_schema(registry: &Registry) -> Value {
-    let mut definitions = Map::new();
+    let mut schema = SchemaGenerator::default().into_root_schema_for::<Sections>().to_value();
+    let mut definitions = match schema["$defs"].take() {
+        Value::Object(definitions) => definitions,
+        _ => Map::new(),
+    };
     let environments = registry.environments.iter().map(|(name, entry)| (*name, &entry.about));
     let environment = choice("environment plugin", environments, "environment", &mut definitions);
     let agent = choice("agent plugin", cast::agents(registry), "agent", &mut definitions);
     let protocols = registry.protocols.iter().map(|(name, entry)| (*name, &entry.about));
     let protocol = choice("protocol plugin", protocols, "protocol", &mut definitions);
-    let table = embed(schemars::schema_for!(TableSpec).to_value(), "table", &mut definitions);
-    let figure = embed(schemars::schema_for!(FigureSpec).to_value(), "figure", &mut definitions);
-    let success = embed(schemars::schema_for!(Success).to_value(), "success", &mut definitions);
-    let claim = embed(schemars::schema_for!(ClaimSpec).to_value(), "claim", &mut definitions);
-    let limits = embed(schemars::schema_for!(Limits).to_value(), "limits", &mut definitions);
-    json!({
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "A study",
-        "description": "Environments, agents, seeds and sweeps, and the tables, figures and claims made of their trials.",
-        "type": "object",
-        "additionalProperties": false,
-        "required": ["study", "environments", "agents", "protocol"],
-        "properties": {
-            "study": { "description": "Name of the study and of its folder of results.", "type": "string", "pattern": SLUG },
-            "title": text("What the study is about, as a heading."),
-            "source": text("Where the published numbers come from."),
-            "departures": { "description": "What differs from the source, one sentence each.", "type": "array", "items": { "type": "string" } },
-            "environments": named("Environments by name, one plugin each.", environment.clone(), NAME),
-            "agents": named("Agents by name, one plugin each.", agent.clone(), NAME),
-            "protocol": described("How each trial runs.", protocol.clone()),
-            "seeds": seeds::schema(),
-            "success": described("What counts as a success of a seed; adds the metric `success`.", success),
-            "sweep": sweep(),
-            "profiles": profiles(),
-            "exclude": exclude(),
-            "prepare": prepare(&environment, &agent, &protocol),
-            "cross_play": cross_play(),
-            "overrides": overrides(),
-            "tables": { "description": "Tables by name.", "type": "object", "additionalProperties": table, "propertyNames": { "pattern": SLUG } },
-            "figures": { "description": "Figures by name.", "type": "object", "additionalProperties": figure, "propertyNames": { "pattern": SLUG } },
-            "claims": claims(claim),
-            "limits": described("What one trial may use, and what is tried again; no trial's numbers depend on it.", limits),
-        },
-        "$defs": definitions,
-    })
-}
-
-fn text(description: &str) -> Value {
-    json!({ "description": description, "type": "string" })
+    let chosen = [
+        ("prepare", prepare(&environment, &agent, &protocol)),
+        ("environments", named("Environments by name, one plugin each.", environment)),
+        ("agents", named("Agents by name, one plugin each.", agent)),
+        ("protocol", described("How each trial runs.", protocol)),
+    ];
+    for (section, value) in chosen {
+        schema["properties"][section] = value;
+    }
+    schema["required"] = json!(["study", "environments", "agents", "protocol"]);
+    schema["$defs"] = Value::Object(definitions);
+    schema
 }
 
 fn described(description: &str, mut schema: Value) -> Value {
@@ -68,10 +39,10 @@ fn described(description: &str, mut schema: Value) -> Value {
     schema
 }
 
-fn named(description: &str, value: Value, pattern: &str) -> Value {
+fn named(description: &str, value: Value) -> Value {
     json!({
         "description": description, "type": "object", "minProperties": 1, "additionalProperties": value,
-        "propertyNames": { "pattern": pattern },
+        "propertyNames": { "pattern": NAME },
         "x-kind": "entry",
     })
 }
@@ -144,60 +115,6 @@ fn rename(schema: &mut Value, prefix: &str) {
     }
 }
 
-fn sweep() -> Value {
-    let values = |description: &str| json!({ "description": description, "type": "array", "minItems": 1 });
-    let generators = [
-        ("grid", values("Values of which every combination is tried.")),
-        ("zip", values("Values that go together with those of the other `zip` keys, one by one.")),
-        ("random", samples("Samples spread evenly between two limits.", false)),
-        ("log_uniform", samples("Samples whose logarithm is spread evenly between two limits.", false)),
-        ("latin_hypercube", samples("Samples with one in each of equally likely slices.", true)),
-    ];
-    let generators: Vec<Value> = generators
-        .into_iter()
-        .map(|(name, schema)| {
-            json!({ "type": "object", "properties": { name: schema }, "required": [name], "additionalProperties": false })
-        })
-        .collect();
-    json!({
-        "description": "Swept keys, each with the way its values are made.", "type": "object",
-        "additionalProperties": { "oneOf": generators },
-    })
-}
-
-fn samples(description: &str, has_log: bool) -> Value {
-    let mut schema = json!({
-        "description": description, "type": "object", "additionalProperties": false, "required": ["low", "high", "samples"],
-        "properties": {
-            "low": { "description": "Smallest value.", "type": "number" },
-            "high": { "description": "Largest value.", "type": "number" },
-            "samples": { "description": "Number of samples.", "type": "integer", "minimum": 1, "maximum": 100_000 },
-        },
-    });
-    if has_log {
-        schema["properties"]["log"] =
-            json!({ "description": "Spread the logarithm evenly.", "type": "boolean", "default": false });
-    }
-    schema
-}
-
-fn profiles() -> Value {
-    json!({
-        "description": "Named budgets of the study: values that replace others, by dotted path.", "type": "object",
-        "additionalProperties": { "type": "object" }, "propertyNames": { "pattern": NAME },
-    })
-}
-
-fn exclude() -> Value {
-    json!({
-        "description": "Combinations that are left out.", "type": "array",
-        "items": {
-            "type": "object", "additionalProperties": false, "minProperties": 1, "x-kind": "environment or agent",
-            "properties": { "environment": text("The environment; all where absent."), "agent": text("The agent; all where absent.") },
-        },
-    })
-}
-
 fn prepare(environment: &Value, agent: &Value, protocol: &Value) -> Value {
     let either = |what: &str, own: &Value| json!({ "description": format!("The {what}: a name of the study, or one that is written here."), "anyOf": [{ "type": "string" }, own] });
     json!({
@@ -211,54 +128,5 @@ fn prepare(environment: &Value, agent: &Value, protocol: &Value) -> Value {
                 "protocol": described("How it runs; as the study's trials where absent.", protocol.clone()),
             },
         },
-    })
-}
-
-fn cross_play() -> Value {
-    let name = json!({ "type": "string" });
-    let seats = json!({ "description": "Names of the role's seats.", "type": "array", "minItems": 1, "items": name });
-    let roles = json!({
-        "description": "Seats by role, at least two roles; every seat of the environment has one.", "type": "object",
-        "additionalProperties": seats, "propertyNames": { "pattern": NAME },
-    });
-    let agents =
-        "Agents of the study, those that learn with the policy of their final training step; all that learn where absent.";
-    json!({
-        "description": "Plays by name: agents that meet after they were trained, in every combination over roles.", "type": "object",
-        "propertyNames": { "pattern": NAME },
-        "additionalProperties": {
-            "type": "object", "additionalProperties": false, "required": ["environment", "roles"],
-            "properties": {
-                "environment": text("The environment in which the agents were trained."),
-                "roles": roles,
-                "agents": { "description": agents, "type": "array", "minItems": 1, "items": name },
-                "episodes": {
-                    "description": "Episodes of each combination and seed.", "type": "integer", "minimum": 1, "maximum": 1_000_000_000,
-                    "default": EPISODES,
-                },
-                "environment_config": { "description": "Keys of the environment that differ from the training.", "type": "object" },
-            },
-        },
-    })
-}
-
-fn overrides() -> Value {
-    json!({
-        "description": "Values for some combinations only.", "type": "array",
-        "items": {
-            "type": "object", "additionalProperties": false, "required": ["set"],
-            "properties": {
-                "environment": text("The environment; all where absent."),
-                "agent": text("The agent; all where absent."),
-                "set": { "description": "Values by dotted path.", "type": "object" },
-            },
-        },
-    })
-}
-
-fn claims(long: Value) -> Value {
-    json!({
-        "description": "Comparisons that the results support, refute or leave open.", "type": "array",
-        "items": { "anyOf": [{ "type": "string" }, long] },
     })
 }

@@ -3,6 +3,7 @@
 //!
 //! | file | what it does |
 //! |---|---|
+//! | `sections` | the sections of a study as they are written, as types |
 //! | `json_schema` | the schema of a study with all plugins' parameters; sections are held against it first |
 //! | `written` | named parts and their positions |
 //! | `path` | dotted paths of sweeps, profiles, overrides and `--set` |
@@ -26,11 +27,12 @@ mod config;
 mod cross_play;
 mod describe;
 mod json_schema;
-mod names;
+pub(crate) mod names;
 mod overrides;
 mod path;
 mod plugin_config;
 mod resolved;
+mod sections;
 mod seeds;
 mod settings;
 mod specimens;

@@ -190,7 +190,7 @@ fn table_from(spec: &TableSpec, folder: &Path) -> TableSpec {
 /// The same figure with the files of its published curves named relative to `folder`.
 fn files_from(spec: &FigureSpec, folder: &Path) -> FigureSpec {
     let mut spec = spec.clone();
-    spec.published_curves_mut().for_each(|curve| curve.file = way(folder, &curve.file));
+    spec.published_curves_mut().iter_mut().for_each(|curve| curve.file = way(folder, &curve.file));
     spec
 }
 

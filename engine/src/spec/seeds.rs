@@ -2,10 +2,11 @@
 
 use crate::{
     diagnostic::{Diagnostic, Sources},
-    document::{Kind, Node},
+    document::Node,
     statistics::{spending::Design, statement::FEWEST_SEEDS},
 };
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// Largest number of seeds of a study.
 pub(super) const MOST_SEEDS: u64 = 1_000_000;
@@ -13,6 +14,44 @@ pub(super) const MOST_SEEDS: u64 = 1_000_000;
 const MOST_IN_DESIGN: u64 = 1000;
 /// Most looks of a design.
 const MOST_LOOKS: u64 = 50;
+
+/// The section as it is written.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub(super) enum SeedsText {
+    /// Number of replicates.
+    Count(#[schemars(range(min = 1, max = MOST_SEEDS))] u64),
+    /// The seeds themselves.
+    Listed(#[schemars(length(min = 1, max = MOST_SEEDS), extend("uniqueItems" = true))] Vec<u64>),
+    /// Seeds that are added look by look.
+    Designed(DesignText),
+}
+
+/// A design as it is written.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct DesignText {
+    /// Seeds at the first look.
+    #[schemars(range(min = FEWEST_SEEDS, max = MOST_IN_DESIGN))]
+    min: u64,
+    /// Seeds at the last look.
+    #[schemars(range(min = FEWEST_SEEDS, max = MOST_IN_DESIGN))]
+    max: u64,
+    /// Number of looks, spread evenly, or the numbers of seeds at each.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Looks")]
+    looks: Option<Looks>,
+}
+
+/// The looks of a design as they are written.
+#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
+#[serde(untagged)]
+enum Looks {
+    /// Their number.
+    Number(#[schemars(range(min = 2, max = MOST_LOOKS))] u64),
+    /// The number of seeds at each.
+    Listed(#[schemars(length(min = 2, max = MOST_LOOKS), inner(range(min = FEWEST_SEEDS, max = MOST_IN_DESIGN)))] Vec<u64>),
+}
 
 /// The seeds of a study.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,17 +69,20 @@ impl SeedPlan {
     /// Looks that contradict each other or the limits.
     pub fn read(written: Option<&Node>, sources: &Sources) -> Result<Self, Vec<Diagnostic>> {
         let Some(node) = written else { return Ok(Self { seeds: vec![0], design: None }) };
-        match (&node.kind, node.to_value()) {
-            (Kind::Mapping(_), value) => {
-                let looks = looks(&value).map_err(|(key, message, help)| {
+        let fixed = |seeds| Ok(Self { seeds, design: None });
+        match serde_json::from_value(node.to_value()) {
+            Ok(SeedsText::Designed(written)) => {
+                let looks = looks(&written).map_err(|(key, message, help)| {
                     let place = node.entry(key).map_or(node.span, |entry| entry.key_span);
                     vec![sources.error(place, &format!("seeds.{key}"), message).help(help)]
                 })?;
                 let most = looks.last().copied().unwrap_or(1);
                 Ok(Self { seeds: (0..u64::from(most)).collect(), design: Some(Design::new(looks)) })
             }
-            (_, Value::Array(list)) => Ok(Self { seeds: list.iter().filter_map(Value::as_u64).collect(), design: None }),
-            (_, count) => Ok(Self { seeds: (0..count.as_u64().unwrap_or(1)).collect(), design: None }),
+            Ok(SeedsText::Listed(list)) => fixed(list),
+            Ok(SeedsText::Count(count)) => fixed((0..count).collect()),
+            // The check against the schema refused it.
+            Err(_) => fixed(vec![0]),
         }
     }
 
@@ -54,16 +96,15 @@ impl SeedPlan {
 /// What is wrong with a design: the key, the message, and what to write instead.
 type Wrong = (&'static str, String, String);
 
-fn looks(value: &Value) -> Result<Vec<u32>, Wrong> {
-    let number = |key: &str| value.get(key).and_then(Value::as_u64);
-    let (least, most) = (number("min").unwrap_or(0), number("max").unwrap_or(0));
+fn looks(written: &DesignText) -> Result<Vec<u32>, Wrong> {
+    let (least, most) = (written.min, written.max);
     if least >= most {
         let message = format!("`min` is {least} and `max` is {most}, so there is nothing to add");
         return Err(("max", message, "write a larger `max`, or a plain number of seeds".into()));
     }
-    let looks = match value.get("looks") {
-        Some(Value::Array(list)) => list.iter().filter_map(Value::as_u64).collect(),
-        Some(count) => evenly(least, most, count.as_u64().unwrap_or(2)),
+    let looks = match &written.looks {
+        Some(Looks::Listed(list)) => list.clone(),
+        Some(Looks::Number(count)) => evenly(least, most, *count),
         None => evenly(least, most, (most / least).clamp(2, MOST_LOOKS)),
     };
     if looks.windows(2).any(|pair| pair[0] >= pair[1]) {
@@ -87,37 +128,13 @@ fn evenly(least: u64, most: u64, looks: u64) -> Vec<u64> {
     (0..=steps).map(|step| least + (step * (most - least) + steps / 2) / steps).collect()
 }
 
-/// The schema of the section.
-pub(super) fn schema() -> Value {
-    let list = json!({ "type": "array", "minItems": 1, "maxItems": MOST_SEEDS, "uniqueItems": true, "items": { "type": "integer", "minimum": 0 } });
-    let look = json!({ "type": "integer", "minimum": FEWEST_SEEDS, "maximum": MOST_IN_DESIGN });
-    let design = json!({
-        "type": "object", "additionalProperties": false, "required": ["min", "max"],
-        "properties": {
-            "min": { "description": "Seeds at the first look.", "type": "integer", "minimum": FEWEST_SEEDS, "maximum": MOST_IN_DESIGN },
-            "max": { "description": "Seeds at the last look.", "type": "integer", "minimum": FEWEST_SEEDS, "maximum": MOST_IN_DESIGN },
-            "looks": {
-                "description": "Number of looks, spread evenly, or the numbers of seeds at each.",
-                "anyOf": [
-                    { "type": "integer", "minimum": 2, "maximum": MOST_LOOKS },
-                    { "type": "array", "minItems": 2, "maxItems": MOST_LOOKS, "items": look },
-                ],
-            },
-        },
-    });
-    json!({
-        "description": "Number of replicates N (seeds 0 to N - 1), the seeds themselves, or a design `{ min, max, looks }`. With a design seeds are added look by look until every judged value and claim is decided.",
-        "default": 1,
-        "oneOf": [{ "type": "integer", "minimum": 1, "maximum": MOST_SEEDS }, list, design],
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::{Value, json};
 
     fn read(value: Value) -> Result<Vec<u32>, String> {
-        looks(&value).map_err(|(_, message, _)| message)
+        looks(&serde_json::from_value(value).unwrap()).map_err(|(_, message, _)| message)
     }
 
     #[test]

@@ -13,7 +13,74 @@ use crate::{
     random,
 };
 use rand::{Rng as _, seq::SliceRandom};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+
+/// A way to make the values of a swept key.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(super) enum Generator {
+    /// Every combination of listed values.
+    Grid(
+        /// Values of which every combination is tried.
+        Listed,
+    ),
+    /// Listed values, key by key.
+    Zip(
+        /// Values that go together with those of the other `zip` keys, one by one.
+        Listed,
+    ),
+    /// Samples of a uniform distribution.
+    Random(
+        /// Samples spread evenly between two limits.
+        Samples,
+    ),
+    /// Samples of a log-uniform distribution.
+    LogUniform(
+        /// Samples whose logarithm is spread evenly between two limits.
+        Samples,
+    ),
+    /// Samples of a Latin hypercube.
+    LatinHypercube(
+        /// Samples with one in each of equally likely slices.
+        SlicedSamples,
+    ),
+}
+
+/// A value for each point.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(transparent)]
+pub(super) struct Listed(#[schemars(length(min = 1))] Vec<Value>);
+
+/// Samples between two limits.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Samples {
+    /// Smallest value.
+    low: f64,
+    /// Largest value.
+    high: f64,
+    /// Number of samples.
+    #[schemars(range(min = 1, max = 100_000))]
+    samples: usize,
+}
+
+/// Samples between two limits, with one in each of equally likely slices.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SlicedSamples {
+    /// Smallest value.
+    low: f64,
+    /// Largest value.
+    high: f64,
+    /// Number of samples.
+    #[schemars(range(min = 1, max = 100_000))]
+    samples: usize,
+    /// Spread the logarithm evenly.
+    #[serde(default)]
+    log: bool,
+}
 
 /// A swept key with the value it has at each point of its dimension.
 #[derive(Debug, Clone)]
@@ -120,12 +187,16 @@ fn swept_key<'a>(
 }
 
 fn values(generator: &Entry, path: &KeyPath<'_>, at: &str, sources: &Sources) -> Result<Vec<Node>, Box<Diagnostic>> {
-    if ["grid", "zip"].contains(&generator.key.as_str()) {
-        return Ok(generator.value.items().to_vec());
-    }
-    let number = |key: &str| generator.value.get(key).and_then(|node| node.to_value().as_f64());
-    let (Some(low), Some(high), Some(samples)) = (number("low"), number("high"), number("samples")) else { return Ok(vec![]) };
-    let log = generator.key == "log_uniform" || generator.value.get("log").is_some_and(|node| node.to_value() == json!(true));
+    // What the check against the schema refused has no values.
+    let Ok(read) = serde_json::from_value(json!({ generator.key.as_str(): generator.value.to_value() })) else {
+        return Ok(vec![]);
+    };
+    let (low, high, count, log) = match read {
+        Generator::Grid(_) | Generator::Zip(_) => return Ok(generator.value.items().to_vec()),
+        Generator::Random(Samples { low, high, samples }) => (low, high, samples, false),
+        Generator::LogUniform(Samples { low, high, samples }) => (low, high, samples, true),
+        Generator::LatinHypercube(SlicedSamples { low, high, samples, log }) => (low, high, samples, log),
+    };
     let span = |key: &str| generator.value.get(key).map_or(generator.key_span, |node| node.span);
     let fail =
         |key: &str, message: String| Err(Box::new(sources.error(span(key), &format!("{at}.{}.{key}", generator.key), message)));
@@ -138,8 +209,6 @@ fn values(generator: &Entry, path: &KeyPath<'_>, at: &str, sources: &Sources) ->
     if log && low <= 0.0 {
         return fail("low", format!("`low` is {low}, but the logarithm is spread only over numbers above 0"));
     }
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the schema holds samples to 1 to 100000")]
-    let count = samples as usize;
     let range = Range { low, high, log, integer: path.schema.is_integer() };
     let name = path.name();
     let drawn = if generator.key == "latin_hypercube" { slices(&name, count) } else { independent(&name, &generator.key, count) };
@@ -226,15 +295,6 @@ fn swept_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnosti
         }
     }
     found
-}
-
-/// A value as a word of a setting's name.
-#[must_use]
-pub fn word(value: &Value) -> String {
-    match value {
-        Value::String(text) if !text.is_empty() && !text.contains([' ', '=', '"']) => text.clone(),
-        other => other.to_string(),
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Studies of toy plugins: every message that a wrong one gets, and what right ones become.
 
 use super::{toys::toys, *};
+use crate::figure::FigureKind;
 use serde_json::json;
 use std::collections::BTreeSet;
 
@@ -317,7 +318,8 @@ fn published_curves_are_found_from_the_study_and_from_its_results() {
     assert!(resolved.contains("file: ../../experiments/curves/one.csv"), "{resolved}");
     std::fs::write(&path, resolved).unwrap();
     for study in [study, load(&path, &toys(), &Options::default()).unwrap()] {
-        let curve = &study.figures[0].1.learning_curve.as_ref().unwrap().published[0];
+        let FigureKind::LearningCurve(kind) = &study.figures[0].1.kind else { panic!("{:?}", study.figures) };
+        let curve = &kind.published[0];
         assert_eq!(curve.runs().unwrap()[0].points, [(10, 1.0), (20, 3.0)]);
     }
 }

@@ -221,11 +221,17 @@ impl Judgement {
 
     fn advice(&self) -> String {
         match (self.n, self.more_seeds) {
-            (n, _) if n < FEWEST_SEEDS => format!("too few seeds ({n}): at least {FEWEST_SEEDS} are needed"),
+            (n, _) if n < FEWEST_SEEDS => too_few_seeds_in_words(n),
             (_, Some(more)) => more_seeds_in_words(more),
             (_, None) => "the mean is too near the edge of the margin for an affordable number of seeds to decide".into(),
         }
     }
+}
+
+/// That so few seeds decide nothing, as a phrase.
+#[must_use]
+pub fn too_few_seeds_in_words(n: usize) -> String {
+    format!("too few seeds ({n}): at least {FEWEST_SEEDS} are needed")
 }
 
 /// How many more seeds to plan, as a phrase.

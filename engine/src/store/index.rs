@@ -212,6 +212,7 @@ mod tests {
         Recorder,
         cast::Seating,
         results::EndState,
+        setting::Setting,
         trial::{Part, Purpose, TrialKey},
     };
     use serde_json::json;
@@ -228,6 +229,7 @@ mod tests {
             agent: "equal".into(),
             setting: String::new(),
             purpose: Purpose::Cell,
+            point: Setting::default(),
             key,
         }
     }

@@ -293,7 +293,7 @@ pub fn is_missing(end: Option<&TrialEnd>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phase, cast::Seating, trial::Purpose};
+    use crate::{Phase, cast::Seating, setting::Setting, trial::Purpose};
     use serde_json::json;
 
     fn trial(seed: u64) -> Trial {
@@ -312,6 +312,7 @@ mod tests {
             agent: "equal".into(),
             setting: String::new(),
             purpose: Purpose::Cell,
+            point: Setting::default(),
             key,
         }
     }

@@ -27,7 +27,7 @@ pub fn csv(grid: &Grid) -> Result<String, Error> {
     let mut lines = vec![HEADER.map(String::from).to_vec()];
     for (row, cells) in grid.rows.iter().zip(&grid.cells) {
         for (column, cell) in grid.columns.iter().zip(cells) {
-            let mut line = vec![row.name.clone(), column.name.clone(), grid.statistic.into()];
+            let mut line = vec![row.name.clone(), column.name.clone(), grid.one_number.name().into()];
             line.extend(fields(cell));
             lines.push(line);
         }
@@ -47,7 +47,7 @@ fn fields(cell: &Cell) -> [String; 10] {
         number(cell.published()),
         cell.verdict().map_or("", Verdict::word).into(),
         cell.judgement.as_ref().and_then(|judgement| judgement.adjusted).map_or("", Verdict::word).into(),
-        cell.missing.join("; "),
+        cell.missing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
     ]
 }
 

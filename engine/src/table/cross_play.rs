@@ -1,7 +1,16 @@
 //! The matrix of a play: who played one role along the rows, who played another along the columns, and both means.
 
-use super::{Cell, Grid, Heading, NumberFormat, Scope, Statistic, build::summarise};
-use crate::{Error, cross_play::Encounters, results::Results, statistics::estimators::mean};
+use super::{
+    Cell, Fixed, Grid, Heading, Missing, NoValue, NumberFormat, Quantity, Scope, Statistic, Table, comparison::summarise, problem,
+};
+use crate::{
+    Error,
+    cross_play::Encounters,
+    diagnostic::suggest,
+    results::Results,
+    spec::names::{Names, Place},
+    statistics::estimators::mean,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -44,6 +53,51 @@ impl Default for CrossPlayTable {
     }
 }
 
+impl Table for CrossPlayTable {
+    #[cfg(test)]
+    fn example() -> &'static str {
+        "{ play: tag, rows: chaser, columns: runner, value: return, normalise: false }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>, _: Option<&Place<'_>>) -> (Vec<String>, Vec<String>) {
+        check(self, names, at)
+    }
+
+    fn build(&self, results: &Results) -> Result<Grid, Error> {
+        build(self, results)
+    }
+
+    fn metric_of_unit(&self) -> Option<&str> {
+        (!self.normalise).then_some(&self.value)
+    }
+}
+
+/// Checks the play, its roles and the metric; returns the names of rows and columns.
+fn check(spec: &CrossPlayTable, names: &mut Names<'_>, place: &Place<'_>) -> (Vec<String>, Vec<String>) {
+    let world = names.world;
+    let Some(play) = world.plays.iter().find(|play| play.name == spec.play) else {
+        let help = suggest(&spec.play, world.plays.iter().map(|play| play.name.as_str()));
+        names.say(place.value("play"), format!("no play is named `{}`", spec.play), help);
+        return (Vec::new(), Vec::new());
+    };
+    for (key, role) in [("rows", &spec.rows), ("columns", &spec.columns)] {
+        if !play.roles.iter().any(|(known, _)| known == role) {
+            let help = suggest(role, play.roles.iter().map(|(known, _)| known.as_str()));
+            names.say(place.value(key), format!("`{}` has no role `{role}`", play.name), help);
+        }
+    }
+    if spec.rows == spec.columns {
+        names.say(place.value("columns"), "rows and columns are the same role", "choose another role");
+    }
+    if !play.metrics.contains(&spec.value) {
+        names.unknown_metric(&spec.value, place.value("value"), &play.metrics);
+    }
+    let players = play.players.iter().map(|player| player.name.clone());
+    let lines: Vec<String> = players.chain([MEAN.to_owned()]).collect();
+    names.labels(place, &lines, &[spec.rows.clone(), spec.columns.clone(), spec.value.clone()]);
+    (lines.clone(), lines)
+}
+
 /// Which trials a cell is made of: agents by role. A role that is left out is played by every agent that was trained.
 type Casting<'a> = Vec<(&'a str, &'a str)>;
 
@@ -51,12 +105,12 @@ type Casting<'a> = Vec<(&'a str, &'a str)>;
 ///
 /// # Errors
 /// [`Error::Render`] where the results know no such play or role.
-pub(super) fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
+fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
     let encounters = Encounters::of(results, &spec.play);
     let (rows, columns) = (encounters.players(&spec.rows), encounters.players(&spec.columns));
     if rows.is_empty() || columns.is_empty() {
-        let problem = format!("no trial of the play `{}` has the roles `{}` and `{}`", spec.play, spec.rows, spec.columns);
-        return Err(Error::Render { what: "table".into(), problem });
+        let (play, rows, columns) = (&spec.play, &spec.rows, &spec.columns);
+        return Err(problem(&format!("no trial of the play `{play}` has the roles `{rows}` and `{columns}`")));
     }
     let scale = if spec.normalise { Some(Scale::of(spec, &encounters, &rows, &columns)) } else { None };
     let cell = |row: Option<&str>, column: Option<&str>| {
@@ -73,8 +127,7 @@ pub(super) fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Er
     let estimates = cells.iter().flatten().filter_map(|cell| cell.estimate);
     let floors = rows.iter().chain(&columns).any(|name| encounters.is_floor(name));
     Ok(Grid {
-        quantity: quantity(spec),
-        statistic: Statistic::Mean.name(),
+        quantity: Quantity::plain(quantity(spec)),
         row_axis: "agent",
         format: spec.decimals.map_or_else(|| NumberFormat::fitting(estimates), NumberFormat::Fixed),
         rows: headings(spec, &down),
@@ -136,14 +189,14 @@ fn make_cell(
     let scaled = |value| scale.map_or(Some(value), |scale| scale.apply(value));
     let seeds: Vec<(u64, f64)> = raw.iter().filter_map(|(seed, value)| Some((*seed, scaled(*value)?))).collect();
     if seeds.len() < raw.len() {
-        missing.push("no two cells differ, so nothing can be normalised".into());
+        missing.push(Missing::of(NoValue::AllAlike));
     }
     let fixed = scale.is_some_and(|scale| scale.is_end(&raw.into_values().collect::<Vec<_>>()));
     let cell = Cell {
         planned: scope.planned(),
         failed: scope.failed(),
         missing,
-        fixed: fixed.then(|| "the smallest and the largest mean are 0 and 1 by the normalisation".to_owned()),
+        fixed: fixed.then_some(Fixed::Ends),
         ..Cell::resting_on(&scope.trials, results)
     };
     summarise(seeds, Statistic::Mean, cell)
@@ -281,7 +334,7 @@ mod tests {
             AGENTS.into_iter().zip(PUBLISHED).map(|(name, row)| (name.into(), columns(row))).collect();
         let means = AGENTS.into_iter().map(String::from).zip(MEANS.map(PublishedCell::Value)).collect();
         published.insert(MEAN.into(), Published::Columns(means));
-        let spec = TableSpec { cross_play: Some(spec()), published, margin: Some(Margin::Absolute(0.1)), ..TableSpec::default() };
+        let spec = TableSpec { published, margin: Some(Margin::Absolute(0.1)), ..TableSpec::of(spec()) };
         let grid = build(&spec, &results(false)).unwrap();
         assert!(grid.notes.iter().all(|note| !note.contains("have no place")), "{:?}", grid.notes);
         insta::assert_snapshot!("cross_play_markdown", markdown(&grid));

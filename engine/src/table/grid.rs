@@ -1,23 +1,23 @@
-//! A computed table: numbers with what they rest on, and the few words that every renderer shows of them.
+//! A computed table: numbers with what they rest on. Its sentences are made in [`super::footnotes`].
 
-use super::Margin;
+use super::{Form, Margin, Missing, Statistic};
 use crate::{
     results::{CellName, Results, TrialResult},
     statistics::{Judgement, Seeds, Verdict},
 };
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, fmt};
 
 /// A table as data: what the renderers read.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Grid {
     /// What the table shows, in one sentence.
     pub caption: String,
-    /// What the numbers are, as in `cycle_length, percent change from equal`.
-    pub quantity: String,
+    /// What the numbers are.
+    pub quantity: Quantity,
     /// Unit of the numbers; empty where there is none or it is not known.
     pub unit: String,
-    /// How seeds became one number: `mean`, `median` or `interquartile mean`.
-    pub statistic: &'static str,
+    /// How seeds became one number.
+    pub one_number: OneNumber,
     /// What the rows are: `agent`, `environment` or `setting`.
     pub row_axis: &'static str,
     /// One heading per row.
@@ -34,6 +34,83 @@ pub struct Grid {
     pub exploratory: bool,
     /// Sentences under the table.
     pub notes: Vec<String>,
+}
+
+/// What the numbers of a table are. Its display is a phrase, as in `cycle length, change from equal, by
+/// seed`.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Quantity {
+    /// The quantity of one agent.
+    pub value: String,
+    /// How values are written relative to an agent, and its name; `None` where they are not.
+    pub relative: Option<(Form, String)>,
+}
+
+impl Quantity {
+    /// A quantity that is relative to no agent.
+    #[must_use]
+    pub fn plain(value: String) -> Self {
+        Self { value, relative: None }
+    }
+
+    /// The phrase without how values are paired, for the axis of a figure.
+    #[must_use]
+    pub fn label(&self) -> String {
+        let value = &self.value;
+        match &self.relative {
+            None | Some((Form::Value, _)) => value.clone(),
+            Some((Form::Difference, to)) => format!("{value} minus that of {to}"),
+            Some((Form::Ratio, to)) => format!("{value} over that of {to}"),
+            Some((Form::PercentChange, to)) => format!("{value}, change from {to}"),
+        }
+    }
+}
+
+impl fmt::Display for Quantity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let paired = self.relative.as_ref().is_some_and(|(form, _)| *form != Form::Value);
+        write!(f, "{}{}", self.label(), if paired { ", by seed" } else { "" })
+    }
+}
+
+/// How seeds became one number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OneNumber {
+    /// By a statistic over seeds.
+    Of(Statistic),
+    /// As the share of seeds with success.
+    Share,
+    /// By a statistic of its own in each column.
+    Aggregates,
+}
+
+impl OneNumber {
+    /// The name in words.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            OneNumber::Of(statistic) => statistic.name(),
+            OneNumber::Share => "share",
+            OneNumber::Aggregates => "aggregates",
+        }
+    }
+}
+
+impl Default for OneNumber {
+    fn default() -> Self {
+        Self::Of(Statistic::Mean)
+    }
+}
+
+/// Why a value is what it is by construction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fixed {
+    /// An agent beside itself.
+    Itself,
+    /// The mean that became 0 or 1.
+    Ends,
+    /// An agent that stands for 0 or 1.
+    Scale,
 }
 
 /// Heading of a row or column.
@@ -62,10 +139,10 @@ pub struct Cell {
     pub interval: Option<(f64, f64)>,
     /// The published number and how the seeds compare with it; `None` where nothing is published.
     pub judgement: Option<Judgement>,
-    /// Why seeds are missing, as in `1 failed: oom`.
-    pub missing: Vec<String>,
+    /// Why seeds are missing.
+    pub missing: Vec<Missing>,
     /// Why the value is what it is by construction; `None` where it is not.
-    pub fixed: Option<String>,
+    pub fixed: Option<Fixed>,
     /// What was chosen with the published value in view; `None` where nothing was.
     pub calibrated_on: Option<String>,
     /// True where the values are successes of seeds, 0 or 1.
@@ -101,7 +178,8 @@ pub enum Part {
 }
 
 impl Grid {
-    /// The printed columns from left to right: each column, followed by published value and verdict where it has any.
+    /// The printed columns from left to right: each column, followed by published value and verdict where it
+    /// has any.
     #[must_use]
     pub fn parts(&self) -> Vec<Part> {
         let has_published = |column: usize| self.cells.iter().any(|row| row[column].judgement.is_some());
@@ -137,18 +215,6 @@ impl Grid {
         self.row_axis
     }
 
-    /// What the numbers are, how they were made, which seeds are missing, and the notes of the study, a sentence each.
-    #[must_use]
-    pub fn footnotes(&self) -> Vec<String> {
-        let mut notes = vec![self.reading()];
-        notes.extend(self.judging());
-        notes.extend(self.each(|cell| cell.is_incomplete().then(|| cell.incompleteness())).map(|note| format!("* {note}")));
-        notes.extend(self.grouped(|cell| cell.judgement.as_ref().map(Judgement::note).filter(|note| !note.is_empty())));
-        notes.extend(self.grouped(Cell::caution));
-        notes.extend(self.notes.iter().cloned());
-        notes
-    }
-
     /// All cells with the labels of their row and column, row by row.
     pub fn places(&self) -> impl Iterator<Item = (String, &Cell)> {
         let label = |row: &Heading, column: &Heading| {
@@ -158,53 +224,8 @@ impl Grid {
         places.flat_map(move |(row, cells)| self.columns.iter().zip(cells).map(move |(column, cell)| (label(row, column), cell)))
     }
 
-    fn each(&self, note: impl Fn(&Cell) -> Option<String>) -> impl Iterator<Item = String> {
-        self.places().filter_map(move |(place, cell)| note(cell).map(|note| format!("{place}: {note}.")))
-    }
-
-    /// Notes that several cells may share: each once, after the places it is about.
-    fn grouped(&self, note: impl Fn(&Cell) -> Option<String>) -> Vec<String> {
-        let mut groups: Vec<(String, Vec<String>)> = Vec::new();
-        for (place, cell) in self.places() {
-            let Some(note) = note(cell) else { continue };
-            match groups.iter_mut().find(|(known, _)| *known == note) {
-                Some((_, places)) => places.push(place),
-                None => groups.push((note, vec![place])),
-            }
-        }
-        groups.into_iter().map(|(note, places)| format!("{}: {note}.", places.join("; "))).collect()
-    }
-
-    /// How the verdicts come about.
-    fn judging(&self) -> Vec<String> {
-        let judged =
-            || self.cells.iter().flatten().filter_map(|cell| cell.judgement.as_ref()).filter(|it| it.statement.is_some());
-        if judged().next().is_none() {
-            return Vec::new();
-        }
-        let of = if self.statistic == "share" { "share" } else { "mean" };
-        let interval = match judged().find_map(|judgement| judgement.stage) {
-            Some(stage) => format!("repeated confidence interval of the {of} (Lan and DeMets, Pocock type, {} looks)", stage.of),
-            None => format!("90 % interval of the {of}"),
-        };
-        let margin = Margin::in_words(self.margin.as_ref(), &self.unit);
-        let reason = match Margin::reason(self.margin.as_ref()) {
-            "" => "No reason is given for this margin.".into(),
-            why => format!("Why this margin: {}.", why.trim_end_matches('.')),
-        };
-        let uncertain = judged().any(|judgement| judgement.reference.runs.is_some());
-        let published = if uncertain {
-            "Published values with a standard deviation and a number of runs count as uncertain (Welch), the others as exact."
-        } else {
-            "Published values count as exact."
-        };
-        let when = if self.exploratory { "Exploratory: the comparison was thought of after results were seen. " } else { "" };
-        vec![format!(
-            "{when}A value counts as reproduced where the {interval} lies within the published value {margin}. {reason} {published}"
-        )]
-    }
-
-    /// The number of seeds that most cells rest on; cells with another number say theirs. `None` where no cell has a seed.
+    /// The number of seeds that most cells rest on; cells with another number say theirs. `None` where no
+    /// cell has a seed.
     #[must_use]
     pub fn usual_n(&self) -> Option<usize> {
         let mut counts: std::collections::BTreeMap<usize, usize> = std::collections::BTreeMap::new();
@@ -212,16 +233,6 @@ impl Grid {
             *counts.entry(cell.seeds.len()).or_default() += 1;
         }
         counts.into_iter().max_by_key(|(n, cells)| (*cells, *n)).map(|(n, _)| n)
-    }
-
-    fn reading(&self) -> String {
-        let unit = if self.unit.is_empty() { String::new() } else { format!(" [{}]", self.unit) };
-        let seeds = match self.usual_n() {
-            None => "no seed has a value yet".into(),
-            Some(1) => "one seed, so no interval".into(),
-            Some(n) => format!("{} over n = {n} seeds, 95 % interval in brackets", self.statistic),
-        };
-        format!("{}{unit}: {seeds}.", self.quantity)
     }
 
     fn value(&self, cell: &Cell) -> String {
@@ -245,13 +256,6 @@ impl Cell {
     #[must_use]
     pub fn is_incomplete(&self) -> bool {
         self.seeds.len() < self.planned
-    }
-
-    /// How many seeds there are and why the others are missing.
-    #[must_use]
-    pub fn incompleteness(&self) -> String {
-        let count = format!("{} of {} seeds", self.seeds.len(), self.planned);
-        std::iter::once(count).chain(self.missing.iter().cloned()).collect::<Vec<_>>().join("; ")
     }
 
     /// The published number.
@@ -295,24 +299,11 @@ impl Cell {
         !self.untrained.is_empty()
     }
 
-    /// What keeps the value or its verdict from meaning what it seems to.
-    fn caution(&self) -> Option<String> {
-        let untrained = self.is_untrained().then(|| format!("0 updates: {} was not trained", self.untrained.join(", ")));
-        let published = self.judgement.is_some();
-        let fixed = self.fixed.as_ref().filter(|_| published).map(|why| format!("not judged: {why}"));
-        let calibrated =
-            self.calibrated_on.as_ref().filter(|_| published).map(|on| format!("calibrated on the published value: {on}"));
-        let seen =
-            self.seen_at.map(|n| format!("unplanned look: the verdict was seen with {n} seeds before, so its level is not held"));
-        let cautions: Vec<String> = [untrained, fixed, calibrated, seen].into_iter().flatten().collect();
-        (!cautions.is_empty()).then(|| cautions.join("; "))
-    }
-
     fn absence(&self) -> &'static str {
         match self.planned {
             0 => "–",
             _ if self.failed > 0 => "failed *",
-            _ if self.missing.iter().any(|reason| !reason.ends_with("not run")) => "none *",
+            _ if !self.missing.iter().all(Missing::is_not_run) => "none *",
             _ => "not run *",
         }
     }
@@ -348,8 +339,8 @@ impl NumberFormat {
         if text.starts_with('-') && !text.bytes().any(|byte| (b'1'..=b'9').contains(&byte)) { text[1..].into() } else { text }
     }
 
-    /// Writes a published number with the digits it was published with; one with more than anybody prints was computed, of a curve,
-    /// and gets the digits of the table.
+    /// Writes a published number with the digits it was published with; one with more than anybody prints was
+    /// computed, of a curve, and gets the digits of the table.
     #[must_use]
     pub fn published(self, number: f64) -> String {
         const MOST_PRINTED: usize = 6;
@@ -387,12 +378,5 @@ mod tests {
         assert_eq!(NumberFormat::Fixed(1).write(-0.04), "0.0");
         assert_eq!(NumberFormat::Fixed(1).write(-0.06), "-0.1");
         assert_eq!(NumberFormat::Scientific(2).write(-1.234e-5), "-1.23e-5");
-    }
-
-    #[test]
-    fn a_cell_says_why_seeds_are_missing() {
-        let cell = Cell { planned: 2, failed: 1, missing: vec!["1 failed: oom".into(), "1 not run".into()], ..Cell::default() };
-        assert_eq!(cell.absence(), "failed *");
-        assert_eq!(cell.incompleteness(), "0 of 2 seeds; 1 failed: oom; 1 not run");
     }
 }

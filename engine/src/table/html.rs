@@ -1,6 +1,6 @@
 //! A table in HTML: the verdict as a word, coloured by the page's style sheet.
 
-use super::{Grid, Part, prose};
+use super::{Grid, Intervals, Part, prose};
 use std::fmt::Write as _;
 
 /// A `table` element with caption and head, followed by its notes. It uses the classes `verdict`, `value` and `notes`.
@@ -20,7 +20,8 @@ pub fn html(grid: &Grid) -> String {
         let _ = writeln!(out, "<tr><th scope=\"row\">{}</th>{}</tr>", escape(&grid.rows[row].label), cells(grid, row, &parts));
     }
     out += "</tbody>\n</table>\n";
-    let notes: String = grid.footnotes().iter().map(|note| format!("<p>{}</p>\n", prose::html(note))).collect();
+    let notes: String =
+        grid.footnotes(Intervals::InBrackets).iter().map(|note| format!("<p>{}</p>\n", prose::html(note))).collect();
     format!("{out}<div class=\"notes\">\n{notes}</div>\n")
 }
 

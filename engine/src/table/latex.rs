@@ -1,6 +1,6 @@
 //! A table in LaTeX, for documents that load `booktabs`.
 
-use super::{Grid, Part, prose};
+use super::{Grid, Intervals, Part, prose};
 
 /// A floating table with the label `tab:NAME`.
 #[must_use]
@@ -8,7 +8,11 @@ pub fn latex(grid: &Grid, name: &str) -> String {
     let parts = grid.parts();
     let header = std::iter::once(escape(grid.corner())).chain(parts.iter().map(|part| escape(grid.heading(*part))));
     let body: String = (0..grid.rows.len()).map(|row| format!("    {} \\\\\n", line(grid, row, &parts))).collect();
-    let notes: String = grid.footnotes().iter().map(|note| format!("  \\par\\footnotesize {}\n", prose::latex(note))).collect();
+    let notes: String = grid
+        .footnotes(Intervals::InBrackets)
+        .iter()
+        .map(|note| format!("  \\par\\footnotesize {}\n", prose::latex(note)))
+        .collect();
     format!(
         "\\begin{{table}}\n  \\centering\n  \\caption{{{caption}}}\n  \\label{{tab:{label}}}\n  \\begin{{tabular}}{{l{columns}}}\n    \
          \\toprule\n    {header} \\\\\n    \\midrule\n{body}    \\bottomrule\n  \\end{{tabular}}\n{notes}\\end{{table}}\n",

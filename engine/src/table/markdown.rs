@@ -1,6 +1,6 @@
 //! A table in Markdown.
 
-use super::{Grid, Part, prose};
+use super::{Grid, Intervals, Part, prose};
 
 /// The table, its caption above it and its notes below it.
 #[must_use]
@@ -12,7 +12,8 @@ pub fn markdown(grid: &Grid) -> String {
         let cells: Vec<String> = parts.iter().map(|part| grid.text(index, *part)).collect();
         lines.push(line(std::iter::once(row.label.as_str()).chain(cells.iter().map(String::as_str))));
     }
-    let notes: String = grid.footnotes().iter().map(|note| format!("\n{}\n", prose::markdown(note))).collect();
+    let notes: String =
+        grid.footnotes(Intervals::InBrackets).iter().map(|note| format!("\n{}\n", prose::markdown(note))).collect();
     let caption = if grid.caption.is_empty() { String::new() } else { format!("{}\n\n", prose::markdown(&grid.caption)) };
     format!("{caption}{}\n{notes}", lines.join("\n"))
 }

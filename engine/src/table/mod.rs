@@ -1,13 +1,15 @@
 //! Tables: what a study asks for, and how it is computed from the results.
 
 mod aggregate;
-mod build;
 mod comma_separated;
+mod comparison;
 mod cross_play;
+mod footnotes;
 mod grid;
 mod html;
 mod latex;
 mod markdown;
+mod missing;
 pub(crate) mod prose;
 mod published;
 mod seeds;
@@ -16,157 +18,191 @@ mod terminal;
 mod tests;
 
 pub use aggregate::{Aggregate, Normalise, SUITE_MEAN};
-pub use build::{build, compare};
 pub use comma_separated::{csv, write as write_csv};
+pub use comparison::{AtStep, Axis, Comparison, Form, Improvement, Statistic, Taken, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
-pub use grid::{Cell, Grid, Heading, NumberFormat, Part};
+pub use footnotes::Intervals;
+pub(crate) use footnotes::{unplanned_look_in_words, untrained_in_words};
+pub use grid::{Cell, Fixed, Grid, Heading, NumberFormat, OneNumber, Part, Quantity};
 pub use html::{escape as escape_html, html, word as verdict_word};
 pub use latex::latex;
 pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
+pub use missing::{Missing, NoValue};
 pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMargin};
 pub use seeds::Scope;
 pub use terminal::{terminal, wrap};
 
-use crate::published_curve::PublishedCurve;
+use crate::{
+    Error,
+    kinds::{Contradiction, kinds},
+    published_curve::PublishedCurve,
+    results::Results,
+    spec::names::{Names, Place},
+};
+use published::Judging;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// The kinds of tables, each a key of [`TableSpec`].
-pub const KINDS: [&str; 4] = ["improvement", "comparison", "cross_play", "aggregate"];
+kinds! {
+    /// What a table shows.
+    TableKind: Table {
+        "improvement" => Improvement(Improvement),
+            "How much better agents are than one of them (`relative_to`), as a percentage unless `as` says otherwise.";
+        "comparison" => Comparison(Comparison),
+            "A metric of agents and environments side by side.";
+        "cross_play" => CrossPlay(CrossPlayTable),
+            "A metric of a play, by who plays one role along the rows and who another along the columns, with both means.";
+        "aggregate" => Aggregate(Aggregate),
+            "Aggregates of normalised scores over several environments, one row per agent.";
+    }
+}
 
-/// One table of a study. Exactly one of the [`KINDS`] is given.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+/// What every kind of table can do.
+pub(crate) trait Table {
+    /// A use of it.
+    #[cfg(test)]
+    fn example() -> &'static str
+    where
+        Self: Sized;
+
+    /// Options that exclude each other.
+    fn contradiction(_: &Value) -> Option<Contradiction>
+    where
+        Self: Sized,
+    {
+        None
+    }
+
+    /// Checks every name in it against what trials record, and what it says of the values that are published
+    /// beside it. Gives back the names of its rows and columns.
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>, published: Option<&Place<'_>>) -> (Vec<String>, Vec<String>);
+
+    /// Computes rows, columns and cells, without published values.
+    ///
+    /// # Errors
+    /// [`Error::Render`] where the results hold nothing of what it shows.
+    fn build(&self, results: &Results) -> Result<Grid, Error>;
+
+    /// Agents that a row's single published value does not speak of.
+    fn baselines(&self, _: &Results) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// The metric whose unit the numbers have.
+    fn metric_of_unit(&self) -> Option<&str> {
+        None
+    }
+
+    /// Over how many measurements up to each column, a step, published curves are compared; `None` where
+    /// columns are no steps or rows no agents.
+    fn measurements_by_step(&self) -> Option<u64> {
+        None
+    }
+}
+
+/// One table of a study.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct TableSpec {
     /// What the table shows, in one sentence.
+    #[serde(default)]
     pub caption: String,
-    /// How much better agents are than one of them (`relative_to`), as a percentage unless `as` says otherwise.
-    pub improvement: Option<Comparison>,
-    /// A metric of agents and environments side by side.
-    pub comparison: Option<Comparison>,
-    /// A metric of a play, by who plays one role along the rows and who another along the columns, with both means.
-    pub cross_play: Option<CrossPlayTable>,
-    /// Aggregates of normalised scores over several environments, one row per agent.
-    pub aggregate: Option<Aggregate>,
+    /// What it is made of: exactly one kind.
+    #[serde(flatten)]
+    pub kind: TableKind,
     /// Published values by row, or by row and column.
+    #[serde(default)]
     pub published: BTreeMap<String, Published>,
-    /// Published curves. Each is compared with the row of its agent at every one of `at_steps`, over as many measurements up to there
-    /// (`last`, 1 where absent) as ours; several runs count as an uncertain value.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    /// Published curves. Each is compared with the row of its agent at every one of `at_steps`, over as many
+    /// measurements up to there (`last`, 1 where absent) as ours; several runs count as an uncertain value.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub published_curves: Vec<PublishedCurve>,
-    /// How far a reproduced value may lie from the published one: a number in the unit of the cell, or one of `absolute`, `percent`
-    /// and `ratio` with a reason, `why`; 5 % of the published value if absent.
+    /// How far a reproduced value may lie from the published one: a number in the unit of the cell, or one of
+    /// `absolute`, `percent` and `ratio` with a reason, `why`; 5 % of the published value if absent.
+    #[serde(default)]
     pub margin: Option<Margin>,
-    /// What was chosen with the published values in view; agreement with them then says nothing, and their verdict is CALIBRATED.
+    /// What was chosen with the published values in view; agreement with them then says nothing, and their
+    /// verdict is CALIBRATED.
+    #[serde(default)]
     pub calibrated_on: Option<String>,
     /// True where the comparison was thought of after results were seen; its verdicts are counted apart.
+    #[serde(default)]
     pub exploratory: bool,
     /// Sentences under the table: departures, sources.
+    #[serde(default)]
     pub notes: Vec<String>,
 }
 
-/// Rows, columns and the value of a comparison.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Comparison {
-    /// What the rows are.
-    pub rows: Axis,
-    /// What the columns are; where absent, the first of agent, environment and setting that varies and is no row, or none.
-    pub columns: Option<Axis>,
-    /// The metric.
-    pub value: String,
-    /// How the seeds become one number.
-    pub statistic: Statistic,
-    /// Take the mean of the last so many measurements during learning (up to each of `at_steps`) in place of the final one.
-    #[schemars(range(min = 1))]
-    pub last: Option<u64>,
-    /// Take the environment steps until the moving average of the measurements during learning is above this value.
-    pub steps_until_above: Option<f64>,
-    /// Make these environment steps the columns: what was measured there during learning, the final measurement of agents that do
-    /// not learn. A column that no trial trains for is empty.
-    pub at_steps: Vec<u64>,
-    /// Weight of the past in the moving average of `steps_until_above`, 0.9 where absent, and of `at_steps`, 0 where absent.
-    #[schemars(range(min = 0.0, max = 0.999))]
-    pub smooth: Option<f64>,
-    /// Take the seeds with success alone, where the study says what success is.
-    pub given_success: bool,
-    /// Print the environment steps and updates of each agent beside its name.
-    pub budgets: bool,
-    /// The agent that the others are compared with.
-    pub relative_to: Option<String>,
-    /// How the comparison is written.
-    #[serde(rename = "as")]
-    pub form: Option<Form>,
-    /// Which agents, in this order; all where empty.
-    pub agents: Vec<String>,
-    /// Which environments, in this order; all where empty.
-    pub environments: Vec<String>,
-    /// Digits after the decimal point.
-    #[schemars(range(max = 9))]
-    pub decimals: Option<usize>,
-    /// Names to print instead of the study's own.
-    pub labels: BTreeMap<String, String>,
-}
-
-impl Default for Comparison {
-    fn default() -> Self {
+impl TableSpec {
+    /// A table of this kind, with nothing published and nothing to say of it.
+    #[must_use]
+    pub fn of(kind: impl Into<TableKind>) -> Self {
         Self {
-            rows: Axis::Agent,
-            columns: None,
-            value: "return".into(),
-            statistic: Statistic::Mean,
-            last: None,
-            steps_until_above: None,
-            at_steps: Vec::new(),
-            smooth: None,
-            given_success: false,
-            budgets: false,
-            relative_to: None,
-            form: None,
-            agents: Vec::new(),
-            environments: Vec::new(),
-            decimals: None,
-            labels: BTreeMap::new(),
+            caption: String::new(),
+            kind: kind.into(),
+            published: BTreeMap::new(),
+            published_curves: Vec::new(),
+            margin: None,
+            calibrated_on: None,
+            exploratory: false,
+            notes: Vec::new(),
         }
     }
 }
 
-/// What varies along a table's rows or columns.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Axis {
-    /// The study's agents.
-    Agent,
-    /// The study's environments.
-    Environment,
-    /// The points of the sweep.
-    Setting,
+impl TableKind {
+    /// Checks every name in it; gives back the names of its rows and columns.
+    pub(crate) fn check(
+        &self,
+        names: &mut Names<'_>,
+        at: &Place<'_>,
+        published: Option<&Place<'_>>,
+    ) -> (Vec<String>, Vec<String>) {
+        self.it().check(names, at, published)
+    }
+
+    /// The metric whose unit the numbers have; `None` where they have another one or none.
+    #[must_use]
+    pub fn metric_of_unit(&self) -> Option<&str> {
+        self.it().metric_of_unit()
+    }
+
+    /// Over how many measurements up to each column published curves are compared; `None` where they cannot
+    /// be.
+    #[must_use]
+    pub fn measurements_by_step(&self) -> Option<u64> {
+        self.it().measurements_by_step()
+    }
 }
 
-/// How the seeds become one number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Statistic {
-    /// Arithmetic mean.
-    #[default]
-    Mean,
-    /// Median.
-    Median,
-    /// Interquartile mean.
-    Iqm,
+/// Computes a table. Seeds that are missing are counted in their cells, never left out in silence.
+///
+/// # Errors
+/// [`Error::Render`] where the spec names an agent that the results do not know, or they hold nothing of what
+/// it shows.
+pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
+    let kind = spec.kind.it();
+    let (mut grid, baselines) = (kind.build(results)?, kind.baselines(results));
+    grid.caption.clone_from(&spec.caption);
+    grid.notes.extend(spec.notes.iter().cloned());
+    grid.margin.clone_from(&spec.margin);
+    grid.exploratory = spec.exploratory;
+    let judging = Judging { margin: spec.margin.as_ref(), calibrated_on: spec.calibrated_on.as_deref(), baselines: &baselines };
+    let last = usize::try_from(kind.measurements_by_step().unwrap_or(1)).unwrap_or(usize::MAX);
+    for curve in &spec.published_curves {
+        let note = judging.publish_curve(&mut grid, curve, last)?;
+        grid.notes.push(note);
+    }
+    for (row, published) in &spec.published {
+        if !judging.publish(&mut grid, row, published) {
+            grid.notes.push(format!("Published values of `{row}` have no place in this table."));
+        }
+    }
+    Ok(grid)
 }
 
-/// How a comparison with `relative_to` is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Form {
-    /// The value itself.
-    Value,
-    /// Value minus the other's value, seed by seed.
-    Difference,
-    /// Value over the other's value, seed by seed.
-    Ratio,
-    /// 100 (value / other - 1), seed by seed.
-    PercentChange,
+fn problem(problem: &str) -> Error {
+    Error::Render { what: "table".into(), problem: problem.into() }
 }

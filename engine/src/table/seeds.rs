@@ -1,6 +1,6 @@
 //! Which trials stand behind a cell or a line, and what each seed of them measured.
 
-use super::Axis;
+use super::{Axis, Missing, NoValue};
 use crate::{
     Phase,
     results::{EndState, Results, TrialResult, UPDATES},
@@ -111,14 +111,18 @@ impl<'a> Scope<'a> {
         self.trials.iter().filter(|trial| trial.end.is_some() && !trial.is_ok()).count()
     }
 
-    /// Why trials have no number, each reason with its count, as in `2 failed: oom`.
+    /// Why trials have no number, each reason with its count: how they ended, then those that have not run.
     #[must_use]
-    pub fn absences(&self) -> Vec<String> {
-        let mut counts: BTreeMap<String, usize> = BTreeMap::new();
-        for trial in self.trials.iter().filter(|trial| !trial.is_ok()) {
-            *counts.entry(absence(trial)).or_default() += 1;
+    pub fn absences(&self) -> Vec<Missing> {
+        let mut ended: BTreeMap<&'static str, (usize, EndState)> = BTreeMap::new();
+        for end in self.trials.iter().filter(|trial| !trial.is_ok()).filter_map(|trial| trial.end.as_ref()) {
+            // `failed` is listed before the failures that have a name.
+            let name = if end.state == EndState::Failed { "" } else { end.state.name() };
+            ended.entry(name).or_insert((0, end.state)).0 += 1;
         }
-        counts.into_iter().map(|(reason, count)| format!("{count} {reason}")).collect()
+        let unrun = self.trials.iter().filter(|trial| trial.end.is_none()).count();
+        let ended = ended.into_values().map(|(count, state)| NoValue::Ended(count, state));
+        ended.chain((unrun > 0).then_some(NoValue::NotRun(unrun))).map(Missing::of).collect()
     }
 }
 
@@ -126,12 +130,4 @@ impl<'a> Scope<'a> {
 fn ends(numbers: Vec<f64>) -> Option<String> {
     let (low, high) = (numbers.iter().copied().reduce(f64::min)?, numbers.into_iter().reduce(f64::max)?);
     Some(if low == high { format!("{low}") } else { format!("{low} to {high}") })
-}
-
-fn absence(trial: &TrialResult) -> String {
-    match &trial.end {
-        None => "not run".into(),
-        Some(end) if end.state == EndState::Failed => "failed".into(),
-        Some(end) => format!("failed: {}", end.state.name()),
-    }
 }

@@ -1,6 +1,6 @@
 //! A table as aligned text for a terminal.
 
-use super::{Grid, Part};
+use super::{Grid, Intervals, Part};
 
 /// The table in at most `width` columns of characters; one line per cell where the whole table would be wider.
 #[must_use]
@@ -15,7 +15,7 @@ pub fn terminal(grid: &Grid, width: usize) -> String {
         align(&long(grid), &[true, true, false, false, true])
     };
     let caption = if grid.caption.is_empty() { String::new() } else { format!("{}\n", wrap(&grid.caption, width)) };
-    let notes: String = grid.footnotes().iter().map(|note| format!("{}\n", wrap(note, width))).collect();
+    let notes: String = grid.footnotes(Intervals::InBrackets).iter().map(|note| format!("{}\n", wrap(note, width))).collect();
     format!("{caption}{body}{notes}")
 }
 

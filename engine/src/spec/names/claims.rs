@@ -8,7 +8,7 @@ use crate::{
     spec::claims::ClaimSpec,
     statistics::{
         Aggregate, Operand, Within,
-        claim::{self, Claim, ClaimError},
+        claim::{self, Claim, ClaimError, Quantity},
     },
 };
 
@@ -64,6 +64,7 @@ impl Names<'_> {
                     self.say(text.place(0, text.text.len()), message, "leave the environment out");
                 }
                 self.operands(&claim, environment, &text);
+                self.shares(&claim, &text);
             }
         }
         Some(spec)
@@ -111,6 +112,35 @@ impl Names<'_> {
         } else if operand.aggregate != Aggregate::Final {
             let message = format!("a play has no learning curve for `{}`", operand.aggregate.name());
             self.say(metric, message, "write the metric alone");
+        }
+    }
+
+    /// Successes are counted: their share stands against a number or against another share, as it is.
+    fn shares(&mut self, claim: &Claim, text: &Text<'_>) {
+        let sides = [&claim.left, &claim.right];
+        let share = |side: &&Quantity| matches!(side, Quantity::Measured { operand, .. } if operand.metric == SUCCESS);
+        for side in sides.into_iter().filter(share) {
+            let Quantity::Measured { factor, operand } = side else { continue };
+            let place = text.word(&operand.path());
+            match operand.aggregate {
+                _ if *factor != 1.0 => {
+                    let message = "a share of successes takes no factor";
+                    self.say(place, message, "claim an order, or a distance with `within NUMBER of`");
+                }
+                Aggregate::Final => {}
+                Aggregate::GivenSuccess => {
+                    self.say(place, "the share of successes among successes is 1", "write the metric alone");
+                }
+                aggregate => {
+                    let message = format!("`success` is judged by the final measurement, so it has no `{}`", aggregate.name());
+                    self.say(place, message, "write the metric alone");
+                }
+            }
+        }
+        let other = |side: &&&Quantity| matches!(side, Quantity::Measured { .. }) && !share(*side);
+        if let (true, Some(Quantity::Measured { operand, .. })) = (sides.iter().any(share), sides.iter().find(other)) {
+            let message = format!("`{}` is no share, so successes cannot be compared with it", operand.metric);
+            self.say(text.word(&operand.path()), message, "compare them with a number or with `AGENT.success`");
         }
     }
 

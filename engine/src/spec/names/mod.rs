@@ -1,8 +1,9 @@
-//! Tables, figures and claims against what trials record: every metric, agent, environment, setting, channel and row.
+//! Tables, figures and claims against what trials record: every metric, agent, environment, setting, channel
+//! and row.
 
-mod aggregate;
 mod claims;
 mod figures;
+mod published_curves;
 mod tables;
 
 use super::{builds::World, claims::ClaimSpec};
@@ -11,10 +12,13 @@ use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{Entry, Kind, Node},
     figure::FigureSpec,
+    kinds,
     results::{SUCCESS, Success},
     table::TableSpec,
 };
+use schemars::{JsonSchema, schema_for};
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use std::{collections::BTreeSet, path::Path};
 
 /// What a study asks for, and what is wrong with it.
@@ -31,25 +35,17 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// Reads the sections `tables`, `figures` and `claims`; files are sought from `folder`. What the check against the schema
-    /// refused is passed over.
+    /// Reads the sections `tables`, `figures` and `claims`; files are sought from `folder`. What the check
+    /// against the schema refused is passed over.
     #[must_use]
     pub fn read(root: &Node, world: &World, sources: &Sources, folder: &Path) -> Self {
         let mut asked = Self::default();
         let mut names = Names { world, sources, found: Vec::new() };
         for entry in root.get("tables").map_or(&[][..], Node::entries) {
-            if let Some(mut spec) = typed::<TableSpec>(&entry.value) {
-                spec.published_curves.iter_mut().for_each(|curve| curve.seek_from(folder));
-                names.table(&spec, entry);
-                asked.tables.push((entry.key.clone(), spec));
-            }
+            asked.tables.extend(names.table(entry, folder).map(|spec| (entry.key.clone(), spec)));
         }
         for entry in root.get("figures").map_or(&[][..], Node::entries) {
-            if let Some(mut spec) = typed::<FigureSpec>(&entry.value) {
-                spec.seek_from(folder);
-                names.figure(&spec, entry);
-                asked.figures.push((entry.key.clone(), spec));
-            }
+            asked.figures.extend(names.figure(entry, folder).map(|spec| (entry.key.clone(), spec)));
         }
         for (index, item) in root.get("claims").map_or(&[][..], Node::items).iter().enumerate() {
             asked.claims.extend(names.claim(item, &format!("claims[{index}]")));
@@ -59,13 +55,13 @@ impl Asked {
     }
 }
 
-/// Checks what the study calls a success, and lets every combination that records its metric record `success`.
+/// Checks what the study calls a success, and lets every combination that records its metric record
+/// `success`.
 pub fn success(root: &Node, success: Option<&Success>, world: &mut World, sources: &Sources) -> Vec<Diagnostic> {
     let (Some(entry), Some(success)) = (root.entry("success"), success) else { return Vec::new() };
     let mut names = Names { world, sources, found: Vec::new() };
     let place = Place::of(entry, "success".into());
-    let all =
-        Picked { agents: (0..names.world.agents.len()).collect(), environments: (0..names.world.environments.len()).collect() };
+    let all = names.all();
     names.metric(&success.metric, &place, "metric", &all);
     match (success.above, success.below) {
         (None, None) => {
@@ -95,30 +91,48 @@ fn typed<T: DeserializeOwned>(node: &Node) -> Option<T> {
 }
 
 /// The part of the study that a table or figure takes its values from.
-struct Picked {
-    agents: Vec<usize>,
-    environments: Vec<usize>,
+pub(crate) struct Picked {
+    /// Indices of agents.
+    pub(crate) agents: Vec<usize>,
+    /// Indices of environments.
+    pub(crate) environments: Vec<usize>,
+}
+
+impl Picked {
+    /// The same where one environment is shown: the one that is named, else the first.
+    pub(crate) fn of_one_environment(mut self) -> Self {
+        self.environments.truncate(1);
+        self
+    }
 }
 
 /// A mapping of the study with its place.
 #[derive(Clone)]
-struct Place<'a> {
-    node: &'a Node,
-    key: Span,
-    at: String,
+pub(crate) struct Place<'a> {
+    pub(crate) node: &'a Node,
+    /// Where its key stands.
+    pub(crate) key: Span,
+    /// Its dotted path.
+    pub(crate) at: String,
 }
 
 impl<'a> Place<'a> {
-    fn of(entry: &'a Entry, at: String) -> Self {
+    pub(crate) fn of(entry: &'a Entry, at: String) -> Self {
         Self { node: &entry.value, key: entry.key_span, at }
     }
 
-    fn below(&self, key: &str) -> Option<Place<'a>> {
+    pub(crate) fn below(&self, key: &str) -> Option<Place<'a>> {
         self.node.entry(key).map(|entry| Place::of(entry, format!("{}.{key}", self.at)))
     }
 
+    /// The items of a list.
+    pub(crate) fn items(&self) -> impl Iterator<Item = Place<'a>> {
+        let item = |(index, node): (usize, &'a Node)| Place { node, key: node.span, at: format!("{}[{index}]", self.at) };
+        self.node.items().iter().enumerate().map(item)
+    }
+
     /// Where the value under a key stands, or the mapping's own key where it is not given.
-    fn value(&self, key: &str) -> (Span, String) {
+    pub(crate) fn value(&self, key: &str) -> (Span, String) {
         let at = format!("{}.{key}", self.at);
         match self.node.entry(key) {
             Some(entry) if matches!(entry.value.kind, Kind::Scalar(_)) => (entry.value.span, at),
@@ -128,39 +142,88 @@ impl<'a> Place<'a> {
     }
 }
 
-struct Names<'a> {
-    world: &'a World,
+/// What trials record, for tables, figures and claims to be held against, and what was found wrong with
+/// these.
+pub(crate) struct Names<'a> {
+    pub(crate) world: &'a World,
     sources: &'a Sources,
     found: Vec<Diagnostic>,
 }
 
 impl Names<'_> {
-    fn say(&mut self, (span, at): (Span, String), message: impl Into<String>, help: impl Into<String>) {
+    pub(crate) fn say(&mut self, (span, at): (Span, String), message: impl Into<String>, help: impl Into<String>) {
         let help = help.into();
         let error = self.sources.error(span, &at, message);
         self.found.push(if help.is_empty() { error } else { error.help(help) });
     }
 
-    fn one_kind(&mut self, what: &str, place: &Place<'_>, given: &[&str], kinds: &str) {
-        let message = match given {
-            [] => format!("{what} does not say what it shows"),
-            [first, second, ..] => format!("{what} shows both `{first}` and `{second}`"),
-            [_] => return,
+    /// The one kind that a table or figure is of, and what is written for it. Of options that exclude each
+    /// other all but one are left out, so that what else is wrong is found too.
+    fn kind<Spec: DeserializeOwned + JsonSchema>(
+        &mut self,
+        what: &str,
+        place: &Place<'_>,
+        kinds: &'static [kinds::Kind],
+    ) -> Option<(Spec, &'static kinds::Kind)> {
+        let mut value = place.node.to_value();
+        // A key without a value counts as not given.
+        value.as_object_mut()?.retain(|key, value| !value.is_null() || kinds.iter().all(|kind| kind.name != key));
+        let given: Vec<&kinds::Kind> = kinds.iter().filter(|kind| value.get(kind.name).is_some()).collect();
+        let [kind] = given.as_slice() else {
+            self.not_one_kind::<Spec>(what, place, &given, kinds);
+            return None;
         };
-        self.say((place.key, place.at.clone()), message, format!("give exactly one of {kinds}"));
+        self.contradictions(kind, &place.below(kind.name)?, &mut value[kind.name]);
+        serde_json::from_value(value).ok().map(|spec| (spec, *kind))
     }
 
-    fn traced(&self, picked: &Picked) -> BTreeSet<String> {
+    /// Says that a table or figure gives no kind, or several; a key that nobody knows may have been meant and
+    /// was said before.
+    fn not_one_kind<Spec: JsonSchema>(&mut self, what: &str, place: &Place<'_>, given: &[&kinds::Kind], kinds: &[kinds::Kind]) {
+        let message = match given {
+            [first, second, ..] => format!("{what} shows both `{}` and `{}`", first.name, second.name),
+            _ => format!("{what} does not say what it shows"),
+        };
+        let schema = schema_for!(Spec).to_value();
+        if place.node.entries().iter().all(|entry| schema["properties"].get(&entry.key).is_some()) {
+            let known: Vec<String> = kinds.iter().map(|kind| kind.name.to_owned()).collect();
+            self.say((place.key, place.at.clone()), message, format!("give exactly one of {}", quoted(&known)));
+        }
+    }
+
+    /// Says which options exclude each other, and removes them.
+    fn contradictions(&mut self, kind: &kinds::Kind, place: &Place<'_>, value: &mut Value) {
+        while let Some(contradiction) = (kind.contradiction)(value) {
+            let Some((key, outer)) = contradiction.at.split_last() else { return };
+            let (mut here, mut inner) = (place.clone(), &mut *value);
+            for key in outer {
+                here = here.below(key).unwrap_or(here);
+                inner = &mut inner[*key];
+            }
+            self.say(here.value(key), contradiction.message.clone(), contradiction.help);
+            if inner.as_object_mut().and_then(|options| options.remove(*key)).is_none() {
+                return;
+            }
+        }
+    }
+
+    /// All agents and environments.
+    pub(crate) fn all(&self) -> Picked {
+        let world = self.world;
+        Picked { agents: (0..world.agents.len()).collect(), environments: (0..world.environments.len()).collect() }
+    }
+
+    pub(crate) fn traced(&self, picked: &Picked) -> BTreeSet<String> {
         picked.environments.iter().filter_map(|index| self.world.traced.get(index)).flatten().cloned().collect()
     }
 
-    fn recorded(&self, picked: &Picked) -> BTreeSet<String> {
+    pub(crate) fn recorded(&self, picked: &Picked) -> BTreeSet<String> {
         let pairs =
             picked.environments.iter().flat_map(|environment| picked.agents.iter().map(move |agent| (*environment, *agent)));
         pairs.filter_map(|pair| self.world.recorded.get(&pair)).flatten().cloned().collect()
     }
 
-    fn metric(&mut self, name: &str, place: &Place<'_>, key: &str, picked: &Picked) {
+    pub(crate) fn metric(&mut self, name: &str, place: &Place<'_>, key: &str, picked: &Picked) {
         if name.is_empty() {
             return self.say((place.key, place.at.clone()), format!("`{key}` is missing: it names a metric"), "");
         }
@@ -170,7 +233,7 @@ impl Names<'_> {
         }
     }
 
-    fn unknown_metric(&mut self, name: &str, place: (Span, String), recorded: &BTreeSet<String>) {
+    pub(crate) fn unknown_metric(&mut self, name: &str, place: (Span, String), recorded: &BTreeSet<String>) {
         let list = recorded.iter().map(String::as_str).collect::<Vec<_>>();
         let known = list.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
         let help = match crate::diagnostic::nearest(name, &list) {
@@ -181,7 +244,7 @@ impl Names<'_> {
     }
 
     /// The agents and environments that a table or figure names; all that have trials where it names none.
-    fn pick(&mut self, place: &Place<'_>) -> Picked {
+    pub(crate) fn pick(&mut self, place: &Place<'_>) -> Picked {
         let world = self.world;
         let one = |key: &str| place.node.entry(key).filter(|entry| entry.value.as_str().is_some());
         let mut environments = self.listed(place, "environments", "environment", &world.environments);
@@ -226,7 +289,7 @@ impl Names<'_> {
         indices
     }
 
-    fn known(&mut self, item: &Node, kind: &str, known: &[String], at: &str) -> Option<usize> {
+    pub(crate) fn known(&mut self, item: &Node, kind: &str, known: &[String], at: &str) -> Option<usize> {
         let name = item.as_str()?;
         let index = known.iter().position(|it| it == name);
         if index.is_none() {
@@ -237,6 +300,6 @@ impl Names<'_> {
     }
 }
 
-fn quoted(names: &[String]) -> String {
+pub(crate) fn quoted(names: &[String]) -> String {
     names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
 }

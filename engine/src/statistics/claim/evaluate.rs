@@ -22,7 +22,7 @@ use crate::{
         comparison::{by_seed, sign_flip_test, two_sample_permutation_test},
         estimators::mean,
         statement::{Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
-        verdict::{self, Stage, share_of},
+        verdict::{self, Stage, share_of, too_few_seeds_in_words},
     },
 };
 use std::{collections::BTreeMap, fmt};
@@ -357,8 +357,7 @@ fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimV
 
 fn notes(compared: &Compared) -> Vec<String> {
     let n = compared.evidence.n();
-    let too_few =
-        (n < FEWEST_SEEDS && !compared.has_no_spread).then(|| format!("too few seeds ({n}): at least {FEWEST_SEEDS} are needed"));
+    let too_few = (n < FEWEST_SEEDS && !compared.has_no_spread).then(|| too_few_seeds_in_words(n));
     let is_mean = matches!(compared.evidence, Evidence::Mean(_));
     let unrelated = (compared.design == Design::Unrelated && is_mean)
         .then(|| format!("fewer than {FEWEST_SEEDS} seeds in common: compared as unrelated samples"));

@@ -68,6 +68,18 @@ impl Aggregate {
         }
     }
 
+    /// What it is, in a sentence.
+    #[must_use]
+    pub fn about(self) -> &'static str {
+        match self {
+            Aggregate::Final => "Mean of the final measurement; a metric alone stands for it.",
+            Aggregate::Auc => "Mean over the points of the learning curve (the area under it, per point).",
+            Aggregate::Max => "The largest point of the learning curve.",
+            Aggregate::Min => "The smallest point of the learning curve.",
+            Aggregate::GivenSuccess => "Mean of the final measurement, of the seeds with success alone.",
+        }
+    }
+
     /// The number of one trial: from its final phase, or from the curve of its evaluate phase; `None` where the phase has
     /// no row of the metric.
     #[must_use]
@@ -222,6 +234,7 @@ mod tests {
     use crate::{
         cast::Seating,
         recorder::Row,
+        setting::Setting,
         trial::{Part, Purpose, Trial, TrialKey},
     };
 
@@ -236,6 +249,7 @@ mod tests {
             agent: "a".into(),
             setting: String::new(),
             purpose: Purpose::Cell,
+            point: Setting::default(),
             key,
         };
         let row = |&(phase, step, value): &(Phase, u64, f64)| Row { phase, step, episode: 0, seat: 0, metric: 0, value };

@@ -5,10 +5,13 @@
 //! Intervals are those of a stratified bootstrap: seeds are drawn anew within each environment. What stands for 0 and 1 is held
 //! fixed. An agent without a score in one of the environments has no aggregate: other environments would make another suite.
 
-use super::{Axis, Cell, Grid, Heading, NumberFormat, Scope};
+mod check;
+
+use super::{Axis, Cell, Fixed, Grid, Heading, Missing, NoValue, NumberFormat, OneNumber, Quantity, Scope, Table, problem};
 use crate::{
     Error,
     results::{Results, TrialResult},
+    spec::names::{Names, Place},
     statistics::{
         Bootstrap, Interval,
         comparison::{probability_of_improvement, probability_of_improvement_interval},
@@ -92,11 +95,26 @@ impl Aggregate {
     }
 }
 
+impl Table for Aggregate {
+    #[cfg(test)]
+    fn example() -> &'static str {
+        "{ value: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: [short, long] }"
+    }
+
+    fn check(&self, names: &mut Names<'_>, at: &Place<'_>, published: Option<&Place<'_>>) -> (Vec<String>, Vec<String>) {
+        check::aggregate(self, names, at, published)
+    }
+
+    fn build(&self, results: &Results) -> Result<Grid, Error> {
+        build(self, results)
+    }
+}
+
 /// Computes the aggregates.
 ///
 /// # Errors
 /// [`Error::Render`] where fewer than two environments have trials, or agents of several settings would be pooled.
-pub(super) fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
+fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
     let all = Scope::of(results, &[], &spec.environments);
     let scope = Scope::of(results, &spec.agents, &spec.environments);
     let environments = scope.names(Axis::Environment, &spec.environments);
@@ -120,8 +138,8 @@ pub(super) fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> 
         columns.iter().map(cell).collect()
     });
     Ok(Grid {
-        quantity: suite.quantity(),
-        statistic: "aggregates",
+        quantity: Quantity::plain(suite.quantity()),
+        one_number: OneNumber::Aggregates,
         row_axis: Axis::Agent.name(),
         cells: cells.collect(),
         rows: rows.iter().map(|agent| suite.heading(agent)).collect(),
@@ -231,7 +249,7 @@ struct Scores {
     by_environment: Vec<BTreeMap<u64, f64>>,
     planned: usize,
     failed: usize,
-    missing: Vec<String>,
+    missing: Vec<Missing>,
 }
 
 impl Scores {
@@ -267,11 +285,11 @@ impl Suite<'_> {
         for scale in &self.scales {
             let here = scope.at(Axis::Environment, &scale.environment);
             let label = self.spec.label(&scale.environment);
-            scores.missing.extend(here.absences().into_iter().map(|reason| format!("{label}: {reason}")));
+            scores.missing.extend(here.absences().into_iter().map(|absence| absence.within(label)));
             let raw = here.finals(&self.spec.value);
             let scaled: BTreeMap<u64, f64> = raw.iter().filter_map(|(seed, value)| Some((*seed, scale.score(*value)?))).collect();
             if scaled.len() < raw.len() {
-                scores.missing.push(format!("{label}: nothing tells the scores 0 and 1 apart"));
+                scores.missing.push(Missing::of(NoValue::NoScale).within(label));
             }
             scores.by_environment.push(scaled);
         }
@@ -302,7 +320,7 @@ impl Suite<'_> {
         let seeds = scores.complete_seeds().iter().map(|(seed, tasks)| (*seed, column.of(tasks, &others))).collect();
         let fixed = self.spec.fixed().into_iter().find(|(name, _)| column.is_fixed_by_scale() && *name == agent);
         if let Some((_, score)) = fixed {
-            let fixed = Some("its scores are 0 or 1 by the normalisation".to_owned());
+            let fixed = Some(Fixed::Scale);
             return Cell { seeds, estimate: Some(f64::from(score)), fixed, ..cell };
         }
         let interval = column.interval(&tasks, &others).map(|interval| (interval.low, interval.high));
@@ -360,10 +378,6 @@ impl Suite<'_> {
         };
         format!("The scores 0 and 1: {}.", self.scales.iter().map(of).collect::<Vec<_>>().join("; "))
     }
-}
-
-fn problem(problem: &str) -> Error {
-    Error::Render { what: "table".into(), problem: problem.into() }
 }
 
 #[cfg(test)]

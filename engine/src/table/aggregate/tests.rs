@@ -86,8 +86,8 @@ fn rows_that_are_fixed_by_construction_say_so() {
 
 #[test]
 fn every_renderer_writes_it() {
-    let aggregate = Some(spec(&serde_json::json!({"low": "weak", "high": "strong"})));
-    let table = TableSpec { caption: "Three environments".into(), aggregate, ..TableSpec::default() };
+    let aggregate = spec(&serde_json::json!({"low": "weak", "high": "strong"}));
+    let table = TableSpec { caption: "Three environments".into(), ..TableSpec::of(aggregate) };
     let grid = crate::table::build(&table, &results()).unwrap();
     insta::assert_snapshot!("aggregate_markdown", markdown(&grid));
     insta::assert_snapshot!("aggregate_csv", csv(&grid).unwrap());
@@ -135,9 +135,9 @@ fn what_cannot_be_scaled_or_pooled_is_said() {
 fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     let mut results = results();
     results.design = Some(Design::new(vec![6, 12]));
-    let aggregate = Some(spec(&serde_json::json!({"low": "weak", "high": "strong"})));
+    let aggregate = spec(&serde_json::json!({"low": "weak", "high": "strong"}));
     let means = Published::Columns(BTreeMap::from([(SUITE_MEAN.to_owned(), PublishedCell::Value(0.6))]));
-    let table = TableSpec { aggregate, published: BTreeMap::from([("able".to_owned(), means)]), ..TableSpec::default() };
+    let table = TableSpec { published: BTreeMap::from([("able".to_owned(), means)]), ..TableSpec::of(aggregate) };
     let able = |results: &Results| crate::table::build(&table, results).unwrap().cells[2][2].clone();
     let cell = able(&results);
     let agents: BTreeSet<&str> = cell.rests_on.iter().map(|(_, agent, _)| agent.as_str()).collect();

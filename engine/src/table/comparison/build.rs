@@ -1,45 +1,13 @@
 //! From results to a grid: which rows and columns there are, and what each cell holds.
 
-use super::{
-    Axis, Cell, Comparison, Form, Grid, Heading, KINDS, NumberFormat, Statistic, TableSpec, aggregate, cross_play,
-    published::Judging, seeds::Scope,
-};
+use super::{Axis, Comparison, Form, Statistic, Taken, measure};
 use crate::{
-    Error, Phase,
+    Error,
     results::{Results, SUCCESS, TrialResult},
-    statistics::{Bootstrap, Summary, estimators, statement::Evidence, verdict::share_of},
+    statistics::{Bootstrap, Interval, Summary, estimators, verdict::share_of},
+    table::{Cell, Fixed, Grid, Heading, Missing, NumberFormat, OneNumber, Quantity, Scope, problem},
 };
-
-/// Computes a table. Seeds that are missing are counted in their cells, never left out in silence.
-///
-/// # Errors
-/// [`Error::Render`] where the spec names no kind of table, or names an agent that the results do not know.
-pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
-    let (mut grid, baselines) = match (&spec.improvement, &spec.comparison, &spec.cross_play, &spec.aggregate) {
-        (Some(comparison), None, None, None) | (None, Some(comparison), None, None) => {
-            (compare(comparison, results)?, baselines(comparison, results))
-        }
-        (None, None, Some(matrix), None) => (cross_play::build(matrix, results)?, Vec::new()),
-        (None, None, None, Some(suite)) => (aggregate::build(suite, results)?, Vec::new()),
-        _ => return Err(problem(&format!("exactly one kind must be given: {}", KINDS.join(", ")))),
-    };
-    grid.caption.clone_from(&spec.caption);
-    grid.notes.extend(spec.notes.iter().cloned());
-    grid.margin.clone_from(&spec.margin);
-    grid.exploratory = spec.exploratory;
-    let judging = Judging { margin: spec.margin.as_ref(), calibrated_on: spec.calibrated_on.as_deref(), baselines: &baselines };
-    let last = spec.comparison.as_ref().and_then(|comparison| comparison.last).unwrap_or(1);
-    for curve in &spec.published_curves {
-        let note = judging.publish_curve(&mut grid, curve, usize::try_from(last).unwrap_or(usize::MAX))?;
-        grid.notes.push(note);
-    }
-    for (row, published) in &spec.published {
-        if !judging.publish(&mut grid, row, published) {
-            grid.notes.push(format!("Published values of `{row}` have no place in this table."));
-        }
-    }
-    Ok(grid)
-}
+use measure::{Measure, seed_value};
 
 /// Computes the cells of a comparison, without published values.
 ///
@@ -63,7 +31,7 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
     Ok(Grid {
         quantity: relation.quantity(comparison, results),
         unit: relation.unit().into(),
-        statistic: if is_share(comparison) { "share" } else { comparison.statistic.name() },
+        one_number: if is_share(comparison) { OneNumber::Share } else { OneNumber::Of(comparison.statistic) },
         row_axis: comparison.rows.name(),
         format: format(comparison, relation.form, &cells),
         rows: rows.into_iter().map(heading).collect(),
@@ -73,39 +41,8 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
     })
 }
 
-impl Comparison {
-    /// How values are written: as given, else as a percentage where they are compared with an agent.
-    #[must_use]
-    pub fn resolved_form(&self) -> Form {
-        self.form.unwrap_or(if self.relative_to.is_some() { Form::PercentChange } else { Form::Value })
-    }
-
-    /// Weight of the past in the moving average over the measurements during learning.
-    fn weight(&self) -> f64 {
-        self.smooth.unwrap_or(if self.at_steps.is_empty() { 0.9 } else { 0.0 })
-    }
-
-    /// True where values have the unit of the metric.
-    #[must_use]
-    pub fn has_unit_of_metric(&self) -> bool {
-        self.steps_until_above.is_none() && matches!(self.resolved_form(), Form::Value | Form::Difference)
-    }
-}
-
-impl Statistic {
-    /// The statistic's name in words.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Statistic::Mean => "mean",
-            Statistic::Median => "median",
-            Statistic::Iqm => "interquartile mean",
-        }
-    }
-}
-
 /// How values relate to those of another agent.
-struct Relation<'a> {
+pub(super) struct Relation<'a> {
     form: Form,
     to: Option<&'a str>,
 }
@@ -128,33 +65,20 @@ impl<'a> Relation<'a> {
         self.to.filter(|agent| self.form != Form::Value && !comparison.agents.iter().any(|listed| listed == agent))
     }
 
-    fn quantity(&self, comparison: &Comparison, results: &Results) -> String {
+    fn quantity(&self, comparison: &Comparison, results: &Results) -> Quantity {
         let value = comparison.labels.get(&comparison.value).cloned().unwrap_or_else(|| comparison.value.replace('_', " "));
         let value = match &results.success {
             Some(success) if is_share(comparison) => format!("{value} (share of seeds with {success})"),
             Some(success) if comparison.given_success => format!("{value} of seeds with success ({success})"),
             _ => value,
         };
-        let value = match (comparison.steps_until_above, comparison.last) {
-            (Some(level), _) => {
-                format!("environment steps until the moving average (weight {}) of {value} is above {level}", comparison.weight())
-            }
-            (None, Some(last)) => format!("{value}, mean of the last {last} measurements"),
-            (None, None) => value,
-        };
-        let value = match (comparison.at_steps.is_empty(), comparison.weight()) {
-            (true, _) => value,
-            (false, _) if comparison.last.is_some() => format!("{value} until the environment steps of each column"),
-            (false, 0.0) => format!("{value} after the environment steps of each column"),
-            (false, weight) => format!("{value}, moving average (weight {weight}) after the environment steps of each column"),
-        };
-        let to = self.to.map_or(String::new(), |agent| label(comparison, agent));
-        match self.form {
-            Form::Value => value,
-            Form::Difference => format!("{value} minus that of {to}, by seed"),
-            Form::Ratio => format!("{value} over that of {to}, by seed"),
-            Form::PercentChange => format!("{value}, change from {to}, by seed"),
-        }
+        let relative = self.other().map(|agent| (self.form, label(comparison, agent)));
+        Quantity { value: comparison.taken.phrase(&value), relative }
+    }
+
+    /// The agent that each seed is compared with; `None` where values stand alone.
+    pub(super) fn other(&self) -> Option<&'a str> {
+        self.to.filter(|_| self.form != Form::Value)
     }
 
     /// True where a cell can only have one value: an agent beside itself.
@@ -165,7 +89,7 @@ impl<'a> Relation<'a> {
 
     /// The trials of a cell and those that they are compared with.
     fn trials_behind<'r>(&self, scope: &Scope<'r>, results: &'r Results) -> Vec<&'r TrialResult> {
-        let other = self.to.filter(|_| self.form != Form::Value);
+        let other = self.other();
         let others = scope.trials.iter().filter_map(|trial| counterpart(trial, other?, results));
         scope.trials.iter().copied().chain(others).collect()
     }
@@ -174,7 +98,7 @@ impl<'a> Relation<'a> {
         if self.form == Form::PercentChange { "%" } else { "" }
     }
 
-    fn apply(&self, value: f64, other: f64) -> f64 {
+    pub(super) fn apply(&self, value: f64, other: f64) -> f64 {
         match self.form {
             Form::Value => value,
             Form::Difference => value - other,
@@ -184,16 +108,11 @@ impl<'a> Relation<'a> {
     }
 }
 
-/// A row or column: its heading, where it lies on each of its axes, and at which step of the learning, if not at the end.
+/// A row or column: its heading, where it lies on each of its axes, and at which step of the learning, if not
+/// at the end.
 struct Place {
     heading: Heading,
     at: Vec<(Axis, String)>,
-    at_step: Option<u64>,
-}
-
-/// What one cell takes from a trial.
-struct Measure<'a> {
-    comparison: &'a Comparison,
     at_step: Option<u64>,
 }
 
@@ -213,14 +132,15 @@ impl Place {
 
 fn places(comparison: &Comparison, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>) {
     let free = |axis: &Axis| *axis != comparison.rows && scope.varies(*axis);
-    let over_steps = !comparison.at_steps.is_empty();
+    let over_steps = matches!(comparison.taken, Taken::AtSteps { .. });
     let column_axis = comparison.columns.or_else(|| Axis::ALL.into_iter().find(free)).filter(|_| !over_steps);
     let columns = match column_axis {
-        _ if over_steps => comparison.at_steps.iter().map(|step| step_column(comparison, *step)).collect(),
+        _ if over_steps => comparison.steps().iter().map(|step| step_column(comparison, *step)).collect(),
         Some(axis) => names(comparison, scope, axis).iter().map(|name| place(comparison, &[(axis, name.clone())])).collect(),
         None => vec![Place { heading: only_column(comparison), at: Vec::new(), at_step: None }],
     };
-    // What varies and is neither row nor column splits the rows: different settings are never averaged as if they were seeds.
+    // What varies and is neither row nor column splits the rows: different settings are never averaged as if
+    // they were seeds.
     let splitting: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| free(axis) && Some(*axis) != column_axis).collect();
     let rows = names(comparison, scope, comparison.rows).into_iter().flat_map(|name| {
         let first = vec![(comparison.rows, name)];
@@ -265,7 +185,8 @@ fn step_column(comparison: &Comparison, step: u64) -> Place {
 }
 
 fn only_column(comparison: &Comparison) -> Heading {
-    let label = if comparison.steps_until_above.is_some() { "steps".into() } else { label(comparison, &comparison.value) };
+    let counts_steps = matches!(comparison.taken, Taken::StepsUntilAbove { .. });
+    let label = if counts_steps { "steps".into() } else { label(comparison, &comparison.value) };
     Heading { name: comparison.value.clone(), label }
 }
 
@@ -275,7 +196,7 @@ fn label(comparison: &Comparison, name: &str) -> String {
 
 fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Cell {
     let mut scope = measure.trained_for(scope);
-    // A seed without success has ended too: the looks are over all of them.
+    // A seed without success has ended too: looks wait for it no longer.
     let behind = relation.trials_behind(&scope, results);
     if measure.comparison.given_success {
         scope.trials.retain(|trial| trial.succeeded() != Some(false));
@@ -286,14 +207,14 @@ fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, 
             Ok(value) => {
                 seeds.insert(trial.trial.key.seed, value);
             }
-            Err(reason) => missing.push(format!("seed {}: {reason}", trial.trial.key.seed)),
+            Err(why) => missing.push(Missing::of(why)),
         }
     }
     let cell = Cell {
         planned: scope.planned(),
         failed: scope.failed(),
         missing,
-        fixed: relation.fixes(&scope).then(|| "an agent is compared with itself".to_owned()),
+        fixed: relation.fixes(&scope).then_some(Fixed::Itself),
         is_share: is_share(measure.comparison),
         ..Cell::resting_on(&behind, results)
     };
@@ -305,82 +226,25 @@ fn is_share(comparison: &Comparison) -> bool {
     comparison.value == SUCCESS && comparison.resolved_form() == Form::Value
 }
 
-pub(super) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell) -> Cell {
+/// A cell with its seeds, and these as one number with its interval.
+pub(crate) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell) -> Cell {
     let values: Vec<f64> = seeds.iter().map(|(_, value)| *value).collect();
     let Some(summary) = Summary::of(&values) else { return cell };
     let resampled =
         |estimator: fn(&[f64]) -> f64| Bootstrap::TABLE.stratified(std::slice::from_ref(&values), |tasks| estimator(&tasks[0]));
     let (estimate, interval) = match statistic {
-        _ if cell.is_share => (summary.mean, exact(&share_of(&values))),
+        // The exact 95 % interval of a share.
+        _ if cell.is_share => (summary.mean, share_of(&values).interval(0.025)),
         Statistic::Mean => (summary.mean, summary.interval),
         Statistic::Median => (summary.median, resampled(estimators::median)),
         Statistic::Iqm => (summary.iqm, resampled(estimators::iqm)),
     };
-    let interval = interval.map(|interval| (interval.low, interval.high));
+    let interval = interval.map(|Interval { low, high, .. }| (low, high));
     Cell { seeds, estimate: Some(estimate), sd: summary.sd, interval, ..cell }
 }
 
-/// The exact 95 % interval of a share.
-fn exact(share: &Evidence) -> Option<crate::statistics::Interval> {
-    share.interval(0.025)
-}
-
-/// The value of one seed, or why there is none.
-fn seed_value(trial: &TrialResult, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Result<f64, String> {
-    let metric = &measure.comparison.value;
-    let value = measure.of(trial)?;
-    let Some(agent) = relation.to.filter(|_| relation.form != Form::Value) else { return Ok(value) };
-    let other = counterpart(trial, agent, results).ok_or_else(|| format!("no trial of `{agent}` to compare with"))?;
-    if !other.is_ok() {
-        return Err(format!("`{agent}` has no result"));
-    }
-    let related = relation.apply(value, measure.of(other)?);
-    if related.is_finite() { Ok(related) } else { Err(format!("`{metric}` of `{agent}` is zero")) }
-}
-
-impl Measure<'_> {
-    /// The trials without those that end before the step of the column.
-    fn trained_for<'a>(&self, scope: &Scope<'a>) -> Scope<'a> {
-        let Some(step) = self.at_step else { return scope.clone() };
-        let reaches = |trial: &&&TrialResult| match self.curve(trial).as_slice() {
-            [_, .., (last, _)] => !trial.is_ok() || *last >= step,
-            _ => true,
-        };
-        Scope { trials: scope.trials.iter().filter(reaches).copied().collect() }
-    }
-
-    fn curve(&self, trial: &TrialResult) -> Vec<(u64, f64)> {
-        trial.curve(Phase::Evaluate, &self.comparison.value)
-    }
-
-    /// What a trial measured: at the end, or on the way there. Agents that do not learn are measured at the end only.
-    fn of(&self, trial: &TrialResult) -> Result<f64, String> {
-        let (comparison, curve) = (self.comparison, self.curve(trial));
-        let values: Vec<f64> = curve.iter().map(|(_, value)| *value).collect();
-        let averages = || estimators::moving_average(&values, comparison.weight());
-        if let Some(level) = comparison.steps_until_above {
-            let passed = averages().iter().position(|average| *average > level);
-            #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
-            return passed.map(|index| curve[index].0 as f64).ok_or_else(|| format!("never above {level}"));
-        }
-        let until = self.at_step.filter(|_| values.len() > 1);
-        let end = until.map_or(values.len(), |step| curve.partition_point(|(measured_at, _)| *measured_at <= step));
-        if let (Some(step), 0) = (until, end) {
-            return Err(format!("not measured until {step}"));
-        }
-        if let Some(last) = comparison.last.filter(|_| !values.is_empty()) {
-            let first = end.saturating_sub(usize::try_from(last).unwrap_or(usize::MAX));
-            return Ok(estimators::mean(&values[first..end]));
-        }
-        if until.is_some() {
-            return Ok(averages()[end - 1]);
-        }
-        trial.mean(Phase::Final, &comparison.value).ok_or_else(|| format!("no `{}` recorded", comparison.value))
-    }
-}
-
 /// The other agent's trial in the same environment with the same seed: of the same setting, or its only one.
-fn counterpart<'a>(trial: &TrialResult, agent: &str, results: &'a Results) -> Option<&'a TrialResult> {
+pub(super) fn counterpart<'a>(trial: &TrialResult, agent: &str, results: &'a Results) -> Option<&'a TrialResult> {
     let own = &trial.trial;
     let fits = |other: &&TrialResult| {
         other.trial.agent == agent && other.trial.environment == own.environment && other.trial.key.seed == own.key.seed
@@ -398,16 +262,13 @@ fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFor
     }
 }
 
-/// Agents that a row's single published value does not speak of: the one compared with, and rules beside learners.
-fn baselines(comparison: &Comparison, results: &Results) -> Vec<String> {
+/// Agents that a row's single published value does not speak of: the one compared with, and rules beside
+/// learners.
+pub(super) fn baselines(comparison: &Comparison, results: &Results) -> Vec<String> {
     let scope = Scope::of(results, &comparison.agents, &comparison.environments);
     let agents = scope.names(Axis::Agent, &comparison.agents);
     let learns = |agent: &String| scope.at(Axis::Agent, agent).learns();
     let any_learns = agents.iter().any(learns);
     let is_baseline = |agent: &String| comparison.relative_to.as_ref() == Some(agent) || (any_learns && !learns(agent));
     agents.into_iter().filter(is_baseline).collect()
-}
-
-fn problem(problem: &str) -> Error {
-    Error::Render { what: "table".into(), problem: problem.into() }
 }

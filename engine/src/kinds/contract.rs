@@ -1,0 +1,122 @@
+//! What every kind of table and figure is held to: it describes itself, refuses what it does not know, and
+//! can be built.
+
+use super::Kind;
+use crate::{
+    Phase,
+    diagnostic::Diagnostic,
+    figure::{self, Context, FigureKind},
+    report::synthetic,
+    results::{Results, TrialResult},
+    schema_check::View,
+    spec::{self, Options, Study, toys::toys},
+    table::{self, TableKind},
+    trial::Trial,
+};
+use std::{collections::BTreeMap, path::Path};
+
+const HEAD: &str = "study: walk
+environments:
+  short: { corridor: { cells: 5 } }
+  long: { corridor: { cells: 20 } }
+  pair: { corridor: { walkers: 2 } }
+agents: { rule: { walker: {} }, other: { walker: { direction: right } }, learner: { q_learning: {} } }
+exclude: [{ environment: pair, agent: learner }]
+protocol: { train_evaluate: { steps: 1000 } }
+seeds: 3
+cross_play:
+  tag: { environment: pair, roles: { chaser: [walker_0], runner: [walker_1] }, agents: [rule, other] }
+";
+
+/// Every kind with the section that it belongs to.
+fn all() -> impl Iterator<Item = (&'static str, &'static Kind)> {
+    let tables = TableKind::ALL.iter().map(|kind| ("tables", kind));
+    tables.chain(FigureKind::ALL.iter().map(|kind| ("figures", kind)))
+}
+
+fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnostic>> {
+    let sweep = if options.contains("discount") { "sweep: { learner.discount: { grid: [0.9, 0.99] } }\n" } else { "" };
+    let text = format!("{HEAD}{sweep}{section}: {{ it: {{ {}: {options} }} }}\n", kind.name);
+    spec::load_text(&text, "study.yaml", Path::new(""), &toys(), &Options::default())
+}
+
+/// The first of some words that a kind's example has, replaced by one that no study knows.
+fn with_unknown(kind: &Kind, words: &[&str]) -> String {
+    let example = (kind.example)();
+    let word = words.iter().find(|word| example.contains(*word));
+    example.replace(word.unwrap_or_else(|| panic!("{} names none of {words:?}", kind.name)), "nonsense")
+}
+
+/// Values that differ by agent and seed, during learning, at the end and in a trace of a full grid.
+fn made_up(trial: Trial) -> TrialResult {
+    let value = 10.0 * trial.agent.len() as f64 + trial.key.seed as f64;
+    let mut rows: synthetic::Rows = Vec::new();
+    for (phase, step) in [(Phase::Evaluate, 0), (Phase::Evaluate, 500), (Phase::Final, 1000)] {
+        rows.extend(["return", "length"].map(|metric| (phase, step, 0, metric, value + step as f64)));
+    }
+    for (step, [x, y]) in (0..).zip([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) {
+        rows.extend([("height_1", x), ("height_2", y)].map(|(channel, at)| (Phase::Trace, step, 0, channel, at)));
+    }
+    TrialResult { trial, ..synthetic::trial("", "", "", 0, &rows) }
+}
+
+#[test]
+fn names_are_used_once_and_say_what_is_shown() {
+    let names: std::collections::BTreeSet<&str> = all().map(|(_, kind)| kind.name).collect();
+    assert_eq!(names.len(), all().count());
+    assert!(all().all(|(_, kind)| kind.about.len() > 20 && kind.about.ends_with('.')));
+}
+
+#[test]
+fn every_kind_is_described_with_the_keys_of_its_schema() {
+    let schema = spec::json_schema(&toys());
+    for (section, kind) in all() {
+        let path = [section, "any name", kind.name].map(String::from);
+        let property = View::new(&schema, &schema).descend(&path).unwrap();
+        assert_eq!(property.get("description").unwrap(), kind.about);
+        let inner = property.as_struct().unwrap();
+        let text = spec::describe(&toys(), kind.name).unwrap();
+        assert!(text.contains(kind.about) && !inner.property_names().is_empty(), "{text}");
+        for key in inner.property_names() {
+            assert!(text.contains(&format!("\n  {key}: ")), "`{key}` is not described:\n{text}");
+        }
+    }
+}
+
+#[test]
+fn every_kind_refuses_what_it_does_not_know_where_it_stands() {
+    for (section, kind) in all() {
+        let unknown_key = (kind.example)().replacen('{', "{ nonsense: 1,", 1);
+        let metric = with_unknown(kind, &["return", "height"]);
+        let agent = with_unknown(kind, &["learner", "runner"]);
+        for options in [unknown_key, metric, agent] {
+            let Err(found) = load(section, kind, &options) else { panic!("{}: {options} passes", kind.name) };
+            let is_place = |it: &Diagnostic| {
+                it.message.contains("nonsense")
+                    && it.path.starts_with(&format!("{section}.it.{}", kind.name))
+                    && it.place.text.contains("nonsense")
+            };
+            assert!(found.iter().any(is_place), "{}: {options}: {found:?}", kind.name);
+        }
+    }
+}
+
+#[test]
+fn every_kind_builds_what_its_example_asks_for() {
+    for (section, kind) in all() {
+        let study = load(section, kind, (kind.example)());
+        let study = study.unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        let results = Results::of(study.plan().trials.into_iter().map(made_up).collect());
+        for (_, spec) in &study.tables {
+            let grid = table::build(spec, &results).unwrap();
+            assert!(grid.cells.iter().flatten().any(|cell| cell.estimate.is_some()), "{} is empty", kind.name);
+        }
+        for (_, spec) in &study.figures {
+            let context = Context { results: &results, agents: &study.agents, units: &BTreeMap::new() };
+            let chart = figure::build(spec, context).unwrap();
+            assert!(chart.panels.iter().any(|panel| !panel.series.is_empty()), "{} is empty", kind.name);
+            assert!(figure::svg(&chart).unwrap().contains("<svg"));
+        }
+        assert_eq!(study.tables.len() + study.figures.len(), 1);
+    }
+}

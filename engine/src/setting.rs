@@ -1,0 +1,84 @@
+//! The point of a sweep at which a trial stands.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::fmt;
+
+/// Swept keys with their values, in the order of the sweep; none without a sweep. Its display is `key=value`
+/// words.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Setting(Vec<(String, Value)>);
+
+impl Setting {
+    /// The point with these keys and values, in this order.
+    #[must_use]
+    pub fn new(values: Vec<(String, Value)>) -> Self {
+        Self(values)
+    }
+
+    /// True without a sweep.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The value of a key, which may be given with its last word alone.
+    #[must_use]
+    pub fn get(&self, key: &str) -> Option<&Value> {
+        self.0.iter().find(|(name, _)| is_called(name, key)).map(|(_, value)| value)
+    }
+
+    /// The same point without a key.
+    #[must_use]
+    pub fn without(&self, key: &str) -> Self {
+        Self(self.0.iter().filter(|(name, _)| !is_called(name, key)).cloned().collect())
+    }
+}
+
+fn is_called(name: &str, key: &str) -> bool {
+    name == key || name.rsplit('.').next() == Some(key)
+}
+
+impl fmt::Display for Setting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, (key, value)) in self.0.iter().enumerate() {
+            let space = if index > 0 { " " } else { "" };
+            write!(f, "{space}{key}={}", word(value))?;
+        }
+        Ok(())
+    }
+}
+
+/// A value as a word.
+#[must_use]
+pub fn word(value: &Value) -> String {
+    match value {
+        Value::String(text) if !text.is_empty() && !text.contains([' ', '=', '"']) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn point() -> Setting {
+        let values = [("dsac.rate", json!(1e-4)), ("cells", json!(4)), ("load", json!("a b=c"))];
+        Setting::new(values.map(|(key, value)| (key.to_owned(), value)).into())
+    }
+
+    #[test]
+    fn a_key_is_found_by_its_last_word() {
+        assert_eq!((point().get("rate"), point().get("dsac.rate")), (Some(&json!(1e-4)), Some(&json!(1e-4))));
+        assert_eq!((point().get("ate"), Setting::default().get("rate")), (None, None));
+        assert_eq!(point().without("rate").to_string(), r#"cells=4 load="a b=c""#);
+    }
+
+    #[test]
+    fn it_is_written_as_words_and_stored_with_its_values() {
+        assert_eq!(point().to_string(), r#"dsac.rate=0.0001 cells=4 load="a b=c""#);
+        assert_eq!(serde_json::from_value::<Setting>(json!(point())).unwrap(), point());
+    }
+}

@@ -1,0 +1,130 @@
+//! The sections of a study as they are written. Editors complete by their schemas, and studies are held
+//! against them before the sections are read one by one, with the positions of what is in them.
+
+use super::{claims::ClaimSpec, cross_play::EPISODES, seeds::SeedsText, sweep::Generator};
+use crate::{
+    figure::FigureSpec,
+    limits::Limits,
+    results::Success,
+    schema_check::{NAME, SLUG},
+    table::TableSpec,
+};
+use schemars::JsonSchema;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+
+/// Environments, agents, seeds and sweeps, and the tables, figures and claims made of their trials.
+#[derive(JsonSchema)]
+#[schemars(deny_unknown_fields, title = "A study")]
+#[allow(dead_code, reason = "its schema alone is used")]
+pub(super) struct Sections {
+    /// Name of the study and of its folder of results.
+    #[schemars(extend("pattern" = SLUG))]
+    study: String,
+    /// What the study is about, as a heading.
+    title: String,
+    /// Where the published numbers come from.
+    source: String,
+    /// What differs from the source, one sentence each.
+    departures: Vec<String>,
+    /// Number of replicates N (seeds 0 to N - 1), the seeds themselves, or a design `{ min, max, looks }`.
+    /// With a design seeds are added look by look until every judged value and claim is decided.
+    #[schemars(extend("default" = 1))]
+    seeds: SeedsText,
+    /// What counts as a success of a seed; adds the metric `success`.
+    success: Success,
+    /// Swept keys, each with the way its values are made.
+    sweep: BTreeMap<String, Generator>,
+    /// Named budgets of the study: values that replace others, by dotted path.
+    #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
+    profiles: BTreeMap<String, Map<String, Value>>,
+    /// Combinations that are left out.
+    exclude: Vec<Excluded>,
+    /// Plays by name: agents that meet after they were trained, in every combination over roles.
+    #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
+    cross_play: BTreeMap<String, PlayText>,
+    /// Values for some combinations only.
+    overrides: Vec<Overridden>,
+    /// Tables by name.
+    #[schemars(extend("propertyNames" = json!({ "pattern": SLUG })))]
+    tables: BTreeMap<String, TableSpec>,
+    /// Figures by name.
+    #[schemars(extend("propertyNames" = json!({ "pattern": SLUG })))]
+    figures: BTreeMap<String, FigureSpec>,
+    /// Comparisons that the results support, refute or leave open.
+    claims: Vec<ClaimText>,
+    /// What one trial may use, and what is tried again; no trial's numbers depend on it.
+    limits: Limits,
+}
+
+/// A combination that is left out.
+#[derive(serde::Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields, extend("minProperties" = 1, "x-kind" = "environment or agent"))]
+#[allow(dead_code, reason = "its schema alone is used")]
+struct Excluded {
+    /// The environment; all where absent.
+    #[serde(default)]
+    environment: String,
+    /// The agent; all where absent.
+    #[serde(default)]
+    agent: String,
+}
+
+/// Values for a combination.
+#[derive(serde::Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+#[allow(dead_code, reason = "its schema alone is used")]
+struct Overridden {
+    /// The environment; all where absent.
+    #[serde(default)]
+    environment: String,
+    /// The agent; all where absent.
+    #[serde(default)]
+    agent: String,
+    /// Values by dotted path.
+    set: Map<String, Value>,
+}
+
+/// Agents that meet after they were trained.
+#[derive(serde::Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+#[allow(dead_code, reason = "its schema alone is used")]
+struct PlayText {
+    /// The environment in which the agents were trained.
+    environment: String,
+    /// Seats by role, at least two roles; every seat of the environment has one.
+    #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
+    roles: BTreeMap<String, Seats>,
+    /// Agents of the study, those that learn with the policy of their final training step; all that learn
+    /// where absent.
+    #[serde(default)]
+    #[schemars(length(min = 1))]
+    agents: Vec<String>,
+    /// Episodes of each combination and seed.
+    #[serde(default = "episodes")]
+    #[schemars(range(min = 1, max = 1_000_000_000))]
+    episodes: u64,
+    /// Keys of the environment that differ from the training.
+    #[serde(default)]
+    environment_config: Map<String, Value>,
+}
+
+fn episodes() -> u64 {
+    EPISODES
+}
+
+/// Names of the role's seats.
+#[derive(serde::Serialize, JsonSchema)]
+#[serde(transparent)]
+struct Seats(#[schemars(length(min = 1))] Vec<String>);
+
+/// A claim alone, or with what is known of it besides.
+#[derive(serde::Serialize, JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "its schema alone is used")]
+enum ClaimText {
+    /// The comparison, such as `learner.return > rule.return`.
+    Alone(String),
+    /// The comparison with what is known of it besides.
+    Long(ClaimSpec),
+}

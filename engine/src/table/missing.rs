@@ -1,0 +1,117 @@
+//! Why seeds have no number.
+
+use crate::results::EndState;
+use std::fmt;
+
+/// Seeds without a number, and why.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Missing {
+    /// The environment, where a cell is made of several.
+    pub within: Option<String>,
+    /// Why they have none.
+    pub why: NoValue,
+}
+
+/// Why seeds have no number.
+#[derive(Debug, Clone, PartialEq)]
+pub enum NoValue {
+    /// So many trials have not run.
+    NotRun(usize),
+    /// So many trials ended like this.
+    Ended(usize, EndState),
+    /// The moving average of a seed was never above the level.
+    NeverAbove {
+        /// The seed.
+        seed: u64,
+        /// The level.
+        level: f64,
+    },
+    /// A seed was not measured until the step.
+    NotMeasured {
+        /// The seed.
+        seed: u64,
+        /// The step.
+        until: u64,
+    },
+    /// A seed has no final measurement of the metric.
+    NotRecorded {
+        /// The seed.
+        seed: u64,
+        /// The metric.
+        metric: String,
+    },
+    /// The agent that a seed is compared with has no trial of it.
+    NoCounterpart {
+        /// The seed.
+        seed: u64,
+        /// The other agent.
+        agent: String,
+    },
+    /// The other agent's trial has no result.
+    CounterpartFailed {
+        /// The seed.
+        seed: u64,
+        /// The other agent.
+        agent: String,
+    },
+    /// The other agent's value is zero.
+    DivisionByZero {
+        /// The seed.
+        seed: u64,
+        /// The other agent.
+        agent: String,
+        /// The metric.
+        metric: String,
+    },
+    /// All cells have the same mean, so that nothing becomes 0 and 1.
+    AllAlike,
+    /// What stands for 0 and 1 is the same or not known.
+    NoScale,
+}
+
+impl Missing {
+    /// Seeds of the cell's only environment, or of all.
+    #[must_use]
+    pub fn of(why: NoValue) -> Self {
+        Self { within: None, why }
+    }
+
+    /// The same, of one environment.
+    #[must_use]
+    pub fn within(self, environment: &str) -> Self {
+        Self { within: Some(environment.into()), ..self }
+    }
+
+    /// True for trials that have not run.
+    #[must_use]
+    pub fn is_not_run(&self) -> bool {
+        matches!(self.why, NoValue::NotRun(_))
+    }
+}
+
+impl fmt::Display for Missing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(environment) = &self.within {
+            write!(f, "{environment}: ")?;
+        }
+        self.why.fmt(f)
+    }
+}
+
+impl fmt::Display for NoValue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotRun(count) => write!(f, "{count} not run"),
+            Self::Ended(count, EndState::Failed) => write!(f, "{count} failed"),
+            Self::Ended(count, state) => write!(f, "{count} failed: {}", state.name()),
+            Self::NeverAbove { seed, level } => write!(f, "seed {seed}: never above {level}"),
+            Self::NotMeasured { seed, until } => write!(f, "seed {seed}: not measured until {until}"),
+            Self::NotRecorded { seed, metric } => write!(f, "seed {seed}: no `{metric}` recorded"),
+            Self::NoCounterpart { seed, agent } => write!(f, "seed {seed}: no trial of `{agent}` to compare with"),
+            Self::CounterpartFailed { seed, agent } => write!(f, "seed {seed}: `{agent}` has no result"),
+            Self::DivisionByZero { seed, agent, metric } => write!(f, "seed {seed}: `{metric}` of `{agent}` is zero"),
+            Self::AllAlike => f.write_str("no two cells differ, so nothing can be normalised"),
+            Self::NoScale => f.write_str("nothing tells the scores 0 and 1 apart"),
+        }
+    }
+}
