@@ -25,14 +25,14 @@ fn agents_and_environments_do_not_know_each_other() {
 }
 
 #[test]
-fn only_the_metrics_file_names_polars() {
+fn one_file_names_polars() {
     let mut naming = Vec::new();
     visit(&repository().join("engine/src"), &mut |path, text| {
         if text.contains("polars::") || text.contains("polars_io::") {
             naming.push(path.file_name().unwrap().to_string_lossy().into_owned());
         }
     });
-    assert_eq!(naming, ["metrics_file.rs"]);
+    assert_eq!(naming, ["parquet.rs"]);
 }
 
 fn visit(folder: &std::path::Path, seen: &mut dyn FnMut(&std::path::Path, &str)) {
