@@ -83,10 +83,8 @@ pub enum Error {
         problem: String,
     },
     /// A dataset was gathered in an environment whose seats see or do something else.
-    #[error("the dataset in `{}` does not fit this environment: {what} is {found} there and {expected} here", path.display())]
+    #[error("the dataset was gathered in another environment: {what} is {found} there and {expected} here")]
     OtherInterface {
-        /// The folder of the dataset.
-        path: PathBuf,
         /// What differs, as in "observed channel 3".
         what: String,
         /// What it is in the dataset.

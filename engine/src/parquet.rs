@@ -70,11 +70,7 @@ impl Values<'_> {
 ///
 /// # Errors
 /// [`Error::Damaged`] where the columns make no table.
-pub(crate) fn encode(
-    path: &Path,
-    columns: Vec<(&str, Values<'_>)>,
-    entries: &[(&str, String)],
-) -> Result<Vec<u8>, Error> {
+pub(crate) fn encode(path: &Path, columns: Vec<(&str, Values<'_>)>, entries: &[(&str, String)]) -> Result<Vec<u8>, Error> {
     let height = columns.first().map_or(0, |(_, values)| values.len());
     let columns = columns.into_iter().map(|(name, values)| values.into_column(name)).collect();
     let mut frame = DataFrame::new(height, columns).map_err(|source| unreadable(path, &source))?;

@@ -131,7 +131,8 @@ pub enum UseOfDatasets {
     /// It learns from its own decisions, or from more than a dataset holds, such as the full state.
     #[default]
     Never,
-    /// It learns from its own decisions and, where it is given them in batches, from those of others: `learn` does not ask who decided.
+    /// It learns from its own decisions and, where it is given them in batches, from those of others: `learn`
+    /// does not ask who decided.
     Also,
     /// It is made for datasets: every call of `learn` is one batch drawn from one, which `survey` was told of.
     Only,

@@ -1,4 +1,5 @@
-//! What Minari reads of a dataset besides its rows (`minari/dataset/minari_storage.py`, `minari/serialization.py` of version 0.5.4).
+//! What Minari reads of a dataset besides its rows (`minari/dataset/minari_storage.py`,
+//! `minari/serialization.py` of version 0.5.4).
 
 use crate::{Seat, Space};
 use serde::{Deserialize, Serialize};

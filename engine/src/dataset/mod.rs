@@ -1,6 +1,7 @@
 //! Datasets: whole episodes that a trial gathered, for others to learn from.
 //!
-//! A dataset lies in the folder `dataset` of a trial, in the layout of Minari 0.5 (Farama Foundation), which reads it as it is:
+//! A dataset lies in the folder `dataset` of a trial, in the layout of Minari 0.5 (Farama Foundation), which
+//! reads it as it is:
 //!
 //! | file | what it holds |
 //! |---|---|
@@ -16,8 +17,9 @@
 //! | `rewards` | f64 | what was earned; 0 in the last row |
 //! | `terminations`, `truncations` | bool | whether the episode ended with decision `t`, and how; false in the last row |
 //!
-//! Observations are as the environment gave them, in SI units; the full state is not kept. Shares on a simplex are a box with limits 0
-//! and 1 to Minari. A dataset is of one seat. The same episodes always make the same bytes.
+//! Observations are as the environment gave them, in SI units; the full state is not kept. Shares on a
+//! simplex are a box with limits 0 and 1 to Minari. A dataset is of one seat. The same episodes always make
+//! the same bytes.
 
 mod episode_file;
 mod interface;
@@ -111,8 +113,9 @@ impl Dataset {
         Ok(Self { interface, episodes })
     }
 
-    /// Reads the dataset in a trial's folder for use in an environment with the interface `here`. Seats have to see and do the same: the
-    /// same channels with the same units, actions within the same limits. Typical values and limits of what is seen may differ.
+    /// Reads the dataset in a trial's folder for use in an environment with the interface `here`. Seats have
+    /// to see and do the same: the same channels with the same units, actions within the same limits. Typical
+    /// values and limits of what is seen may differ.
     ///
     /// # Errors
     /// As [`read`](Self::read), and [`Error::OtherInterface`] for a dataset of another environment.
@@ -120,9 +123,7 @@ impl Dataset {
         let read = Self::read(trial)?;
         match interface::difference(&read.interface, here) {
             None => Ok(read),
-            Some(interface::Difference { what, found, expected }) => {
-                Err(Error::OtherInterface { path: trial.join(FOLDER), what, found, expected })
-            }
+            Some(interface::Difference { what, found, expected }) => Err(Error::OtherInterface { what, found, expected }),
         }
     }
 
@@ -153,7 +154,8 @@ impl DatasetWriter {
     /// Begins a dataset in a trial's folder; one that is there is removed.
     ///
     /// # Errors
-    /// [`Error::ManySeats`] for an environment that has not exactly one seat, and where the folder cannot be written.
+    /// [`Error::ManySeats`] for an environment that has not exactly one seat, and where the folder cannot be
+    /// written.
     pub fn create(trial: &Path, interface: &Interface) -> Result<Self, Error> {
         let seat = only_seat(interface)?.clone();
         let folder = trial.join(FOLDER);
@@ -169,7 +171,8 @@ impl DatasetWriter {
     /// Adds an episode.
     ///
     /// # Errors
-    /// [`Error::Damaged`] for an episode whose lengths do not fit the interface, and where a file cannot be written.
+    /// [`Error::Damaged`] for an episode whose lengths do not fit the interface, and where a file cannot be
+    /// written.
     pub fn episode(&mut self, episode: &Episode) -> Result<(), Error> {
         let path = self.folder.join(minari::episode_file(self.totals.total_episodes));
         if let Some(problem) = episode.misfit(&self.seat) {

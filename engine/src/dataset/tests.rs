@@ -117,10 +117,7 @@ fn a_dataset_of_another_environment_is_refused_and_says_what_differs() {
             &|here| observed(here, &|channels| channels[0].unit = String::new()),
             "entry 1 of the observation is `voltage` in V there and `voltage` without unit here",
         ),
-        (
-            &|here| observed(here, &|channels| channels.truncate(1)),
-            "the length of the observation is 2 there and 1 here",
-        ),
+        (&|here| observed(here, &|channels| channels.truncate(1)), "the length of the observation is 2 there and 1 here"),
         (
             &|here| here.seats[0].action = Space::Box(vec![Channel::new("left", "")]),
             "the action is a simplex there and a box here",
@@ -186,7 +183,8 @@ fn a_choice_is_a_whole_number() {
     let choice = || Space::Discrete(vec!["on".into(), "off".into()]);
     let trial = tempfile::tempdir().unwrap();
     let mut writer = DatasetWriter::create(trial.path(), &interface(choice(), choice())).unwrap();
-    let mut episode = Episode { observations: vec![vec![0.0], vec![1.0]], actions: vec![vec![0.5]], rewards: vec![1.0], end: End::Truncated };
+    let mut episode =
+        Episode { observations: vec![vec![0.0], vec![1.0]], actions: vec![vec![0.5]], rewards: vec![1.0], end: End::Truncated };
     let text = writer.episode(&episode).unwrap_err().to_string();
     assert!(text.contains("a choice is 0.5, which is no index"), "{text}");
     episode.actions = vec![vec![1.0]];
@@ -197,9 +195,8 @@ fn a_choice_is_a_whole_number() {
 fn spaces() -> impl Strategy<Value = Space> {
     let limit = prop_oneof![Just(f64::INFINITY), 0.0..1e6f64];
     let channel = ("[a-z]{1,6}", "[A-Z]{0,2}", limit.clone(), limit, -5.0..5.0f64, 0.1..9.0f64);
-    let channel = channel.prop_map(|(name, unit, low, high, center, spread)| {
-        Channel::new(name, &unit).within(-low, high).typical(center, spread)
-    });
+    let channel = channel
+        .prop_map(|(name, unit, low, high, center, spread)| Channel::new(name, &unit).within(-low, high).typical(center, spread));
     let names = || proptest::collection::vec("[a-z]{1,6}", 1..5);
     prop_oneof![
         proptest::collection::vec(channel, 1..5).prop_map(Space::Box),

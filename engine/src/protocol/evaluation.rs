@@ -41,7 +41,7 @@ impl Measurement {
         Self { phase: Phase::Final, step, episodes, traced, stream: "final".into(), mode: Mode::Evaluate }
     }
 
-    /// Episodes to be learned from, on streams of their own: none of them is met again where agents are measured.
+    /// Episodes to be learned from, on streams of their own: none is met again where agents are measured.
     pub(super) fn to_gather(episodes: u64, mode: Mode) -> Self {
         Self { phase: Phase::Final, step: 0, episodes, traced: 0, stream: "gather".into(), mode }
     }

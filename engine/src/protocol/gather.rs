@@ -1,7 +1,7 @@
 //! Protocol `gather`: whole episodes of an agent as it is, kept as a dataset for others to learn from.
 //!
-//! Episode `k` has random numbers of its own, which no measurement meets. What was gathered so far is part of the trial's state, so a
-//! trial that was stopped ends with the same bytes.
+//! Episode `k` has random numbers of its own, which no measurement meets. What was gathered so far is part of
+//! the trial's state, so a trial that was stopped ends with the same bytes.
 
 use super::{
     Protocol, Run,
@@ -62,6 +62,13 @@ impl Protocol for Gather {
         evaluation::metrics()
     }
 
+    fn accepts(&self, interface: &Interface) -> Result<(), Error> {
+        match interface.seats.len() {
+            1 => Ok(()),
+            seats => Err(Error::ManySeats { seats }),
+        }
+    }
+
     fn leaves(&self) -> Vec<ProductKind> {
         vec![ProductKind::Dataset]
     }
@@ -80,9 +87,7 @@ impl Protocol for Gather {
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
         let interface = (run.make_environment)()?.interface();
-        if interface.seats.len() != 1 {
-            return Err(Error::ManySeats { seats: interface.seats.len() });
-        }
+        self.accepts(&interface)?;
         let position: Option<Position<Vec<Episode>>> = run.resume()?;
         let (before, blocks) = position.map_or((None, None), |position| (position.learning, position.measuring));
         let kept: Kept = RefCell::new((0..).zip(before.unwrap_or_default()).collect());

@@ -126,9 +126,19 @@ pub trait Protocol: Send + Sync {
         false
     }
 
-    /// True where agents are given transitions of datasets that others gathered, in batches, after they were told of all of them.
+    /// True where agents are given transitions of datasets that others gathered, in batches, after they were told
+    /// of all of them.
     fn gives_datasets(&self) -> bool {
         false
+    }
+
+    /// Whether a trial in an environment with this interface can run, before it does: `check` asks with specimens
+    /// for products.
+    ///
+    /// # Errors
+    /// What does not fit, as [`run`](Self::run) would say it.
+    fn accepts(&self, _interface: &Interface) -> Result<(), Error> {
+        Ok(())
     }
 
     /// What a trial leaves for others besides what its agent exports.

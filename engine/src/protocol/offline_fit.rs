@@ -1,16 +1,16 @@
-//! Protocol `offline_fit`: learn from datasets that other trials gathered, without the simulator; measure as `train_evaluate` does.
+//! Protocol `offline_fit`: learn from datasets that other trials gathered, without the simulator; measure as
+//! `train_evaluate` does.
 //!
-//! Batches are drawn uniformly and with replacement from all transitions of the datasets, joined in their order. The environment is
-//! simulated where policies are measured and nowhere else; a measurement has the episodes that it has under `train_evaluate`.
+//! Batches are drawn uniformly and with replacement from all transitions of the datasets, joined in their
+//! order. The environment is simulated where policies are measured and nowhere else; a measurement has the
+//! episodes that it has under `train_evaluate`.
 
 use super::{
     Protocol, Run,
     evaluation::{self, Measurement, measure, measure_alone},
     position::{Blocks, Position},
 };
-use crate::{
-    Config, Error, Metric, Phase, Product, Registry, Rng, agent::Transition, dataset::Dataset, product,
-};
+use crate::{Config, Error, Interface, Metric, Phase, Product, Registry, Rng, agent::Transition, dataset::Dataset, product};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -21,8 +21,8 @@ use serde::{Deserialize, Serialize};
 pub struct OfflineFit {
     /// The datasets, which are joined.
     pub datasets: Vec<Product<product::Dataset>>,
-    /// Batches to learn from. An agent that is made for datasets makes one update with each; one that has a replay buffer of its own
-    /// takes them in as experience and updates at the pace that its settings say.
+    /// Batches to learn from. An agent that is made for datasets makes one update with each; one that has a
+    /// replay buffer of its own takes them in as experience and updates at the pace that its settings say.
     #[schemars(extend("x-unit" = "batches"))]
     pub steps: u64,
     /// Transitions in a batch.
@@ -36,8 +36,8 @@ pub struct OfflineFit {
     /// Episodes of the final measurement.
     #[schemars(range(min = 1))]
     pub final_episodes: u64,
-    /// How many of the final episodes are recorded step by step, for trajectory figures; above 0, the surface of the reward is
-    /// recorded too where the environment has one.
+    /// How many of the final episodes are recorded step by step, for trajectory figures; above 0, the surface
+    /// of the reward is recorded too where the environment has one.
     pub trace_episodes: u64,
     /// False where the agent does not learn: measurements alone. No study writes it.
     #[schemars(skip)]
@@ -97,6 +97,10 @@ impl Protocol for OfflineFit {
         true
     }
 
+    fn accepts(&self, interface: &Interface) -> Result<(), Error> {
+        self.read(interface).map(drop)
+    }
+
     fn total_steps(&self) -> u64 {
         if self.train { self.steps } else { self.episodes_in_all() }
     }
@@ -144,15 +148,26 @@ impl OfflineFit {
 
     /// Everything that there is to learn from.
     fn transitions(&self, run: &Run<'_>) -> Result<Vec<Transition>, Error> {
-        let here = (run.make_environment)()?.interface();
-        let mut transitions = Vec::new();
-        for dataset in &self.datasets {
-            transitions.extend(Dataset::read_for(dataset.folder()?, &here)?.transitions());
-        }
+        let datasets = self.read(&(run.make_environment)()?.interface())?;
+        let transitions: Vec<Transition> = datasets.iter().flat_map(Dataset::transitions).collect();
         if transitions.is_empty() {
             return Err(Error::config("datasets", "they hold no decision to learn from: nothing was gathered"));
         }
         Ok(transitions)
+    }
+
+    /// The datasets, for use in an environment.
+    fn read(&self, here: &Interface) -> Result<Vec<Dataset>, Error> {
+        let read = |(index, product): (usize, &Product<product::Dataset>)| {
+            Dataset::read_for(product.folder()?, here).map_err(|error| match error {
+                Error::OtherInterface { .. } => {
+                    let problem = format!("`{}` cannot be learned from here: {error}", product.source());
+                    Error::config(format!("datasets.{index}"), problem)
+                }
+                other => other,
+            })
+        };
+        self.datasets.iter().enumerate().map(read).collect()
     }
 
     /// Measurements before the final one: before the first batch, and after every `evaluate_every`.

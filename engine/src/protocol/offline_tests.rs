@@ -1,8 +1,10 @@
-//! What is gathered and what is learned from it, on walks: a walk begins somewhere between two ends and is over when it leaves them.
+//! What is gathered and what is learned from it, on walks: a walk begins somewhere between two ends and is
+//! over when it leaves them.
 
 use crate::{
     Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Keeper, Metric, Mode, NoKeeper, Observation,
     Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates, UseOfDatasets,
+    cast::Seating,
     dataset::{Dataset, DatasetWriter, Episode},
     product::{ProductKind, Taken, named_in},
     results::UPDATES,
@@ -92,7 +94,8 @@ struct NoConfig {}
 
 impl Config for NoConfig {}
 
-/// Pushes to the right where it is scored, and anywhere while it learns. Where it learns, it is content to read.
+/// Pushes to the right where it is scored, and anywhere while it learns. Where it learns, it is content to
+/// read.
 #[derive(Default, Serialize, Deserialize)]
 struct Walker {
     learns: bool,
@@ -138,9 +141,7 @@ fn registry() -> Registry {
     registry.environment("walk", 1, "A walk.", walk);
     registry.agent("rule", 1, "Pushes.", AgentTraits::default(), |_: NoConfig, _: &Interface, _| Ok(Box::new(Walker::default())));
     let traits = AgentTraits { learns: true, datasets: UseOfDatasets::Only, ..AgentTraits::default() };
-    registry.agent("reader", 1, "Reads.", traits, |_: NoConfig, _, _| {
-        Ok(Box::new(Walker { learns: true, ..Walker::default() }))
-    });
+    registry.agent("reader", 1, "Reads.", traits, |_: NoConfig, _, _| Ok(Box::new(Walker { learns: true, ..Walker::default() })));
     registry
 }
 
@@ -156,7 +157,7 @@ fn key(agent: &str, protocol: (&str, Value)) -> TrialKey {
     for (at, (kind, reference)) in named_in(&protocol.config) {
         protocol.products.insert(at, Taken { trial: reference.from, kind });
     }
-    let (environment, agent) = (Part::new("walk", 1, json!({})), Part::new(agent, 1, json!({})).into());
+    let (environment, agent) = (Part::new("walk", 1, json!({})), Seating::Agent(Part::new(agent, 1, json!({}))));
     TrialKey { environment, agent, protocol, seed: 3, numerics: 1, device: "cpu".into() }
 }
 
@@ -196,7 +197,8 @@ fn what_is_gathered_is_what_was_recorded() {
         let left = episode.rewards.last().unwrap().abs() > 1.0;
         assert_eq!(episode.end, if left { End::Terminated } else { End::Truncated });
     }
-    let actions = |mode| gather(3, mode, trial.path()).1.episodes.into_iter().flat_map(|it| it.actions).flatten().collect::<Vec<_>>();
+    let actions =
+        |mode| gather(3, mode, trial.path()).1.episodes.into_iter().flat_map(|it| it.actions).flatten().collect::<Vec<_>>();
     assert!(actions("evaluate").iter().all(|force| *force == 0.125));
     assert!(actions("train").iter().all(|force| *force != 0.125));
 }
@@ -244,11 +246,13 @@ impl Keeper for Stopping {
 
 /// What a trial records and leaves.
 fn outcome(record: &Recorder, folder: &Path) -> (String, Option<Dataset>) {
-    let rows: Vec<_> = record.rows().iter().map(|row| (row.phase, row.step, row.episode, row.metric, row.value.to_bits())).collect();
+    let rows: Vec<_> =
+        record.rows().iter().map(|row| (row.phase, row.step, row.episode, row.metric, row.value.to_bits())).collect();
     (format!("{:?} {rows:?}", record.names()), Dataset::read(folder).ok())
 }
 
-/// Stops the trial at every opportunity to save, one after the other, and goes on in another folder; gives their number.
+/// Stops the trial at every opportunity to save, one after the other, and goes on in another folder; gives
+/// their number.
 fn assert_resumes(key: &TrialKey, products: &Path) -> u64 {
     let folder = || tempfile::tempdir().unwrap();
     let whole_folder = folder();
@@ -271,8 +275,8 @@ fn assert_resumes(key: &TrialKey, products: &Path) -> u64 {
 #[test]
 fn gathering_that_was_stopped_leaves_the_same_dataset() {
     let products = tempfile::tempdir().unwrap();
-    let opportunities = assert_resumes(&key("rule", ("gather", json!({ "episodes": 600 }))), products.path());
-    assert_eq!(opportunities, 3, "before each block of 256 episodes");
+    let opportunities = assert_resumes(&key("rule", ("gather", json!({ "episodes": 260 }))), products.path());
+    assert_eq!(opportunities, 2, "before each block of 256 episodes");
 }
 
 /// Two datasets, `few` with 2 episodes and `more` with 5.
@@ -297,7 +301,9 @@ fn fit(changed: Value) -> (&'static str, Value) {
 fn batches_come_from_all_datasets_and_nothing_is_simulated_for_them() {
     let products = products();
     let folder = tempfile::tempdir().unwrap();
-    let of = |name: &str| Dataset::read(&products.path().join(name)).unwrap().transitions().map(|it| it.rewards[0]).collect::<Vec<_>>();
+    let of = |name: &str| {
+        Dataset::read(&products.path().join(name)).unwrap().transitions().map(|it| it.rewards[0]).collect::<Vec<_>>()
+    };
     let (few, more) = (of("few"), of("more"));
     let total = few.len() + more.len();
     // Batches of one, so that the mean of a batch is a reward.
@@ -368,6 +374,7 @@ fn what_cannot_be_learned_from_is_refused_with_what_to_do() {
     DatasetWriter::create(&products.path().join("more"), &other).unwrap().finish().unwrap();
     let text = refusal(&key("reader", fit(json!({}))), products.path());
     assert!(text.contains("entry 1 of the observation is `speed` in m/s there and `place` in m here"), "{text}");
+    assert!(text.starts_with("`datasets.1`: `more` cannot be learned from here"), "{text}");
     let missing = refusal(&key("reader", fit(json!({ "datasets": [{ "from": "nowhere" }] }))), products.path());
     assert!(missing.contains("cannot read") && missing.contains("nowhere"), "{missing}");
 }

@@ -105,7 +105,8 @@ fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
     let (phases, metrics) = (read.texts("phase")?, read.texts("metric")?);
     let (steps, episodes) = (read.u64s("step")?, read.u32s("episode")?);
     let (seats, values) = (read.u32s("seat")?, read.f64s("value")?);
-    for (((((phase, step), episode), seat), metric), value) in phases.zip(steps).zip(episodes).zip(seats).zip(metrics).zip(values) {
+    for (((((phase, step), episode), seat), metric), value) in phases.zip(steps).zip(episodes).zip(seats).zip(metrics).zip(values)
+    {
         let (Some(phase), Some(step), Some(episode), Some(seat), Some(metric), Some(value)) =
             (phase.and_then(phase_named), step, episode, seat, metric, value)
         else {

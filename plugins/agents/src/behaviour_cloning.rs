@@ -1,8 +1,9 @@
-//! Behaviour cloning: a deterministic policy that repeats what a dataset shows, without asking what it earned.
+//! Behaviour cloning: a deterministic policy that repeats what a dataset shows, without asking what it
+//! earned.
 //!
-//! Pomerleau 1991, "Efficient training of artificial neural networks for autonomous navigation", Neural Computation 3(1), for the
-//! method; Fujimoto and Gu 2021, arXiv:2106.06860, for the networks, the rates and the scaling of observations, so that `td3_bc`
-//! differs from it by its critics alone.
+//! Pomerleau 1991, "Efficient training of artificial neural networks for autonomous navigation", Neural
+//! Computation 3(1), for the method; Fujimoto and Gu 2021, arXiv:2106.06860, for the networks, the rates and
+//! the scaling of observations, so that `td3_bc` differs from it by its critics alone.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -13,15 +14,16 @@
 //!
 //! What is minimised
 //! - In a box: the mean of `(pi(s) - a)^2` over batch and entries.
-//! - On a simplex: the cross entropy `-sum_i a_i ln pi_i(s)`, mean over the batch. Both losses are smallest where the policy is the mean
-//!   of the shares that were seen at `s`, but the gradient on the logits is `pi - a` here, which does not vanish where the softmax
-//!   saturates, while that of the squared error does.
+//! - On a simplex: the cross entropy `-sum_i a_i ln pi_i(s)`, mean over the batch. Both losses are smallest
+//!   where the policy is the mean of the shares that were seen at `s`, but the gradient on the logits is `pi
+//!   - a` here, which does not vanish where the softmax saturates, while that of the squared error does.
 //!
-//! Departures: Adam on a network of rectifiers in the place of gradient descent on one hidden layer, and no units of output that stand
-//! for steering angles. It acts alike while training and where it is scored; no training asks it to act.
+//! Departures: Adam on a network of rectifiers in the place of gradient descent on one hidden layer, and no
+//! units of output that stand for steering angles. It acts alike while training and where it is scored; no
+//! training asks it to act.
 //!
-//! Metrics, means over the updates since the last measurement: `clone_loss` what is minimised, `clone_error` the mean over batch and
-//! entries of `|pi(s) - a|`.
+//! Metrics, means over the updates since the last measurement: `clone_loss` what is minimised, `clone_error`
+//! the mean over batch and entries of `|pi(s) - a|`.
 
 use crate::checkpoint::{self, finite};
 use crate::dataset_actor::{ActionSet, DatasetActor, Form, ScaleBy};
@@ -237,7 +239,7 @@ mod tests {
 
     #[test]
     fn the_scaling_by_a_dataset_goes_with_the_agent_and_with_the_policy() {
-        crate::dataset_actor_trials::assert_scaling_is_kept(|rng| build(tiny(), &bandit::interface(), rng).unwrap());
+        crate::dataset_actor::tests::assert_scaling_is_kept(|rng| build(tiny(), &bandit::interface(), rng).unwrap());
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! A deterministic policy that is learned from a dataset: for a box or a simplex, with inputs scaled as the dataset is spread.
+//! A deterministic policy that is learned from a dataset: for a box or a simplex, with inputs scaled as the
+//! dataset is spread.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -7,9 +8,10 @@
 //! | pi(s) | `tanh(z)` in a box with limits -1 and 1, `softmax(z)` on a simplex | `[batch, n]` |
 //! | c(a) | a centred action: `a` in a box, `n a - 1` on a simplex, which is 0 for equal shares | `[batch, n]` |
 //!
-//! With `scale_by: dataset`, `center` is the mean of a channel over what was seen before the dataset's decisions, and `spread` its
-//! standard deviation plus a thousandth of the typical one that the environment states. Fujimoto and Gu 2021 add 0.001 to states
-//! without units; the thousandth does not depend on the unit either.
+//! With `scale_by: dataset`, `center` is the mean of a channel over what was seen before the dataset's
+//! decisions, and `spread` its standard deviation plus a thousandth of the typical one that the environment
+//! states. Fujimoto and Gu 2021 add 0.001 to states without units; the thousandth does not depend on the unit
+//! either.
 
 use crate::checkpoint;
 use crate::joint::unit_box;
@@ -28,7 +30,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::path::Path;
 
-/// Part of a channel's typical deviation that is added to the one of the dataset, so that a constant channel can be divided by it.
+/// Part of a channel's typical deviation that is added to the one of the dataset, so that a constant channel
+/// can be divided by it.
 const LEAST_SPREAD: f64 = 1e-3;
 const SCALING: &str = "scaling";
 
@@ -127,7 +130,8 @@ impl DatasetActor {
     /// A fresh policy for the only seat of an environment.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] for several seats, for an observation that is no box and an action that is neither shares nor within -1 and 1.
+    /// [`Error::Mismatch`] for several seats, for an observation that is no box and an action that is neither
+    /// shares nor within -1 and 1.
     pub fn new(agent: &'static str, form: &Form, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         let seat = seat::only_seat(agent, interface)?;
         let (actions, names) = action_set(agent, seat)?;
@@ -289,7 +293,7 @@ fn numbers(row: &[f32], step: u64) -> Result<Vec<f64>, Error> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use engine::{Agent, Recorder};
+    use engine::{Agent, Mode, Recorder};
     use rand::Rng as _;
 
     /// One observed channel `x` and one action in a box with limits -1 and 1.
@@ -299,7 +303,8 @@ pub(crate) mod tests {
         interface
     }
 
-    /// `n` decisions `act(x)` of one-step episodes with `x` uniform in `[-1, 1]`, each earning `reward(x, action)`.
+    /// `n` decisions `act(x)` of one-step episodes with `x` uniform in `[-1, 1]`, each earning `reward(x,
+    /// action)`.
     pub(crate) fn decisions(
         n: usize,
         rng: &mut Rng,
@@ -325,6 +330,33 @@ pub(crate) mod tests {
             agent.learn(&batch, rng, &mut record).unwrap();
         }
         record
+    }
+
+    /// Asserts that an agent which learned from a widely spread dataset keeps its scaling where it is loaded
+    /// and where its policy is taken up.
+    pub(crate) fn assert_scaling_is_kept(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
+        let stream = |name: &str| engine::random::stream(&["scaling", name]);
+        let mut data = decisions(50, &mut stream("data"), |_, _| vec![0.2, 0.3, 0.5], |_, _| 1.0);
+        for transition in &mut data {
+            transition.observation.seats[0][0] = 1e3 + 50.0 * transition.observation.seats[0][0];
+        }
+        let [mut one, mut two, mut three] = ["one", "two", "three"].map(|name| build(&mut stream(name)));
+        fit(one.as_mut(), &data, 3, &mut stream("fit"));
+        let seen = [960.0, 1_000.0, 1_040.0].map(|x| Observation { seats: vec![vec![x]], state: Vec::new() });
+        let act = |agent: &mut dyn Agent| agent.act(&seen, Mode::Evaluate, &mut stream("act")).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        one.save(folder.path()).unwrap();
+        assert!(one.export(folder.path()).unwrap());
+        two.load(folder.path()).unwrap();
+        assert!(three.import(folder.path()).unwrap());
+        let expected = act(one.as_mut());
+        assert_eq!(act(two.as_mut()), expected);
+        assert_eq!(act(three.as_mut()), expected);
+        let mut record = Recorder::default();
+        for agent in [&mut one, &mut two] {
+            agent.learn(&data, &mut stream("next"), &mut record).unwrap();
+        }
+        assert_eq!(act(two.as_mut()), act(one.as_mut()));
     }
 
     fn form(scale_by: ScaleBy) -> Form {

@@ -10,9 +10,11 @@ pub mod allocation;
 pub mod asset_network;
 #[cfg(test)]
 mod bandit;
+pub mod behaviour_cloning;
 pub mod checkpoint;
 #[cfg(test)]
 mod coordination;
+pub mod dataset_actor;
 pub mod ddpg;
 pub mod dirichlet_gradient;
 pub mod dirichlet_regression;
@@ -41,12 +43,13 @@ pub mod schedule;
 pub mod seat;
 pub mod seat_network;
 pub mod targets;
+pub mod td3_bc;
 pub mod tdom_ac;
 pub mod update_timing;
 pub mod water_filling;
 pub mod zero_action;
 
-use engine::{AgentTraits, Registry};
+use engine::{AgentTraits, Registry, UseOfDatasets};
 
 /// Registers every agent of this crate.
 pub fn register(registry: &mut Registry) {
@@ -72,12 +75,19 @@ pub fn register(registry: &mut Registry) {
     let about = "policy gradient of a Gaussian-softmax policy on a bandit, estimated and exact";
     registry.agent(name, 1, about, gaussian_softmax_gradient::traits(), gaussian_softmax_gradient::build);
     let learner = |metrics| AgentTraits { learns: true, metrics, ..AgentTraits::default() };
+    // Off the policy: a replay buffer does not ask who decided.
+    let replaying = |metrics| AgentTraits { datasets: UseOfDatasets::Also, ..learner(metrics) };
     let about = "soft actor-critic with a Dirichlet policy";
-    registry.agent("dirichlet_sac", 1, about, learner(dirichlet_sac::metrics()), dirichlet_sac::build);
+    registry.agent("dirichlet_sac", 1, about, replaying(dirichlet_sac::metrics()), dirichlet_sac::build);
     let about = "soft actor-critic with a Gaussian-softmax policy";
-    registry.agent("gaussian_softmax_sac", 1, about, learner(gaussian_softmax_sac::metrics()), gaussian_softmax_sac::build);
+    registry.agent("gaussian_softmax_sac", 1, about, replaying(gaussian_softmax_sac::metrics()), gaussian_softmax_sac::build);
     let about = "deep deterministic policy gradient with a softmax output";
-    registry.agent("ddpg", 1, about, learner(ddpg::metrics()), ddpg::build);
+    registry.agent("ddpg", 1, about, replaying(ddpg::metrics()), ddpg::build);
+    let offline = |metrics| AgentTraits { datasets: UseOfDatasets::Only, ..learner(metrics) };
+    let about = "regression of the actions of a dataset, whatever they earned";
+    registry.agent("behaviour_cloning", 1, about, offline(behaviour_cloning::metrics()), behaviour_cloning::build);
+    let about = "actor-critic for datasets that stays close to the actions that they show (TD3+BC)";
+    registry.agent("td3_bc", 1, about, offline(td3_bc::metrics()), td3_bc::build);
     let about = "multi-agent deep deterministic policy gradient: critics of the joint action";
     registry.agent("maddpg", 1, about, learner(maddpg::metrics()), maddpg::build);
     let about = "multi-agent soft Q-learning: joint actions drawn by a Stein sampler";
@@ -110,7 +120,7 @@ mod tests {
     fn defaults_and_presets_resolve_to_themselves() {
         let mut registry = Registry::default();
         register(&mut registry);
-        assert_eq!(registry.agents.len(), 22);
+        assert_eq!(registry.agents.len(), 24);
         for (name, entry) in &registry.agents {
             assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
             assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");
