@@ -411,7 +411,7 @@ mod tests {
     fn the_policy_and_the_targets_wait_for_the_critics() {
         let mut agent = agent(Config { policy_delay: 3, ..tiny() }, &bandit::interface());
         let data = decisions(8, &mut stream(&["delay"]), anything, reward);
-        let mut learn = |agent: &mut Td3Bc| {
+        let learn = |agent: &mut Td3Bc| {
             let before = (parameters(agent.actor.network.network()), parameters(&agent.target_critics));
             agent.learn(&data, &mut stream(&["x"]), &mut Recorder::default()).unwrap();
             let after = (parameters(agent.actor.network.network()), parameters(&agent.target_critics));
