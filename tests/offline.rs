@@ -35,18 +35,10 @@ fn what_cannot_be_learned_from_is_refused_by_the_check() {
             &["`learner` learns from datasets; `train_evaluate` gives none", "`offline_fit`", "`gather`"],
         ),
         (
-            study(
-                "{ allocation_bandit: {} }",
-                &gathering("random_allocation"),
-                "learner: { dirichlet_gradient: {} }",
-                FIT,
-            ),
+            study("{ allocation_bandit: {} }", &gathering("random_allocation"), "learner: { dirichlet_gradient: {} }", FIT),
             &["`learner` learns from its own decisions; `offline_fit` gives those of others", "`td3_bc`", "`dirichlet_sac`"],
         ),
-        (
-            study(CELLS, &elsewhere, CLONE, FIT),
-            &["`datasets.0`: `by_rule` cannot be learned from here", "there and"],
-        ),
+        (study(CELLS, &elsewhere, CLONE, FIT), &["`datasets.0`: `by_rule` cannot be learned from here", "there and"]),
         (study(CELLS, BY_RULE, CLONE, "{ offline_fit: {} }"), &["`datasets`: there is none to learn from", "`gather`"]),
         (
             study(

@@ -443,8 +443,7 @@ mod tests {
         let mut error = |alpha: f64| {
             let mut agent = agent(Config { alpha, ..tiny() }, &cube());
             fit(&mut agent, &data, 1_200, &mut rng);
-            let seen: Vec<_> =
-                [-0.9, 0.9].iter().map(|x| Observation { seats: vec![vec![*x]], state: vec![] }).collect();
+            let seen: Vec<_> = [-0.9, 0.9].iter().map(|x| Observation { seats: vec![vec![*x]], state: vec![] }).collect();
             let actions = agent.act(&seen, Mode::Evaluate, &mut rng).unwrap();
             ((actions[0][0][0] + 0.72).abs() + (actions[1][0][0] - 0.72).abs()) / 2.0
         };
