@@ -31,14 +31,14 @@ fn environments_do_not_depend_on_networks() {
 }
 
 #[test]
-fn only_the_metrics_file_names_polars() {
+fn one_file_names_polars() {
     let mut naming = Vec::new();
     visit(&repository().join("engine/src"), &mut |path, text| {
         if text.contains("polars::") || text.contains("polars_io::") {
             naming.push(path.file_name().unwrap().to_string_lossy().into_owned());
         }
     });
-    assert_eq!(naming, ["metrics_file.rs"]);
+    assert_eq!(naming, ["parquet.rs"]);
 }
 
 /// What two agents need lies in `shared`; one agent alone is about another, whose gradients it takes apart.

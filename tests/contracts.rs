@@ -171,7 +171,7 @@ fn agents_that_learn_count_their_updates_and_others_have_none_to_count() {
 /// True where some small trial of an agent ends with updates; none of them may come before the step that the agent tells.
 fn learns_as_told(registry: &Registry, name: &str) -> bool {
     crate::resume::keys(registry, name).into_iter().any(|key| {
-        let run = AssertUnwindSafe(|| key.run(registry, None, &mut |_, _| {}, &mut NoKeeper));
+        let run = AssertUnwindSafe(|| crate::datasets::run(registry, &key, None, &mut NoKeeper));
         let Ok(Ok(record)) = catch_unwind(run) else { return false };
         let environment = (registry.environments[key.environment.plugin.as_str()].build)(&key.environment.config).unwrap();
         let agent = &registry.agents[name];
@@ -179,8 +179,9 @@ fn learns_as_told(registry: &Registry, name: &str) -> bool {
             (agent.build)(&key.agent.agent().unwrap().config, &environment.interface(), &mut stream(&["contract"])).unwrap();
         let first_after = agent.updates().unwrap().first_after;
         let updates = record.rows().iter().filter(|row| record.names()[usize::from(row.metric)] == UPDATES);
-        // A step of `supervised_fit` is a batch.
-        let early = |step: u64| key.protocol.plugin != "supervised_fit" && step < first_after;
+        // A step of these is a batch.
+        let in_batches = ["supervised_fit", "offline_fit"].contains(&key.protocol.plugin.as_str());
+        let early = |step: u64| !in_batches && step < first_after;
         updates.clone().for_each(|row| assert!(row.value == 0.0 || !early(row.step), "{name}: {row:?}"));
         updates.filter(|row| row.phase == Phase::Final).map(|row| row.value).sum::<f64>() > 0.0
     })

@@ -1,4 +1,5 @@
-//! Other programs read what this one writes: metrics with Polars for Python, policies with NumPy, manifests with a validator.
+//! Other programs read what this one writes: metrics with Polars for Python, policies with NumPy, datasets with
+//! Minari, manifests with a validator.
 
 use crate::{
     contracts::registry,
@@ -64,6 +65,40 @@ fn numpy_evaluates_an_exported_policy_to_the_same_allocation() {
         .collect();
     assert_eq!(policies.len(), 3, "three agents learn");
     check("evaluate_policy.py", "numpy, polars", &policies);
+}
+
+const GATHERED: &str = "
+study: gathered
+title: Datasets to be read by other programs
+source: made for this test
+environments: { cells: { battery: { cells: 3 } } }
+prepare:
+  trained: { environment: cells, agent: { dirichlet_sac: { width: 8, batch_size: 16, learning_starts: 64 } },
+             protocol: { train_evaluate: { steps: 128, environments: 8, evaluate_every: 0, final_episodes: 1 } } }
+  by_rule: { environment: cells, agent: { equal_split: {} }, protocol: { gather: { episodes: 3 } } }
+  by_trained: { environment: cells, agent: { policy: { from: trained } }, protocol: { gather: { episodes: 4 } } }
+agents: { learner: { behaviour_cloning: { width: 8 } } }
+protocol:
+  offline_fit: { datasets: [{ from: by_rule }, { from: by_trained }], steps: 4, batch: 8, evaluate_every: 0 }
+seeds: 1
+";
+
+#[test]
+fn minari_reads_what_was_gathered() {
+    let bench = Bench::new();
+    bench.write("gathered.yaml", GATHERED);
+    bench.ok(&["run", "gathered.yaml"]);
+    let mut trials = Vec::new();
+    for file in trial_files(&bench.path("store")) {
+        let trial = file.parent().unwrap();
+        if let Ok(dataset) = engine::Dataset::read(trial) {
+            let expected = serde_json::json!({ "episodes": dataset.episodes }).to_string();
+            std::fs::write(trial.join("expected.json"), expected).unwrap();
+            trials.push(trial.to_string_lossy().into_owned());
+        }
+    }
+    assert_eq!(trials.len(), 2, "two trials gather");
+    check("read_dataset.py", "minari, pyarrow, PIL", &trials);
 }
 
 /// Numbers and texts that readers of an older YAML, or of a looser one, take for something else.

@@ -7,7 +7,11 @@
 //!
 //! `REGIMEN_PINS=write cargo test --release --workspace pins` writes new pins and those of raised versions.
 
-use crate::{contracts::registry, program::repository};
+use crate::{
+    contracts::registry,
+    datasets::{self, with_sources},
+    program::repository,
+};
 use engine::{
     Registry,
     cast::Seating,
@@ -164,7 +168,7 @@ fn recorded(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
     let agent = Seating::Agent(agent);
     let key = TrialKey { environment, agent, protocol, seed: 7, numerics: 0, device: "cpu".into() };
     // Not every agent fits every protocol, and some say so by a panic.
-    let run = AssertUnwindSafe(|| key.run(registry, None, &mut |_, _| {}, &mut engine::NoKeeper));
+    let run = AssertUnwindSafe(|| datasets::run(registry, &key, None, &mut engine::NoKeeper));
     let record = catch_unwind(run).map_err(|_| "it panicked")?.map_err(|error| error.to_string())?;
     let mut text = String::new();
     for row in record.rows() {
@@ -225,7 +229,7 @@ fn renew(registry: &Registry, pin: &Pin, processor: &str) -> Option<Pin> {
     let [environment, agent, protocol] = &pin.trial;
     let today = |kind: &str, part: &Part| {
         let about = about(registry, kind, &part.plugin)?;
-        Some(Part::new(part.plugin.clone(), about.version, (about.resolve)(&part.config).ok()?))
+        Some(with_sources(Part::new(part.plugin.clone(), about.version, (about.resolve)(&part.config).ok()?)))
     };
     pinned(registry, [today("environment", environment)?, today("agent", agent)?, today("protocol", protocol)?], processor)
 }
@@ -280,7 +284,7 @@ fn tiny() -> Value {
         "steps": 48, "environments": 4, "evaluate_every": 24, "episodes": 1, "final_episodes": 2, "trace_episodes": 1,
         "batch": 8, "batches": 4, "examples": 4, "final_examples": 4,
         "width": 16, "batch_size": 8, "learning_starts": 16, "updates_per_step": 0.5, "replay_capacity": 64,
-        "episode_limit": 5,
+        "episode_limit": 5, "datasets": [{ "from": "given" }],
     })
 }
 
@@ -293,5 +297,5 @@ fn small(about: &About, name: &str) -> Part {
             config = (about.resolve)(&smaller).unwrap_or(config);
         }
     }
-    Part::new(name, about.version, config)
+    with_sources(Part::new(name, about.version, config))
 }

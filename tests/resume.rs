@@ -1,5 +1,6 @@
 //! A trial that is stopped or killed and goes on in a fresh process ends as if nothing had happened: for every agent.
 
+use crate::datasets::{self, with_sources};
 use engine::{
     Agent, Error, Keeper, NoKeeper, Phase, Recorder, Registry,
     cast::Seating,
@@ -29,7 +30,7 @@ fn small() -> Value {
         "episode_limit": 5, "ageing": {}, "process_noise": true, "sensor_noise": true, "cells": 2,
         "steps": 72, "environments": 4, "evaluate_every": 24, "episodes": 3, "final_episodes": 260, "trace_episodes": 2,
         "batch": 4, "examples": 3, "final_examples": 260, "batches": 30, "warm_up": 8,
-        "setting": "differential_game", "weights": [0.4, 0.6],
+        "setting": "differential_game", "weights": [0.4, 0.6], "datasets": [{ "from": "given" }],
     })
 }
 
@@ -66,6 +67,7 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
             if !registry.agents[agent].learns {
                 key.protocol.config = (protocol_entry.without_training)(&key.protocol.config).unwrap().into();
             }
+            key.protocol = with_sources(key.protocol);
             keys.push(key);
         }
     }
@@ -96,7 +98,7 @@ struct Outcome {
 
 fn run(registry: &Registry, key: &TrialKey, keeper: &mut dyn Keeper) -> Result<Outcome, Error> {
     let folder = tempfile::tempdir().unwrap();
-    let record = key.run(registry, Some(folder.path()), &mut |_, _| {}, keeper)?;
+    let record = datasets::run(registry, key, Some(folder.path()), keeper)?;
     let bits = |row: &engine::recorder::Row| (row.phase, row.step, row.episode, row.seat, row.metric, row.value.to_bits());
     Ok(Outcome {
         names: record.names().to_vec(),
@@ -205,7 +207,7 @@ fn a_trial_that_is_interrupted_ends_as_one_that_is_not() {
 fn measurements_of_an_agent_that_does_not_learn_are_interrupted_without_a_trace() {
     let registry = registry();
     for (name, _) in registry.agents.iter().filter(|(_, entry)| !entry.learns) {
-        for protocol in ["train_evaluate", "supervised_fit"] {
+        for protocol in ["train_evaluate", "supervised_fit", "offline_fit"] {
             let keys = keys(&registry, name).into_iter().filter(|key| key.protocol.plugin == protocol);
             let first = keys.into_iter().find_map(|key| outcome(&registry, &key).map(|outcome| (key, outcome)));
             let (key, whole) = first.unwrap_or_else(|| panic!("no environment takes {name} under {protocol}"));

@@ -54,6 +54,16 @@ pub trait Agent: Send {
         Ok(())
     }
 
+    /// Told once, before the first `learn`, of all transitions from which batches will be drawn, by a protocol
+    /// that has them all: what only a whole dataset says, such as how its observations are spread, can be taken
+    /// up here. Not told again after `load`.
+    ///
+    /// # Errors
+    /// Where the transitions cannot be learned from.
+    fn survey(&mut self, _transitions: &[Transition]) -> Result<(), Error> {
+        Ok(())
+    }
+
     /// The updates of an agent that learns; `None` for others.
     fn updates(&self) -> Option<Updates> {
         None

@@ -1,6 +1,6 @@
 //! What an environment is: seats with spaces, `reset`, `step`.
 
-use crate::{Error, Rng};
+use crate::{Error, Rng, checkpoint::exact};
 use serde::{Deserialize, Serialize};
 
 /// One entry of an observation, action or state vector.
@@ -11,8 +11,10 @@ pub struct Channel {
     /// SI unit, empty where there is none.
     pub unit: String,
     /// Smallest value that can occur (may be `-inf`).
+    #[serde(with = "exact")]
     pub low: f64,
     /// Largest value that can occur (may be `inf`).
+    #[serde(with = "exact")]
     pub high: f64,
     /// A typical value; agents that scale their inputs subtract it.
     pub center: f64,

@@ -82,6 +82,22 @@ pub enum Error {
         /// What is wrong with it.
         problem: String,
     },
+    /// A dataset was gathered in an environment whose seats see or do something else.
+    #[error("the dataset was gathered in another environment: {what} is {found} there and {expected} here")]
+    OtherInterface {
+        /// What differs, as in "observed channel 3".
+        what: String,
+        /// What it is in the dataset.
+        found: String,
+        /// What it is here.
+        expected: String,
+    },
+    /// A dataset was to be made of an environment that has not exactly one seat.
+    #[error("a dataset holds what one seat saw and did; this environment has {seats} seats")]
+    ManySeats {
+        /// How many seats there are.
+        seats: usize,
+    },
     /// The trial left before its end because it was asked to; its state is saved.
     #[error("the trial was asked to stop; it continues from its checkpoint")]
     Stopped,

@@ -155,6 +155,12 @@ struct Form {
 }
 
 impl<K: Kind> Product<K> {
+    /// The name of its source in the study.
+    #[must_use]
+    pub fn source(&self) -> &str {
+        &self.reference.from
+    }
+
     /// The folder of the trial that left it, every file of the product checked.
     ///
     /// # Errors

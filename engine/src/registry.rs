@@ -76,6 +76,8 @@ pub struct AgentEntry {
     pub measures_time: bool,
     /// True where it can learn from examples, without actions and rewards.
     pub learns_from_examples: bool,
+    /// Whether it can learn from what others gathered.
+    pub datasets: UseOfDatasets,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
 }
@@ -119,6 +121,21 @@ pub struct AgentTraits {
     pub measures_time: bool,
     /// True where `learn` reads observations and states alone, so that it can be given examples instead of decisions.
     pub learns_from_examples: bool,
+    /// Whether it can learn from what others gathered.
+    pub datasets: UseOfDatasets,
+}
+
+/// Whether an agent can learn from transitions that others gathered.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum UseOfDatasets {
+    /// It learns from its own decisions, or from more than a dataset holds, such as the full state.
+    #[default]
+    Never,
+    /// It learns from its own decisions and, where it is given them in batches, from those of others: `learn`
+    /// does not ask who decided.
+    Also,
+    /// It is made for datasets: every call of `learn` is one batch drawn from one, which `survey` was told of.
+    Only,
 }
 
 impl Registry {
@@ -155,6 +172,7 @@ impl Registry {
             metrics: traits.metrics,
             measures_time: traits.measures_time,
             learns_from_examples: traits.learns_from_examples,
+            datasets: traits.datasets,
             build: Box::new(move |raw, interface, rng| build(typed(raw)?, interface, rng)),
         };
         assert!(self.agents.insert(name, entry).is_none(), "agent `{name}` is registered twice");

@@ -4,9 +4,12 @@ use super::{
     Run,
     position::{Blocks, Position, restored},
 };
-use crate::{End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, results::EPISODE_LENGTH};
+use crate::{
+    End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, dataset, results::EPISODE_LENGTH,
+};
 use serde::Serialize;
 use serde_json::Value;
+use std::{cell::RefCell, collections::BTreeMap};
 
 /// Episodes that are stepped together, so that the policy sees many rows at a time.
 const ROWS: usize = 256;
@@ -24,18 +27,25 @@ pub(super) struct Measurement {
     traced: u64,
     /// Names the random streams of its episodes. Measurements of one name have the same episodes, whoever plays them.
     stream: String,
+    /// How the agent acts.
+    mode: Mode,
 }
 
 impl Measurement {
     /// The measurement number `index`, from 0, of those during learning. Each has episodes of its own, so that a curve does not
     /// rest on the luck of one set of starts.
     pub(super) fn while_learning(index: u64, step: u64, episodes: u64) -> Self {
-        Self { phase: Phase::Evaluate, step, episodes, traced: 0, stream: format!("evaluate {index}") }
+        Self { phase: Phase::Evaluate, step, episodes, traced: 0, stream: format!("evaluate {index}"), mode: Mode::Evaluate }
     }
 
     /// The measurement at the end.
     pub(super) fn at_the_end(step: u64, episodes: u64, traced: u64) -> Self {
-        Self { phase: Phase::Final, step, episodes, traced, stream: "final".into() }
+        Self { phase: Phase::Final, step, episodes, traced, stream: "final".into(), mode: Mode::Evaluate }
+    }
+
+    /// Episodes to be learned from, on streams of their own: none is met again where agents are measured.
+    pub(super) fn to_gather(episodes: u64, mode: Mode) -> Self {
+        Self { phase: Phase::Final, step: 0, episodes, traced: 0, stream: "gather".into(), mode }
     }
 }
 
@@ -50,7 +60,19 @@ struct Episode {
     returns: Vec<f64>,
     info: Vec<f64>,
     assessed: Vec<f64>,
+    gathered: Option<Gathered>,
 }
+
+/// What the first seat saw, did and earned so far in an episode that is kept.
+#[derive(Default)]
+struct Gathered {
+    observations: Vec<Vec<f64>>,
+    actions: Vec<Vec<f64>>,
+    rewards: Vec<f64>,
+}
+
+/// Whole episodes of the first seat that are kept, by number.
+pub(super) type Kept = RefCell<BTreeMap<u64, dataset::Episode>>;
 
 /// Runs the episodes and records return, length, the environment's metrics and those of the agent's decisions of each.
 ///
@@ -62,6 +84,17 @@ pub(super) fn measure<L: Serialize>(
     blocks: Option<Blocks>,
     learning: impl Fn() -> Option<L>,
 ) -> Result<(), Error> {
+    measure_and_keep(run, what, blocks, learning, None)
+}
+
+/// As [`measure`]; every episode goes into `kept` when it ends.
+pub(super) fn measure_and_keep<L: Serialize>(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    blocks: Option<Blocks>,
+    learning: impl Fn() -> Option<L>,
+    kept: Option<&Kept>,
+) -> Result<(), Error> {
     let begin = || Blocks { first: 0, rng: run.streams.agent(&format!("{} {}", what.phase.name(), what.step)), pool: Vec::new() };
     let Blocks { mut first, mut rng, pool } = blocks.unwrap_or_else(begin);
     let rows = what.episodes.min(ROWS as u64);
@@ -72,11 +105,13 @@ pub(super) fn measure<L: Serialize>(
         let mut active = Vec::with_capacity(pool.len());
         for (slot, index) in (first..what.episodes.min(first + rows)).enumerate() {
             if let Some(environment) = pool[slot].take() {
-                active.push(start(run, what, slot, index, environment)?);
+                let mut episode = start(run, what, slot, index, environment)?;
+                episode.gathered = kept.map(|_| Gathered::default());
+                active.push(episode);
             }
         }
         while !active.is_empty() {
-            active = advance(run, what, active, &mut rng, &mut pool)?;
+            active = advance(run, what, active, &mut rng, &mut pool, kept)?;
         }
         first += ROWS as u64;
     }
@@ -141,7 +176,8 @@ fn start(
     let seats = environment.reset(&mut rng)?;
     let observation = observe(&*run.agent, &*environment, seats);
     let (returns, info) = (vec![0.0; environment.seats().len()], vec![0.0; environment.metrics().len()]);
-    let episode = Episode { slot, index, environment, rng, observation, decisions: 0, returns, info, assessed: Vec::new() };
+    let (decisions, assessed) = (0, Vec::new());
+    let episode = Episode { slot, index, environment, rng, observation, decisions, returns, info, assessed, gathered: None };
     trace(run, what, &episode);
     Ok(episode)
 }
@@ -153,9 +189,10 @@ fn advance(
     mut active: Vec<Episode>,
     rng: &mut Rng,
     pool: &mut Pool,
+    kept: Option<&Kept>,
 ) -> Result<Vec<Episode>, Error> {
     let observations: Vec<Observation> = active.iter().map(|episode| episode.observation.clone()).collect();
-    let actions = run.agent.act(&observations, Mode::Evaluate, rng)?;
+    let actions = run.agent.act(&observations, what.mode, rng)?;
     for (episode, values) in active.iter_mut().zip(run.agent.assess(&observations, &actions)?) {
         episode.assessed.resize(values.len(), 0.0);
         episode.assessed.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
@@ -166,17 +203,38 @@ fn advance(
         episode.decisions += 1;
         episode.returns.iter_mut().zip(&step.rewards).for_each(|(sum, reward)| *sum += reward);
         accumulate(&mut episode.info, episode.environment.metrics(), &step.info);
+        if let Some(gathered) = &mut episode.gathered {
+            gathered.take(&mut episode.observation, action, &step.rewards);
+        }
         episode.observation = observe(&*run.agent, &*episode.environment, step.observations);
         trace(run, what, &episode);
         match step.end {
             None => going_on.push(episode),
-            Some(End::Terminated | End::Truncated) => {
+            Some(end) => {
                 finish(run, what, &episode);
+                if let (Some(kept), Some(gathered)) = (kept, episode.gathered.take()) {
+                    kept.borrow_mut().insert(episode.index, gathered.whole(&mut episode.observation, end));
+                }
                 pool[episode.slot] = Some(episode.environment);
             }
         }
     }
     Ok(going_on)
+}
+
+impl Gathered {
+    /// Takes in a decision; the observation gives place to the next one.
+    fn take(&mut self, seen: &mut Observation, mut action: Vec<Vec<f64>>, rewards: &[f64]) {
+        self.observations.push(std::mem::take(&mut seen.seats[0]));
+        self.actions.push(std::mem::take(&mut action[0]));
+        self.rewards.push(rewards[0]);
+    }
+
+    fn whole(mut self, last: &mut Observation, end: End) -> dataset::Episode {
+        self.observations.push(std::mem::take(&mut last.seats[0]));
+        let Self { observations, actions, rewards } = self;
+        dataset::Episode { observations, actions, rewards, end }
+    }
 }
 
 pub(super) fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<f64>>) -> Observation {

@@ -2,6 +2,10 @@
 
 mod estimator_tracking;
 mod evaluation;
+mod gather;
+mod offline_fit;
+#[cfg(test)]
+mod offline_tests;
 mod position;
 mod supervised_fit;
 #[cfg(test)]
@@ -17,6 +21,8 @@ use std::path::Path;
 
 pub use estimator_tracking::EstimatorTracking;
 pub(crate) use evaluation::replay as replay_measurement;
+pub use gather::{Gather, GatherMode};
+pub use offline_fit::OfflineFit;
 pub use supervised_fit::SupervisedFit;
 pub use train_evaluate::TrainEvaluate;
 
@@ -25,6 +31,8 @@ pub fn register(registry: &mut Registry) {
     train_evaluate::register(registry);
     supervised_fit::register(registry);
     estimator_tracking::register(registry);
+    gather::register(registry);
+    offline_fit::register(registry);
 }
 
 /// A protocol that measures whole episodes of policies which learn no more, as part of a trial's key.
@@ -116,6 +124,21 @@ pub trait Protocol: Send + Sync {
     /// True where agents are given examples to learn from, without actions and rewards.
     fn gives_examples(&self) -> bool {
         false
+    }
+
+    /// True where agents are given transitions of datasets that others gathered, in batches, after they were told
+    /// of all of them.
+    fn gives_datasets(&self) -> bool {
+        false
+    }
+
+    /// Whether a trial in an environment with this interface can run, before it does: `check` asks with specimens
+    /// for products.
+    ///
+    /// # Errors
+    /// What does not fit, as [`run`](Self::run) would say it.
+    fn accepts(&self, _interface: &Interface) -> Result<(), Error> {
+        Ok(())
     }
 
     /// What a trial leaves for others besides what its agent exports.

@@ -9,9 +9,10 @@ use super::{
     specimens::Specimens,
 };
 use crate::{
-    Agent, Environment, Error, Interface, Metric,
+    Agent, Environment, Error, Interface, Metric, Protocol, UseOfDatasets,
     diagnostic::{Diagnostic, in_order},
     random,
+    registry::AgentEntry,
     results::updates_metric,
 };
 use std::{
@@ -76,8 +77,44 @@ struct Measures {
     metrics: Vec<Metric>,
     of_environment: bool,
     gives_examples: bool,
+    gives_datasets: bool,
     experience: u64,
     steps: u64,
+    protocol: Box<dyn Protocol>,
+}
+
+impl Measures {
+    fn of(protocol: Box<dyn Protocol>) -> Self {
+        Self {
+            metrics: protocol.metrics(),
+            of_environment: protocol.records_environment_metrics(),
+            gives_examples: protocol.gives_examples(),
+            gives_datasets: protocol.gives_datasets(),
+            experience: protocol.experience(),
+            steps: protocol.total_steps(),
+            protocol,
+        }
+    }
+
+    /// What is given in the place of what an agent learns from; `None` where it can learn from it.
+    fn gives_another(&self, entry: &AgentEntry) -> Option<Given> {
+        match entry.datasets {
+            _ if !entry.learns => None,
+            _ if self.gives_examples && !entry.learns_from_examples => Some(Given::Examples),
+            _ if self.experience == 0 => None,
+            UseOfDatasets::Never if self.gives_datasets => Some(Given::DecisionsOfOthers),
+            UseOfDatasets::Only if !self.gives_datasets => Some(Given::NoDataset),
+            _ => None,
+        }
+    }
+}
+
+/// What a protocol gives to an agent that cannot learn from it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Given {
+    Examples,
+    DecisionsOfOthers,
+    NoDataset,
 }
 
 /// Builds the cells' parts.
@@ -109,6 +146,7 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
         protocols: BTreeMap::new(),
         agents: BTreeMap::new(),
         recorded: BTreeSet::new(),
+        accepted: BTreeSet::new(),
         extra: 0,
         warned: BTreeSet::new(),
     };
@@ -157,6 +195,8 @@ pub(super) struct Builder<'a> {
     agents: BTreeMap<(usize, usize), u64>,
     /// Environments and agents, each with the variants of environment and protocol that were noted.
     recorded: BTreeSet<(usize, usize, usize, usize)>,
+    /// Environments and protocols that were asked whether they fit, by id.
+    accepted: BTreeSet<(String, String)>,
     extra: usize,
     /// What warnings say: agent, steps before it learns, steps of the protocol.
     warned: BTreeSet<(Target, u64, u64)>,
@@ -183,8 +223,11 @@ impl Builder<'_> {
         let sections = self.sections;
         let entry = sections.registry.agents.get(agent.part.plugin.as_str());
         let learns = entry.is_some_and(|entry| entry.learns);
-        if learns && measures.gives_examples && !entry.is_some_and(|entry| entry.learns_from_examples) {
-            return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin)));
+        if let Some(why) = entry.and_then(|entry| measures.gives_another(entry)) {
+            return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin, why)));
+        }
+        if self.accepted.insert((environment.id.clone(), protocol.id.clone())) {
+            measures.protocol.accepts(&interface).map_err(|error| Box::new(self.refused(protocol, &error)))?;
         }
         let addresses = (address(environment), address(agent));
         self.extra += usize::from(!first);
@@ -256,17 +299,34 @@ impl Builder<'_> {
         self.sections.sources.warning(span, &format!("agents.{name}"), message).help(help)
     }
 
-    fn learns_otherwise(&self, agent: &Resolved, protocol: &str) -> Diagnostic {
+    fn learns_otherwise(&self, agent: &Resolved, protocol: &str, given: Given) -> Diagnostic {
         let (sections, target) = (self.sections, agent.given.target);
         let (at, span) = sections.plugin(target).map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
         let named = sections.written.part(target).map_or("", |named| &named.name);
-        let others = sections.registry.agents.iter().filter(|(_, entry)| entry.learns && entry.learns_from_examples);
+        let (why, help) = match given {
+            Given::Examples => (
+                format!("from its decisions and their rewards; `{protocol}` gives examples alone"),
+                self.decisions_or("examples", &|entry| entry.learns_from_examples),
+            ),
+            Given::DecisionsOfOthers => (
+                format!("from its own decisions; `{protocol}` gives those of others"),
+                self.decisions_or("datasets", &|entry| entry.datasets != UseOfDatasets::Never),
+            ),
+            Given::NoDataset => (
+                format!("from datasets; `{protocol}` gives none"),
+                "the protocol `offline_fit` gives it what trials with the protocol `gather` left".into(),
+            ),
+        };
+        sections.sources.error(span, &at, format!("the agent `{named}` learns {why}")).help(help)
+    }
+
+    /// What to do with an agent that learns from its own decisions, and which agents to use instead.
+    fn decisions_or(&self, given: &str, learns_from_it: &dyn Fn(&AgentEntry) -> bool) -> String {
+        let others = self.sections.registry.agents.iter().filter(|(_, entry)| entry.learns && learns_from_it(entry));
         let others: Vec<String> = others.map(|(name, _)| format!("`{name}`")).collect();
-        let message =
-            format!("the agent `{named}` learns from its decisions and their rewards; `{protocol}` gives examples alone");
         let instead =
-            if others.is_empty() { String::new() } else { format!("; agents that learn from examples: {}", others.join(", ")) };
-        sections.sources.error(span, &at, message).help(format!("the protocol `train_evaluate` gives it decisions{instead}"))
+            if others.is_empty() { String::new() } else { format!("; agents that learn from {given}: {}", others.join(", ")) };
+        format!("the protocol `train_evaluate` gives it decisions{instead}")
     }
 
     pub(super) fn environment(&mut self, cell: &Cell) -> Outcome<()> {
@@ -293,15 +353,12 @@ impl Builder<'_> {
         }
         let entry = &self.sections.registry.protocols[resolved.part.plugin.as_str()];
         let built = self.config(cell, 2).and_then(|config| (entry.build)(&config));
-        let measures = built.as_ref().ok().map(|protocol| Measures {
-            metrics: protocol.metrics(),
-            of_environment: protocol.records_environment_metrics(),
-            gives_examples: protocol.gives_examples(),
-            experience: protocol.experience(),
-            steps: protocol.total_steps(),
-        });
+        let (measures, refusal) = match built {
+            Ok(protocol) => (Some(Measures::of(protocol)), None),
+            Err(error) => (None, Some(Box::new(self.refused(resolved, &error)))),
+        };
         self.protocols.insert(resolved.id.clone(), measures);
-        built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))
+        refusal.map_or(Ok(()), Err)
     }
 
     /// The seats of the environment of a cell, where it could be built.

@@ -1,4 +1,4 @@
-//! Metrics in Parquet, long form; the only file that names `polars`.
+//! Metrics in Parquet, long form.
 //!
 //! | column | type | meaning |
 //! |---|---|---|
@@ -13,19 +13,12 @@
 
 use crate::{
     Error, Recorder,
+    parquet::{self, Table, Values},
     recorder::{Phase, Row, intern},
     results::Results,
     trial::Trial,
 };
-use polars::prelude::{Column, DataFrame, PolarsError};
-use polars_io::{
-    SerReader,
-    parquet::{
-        read::{ParallelStrategy, ParquetReader},
-        write::{KeyValueMetadata, ParquetCompression, ParquetWriter},
-    },
-};
-use std::{io::Cursor, path::Path};
+use std::path::Path;
 
 /// Version of the columns.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -55,26 +48,22 @@ pub fn write_results(path: &Path, results: &Results) -> Result<(), Error> {
             }
         }
     }
-    let text = |name: &str, of: &dyn Fn(&(&Trial, Phase, u64, &String, f64)) -> String| {
-        Column::new(name.into(), rows.iter().map(of).collect::<Vec<_>>())
-    };
+    let text = |of: for<'r> fn(&'r Summary<'_>) -> &'r str| Values::Text(rows.iter().map(of).collect());
     let columns = vec![
-        text("environment", &|row| row.0.environment.clone()),
-        text("agent", &|row| row.0.agent.clone()),
-        text("setting", &|row| row.0.setting.clone()),
-        Column::new("seed".into(), rows.iter().map(|row| row.0.key.seed).collect::<Vec<_>>()),
-        text("phase", &|row| row.1.name().to_owned()),
-        Column::new("step".into(), rows.iter().map(|row| row.2).collect::<Vec<_>>()),
-        text("metric", &|row| row.3.clone()),
-        Column::new("value".into(), rows.iter().map(|row| row.4).collect::<Vec<_>>()),
+        ("environment", text(|row| &row.0.environment)),
+        ("agent", text(|row| &row.0.agent)),
+        ("setting", text(|row| &row.0.setting)),
+        ("seed", Values::U64(rows.iter().map(|row| row.0.key.seed).collect())),
+        ("phase", text(|row| row.1.name())),
+        ("step", Values::U64(rows.iter().map(|row| row.2).collect())),
+        ("metric", text(|row| row.3)),
+        ("value", Values::F64(rows.iter().map(|row| row.4).collect())),
     ];
-    let mut bytes = Vec::new();
-    let mut frame = DataFrame::new(rows.len(), columns).map_err(|source| unreadable(path, &source))?;
-    let written =
-        ParquetWriter::new(&mut bytes).with_compression(ParquetCompression::Zstd(None)).set_parallel(false).finish(&mut frame);
-    written.map_err(|source| unreadable(path, &source))?;
-    super::write_durably(path, &bytes)
+    super::write_durably(path, &parquet::encode(path, columns, &[])?)
 }
+
+/// A row of a study's evaluations: trial, phase, step, metric, mean over the episodes.
+type Summary<'a> = (&'a Trial, Phase, u64, &'a String, f64);
 
 /// Reads a metrics file.
 ///
@@ -89,50 +78,35 @@ pub fn read(path: &Path) -> Result<MetricsTable, Error> {
 /// # Errors
 /// Where the rows cannot be encoded.
 pub fn encode(record: &Recorder, trial_id: &str) -> Result<Vec<u8>, Error> {
-    let mut bytes = Vec::new();
-    let metadata = [("regimen.schema".into(), SCHEMA_VERSION.to_string()), ("regimen.trial".into(), trial_id.into())];
-    let mut frame = frame(record).map_err(|source| unreadable(Path::new("metrics.parquet"), &source))?;
-    ParquetWriter::new(&mut bytes)
-        .with_compression(ParquetCompression::Zstd(None))
-        .with_key_value_metadata(Some(KeyValueMetadata::from_static(metadata.to_vec())))
-        .set_parallel(false)
-        .finish(&mut frame)
-        .map_err(|source| unreadable(Path::new("metrics.parquet"), &source))?;
-    Ok(bytes)
+    let entries = [("regimen.schema", SCHEMA_VERSION.to_string()), ("regimen.trial", trial_id.to_string())];
+    parquet::encode(Path::new("metrics.parquet"), columns(record), &entries)
 }
 
-fn frame(record: &Recorder) -> Result<DataFrame, PolarsError> {
-    let rows = record.rows();
-    let names = record.names();
-    let column = |name: &str, value: fn(&Row) -> u32| Column::new(name.into(), rows.iter().map(value).collect::<Vec<_>>());
-    let columns = vec![
-        Column::new("phase".into(), rows.iter().map(|row| row.phase.name()).collect::<Vec<_>>()),
-        Column::new("step".into(), rows.iter().map(|row| row.step).collect::<Vec<_>>()),
-        column("episode", |row| u32::try_from(row.episode).unwrap_or(u32::MAX)),
-        column("seat", |row| u32::from(row.seat)),
-        Column::new("metric".into(), rows.iter().map(|row| names[usize::from(row.metric)].as_str()).collect::<Vec<_>>()),
-        Column::new("value".into(), rows.iter().map(|row| row.value).collect::<Vec<_>>()),
-    ];
-    DataFrame::new(rows.len(), columns)
+fn columns(record: &Recorder) -> Vec<(&str, Values<'_>)> {
+    let (rows, names) = (record.rows(), record.names());
+    let counts = |value: fn(&Row) -> u32| Values::U32(rows.iter().map(value).collect());
+    vec![
+        ("phase", Values::Text(rows.iter().map(|row| row.phase.name()).collect())),
+        ("step", Values::U64(rows.iter().map(|row| row.step).collect())),
+        ("episode", counts(|row| u32::try_from(row.episode).unwrap_or(u32::MAX))),
+        ("seat", counts(|row| u32::from(row.seat))),
+        ("metric", Values::Text(rows.iter().map(|row| names[usize::from(row.metric)].as_str()).collect())),
+        ("value", Values::F64(rows.iter().map(|row| row.value).collect())),
+    ]
 }
 
 pub(super) fn decode(bytes: Vec<u8>, path: &Path) -> Result<MetricsTable, Error> {
-    let frame = ParquetReader::new(Cursor::new(bytes))
-        .read_parallel(ParallelStrategy::None)
-        .finish()
-        .map_err(|source| unreadable(path, &source))?;
-    rows(&frame)
-        .map_err(|source| unreadable(path, &source))?
+    rows(&Table::decode(bytes, path)?)?
         .ok_or_else(|| Error::Damaged { path: path.to_path_buf(), problem: "a cell is empty or a phase is unknown".into() })
 }
 
-fn rows(frame: &DataFrame) -> Result<Option<MetricsTable>, PolarsError> {
+fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
     let mut table = MetricsTable::default();
-    let (phases, metrics) = (frame.column("phase")?.str()?, frame.column("metric")?.str()?);
-    let (steps, episodes) = (frame.column("step")?.u64()?, frame.column("episode")?.u32()?);
-    let (seats, values) = (frame.column("seat")?.u32()?, frame.column("value")?.f64()?);
-    let columns = phases.iter().zip(steps.iter()).zip(episodes.iter()).zip(seats.iter()).zip(metrics.iter()).zip(values.iter());
-    for (((((phase, step), episode), seat), metric), value) in columns {
+    let (phases, metrics) = (read.texts("phase")?, read.texts("metric")?);
+    let (steps, episodes) = (read.u64s("step")?, read.u32s("episode")?);
+    let (seats, values) = (read.u32s("seat")?, read.f64s("value")?);
+    for (((((phase, step), episode), seat), metric), value) in phases.zip(steps).zip(episodes).zip(seats).zip(metrics).zip(values)
+    {
         let (Some(phase), Some(step), Some(episode), Some(seat), Some(metric), Some(value)) =
             (phase.and_then(phase_named), step, episode, seat, metric, value)
         else {
@@ -147,8 +121,4 @@ fn rows(frame: &DataFrame) -> Result<Option<MetricsTable>, PolarsError> {
 
 fn phase_named(name: &str) -> Option<Phase> {
     Phase::ALL.into_iter().find(|phase| phase.name() == name)
-}
-
-fn unreadable(path: &Path, source: &PolarsError) -> Error {
-    Error::Damaged { path: path.to_path_buf(), problem: source.to_string() }
 }

@@ -31,8 +31,7 @@ use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
-};
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates, UseOfDatasets};
 use numerics::gaussian::standard_normal;
 use numerics::network::{Activation, Mlp, device, matrix, values};
 use numerics::optimizer::{Adam, Trained};
@@ -127,7 +126,9 @@ pub struct Ddpg {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "deep deterministic policy gradient with a softmax output";
-    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    // Off the policy: a replay buffer does not ask who decided.
+    let datasets = UseOfDatasets::Also;
+    let traits = AgentTraits { learns: true, metrics: metrics(), datasets, ..AgentTraits::default() };
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -31,8 +31,7 @@ use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
-};
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates, UseOfDatasets};
 use numerics::gaussian_head::{self, mean_and_log_sd};
 use numerics::gaussian_softmax::{GaussianSoftmaxSample, gaussian_softmax_sample};
 use numerics::network::{Activation, Mlp, TwinMlp, device, matrix, values};
@@ -156,7 +155,9 @@ struct Counters {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic with a Gaussian-softmax policy";
-    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    // Off the policy: a replay buffer does not ask who decided.
+    let datasets = UseOfDatasets::Also;
+    let traits = AgentTraits { learns: true, metrics: metrics(), datasets, ..AgentTraits::default() };
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -18,6 +18,7 @@
 //!    number. The one exception is [`update_timing`], whose numbers are times.
 //! 3. A saved and loaded agent continues to the same bits.
 
+pub mod behaviour_cloning;
 pub mod ddpg;
 pub mod dirichlet_gradient;
 pub mod dirichlet_regression;
@@ -36,6 +37,7 @@ pub mod random_allocation;
 pub mod rank_rule;
 pub mod rommeo;
 pub mod shared;
+pub mod td3_bc;
 pub mod tdom_ac;
 pub mod update_timing;
 pub mod water_filling;
@@ -45,6 +47,7 @@ use engine::Registry;
 
 /// Registers every agent of this crate, with its version.
 pub fn register(registry: &mut Registry) {
+    behaviour_cloning::register(registry, 1);
     ddpg::register(registry, 1);
     dirichlet_gradient::register(registry, 1);
     dirichlet_regression::register(registry, 1);
@@ -62,6 +65,7 @@ pub fn register(registry: &mut Registry) {
     random_allocation::register(registry, 1);
     rank_rule::register(registry, 1);
     rommeo::register(registry, 1);
+    td3_bc::register(registry, 1);
     tdom_ac::register(registry, 1);
     update_timing::register(registry, 1);
     water_filling::register(registry, 1);

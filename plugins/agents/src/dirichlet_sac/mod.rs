@@ -44,8 +44,7 @@ use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::Tensor;
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
-};
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates, UseOfDatasets};
 use numerics::dirichlet_policy::{log_density, sample};
 use numerics::network::{device, matrix, softplus, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
@@ -95,7 +94,9 @@ struct Counters {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic with a Dirichlet policy";
-    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    // Off the policy: a replay buffer does not ask who decided.
+    let datasets = UseOfDatasets::Also;
+    let traits = AgentTraits { learns: true, metrics: metrics(), datasets, ..AgentTraits::default() };
     registry.agent(NAME, version, about, traits, build);
 }
 

@@ -202,7 +202,11 @@ pub fn repeat_rows(tensor: &Tensor<2>, n: usize) -> Tensor<2> {
     tensor.clone().unsqueeze_dim::<3>(1).repeat_dim(1, n).reshape([rows * n, width])
 }
 
-fn unit_box<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [Channel], Error> {
+/// The entries of a seat's action, which has to live in a box with limits -1 and 1.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other action space and for a box without entries.
+pub fn unit_box<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [Channel], Error> {
     let Space::Box(channels) = &seat.action else {
         return Err(mismatch(agent, format!("its actions are vectors in a box, seat `{}` takes others", seat.name)));
     };

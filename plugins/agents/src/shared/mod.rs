@@ -7,6 +7,7 @@ pub(crate) mod bandit;
 pub mod checkpoint;
 #[cfg(test)]
 pub(crate) mod coordination;
+pub mod dataset_actor;
 pub(crate) mod gradient_moments;
 pub mod joint;
 pub mod opponent_modelling;

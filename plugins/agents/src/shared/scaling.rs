@@ -36,6 +36,12 @@ impl Scaling {
         Self { names, center, spread }
     }
 
+    /// The same channels with other values to subtract and to divide by.
+    #[must_use]
+    pub fn with(self, center: Vec<f64>, spread: Vec<f64>) -> Self {
+        Self { center, spread, ..self }
+    }
+
     /// Number of channels.
     #[must_use]
     pub fn n_channels(&self) -> usize {

@@ -1,0 +1,71 @@
+//! Whether a dataset fits an environment: what differs first between what seats see and do there and here.
+
+use crate::{Channel, Interface, Seat, Space};
+
+/// Where two interfaces differ.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Difference {
+    /// What it is that differs.
+    pub(super) what: String,
+    /// How it is in the dataset.
+    pub(super) found: String,
+    /// How it is here.
+    pub(super) expected: String,
+}
+
+/// What differs first; `None` where decisions of one are decisions of the other.
+pub(super) fn difference(found: &Interface, expected: &Interface) -> Option<Difference> {
+    let (seats, here) = (found.seats.len(), expected.seats.len());
+    if seats != here {
+        return differ("the number of seats", seats, here);
+    }
+    found.seats.iter().zip(&expected.seats).find_map(|(found, expected)| of_seats(found, expected))
+}
+
+fn of_seats(found: &Seat, expected: &Seat) -> Option<Difference> {
+    of_spaces("observation", &found.observation, &expected.observation, &unit)
+        .or_else(|| of_spaces("action", &found.action, &expected.action, &unit_and_limits))
+}
+
+/// What has to be alike of a channel besides its name.
+type Quality = dyn Fn(&Channel) -> String;
+
+fn unit(channel: &Channel) -> String {
+    if channel.unit.is_empty() { "without unit".into() } else { format!("in {}", channel.unit) }
+}
+
+fn unit_and_limits(channel: &Channel) -> String {
+    format!("{} within {} and {}", unit(channel), channel.low, channel.high)
+}
+
+fn of_spaces(what: &str, found: &Space, expected: &Space, quality: &Quality) -> Option<Difference> {
+    if kind(found) != kind(expected) {
+        return differ(format!("the {what}"), kind(found), kind(expected));
+    }
+    let (entries, here) = (entries(found, quality), entries(expected, quality));
+    let pair = (1..).zip(entries.iter().zip(&here)).find(|(_, (found, expected))| found != expected);
+    match pair {
+        Some((number, (found, expected))) => differ(format!("entry {number} of the {what}"), found, expected),
+        None if entries.len() != here.len() => differ(format!("the length of the {what}"), entries.len(), here.len()),
+        None => None,
+    }
+}
+
+fn entries(space: &Space, quality: &Quality) -> Vec<String> {
+    match space {
+        Space::Box(channels) => channels.iter().map(|channel| format!("`{}` {}", channel.name, quality(channel))).collect(),
+        Space::Simplex(names) | Space::Discrete(names) => names.iter().map(|name| format!("`{name}`")).collect(),
+    }
+}
+
+fn kind(space: &Space) -> &'static str {
+    match space {
+        Space::Box(_) => "a box",
+        Space::Simplex(_) => "a simplex",
+        Space::Discrete(_) => "a choice",
+    }
+}
+
+fn differ(what: impl Into<String>, found: impl ToString, expected: impl ToString) -> Option<Difference> {
+    Some(Difference { what: what.into(), found: found.to_string(), expected: expected.to_string() })
+}

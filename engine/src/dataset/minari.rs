@@ -1,0 +1,105 @@
+//! What Minari reads of a dataset besides its rows (`minari/dataset/minari_storage.py`,
+//! `minari/serialization.py` of version 0.5.4).
+
+use crate::{Seat, Space};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+
+/// The folder that Minari calls a storage.
+pub(super) const DATA: &str = "data";
+/// What says how much there is.
+pub(super) const METADATA: &str = "data/metadata.json";
+/// What says it of an episode, in its folder.
+pub(super) const EPISODE_METADATA: &str = "metadata.json";
+/// The first version of Minari that reads Parquet files; later ones read what it wrote.
+const VERSION: &str = "0.5.3";
+/// Minari parses names of datasets; this one has the form that it wants.
+const NAME: &str = "regimen/gathered-v0";
+
+/// How much there is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Totals {
+    /// Episodes, numbered from 0.
+    pub(super) total_episodes: u64,
+    /// Decisions of all episodes.
+    pub(super) total_steps: u64,
+}
+
+/// The file of an episode inside the folder of the dataset.
+pub(super) fn episode_file(episode: u64) -> String {
+    format!("{DATA}/{episode}/part-0.parquet")
+}
+
+/// Metadata of an episode.
+pub(super) fn of_episode(episode: u64, steps: u64) -> Value {
+    json!({ "id": episode, "total_steps": steps })
+}
+
+/// Metadata of a dataset of `bytes` bytes.
+pub(super) fn of_dataset(seat: &Seat, totals: &Totals, bytes: u64) -> Value {
+    let Totals { total_episodes, total_steps } = totals;
+    // In megabytes with one decimal.
+    #[allow(clippy::cast_precision_loss, reason = "a number of bytes is far below 2^52")]
+    let size = (bytes as f64 / 1e5).round() / 10.0;
+    json!({
+        "dataset_id": NAME,
+        "minari_version": VERSION,
+        "data_format": "parquet",
+        "total_episodes": total_episodes,
+        "total_steps": total_steps,
+        "dataset_size": size,
+        "observation_space": space(&seat.observation),
+        "action_space": space(&seat.action),
+    })
+}
+
+/// A space in the words of `minari.serialization`, which wants text inside the metadata.
+fn space(space: &Space) -> String {
+    match space {
+        Space::Box(channels) => {
+            let limits = |of: fn(&crate::Channel) -> f64| list(channels.iter().map(of));
+            boxed(channels.len(), &limits(|channel| channel.low), &limits(|channel| channel.high))
+        }
+        Space::Simplex(names) => {
+            let all = |limit: f64| list(names.iter().map(|_| limit));
+            boxed(names.len(), &all(0.0), &all(1.0))
+        }
+        Space::Discrete(names) => json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": names.len() }).to_string(),
+    }
+}
+
+fn boxed(length: usize, low: &str, high: &str) -> String {
+    format!(r#"{{"type": "Box", "dtype": "float64", "shape": [{length}], "low": [{low}], "high": [{high}]}}"#)
+}
+
+/// Numbers with commas; Python's JSON knows infinities.
+fn list(numbers: impl Iterator<Item = f64>) -> String {
+    let mut text = String::new();
+    for number in numbers {
+        let comma = if text.is_empty() { "" } else { ", " };
+        let infinite = if number > 0.0 { "Infinity" } else { "-Infinity" };
+        let number = if number.is_finite() { json!(number).to_string() } else { infinite.into() };
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{comma}{number}");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Channel;
+
+    #[test]
+    fn spaces_are_written_as_minari_writes_them() {
+        let channels = vec![Channel::new("speed", "m/s"), Channel::new("angle", "").within(-1.5, 2.0)];
+        let expected = r#"{"type": "Box", "dtype": "float64", "shape": [2], "low": [-Infinity, -1.5], "high": [Infinity, 2.0]}"#;
+        assert_eq!(space(&Space::Box(channels)), expected);
+        let names = || vec!["a".to_string(), "b".into()];
+        let expected = r#"{"type": "Box", "dtype": "float64", "shape": [2], "low": [0.0, 0.0], "high": [1.0, 1.0]}"#;
+        assert_eq!(space(&Space::Simplex(names())), expected);
+        let choice: Value = serde_json::from_str(&space(&Space::Discrete(names()))).unwrap();
+        assert_eq!(choice, json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": 2 }));
+    }
+}

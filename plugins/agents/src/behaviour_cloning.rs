@@ -1,0 +1,259 @@
+//! Behaviour cloning: a deterministic policy that repeats what a dataset shows, without asking what it
+//! earned.
+//!
+//! Pomerleau 1991, "Efficient training of artificial neural networks for autonomous navigation", Neural
+//! Computation 3(1), for the method; Fujimoto and Gu 2021, arXiv:2106.06860, for the networks, the rates and
+//! the scaling of observations, so that `td3_bc` differs from it by its critics alone.
+//!
+//! | symbol | here | shape |
+//! |---|---|---|
+//! | s | observations (scaled by the dataset) | `[batch, observed]` |
+//! | a | actions of the dataset | `[batch, n]` |
+//! | z | outputs of the network | `[batch, n]` |
+//! | pi(s) | `tanh(z)` in a box with limits -1 and 1, `softmax(z)` on a simplex | `[batch, n]` |
+//!
+//! What is minimised
+//! - In a box: the mean of `(pi(s) - a)^2` over batch and entries.
+//! - On a simplex: the cross entropy `-sum_i a_i ln pi_i(s)`, mean over the batch. Both losses are smallest
+//!   where the policy is the mean of the shares that were seen at `s`, but the gradient on the logits is `pi
+//!   - a` here, which does not vanish where the softmax saturates, while that of the squared error does.
+//!
+//! Departures: Adam on a network of rectifiers in the place of gradient descent on one hidden layer, and no
+//! units of output that stand for steering angles. It acts alike while training and where it is scored; no
+//! training asks it to act.
+//!
+//! Metrics, means over the updates since the last measurement: `clone_loss` what is minimised, `clone_error`
+//! the mean over batch and entries of `|pi(s) - a|`.
+
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::dataset_actor::{ActionSet, DatasetActor, Form, ScaleBy};
+use crate::shared::targets::mean;
+use burn::tensor::{Tensor, activation::log_softmax};
+use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates, AgentTraits, Registry, UseOfDatasets};
+use numerics::network::values;
+use numerics::tensor_file::TensorFile;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+const NAME: &str = "behaviour_cloning";
+
+/// Hyper-parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Step size of Adam.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Fujimoto and Gu 2021, table 3"))]
+    pub learning_rate: f64,
+    /// Units of each hidden layer.
+    #[schemars(range(min = 1, max = 4096), extend("x-source" = "Fujimoto and Gu 2021, table 3"))]
+    pub width: usize,
+    /// Hidden layers.
+    #[schemars(range(min = 1, max = 8), extend("x-source" = "Fujimoto and Gu 2021, table 3"))]
+    pub layers: usize,
+    /// Largest Euclidean norm of a gradient, or null for no limit.
+    #[schemars(range(min = 0.0))]
+    pub gradient_clip: Option<f64>,
+    /// By what observations are scaled.
+    #[schemars(extend("x-source" = "Fujimoto and Gu 2021, section 5"))]
+    pub scale_by: ScaleBy,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { learning_rate: 3e-4, width: 256, layers: 2, gradient_clip: None, scale_by: ScaleBy::Dataset }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The agent.
+#[derive(Debug, Clone)]
+pub struct BehaviourCloning {
+    actor: DatasetActor,
+    n_updates: u64,
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "regression of the actions of a dataset, whatever they earned";
+    let datasets = UseOfDatasets::Only;
+    let traits = AgentTraits { learns: true, metrics: metrics(), datasets, ..AgentTraits::default() };
+    registry.agent(NAME, version, about, traits, build);
+}
+
+/// Builds the agent for one seat that observes a box and acts on a simplex or within -1 and 1.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other seat.
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let Config { learning_rate, width, layers, gradient_clip, scale_by } = config;
+    let form = Form { width, layers, learning_rate, gradient_clip, scale_by };
+    Ok(Box::new(BehaviourCloning { actor: DatasetActor::new(NAME, &form, interface, rng)?, n_updates: 0 }))
+}
+
+/// What [`BehaviourCloning::learn`] records.
+#[must_use]
+fn metrics() -> Vec<Metric> {
+    vec![
+        Metric::new("clone_loss", "", "what the cloning minimises").lower_is_better(),
+        Metric::new("clone_error", "", "mean absolute deviation from the actions of the dataset").lower_is_better(),
+    ]
+}
+
+/// What is minimised of the outputs `z` `[batch, n]` of a network for actions `[batch, n]`.
+fn loss(set: ActionSet, outputs: Tensor<2>, actions: Tensor<2>) -> Tensor<1> {
+    match set {
+        ActionSet::Cube => (set.act(outputs) - actions).powf_scalar(2.0).mean(),
+        ActionSet::Simplex => (actions * log_softmax(outputs, 1)).sum_dim(1).mean().neg(),
+    }
+}
+
+impl Agent for BehaviourCloning {
+    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
+        self.actor.act(observations, self.n_updates)
+    }
+
+    fn survey(&mut self, transitions: &[Transition]) -> Result<(), Error> {
+        self.actor.survey(transitions);
+        Ok(())
+    }
+
+    fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        let batch = self.actor.batch(transitions);
+        let outputs = self.actor.network.network().forward(batch.observations);
+        let deviation = (self.actor.actions.act(outputs.clone().inner()) - batch.actions.clone()).abs();
+        let loss = loss(self.actor.actions, outputs, batch.actions);
+        record.mean("clone_loss", finite("clone_loss", self.n_updates, values(loss.clone())[0])?);
+        record.mean("clone_error", f64::from(mean(deviation)));
+        self.actor.network.descend(&loss);
+        self.n_updates += 1;
+        Ok(())
+    }
+
+    fn updates(&self) -> Option<Updates> {
+        Some(Updates { made: self.n_updates, first_after: 1 })
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        let mut file = TensorFile::default();
+        self.actor.store(&mut file);
+        checkpoint::write(NAME, dir, file, &self.n_updates)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        let (file, n_updates) = checkpoint::read(NAME, dir)?;
+        self.actor.restore(&file).map_err(checkpoint::error_of(NAME))?;
+        self.n_updates = n_updates;
+        Ok(())
+    }
+
+    fn export(&self, dir: &Path) -> Result<bool, Error> {
+        self.actor.export(dir)
+    }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        self.actor.import(dir)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bandit;
+    use crate::shared::dataset_actor::tests::{cube, decisions, fit};
+    use engine::random::stream;
+    use numerics::network::matrix;
+    use rand::Rng as _;
+
+    fn tiny() -> Config {
+        Config { width: 16, learning_rate: 3e-3, ..Config::default() }
+    }
+
+    fn agent(interface: &Interface) -> Box<dyn Agent> {
+        build(tiny(), interface, &mut stream(&["cloning"])).unwrap()
+    }
+
+    #[test]
+    fn the_losses_by_hand() {
+        // softmax(0, ln 3) = (1/4, 3/4); -(0.5 ln 0.25 + 0.5 ln 0.75).
+        let outputs = || matrix(vec![0.0, 3f32.ln()], 2);
+        let cross_entropy = values(loss(ActionSet::Simplex, outputs(), matrix(vec![0.5, 0.5], 2)))[0];
+        assert!((cross_entropy + 0.5 * (0.25f32.ln() + 0.75f32.ln())).abs() < 1e-6, "{cross_entropy}");
+        // tanh(0) = 0 and tanh(ln 3) = 0.8: (0.1^2 + 0.3^2) / 2.
+        let squared = values(loss(ActionSet::Cube, outputs(), matrix(vec![0.1, 0.5], 2)))[0];
+        assert!((squared - 0.05).abs() < 1e-6, "{squared}");
+    }
+
+    #[test]
+    fn the_gradients_on_the_outputs_are_those_of_the_formulas() {
+        let (z, a) = ([0.3f32, -1.2, 0.7], [0.2f32, 0.5, 0.3]);
+        for set in [ActionSet::Simplex, ActionSet::Cube] {
+            let outputs = Tensor::<2>::from_inner(matrix(z.to_vec(), 3)).require_grad();
+            let gradients = loss(set, outputs.clone(), matrix(a.to_vec(), 3)).backward();
+            let found = values(outputs.grad(&gradients).unwrap());
+            let acted = values(set.act(matrix(z.to_vec(), 3)));
+            for i in 0..3 {
+                let expected = match set {
+                    ActionSet::Simplex => acted[i] - a[i],
+                    ActionSet::Cube => 2.0 / 3.0 * (acted[i] - a[i]) * (1.0 - acted[i] * acted[i]),
+                };
+                let at = |step: f32| {
+                    let mut moved = z.to_vec();
+                    moved[i] += step;
+                    f64::from(values(loss(set, matrix(moved, 3), matrix(a.to_vec(), 3)))[0])
+                };
+                let difference = (at(1e-2) - at(-1e-2)) / 2e-2;
+                assert!((found[i] - expected).abs() < 1e-6, "{set:?} {i}: {} {expected}", found[i]);
+                assert!((difference - f64::from(expected)).abs() < 1e-4, "{set:?} {i}: {difference} {expected}");
+            }
+        }
+    }
+
+    /// The best shares with noise that has no mean.
+    fn noisy(x: f64, rng: &mut Rng) -> Vec<f64> {
+        let noise = rng.random_range(-0.1..0.1);
+        bandit::best(x).iter().zip([noise, -noise, 0.0]).map(|(share, noise)| share + noise).collect()
+    }
+
+    #[test]
+    fn it_repeats_what_was_done_and_not_what_earned_most() {
+        let mut rng = stream(&["clone"]);
+        // What is earned says the opposite of what is done.
+        let data = decisions(500, &mut rng, noisy, |x, action| (action[0] - bandit::best(x)[0]).abs());
+        let mut agent = agent(&bandit::interface());
+        let before = bandit::error(agent.as_mut(), &mut rng);
+        fit(agent.as_mut(), &data, 600, &mut rng);
+        let after = bandit::error(agent.as_mut(), &mut rng);
+        assert!(before > 0.25 && after < 0.05, "{before} {after}");
+    }
+
+    #[test]
+    fn it_repeats_what_was_done_in_a_box() {
+        let mut rng = stream(&["clone in a box"]);
+        let act = |x: f64, rng: &mut Rng| vec![0.8 * x + rng.random_range(-0.1..0.1)];
+        let data = decisions(500, &mut rng, act, |_, _| 0.0);
+        let mut agent = agent(&cube());
+        fit(agent.as_mut(), &data, 600, &mut rng);
+        let seen: Vec<_> = [-0.8, 0.0, 0.8].iter().map(|x| Observation { seats: vec![vec![*x]], state: vec![] }).collect();
+        let actions = agent.act(&seen, Mode::Evaluate, &mut rng).unwrap();
+        assert!(actions.iter().zip([-0.64, 0.0, 0.64]).all(|(a, best)| (a[0][0] - best).abs() < 0.1), "{actions:?}");
+    }
+
+    #[test]
+    fn a_saved_agent_continues() {
+        bandit::assert_continues(|rng| build(tiny(), &bandit::interface(), rng).unwrap());
+    }
+
+    #[test]
+    fn the_scaling_by_a_dataset_goes_with_the_agent_and_with_the_policy() {
+        crate::dataset_actor::tests::assert_scaling_is_kept(|rng| build(tiny(), &bandit::interface(), rng).unwrap());
+    }
+
+    #[test]
+    fn what_it_records_is_declared_and_what_it_exports_acts() {
+        bandit::assert_declared(agent(&bandit::interface()).as_mut(), &metrics());
+        bandit::assert_exports(agent(&bandit::interface()).as_mut());
+        bandit::assert_imports(|interface, rng| build(tiny(), interface, rng).unwrap());
+    }
+}

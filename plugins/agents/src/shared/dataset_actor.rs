@@ -1,0 +1,427 @@
+//! A deterministic policy that is learned from a dataset: for a box or a simplex, with inputs scaled as the
+//! dataset is spread.
+//!
+//! | symbol | here | shape |
+//! |---|---|---|
+//! | s | observations, `(x - center) / spread` channel by channel | `[batch, observed]` |
+//! | z | outputs of the network | `[batch, n]` |
+//! | pi(s) | `tanh(z)` in a box with limits -1 and 1, `softmax(z)` on a simplex | `[batch, n]` |
+//! | c(a) | a centred action: `a` in a box, `n a - 1` on a simplex, which is 0 for equal shares | `[batch, n]` |
+//!
+//! With `scale_by: dataset`, `center` is the mean of a channel over what was seen before the dataset's
+//! decisions, and `spread` its standard deviation plus a thousandth of the typical one that the environment
+//! states. Fujimoto and Gu 2021 add 0.001 to states without units; the thousandth does not depend on the unit
+//! either.
+
+use super::joint::unit_box;
+use super::replay::Batch;
+use super::scaling::{ObservationScaling, Scaling};
+use super::{allocation, checkpoint, seat};
+use burn::module::Module;
+use burn::tensor::{Tensor, activation::softmax};
+use engine::{Action, Channel, End, Error, Interface, Observation, Rng, Seat, Space, Transition};
+use numerics::network::{Activation, Mlp, device, matrix, values};
+use numerics::optimizer::{Adam, Trained};
+use numerics::policy_file::{FILE_NAME, Head, Policy, Ports};
+use numerics::tensor_file::{TensorFile, TensorFileError};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::path::Path;
+
+/// Part of a channel's typical deviation that is added to the one of the dataset, so that a constant channel
+/// can be divided by it.
+const LEAST_SPREAD: f64 = 1e-3;
+const SCALING: &str = "scaling";
+
+/// By what observations are scaled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ScaleBy {
+    /// Mean and standard deviation of each channel in the dataset.
+    #[default]
+    Dataset,
+    /// The typical value and deviation that the environment states for each channel.
+    Typical,
+    /// Not at all: as observed, in SI units.
+    Nothing,
+}
+
+/// Where actions live.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ActionSet {
+    /// A box with limits -1 and 1.
+    Cube,
+    /// Shares that sum to 1.
+    Simplex,
+}
+
+impl ActionSet {
+    /// The actions `[rows, n]` of a network's outputs.
+    #[must_use]
+    pub fn act(self, outputs: Tensor<2>) -> Tensor<2> {
+        match self {
+            Self::Cube => outputs.tanh(),
+            Self::Simplex => softmax(outputs, 1),
+        }
+    }
+
+    /// Actions around 0, so that distances between them are of one order for any number of shares.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^24")]
+    pub fn centred(self, actions: Tensor<2>) -> Tensor<2> {
+        match self {
+            Self::Cube => actions,
+            Self::Simplex => {
+                let n = actions.dims()[1] as f32;
+                actions * n - 1.0
+            }
+        }
+    }
+
+    fn head(self) -> Head {
+        match self {
+            Self::Cube => Head::Tanh,
+            Self::Simplex => Head::SoftmaxMean,
+        }
+    }
+}
+
+/// Layers and step size of a policy.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Form {
+    /// Units of each hidden layer.
+    pub width: usize,
+    /// Hidden layers.
+    pub layers: usize,
+    /// Step size of Adam.
+    pub learning_rate: f64,
+    /// Largest Euclidean norm of a gradient.
+    pub gradient_clip: Option<f64>,
+    /// By what observations are scaled.
+    pub scale_by: ScaleBy,
+}
+
+impl Form {
+    /// A network of rectifiers from `inputs` to `outputs`, started as PyTorch starts its linear layers.
+    pub fn network(&self, inputs: usize, outputs: usize, rng: &mut Rng) -> Mlp {
+        let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
+        Mlp::uniform(&sizes, &vec![Activation::Relu; self.layers], rng, &device().autodiff())
+    }
+}
+
+/// The policy with its optimiser.
+#[derive(Debug, Clone)]
+pub struct DatasetActor {
+    agent: &'static str,
+    /// Where actions live.
+    pub actions: ActionSet,
+    names: Vec<String>,
+    scale_by: ScaleBy,
+    scaling: Scaling,
+    /// Typical deviations of the channels.
+    typical: Vec<f64>,
+    /// The network.
+    pub network: Trained<Mlp>,
+}
+
+impl DatasetActor {
+    /// A fresh policy for the only seat of an environment.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] for several seats, for an observation that is no box and an action that is neither
+    /// shares nor within -1 and 1.
+    pub fn new(agent: &'static str, form: &Form, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+        let seat = seat::only_seat(agent, interface)?;
+        let (actions, names) = action_set(agent, seat)?;
+        let channels = seat::observed(agent, seat)?;
+        let kind = if form.scale_by == ScaleBy::Nothing { ObservationScaling::None } else { ObservationScaling::Typical };
+        let network = form.network(channels.len(), names.len(), rng);
+        Ok(Self {
+            agent,
+            actions,
+            scale_by: form.scale_by,
+            scaling: Scaling::new(kind, channels),
+            typical: channels.iter().map(|channel| channel.spread).collect(),
+            network: Trained::new(network, Adam::new(form.learning_rate, form.gradient_clip)),
+            names,
+        })
+    }
+
+    /// Length of an observation.
+    #[must_use]
+    pub fn n_observed(&self) -> usize {
+        self.scaling.n_channels()
+    }
+
+    /// Length of an action.
+    #[must_use]
+    pub fn n_acted(&self) -> usize {
+        self.names.len()
+    }
+
+    /// Takes up how a dataset's observations are spread, where they are scaled by it.
+    pub fn survey(&mut self, transitions: &[Transition]) {
+        if self.scale_by == ScaleBy::Dataset && !transitions.is_empty() {
+            let (center, sd) = moments(transitions, self.n_observed());
+            let spread = sd.iter().zip(&self.typical).map(|(sd, typical)| sd + LEAST_SPREAD * typical).collect();
+            self.scaling = self.scaling.clone().with(center, spread);
+        }
+    }
+
+    /// Transitions as tensors, observations scaled.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+    pub fn batch(&self, transitions: &[Transition]) -> Batch {
+        let rows = |of: &dyn Fn(&Transition) -> Vec<f32>, columns| matrix(transitions.iter().flat_map(of).collect(), columns);
+        let seen = |observation: &Observation| self.scaling.apply(&observation.seats[0]).collect::<Vec<f32>>();
+        let continues = |it: &Transition| vec![f32::from(u8::from(it.end != Some(End::Terminated)))];
+        Batch {
+            observations: rows(&|it| seen(&it.observation), self.n_observed()),
+            actions: rows(&|it| it.action[0].iter().map(|entry| *entry as f32).collect(), self.n_acted()),
+            rewards: rows(&|it| vec![it.rewards[0] as f32], 1),
+            next_observations: rows(&|it| seen(&it.next_observation), self.n_observed()),
+            continues: rows(&continues, 1),
+        }
+    }
+
+    /// Its action for each observation.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] where the network gives no numbers.
+    pub fn act(&self, observations: &[Observation], step: u64) -> Result<Vec<Action>, Error> {
+        let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
+        let outputs = self.network.network().valid().forward(matrix(scaled, self.n_observed()));
+        let actions = values(self.actions.act(outputs));
+        match self.actions {
+            ActionSet::Simplex => allocation::actions(&actions, self.n_acted(), step),
+            ActionSet::Cube => actions.chunks(self.n_acted()).map(|row| Ok(vec![numbers(row, step)?])).collect(),
+        }
+    }
+
+    /// Puts network, optimiser and scaling into a file.
+    pub fn store(&self, file: &mut TensorFile) {
+        self.network.store("policy", file);
+        let Ports { center, spread, .. } = self.ports();
+        file.header[SCALING] = json!([center, spread]);
+    }
+
+    /// Continues from what [`store`](Self::store) put into a file.
+    ///
+    /// # Errors
+    /// [`TensorFileError`] where the file holds something else.
+    pub fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
+        self.network.restore("policy", file)?;
+        self.rescale(&file.header[SCALING][0], &file.header[SCALING][1])
+    }
+
+    /// Writes the policy.
+    ///
+    /// # Errors
+    /// [`Error::File`] where the system refuses.
+    pub fn export(&self, dir: &Path) -> Result<bool, Error> {
+        let policy = Policy::new(self.network.network(), self.ports(), self.actions.head());
+        policy.write(dir).map_err(checkpoint::error_of(self.agent))?;
+        Ok(true)
+    }
+
+    /// Takes up a policy that was exported, with the scaling by the dataset that it was learned from.
+    ///
+    /// # Errors
+    /// [`Error::File`] or [`Error::Checkpoint`] where it is not there or of another form.
+    pub fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        if self.scale_by == ScaleBy::Dataset {
+            let misfit = checkpoint::error_of(self.agent);
+            let file = TensorFile::read(&dir.join(FILE_NAME)).map_err(&misfit)?;
+            self.rescale(&file.header["center"], &file.header["spread"]).map_err(&misfit)?;
+        }
+        let (ports, head) = (self.ports(), self.actions.head());
+        checkpoint::import_policy(self.agent, &mut self.network, dir, &ports, head)?;
+        Ok(true)
+    }
+
+    fn ports(&self) -> Ports {
+        self.scaling.ports(&self.names)
+    }
+
+    fn rescale(&mut self, center: &serde_json::Value, spread: &serde_json::Value) -> Result<(), TensorFileError> {
+        let read = |list: &serde_json::Value| Vec::<f64>::deserialize(list).ok().filter(|it| it.len() == self.n_observed());
+        match (read(center), read(spread)) {
+            (Some(center), Some(spread)) => self.scaling = self.scaling.clone().with(center, spread),
+            _ => return Err(TensorFileError::Missing { name: format!("{SCALING} of {} channels", self.n_observed()) }),
+        }
+        Ok(())
+    }
+}
+
+fn action_set(agent: &'static str, seat: &Seat) -> Result<(ActionSet, Vec<String>), Error> {
+    match &seat.action {
+        Space::Simplex(_) => Ok((ActionSet::Simplex, seat::simplex(agent, seat)?.to_vec())),
+        _ => {
+            let name = |channel: &Channel| channel.name.clone();
+            Ok((ActionSet::Cube, unit_box(agent, seat)?.iter().map(name).collect()))
+        }
+    }
+}
+
+/// Mean and standard deviation of each channel over what was seen before the decisions.
+#[allow(clippy::cast_precision_loss, reason = "a number of transitions is far below 2^52")]
+fn moments(transitions: &[Transition], n_observed: usize) -> (Vec<f64>, Vec<f64>) {
+    let n = transitions.len() as f64;
+    let mean_of = |of: &dyn Fn(usize, f64) -> f64| -> Vec<f64> {
+        let mut sums = vec![0.0; n_observed];
+        for transition in transitions {
+            let seen = transition.observation.seats[0].iter().enumerate();
+            sums.iter_mut().zip(seen).for_each(|(sum, (channel, value))| *sum += of(channel, *value));
+        }
+        sums.into_iter().map(|sum| sum / n).collect()
+    };
+    let mean = mean_of(&|_, value| value);
+    let variance = mean_of(&|channel, value| (value - mean[channel]).powi(2));
+    (mean, variance.into_iter().map(f64::sqrt).collect())
+}
+
+fn numbers(row: &[f32], step: u64) -> Result<Vec<f64>, Error> {
+    let check = |value: &f32| match f64::from(*value) {
+        value if value.is_finite() => Ok(value.clamp(-1.0, 1.0)),
+        value => Err(Error::NotFinite { what: "an action".into(), step, value }),
+    };
+    row.iter().map(check).collect()
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use engine::{Agent, Mode, Recorder};
+    use rand::Rng as _;
+
+    /// One observed channel `x` and one action in a box with limits -1 and 1.
+    pub(crate) fn cube() -> Interface {
+        let mut interface = crate::bandit::interface();
+        interface.seats[0].action = Space::Box(vec![Channel::new("force", "").within(-1.0, 1.0)]);
+        interface
+    }
+
+    /// `n` decisions `act(x)` of one-step episodes with `x` uniform in `[-1, 1]`, each earning `reward(x,
+    /// action)`.
+    pub(crate) fn decisions(
+        n: usize,
+        rng: &mut Rng,
+        act: impl Fn(f64, &mut Rng) -> Vec<f64>,
+        reward: impl Fn(f64, &[f64]) -> f64,
+    ) -> Vec<Transition> {
+        let decide = |rng: &mut Rng| {
+            let x = rng.random_range(-1.0..1.0);
+            let action = act(x, rng);
+            let observation = Observation { seats: vec![vec![x]], state: Vec::new() };
+            let (rewards, next_observation) = (vec![reward(x, &action)], observation.clone());
+            Transition { observation, action: vec![action], rewards, next_observation, end: Some(End::Terminated) }
+        };
+        (0..n).map(|_| decide(rng)).collect()
+    }
+
+    /// Lets an agent learn from batches of 64 drawn from `data`, as the protocol does.
+    pub(crate) fn fit(agent: &mut dyn Agent, data: &[Transition], batches: usize, rng: &mut Rng) -> Recorder {
+        let mut record = Recorder::default();
+        agent.survey(data).unwrap();
+        for _ in 0..batches {
+            let batch: Vec<_> = (0..64).map(|_| data[rng.random_range(0..data.len())].clone()).collect();
+            agent.learn(&batch, rng, &mut record).unwrap();
+        }
+        record
+    }
+
+    /// Asserts that an agent which learned from a widely spread dataset keeps its scaling where it is loaded
+    /// and where its policy is taken up.
+    pub(crate) fn assert_scaling_is_kept(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
+        let stream = |name: &str| engine::random::stream(&["scaling", name]);
+        let mut data = decisions(50, &mut stream("data"), |_, _| vec![0.2, 0.3, 0.5], |_, _| 1.0);
+        for transition in &mut data {
+            transition.observation.seats[0][0] = 1e3 + 50.0 * transition.observation.seats[0][0];
+        }
+        let [mut one, mut two, mut three] = ["one", "two", "three"].map(|name| build(&mut stream(name)));
+        fit(one.as_mut(), &data, 3, &mut stream("fit"));
+        let seen = [960.0, 1_000.0, 1_040.0].map(|x| Observation { seats: vec![vec![x]], state: Vec::new() });
+        let act = |agent: &mut dyn Agent| agent.act(&seen, Mode::Evaluate, &mut stream("act")).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        one.save(folder.path()).unwrap();
+        assert!(one.export(folder.path()).unwrap());
+        two.load(folder.path()).unwrap();
+        assert!(three.import(folder.path()).unwrap());
+        let expected = act(one.as_mut());
+        assert_eq!(act(two.as_mut()), expected);
+        assert_eq!(act(three.as_mut()), expected);
+        let mut record = Recorder::default();
+        for agent in [&mut one, &mut two] {
+            agent.learn(&data, &mut stream("next"), &mut record).unwrap();
+        }
+        assert_eq!(act(two.as_mut()), act(one.as_mut()));
+    }
+
+    fn form(scale_by: ScaleBy) -> Form {
+        Form { width: 8, layers: 2, learning_rate: 1e-3, gradient_clip: None, scale_by }
+    }
+
+    fn actor(scale_by: ScaleBy, interface: &Interface) -> DatasetActor {
+        DatasetActor::new("tested", &form(scale_by), interface, &mut engine::random::stream(&["actor"])).unwrap()
+    }
+
+    fn seen(values: &[f64]) -> Vec<Transition> {
+        let observe = |x: f64| Observation { seats: vec![vec![x]], state: Vec::new() };
+        let transition = |x: &f64| Transition {
+            observation: observe(*x),
+            action: vec![vec![0.5]],
+            rewards: vec![2.0],
+            next_observation: observe(x + 1.0),
+            end: (*x > 5.0).then_some(End::Truncated),
+        };
+        values.iter().map(transition).collect()
+    }
+
+    #[test]
+    fn observations_are_scaled_by_the_dataset() {
+        // Mean 4, deviation sqrt((9 + 1 + 1 + 9) / 4) = sqrt(5), and a thousandth of the typical deviation 1.
+        let data = seen(&[1.0, 3.0, 5.0, 7.0]);
+        let spread = 5f64.sqrt() + 1e-3;
+        let mut actor = actor(ScaleBy::Dataset, &cube());
+        actor.survey(&data);
+        let Batch { observations, actions, rewards, next_observations, continues } = actor.batch(&data);
+        let close = |found: Vec<f32>, expected: [f64; 4]| {
+            assert!(found.iter().zip(expected).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-6), "{found:?} {expected:?}");
+        };
+        close(values(observations), [-3.0, -1.0, 1.0, 3.0].map(|x| x / spread));
+        close(values(next_observations), [-2.0, 0.0, 2.0, 4.0].map(|x| x / spread));
+        assert_eq!((values(actions), values(rewards)), (vec![0.5; 4], vec![2.0; 4]));
+        assert_eq!(values(continues), [1.0; 4], "an episode that was cut off goes on");
+        let constant = seen(&[2.0, 2.0]);
+        actor.survey(&constant);
+        assert_eq!(values(actor.batch(&constant).observations), [0.0; 2]);
+    }
+
+    #[test]
+    fn other_scalings_do_not_look_at_the_dataset() {
+        for (scale_by, expected) in [(ScaleBy::Typical, 2.0), (ScaleBy::Nothing, 7.0)] {
+            let mut interface = cube();
+            interface.seats[0].observation = Space::Box(vec![Channel::new("x", "").typical(3.0, 2.0)]);
+            let mut actor = actor(scale_by, &interface);
+            actor.survey(&seen(&[100.0]));
+            assert_eq!(values(actor.batch(&seen(&[7.0])).observations), [expected]);
+        }
+    }
+
+    #[test]
+    fn centred_actions_by_hand() {
+        let shares = matrix(vec![0.25, 0.25, 0.5, 0.0], 4);
+        assert_eq!(values(ActionSet::Simplex.centred(shares.clone())), [0.0, 0.0, 1.0, -1.0]);
+        assert_eq!(values(ActionSet::Cube.centred(shares)), [0.25, 0.25, 0.5, 0.0]);
+    }
+
+    #[test]
+    fn limits_other_than_one_are_refused() {
+        let mut interface = cube();
+        interface.seats[0].action = Space::Box(vec![Channel::new("force", "N").within(0.0, 5.0)]);
+        let refused = DatasetActor::new("tested", &form(ScaleBy::Typical), &interface, &mut engine::random::stream(&["x"]));
+        let text = refused.unwrap_err().to_string();
+        assert!(text.contains("`force` within 0 and 5"), "{text}");
+    }
+}

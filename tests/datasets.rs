@@ -1,0 +1,72 @@
+//! Datasets for trials of tests that take one: made up for the seats of an environment, so that what learns
+//! from them does not move with any simulator.
+
+use engine::{
+    Channel, End, Environment, Error, Interface, Keeper, Recorder, Registry, Rng, Space,
+    dataset::{DatasetWriter, Episode},
+    product::{Taken, named_in},
+    random::stream,
+    trial::{Part, TrialKey},
+};
+use rand::Rng as _;
+use std::path::Path;
+
+/// The same part with a source for every product that its config names.
+pub(crate) fn with_sources(mut part: Part) -> Part {
+    for (at, (kind, reference)) in named_in(&part.config) {
+        part.products.insert(at, Taken { trial: reference.from, kind });
+    }
+    part
+}
+
+/// Runs a trial; every dataset that it takes is the one that is made up for its environment.
+pub(crate) fn run(
+    registry: &Registry,
+    key: &TrialKey,
+    folder: Option<&Path>,
+    keeper: &mut dyn Keeper,
+) -> Result<Recorder, Error> {
+    let source = tempfile::tempdir().unwrap();
+    let find = |_: &Taken| {
+        let environment = (registry.environments[key.environment.plugin.as_str()].build)(&key.environment.config)?;
+        make_up(&environment.interface(), source.path())?;
+        Ok(source.path().to_path_buf())
+    };
+    key.run_after(registry, &find, folder, &mut |_, _| {}, keeper)
+}
+
+/// Writes a dataset of a few short episodes whose numbers are drawn.
+///
+/// # Errors
+/// [`Error::ManySeats`] where there is not exactly one seat.
+pub(crate) fn make_up(interface: &Interface, trial: &Path) -> Result<(), Error> {
+    let mut writer = DatasetWriter::create(trial, interface)?;
+    let mut rng = stream(&["a dataset"]);
+    for (n, end) in [(3, End::Terminated), (5, End::Truncated), (1, End::Terminated), (8, End::Truncated)] {
+        let seat = &interface.seats[0];
+        writer.episode(&Episode {
+            observations: (0..=n).map(|_| draw(&seat.observation, &mut rng)).collect(),
+            actions: (0..n).map(|_| draw(&seat.action, &mut rng)).collect(),
+            rewards: (0..n).map(|_| rng.random_range(-1.0..1.0)).collect(),
+            end,
+        })?;
+    }
+    writer.finish()
+}
+
+/// Any vector of a space: around the typical values of channels, and within their limits.
+fn draw(space: &Space, rng: &mut Rng) -> Vec<f64> {
+    match space {
+        Space::Box(channels) => channels.iter().map(|channel| near(channel, rng)).collect(),
+        Space::Simplex(names) => {
+            let draws: Vec<f64> = names.iter().map(|_| rng.random_range(0.1..1.0)).collect();
+            let sum: f64 = draws.iter().sum();
+            draws.into_iter().map(|draw| draw / sum).collect()
+        }
+        Space::Discrete(names) => vec![f64::from(rng.random_range(0..u32::try_from(names.len()).unwrap()))],
+    }
+}
+
+fn near(channel: &Channel, rng: &mut Rng) -> f64 {
+    (channel.center + channel.spread * rng.random_range(-1.0..1.0)).clamp(channel.low, channel.high)
+}
