@@ -2,7 +2,7 @@
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, say};
 use crate::{
-    Registry,
+    Registry, executor,
     figure::{self, FigureSpec},
     spec,
     table::{self, TableSpec},
@@ -24,6 +24,8 @@ pub(super) enum Kind {
     Tables,
     /// Kinds of figures.
     Figures,
+    /// What runs trials, or takes them.
+    Executors,
 }
 
 /// Lists names with a line each.
@@ -58,6 +60,7 @@ fn entries(registry: &Registry, kind: Kind) -> Vec<(&'static str, String)> {
         Kind::Protocols => registry.protocols.iter().map(|(name, entry)| own((name, entry.about.about))).collect(),
         Kind::Tables => kinds::<TableSpec>(&table::KINDS),
         Kind::Figures => kinds::<FigureSpec>(&figure::KINDS),
+        Kind::Executors => executor::all().iter().map(|kind| own((kind.name, kind.about))).collect(),
     }
 }
 

@@ -96,8 +96,8 @@ struct RunOptions {
     #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N")]
     jobs: Option<usize>,
     /// What runs the trials; `executor` in regimen.toml, else this machine.
-    #[arg(long, value_enum)]
-    executor: Option<submit::Executor>,
+    #[arg(long, value_name = "NAME", value_parser = submit::that_run())]
+    executor: Option<String>,
     /// With Slurm: leave after the submission; a later `run` follows it.
     #[arg(long)]
     detach: bool,
@@ -238,7 +238,7 @@ enum Verb {
         #[command(flatten)]
         options: submit::SubmitOptions,
     },
-    /// Cancel what was submitted to Slurm for these studies and has not ended.
+    /// Cancel what was submitted for these studies and has not ended.
     Cancel(Selection),
     /// Print the study with every default written out.
     Resolve(Selection),
