@@ -11,7 +11,7 @@ use super::{
 use crate::{
     Metric, Registry, executor,
     report::{self, Contents, Counts, Period, ReportPaths, StudyInfo},
-    results::{Results, TrialResult},
+    results::{Results, TrialResult, names_times, time_per_update_metric, wall_time_metric},
     spec,
     store::{self, Store, write_durably},
     trial::Trial,
@@ -224,7 +224,8 @@ fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
 
 /// Units of everything that the trials record, by metric or trace channel. What cannot be built here was refused by the check.
 fn units(one: &Planned, registry: &Registry) -> BTreeMap<String, String> {
-    let mut units = BTreeMap::new();
+    let times = [wall_time_metric(), time_per_update_metric()];
+    let mut units: BTreeMap<_, _> = times.into_iter().map(|metric| (metric.name, metric.unit)).collect();
     let mut built = BTreeSet::new();
     for trial in &one.plan.trials {
         let key = &trial.key;
@@ -262,6 +263,7 @@ fn as_json(study: &StudyInfo, contents: &Contents, paths: &ReportPaths) -> serde
 }
 
 /// Columns of the terminal, as the shell tells; 100 elsewhere.
+#[expect(clippy::disallowed_methods, reason = "it says how wide the summary is, and reaches no result")]
 fn terminal_width() -> usize {
     std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok()).filter(|width| *width >= 40).unwrap_or(100)
 }
@@ -277,6 +279,10 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
         })
     });
     let mut trials: Vec<TrialResult> = trials.collect();
+    let study = &one.study;
+    if names_times(&(&study.tables, &study.figures, &study.claims, &study.success)) {
+        trials.iter_mut().for_each(TrialResult::add_times);
+    }
     if let Some(success) = &one.study.success {
         trials.iter_mut().for_each(|trial| trial.judge_success(success));
     }

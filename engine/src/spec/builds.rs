@@ -12,7 +12,7 @@ use crate::{
     diagnostic::{Diagnostic, in_order},
     random,
     registry::AgentEntry,
-    results::updates_metric,
+    results::{time_per_update_metric, updates_metric, wall_time_metric},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -131,9 +131,10 @@ fn address(part: &Arc<Resolved>) -> usize {
 /// Notes what the trials of a cell record and trace.
 fn note(cell: &Cell, facts: &Facts, measures: &Measures, entry: &AgentEntry, world: &mut World) {
     let environment = facts.metrics.iter().filter(|_| measures.of_environment);
-    let updates = entry.learns.then(updates_metric);
-    let metrics = measures.metrics.iter().chain(environment).chain(&entry.metrics).chain(&updates);
-    world.record((cell.environment, cell.agent), metrics);
+    let updates = entry.learns.then(|| [updates_metric(), time_per_update_metric()]);
+    let added = [wall_time_metric()];
+    let metrics = measures.metrics.iter().chain(environment).chain(&entry.metrics);
+    world.record((cell.environment, cell.agent), metrics.chain(updates.iter().flatten()).chain(&added));
     let traced = world.traced.entry(cell.environment).or_default();
     traced.extend(facts.traced.iter().cloned());
     // A protocol that measures no episodes of an environment traces what it measures.

@@ -2,8 +2,7 @@
 //!
 //! Invariants
 //! 1. No agent names an environment: it reads the seats, spaces and channel names of an [`engine::Interface`].
-//! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a number. The one
-//!    exception is [`update_timing`], whose numbers are times.
+//! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a number.
 //! 3. A saved and loaded agent continues to the same bits.
 
 pub mod allocation;
@@ -42,7 +41,6 @@ pub mod seat;
 pub mod seat_network;
 pub mod targets;
 pub mod tdom_ac;
-pub mod update_timing;
 pub mod water_filling;
 pub mod zero_action;
 
@@ -98,8 +96,6 @@ pub fn register(registry: &mut Registry) {
     registry.agent("pr2", 1, about, learner(pr2::metrics()), pr2::build);
     let about = "takes the gradient of the opponent models of TDOM-AC apart into the critics' part and the entropy's";
     registry.agent("opponent_gradients", 1, about, opponent_gradients::traits(), opponent_gradients::build);
-    let about = "times one update of an algorithm beside another's: its numbers are times, and differ from run to run";
-    registry.agent("update_timing", 1, about, update_timing::traits(), update_timing::build);
 }
 
 #[cfg(test)]
@@ -110,7 +106,7 @@ mod tests {
     fn defaults_and_presets_resolve_to_themselves() {
         let mut registry = Registry::default();
         register(&mut registry);
-        assert_eq!(registry.agents.len(), 22);
+        assert_eq!(registry.agents.len(), 21);
         for (name, entry) in &registry.agents {
             assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
             assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");
