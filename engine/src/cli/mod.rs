@@ -326,7 +326,6 @@ impl From<crate::Error> for Failure {
 }
 
 /// Standard output is for results.
-#[allow(clippy::print_stdout, reason = "the command line prints")]
 fn say(text: &str) {
     use std::io::Write;
     // A reader that closed the pipe (`| head`) has what it wanted.
@@ -334,7 +333,6 @@ fn say(text: &str) {
 }
 
 /// Standard error is for progress and complaints.
-#[allow(clippy::print_stderr, reason = "the command line prints")]
 fn complain(text: &str) {
     use std::io::Write;
     // One write a message: programs that share a log do not mix their lines.
@@ -343,6 +341,7 @@ fn complain(text: &str) {
 }
 
 /// Colour on a terminal, unless `NO_COLOR` is set.
+#[expect(clippy::disallowed_methods, reason = "it colours what is shown, and reaches no result")]
 fn colour() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     Registry,
-    executor::{self, Dispatch, Error, Executor, Kind, Outcome, Task, View, Wanted, Watch, Work, describe},
+    executor::{self, Dispatch, Error, Executor, Kind, Outcome, Task, View, Wanted, Watch, Way, Work, describe},
     scheduler::{self, Event},
     store::{Store, is_missing, write_durably},
 };
@@ -194,11 +194,11 @@ pub(super) fn submit(
     if options.dry_run {
         return show_or_write(&asked.written()?, options);
     }
-    if !kind.runs() {
+    if let Way::Written(_, command) = &kind.way {
         let title = kind.title;
         let text = format!(
-            "error: regimen writes the manifest and does not talk to {title}: add --dry-run, and hand over what it prints, as \
-             in `kubectl apply -f -`"
+            "error: regimen writes what {title} needs and does not talk to it: add --dry-run, and give what it prints to \
+             `{command}`"
         );
         return Err(Failure { code: BAD_SPEC, text });
     }

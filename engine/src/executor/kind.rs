@@ -27,8 +27,8 @@ pub enum Way {
     Here,
     /// A queue takes them, and the program can wait for them.
     Queue(Options),
-    /// A person hands over what is written.
-    Written(Options),
+    /// A person hands over what is written, with a command that reads it from standard input.
+    Written(Options, &'static str),
 }
 
 /// The options of an executor: their type is erased once, so that settings and records hold those of any executor.
@@ -61,14 +61,14 @@ impl Kind {
     pub fn options(&self) -> Option<&Options> {
         match &self.way {
             Way::Here => None,
-            Way::Queue(options) | Way::Written(options) => Some(options),
+            Way::Queue(options) | Way::Written(options, _) => Some(options),
         }
     }
 
     /// True where the program itself can see to it that trials are computed.
     #[must_use]
     pub fn runs(&self) -> bool {
-        !matches!(self.way, Way::Written(_))
+        !matches!(self.way, Way::Written(..))
     }
 }
 

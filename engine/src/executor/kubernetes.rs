@@ -58,7 +58,7 @@ pub struct Kubernetes {
 pub fn kind() -> Kind {
     let options = kind::Options::of(|options: Options| Ok(Box::new(Kubernetes { options })));
     let about = "workers in a Kubernetes Indexed Job, whose manifest is written and not applied";
-    Kind { name: "kubernetes", title: "Kubernetes", about, way: Way::Written(options) }
+    Kind { name: "kubernetes", title: "Kubernetes", about, way: Way::Written(options, "kubectl apply -f -") }
 }
 
 impl Executor for Kubernetes {

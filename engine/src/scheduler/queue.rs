@@ -113,7 +113,7 @@ impl<'a> Queue<'a> {
     }
 }
 
-#[allow(clippy::disallowed_methods, reason = "it decides when a trial runs, which reaches no result")]
+#[expect(clippy::disallowed_methods, reason = "it decides when a trial runs, which reaches no result")]
 pub(super) fn now() -> Instant {
     Instant::now()
 }

@@ -27,7 +27,7 @@ use polars_io::{
 };
 use std::{io::Cursor, path::Path};
 
-/// Version of the columns.
+/// Version of the columns, for other readers: this program holds a file against its acknowledged hash and knows one form.
 pub const SCHEMA_VERSION: u32 = 1;
 
 /// Rows of one or more trials read back.
@@ -79,7 +79,7 @@ pub fn write_results(path: &Path, results: &Results) -> Result<(), Error> {
 /// Reads a metrics file.
 ///
 /// # Errors
-/// [`Error::Damaged`] where it is no metrics file of this version.
+/// [`Error::Damaged`] where it is no Parquet file or its columns are not those above.
 pub fn read(path: &Path) -> Result<MetricsTable, Error> {
     decode(std::fs::read(path).map_err(Error::file("read", path))?, path)
 }

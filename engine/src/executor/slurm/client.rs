@@ -84,6 +84,7 @@ pub fn cancel(name: &str, pending_only: bool) -> Result<(), Error> {
     call("scancel", arguments).map(drop)
 }
 
+#[expect(clippy::disallowed_methods, reason = "variables that stand for options of the commands are left out")]
 fn call<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Result<String, Error> {
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null());
