@@ -3,7 +3,10 @@
 //!
 //! A pin holds the whole trial (plugins with complete configs), so that it does not move with defaults, and runs with version 0
 //! of everything, so that it does not move with a version. The bits depend on how wide the processor's vectors are: a pin holds
-//! a digest per kind of processor, and is passed over on a kind that it does not know.
+//! a digest per kind of processor, and is passed over on a kind that it does not know, but not in CI.
+//!
+//! Digests of a kind can be written on a machine of a wider one, by running this test under an emulator that offers no more than
+//! the kind has: `qemu-x86_64 -cpu max` of QEMU 7.2 has AVX2 and FMA, and no AVX-512.
 //!
 //! `REGIMEN_PINS=write cargo test --release --workspace pins` writes new pins and those of raised versions.
 
