@@ -3,13 +3,14 @@
 //! One fresh cell, isothermal, from the middle of its discharge, 10 s a decision, through the registered environment, so that
 //! observations, rewards and metrics are paid for too. Prints one line of JSON.
 
+#![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
+
 use std::time::Instant;
 
-#[allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its figure and may stop at a mistake")]
+#[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
     let seconds: f64 = std::env::args().nth(1).and_then(|word| word.parse().ok()).unwrap_or(3.0);
-    let mut registry = engine::Registry::default();
-    environments::register(&mut registry);
+    let registry = plugins::registry();
     let entry = &registry.environments["battery"];
     let config = serde_json::json!({"cells": 4, "load": {"constant": {"power_w": 32.0}}, "start": "full"});
     let mut environment = (entry.build)(&(entry.about.resolve)(&config).unwrap()).unwrap();

@@ -6,6 +6,8 @@
 //! default (width 256, batch 256) with the JSON object CONFIG on top. The agent is built through the registry and driven through
 //! `learn`, so replay sampling and the copies in between are paid for. Prints one line of JSON.
 
+#![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
+
 use engine::{Agent, Channel, Interface, Observation, Recorder, Rng, Seat, Space, agent::Transition};
 use rand::Rng as _;
 use std::time::Instant;
@@ -17,15 +19,14 @@ const SEATS: usize = 3;
 const OBSERVED: usize = 18;
 const ACTED: usize = 2;
 
-#[allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its figure and may stop at a mistake")]
+#[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
     let name = words.first().map_or("tdom_ac", String::as_str);
     let seconds = words.get(1).and_then(|word| word.parse().ok()).unwrap_or(5);
     let mut config: serde_json::Value = serde_json::from_str(words.get(2).map_or("{}", String::as_str)).unwrap();
     config["learning_starts"] = 2048.into();
-    let mut registry = engine::Registry::default();
-    agents::register(&mut registry);
+    let registry = plugins::registry();
     let entry = &registry.agents[name];
     let mut rng = engine::random::stream(&["benchmark"]);
     let mut agent = (entry.build)(&(entry.about.resolve)(&config).unwrap(), &interface(), &mut rng).unwrap();
@@ -44,7 +45,6 @@ fn main() {
     println!("{}", serde_json::json!({ "who": who, "median_s": median_s, "fastest_s": fastest_s, "runs": updates.len() }));
 }
 
-#[allow(clippy::unwrap_used, reason = "a benchmark may stop at a mistake")]
 fn update(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
     let (one, start) = ([transition(rng)], Instant::now());
     agent.learn(&one, rng, &mut Recorder::default()).unwrap();

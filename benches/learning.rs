@@ -5,6 +5,8 @@
 //! The agent is built through the registry and driven through `learn` and `act`, so replay sampling and the copies in between are
 //! paid for. 9 observations, 4 actions. Prints one line of JSON.
 
+#![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
+
 use engine::{Agent, Channel, Interface, Mode, Observation, Recorder, Seat, Space, agent::Transition};
 use rand::Rng as _;
 use std::time::Instant;
@@ -12,14 +14,13 @@ use std::time::Instant;
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-#[allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its figure and may stop at a mistake")]
+#[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
     let number = |index: usize, otherwise: usize| words.get(index).and_then(|word| word.parse().ok()).unwrap_or(otherwise);
     let (batch, critic_layers, policy_layers, seconds) = (number(0, 256), number(1, 2), number(2, 2), number(3, 5));
     let name = words.get(4).map_or("gaussian_softmax_sac", String::as_str);
-    let mut registry = engine::Registry::default();
-    agents::register(&mut registry);
+    let registry = plugins::registry();
     let config = serde_json::json!({
         "batch_size": batch, "critic_layers": critic_layers, "policy_layers": policy_layers,
         "updates_per_step": 1.0, "learning_starts": 2048, "replay_capacity": 4096,
@@ -72,7 +73,6 @@ fn transition(rng: &mut engine::Rng) -> Transition {
     }
 }
 
-#[allow(clippy::unwrap_used, reason = "a benchmark may stop at a mistake")]
 fn decisions(agent: &mut dyn Agent, rng: &mut engine::Rng) -> Vec<f64> {
     (0..2000)
         .map(|_| {

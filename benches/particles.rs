@@ -3,18 +3,19 @@
 //! mpe2's rules, random starts, episodes of 25 steps of one joint action, through the registered environment, so that
 //! observations, rewards and metrics are paid for too. A step moves all agents. Prints one line of JSON.
 
+#![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
+
 use std::time::Instant;
 
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-#[allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its figure and may stop at a mistake")]
+#[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
     let scenario = words.first().map_or("cooperative_navigation", String::as_str);
     let seconds: f64 = words.get(1).and_then(|word| word.parse().ok()).unwrap_or(3.0);
-    let mut registry = engine::Registry::default();
-    environments::register(&mut registry);
+    let registry = plugins::registry();
     let entry = &registry.environments["particles"];
     let config = serde_json::json!({"scenario": scenario, "variant": "mpe2"});
     let mut environment = (entry.build)(&(entry.about.resolve)(&config).unwrap()).unwrap();

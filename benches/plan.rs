@@ -6,15 +6,16 @@
 //! it: everything done, everything done with one more seed, one more sweep point, and everything new because of more training
 //! steps. Prints one line of JSON with seconds.
 
+#![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
+
 use engine::{
-    registry::Registry,
     results::{EndState, TrialEnd},
     spec,
     store::{Store, TrialFile},
 };
 use std::{collections::BTreeMap, path::Path, process::Command, time::Instant};
 
-#[allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its figure and may stop at a mistake")]
+#[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
     let number = |index: usize, otherwise: usize| words.get(index).and_then(|word| word.parse().ok()).unwrap_or(otherwise);
@@ -58,10 +59,7 @@ fn study(settings: usize, seeds: usize) -> String {
 
 /// Acknowledges every trial of a study, without the flushes that a run pays for.
 fn fill(study: &Path, root: &Path) -> usize {
-    let mut registry = Registry { numerics_version: numerics::VERSION, ..Registry::default() };
-    engine::protocol::register(&mut registry);
-    environments::register(&mut registry);
-    agents::register(&mut registry);
+    let registry = plugins::registry();
     let study = spec::load(study, &registry, &spec::Options::default()).unwrap();
     let (store, plan) = (Store::at(root), study.plan());
     let end = TrialEnd { state: EndState::Ok, reason: String::new(), wall_s: 1.0, digest: "0".repeat(32) };

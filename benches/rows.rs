@@ -7,7 +7,6 @@
 
 use engine::{
     Phase, Recorder,
-    registry::Registry,
     results::{EndState, TrialEnd},
     spec,
     store::{Store, TrialFile, encode_metrics},
@@ -17,7 +16,7 @@ use std::{collections::BTreeMap, path::Path};
 
 const POINTS: u64 = 50;
 
-#[allow(clippy::print_stdout, clippy::unwrap_used, reason = "a benchmark prints its figure and may stop at a mistake")]
+#[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
     let [folder, seeds, rows] = words.as_slice() else { return println!("{{}}") };
@@ -42,10 +41,7 @@ fn study(seeds: &str) -> String {
 
 /// Acknowledges every trial of a study with its rows, without the flushes that a run pays for.
 fn fill(study: &Path, root: &Path, rows: u64) -> usize {
-    let mut registry = Registry { numerics_version: numerics::VERSION, ..Registry::default() };
-    engine::protocol::register(&mut registry);
-    environments::register(&mut registry);
-    agents::register(&mut registry);
+    let registry = plugins::registry();
     let study = spec::load(study, &registry, &spec::Options::default()).unwrap_or_else(|problems| panic!("{problems:?}"));
     let (store, plan) = (Store::at(root), study.plan());
     let mut rng = engine::random::stream(&["rows"]);

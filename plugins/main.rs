@@ -1,4 +1,4 @@
-//! The program: a registry, the register calls, the command line.
+//! The program: the registry and the command line.
 
 use std::process::ExitCode;
 
@@ -7,13 +7,5 @@ use std::process::ExitCode;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
-    let mut registry = engine::Registry {
-        numerics_version: numerics::VERSION,
-        build: engine::Build::told(env!("REGIMEN_COMMIT"), env!("REGIMEN_CHANGED")),
-        ..engine::Registry::default()
-    };
-    engine::protocol::register(&mut registry);
-    environments::register(&mut registry);
-    agents::register(&mut registry);
-    engine::cli::main(&registry, include_str!("../experiments/quickstart.yaml"))
+    engine::cli::main(&plugins::registry(), plugins::SELFTEST)
 }

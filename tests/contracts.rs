@@ -1,16 +1,11 @@
 //! What every registered plugin must do, whatever it is: these tests loop over the registry.
 
-use engine::{Action, Environment, NoKeeper, Phase, Registry, Rng, Space, random::stream, results::UPDATES};
+use engine::{
+    Action, Agent, Channel, Environment, Error, Interface, NoKeeper, Phase, Registry, Rng, Space, UseOfDatasets, random::stream,
+    results::UPDATES, trial::TrialKey,
+};
+use plugins::registry;
 use rand::Rng as _;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
-pub(crate) fn registry() -> Registry {
-    let mut registry = Registry { numerics_version: numerics::VERSION, ..Registry::default() };
-    engine::protocol::register(&mut registry);
-    environments::register(&mut registry);
-    agents::register(&mut registry);
-    registry
-}
 
 fn default_environment(registry: &Registry, name: &str) -> Box<dyn Environment> {
     let entry = &registry.environments[name];
@@ -67,25 +62,74 @@ fn every_preset_is_a_config() {
     }
 }
 
+/// The agent with its defaults, where it fits the environment: any other reason to refuse it is a mistake.
+fn fitting(registry: &Registry, name: &str, interface: &Interface, rng: &mut Rng) -> Option<Box<dyn Agent>> {
+    let entry = &registry.agents[name];
+    match (entry.build)(&entry.about.defaults, interface, rng) {
+        Ok(agent) => Some(agent),
+        Err(Error::Mismatch { .. }) => None,
+        Err(error) => panic!("{name}: {error}"),
+    }
+}
+
+/// Steps after which an episode that has not ended is left.
+const LONGEST: u32 = 20_000;
+
 #[test]
-fn what_environments_give_out_fits_what_they_say() {
+fn what_environments_give_out_is_what_they_say_through_whole_episodes() {
     let registry = registry();
     for name in registry.environments.keys() {
         let mut environment = default_environment(&registry, name);
         let mut rng = stream(&["contract", name]);
-        let seats = environment.reset(&mut rng).unwrap();
-        assert_eq!(seats.len(), environment.seats().len(), "{name}: one observation per seat");
-        for (seat, observation) in environment.seats().iter().zip(&seats) {
-            assert_eq!(observation.len(), seat.observation.len(), "{name}: {observation:?}");
-            assert!(observation.iter().all(|value| value.is_finite()), "{name}: {observation:?}");
+        for episode in 0..2 {
+            let seats = environment.reset(&mut rng).unwrap();
+            assert_within_ranges(&*environment, &seats, &format!("{name}, start of episode {episode}"));
+            let mut steps = 0;
+            loop {
+                steps += 1;
+                let place = format!("{name}, step {steps} of episode {episode}");
+                let action = random_action(&*environment, &mut rng);
+                let step = environment.step(&action, &mut rng).unwrap_or_else(|error| panic!("{place}: {error}"));
+                assert_within_ranges(&*environment, &step.observations, &place);
+                assert_eq!(step.rewards.len(), seats.len(), "{place}: one reward per seat");
+                assert_eq!(step.info.len(), environment.metrics().len(), "{place}: one value per metric");
+                assert!(step.rewards.iter().chain(&step.info).all(|value| value.is_finite()), "{place}: {step:?}");
+                if step.end.is_some() {
+                    break;
+                }
+                assert!(steps < LONGEST, "{place}: the episode does not end");
+            }
         }
-        assert_eq!(environment.state().len(), environment.state_channels().len(), "{name}: state");
-        assert_eq!(environment.trace().len(), environment.trace_channels().len(), "{name}: trace");
-        let action = random_action(&*environment, &mut rng);
-        let step = environment.step(&action, &mut rng).unwrap();
-        assert_eq!(step.rewards.len(), seats.len(), "{name}: one reward per seat");
-        assert_eq!(step.info.len(), environment.metrics().len(), "{name}: one value per metric");
     }
+}
+
+/// What seats see and the full state lie within the ranges of their channels; of a trace, what has a value yet.
+fn assert_within_ranges(environment: &dyn Environment, observations: &[Vec<f64>], place: &str) {
+    assert_eq!(observations.len(), environment.seats().len(), "{place}: one observation per seat");
+    for (seat, values) in environment.seats().iter().zip(observations) {
+        assert_eq!(values.len(), seat.observation.len(), "{place}: {values:?}");
+        if let Space::Box(channels) = &seat.observation {
+            let wrong = outside(channels, values);
+            assert!(wrong.is_empty(), "{place}: seat `{}` sees {wrong:?}", seat.name);
+        }
+    }
+    let (channels, values) = (environment.state_channels(), environment.state());
+    assert_eq!(values.len(), channels.len(), "{place}: state");
+    let wrong = outside(&channels, &values);
+    assert!(wrong.is_empty(), "{place}: the state has {wrong:?}");
+    let (channels, values) = (environment.trace_channels(), environment.trace());
+    assert_eq!(values.len(), channels.len(), "{place}: trace");
+    let there: Vec<(Channel, f64)> = channels.into_iter().zip(values).filter(|(_, value)| !value.is_nan()).collect();
+    let (channels, values): (Vec<Channel>, Vec<f64>) = there.into_iter().unzip();
+    let wrong = outside(&channels, &values);
+    assert!(wrong.is_empty(), "{place}: the trace has {wrong:?}");
+}
+
+/// Values that are not finite or lie beyond the limits of their channels.
+fn outside(channels: &[Channel], values: &[f64]) -> Vec<String> {
+    let is_in = |channel: &Channel, value: f64| value.is_finite() && (channel.low..=channel.high).contains(&value);
+    let pairs = channels.iter().zip(values).filter(|(channel, value)| !is_in(channel, **value));
+    pairs.map(|(channel, value)| format!("{} = {value}, not in {}..{}", channel.name, channel.low, channel.high)).collect()
 }
 
 #[test]
@@ -129,12 +173,12 @@ fn a_restored_environment_continues_to_the_same_bits() {
 #[test]
 fn agents_act_within_the_space_of_an_environment_that_takes_them() {
     let registry = registry();
-    for (name, entry) in &registry.agents {
+    for name in registry.agents.keys() {
         let mut taken = 0;
         for environment_name in registry.environments.keys() {
             let mut environment = default_environment(&registry, environment_name);
             let mut rng = stream(&["contract", name]);
-            let Ok(mut agent) = (entry.build)(&entry.about.defaults, &environment.interface(), &mut rng) else { continue };
+            let Some(mut agent) = fitting(&registry, name, &environment.interface(), &mut rng) else { continue };
             taken += 1;
             let seats = environment.reset(&mut rng).unwrap();
             let state = if agent.reads_state() { environment.state() } else { Vec::new() };
@@ -157,7 +201,7 @@ fn agents_that_learn_count_their_updates_and_others_have_none_to_count() {
     for (name, entry) in &registry.agents {
         for environment in registry.environments.keys() {
             let interface = default_environment(&registry, environment).interface();
-            let Ok(agent) = (entry.build)(&entry.about.defaults, &interface, &mut stream(&["contract"])) else { continue };
+            let Some(agent) = fitting(&registry, name, &interface, &mut stream(&["contract"])) else { continue };
             let updates = agent.updates();
             assert_eq!(updates.is_some(), entry.learns, "{name}");
             assert!(updates.is_none_or(|updates| updates.made == 0 && updates.first_after > 0), "{name}: {updates:?}");
@@ -170,9 +214,19 @@ fn agents_that_learn_count_their_updates_and_others_have_none_to_count() {
 
 /// True where some small trial of an agent ends with updates; none of them may come before the step that the agent tells.
 fn learns_as_told(registry: &Registry, name: &str) -> bool {
-    crate::resume::keys(registry, name).into_iter().any(|key| {
-        let run = AssertUnwindSafe(|| crate::datasets::run(registry, &key, None, &mut NoKeeper));
-        let Ok(Ok(record)) = catch_unwind(run) else { return false };
+    let entry = &registry.agents[name];
+    // An agent learns from examples, from what others gathered, or from its decisions.
+    let fits = |key: &TrialKey| match key.protocol.plugin.as_str() {
+        "supervised_fit" => entry.learns_from_examples,
+        "offline_fit" => entry.datasets != UseOfDatasets::Never,
+        _ => !entry.learns_from_examples && entry.datasets != UseOfDatasets::Only,
+    };
+    crate::resume::keys(registry, name).into_iter().filter(fits).any(|key| {
+        let record = match crate::datasets::run(registry, &key, None, &mut NoKeeper) {
+            Ok(record) => record,
+            Err(Error::Mismatch { .. }) => return false,
+            Err(error) => panic!("{name} in {}: {error}", key.environment.plugin),
+        };
         let environment = (registry.environments[key.environment.plugin.as_str()].build)(&key.environment.config).unwrap();
         let agent = &registry.agents[name];
         let agent =

@@ -1,10 +1,11 @@
 //! Agents that meet after they were trained: planned, scheduled after their sources, and shown as a matrix.
 
 use crate::{
-    contracts::registry,
     program::{Bench, answer, trial_files},
+    shrunk::shrunk,
 };
 use engine::{Action, Agent, Environment, Mode, Observation, Recorder, Registry, Transition, random::stream};
+use plugins::registry;
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::PathBuf, process::Stdio};
 
@@ -242,12 +243,10 @@ fn policies_by_seat_are_acknowledged_and_checked() {
 
 /// The default config with small networks.
 fn small(registry: &Registry, agent: &str) -> Value {
-    let about = &registry.agents[agent].about;
-    let mut config = about.defaults.clone();
-    for (key, value) in json!({"width": 5, "batch_size": 4, "learning_starts": 8}).as_object().unwrap() {
-        assert!(config.get(key).is_some(), "{agent} has no `{key}`");
-        config[key] = value.clone();
-    }
+    let (about, values) = (&registry.agents[agent].about, json!({"width": 5, "batch_size": 4, "learning_starts": 8}));
+    let config = shrunk(about, &values);
+    let taken = values.as_object().unwrap().iter().all(|(key, value)| config[key] == *value);
+    assert!(taken, "{agent}: {config}");
     config
 }
 
@@ -271,7 +270,7 @@ fn trained(agent: &mut dyn Agent, environment: &mut dyn Environment) -> Vec<Obse
 fn every_agent_with_several_seats_takes_up_the_policy_that_it_exported_to_the_bit() {
     let registry = registry();
     let mut checked = Vec::new();
-    for (name, entry) in registry.agents.iter().filter(|(_, entry)| entry.learns && !entry.measures_time) {
+    for (name, entry) in registry.agents.iter().filter(|(_, entry)| entry.learns) {
         for environment in registry.environments.values() {
             let mut environment = (environment.build)(&environment.about.defaults).unwrap();
             let interface = environment.interface();

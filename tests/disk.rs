@@ -38,7 +38,7 @@ impl Drop for SmallDisk<'_> {
 fn a_full_disk_is_said_and_loses_nothing() {
     let bench = Bench::new();
     let Some(disk) = SmallDisk::mount(&bench) else {
-        #[allow(clippy::print_stderr, reason = "whoever reads the test's output should know")]
+        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
         {
             eprintln!("skipped: no tmpfs can be mounted here (it takes root)");
         }

@@ -1,11 +1,11 @@
 //! The bound on the life of a pack beside what registered agents reach, episode by episode.
 
-use crate::contracts::registry;
 use engine::{
     NoKeeper, Phase,
     cast::Seating,
     trial::{Part, TrialKey},
 };
+use plugins::registry;
 use serde_json::{Value, json};
 
 const AGENTS: [(&str, &str); 8] = [
@@ -30,7 +30,7 @@ fn finals(cells: &Value, agent: (&str, &str), metric: &str) -> Vec<f64> {
         agent: Seating::Agent(Part::new(agent.0, 1, config)),
         protocol: Part::new("train_evaluate", 1, (registry.protocols["train_evaluate"].about.resolve)(&protocol).unwrap()),
         seed: 3,
-        numerics: numerics::VERSION,
+        numerics: registry.numerics_version,
         device: "cpu".into(),
     };
     let record = key.run(&registry, None, &mut |_, _| {}, &mut NoKeeper).unwrap();

@@ -1,5 +1,7 @@
 //! The one integration binary: everything here goes through the real program.
 
+#![expect(clippy::disallowed_methods, reason = "tests wait for programs and look at the machine that they run on")]
+
 mod architecture;
 mod contracts;
 mod crashes;
@@ -27,5 +29,7 @@ mod resume;
 mod rollout;
 mod runs;
 mod selftest;
+mod shrunk;
 mod signals;
 mod slurm;
+mod third_party;

@@ -23,7 +23,7 @@ const UNSHARE: [&str; 3] = ["--pid", "--fork", "--mount-proc"];
 #[test]
 fn a_run_in_another_process_namespace_of_one_host_leaves_the_first_alone() {
     if !Command::new("unshare").args(UNSHARE).arg("true").output().is_ok_and(|output| output.status.success()) {
-        #[allow(clippy::print_stderr, reason = "whoever reads the test's output should know")]
+        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
         {
             eprintln!("skipped: no process namespace can be made here (it takes root)");
         }

@@ -1,10 +1,8 @@
 //! Other programs read what this one writes: metrics with Polars for Python, policies with NumPy, datasets with
 //! Minari, manifests with a validator.
 
-use crate::{
-    contracts::registry,
-    program::{Bench, repository, trial_files},
-};
+use crate::program::{Bench, repository, trial_files};
+use plugins::registry;
 use std::{path::Path, process::Command};
 
 const STUDY: &str = "

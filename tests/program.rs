@@ -47,8 +47,13 @@ impl Bench {
 
     /// The command of the program that tests misuse, ready to start in the folder.
     pub(crate) fn misused(&self, arguments: &[&str]) -> Command {
-        let beside = Path::new(env!("CARGO_BIN_EXE_regimen")).parent().unwrap().join("examples/program-under-test");
-        let mut command = Command::new(beside);
+        self.built("program-under-test", arguments)
+    }
+
+    /// The command of another program that is built with the tests, ready to start in the folder.
+    pub(crate) fn built(&self, program: &str, arguments: &[&str]) -> Command {
+        let beside = Path::new(env!("CARGO_BIN_EXE_regimen")).parent().unwrap().join("examples");
+        let mut command = Command::new(beside.join(program));
         command.args(arguments).current_dir(self.folder.path()).env_remove("REGIMEN_STORE").env_remove("REGIMEN_JOBS");
         command
     }
@@ -111,6 +116,11 @@ pub(crate) fn answer(output: &Output) -> Answer {
         out: String::from_utf8_lossy(&output.stdout).into_owned(),
         err: String::from_utf8_lossy(&output.stderr).into_owned(),
     }
+}
+
+/// True where tests run without anyone who reads what they say: nothing is passed over then.
+pub(crate) fn in_ci() -> bool {
+    std::env::var_os("CI").is_some_and(|value| !value.is_empty() && value != "false")
 }
 
 /// The repository's root.

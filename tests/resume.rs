@@ -1,12 +1,14 @@
 //! A trial that is stopped or killed and goes on in a fresh process ends as if nothing had happened: for every agent.
 
 use crate::datasets::{self, with_sources};
+use crate::shrunk::shrunk;
 use engine::{
     Agent, Error, Keeper, NoKeeper, Phase, Recorder, Registry,
     cast::Seating,
     store::RunningTrial,
     trial::{Part, TrialKey},
 };
+use plugins::registry;
 use serde_json::{Value, json};
 use std::{
     collections::BTreeSet,
@@ -15,40 +17,19 @@ use std::{
     time::Duration,
 };
 
-fn registry() -> Registry {
-    let mut registry = Registry { numerics_version: numerics::VERSION, ..Registry::default() };
-    engine::protocol::register(&mut registry);
-    environments::register(&mut registry);
-    agents::register(&mut registry);
-    registry
-}
-
 /// Values for whatever config has such a key: small networks, short episodes, wear, two blocks in the final measurement.
 fn small() -> Value {
     json!({
         "width": 6, "batch_size": 4, "learning_starts": 24, "updates_per_step": 0.25, "replay_capacity": 64,
         "episode_limit": 5, "ageing": {}, "process_noise": true, "sensor_noise": true, "cells": 2,
         "steps": 72, "environments": 4, "evaluate_every": 24, "episodes": 3, "final_episodes": 260, "trace_episodes": 2,
-        "batch": 4, "examples": 3, "final_examples": 260, "batches": 30, "warm_up": 8,
-        "setting": "differential_game", "weights": [0.4, 0.6], "datasets": [{ "from": "given" }],
+        "batch": 4, "examples": 3, "final_examples": 260, "batches": 30,
+        "weights": [0.4, 0.6], "datasets": [{ "from": "given" }],
     })
 }
 
-/// The default config with the small values that it takes, one by one.
-fn shrunk(about: &engine::registry::About) -> Value {
-    let mut config = about.defaults.clone();
-    for (key, value) in small().as_object().unwrap() {
-        let mut changed = config.clone();
-        if changed.get(key).is_some() {
-            changed[key] = value.clone();
-            config = (about.resolve)(&changed).unwrap_or(config);
-        }
-    }
-    config
-}
-
 fn part(name: &str, about: &engine::registry::About) -> Part {
-    Part::new(name, about.version, shrunk(about))
+    Part::new(name, about.version, shrunk(about, &small()))
 }
 
 /// A small trial of an agent with every environment and protocol, whether it fits them or not.
@@ -127,7 +108,7 @@ struct Interrupted {
 
 impl Interrupted {
     fn fresh(folder: &Path, key: &TrialKey, end: End) -> Self {
-        let kept = RunningTrial::open(folder, &key.id(), Duration::MAX, std::sync::Arc::default()).unwrap();
+        let kept = RunningTrial::open(folder, &key.id(), Duration::MAX, std::sync::Arc::default());
         Self { kept, end, opportunities: 0 }
     }
 }
@@ -181,8 +162,7 @@ fn run_interrupted(registry: &Registry, key: &TrialKey, ends: impl IntoIterator<
 #[test]
 fn a_trial_that_is_interrupted_ends_as_one_that_is_not() {
     let registry = registry();
-    // A measurement of time that was stopped begins anew.
-    for (name, _) in registry.agents.iter().filter(|(_, entry)| entry.learns && !entry.measures_time) {
+    for (name, _) in registry.agents.iter().filter(|(_, entry)| entry.learns) {
         let trials = trials(&registry, name);
         assert!(!trials.is_empty(), "no environment and protocol in which {name} learns");
         for (key, whole) in trials {

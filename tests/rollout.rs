@@ -1,15 +1,13 @@
 //! Simulators through `regimen rollout`, against trajectories of other programs.
 
-use crate::{
-    contracts::registry,
-    program::{Bench, repository, trial_files},
-};
+use crate::program::{Bench, repository, trial_files};
 use engine::{
     Phase,
     random::stream,
     rollout::{Actions, rows},
     store::{Store, read_metrics},
 };
+use plugins::registry;
 use std::{collections::BTreeMap, path::PathBuf};
 
 fn fixture(name: &str) -> PathBuf {

@@ -4,6 +4,7 @@
 
 use serde::Serialize;
 use std::fmt::Write;
+use unicode_width::UnicodeWidthChar;
 
 /// A stretch of characters on one line of one source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
@@ -271,12 +272,7 @@ fn window(place: &Place) -> (String, usize) {
 
 /// Terminal columns of a character: two for East Asian wide ones and emoji, none for combining marks.
 fn columns(letter: char) -> usize {
-    match u32::from(letter) {
-        0x0300..=0x036F | 0x200B..=0x200F | 0xFE00..=0xFE0F => 0,
-        0x1100..=0x115F | 0x2E80..=0xA4CF | 0xAC00..=0xD7A3 | 0xF900..=0xFAFF | 0xFE30..=0xFE6F | 0xFF00..=0xFF60 => 2,
-        0x1F300..=0x1FAFF | 0x20000..=0x3FFFD => 2,
-        _ => 1,
-    }
+    letter.width().unwrap_or(0)
 }
 
 /// Names in messages come from the file: control characters in them are not passed to the terminal.

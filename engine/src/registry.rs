@@ -72,8 +72,6 @@ pub struct AgentEntry {
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
-    /// True where what it records are times.
-    pub measures_time: bool,
     /// True where it can learn from examples, without actions and rewards.
     pub learns_from_examples: bool,
     /// Whether it can learn from what others gathered.
@@ -93,8 +91,10 @@ pub struct ProtocolEntry {
     pub without_training: Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>,
 }
 
+/// Raised whenever a change in the engine changes the numbers of trials, whichever protocol runs them.
+pub const NUMERICS_VERSION: u32 = 1;
+
 /// All plugins by name.
-#[derive(Default)]
 pub struct Registry {
     /// Environments by name.
     pub environments: BTreeMap<&'static str, EnvironmentEntry>,
@@ -102,7 +102,8 @@ pub struct Registry {
     pub agents: BTreeMap<&'static str, AgentEntry>,
     /// Protocols by name.
     pub protocols: BTreeMap<&'static str, ProtocolEntry>,
-    /// Raised whenever shared numerical code changes the numbers of trials.
+    /// Raised whenever numerical code that plugins share changes the numbers of trials: the engine's own
+    /// [`NUMERICS_VERSION`], and that of every crate that [`shares`](Self::shares) with several plugins.
     pub numerics_version: u32,
     /// The source code that the program was built from, where it knows.
     pub build: Option<crate::Build>,
@@ -115,10 +116,6 @@ pub struct AgentTraits {
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
-    /// True where what it records are times, read from a clock: its trials are measurements of the machine, and the one exception
-    /// to the rule that a trial gives the same bits wherever it runs. They are stored like any other, but neither pinned nor
-    /// continued half-way, and `selftest` refuses them.
-    pub measures_time: bool,
     /// True where `learn` reads observations and states alone, so that it can be given examples instead of decisions.
     pub learns_from_examples: bool,
     /// Whether it can learn from what others gathered.
@@ -138,7 +135,26 @@ pub enum UseOfDatasets {
     Only,
 }
 
+impl Default for Registry {
+    /// No plugin yet, and the version of the engine's own numerical code.
+    fn default() -> Self {
+        Self {
+            environments: BTreeMap::new(),
+            agents: BTreeMap::new(),
+            protocols: BTreeMap::new(),
+            numerics_version: NUMERICS_VERSION,
+            build: None,
+        }
+    }
+}
+
 impl Registry {
+    /// Takes in the version of a crate of numerical code that several plugins share. Versions only rise, so that raising any
+    /// of them gives trials another id.
+    pub fn shares(&mut self, version: u32) {
+        self.numerics_version += version;
+    }
+
     /// Registers an environment.
     ///
     /// # Panics
@@ -170,7 +186,6 @@ impl Registry {
             about: describe::<C>(version, about),
             learns: traits.learns,
             metrics: traits.metrics,
-            measures_time: traits.measures_time,
             learns_from_examples: traits.learns_from_examples,
             datasets: traits.datasets,
             build: Box::new(move |raw, interface, rng| build(typed(raw)?, interface, rng)),

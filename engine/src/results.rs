@@ -9,6 +9,7 @@ use crate::{
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
@@ -19,6 +20,46 @@ pub const SUCCESS: &str = "success";
 
 /// The metric that every measured episode records once: how many decisions it took.
 pub const EPISODE_LENGTH: &str = "episode_length";
+
+/// The metric that every trial has when results are read: how long it took, in seconds.
+pub const WALL_TIME: &str = "wall_time";
+
+/// The metric that trials of agents that learn have when results are read: how long they took over the updates that they
+/// made, in seconds.
+pub const TIME_PER_UPDATE: &str = "time_per_update";
+
+/// What is said wherever a time is shown.
+pub const TIMES_ARE_OF_THE_MACHINE: &str =
+    "Times are measurements of the machine that computed the trials and of what else it did; they differ from run to run.";
+
+/// What [`WALL_TIME`] says, for names, units and directions.
+#[must_use]
+pub fn wall_time_metric() -> Metric {
+    Metric::new(WALL_TIME, "s", "wall-clock time of the trial").lower_is_better().per_episode(PerEpisode::Last)
+}
+
+/// What [`TIME_PER_UPDATE`] says, for names, units and directions.
+#[must_use]
+pub fn time_per_update_metric() -> Metric {
+    let about = "wall-clock time of the trial over the updates that the agent made";
+    Metric::new(TIME_PER_UPDATE, "s", about).lower_is_better().per_episode(PerEpisode::Last)
+}
+
+/// True where one of the words of `asked`, a part of a study, is the name of a time.
+#[must_use]
+pub fn names_times(asked: &impl Serialize) -> bool {
+    serde_json::to_value(asked).is_ok_and(|asked| has_time(&asked))
+}
+
+fn has_time(asked: &Value) -> bool {
+    let is_name = |letter: char| letter.is_alphanumeric() || letter == '_';
+    match asked {
+        Value::String(text) => text.split(|letter| !is_name(letter)).any(|word| [WALL_TIME, TIME_PER_UPDATE].contains(&word)),
+        Value::Array(items) => items.iter().any(has_time),
+        Value::Object(entries) => entries.values().any(has_time),
+        _ => false,
+    }
+}
 
 /// What [`UPDATES`] says, for names, units and directions.
 #[must_use]
@@ -122,9 +163,27 @@ impl TrialResult {
         let Some(value) = self.mean(Phase::Final, &success.metric).filter(|_| self.is_ok()) else { return };
         let last = self.select(Phase::Final, &success.metric).last().copied();
         let Some(last) = last else { return };
-        let metric = crate::recorder::intern(&mut self.names, SUCCESS);
-        let value = f64::from(u8::from(success.holds(value)));
-        self.rows.push(Row { episode: 0, seat: 0, metric, value, ..last });
+        self.add(SUCCESS, f64::from(u8::from(success.holds(value))), last);
+    }
+
+    /// Adds the metrics [`WALL_TIME`] and, where the agent made updates, [`TIME_PER_UPDATE`], from how the trial ended. They
+    /// are measurements of the machine: no trial records them, and its numbers do not depend on them.
+    pub fn add_times(&mut self) {
+        let Some(wall_s) = self.end.as_ref().map(|end| end.wall_s).filter(|_| self.is_ok()) else { return };
+        let Some(last) = self.rows.iter().rfind(|row| row.phase == Phase::Final).copied() else { return };
+        let per_update = self.updates().filter(|made| *made > 0.0).map(|made| wall_s / made);
+        for (name, value) in [(WALL_TIME, Some(wall_s)), (TIME_PER_UPDATE, per_update)] {
+            // What a plugin records under the name is what the name means then.
+            if let Some(value) = value.filter(|_| !self.names.iter().any(|known| known == name)) {
+                self.add(name, value, last);
+            }
+        }
+    }
+
+    /// Adds a number of the whole trial at the step of one of its rows.
+    fn add(&mut self, name: &str, value: f64, beside: Row) {
+        let metric = crate::recorder::intern(&mut self.names, name);
+        self.rows.push(Row { episode: 0, seat: 0, metric, value, ..beside });
     }
 
     /// The rows of one metric in one phase, in the order of recording.
@@ -236,5 +295,30 @@ mod tests {
         };
         assert_eq!([EndState::Ok, EndState::Nan, EndState::Timeout].map(|state| complete(Some(state))), [1, 1, 1]);
         assert_eq!([complete(Some(EndState::Killed)), complete(None)], [0, 0]);
+    }
+
+    #[test]
+    fn times_are_those_of_the_end_and_over_the_updates() {
+        let mut learner = trial("cells", "learner", "", 0, &vec![(Phase::Final, 8, 0, UPDATES, 20.0)]);
+        learner.add_times();
+        // A made trial took a second.
+        assert_eq!(learner.mean(Phase::Final, WALL_TIME), Some(1.0));
+        assert_eq!(learner.mean(Phase::Final, TIME_PER_UPDATE), Some(0.05));
+        assert!(learner.select(Phase::Final, TIME_PER_UPDATE).all(|row| row.step == 8));
+        let mut rule = trial("cells", "rule", "", 0, &vec![(Phase::Final, 0, 0, "return", 1.0)]);
+        rule.add_times();
+        assert_eq!(rule.mean(Phase::Final, WALL_TIME), Some(1.0));
+        assert_eq!(rule.mean(Phase::Final, TIME_PER_UPDATE), None);
+        let mut failed = ended(rule, EndState::Failed, "told");
+        (failed.names, failed.rows) = (Vec::new(), Vec::new());
+        failed.add_times();
+        assert!(failed.rows.is_empty());
+    }
+
+    #[test]
+    fn times_are_found_by_their_whole_names() {
+        let asked = |text: &str| names_times(&serde_json::json!({ "claims": [{ "claim": text }] }));
+        assert!(asked("pr2.time_per_update > rommeo.time_per_update") && asked("a.wall_time < 3"));
+        assert!(!asked("a.lifetime_per_update > b.wall_times"));
     }
 }

@@ -3,6 +3,8 @@
 //! `REGIMEN_TEST_CRASHES` names the file that remembers the boundaries; started again and again, the program dies once at every
 //! boundary of every trial and in the end lives.
 
+#![expect(clippy::disallowed_methods, reason = "the test says what shall be remembered where")]
+
 use std::{
     fs::{self, OpenOptions},
     io::Write,

@@ -8,14 +8,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     crash::install();
-    let mut registry = engine::Registry {
-        numerics_version: numerics::VERSION,
-        build: engine::Build::told(env!("REGIMEN_COMMIT"), env!("REGIMEN_CHANGED")),
-        ..engine::Registry::default()
-    };
-    engine::protocol::register(&mut registry);
-    environments::register(&mut registry);
-    agents::register(&mut registry);
+    let mut registry = plugins::registry();
     misbehaving::register(&mut registry);
-    engine::cli::main(&registry, include_str!("../../experiments/quickstart.yaml"))
+    engine::cli::main(&registry, plugins::SELFTEST)
 }

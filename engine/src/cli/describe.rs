@@ -1,7 +1,7 @@
 //! `list`, `describe` and `schema`: what is registered, for people and for editors.
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, say};
-use crate::{Registry, cast, figure::FigureKind, kinds, spec, statistics::Aggregate, table::TableKind};
+use crate::{Registry, cast, executor, figure::FigureKind, kinds, spec, statistics::Aggregate, table::TableKind};
 use clap::ValueEnum;
 use serde_json::{Value, json};
 
@@ -20,6 +20,8 @@ pub(super) enum Kind {
     Figures,
     /// How a trial's measurements become one number in a claim.
     Aggregates,
+    /// What runs trials, or takes them.
+    Executors,
 }
 
 /// Lists names with a line each.
@@ -55,6 +57,7 @@ fn entries(registry: &Registry, kind: Kind) -> Vec<(&'static str, String)> {
         Kind::Tables => kinds(TableKind::ALL),
         Kind::Figures => kinds(FigureKind::ALL),
         Kind::Aggregates => Aggregate::ALL.map(|it| own((it.name(), it.about()))).into(),
+        Kind::Executors => executor::all().iter().map(|kind| own((kind.name, kind.about))).collect(),
     }
 }
 

@@ -97,8 +97,8 @@ struct RunOptions {
     #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N")]
     jobs: Option<usize>,
     /// What runs the trials; `executor` in regimen.toml, else this machine.
-    #[arg(long, value_enum)]
-    executor: Option<submit::Executor>,
+    #[arg(long, value_name = "NAME", value_parser = submit::that_run())]
+    executor: Option<String>,
     /// With Slurm: leave after the submission; a later `run` follows it.
     #[arg(long)]
     detach: bool,
@@ -239,7 +239,7 @@ enum Verb {
         #[command(flatten)]
         options: submit::SubmitOptions,
     },
-    /// Cancel what was submitted to Slurm for these studies and has not ended.
+    /// Cancel what was submitted for these studies and has not ended.
     Cancel(Selection),
     /// Print the study with every default written out.
     Resolve(Selection),
@@ -327,7 +327,6 @@ impl From<crate::Error> for Failure {
 }
 
 /// Standard output is for results.
-#[allow(clippy::print_stdout, reason = "the command line prints")]
 fn say(text: &str) {
     use std::io::Write;
     // A reader that closed the pipe (`| head`) has what it wanted.
@@ -335,7 +334,6 @@ fn say(text: &str) {
 }
 
 /// Standard error is for progress and complaints.
-#[allow(clippy::print_stderr, reason = "the command line prints")]
 fn complain(text: &str) {
     use std::io::Write;
     // One write a message: programs that share a log do not mix their lines.
@@ -344,6 +342,7 @@ fn complain(text: &str) {
 }
 
 /// Colour on a terminal, unless `NO_COLOR` is set.
+#[expect(clippy::disallowed_methods, reason = "it colours what is shown, and reaches no result")]
 fn colour() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }

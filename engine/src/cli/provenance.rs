@@ -8,6 +8,10 @@ use std::{
 };
 
 /// Facts about this program, the machine, a study and who computed its trials, of which `stored` is what the store has.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a date that the report shall carry is given by the environment; no result holds it"
+)]
 pub(super) fn of(registry: &Registry, one: &Planned, stored: &[Option<StoredTrial>]) -> Provenance {
     Provenance {
         build: registry.build.clone(),

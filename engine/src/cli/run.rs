@@ -6,12 +6,12 @@ use super::{
     compute::Compute,
     folders, looks, profiles, provenance, say, settings, stages,
     study::{self, Planned},
-    submit::{self, Executor},
+    submit::{self, Asked},
 };
 use crate::{
-    Registry,
+    Registry, executor,
     report::{self, Contents, Counts, Period, ReportPaths, StudyInfo},
-    results::{Results, TrialResult},
+    results::{Results, TrialResult, names_times, time_per_update_metric, wall_time_metric},
     spec,
     store::{self, Store, write_durably},
     trial::Trial,
@@ -44,16 +44,20 @@ pub(super) fn run(
         retry_failed: options.retry_failed,
         whole: true,
     };
+    let kind = elsewhere(options.executor.as_deref().unwrap_or(&settings.executor));
+    if kind.is_none() && options.detach {
+        return Err(Failure { code: BAD_SPEC, text: "error: --detach needs --executor slurm".into() });
+    }
     let computed = loop {
-        let computed = match options.executor.unwrap_or(settings.executor) {
-            Executor::Local if options.detach => {
-                return Err(Failure { code: BAD_SPEC, text: "error: --detach needs --executor slurm".into() });
+        let computed = match &kind {
+            None => how.run(&planned, |_| true)?,
+            Some(kind) => {
+                let asked = Asked { kind, planned: &planned, selection, common, how: &how };
+                match submit::run(&asked, options)? {
+                    Some(code) => return Ok(code),
+                    None => OK,
+                }
             }
-            Executor::Local => how.run(&planned, |_| true)?,
-            Executor::Slurm => match submit::run(&planned, selection, options, &how, common)? {
-                Some(code) => return Ok(code),
-                None => OK,
-            },
         };
         if !goes_on(computed, &how) || !grow_all(&mut planned, registry, &store) {
             break computed;
@@ -66,6 +70,11 @@ pub(super) fn run(
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
     Ok(if computed == OK { code } else { computed })
+}
+
+/// The executor of a name that starts workers on other machines.
+fn elsewhere(name: &str) -> Option<executor::Kind> {
+    executor::find(name).filter(|kind| kind.options().is_some())
 }
 
 /// Whether a further look may follow what was computed: what is missing now would be missing then too.
@@ -231,6 +240,7 @@ fn as_json(study: &StudyInfo, contents: &Contents, paths: &ReportPaths) -> serde
 }
 
 /// Columns of the terminal, as the shell tells; 100 elsewhere.
+#[expect(clippy::disallowed_methods, reason = "it says how wide the summary is, and reaches no result")]
 fn terminal_width() -> usize {
     std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok()).filter(|width| *width >= 40).unwrap_or(100)
 }
@@ -246,6 +256,10 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
         })
     });
     let mut trials: Vec<TrialResult> = trials.collect();
+    let study = &one.study;
+    if names_times(&(&study.tables, &study.figures, &study.claims, &study.success)) {
+        trials.iter_mut().for_each(TrialResult::add_times);
+    }
     if let Some(success) = &one.study.success {
         trials.iter_mut().for_each(|trial| trial.judge_success(success));
     }

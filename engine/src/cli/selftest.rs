@@ -111,21 +111,6 @@ fn show(rows: &[(&str, usize, usize, bool, bool)], trials: usize, common: &Commo
     say(&lines.join("\n"));
 }
 
-/// Times differ from run to run, so there is nothing to compare.
-fn refuse_times(registry: &Registry, trials: &[Trial]) -> Result<(), Failure> {
-    let measures_time = |trial: &&Trial| {
-        let plugin = trial.key.agent.agent().and_then(|part| registry.agents.get(&*part.plugin));
-        plugin.is_some_and(|agent| agent.measures_time)
-    };
-    match trials.iter().find(measures_time) {
-        Some(trial) => {
-            let problem = format!("the agent `{}` measures time, and two measurements are never equal to the bit", trial.agent);
-            Err(Error::config("agents", problem).into())
-        }
-        None => Ok(()),
-    }
-}
-
 impl Bench {
     fn prepare(registry: &Registry, embedded: &str, options: &SelftestOptions) -> Result<Self, Failure> {
         let temporary = || std::env::temp_dir().join(format!("regimen-selftest-{}", std::process::id()));
@@ -149,7 +134,6 @@ impl Bench {
         let planned = study::load(registry, &selection)?;
         let seeds = planned.iter().find_map(|one| one.study.design.as_ref()?.looks().first().copied());
         let trials: Vec<Trial> = planned.into_iter().flat_map(|one| one.plan.trials).collect();
-        refuse_times(registry, &trials)?;
         Ok(Self { folder, trials, profile, seeds })
     }
 

@@ -7,7 +7,7 @@
 //! lease_expiry_s = 30         # when leases of silent machines count as dead
 //! executor = "local"          # or "slurm"
 //!
-//! [slurm]                     # how workers are asked for; see executor::slurm::Options
+//! [slurm]                     # how workers are asked for: each executor of `regimen list` has a table of its name
 //! time = "4:00:00"
 //!
 //! [limits]                    # the tighter of these and the study's holds
@@ -22,13 +22,18 @@
 //! partition = "long"
 //! ```
 
-use super::{BAD_SPEC, Common, Failure, submit::Executor};
+use super::{BAD_SPEC, Common, Failure};
 use crate::{
-    executor::{kubernetes, slurm},
+    executor::{self, Executor, Kind, LOCAL},
     limits::Limits,
 };
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use std::{collections::BTreeMap, path::PathBuf, time::Duration};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::{collections::BTreeMap, num::NonZeroUsize, path::PathBuf, time::Duration};
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue, Deserializer, ValueDeserializer},
+};
 
 const FILE: &str = "regimen.toml";
 
@@ -45,14 +50,16 @@ pub(super) struct Settings {
     pub(super) lease_expiry: Duration,
     /// Limits that hold here, whatever the study says.
     pub(super) limits: Limits,
-    /// What runs the missing trials.
-    pub(super) executor: Executor,
-    /// How Slurm is asked for workers.
-    pub(super) slurm: slurm::Options,
-    /// How a Kubernetes Job is written.
-    pub(super) kubernetes: kubernetes::Options,
+    /// Name of what runs the missing trials.
+    pub(super) executor: String,
+    /// The options of every executor, by its name.
+    executors: Tables,
 }
 
+/// Options of executors by name; a key that is not given is null.
+type Tables = BTreeMap<&'static str, Value>;
+
+/// What is said outside the tables of executors, at the top or in a profile.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Table {
@@ -61,23 +68,46 @@ struct Table {
     checkpoint_every_s: Option<f64>,
     lease_expiry_s: Option<f64>,
     limits: Option<Limits>,
-    executor: Option<Executor>,
-    slurm: slurm::Options,
-    kubernetes: kubernetes::Options,
+    executor: Option<Name>,
 }
 
-#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Document {
-    store: Option<PathBuf>,
-    workers: Option<usize>,
-    checkpoint_every_s: Option<f64>,
-    lease_expiry_s: Option<f64>,
-    limits: Option<Limits>,
-    executor: Option<Executor>,
-    slurm: slurm::Options,
-    kubernetes: kubernetes::Options,
-    profile: BTreeMap<String, Table>,
+/// The name of an executor that runs trials.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "String")]
+struct Name(String);
+
+impl TryFrom<String> for Name {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        let all = executor::all();
+        let names: Vec<&str> = all.iter().filter(|kind| kind.runs()).map(|kind| kind.name).collect();
+        if names.contains(&name.as_str()) {
+            return Ok(Self(name));
+        }
+        let known = names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(" or ");
+        Err(format!("`{name}` runs no trials, expected {known}"))
+    }
+}
+
+/// One level of the file: the top, or a profile.
+#[derive(Debug, Clone, Default)]
+struct Level {
+    table: Table,
+    executors: Tables,
+}
+
+impl Settings {
+    /// An executor with its options; `tasks` takes the place of the most that may run at a time.
+    pub(super) fn executor(&self, kind: &Kind, tasks: Option<usize>) -> Result<Box<dyn Executor>, Failure> {
+        let name = kind.name;
+        let options = kind.options().ok_or_else(|| wrong(&format!("`{name}` hands nothing over")))?;
+        let mut values = self.executors.get(name).cloned().unwrap_or_else(|| json!({}));
+        if let Some(tasks) = tasks.and_then(NonZeroUsize::new) {
+            values["max_tasks"] = tasks.get().into();
+        }
+        options.build(&values).map_err(|error| wrong(&format!("[{name}] {error}")))
+    }
 }
 
 /// Reads `regimen.toml` of the current folder, where there is one.
@@ -91,42 +121,92 @@ pub(super) fn read(common: &Common) -> Result<Settings, Failure> {
 }
 
 fn combine(text: &str, common: &Common) -> Result<Settings, Failure> {
-    let document: Document = toml::from_str(text).map_err(|error| wrong(&error.to_string()))?;
+    let (top, mut profiles) = levels(text).map_err(|mut error| {
+        error.set_input(Some(text));
+        let tables = if error.message().starts_with("unknown field") { known_tables() } else { String::new() };
+        wrong(&format!("{error}{tables}"))
+    })?;
     let profile = match &common.machine {
-        None => Table::default(),
-        Some(name) => document.profile.get(name).cloned().ok_or_else(|| {
-            let known = document.profile.keys().cloned().collect::<Vec<_>>().join(", ");
+        None => Level::default(),
+        Some(name) => profiles.remove(name).ok_or_else(|| {
+            let known = profiles.keys().cloned().collect::<Vec<_>>().join(", ");
             wrong(&format!("there is no [profile.{name}]; known: {known}"))
         })?,
     };
+    let executors = overlay(top.executors, profile.executors);
+    let (top, profile) = (top.table, profile.table);
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let checkpoint_every_s = profile.checkpoint_every_s.or(document.checkpoint_every_s).unwrap_or(60.0);
-    let lease_expiry_s = profile.lease_expiry_s.or(document.lease_expiry_s).unwrap_or(30.0);
-    let slurm: slurm::Options = overlay(&document.slurm, &profile.slurm);
-    slurm.check().map_err(|error| wrong(&format!("[slurm] {error}")))?;
-    Ok(Settings {
-        store: common.store.clone().or(profile.store).or(document.store).unwrap_or_else(|| "store".into()),
-        workers: profile.workers.or(document.workers).unwrap_or(cores).max(1),
+    let checkpoint_every_s = profile.checkpoint_every_s.or(top.checkpoint_every_s).unwrap_or(60.0);
+    let lease_expiry_s = profile.lease_expiry_s.or(top.lease_expiry_s).unwrap_or(30.0);
+    let settings = Settings {
+        store: common.store.clone().or(profile.store).or(top.store).unwrap_or_else(|| "store".into()),
+        workers: profile.workers.or(top.workers).unwrap_or(cores).max(1),
         checkpoint_every: seconds("checkpoint_every_s", checkpoint_every_s)?,
         lease_expiry: seconds("lease_expiry_s", lease_expiry_s)?,
-        limits: profile.limits.or(document.limits).unwrap_or_default(),
-        executor: profile.executor.or(document.executor).unwrap_or(Executor::Local),
-        slurm,
-        kubernetes: overlay(&document.kubernetes, &profile.kubernetes),
-    })
+        limits: profile.limits.or(top.limits).unwrap_or_default(),
+        executor: profile.executor.or(top.executor).map_or_else(|| LOCAL.into(), |name| name.0),
+        executors,
+    };
+    // What an executor cannot use is said now, also where another one runs the trials.
+    for kind in executor::all().iter().filter(|kind| kind.options().is_some()) {
+        settings.executor(kind, None)?;
+    }
+    Ok(settings)
+}
+
+/// The tables that a file may have besides its keys.
+fn known_tables() -> String {
+    let all = executor::all();
+    let names = all.iter().filter(|kind| kind.options().is_some()).map(|kind| kind.name);
+    format!("tables of executors are {}\n", names.map(|name| format!("[{name}]")).collect::<Vec<_>>().join(" and "))
+}
+
+/// The top of the file, and its profiles by name.
+fn levels(text: &str) -> Result<(Level, BTreeMap<String, Level>), toml::de::Error> {
+    let mut top = DeTable::parse(text)?;
+    let profiles = top.get_mut().remove("profile");
+    let mut named = BTreeMap::new();
+    for (name, profile) in profiles.map_or_else(|| Ok(DeTable::new()), table)? {
+        let span = profile.span();
+        named.insert(name.into_inner().into_owned(), level(Spanned::new(span, table(profile)?))?);
+    }
+    Ok((level(top)?, named))
+}
+
+/// A table that stands under a key.
+fn table(value: Spanned<DeValue<'_>>) -> Result<DeTable<'_>, toml::de::Error> {
+    match value.into_inner() {
+        DeValue::Table(table) => Ok(table),
+        other => Err(serde::de::Error::custom(format!("`profile` holds tables by name, not a {}", other.type_str()))),
+    }
+}
+
+/// Reads the tables of executors, each as its executor says, and then what is left.
+fn level(mut keys: Spanned<DeTable<'_>>) -> Result<Level, toml::de::Error> {
+    let mut executors = Tables::new();
+    for kind in executor::all() {
+        if let Some((options, table)) = kind.options().zip(keys.get_mut().remove(kind.name)) {
+            executors.insert(kind.name, options.read(ValueDeserializer::from(table))?);
+        }
+    }
+    Ok(Level { table: Table::deserialize(Deserializer::from(keys))?, executors })
 }
 
 fn seconds(key: &str, value: f64) -> Result<Duration, Failure> {
     Duration::try_from_secs_f64(value).map_err(|_| wrong(&format!("{key} = {value}: a time in seconds, at least 0")))
 }
 
-/// One table over another one, key by key; a key that is not given is null.
-fn overlay<T: Serialize + DeserializeOwned + Clone>(below: &T, above: &T) -> T {
-    let values = (serde_json::to_value(below), serde_json::to_value(above));
-    let (Ok(serde_json::Value::Object(mut all)), Ok(serde_json::Value::Object(over))) = values else { return below.clone() };
-    all.extend(over.into_iter().filter(|(_, value)| !value.is_null()));
-    // Every value comes from a table of this type.
-    serde_json::from_value(all.into()).unwrap_or_else(|_| below.clone())
+/// The tables of a profile over those of the top, key by key.
+fn overlay(mut below: Tables, above: Tables) -> Tables {
+    for (name, values) in above {
+        let given = values.as_object().into_iter().flatten().filter(|(_, value)| !value.is_null());
+        let given: Vec<_> = given.map(|(key, value)| (key.clone(), value.clone())).collect();
+        match below.get_mut(name).and_then(Value::as_object_mut) {
+            Some(table) => table.extend(given),
+            None => drop(below.insert(name, values)),
+        }
+    }
+    below
 }
 
 fn wrong(problem: &str) -> Failure {
@@ -156,11 +236,23 @@ mod tests {
         let text = "executor = \"slurm\"\n[slurm]\npartition = \"short\"\nmemory_mb = 2000\n\
                     [profile.big.slurm]\npartition = \"long\"\nmax_tasks = 8\n[kubernetes]\nimage = \"a\"\n";
         let settings = combine(text, &common(Some("big"))).ok().unwrap();
-        assert_eq!(settings.executor, Executor::Slurm);
-        let expected = "partition = \"long\"\nmemory_mb = 2000\nmax_tasks = 8\n";
-        assert_eq!(settings.slurm, toml::from_str(expected).unwrap());
-        assert_eq!(settings.kubernetes.image.as_deref(), Some("a"));
-        assert_eq!(combine(text, &common(None)).ok().unwrap().slurm.partition.as_deref(), Some("short"));
+        assert_eq!(settings.executor, "slurm");
+        let slurm = |settings: &Settings, tasks| {
+            let kind = executor::find("slurm").unwrap();
+            let options = settings.executor(&kind, tasks).ok().unwrap().queue().unwrap().options();
+            ["partition", "memory_mb", "max_tasks", "time"].map(|key| options[key].clone())
+        };
+        assert_eq!(slurm(&settings, None), ["long".into(), 2000.into(), 8.into(), Value::Null]);
+        assert_eq!(slurm(&settings, Some(3))[2], 3);
+        assert_eq!(settings.executors["kubernetes"]["image"], "a");
+        assert_eq!(slurm(&combine(text, &common(None)).ok().unwrap(), None)[0], "short");
+    }
+
+    #[test]
+    fn the_most_tasks_at_a_time_can_be_given_where_no_table_is() {
+        let settings = combine("", &common(None)).ok().unwrap();
+        let slurm = settings.executor(&executor::find("slurm").unwrap(), Some(3)).ok().unwrap();
+        assert_eq!(slurm.queue().unwrap().max_tasks(), 3);
     }
 
     #[test]
@@ -170,8 +262,11 @@ mod tests {
         assert!(unknown.contains("regimen.toml") && unknown.contains("partion") && unknown.contains("line 2"), "{unknown}");
         assert!(text("[slurm]\nmax_tasks = 0\n").contains("max_tasks"));
         assert!(text("[slurm]\ntime = \"soon\"\n").contains("regimen.toml: [slurm] `time`: `soon`"));
-        assert!(text("executor = \"kubernetes\"\n").contains("`local` or `slurm`"));
+        let written = text("executor = \"kubernetes\"\n");
+        assert!(written.contains("`local` or `slurm`") && written.contains("line 1"), "{written}");
         assert!(text("[profile.big.kubernetes]\nimages = 1\n").contains("images"));
+        assert!(text("[slrum]\ntime = \"1\"\n").contains("tables of executors are [slurm] and [kubernetes]"));
+        assert!(text("profile = 1\n").contains("`profile` holds tables"));
     }
 
     #[test]

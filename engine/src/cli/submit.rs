@@ -10,15 +10,14 @@ use super::{
 };
 use crate::{
     Registry,
-    executor::{
-        Error, Submission, Work, kubernetes,
-        slurm::{self, Outcome, Slurm, Task, View, Watch, describe},
-    },
+    executor::{self, Dispatch, Error, Executor, Kind, Outcome, Task, View, Wanted, Watch, Way, Work, describe},
     scheduler::{self, Event},
     store::{Store, is_missing, write_durably},
 };
-use clap::{Args, ValueEnum};
-use serde::Deserialize;
+use clap::{
+    Args,
+    builder::{PossibleValue, PossibleValuesParser},
+};
 use serde_json::json;
 use std::{
     collections::BTreeSet,
@@ -29,30 +28,26 @@ use std::{
     },
 };
 
-/// What runs the missing trials.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum Executor {
-    /// Worker processes on this machine.
-    Local,
-    /// Workers in Slurm job arrays.
-    Slurm,
+/// The executors that the program can run trials with, as values of an option.
+pub(super) fn that_run() -> PossibleValuesParser {
+    values(Kind::runs)
 }
 
-/// What missing trials can be handed to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Cluster {
-    /// Slurm job arrays, submitted with sbatch.
-    Slurm,
-    /// A Kubernetes Indexed Job, written only.
-    Kubernetes,
+/// The executors that missing trials can be handed to.
+fn that_take() -> PossibleValuesParser {
+    values(|kind| kind.options().is_some())
+}
+
+fn values(which: impl Fn(&Kind) -> bool) -> PossibleValuesParser {
+    let kinds = executor::all().into_iter().filter(which);
+    kinds.map(|kind| PossibleValue::new(kind.name).help(kind.about)).collect::<Vec<_>>().into()
 }
 
 #[derive(Debug, Clone, Args)]
 pub(super) struct SubmitOptions {
-    /// Which kind of cluster.
-    #[arg(long, value_enum)]
-    executor: Cluster,
+    /// What they are handed to.
+    #[arg(long, value_name = "NAME", value_parser = that_take())]
+    executor: String,
     /// Print the script or manifest and submit nothing.
     #[arg(long, short = 'n')]
     dry_run: bool,
@@ -71,38 +66,46 @@ impl From<Error> for Failure {
     }
 }
 
-/// Computes what is missing through Slurm and waits for it. `None` where every trial has ended, else the exit code.
-pub(super) fn run(
-    planned: &[Planned],
-    selection: &Selection,
-    options: &RunOptions,
-    how: &Compute<'_>,
-    common: &Common,
-) -> Result<Option<u8>, Failure> {
-    let slurm = slurm_for(planned, selection, options.jobs, how, common)?;
-    let ends = how.prepare(planned, &Store::at(&slurm.store))?;
-    let tasks = how.tasks(planned, &ends, |_| true);
+/// What was asked of an executor, for which studies.
+pub(super) struct Asked<'a> {
+    /// The executor.
+    pub(super) kind: &'a Kind,
+    /// The studies and their trials.
+    pub(super) planned: &'a [Planned],
+    /// As it was said on the command line.
+    pub(super) selection: &'a Selection,
+    pub(super) common: &'a Common,
+    /// What computing means here.
+    pub(super) how: &'a Compute<'a>,
+}
+
+/// Computes what is missing through a queue and waits for it. `None` where every trial has ended, else the exit code.
+pub(super) fn run(asked: &Asked<'_>, options: &RunOptions) -> Result<Option<u8>, Failure> {
+    let executor = asked.how.settings.executor(asked.kind, options.jobs)?;
+    let dispatch = asked.dispatch(&*executor)?;
+    let ends = asked.how.prepare(asked.planned, &Store::at(&dispatch.store))?;
+    let tasks = asked.how.tasks(asked.planned, &ends, |_| true);
     if tasks.is_empty() {
-        complain(&how.nothing_runs(planned, &ends));
+        complain(&asked.how.nothing_runs(asked.planned, &ends));
         return Ok(None);
     }
     let stop = Arc::new(AtomicBool::new(false));
     listen_for_signals(&stop)?;
-    let mut watching = Watching::new(&tasks, &slurm.store, stop);
+    let mut watching = Watching::new(&tasks, &dispatch.store, asked.kind.title, stop);
     if watching.missing().is_empty() {
         complain("what is missing is blocked: it takes what is not there; nothing runs");
         return Ok(None);
     }
-    let view = begin(&slurm, &mut watching)?;
+    let view = begin(&dispatch, &mut watching)?;
     if options.detach {
-        complain(&going_on(selection, common));
+        complain(&asked.going_on());
         return Ok(Some(OK));
     }
-    let outcome = slurm.follow(view, &mut watching)?;
+    let outcome = dispatch.follow(view, &mut watching)?;
     drop(watching);
     match outcome {
         Outcome::Ended => Ok(None),
-        Outcome::Stopped => Ok(Some(leave(&going_on(selection, common)))),
+        Outcome::Stopped => Ok(Some(leave(&asked.going_on()))),
         Outcome::Cancelled => Ok(Some(leave("the submission was cancelled; the same command submits what is missing"))),
     }
 }
@@ -113,25 +116,63 @@ fn leave(text: &str) -> u8 {
 }
 
 /// Submits what lacks and says what is followed.
-fn begin(slurm: &Slurm, watching: &mut Watching<'_>) -> Result<View, Failure> {
-    let before: BTreeSet<String> = slurm::open(&slurm.store)?.into_iter().map(|submission| submission.id).collect();
-    let missing = watching.missing();
-    let view = slurm.begin(&missing, watching)?;
+fn begin(dispatch: &Dispatch<'_>, watching: &mut Watching<'_>) -> Result<View, Failure> {
+    let before = executor::open(&dispatch.store)?;
+    let before: BTreeSet<String> = before.into_iter().map(|submission| submission.id).collect();
+    let view = dispatch.begin(&watching.missing(), watching)?;
     for holding in &view.live {
         // What existed and lives is followed; what lives without having existed was submitted just now.
-        let word = if before.contains(&holding.submission.id) && !holding.tasks.is_empty() { "following" } else { "submitted" };
+        let existed = before.contains(&holding.submission.id) && !holding.tasks.is_empty();
+        let word = if existed { "following" } else { "submitted" };
         watching.say(&format!("{word} {}", describe(&holding.submission)));
     }
     Ok(view)
 }
 
-fn going_on(selection: &Selection, common: &Common) -> String {
-    let run = selection.command("run", common, &["--executor", "slurm"]);
-    let [status, cancel] = ["status", "cancel"].map(|verb| selection.command(verb, common, &[]));
-    format!(
-        "the jobs go on without this program: `{run}` follows them and writes the report, `{status}` shows them, `{cancel}` ends \
-         them"
-    )
+impl Asked<'_> {
+    fn going_on(&self) -> String {
+        let run = self.selection.command("run", self.common, &["--executor", self.kind.name]);
+        let [status, cancel] = ["status", "cancel"].map(|verb| self.selection.command(verb, self.common, &[]));
+        format!(
+            "the jobs go on without this program: `{run}` follows them and writes the report, `{status}` shows them, \
+             `{cancel}` ends them"
+        )
+    }
+
+    fn dispatch<'e>(&self, executor: &'e dyn Executor) -> Result<Dispatch<'e>, Failure> {
+        let name = self.kind.name;
+        let none = || Failure { code: BAD_SPEC, text: format!("error: `{name}` takes no submissions") };
+        let queue = executor.queue().ok_or_else(none)?;
+        let (store, work) = self.work(executor)?;
+        let trials_per_task = executor.trials_per_task();
+        Ok(Dispatch { store, work, queue, trials_per_task, trials: ids(self.planned) })
+    }
+
+    /// What a worker runs, and the store as it finds it. Where workers see other paths than those of this machine, paths stay
+    /// as they were written.
+    fn work(&self, executor: &dyn Executor) -> Result<(PathBuf, Work), Failure> {
+        let path = |path: &Path| if executor.shares_paths() { absolute(path) } else { Ok(path.to_path_buf()) };
+        let store = path(&self.how.settings.store)?;
+        let specs = self.selection.specs.iter().map(|spec| path(spec)).collect::<Result<Vec<_>, _>>()?;
+        let cores = executor.cpus_per_task().get();
+        let mut arguments = worker_arguments(&specs, &store, cores, self.selection, self.common);
+        arguments.extend(self.how.limits.arguments());
+        let program = std::env::current_exe().map_err(|source| Error::NoProgram { program: "regimen", source })?;
+        let (specs, folder) = (self.selection.specs.clone(), absolute(Path::new("."))?);
+        Ok((store, Work { specs, program, arguments, folder }))
+    }
+
+    /// What would be handed over for the trials that are missing now; nobody is asked and nothing is touched.
+    fn written(&self) -> Result<String, Failure> {
+        let executor = self.how.settings.executor(self.kind, None)?;
+        let (store, work) = self.work(&*executor)?;
+        let ends: Ends = self.planned.iter().map(|one| study::ends(&Store::at(&store), &one.plan.trials)).collect();
+        let trials = self.how.tasks(self.planned, &ends, |_| true).len();
+        let study = self.planned.iter().map(|one| one.study.name.as_str()).collect::<Vec<_>>().join("-");
+        let name = self.kind.name;
+        let wrong = |error| Failure { code: BAD_SPEC, text: format!("error: regimen.toml: [{name}] {error}") };
+        executor.written(&Wanted { study: &study, store: &store, work: &work, trials }).map_err(wrong)
+    }
 }
 
 /// `submit`: what is missing is handed over, or what would be is shown.
@@ -144,21 +185,25 @@ pub(super) fn submit(
     let settings = settings::read(common)?;
     let planned = study::load_with_looks(registry, selection, &Store::at(&settings.store))?;
     let limits = LimitOptions::default();
-    let asked = (selection, common);
-    let how = Compute { registry, asked, settings: &settings, limits: &limits, workers: 1, retry_failed: false, whole: false };
-    match (options.executor, options.dry_run) {
-        (Cluster::Slurm, false) => {
-            let options = RunOptions { detach: true, ..RunOptions::default() };
-            run(&planned, selection, &options, &how, common).map(|code| code.unwrap_or(OK))
-        }
-        (Cluster::Slurm, true) => show_or_write(&script(&planned, selection, &how, common)?, options),
-        (Cluster::Kubernetes, true) => show_or_write(&manifest(&planned, selection, &how, common)?, options),
-        (Cluster::Kubernetes, false) => {
-            let text = "error: regimen writes the manifest and does not talk to Kubernetes: add --dry-run, and give what it \
-                        prints to `kubectl apply -f -`";
-            Err(Failure { code: BAD_SPEC, text: text.into() })
-        }
+    let said = (selection, common);
+    let how =
+        Compute { registry, asked: said, settings: &settings, limits: &limits, workers: 1, retry_failed: false, whole: false };
+    // The command line takes names of the list alone.
+    let Some(kind) = executor::find(&options.executor) else { return Ok(BAD_SPEC) };
+    let asked = Asked { kind: &kind, planned: &planned, selection, common, how: &how };
+    if options.dry_run {
+        return show_or_write(&asked.written()?, options);
     }
+    if let Way::Written(_, command) = &kind.way {
+        let title = kind.title;
+        let text = format!(
+            "error: regimen writes what {title} needs and does not talk to it: add --dry-run, and give what it prints to \
+             `{command}`"
+        );
+        return Err(Failure { code: BAD_SPEC, text });
+    }
+    let options = RunOptions { detach: true, ..RunOptions::default() };
+    run(&asked, &options).map(|code| code.unwrap_or(OK))
 }
 
 fn show_or_write(text: &str, options: &SubmitOptions) -> Result<u8, Failure> {
@@ -169,39 +214,11 @@ fn show_or_write(text: &str, options: &SubmitOptions) -> Result<u8, Failure> {
     Ok(OK)
 }
 
-/// The first script that would be submitted; Slurm is not asked.
-fn script(planned: &[Planned], selection: &Selection, how: &Compute<'_>, common: &Common) -> Result<String, Failure> {
-    const USUAL_MAX_ARRAY_SIZE: usize = 1001;
-    let slurm = slurm_for(planned, selection, None, how, common)?;
-    let missing = how.tasks(planned, &ends(planned, &slurm.store), |_| true);
-    let tasks = missing.len().div_ceil(slurm.options.trials_per_task().get()).max(1);
-    let arrays = slurm::divide(tasks, USUAL_MAX_ARRAY_SIZE, slurm.options.max_tasks());
-    Ok(slurm::render(&Submission::sample(&slurm.store, &slurm.work, &slurm.options, arrays), 0))
-}
-
-fn manifest(planned: &[Planned], selection: &Selection, how: &Compute<'_>, common: &Common) -> Result<String, Failure> {
-    let settings = how.settings;
-    let trials = how.tasks(planned, &ends(planned, &settings.store), |_| true);
-    let options = &settings.kubernetes;
-    let study = planned.iter().map(|one| one.study.name.as_str()).collect::<Vec<_>>().join("-");
-    // Paths stay as written: they are seen from the folder of the volume, not from here.
-    let mut arguments = worker_arguments(&selection.specs, &settings.store, options.cpus_per_task().get(), selection, common);
-    arguments.extend(how.limits.arguments());
-    let workers = kubernetes::Workers { study, arguments, trials: trials.len() };
-    let wrong = |error| Failure { code: BAD_SPEC, text: format!("error: regimen.toml: [kubernetes] {error}") };
-    kubernetes::manifest(&workers, options).map_err(wrong)
-}
-
-/// How the trials have ended so far; nothing is touched.
-fn ends(planned: &[Planned], store: &Path) -> Ends {
-    planned.iter().map(|one| study::ends(&Store::at(store), &one.plan.trials)).collect()
-}
-
 /// `cancel`: ends what was submitted for the trials of these studies.
 pub(super) fn cancel(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let store = absolute(&settings::read(common)?.store)?;
     let planned = study::load_with_looks(registry, selection, &Store::at(&store))?;
-    let cancelled = slurm::cancel(&store, &ids(&planned))?;
+    let cancelled = executor::cancel(&store, &ids(&planned))?;
     cancelled.iter().for_each(|submission| say(&format!("cancelled {}", describe(submission))));
     if cancelled.is_empty() {
         complain("nothing is submitted for these studies");
@@ -210,11 +227,13 @@ pub(super) fn cancel(registry: &Registry, selection: &Selection, common: &Common
     Ok(OK)
 }
 
-/// What Slurm holds of this store's submissions; nothing where there is none.
+/// What queues hold of this store's submissions; nothing where there is none.
 pub(super) fn show(store: &Path, format: Format) {
-    let holdings = match absolute(store).map(|store| slurm::holdings(&store)) {
+    let holdings = match absolute(store).map(|store| executor::holdings(&store)) {
         Ok(Ok(holdings)) => holdings,
-        Ok(Err(error)) => return complain(&format!("warning: Slurm cannot be asked about this store's submissions: {error}")),
+        Ok(Err(error)) => {
+            return complain(&format!("warning: nobody can be asked about this store's submissions: {error}"));
+        }
         Err(failure) => return complain(&failure.text),
     };
     let live: Vec<_> = holdings.iter().filter(|holding| holding.alive() > 0).collect();
@@ -224,32 +243,14 @@ pub(super) fn show(store: &Path, format: Format) {
     if format == Format::Json {
         let rows = live.iter().map(|holding| {
             let jobs: Vec<_> = holding.submission.arrays.iter().map(|array| &array.job).collect();
-            json!({"id": holding.submission.id, "jobs": jobs, "tasks": slurm::counts(&holding.tasks)})
+            json!({"id": holding.submission.id, "jobs": jobs, "tasks": executor::counts(&holding.tasks)})
         });
         return say(&json!({"submissions": rows.collect::<Vec<_>>()}).to_string());
     }
     for holding in live {
-        say(&format!("  Slurm: {}: {}", describe(&holding.submission), slurm::summary(&holding.tasks)));
+        let title = executor::find(&holding.submission.executor).map_or("", |kind| kind.title);
+        say(&format!("  {title}: {}: {}", describe(&holding.submission), executor::summary(&holding.tasks)));
     }
-}
-
-fn slurm_for(
-    planned: &[Planned],
-    selection: &Selection,
-    jobs: Option<usize>,
-    how: &Compute<'_>,
-    common: &Common,
-) -> Result<Slurm, Failure> {
-    let settings = how.settings;
-    let mut options = settings.slurm.clone();
-    options.max_tasks = jobs.and_then(std::num::NonZeroUsize::new).or(options.max_tasks);
-    let store = absolute(&settings.store)?;
-    let specs = selection.specs.iter().map(|path| absolute(path)).collect::<Result<Vec<_>, _>>()?;
-    let mut arguments = worker_arguments(&specs, &store, options.cpus_per_task().get(), selection, common);
-    arguments.extend(how.limits.arguments());
-    let program = std::env::current_exe().map_err(|source| Error::NoProgram { program: "regimen", source })?;
-    let work = Work { specs: selection.specs.clone(), program, arguments, folder: absolute(Path::new("."))? };
-    Ok(Slurm { store, work, options, trials: ids(planned) })
 }
 
 fn worker_arguments(specs: &[PathBuf], store: &Path, jobs: usize, selection: &Selection, common: &Common) -> Vec<String> {
@@ -272,20 +273,22 @@ fn absolute(path: &Path) -> Result<PathBuf, Failure> {
     std::path::absolute(path).map_err(|source| Failure::from(crate::Error::file("find", path)(source)))
 }
 
-/// Shows trials as they end in the store, and Slurm's queue as it changes.
+/// Shows trials as they end in the store, and the queue as it changes.
 struct Watching<'a> {
     tasks: &'a [scheduler::Task<'a>],
     left: BTreeSet<usize>,
     store: Store,
     stop: Arc<AtomicBool>,
     progress: Progress<'a>,
+    /// What the queue is called, and what was last said of it.
+    title: &'static str,
     queue: String,
 }
 
 impl<'a> Watching<'a> {
-    fn new(tasks: &'a [scheduler::Task<'a>], store: &Path, stop: Arc<AtomicBool>) -> Self {
+    fn new(tasks: &'a [scheduler::Task<'a>], store: &Path, title: &'static str, stop: Arc<AtomicBool>) -> Self {
         let (left, progress) = ((0..tasks.len()).collect(), Progress::new(tasks, 0));
-        Self { tasks, left, store: Store::at(store), stop, progress, queue: String::new() }
+        Self { tasks, left, store: Store::at(store), stop, progress, title, queue: String::new() }
     }
 }
 
@@ -313,9 +316,9 @@ impl Watch for Watching<'_> {
     }
 
     fn queue(&mut self, tasks: &[Task]) {
-        let summary = slurm::summary(tasks);
+        let summary = executor::summary(tasks);
         if summary != self.queue {
-            self.progress.line(&format!("Slurm: {summary}"));
+            self.progress.line(&format!("{}: {summary}", self.title));
             self.queue = summary;
         }
     }

@@ -77,7 +77,7 @@ fn write(path: &std::path::Path, text: String) -> Result<(), Failure> {
     Ok(write_durably(path, text.as_bytes())?)
 }
 
-#[allow(clippy::disallowed_methods, reason = "wall time is reported, it reaches no result")]
+#[expect(clippy::disallowed_methods, reason = "wall time is reported, it reaches no result")]
 fn started_now() -> Instant {
     Instant::now()
 }

@@ -10,7 +10,8 @@
 //! | 106: handed back early, or killed | another try of the index, up to `retries` |
 //! | its pod is disrupted (drain, preemption) | another try that is not counted |
 
-use super::{Error, tasks_for};
+use super::{Error, Executor, Kind, Wanted, Way, four_each, kind, tasks_for};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{
     fmt::Write,
@@ -18,7 +19,7 @@ use std::{
 };
 
 /// The table `[kubernetes]` in `regimen.toml`.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
     /// Container image with the program; needed.
@@ -45,40 +46,48 @@ pub struct Options {
     pub grace_s: Option<u32>,
 }
 
-/// What a manifest is made for.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Workers {
-    /// Name of the study, or names.
-    pub study: String,
-    /// Arguments of the program, with paths as they are inside the container.
-    pub arguments: Vec<String>,
-    /// Number of missing trials.
-    pub trials: usize,
+/// Kubernetes, with the options of `[kubernetes]`.
+#[derive(Debug, Clone, Default)]
+pub struct Kubernetes {
+    /// How the Job is written.
+    pub options: Options,
 }
 
-impl Options {
-    /// Cores of a worker.
-    #[must_use]
-    pub fn cpus_per_task(&self) -> NonZeroUsize {
-        self.cpus_per_task.unwrap_or(NonZeroUsize::MIN)
+/// Its entry in the list of executors.
+#[must_use]
+pub fn kind() -> Kind {
+    let options = kind::Options::of(|options: Options| Ok(Box::new(Kubernetes { options })));
+    let about = "workers in a Kubernetes Indexed Job, whose manifest is written and not applied";
+    Kind { name: "kubernetes", title: "Kubernetes", about, way: Way::Written(options, "kubectl apply -f -") }
+}
+
+impl Executor for Kubernetes {
+    fn cpus_per_task(&self) -> NonZeroUsize {
+        self.options.cpus_per_task.unwrap_or(NonZeroUsize::MIN)
     }
 
-    fn tasks(&self, trials: usize) -> usize {
-        let per_task =
-            self.trials_per_task.unwrap_or_else(|| self.cpus_per_task().saturating_mul(NonZeroUsize::MIN.saturating_add(3)));
-        tasks_for(trials, per_task).max(1)
+    fn trials_per_task(&self) -> NonZeroUsize {
+        self.options.trials_per_task.unwrap_or_else(|| four_each(self.cpus_per_task()))
+    }
+
+    /// Paths are seen from the folder of the volume, not from here.
+    fn shares_paths(&self) -> bool {
+        false
+    }
+
+    /// The manifest of the Job, in YAML.
+    fn written(&self, wanted: &Wanted<'_>) -> Result<String, Error> {
+        let completions = tasks_for(wanted.trials, self.trials_per_task()).max(1);
+        Ok(self.job(wanted, completions) + &self.pod(wanted)?)
     }
 }
 
-/// The manifest of the Job, in YAML.
-///
-/// # Errors
-/// [`Error::Option`] where the image or the claim is missing.
-pub fn manifest(workers: &Workers, options: &Options) -> Result<String, Error> {
-    let namespace = options.namespace.as_ref().map_or_else(String::new, |name| format!("\n  namespace: {}", text(name)));
-    let completions = options.tasks(workers.trials);
-    let head = format!(
-        r#"# Workers of regimen that pull missing trials from the store. Not tried on a cluster; checked against the schema of batch/v1.
+impl Kubernetes {
+    fn job(&self, wanted: &Wanted<'_>, completions: usize) -> String {
+        let options = &self.options;
+        let namespace = options.namespace.as_ref().map_or_else(String::new, |name| format!("\n  namespace: {}", text(name)));
+        format!(
+            r#"# Workers of regimen that pull missing trials from the store. Not tried on a cluster; checked against the schema of batch/v1.
 apiVersion: batch/v1
 kind: Job
 metadata:
@@ -106,17 +115,17 @@ spec:
           - type: DisruptionTarget
             status: "True"
 "#,
-        name = job_name(&workers.study),
-        parallelism = completions.min(options.max_tasks.map_or(100, NonZeroUsize::get)),
-        retries = options.retries.unwrap_or(6),
-    );
-    Ok(head + &pod(workers, options)?)
-}
+            name = job_name(wanted.study),
+            parallelism = completions.min(options.max_tasks.map_or(100, NonZeroUsize::get)),
+            retries = options.retries.unwrap_or(6),
+        )
+    }
 
-/// The pod of one index: the worker, with the shared volume.
-fn pod(workers: &Workers, options: &Options) -> Result<String, Error> {
-    Ok(format!(
-        r#"  template:
+    /// The pod of one index: the worker, with the shared volume.
+    fn pod(&self, wanted: &Wanted<'_>) -> Result<String, Error> {
+        let options = &self.options;
+        Ok(format!(
+            r#"  template:
     metadata:
       labels:
         app.kubernetes.io/name: regimen
@@ -140,18 +149,27 @@ fn pod(workers: &Workers, options: &Options) -> Result<String, Error> {
           persistentVolumeClaim:
             claimName: {claim}
 "#,
-        grace_s = options.grace_s.unwrap_or(120),
-        image = needed("image", options.image.as_deref(), "name the container image that holds regimen")?,
-        claim = needed("claim", options.claim.as_deref(), "name the PersistentVolumeClaim that holds the store")?,
-        folder = text(options.folder.as_deref().unwrap_or("/work")),
-        program = text(options.program.as_deref().unwrap_or("regimen")),
-        arguments = arguments(workers),
-        resources = resources(options),
-    ))
+            grace_s = options.grace_s.unwrap_or(120),
+            image = needed("image", options.image.as_deref(), "name the container image that holds regimen")?,
+            claim = needed("claim", options.claim.as_deref(), "name the PersistentVolumeClaim that holds the store")?,
+            folder = text(options.folder.as_deref().unwrap_or("/work")),
+            program = text(options.program.as_deref().unwrap_or("regimen")),
+            arguments = arguments(&wanted.work.arguments),
+            resources = self.resources(),
+        ))
+    }
+
+    /// Requests and limits are the same, so that a worker gets what it counts on.
+    fn resources(&self) -> String {
+        let memory = self.options.memory_mb;
+        let memory = memory.map_or_else(String::new, |memory_mb| format!("\n              memory: \"{memory_mb}M\""));
+        let amounts = format!("\n              cpu: \"{}\"{memory}", self.cpus_per_task());
+        format!("\n            requests:{amounts}\n            limits:{amounts}")
+    }
 }
 
-fn arguments(workers: &Workers) -> String {
-    workers.arguments.iter().fold(String::new(), |mut all, argument| {
+fn arguments(arguments: &[String]) -> String {
+    arguments.iter().fold(String::new(), |mut all, argument| {
         // `$(NAME)` would be replaced by a variable.
         let _ = write!(all, "\n            - {}", text(&argument.replace("$(", "$$(")));
         all
@@ -160,13 +178,6 @@ fn arguments(workers: &Workers) -> String {
 
 fn needed(key: &'static str, value: Option<&str>, problem: &str) -> Result<String, Error> {
     value.filter(|value| !value.is_empty()).map(text).ok_or_else(|| Error::Option { key, problem: problem.into() })
-}
-
-/// Requests and limits are the same, so that a worker gets what it counts on.
-fn resources(options: &Options) -> String {
-    let memory = options.memory_mb.map_or_else(String::new, |memory_mb| format!("\n              memory: \"{memory_mb}M\""));
-    let amounts = format!("\n              cpu: \"{}\"{memory}", options.cpus_per_task());
-    format!("\n            requests:{amounts}\n            limits:{amounts}")
 }
 
 /// A name that Kubernetes takes: at most 52 characters, since pods append their index and a suffix.
@@ -185,10 +196,19 @@ fn text(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::executor::Work;
+    use std::path::Path;
 
-    fn workers(trials: usize) -> Workers {
+    fn manifest(trials: usize, options: Options) -> Result<String, Error> {
         let arguments = ["worker", "experiments/table-3.3.yaml", "--set", "agent.note=$(HOSTNAME)", "--store", "store"];
-        Workers { study: "table-3.3".into(), arguments: arguments.map(Into::into).to_vec(), trials }
+        let work = Work {
+            specs: Vec::new(),
+            program: "/opt/regimen".into(),
+            arguments: arguments.map(Into::into).to_vec(),
+            folder: "/home".into(),
+        };
+        let wanted = Wanted { study: "table-3.3", store: Path::new("store"), work: &work, trials };
+        Kubernetes { options }.written(&wanted)
     }
 
     fn options() -> Options {
@@ -200,14 +220,14 @@ mod tests {
 
     #[test]
     fn a_manifest_is_an_indexed_job_of_workers() {
-        insta::assert_snapshot!("manifest", manifest(&workers(35), &options()).unwrap());
+        insta::assert_snapshot!("manifest", manifest(35, options()).unwrap());
     }
 
     #[test]
     fn what_only_a_person_knows_is_asked_for() {
-        let problem = manifest(&workers(1), &Options::default()).unwrap_err().to_string();
+        let problem = manifest(1, Options::default()).unwrap_err().to_string();
         assert!(problem.starts_with("`image`: name the container image"), "{problem}");
-        let problem = manifest(&workers(1), &Options { claim: None, ..options() }).unwrap_err().to_string();
+        let problem = manifest(1, Options { claim: None, ..options() }).unwrap_err().to_string();
         assert!(problem.starts_with("`claim`: name the PersistentVolumeClaim"), "{problem}");
     }
 

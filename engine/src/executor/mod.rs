@@ -1,24 +1,69 @@
 //! Past one machine: the same `worker` command, started by something that owns more machines.
 //!
-//! An executor starts *workers*, not trials. Each worker pulls missing trials from the shared store until none is left, so how
-//! many of them run, where, and how often they die cannot reach a result: what is missing is started again. Short trials do
-//! not become jobs of their own, and limits on the number of jobs do not limit the number of trials.
+//! An executor starts *workers*, not trials. Each worker pulls missing trials from the shared store until none is left,
+//! so how many of them run, where, and how often they die cannot reach a result: what is missing is started again.
+//! Short trials do not become jobs of their own, and limits on the number of jobs do not limit the number of trials.
 //!
-//! - [`slurm`] drives stock `sbatch`, `squeue` and `scancel`, and follows what it submitted.
-//! - [`kubernetes`] writes an Indexed Job and starts nothing.
+//! - An [`Executor`] says what a task is and writes what is handed over for it.
+//! - Where it has a [`Queue`], [`Dispatch`] keeps as many tasks in it as the missing trials are worth, and waits.
+//! - [`all`] is the list of executors; [`slurm`] has a queue, [`kubernetes`] writes a manifest and starts nothing.
 //!
-//! A [`Submission`] is identified by a name of our own, which the jobs carry. Slurm gives a job id again after a crash of its
-//! controller, and an accepted job may be forgotten by one: job ids are kept to be shown, never to decide.
+//! A [`Submission`] is identified by a name of our own, which the jobs carry. A queue may give a job id again after a
+//! crash of its controller, and an accepted job may be forgotten by one: job ids are kept to be shown, never to decide.
 
+mod dispatch;
+mod follow;
+mod kind;
 pub mod kubernetes;
+mod queue;
 pub mod slurm;
 mod submission;
 mod work;
 
+pub use dispatch::{Dispatch, Holding, View, cancel, holdings, open};
+pub use follow::{Outcome, Patience, Watch, describe};
+pub use kind::{Kind, LOCAL, Options, Way, all, find};
+pub use queue::{Queue, Task, counts, summary};
 pub use submission::{Array, State, Submission, lock};
 pub use work::{Work, quoted};
 
-use std::num::NonZeroUsize;
+use std::{fmt::Debug, num::NonZeroUsize, path::Path};
+
+/// Something that starts workers on other machines, with its options.
+pub trait Executor: Debug {
+    /// Cores of a task, each with a worker process.
+    fn cpus_per_task(&self) -> NonZeroUsize;
+
+    /// Missing trials that are worth a task.
+    fn trials_per_task(&self) -> NonZeroUsize;
+
+    /// True where workers see the files of this machine under the paths that they have here.
+    fn shares_paths(&self) -> bool;
+
+    /// What would be handed over; nobody is asked.
+    ///
+    /// # Errors
+    /// [`Error::Option`] where an option is missing that nothing can stand for.
+    fn written(&self, wanted: &Wanted<'_>) -> Result<String, Error>;
+
+    /// What takes submissions and shows their tasks; `None` where a person hands over what is written.
+    fn queue(&self) -> Option<&dyn Queue> {
+        None
+    }
+}
+
+/// What workers are wanted for.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted<'a> {
+    /// Name of the study, or names.
+    pub study: &'a str,
+    /// The store, as workers find it.
+    pub store: &'a Path,
+    /// What each of them runs.
+    pub work: &'a Work,
+    /// Number of missing trials.
+    pub trials: usize,
+}
 
 /// What can go wrong between this program and an executor.
 #[derive(Debug, thiserror::Error)]
@@ -66,6 +111,20 @@ pub enum Error {
         /// What is wrong and what to write instead.
         problem: String,
     },
+    /// A submission was handed to an executor that has no queue in this program.
+    #[error("submission {id} was handed to `{executor}`, which takes no submissions in this program")]
+    Unknown {
+        /// The submission.
+        id: String,
+        /// The executor that its record names.
+        executor: String,
+    },
+    /// The options in the record of a submission cannot be read.
+    #[error("the options of the record cannot be read: {problem}")]
+    Record {
+        /// What is wrong with them.
+        problem: String,
+    },
     /// Workers die again and again without finishing a trial.
     #[error("{rounds} submissions in a row ended without finishing a trial{log}")]
     Fruitless {
@@ -79,7 +138,12 @@ pub enum Error {
     Engine(#[from] crate::Error),
 }
 
-/// How many workers `trials` are worth: one for every `per_task`, and at least one.
+/// How many tasks `trials` are worth: one for every `per_task`.
 fn tasks_for(trials: usize, per_task: NonZeroUsize) -> usize {
     trials.div_ceil(per_task.get())
+}
+
+/// What a task is worth where nothing is said: four trials for each of its cores.
+fn four_each(cpus_per_task: NonZeroUsize) -> NonZeroUsize {
+    cpus_per_task.saturating_mul(NonZeroUsize::MIN.saturating_add(3))
 }

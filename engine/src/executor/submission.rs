@@ -10,12 +10,13 @@
 //! The record is written before the jobs are submitted, so there is no job without a record. A crash in between leaves a
 //! record without jobs, which the next look at the queue shows.
 
-use super::{Work, slurm};
+use super::{Queue, Work};
 use crate::{
     Error,
     store::{names, write_durably},
 };
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::{
     collections::BTreeSet,
     fs::{self, File},
@@ -38,14 +39,22 @@ pub struct Submission {
     pub state: State,
     /// What its workers run.
     pub work: Work,
-    /// How they were asked for.
-    pub options: slurm::Options,
+    /// Name of the executor that took it.
+    #[serde(default = "the_first")]
+    pub executor: String,
+    /// How its workers were asked for: the executor's options.
+    pub options: Value,
     /// The job arrays.
     pub arrays: Vec<Array>,
     /// Ids of the trials that were missing; empty once nobody waits for them.
     pub trials: BTreeSet<String>,
     #[serde(skip)]
     store: PathBuf,
+}
+
+/// What records name that were made before there was a choice.
+fn the_first() -> String {
+    "slurm".into()
 }
 
 /// What became of a submission.
@@ -69,37 +78,56 @@ pub struct Array {
     pub tasks: usize,
     /// How many of them may run at a time.
     pub at_once: usize,
-    /// Slurm's job id, once it gave one. It is shown, and decides nothing.
+    /// The job's id, once the queue gave one. It is shown, and decides nothing.
     pub job: Option<String>,
 }
 
+impl Array {
+    /// Divides `tasks` into arrays of at most `largest` tasks, of which `at_once` in all may run at a time.
+    ///
+    /// Every array is allowed at least one running task, so there are at most `at_once` of them. Tasks beyond that are left
+    /// out: a worker pulls trials until none is left, and whoever follows submits again where that was not enough.
+    #[must_use]
+    pub fn divide(tasks: usize, largest: usize, at_once: usize) -> Vec<Self> {
+        let (largest, at_once) = (largest.max(1), at_once.max(1));
+        let arrays = tasks.div_ceil(largest).min(at_once);
+        let tasks = tasks.min(arrays * largest);
+        let share = |of: usize, position: usize| of / arrays + usize::from(position < of % arrays);
+        (0..arrays)
+            .map(|position| {
+                let tasks = share(tasks, position);
+                Self { tasks, at_once: share(at_once, position).min(tasks), job: None }
+            })
+            .collect()
+    }
+}
+
 impl Submission {
-    /// A new record with a name of its own, on disk.
+    /// A record that is on no disk and covers no trial, to be shown or [entered](Self::enter).
+    #[must_use]
+    pub fn sample(store: &Path, work: &Work, queue: &dyn Queue, arrays: Vec<Array>) -> Self {
+        Self {
+            schema: SCHEMA,
+            id: "ID".into(),
+            state: State::Open,
+            work: work.clone(),
+            executor: queue.name().into(),
+            options: queue.options(),
+            arrays,
+            trials: BTreeSet::new(),
+            store: store.to_path_buf(),
+        }
+    }
+
+    /// Gives it a name of its own and puts it on disk.
     ///
     /// # Errors
     /// Where the store cannot be written.
-    pub fn create(
-        store: &Path,
-        work: &Work,
-        options: &slurm::Options,
-        arrays: Vec<Array>,
-        trials: BTreeSet<String>,
-    ) -> Result<Self, Error> {
-        let all = folder_of_all(store);
+    pub fn enter(&mut self) -> Result<(), Error> {
+        let all = folder_of_all(&self.store);
         fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
-        let id = unused_name(&all)?;
-        let (work, options) = (work.clone(), options.clone());
-        let submission =
-            Self { schema: SCHEMA, id, state: State::Open, work, options, arrays, trials, store: store.to_path_buf() };
-        submission.save()?;
-        Ok(submission)
-    }
-
-    /// A record that is on no disk, to be shown.
-    #[must_use]
-    pub fn sample(store: &Path, work: &Work, options: &slurm::Options, arrays: Vec<Array>) -> Self {
-        let (work, options, trials) = (work.clone(), options.clone(), BTreeSet::new());
-        Self { schema: SCHEMA, id: "ID".into(), state: State::Open, work, options, arrays, trials, store: store.to_path_buf() }
+        self.id = unused_name(&all)?;
+        self.save()
     }
 
     /// All submissions of a store, in the order of their names.
@@ -186,6 +214,7 @@ fn read(store: &Path, path: &Path) -> Result<Option<Submission>, Error> {
 }
 
 /// Creates a folder under a name that no other submission has; the system's randomness is read, no clock.
+#[expect(clippy::disallowed_methods, reason = "a submission needs a name that nobody has, which is in no result")]
 fn unused_name(all: &Path) -> Result<String, Error> {
     loop {
         let random = RandomState::new().hash_one(std::process::id());
@@ -219,6 +248,8 @@ pub fn lock(store: &Path) -> Result<File, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::executor::slurm::{self, Slurm};
+    use proptest::prelude::*;
 
     fn work() -> Work {
         Work { specs: vec!["a.yaml".into()], program: "regimen".into(), arguments: vec!["worker".into()], folder: "/".into() }
@@ -226,7 +257,11 @@ mod tests {
 
     fn create(store: &Path) -> Submission {
         let array = Array { tasks: 2, at_once: 1, job: None };
-        Submission::create(store, &work(), &slurm::Options::default(), vec![array], BTreeSet::from(["t".to_owned()])).unwrap()
+        let slurm = Slurm { options: slurm::Options::default() };
+        let mut submission = Submission::sample(store, &work(), &slurm, vec![array]);
+        submission.trials.insert("t".to_owned());
+        submission.enter().unwrap();
+        submission
     }
 
     #[test]
@@ -241,6 +276,16 @@ mod tests {
         expected.sort_by(|one, other| one.id.cmp(&other.id));
         let _held = lock(store.path()).unwrap();
         assert_eq!(Submission::all(store.path()).unwrap(), expected);
+    }
+
+    #[test]
+    fn a_record_that_names_no_executor_is_of_slurm() {
+        let store = tempfile::tempdir().unwrap();
+        let one = create(store.path());
+        let mut record = serde_json::to_value(&one).unwrap();
+        assert_eq!(record.as_object_mut().unwrap().remove("executor"), Some("slurm".into()));
+        fs::write(one.folder().join("submission.json"), record.to_string()).unwrap();
+        assert_eq!(Submission::all(store.path()).unwrap(), [one]);
     }
 
     #[test]
@@ -260,5 +305,28 @@ mod tests {
         assert_eq!(one.log_tail(2), "");
         fs::write(one.folder().join("array-0-task-1.log"), "a\nb\nc\n").unwrap();
         assert!(one.log_tail(2).ends_with("array-0-task-1.log:\n    b\n    c"));
+    }
+
+    #[test]
+    fn large_arrays_are_divided() {
+        let sizes = |tasks, largest, at_once| -> Vec<(usize, usize)> {
+            Array::divide(tasks, largest, at_once).iter().map(|array| (array.tasks, array.at_once)).collect()
+        };
+        assert_eq!(sizes(5, 1001, 100), [(5, 5)]);
+        assert_eq!(sizes(2500, 1001, 16), [(834, 6), (833, 5), (833, 5)]);
+        assert_eq!(sizes(2500, 1001, 2), [(1001, 1), (1001, 1)]);
+        assert_eq!(sizes(0, 1001, 2), []);
+    }
+
+    proptest! {
+        #[test]
+        fn no_array_is_empty_too_large_or_too_wide(tasks in 0usize..5000, largest in 1usize..2000, at_once in 1usize..300) {
+            let arrays = Array::divide(tasks, largest, at_once);
+            prop_assert!(arrays.iter().all(|array| (1..=largest).contains(&array.tasks)));
+            prop_assert!(arrays.iter().all(|array| (1..=array.tasks).contains(&array.at_once)));
+            prop_assert!(arrays.iter().map(|array| array.at_once).sum::<usize>() <= at_once);
+            let all: usize = arrays.iter().map(|array| array.tasks).sum();
+            prop_assert!(all == tasks || arrays.len() == at_once);
+        }
     }
 }

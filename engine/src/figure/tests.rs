@@ -143,6 +143,7 @@ fn all(dir: &Path) -> Vec<(&'static str, Chart)> {
 }
 
 #[test]
+#[expect(clippy::disallowed_methods, reason = "whoever looks at the pictures says where they go")]
 fn every_kind_is_drawn_in_both_formats_and_to_the_same_bytes() {
     let dir = tempfile::tempdir().unwrap();
     // `FIGURES=DIR` keeps the pictures, to be looked at.

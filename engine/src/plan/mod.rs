@@ -112,7 +112,15 @@ impl Study {
                 key.id()
             };
             let purpose = if cell.pair().is_some() { Purpose::Cell } else { Purpose::Prepared };
-            Trial { id, environment: environment.clone(), agent: agent.clone(), setting: cell.setting.clone(), point: cell.point.clone(), purpose, key }
+            Trial {
+                id,
+                environment: environment.clone(),
+                agent: agent.clone(),
+                setting: cell.setting.clone(),
+                point: cell.point.clone(),
+                purpose,
+                key,
+            }
         };
         seeds[index].iter().map(trial).collect()
     }

@@ -16,11 +16,11 @@ const ROWS: usize = 256;
 
 /// What to measure, and under which name it is stored.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Measurement {
+pub struct Measurement {
     /// `Evaluate` or `Final`.
     phase: Phase,
     /// Training steps done so far.
-    pub(super) step: u64,
+    pub step: u64,
     /// Number of episodes.
     episodes: u64,
     /// How many of them, from the first, are recorded step by step.
@@ -34,12 +34,14 @@ pub(super) struct Measurement {
 impl Measurement {
     /// The measurement number `index`, from 0, of those during learning. Each has episodes of its own, so that a curve does not
     /// rest on the luck of one set of starts.
-    pub(super) fn while_learning(index: u64, step: u64, episodes: u64) -> Self {
+    #[must_use]
+    pub fn while_learning(index: u64, step: u64, episodes: u64) -> Self {
         Self { phase: Phase::Evaluate, step, episodes, traced: 0, stream: format!("evaluate {index}"), mode: Mode::Evaluate }
     }
 
-    /// The measurement at the end.
-    pub(super) fn at_the_end(step: u64, episodes: u64, traced: u64) -> Self {
+    /// The measurement at the end, the first `traced` of its episodes recorded step by step.
+    #[must_use]
+    pub fn at_the_end(step: u64, episodes: u64, traced: u64) -> Self {
         Self { phase: Phase::Final, step, episodes, traced, stream: "final".into(), mode: Mode::Evaluate }
     }
 
@@ -77,8 +79,12 @@ pub(super) type Kept = RefCell<BTreeMap<u64, dataset::Episode>>;
 /// Runs the episodes and records return, length, the environment's metrics and those of the agent's decisions of each.
 ///
 /// Episode `k` of a measurement starts and goes on with the same random numbers for every agent. Before every block of episodes
-/// the trial can be stopped; `learning` says what learning needs then, and `blocks` where to continue.
-pub(super) fn measure<L: Serialize>(
+/// the trial can be stopped: `learning` says what learning needs then, and the [`Position`] of the checkpoint gives the `blocks`
+/// to continue from; `None` begins the measurement.
+///
+/// # Errors
+/// [`Error::Stopped`] between two blocks, and whatever the environment or the agent reports.
+pub fn measure<L: Serialize>(
     run: &mut Run<'_>,
     what: &Measurement,
     blocks: Option<Blocks>,
@@ -119,12 +125,11 @@ pub(super) fn measure_and_keep<L: Serialize>(
 }
 
 /// Measures an agent that does not learn, each time that one which learns is measured: nothing else happens to it. `episodes` are
-/// those of all measurements together, for progress.
-pub(super) fn measure_alone(
-    run: &mut Run<'_>,
-    measurements: impl Iterator<Item = Measurement>,
-    episodes: u64,
-) -> Result<(), Error> {
+/// those of all measurements together, for progress. To be called before anything else: it goes on from a checkpoint by itself.
+///
+/// # Errors
+/// As [`measure`].
+pub fn measure_alone(run: &mut Run<'_>, measurements: impl Iterator<Item = Measurement>, episodes: u64) -> Result<(), Error> {
     let position: Option<Position<usize>> = run.resume()?;
     let (first, mut blocks) = position.map_or((0, None), |position| (position.learning.unwrap_or(0), position.measuring));
     let mut done = 0;
@@ -237,7 +242,8 @@ impl Gathered {
     }
 }
 
-pub(super) fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<f64>>) -> Observation {
+/// What an agent is shown when its seats see `seats`: with the environment's full state where it reads that.
+pub fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<f64>>) -> Observation {
     let state = if agent.reads_state() { environment.state() } else { Vec::new() };
     Observation { seats, state }
 }
@@ -295,8 +301,9 @@ pub(super) fn trace_reward_surface(run: &mut Run<'_>) -> Result<(), Error> {
     Ok(())
 }
 
-/// What every protocol that measures episodes records.
-pub(super) fn metrics() -> Vec<Metric> {
+/// What every protocol that measures episodes records besides the metrics of environment and agent.
+#[must_use]
+pub fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("return", "", "sum of the rewards of an episode, per seat"),
         Metric::new(EPISODE_LENGTH, "decisions", "decisions until the episode ended"),

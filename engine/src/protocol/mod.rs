@@ -1,4 +1,8 @@
 //! What a protocol is: how one trial runs; and the protocols that fit any environment.
+//!
+//! A protocol of another crate implements [`Protocol`] and is registered like any other plugin. What these here are made of is
+//! open to it: [`measure`] runs a [`Measurement`], [`measure_alone`] those of an agent that does not learn, [`observe`] makes an
+//! observation, and a [`Position`] says where to go on.
 
 mod estimator_tracking;
 mod evaluation;
@@ -21,8 +25,10 @@ use std::path::Path;
 
 pub use estimator_tracking::EstimatorTracking;
 pub(crate) use evaluation::replay as replay_measurement;
+pub use evaluation::{Measurement, measure, measure_alone, metrics as measurement_metrics, observe};
 pub use gather::{Gather, GatherMode};
 pub use offline_fit::OfflineFit;
+pub use position::{Blocks, Position, restored};
 pub use supervised_fit::SupervisedFit;
 pub use train_evaluate::TrainEvaluate;
 

@@ -1,4 +1,8 @@
 //! Where a protocol that learns and measures stands, so that it can continue.
+//!
+//! A protocol gives a [`Position`] to [`Run::checkpoint`](super::Run::checkpoint) wherever it can go on, and gets the last
+//! one back from [`Run::resume`](super::Run::resume) in another process. [`measure`](super::measure) gives its own between
+//! two blocks of episodes.
 
 use crate::{Environment, Error, Rng};
 use serde::{Deserialize, Serialize};
@@ -6,16 +10,16 @@ use serde_json::Value;
 
 /// A place in a trial; `L` is what learning needs to go on.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Position<L> {
+pub struct Position<L> {
     /// `None` where learning is over.
-    pub(super) learning: Option<L>,
-    /// Set inside a measurement, between two of its blocks.
-    pub(super) measuring: Option<Blocks>,
+    pub learning: Option<L>,
+    /// Set inside a measurement, between two of its blocks; to be handed to [`measure`](super::measure).
+    pub measuring: Option<Blocks>,
 }
 
-/// A measurement between two blocks of episodes.
+/// A measurement between two blocks of episodes; only [`measure`](super::measure) looks inside.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(super) struct Blocks {
+pub struct Blocks {
     /// First episode of the next block.
     pub(super) first: u64,
     /// What the agent draws.
@@ -24,8 +28,11 @@ pub(super) struct Blocks {
     pub(super) pool: Vec<Value>,
 }
 
-/// An environment with the state that a snapshot describes.
-pub(super) fn restored(
+/// An environment with the state that a [snapshot](Environment::snapshot) describes.
+///
+/// # Errors
+/// [`Error::Checkpoint`] where the snapshot does not fit.
+pub fn restored(
     make_environment: &dyn Fn() -> Result<Box<dyn Environment>, Error>,
     snapshot: &Value,
 ) -> Result<Box<dyn Environment>, Error> {

@@ -5,7 +5,10 @@ use super::{
     contents::ClaimLine,
     sheet::{Entry, Sheet, Tone},
 };
-use crate::statistics::ClaimVerdict;
+use crate::{
+    results::{TIMES_ARE_OF_THE_MACHINE, names_times},
+    statistics::ClaimVerdict,
+};
 use std::collections::BTreeSet;
 
 const HEAD: [&str; 5] = ["claim", "environment", "verdict", "left minus right", "notes"];
@@ -26,9 +29,13 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     (!rows.is_empty()).then(|| Sheet { title: String::new(), head, words: HEAD.len(), rows, notes: notes(contents) })
 }
 
-/// What many claims share and is said once, under them: with how many seeds no permutation test could decide anything.
+/// What many claims share and is said once, under them: with how many seeds no permutation test could decide anything, and
+/// that times are of the machine.
 pub(super) fn notes(contents: &Contents) -> Vec<String> {
     let note = |claim: &ClaimVerdict| Some(format!("{}: {}.", claim.size(), claim.permutation?.note(0.05)?));
     let claims = contents.claims.iter().filter_map(|line| line.verdict.as_ref().ok());
-    claims.filter_map(note).collect::<BTreeSet<_>>().into_iter().collect()
+    let mut notes: Vec<String> = claims.filter_map(note).collect::<BTreeSet<_>>().into_iter().collect();
+    let of_times = contents.claims.iter().any(|line| names_times(&line.spec));
+    notes.extend(of_times.then(|| TIMES_ARE_OF_THE_MACHINE.to_owned()));
+    notes
 }

@@ -4,13 +4,14 @@ use super::StudyInfo;
 use crate::{
     cross_play::Encounters,
     figure::{self, Chart},
-    results::{CellName, Results, TrialResult},
+    results::{CellName, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times},
     spec::ClaimSpec,
     statistics::{
         Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Seeds, Statement, Verdict, claim, evaluate, holm, verdict,
     },
     table::{self, Axis, Grid, NumberFormat, Scope, TableSpec, unplanned_look_in_words, untrained_in_words},
 };
+use serde::Serialize;
 use std::collections::BTreeSet;
 
 /// The word for a claim that cannot be read.
@@ -61,7 +62,10 @@ impl Contents {
     #[must_use]
     pub fn of(study: &StudyInfo, results: &Results) -> Self {
         let context = figure::Context { results, agents: &study.agents, units: &study.units };
-        let chart = |spec| figure::build(spec, context).map_err(|error| error.to_string());
+        let chart = |spec| match figure::build(spec, context) {
+            Ok(chart) => Ok(Chart { notes: with_times(spec, chart.notes), ..chart }),
+            Err(error) => Err(error.to_string()),
+        };
         let figures = study.figures.iter().map(|(name, spec)| (name.clone(), chart(spec))).collect();
         Self { figures, ..Self::judged(study, results) }
     }
@@ -166,8 +170,15 @@ fn count(list: &[&'static str], words: impl Iterator<Item = &'static str>) -> Co
     counted.filter(|(_, n)| *n > 0).collect()
 }
 
+/// Notes with the sentence on times, where a table or figure shows some.
+fn with_times(spec: &impl Serialize, mut notes: Vec<String>) -> Vec<String> {
+    notes.extend(names_times(spec).then(|| TIMES_ARE_OF_THE_MACHINE.to_owned()));
+    notes
+}
+
 fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<Grid, crate::Error> {
     let mut grid = table::build(spec, results)?;
+    grid.notes = with_times(spec, grid.notes);
     if let Some(metric) = spec.kind.metric_of_unit() {
         grid.unit = study.units.get(metric).filter(|unit| *unit != "1").cloned().unwrap_or_default();
     }

@@ -144,7 +144,7 @@ impl<'a> Queue<'a> {
     }
 }
 
-#[allow(clippy::cast_precision_loss, reason = "an estimate; even a trial without steps takes its time")]
+#[expect(clippy::cast_precision_loss, reason = "an estimate; even a trial without steps takes its time")]
 fn steps(cost: u64) -> f64 {
     cost as f64 + 1.0
 }
@@ -153,7 +153,7 @@ fn steps(cost: u64) -> f64 {
 /// known counts as the slowest known one: it begins early, so that it becomes known.
 fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: &HashMap<&str, f64>) -> Vec<u64> {
     let slowest = paces.values().copied().fold(1e-6, f64::max);
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a duration, saturating")]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a duration, saturating")]
     let microseconds = |task: &Task<'_>| {
         let pace = paces.get(task.trial.agent.as_str()).copied().unwrap_or(slowest);
         (steps(task.cost) * pace * 1e6).ceil() as u64
@@ -174,7 +174,7 @@ fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: 
     paths.into_iter().map(Option::unwrap_or_default).collect()
 }
 
-#[allow(clippy::disallowed_methods, reason = "it decides when a trial runs, which reaches no result")]
+#[expect(clippy::disallowed_methods, reason = "it decides when a trial runs, which reaches no result")]
 pub(super) fn now() -> Instant {
     Instant::now()
 }

@@ -138,8 +138,7 @@ fn run(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: 
 /// Runs the trial and stores how it ended; an error is about the store or a product in it, or says that the trial was stopped.
 fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: &mut impl Write) -> Result<TrialEnd, Error> {
     let (store, trial) = (Store::at(&request.store).by(registry.build.clone()), &request.trial);
-    let started = now();
-    let mut told = started;
+    let mut told = now();
     let mut progress = |done, total| {
         if told.elapsed() > Duration::from_millis(200) {
             told = now();
@@ -150,11 +149,11 @@ fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, repli
     let folder = store.folder(&trial.id);
     std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
     let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
-    let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop))?;
+    let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop));
     let outcome = catch_unwind(AssertUnwindSafe(|| {
         trial.key.run_after(registry, &|taken| store.product(taken), Some(&folder), &mut progress, &mut keeper)
     }));
-    let wall_s = started.elapsed().as_secs_f64();
+    let wall_s = keeper.wall_s();
     let (state, reason) = match outcome {
         Ok(Ok(record)) => {
             let end = store.finish(trial, &record, wall_s)?;
@@ -188,7 +187,7 @@ fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-#[allow(clippy::disallowed_methods, reason = "wall time is reported, it reaches no result")]
+#[expect(clippy::disallowed_methods, reason = "wall time is reported, it reaches no result")]
 fn now() -> Instant {
     Instant::now()
 }

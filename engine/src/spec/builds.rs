@@ -13,7 +13,7 @@ use crate::{
     diagnostic::{Diagnostic, in_order},
     random,
     registry::AgentEntry,
-    results::updates_metric,
+    results::{time_per_update_metric, updates_metric, wall_time_metric},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -176,7 +176,8 @@ fn address(part: &Arc<Resolved>) -> usize {
 /// What the trials of a pair record and trace; `of_agent` is what its agent records.
 fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Metric], world: &mut World) {
     let environment = facts.metrics.iter().filter(|_| measures.of_environment);
-    world.record(pair, measures.metrics.iter().chain(environment).chain(of_agent));
+    let added = [wall_time_metric()];
+    world.record(pair, measures.metrics.iter().chain(environment).chain(of_agent).chain(&added));
     let traced = world.traced.entry(pair.0).or_default();
     traced.extend(facts.traced.iter().cloned());
     world.units.extend(facts.units.clone());
@@ -243,7 +244,8 @@ impl Builder<'_> {
             }
         }
         if let (Some(pair), Some(entry)) = (cell.pair(), entry) {
-            let of_agent: Vec<Metric> = entry.metrics.iter().cloned().chain(learns.then(updates_metric)).collect();
+            let updates = learns.then(|| [updates_metric(), time_per_update_metric()]);
+            let of_agent: Vec<Metric> = entry.metrics.iter().cloned().chain(updates.into_iter().flatten()).collect();
             self.note(cell, pair, &of_agent, world);
         }
         let learns_after = self.agents[&addresses];

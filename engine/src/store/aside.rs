@@ -3,13 +3,13 @@
 use super::{
     Claim, Finding, Findings, Leases, Store,
     fsck::{Check, refuse_links},
-    index::in_parallel,
     names,
 };
 use crate::{
     Error,
     results::{EndState, TrialEnd},
 };
+use rayon::prelude::*;
 use std::{
     fs,
     io::ErrorKind,
@@ -20,11 +20,10 @@ impl Store {
     /// Those of the trials that ended `ok` whose metrics are not what was acknowledged.
     #[must_use]
     pub fn with_damaged_metrics<'a>(&self, ended: &[(&'a str, &TrialEnd)]) -> Vec<&'a str> {
-        in_parallel(ended.len(), |index| {
-            let (id, end) = ended[index];
-            let damaged = end.state == EndState::Ok && matches!(self.metrics(id, &end.digest), Err(Error::Damaged { .. }));
-            damaged.then_some(id).into_iter().collect()
-        })
+        let is_damaged = |(id, end): &&(&str, &TrialEnd)| {
+            end.state == EndState::Ok && matches!(self.metrics(id, &end.digest), Err(Error::Damaged { .. }))
+        };
+        ended.par_iter().filter(is_damaged).map(|(id, _)| *id).collect()
     }
 
     /// Sets aside what is damaged of trials, so that they are missing. Those that another process works on are left to it.

@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 const SECONDS_A_DAY: u64 = 86_400;
 
 /// This moment, to be noted beside a result; nothing that is compared or hashed for identity may hold it.
-#[allow(clippy::disallowed_methods, reason = "the date is noted for readers, it reaches no result")]
+#[expect(clippy::disallowed_methods, reason = "the date is noted for readers, it reaches no result")]
 pub(super) fn now() -> String {
     rfc_3339(SystemTime::now())
 }

@@ -10,11 +10,11 @@ use crate::{
     results::{TrialEnd, TrialResult},
     trial::{Trial, trial_id},
 };
+use rayon::prelude::*;
 use serde::Deserialize;
 use std::{
     collections::{BTreeMap, BTreeSet, HashSet},
     path::Path,
-    sync::atomic::{AtomicUsize, Ordering},
 };
 
 /// From this many trials in one group of folders on, the group is listed and nothing is opened in vain.
@@ -56,7 +56,8 @@ impl Store {
             groups.entry(digits(&trial.id)).or_default().push(position);
         }
         let groups: Vec<_> = groups.into_iter().collect();
-        let found = in_parallel(groups.len(), |index| self.stored_in_group(groups[index].0, &groups[index].1, trials));
+        let in_group = |(group, positions): &(&str, Vec<usize>)| self.stored_in_group(group, positions, trials);
+        let found: Vec<_> = groups.par_iter().flat_map_iter(in_group).collect();
         let mut all: Vec<_> = trials.iter().map(|_| Ok(None)).collect();
         for (position, stored) in found {
             all[position] = stored;
@@ -67,8 +68,7 @@ impl Store {
     /// Each trial with all it recorded, in the order of `trials`, as [`Store::load`] gives it.
     #[must_use]
     pub fn load_all(&self, trials: &[Trial]) -> Vec<Result<TrialResult, Error>> {
-        let chunks: Vec<&[Trial]> = trials.chunks(64).collect();
-        in_parallel(chunks.len(), |index| chunks[index].iter().map(|trial| self.load(trial)).collect())
+        trials.par_iter().map(|trial| self.load(trial)).collect()
     }
 
     fn stored_in_group(
@@ -113,10 +113,7 @@ impl Store {
         let mut ids = self.ids();
         ids.retain(|id| !read.contains(id.as_str()));
         ids.truncate(most);
-        let chunks: Vec<_> = ids.chunks(256).collect();
-        let others = in_parallel(chunks.len(), |index| {
-            chunks[index].iter().filter_map(|id| Some((id.as_str(), self.stored(id).ok()??))).collect::<Vec<_>>()
-        });
+        let others: Vec<_> = ids.par_iter().filter_map(|id| Some((id.as_str(), self.stored(id).ok()??))).collect();
         let others = others.iter().map(|(id, trial)| (*id, trial));
         let mut cells: BTreeMap<([&str; 3], u32, &str), (&str, BTreeSet<u64>)> = BTreeMap::new();
         for (id, trial) in known.iter().copied().chain(others) {
@@ -125,11 +122,8 @@ impl Store {
             cell.1.insert(trial.seed);
         }
         let cells: Vec<_> = cells.into_values().collect();
-        in_parallel(cells.len(), |index| {
-            let (id, seeds) = &cells[index];
-            let file = self.file(id).ok().flatten();
-            file.map(|file| StoredCell { key: file.key, seeds: seeds.clone() }).into_iter().collect()
-        })
+        let cell = |(id, seeds)| Some(StoredCell { key: self.file(id).ok()??.key, seeds });
+        cells.into_par_iter().filter_map(cell).collect()
     }
 
     /// The ids of the trials that have a folder and whose ids begin with `prefix`, in order.
@@ -187,22 +181,6 @@ pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
     let Outline { parts, key: Replicate { seed, numerics, device }, end, build, ended_at, .. } = outline;
     let parts = parts.ok_or("it does not name its parts")?.map(str::to_owned);
     Ok(StoredTrial { parts, seed, numerics, device, end, ended_at, build })
-}
-
-/// What `work` gives for 0 to `count`, in that order, computed on as many threads as there are cores.
-pub(super) fn in_parallel<T: Send>(count: usize, work: impl Fn(usize) -> Vec<T> + Sync) -> Vec<T> {
-    let next = AtomicUsize::new(0);
-    let take = || {
-        let index = next.fetch_add(1, Ordering::Relaxed);
-        (index < count).then(|| (index, work(index)))
-    };
-    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(count);
-    let mut parts: Vec<(usize, Vec<T>)> = std::thread::scope(|scope| {
-        let running: Vec<_> = (0..threads).map(|_| scope.spawn(|| std::iter::from_fn(take).collect::<Vec<_>>())).collect();
-        running.into_iter().flat_map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
-    });
-    parts.sort_unstable_by_key(|(index, _)| *index);
-    parts.into_iter().flat_map(|(_, part)| part).collect()
 }
 
 #[cfg(test)]

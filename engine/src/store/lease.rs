@@ -300,12 +300,12 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-#[allow(clippy::disallowed_methods, reason = "it says how long a lease was silent, which reaches no result")]
+#[expect(clippy::disallowed_methods, reason = "it says how long a lease was silent, which reaches no result")]
 fn now() -> Instant {
     Instant::now()
 }
 
-#[allow(clippy::disallowed_methods, reason = "it says how long a lease was silent, which reaches no result")]
+#[expect(clippy::disallowed_methods, reason = "it says how long a lease was silent, which reaches no result")]
 fn wall_clock() -> SystemTime {
     SystemTime::now()
 }

@@ -20,7 +20,7 @@ use crate::{
 };
 use std::path::Path;
 
-/// Version of the columns.
+/// Version of the columns, for other readers: this program holds a file against its acknowledged hash and knows one form.
 pub const SCHEMA_VERSION: u32 = 1;
 
 /// Rows of one or more trials read back.
@@ -68,7 +68,7 @@ type Summary<'a> = (&'a Trial, Phase, u64, &'a String, f64);
 /// Reads a metrics file.
 ///
 /// # Errors
-/// [`Error::Damaged`] where it is no metrics file of this version.
+/// [`Error::Damaged`] where it is no Parquet file or its columns are not those above.
 pub fn read(path: &Path) -> Result<MetricsTable, Error> {
     decode(std::fs::read(path).map_err(Error::file("read", path))?, path)
 }

@@ -37,6 +37,7 @@ enum Process {
 impl Owner {
     /// This process.
     #[must_use]
+    #[expect(clippy::disallowed_methods, reason = "an owner is known by its job, which is in no result")]
     pub fn this_process() -> Self {
         let pid = std::process::id();
         let variable = |name: &str| std::env::var(name).ok();

@@ -44,6 +44,9 @@ pub struct RunningTrial {
     every: Duration,
     stop: Arc<AtomicBool>,
     log: Option<MetricLog>,
+    begun: Instant,
+    /// What earlier processes spent on what was taken up, in seconds.
+    earlier_s: f64,
     noted: Instant,
     saved: Instant,
     cost: Duration,
@@ -58,27 +61,37 @@ struct State {
     protocol: Value,
     running: Running,
     log: LogPosition,
+    /// What was spent on it, in seconds; 0 in those of programs that did not note it.
+    #[serde(default)]
+    wall_s: f64,
 }
 
 impl RunningTrial {
     /// The keeper of the trial `trial` whose folder in the store is `folder`. It saves after `every` (each time where that is zero)
     /// and when `stop` is set. Nothing is created before there is something to write.
-    ///
-    /// # Errors
-    /// None: the first write says what the file system refuses.
-    pub fn open(folder: &Path, trial: &str, every: Duration, stop: Arc<AtomicBool>) -> Result<Self, Error> {
-        Ok(Self {
+    #[must_use]
+    pub fn open(folder: &Path, trial: &str, every: Duration, stop: Arc<AtomicBool>) -> Self {
+        Self {
             folder: running(folder),
             trial: trial.into(),
             every,
             stop,
             log: None,
+            begun: now(),
+            earlier_s: 0.0,
             noted: now(),
             saved: now(),
             cost: Duration::ZERO,
             taken_up: None,
             refused: BTreeSet::new(),
-        })
+        }
+    }
+
+    /// Wall-clock time that was spent on what the trial has now, in seconds, in this process and in those that it goes on
+    /// from.
+    #[must_use]
+    pub fn wall_s(&self) -> f64 {
+        self.earlier_s + self.begun.elapsed().as_secs_f64()
     }
 
     /// Removes what is kept of a trial that ended; there may be nothing.
@@ -186,7 +199,8 @@ impl Keeper for RunningTrial {
         boundary::pass("after rows are appended", &self.log_path());
         self.log()?.flush()?;
         let log = self.log()?;
-        let state = State { protocol: state, running: record.running().clone(), log: log.position() };
+        let (running, log) = (record.running().clone(), log.position());
+        let state = State { protocol: state, running, log, wall_s: self.wall_s() };
         let number = self.numbers()?.last().map_or(1, |last| last + 1);
         if number == 1 {
             flush_upwards(&self.folder)?;
@@ -199,10 +213,10 @@ impl Keeper for RunningTrial {
     }
 
     fn load(&mut self, agent: &mut dyn Agent, record: &mut Recorder) -> Result<Option<Value>, Error> {
-        (self.log, self.taken_up) = (None, None);
+        (self.log, self.taken_up, self.earlier_s) = (None, None, 0.0);
         for number in self.numbers()?.into_iter().rev().filter(|number| !self.refused.contains(number)) {
             let Some((state, log, table)) = self.read(number)? else { continue };
-            (self.log, self.taken_up) = (Some(log), Some(number));
+            (self.log, self.taken_up, self.earlier_s) = (Some(log), Some(number), state.wall_s);
             let misfit = |source: Error| Error::Checkpoint { what: "the agent", problem: source.to_string() };
             agent.load(&self.checkpoint(number).join("agent")).map_err(misfit)?;
             *record = Recorder::resumed(table.names, table.rows, state.running);
@@ -266,7 +280,7 @@ fn flush_upwards(folder: &Path) -> Result<(), Error> {
     above.into_iter().try_for_each(|path| flush(path).map_err(Error::file("flush", path)))
 }
 
-#[allow(clippy::disallowed_methods, reason = "the clock says when to save, it reaches no result")]
+#[expect(clippy::disallowed_methods, reason = "the clock says when to save, it reaches no result")]
 fn now() -> Instant {
     Instant::now()
 }

@@ -1,6 +1,7 @@
 //! A table as aligned text for a terminal.
 
 use super::{Grid, Intervals, Part};
+use unicode_width::UnicodeWidthStr;
 
 /// The table in at most `width` columns of characters; one line per cell where the whole table would be wider.
 #[must_use]
@@ -57,19 +58,20 @@ fn align(lines: &[Vec<String>], left: &[bool]) -> String {
 
 fn widths(lines: &[Vec<String>]) -> Vec<usize> {
     let columns = lines.first().map_or(0, Vec::len);
-    (0..columns).map(|column| lines.iter().map(|line| line[column].chars().count()).max().unwrap_or(0)).collect()
+    (0..columns).map(|column| lines.iter().map(|line| line[column].width()).max().unwrap_or(0)).collect()
 }
 
 fn pad(text: &str, width: usize, left: bool) -> String {
-    if left { format!("{text:<width$}") } else { format!("{text:>width$}") }
+    let space = " ".repeat(width.saturating_sub(text.width()));
+    if left { format!("{text}{space}") } else { format!("{space}{text}") }
 }
 
-/// Text broken between words into lines of at most `width` characters.
+/// Text broken between words into lines of at most `width` columns.
 #[must_use]
 pub fn wrap(text: &str, width: usize) -> String {
     let (mut out, mut used) = (String::new(), 0);
     for word in text.split_whitespace() {
-        let length = word.chars().count();
+        let length = word.width();
         if used > 0 && used + 1 + length > width {
             out.push('\n');
             used = 0;

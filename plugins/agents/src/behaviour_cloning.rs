@@ -29,7 +29,10 @@ use crate::shared::checkpoint::{self, finite};
 use crate::shared::dataset_actor::{ActionSet, DatasetActor, Form, ScaleBy};
 use crate::shared::targets::mean;
 use burn::tensor::{Tensor, activation::log_softmax};
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates, AgentTraits, Registry, UseOfDatasets};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+    UseOfDatasets,
+};
 use numerics::network::values;
 use numerics::tensor_file::TensorFile;
 use schemars::JsonSchema;
@@ -160,7 +163,7 @@ impl Agent for BehaviourCloning {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bandit;
+    use crate::shared::bandit;
     use crate::shared::dataset_actor::tests::{cube, decisions, fit};
     use engine::random::stream;
     use numerics::network::matrix;
@@ -247,7 +250,7 @@ mod tests {
 
     #[test]
     fn the_scaling_by_a_dataset_goes_with_the_agent_and_with_the_policy() {
-        crate::dataset_actor::tests::assert_scaling_is_kept(|rng| build(tiny(), &bandit::interface(), rng).unwrap());
+        crate::shared::dataset_actor::tests::assert_scaling_is_kept(|rng| build(tiny(), &bandit::interface(), rng).unwrap());
     }
 
     #[test]

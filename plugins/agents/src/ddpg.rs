@@ -31,7 +31,9 @@ use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates, UseOfDatasets};
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+    UseOfDatasets,
+};
 use numerics::gaussian::standard_normal;
 use numerics::network::{Activation, Mlp, device, matrix, values};
 use numerics::optimizer::{Adam, Trained};

@@ -31,7 +31,9 @@ use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates, UseOfDatasets};
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+    UseOfDatasets,
+};
 use numerics::gaussian_head::{self, mean_and_log_sd};
 use numerics::gaussian_softmax::{GaussianSoftmaxSample, gaussian_softmax_sample};
 use numerics::network::{Activation, Mlp, TwinMlp, device, matrix, values};

@@ -14,8 +14,7 @@
 //!
 //! Invariants
 //! 1. No agent names an environment: it reads the seats, spaces and channel names of an [`engine::Interface`].
-//! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a
-//!    number. The one exception is [`update_timing`], whose numbers are times.
+//! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a number.
 //! 3. A saved and loaded agent continues to the same bits.
 
 pub mod behaviour_cloning;
@@ -39,7 +38,6 @@ pub mod rommeo;
 pub mod shared;
 pub mod td3_bc;
 pub mod tdom_ac;
-pub mod update_timing;
 pub mod water_filling;
 pub mod zero_action;
 
@@ -67,7 +65,6 @@ pub fn register(registry: &mut Registry) {
     rommeo::register(registry, 1);
     td3_bc::register(registry, 1);
     tdom_ac::register(registry, 1);
-    update_timing::register(registry, 1);
     water_filling::register(registry, 1);
     water_filling::register_true_state(registry, 1);
     zero_action::register(registry, 1);

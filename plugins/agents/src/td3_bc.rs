@@ -41,7 +41,10 @@ use crate::shared::replay::Batch;
 use crate::shared::targets::{bootstrapped, half_squared_error, mean};
 use burn::module::Module;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates, AgentTraits, Registry, UseOfDatasets};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+    UseOfDatasets,
+};
 use numerics::gaussian::standard_normal;
 use numerics::network::{Mlp, TwinMlp, matrix, values};
 use numerics::optimizer::{Adam, Trained};
@@ -312,7 +315,7 @@ impl Agent for Td3Bc {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bandit;
+    use crate::shared::bandit;
     use crate::shared::dataset_actor::tests::{cube, decisions, fit};
     use engine::random::stream;
     use numerics::optimizer::gradients;
@@ -466,7 +469,7 @@ mod tests {
 
     #[test]
     fn the_scaling_by_a_dataset_goes_with_the_agent_and_with_the_policy() {
-        crate::dataset_actor::tests::assert_scaling_is_kept(|rng| build(tiny(), &bandit::interface(), rng).unwrap());
+        crate::shared::dataset_actor::tests::assert_scaling_is_kept(|rng| build(tiny(), &bandit::interface(), rng).unwrap());
     }
 
     #[test]

@@ -1,45 +1,28 @@
 //! Slurm's commands: what they are asked, and what their answers mean.
 
-use crate::executor::Error;
+use crate::executor::{Error, Task};
 use std::{
-    collections::BTreeMap,
     ffi::OsStr,
     path::Path,
     process::{Command, Stdio},
 };
 
-/// One task of a job array, as `squeue` shows it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Task {
-    /// The name of its job, which is a submission's.
-    pub name: String,
-    /// The job id of its array.
-    pub job: String,
-    /// `RUNNING`, `PENDING` and so on.
-    pub state: String,
-    /// Why it is in this state; `None` where Slurm gives no reason.
-    pub reason: Option<String>,
-}
+/// States of tasks that have come to an end.
+const ENDED: [&str; 10] = [
+    "BOOT_FAIL",
+    "CANCELLED",
+    "COMPLETED",
+    "DEADLINE",
+    "FAILED",
+    "NODE_FAIL",
+    "OUT_OF_MEMORY",
+    "PREEMPTED",
+    "REVOKED",
+    "TIMEOUT",
+];
 
-impl Task {
-    /// False where the task has come to an end of any kind.
-    #[must_use]
-    pub fn is_alive(&self) -> bool {
-        const ENDED: [&str; 10] = [
-            "BOOT_FAIL",
-            "CANCELLED",
-            "COMPLETED",
-            "DEADLINE",
-            "FAILED",
-            "NODE_FAIL",
-            "OUT_OF_MEMORY",
-            "PREEMPTED",
-            "REVOKED",
-            "TIMEOUT",
-        ];
-        !ENDED.contains(&self.state.as_str())
-    }
-}
+/// Reasons of waiting tasks that tell nobody anything: none, and that enough of the same array run.
+const SILENT: [&str; 3] = ["", "None", "JobArrayTaskLimit"];
 
 /// The tasks of jobs with these names that Slurm knows of. It forgets ended ones after some minutes.
 ///
@@ -59,7 +42,9 @@ fn task(line: &str) -> Result<Task, Error> {
     let (Some(name), Some(job), Some(state), Some(reason)) = (parts.next(), parts.next(), parts.next(), parts.next()) else {
         return Err(Error::Unreadable { program: "squeue", text: line.into(), expected: "name|job|state|reason" });
     };
-    Ok(Task { name, job, state, reason: Some(reason).filter(|reason| !reason.is_empty() && reason != "None") })
+    let alive = !ENDED.contains(&state.as_str());
+    let waits_for = (state == "PENDING" && !SILENT.contains(&reason.as_str())).then_some(reason);
+    Ok(Task { name, job, state, alive, waits_for })
 }
 
 /// Submits a script and returns the job's id.
@@ -76,13 +61,13 @@ pub fn submit(script: &Path) -> Result<String, Error> {
     Ok(id.into())
 }
 
-/// The cluster's `MaxArraySize`; Slurm's default where its configuration does not show one.
+/// The cluster's `MaxArraySize`; `None` where its configuration does not show one.
 ///
 /// # Errors
 /// [`Error::Busy`] where the controller does not answer.
-pub fn max_array_size() -> Result<usize, Error> {
-    const DEFAULT: usize = 1001;
-    Ok(setting(&call("scontrol", &["show", "config"])?, "MaxArraySize").and_then(|text| text.parse().ok()).unwrap_or(DEFAULT))
+pub fn max_array_size() -> Result<Option<usize>, Error> {
+    let config = call("scontrol", &["show", "config"])?;
+    Ok(setting(&config, "MaxArraySize").and_then(|text| text.parse().ok()))
 }
 
 fn setting<'a>(config: &'a str, name: &str) -> Option<&'a str> {
@@ -99,6 +84,7 @@ pub fn cancel(name: &str, pending_only: bool) -> Result<(), Error> {
     call("scancel", arguments).map(drop)
 }
 
+#[expect(clippy::disallowed_methods, reason = "variables that stand for options of the commands are left out")]
 fn call<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Result<String, Error> {
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null());
@@ -141,30 +127,6 @@ fn complaint(program: &'static str, said: &str) -> Error {
     if PASSING.iter().any(|text| lower.contains(text)) { Error::Busy { program, said } } else { Error::Refused { program, said } }
 }
 
-/// Living tasks by state.
-#[must_use]
-pub fn counts(tasks: &[Task]) -> BTreeMap<&str, usize> {
-    let mut counts = BTreeMap::new();
-    tasks.iter().filter(|task| task.is_alive()).for_each(|task| *counts.entry(task.state.as_str()).or_default() += 1);
-    counts
-}
-
-/// Living tasks counted by state, for people.
-#[must_use]
-pub fn summary(tasks: &[Task]) -> String {
-    let counts = counts(tasks);
-    if counts.is_empty() {
-        return "no task".into();
-    }
-    let mut parts: Vec<String> = counts.iter().map(|(state, count)| format!("{count} {}", state.to_lowercase())).collect();
-    // In falling order of their names, so that running comes before pending.
-    parts.sort_by_key(|part| std::cmp::Reverse(part.split_once(' ').map(|(_, state)| state.to_owned())));
-    let waiting = tasks.iter().filter(|task| task.state == "PENDING");
-    let reasons: std::collections::BTreeSet<&str> = waiting.filter_map(|task| task.reason.as_deref()).collect();
-    let reasons = reasons.into_iter().filter(|reason| *reason != "JobArrayTaskLimit").collect::<Vec<_>>().join(", ");
-    parts.join(", ") + &if reasons.is_empty() { String::new() } else { format!(" ({reasons})") }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -173,11 +135,15 @@ mod tests {
     fn tasks_are_read_and_known_to_live_or_not() {
         let read = |line: &str| task(line).unwrap();
         let running = read("regimen-1a|7|RUNNING|None");
-        assert_eq!((running.name.as_str(), running.job.as_str(), running.reason.clone()), ("regimen-1a", "7", None));
+        assert_eq!((running.name.as_str(), running.job.as_str()), ("regimen-1a", "7"));
+        assert_eq!(running.waits_for, None);
         let pending = read("regimen-1a|7|PENDING|Nodes required for job are DOWN, DRAINED or reserved");
-        assert_eq!(pending.reason.as_deref(), Some("Nodes required for job are DOWN, DRAINED or reserved"));
-        assert!(running.is_alive() && pending.is_alive() && read("a|7|COMPLETING|None").is_alive());
-        assert!(!read("a|7|TIMEOUT|TimeLimit").is_alive() && !read("a|7|NODE_FAIL|None").is_alive());
+        let reason = "Nodes required for job are DOWN, DRAINED or reserved";
+        assert_eq!(pending.waits_for.as_deref(), Some(reason));
+        assert_eq!(read("regimen-1a|7|PENDING|JobArrayTaskLimit").waits_for, None);
+        assert!(running.alive && pending.alive && read("a|7|COMPLETING|None").alive);
+        let ended = read("a|7|TIMEOUT|TimeLimit");
+        assert!(!ended.alive && ended.waits_for.is_none() && !read("a|7|NODE_FAIL|None").alive);
         assert!(matches!(task("slurm_load_jobs"), Err(Error::Unreadable { .. })));
     }
 
@@ -203,23 +169,5 @@ mod tests {
         let expected =
             "sbatch refuses: invalid partition specified: nope; Batch job submission failed: Invalid partition name specified";
         assert_eq!(text, expected);
-    }
-
-    #[test]
-    fn a_queue_is_summed_up_by_state_and_reason() {
-        let of = |state: &str, reason: Option<&str>| Task {
-            name: "regimen-1a".into(),
-            job: "7".into(),
-            state: state.into(),
-            reason: reason.map(Into::into),
-        };
-        let tasks = [
-            of("PENDING", Some("Resources")),
-            of("PENDING", Some("JobArrayTaskLimit")),
-            of("RUNNING", None),
-            of("TIMEOUT", Some("TimeLimit")),
-        ];
-        assert_eq!(summary(&tasks), "1 running, 2 pending (Resources)");
-        assert_eq!(summary(&tasks[3..]), "no task");
     }
 }

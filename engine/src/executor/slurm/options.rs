@@ -1,11 +1,12 @@
 //! How workers are asked for: `[slurm]` in `regimen.toml`.
 
-use crate::executor::Error;
+use crate::executor::{Error, four_each};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::num::{NonZeroU32, NonZeroUsize};
 
 /// The table `[slurm]`. Every key can be left out.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
     /// Partition; the cluster's default.
@@ -69,7 +70,7 @@ impl Options {
     /// Missing trials that are worth a task.
     #[must_use]
     pub fn trials_per_task(&self) -> NonZeroUsize {
-        self.trials_per_task.unwrap_or_else(|| self.cpus_per_task().saturating_mul(NonZeroUsize::MIN.saturating_add(3)))
+        self.trials_per_task.unwrap_or_else(|| four_each(self.cpus_per_task()))
     }
 
     /// Seconds between the early signal and the time limit.

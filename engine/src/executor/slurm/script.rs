@@ -1,30 +1,12 @@
-//! What `sbatch` is given: how many arrays of which size, and the script of each.
+//! What `sbatch` is given: the script of each array.
 
 use super::Options;
 use crate::executor::{Array, Submission, quoted};
 
-/// Divides `tasks` into job arrays of at most `max_array_size` tasks, of which `at_once` in all may run at a time.
-///
-/// Every array is allowed at least one running task, so there are at most `at_once` of them. Tasks beyond that are left out: a
-/// worker pulls trials until none is left, and whoever follows submits again where that was not enough.
-#[must_use]
-pub fn divide(tasks: usize, max_array_size: usize, at_once: usize) -> Vec<Array> {
-    let (largest, at_once) = (max_array_size.max(1), at_once.max(1));
-    let arrays = tasks.div_ceil(largest).min(at_once);
-    let tasks = tasks.min(arrays * largest);
-    let share = |of: usize, position: usize| of / arrays + usize::from(position < of % arrays);
-    (0..arrays)
-        .map(|position| {
-            let tasks = share(tasks, position);
-            Array { tasks, at_once: share(at_once, position).min(tasks), job: None }
-        })
-        .collect()
-}
-
 /// The script of one array of a submission.
 #[must_use]
-pub fn render(submission: &Submission, array: usize) -> String {
-    let Submission { options, work, .. } = submission;
+pub fn render(submission: &Submission, array: usize, options: &Options) -> String {
+    let work = &submission.work;
     let mut lines = vec!["#!/usr/bin/env bash".to_owned()];
     lines.push(format!("# Submission {} of regimen: workers that pull missing trials from the store.", submission.id));
     lines.extend(directives(submission, array, options).into_iter().map(|directive| format!("#SBATCH {directive}")));
@@ -66,8 +48,7 @@ fn in_double_quotes(word: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::executor::Work;
-    use proptest::prelude::*;
+    use crate::executor::{Work, slurm::Slurm};
     use std::path::Path;
 
     fn submission(options: &Options) -> Submission {
@@ -79,7 +60,8 @@ mod tests {
                 .to_vec(),
             folder: "/shared/my studies".into(),
         };
-        Submission::sample(Path::new("/shared/store"), &work, options, divide(12, 1001, 4))
+        let slurm = Slurm { options: options.clone() };
+        Submission::sample(Path::new("/shared/store"), &work, &slurm, Array::divide(12, 1001, 4))
     }
 
     #[test]
@@ -89,34 +71,12 @@ mod tests {
              arguments = [\"--qos=high\", \"--constraint=a b\"]\nsetup = [\"module load regimen\"]",
         )
         .unwrap();
-        insta::assert_snapshot!("script", render(&submission(&options), 0));
+        insta::assert_snapshot!("script", render(&submission(&options), 0, &options));
     }
 
     #[test]
     fn a_script_needs_no_option() {
-        insta::assert_snapshot!("script_without_options", render(&submission(&Options::default()), 0));
-    }
-
-    #[test]
-    fn large_arrays_are_divided() {
-        let sizes = |tasks, largest, at_once| -> Vec<(usize, usize)> {
-            divide(tasks, largest, at_once).iter().map(|array| (array.tasks, array.at_once)).collect()
-        };
-        assert_eq!(sizes(5, 1001, 100), [(5, 5)]);
-        assert_eq!(sizes(2500, 1001, 16), [(834, 6), (833, 5), (833, 5)]);
-        assert_eq!(sizes(2500, 1001, 2), [(1001, 1), (1001, 1)]);
-        assert_eq!(sizes(0, 1001, 2), []);
-    }
-
-    proptest! {
-        #[test]
-        fn no_array_is_empty_too_large_or_too_wide(tasks in 0usize..5000, largest in 1usize..2000, at_once in 1usize..300) {
-            let arrays = divide(tasks, largest, at_once);
-            prop_assert!(arrays.iter().all(|array| (1..=largest).contains(&array.tasks)));
-            prop_assert!(arrays.iter().all(|array| (1..=array.tasks).contains(&array.at_once)));
-            prop_assert!(arrays.iter().map(|array| array.at_once).sum::<usize>() <= at_once);
-            let all: usize = arrays.iter().map(|array| array.tasks).sum();
-            prop_assert!(all == tasks || arrays.len() == at_once);
-        }
+        let options = Options::default();
+        insta::assert_snapshot!("script_without_options", render(&submission(&options), 0, &options));
     }
 }

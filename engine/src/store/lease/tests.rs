@@ -1,5 +1,7 @@
 //! Who gets a lease, and when it dies.
 
+#![expect(clippy::disallowed_methods, reason = "leases are as old as the test says")]
+
 use super::*;
 
 const ID: &str = "0123456789abcdef0123456789abcdef";

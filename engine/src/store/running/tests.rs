@@ -34,7 +34,7 @@ impl Bench {
     }
 
     fn keeper(&self) -> RunningTrial {
-        RunningTrial::open(self.folder.path(), "trial", Duration::ZERO, Arc::default()).unwrap()
+        RunningTrial::open(self.folder.path(), "trial", Duration::ZERO, Arc::default())
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -116,7 +116,7 @@ fn a_checkpoint_without_its_rows_or_of_another_trial_is_passed_over() {
     let mut bench = Bench::new();
     let mut keeper = bench.keeper();
     bench.save(&mut keeper, 1);
-    let mut other = RunningTrial::open(bench.folder.path(), "other", Duration::ZERO, Arc::default()).unwrap();
+    let mut other = RunningTrial::open(bench.folder.path(), "other", Duration::ZERO, Arc::default());
     assert_eq!(other.load(&mut Counter(0), &mut Recorder::default()).unwrap(), None);
     let mut log = fs::read(bench.path("metrics.log")).unwrap();
     log.push(0);
@@ -167,7 +167,7 @@ fn what_an_agent_does_not_take_is_not_offered_again() {
 #[test]
 fn a_short_trial_leaves_nothing_on_disk() {
     let mut bench = Bench::new();
-    let mut keeper = RunningTrial::open(bench.folder.path(), "trial", Duration::from_secs(60), Arc::default()).unwrap();
+    let mut keeper = RunningTrial::open(bench.folder.path(), "trial", Duration::from_secs(60), Arc::default());
     assert_eq!(keeper.load(&mut Counter(0), &mut bench.record).unwrap(), None);
     bench.record.add(Phase::Train, 1, 0, 0, "loss", 1.0);
     assert!(!keeper.due() && !keeper.stopping());
@@ -179,7 +179,7 @@ fn a_short_trial_leaves_nothing_on_disk() {
 fn a_request_to_stop_makes_a_save_due_and_old_rows_reach_the_log_alone() {
     let mut bench = Bench::new();
     let stop = Arc::new(AtomicBool::new(false));
-    let mut keeper = RunningTrial::open(bench.folder.path(), "trial", Duration::from_secs(60), stop.clone()).unwrap();
+    let mut keeper = RunningTrial::open(bench.folder.path(), "trial", Duration::from_secs(60), stop.clone());
     bench.record.add(Phase::Train, 1, 0, 0, "loss", 1.0);
     keeper.noted -= NOTE_EVERY;
     keeper.note(&bench.record).unwrap();
@@ -187,4 +187,16 @@ fn a_request_to_stop_makes_a_save_due_and_old_rows_reach_the_log_alone() {
     assert!(!keeper.due());
     stop.store(true, Ordering::Relaxed);
     assert!(keeper.due() && keeper.stopping());
+}
+
+#[test]
+fn what_earlier_processes_spent_is_counted() {
+    let mut bench = Bench::new();
+    let mut keeper = bench.keeper();
+    keeper.earlier_s = 100.0;
+    bench.save(&mut keeper, 1);
+    let mut next = bench.keeper();
+    assert!(next.wall_s() < 100.0, "nothing is taken up yet");
+    next.load(&mut Counter(0), &mut Recorder::default()).unwrap();
+    assert!(next.wall_s() >= 100.0);
 }

@@ -44,7 +44,9 @@ use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::Tensor;
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates, UseOfDatasets};
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+    UseOfDatasets,
+};
 use numerics::dirichlet_policy::{log_density, sample};
 use numerics::network::{device, matrix, softplus, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};

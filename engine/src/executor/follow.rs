@@ -1,7 +1,6 @@
-//! Waiting for trials that Slurm's tasks compute, and keeping enough tasks at them.
+//! Waiting for trials that the tasks of a queue compute, and keeping enough tasks at them.
 
-use super::{Slurm, Task, View, client};
-use crate::executor::{Error, State, Submission};
+use super::{Dispatch, Error, State, Submission, Task, View};
 use std::{
     collections::BTreeSet,
     time::{Duration, Instant},
@@ -9,7 +8,7 @@ use std::{
 
 /// How often the store is looked at.
 const STORE_POLL: Duration = Duration::from_secs(1);
-/// The longest pause after questions that Slurm did not answer.
+/// The longest pause after questions that the queue did not answer.
 const LONGEST_PAUSE_S: f64 = 60.0;
 /// How often a first submission is tried while the controller is busy.
 const FIRST_TRIES: u32 = 8;
@@ -22,7 +21,7 @@ pub trait Watch {
     fn saved(&mut self) -> u64;
     /// True where the wait is to end, whatever the trials do.
     fn is_stopped(&self) -> bool;
-    /// The tasks that Slurm holds for the trials now.
+    /// The tasks that the queue holds for the trials now.
     fn queue(&mut self, tasks: &[Task]);
     /// Something that a person wants to know.
     fn say(&mut self, text: &str);
@@ -83,11 +82,11 @@ impl Patience {
     }
 }
 
-impl Slurm {
+impl Dispatch<'_> {
     /// Submits what lacks, trying again while the controller is busy, and returns what is followed then.
     ///
     /// # Errors
-    /// As [`Slurm::ensure`], and [`Error::Busy`] after some minutes.
+    /// As [`Dispatch::ensure`], and [`Error::Busy`] after some minutes.
     pub fn begin(&self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<View, Error> {
         let mut pause_s = 1.0;
         for _ in 1..FIRST_TRIES {
@@ -106,23 +105,23 @@ impl Slurm {
     /// Waits until every trial has ended; submits again while tasks are too few for what is missing.
     ///
     /// # Errors
-    /// [`Error::Fruitless`] where submissions end again and again without finishing a trial, and what [`Slurm::ensure`] says of
-    /// a submission that is refused. A controller that does not answer is waited for.
+    /// [`Error::Fruitless`] where submissions end again and again without finishing a trial, and what
+    /// [`Dispatch::ensure`] says of a submission that is refused. A controller that does not answer is waited for.
     pub fn follow(&self, begun: View, watch: &mut dyn Watch) -> Result<Outcome, Error> {
         let followed = begun.live.into_iter().map(|holding| holding.submission).collect();
         let mut follower = Follower {
-            slurm: self,
+            dispatch: self,
             followed,
-            patience: Patience::new(self.options.resubmissions()),
-            submitted: Instant::now(),
+            patience: Patience::new(self.queue.resubmissions()),
+            submitted: now(),
             missing_then: None,
             saved_then: watch.saved(),
             lacking: false,
-            pause_s: self.options.poll_s(),
+            pause_s: self.queue.poll_s(),
         };
-        let mut asked = Instant::now();
+        let mut asked = now();
         loop {
-            let looked = Instant::now();
+            let looked = now();
             let missing = watch.missing();
             let look = looked.elapsed();
             if missing.is_empty() {
@@ -136,7 +135,7 @@ impl Slurm {
                 if let Some(outcome) = follower.ask(&missing, watch)? {
                     return Ok(outcome);
                 }
-                asked = Instant::now();
+                asked = now();
             }
             // A look at a large store on a slow disk is not repeated at once.
             rest(STORE_POLL.max(look * 5), watch);
@@ -145,7 +144,7 @@ impl Slurm {
 }
 
 struct Follower<'a> {
-    slurm: &'a Slurm,
+    dispatch: &'a Dispatch<'a>,
     followed: Vec<Submission>,
     patience: Patience,
     submitted: Instant,
@@ -171,7 +170,7 @@ impl Follower<'_> {
                 return Ok(None);
             }
         };
-        self.pause_s = self.slurm.options.poll_s();
+        self.pause_s = self.dispatch.queue.poll_s();
         watch.queue(&view.live.iter().flat_map(|holding| holding.tasks.clone()).collect::<Vec<_>>());
         if view.need == 0 || !std::mem::replace(&mut self.lacking, true) {
             self.lacking = view.need > 0;
@@ -185,32 +184,32 @@ impl Follower<'_> {
             Some(_) if view.alive() > 0 => Ok(None),
             Some(rounds) => Err(Error::Fruitless { rounds, log: self.log() }),
             None => {
-                let pause_s = self.slurm.options.poll_s() * f64::from(self.patience.polls_to_wait());
+                let pause_s = self.dispatch.queue.poll_s() * f64::from(self.patience.polls_to_wait());
                 rest(Duration::from_secs_f64(pause_s), watch);
                 self.submit(&watch.missing(), view.alive(), watch)
             }
         }
     }
 
-    /// What Slurm holds; `None` where somebody cancelled what is followed.
+    /// What the queue holds; `None` where somebody cancelled what is followed.
     fn look(&self, missing: &BTreeSet<String>) -> Result<Option<View>, Error> {
         let ours = |one: &Submission| self.followed.iter().any(|followed| followed.id == one.id);
-        if Submission::all(&self.slurm.store)?.iter().any(|one| one.state == State::Cancelled && ours(one)) {
+        if Submission::all(&self.dispatch.store)?.iter().any(|one| one.state == State::Cancelled && ours(one)) {
             return Ok(None);
         }
-        self.slurm.look(missing).map(Some)
+        self.dispatch.look(missing).map(Some)
     }
 
     fn submit(&mut self, missing: &BTreeSet<String>, alive: usize, watch: &mut dyn Watch) -> Result<Option<Outcome>, Error> {
         if missing.is_empty() || watch.is_stopped() {
             return Ok(None);
         }
-        match self.slurm.ensure(missing) {
+        match self.dispatch.ensure(missing) {
             Ok(view) => {
                 let added = view.live.iter().filter(|holding| self.followed.iter().all(|one| one.id != holding.submission.id));
                 added.for_each(|holding| watch.say(&format!("submitted again: {}", describe(&holding.submission))));
                 self.followed = view.live.into_iter().map(|holding| holding.submission).collect();
-                (self.submitted, self.missing_then) = (Instant::now(), Some(missing.len()));
+                (self.submitted, self.missing_then) = (now(), Some(missing.len()));
                 self.saved_then = watch.saved();
             }
             Err(error @ (Error::Refused { .. } | Error::NoProgram { .. })) if alive == 0 => return Err(error),
@@ -220,7 +219,7 @@ impl Follower<'_> {
     }
 
     fn not_answered(&mut self, error: &Error, watch: &mut dyn Watch) {
-        self.pause_s = (self.pause_s * 2.0).min(LONGEST_PAUSE_S.max(self.slurm.options.poll_s()));
+        self.pause_s = (self.pause_s * 2.0).min(LONGEST_PAUSE_S.max(self.dispatch.queue.poll_s()));
         watch.say(&format!("{error}; asking again in {:.0} s", self.pause_s));
     }
 
@@ -231,8 +230,8 @@ impl Follower<'_> {
     /// Every trial has ended: tasks that wait would find nothing to do. What cannot be tidied up now ends by itself.
     fn finish(self) {
         for mut submission in self.followed {
-            if submission.trials.is_subset(&self.slurm.trials) {
-                let _ = client::cancel(&submission.job_name(), true);
+            if submission.trials.is_subset(&self.dispatch.trials) {
+                let _ = self.dispatch.queue.cancel(&submission.job_name(), true);
                 let _ = submission.close(State::Ended);
             }
         }
@@ -249,8 +248,14 @@ pub fn describe(submission: &Submission) -> String {
     format!("{} ({word} {}), {tasks} tasks, {at_once} at a time", submission.id, jobs.join(", "))
 }
 
+/// The clock of the wait.
+#[expect(clippy::disallowed_methods, reason = "it says when the queue is asked, which reaches no result")]
+fn now() -> Instant {
+    Instant::now()
+}
+
 fn rest(pause: Duration, watch: &dyn Watch) {
-    let started = Instant::now();
+    let started = now();
     while started.elapsed() < pause && !watch.is_stopped() {
         std::thread::sleep(Duration::from_millis(50));
     }

@@ -1,0 +1,212 @@
+//! Keeping as many tasks in a queue as the missing trials are worth.
+//!
+//! What is to be done follows from three things: the trials that are missing in the store, the submissions in the store
+//! that are meant to compute them, and the tasks of these that the queue shows. So it makes no difference whether a task
+//! was cancelled, timed out, lost its node, or was forgotten by a controller that crashed: where too few tasks are left
+//! for what is missing, more are submitted. Outcomes come from the store alone; no accounting database is asked.
+
+use super::{Array, Error, Executor, Queue, State, Submission, Task, Way, Work, find, lock, tasks_for};
+use crate::store::write_durably;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    num::NonZeroUsize,
+    path::{Path, PathBuf},
+};
+
+/// One run that computes its trials through a queue.
+pub struct Dispatch<'a> {
+    /// The store, under a path that all machines see.
+    pub store: PathBuf,
+    /// What a worker runs.
+    pub work: Work,
+    /// What takes submissions.
+    pub queue: &'a dyn Queue,
+    /// Missing trials that are worth a task.
+    pub trials_per_task: NonZeroUsize,
+    /// Ids of all trials of the run, whether they are missing or not.
+    pub trials: BTreeSet<String>,
+}
+
+/// A submission and the tasks of it that its queue knows of.
+#[derive(Debug, Clone)]
+pub struct Holding {
+    /// The submission.
+    pub submission: Submission,
+    /// Its tasks.
+    pub tasks: Vec<Task>,
+}
+
+impl Holding {
+    /// Number of tasks that have not ended.
+    #[must_use]
+    pub fn alive(&self) -> usize {
+        self.tasks.iter().filter(|task| task.alive).count()
+    }
+
+    fn covers(&self, missing: &BTreeSet<String>) -> bool {
+        !self.submission.trials.is_disjoint(missing)
+    }
+}
+
+/// What is being done about the missing trials.
+#[derive(Debug, Clone, Default)]
+pub struct View {
+    /// Open submissions with living tasks that are meant to compute some of them.
+    pub live: Vec<Holding>,
+    /// Open submissions without a living task.
+    pub dead: Vec<Submission>,
+    /// How many tasks should be added.
+    pub need: usize,
+}
+
+impl View {
+    /// Number of living tasks.
+    #[must_use]
+    pub fn alive(&self) -> usize {
+        self.live.iter().map(Holding::alive).sum()
+    }
+}
+
+/// The open submissions of a store with their tasks; no queue is asked where there is none.
+///
+/// # Errors
+/// Where a record cannot be read or a queue cannot be asked.
+pub fn holdings(store: &Path) -> Result<Vec<Holding>, Error> {
+    let mut by_executor: BTreeMap<String, Vec<Submission>> = BTreeMap::new();
+    for submission in open(store)? {
+        by_executor.entry(submission.executor.clone()).or_default().push(submission);
+    }
+    let mut all = Vec::new();
+    for submissions in by_executor.into_values() {
+        let names: Vec<String> = submissions.iter().map(Submission::job_name).collect();
+        let tasks = asked(&submissions[0], |queue| queue.tasks(&names))?;
+        all.extend(submissions.into_iter().map(|submission| held(submission, &tasks)));
+    }
+    all.sort_by(|one, other| one.submission.id.cmp(&other.submission.id));
+    Ok(all)
+}
+
+fn held(submission: Submission, tasks: &[Task]) -> Holding {
+    let name = submission.job_name();
+    Holding { submission, tasks: tasks.iter().filter(|task| task.name == name).cloned().collect() }
+}
+
+/// What the queue answers that took a submission.
+fn asked<T>(submission: &Submission, ask: impl Fn(&dyn Queue) -> Result<T, Error>) -> Result<T, Error> {
+    let Some(Way::Queue(options)) = find(&submission.executor).map(|kind| kind.way) else {
+        let (id, executor) = (submission.id.clone(), submission.executor.clone());
+        return Err(Error::Unknown { id, executor });
+    };
+    let executor: Box<dyn Executor> = options.build(&submission.options)?;
+    match executor.queue() {
+        Some(queue) => ask(queue),
+        None => Err(Error::Unknown { id: submission.id.clone(), executor: submission.executor.clone() }),
+    }
+}
+
+/// The submissions of a store whose jobs may be queued or running.
+///
+/// # Errors
+/// Where a record cannot be read.
+pub fn open(store: &Path) -> Result<Vec<Submission>, Error> {
+    Ok(Submission::all(store)?.into_iter().filter(|submission| submission.state == State::Open).collect())
+}
+
+/// Cancels every open submission that is meant to compute one of these trials and returns them.
+///
+/// # Errors
+/// Where a queue cannot be asked; the submission stays open then.
+pub fn cancel(store: &Path, trials: &BTreeSet<String>) -> Result<Vec<Submission>, Error> {
+    let _held = lock(store)?;
+    let mut cancelled = Vec::new();
+    for mut submission in open(store)? {
+        if !submission.trials.is_disjoint(trials) {
+            asked(&submission, |queue| queue.cancel(&submission.job_name(), false))?;
+            submission.close(State::Cancelled)?;
+            cancelled.push(submission);
+        }
+    }
+    Ok(cancelled)
+}
+
+impl Dispatch<'_> {
+    /// What is being done about `missing`, and what lacks.
+    ///
+    /// # Errors
+    /// As [`holdings`].
+    pub fn look(&self, missing: &BTreeSet<String>) -> Result<View, Error> {
+        let (live, dead): (Vec<_>, Vec<_>) = holdings(&self.store)?.into_iter().partition(|holding| holding.alive() > 0);
+        let live: Vec<Holding> = live.into_iter().filter(|holding| holding.covers(missing)).collect();
+        let covered = |id: &&String| live.iter().any(|holding| holding.submission.trials.contains(*id));
+        let uncovered = missing.iter().filter(|id| !covered(id)).count();
+        let mut view = View { live, dead: dead.into_iter().map(|holding| holding.submission).collect(), need: 0 };
+        let wanted = tasks_for(missing.len(), self.trials_per_task);
+        view.need = tasks_for(uncovered, self.trials_per_task).max(wanted.saturating_sub(view.alive()));
+        Ok(view)
+    }
+
+    /// Submits what lacks, so that the missing trials are being computed. Doing it twice, or in two processes at a time,
+    /// submits once: a submission that lives is found by its name.
+    ///
+    /// # Errors
+    /// As [`holdings`]; [`Error::Refused`] where the queue does not take the jobs.
+    pub fn ensure(&self, missing: &BTreeSet<String>) -> Result<View, Error> {
+        let _held = lock(&self.store)?;
+        let mut view = self.look(missing)?;
+        let mut unsent = None;
+        for mut submission in view.dead.drain(..) {
+            // A submission that no controller has confirmed is sent again under its name; all others are over.
+            if unsent.is_none() && self.is_unsent(&submission) {
+                unsent = Some(submission);
+            } else {
+                submission.close(State::Ended)?;
+            }
+        }
+        if view.need > 0 {
+            let submission = match unsent {
+                Some(submission) => submission,
+                None => self.prepare(missing, &view)?,
+            };
+            let submission = self.send(submission)?;
+            view.live.push(Holding { submission, tasks: Vec::new() });
+        }
+        Ok(view)
+    }
+
+    fn is_unsent(&self, submission: &Submission) -> bool {
+        submission.work == self.work
+            && submission.executor == self.queue.name()
+            && submission.options == self.queue.options()
+            && submission.arrays.iter().all(|array| array.job.is_none())
+    }
+
+    fn prepare(&self, missing: &BTreeSet<String>, view: &View) -> Result<Submission, Error> {
+        let at_once = self.queue.max_tasks().saturating_sub(view.alive());
+        let arrays = Array::divide(view.need, self.queue.largest_array()?, at_once);
+        let mut submission = Submission::sample(&self.store, &self.work, self.queue, arrays);
+        submission.trials = missing.clone();
+        submission.enter()?;
+        for array in 0..submission.arrays.len() {
+            let script = self.queue.script(&submission, array);
+            write_durably(&submission.script(array), script.as_bytes())?;
+        }
+        Ok(submission)
+    }
+
+    /// Hands the arrays over; ids are noted as they come.
+    fn send(&self, mut submission: Submission) -> Result<Submission, Error> {
+        for array in 0..submission.arrays.len() {
+            match self.queue.submit(&submission.script(array)) {
+                Ok(job) => submission.arrays[array].job = Some(job),
+                Err(error) => {
+                    if matches!(error, Error::Refused { .. } | Error::NoProgram { .. }) && array == 0 {
+                        submission.close(State::Refused)?;
+                    }
+                    return Err(error);
+                }
+            }
+            submission.save()?;
+        }
+        Ok(submission)
+    }
+}

@@ -1,0 +1,135 @@
+//! The list of executors: their names, what each is, and the form of its table in `regimen.toml`.
+
+use super::{Error, Executor, kubernetes, slurm};
+use schemars::{JsonSchema, Schema};
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::Value;
+use toml::de::ValueDeserializer;
+
+/// Name of what needs no executor: worker processes on this machine.
+pub const LOCAL: &str = "local";
+
+/// One entry of the list.
+pub struct Kind {
+    /// Its name, as written behind `--executor`; its options stand in the table of that name.
+    pub name: &'static str,
+    /// Its name in sentences.
+    pub title: &'static str,
+    /// What it is, in one line.
+    pub about: &'static str,
+    /// How workers come about.
+    pub way: Way,
+}
+
+/// How workers come about.
+pub enum Way {
+    /// This program starts them itself.
+    Here,
+    /// A queue takes them, and the program can wait for them.
+    Queue(Options),
+    /// A person hands over what is written, with a command that reads it from standard input.
+    Written(Options, &'static str),
+}
+
+/// The options of an executor: their type is erased once, so that settings and records hold those of any executor.
+pub struct Options {
+    /// JSON Schema of the table.
+    pub schema: Schema,
+    read: Read,
+    build: Build,
+}
+
+type Read = Box<dyn Fn(ValueDeserializer<'_>) -> Result<Value, toml::de::Error>>;
+type Build = Box<dyn Fn(&Value) -> Result<Box<dyn Executor>, Error>>;
+
+/// All executors, in the order in which they are shown.
+#[must_use]
+pub fn all() -> Vec<Kind> {
+    let here = Kind { name: LOCAL, title: "this machine", about: "worker processes on this machine", way: Way::Here };
+    vec![here, slurm::kind(), kubernetes::kind()]
+}
+
+/// The executor of a name.
+#[must_use]
+pub fn find(name: &str) -> Option<Kind> {
+    all().into_iter().find(|kind| kind.name == name)
+}
+
+impl Kind {
+    /// What its options are; `None` where it has none.
+    #[must_use]
+    pub fn options(&self) -> Option<&Options> {
+        match &self.way {
+            Way::Here => None,
+            Way::Queue(options) | Way::Written(options, _) => Some(options),
+        }
+    }
+
+    /// True where the program itself can see to it that trials are computed.
+    #[must_use]
+    pub fn runs(&self) -> bool {
+        !matches!(self.way, Way::Written(..))
+    }
+}
+
+impl Options {
+    /// Options of type `O`, with which `build` makes the executor. A key that is absent from the table is an `Option`
+    /// that is `None`.
+    pub fn of<O>(build: fn(O) -> Result<Box<dyn Executor>, Error>) -> Self
+    where
+        O: Default + Serialize + DeserializeOwned + JsonSchema + 'static,
+    {
+        let typed = |value: &Value| {
+            // Null stands for a record or table that says nothing.
+            let given = Some(value).filter(|value| !value.is_null()).map(O::deserialize);
+            given.unwrap_or_else(|| Ok(O::default())).map_err(|problem| Error::Record { problem: problem.to_string() })
+        };
+        let read = |table: ValueDeserializer<'_>| serde_json::to_value(O::deserialize(table)?).map_err(serde::de::Error::custom);
+        Self { schema: schemars::schema_for!(O), read: Box::new(read), build: Box::new(move |value| build(typed(value)?)) }
+    }
+
+    /// A table of `regimen.toml` with every key, null where one is absent.
+    ///
+    /// # Errors
+    /// For an unknown key or a value of another type, with its place.
+    pub fn read(&self, table: ValueDeserializer<'_>) -> Result<Value, toml::de::Error> {
+        (self.read)(table)
+    }
+
+    /// The executor with these options, as [`read`](Self::read) gave them; null stands for none at all.
+    ///
+    /// # Errors
+    /// [`Error::Option`] where one cannot be used, [`Error::Record`] where they are of another executor.
+    pub fn build(&self, options: &Value) -> Result<Box<dyn Executor>, Error> {
+        (self.build)(options)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_executor_is_listed_with_a_sentence_and_the_keys_of_its_table() {
+        let all = all();
+        let names: Vec<&str> = all.iter().map(|kind| kind.name).collect();
+        assert_eq!(names, ["local", "slurm", "kubernetes"]);
+        for kind in all.iter().filter_map(|kind| Some((kind, kind.options()?))) {
+            let (kind, options) = kind;
+            assert!(kind.about.len() > 20, "{}", kind.name);
+            let keys = options.schema.get("properties").and_then(Value::as_object).unwrap();
+            assert!(keys.values().all(|key| key["description"].is_string()), "{}", kind.name);
+            // `--jobs` takes the place of this one.
+            assert!(keys.contains_key("max_tasks"), "{}", kind.name);
+        }
+    }
+
+    #[test]
+    fn options_of_another_executor_are_refused() {
+        let slurm = find("slurm").unwrap();
+        let options = slurm.options().unwrap();
+        assert!(options.build(&Value::Null).is_ok());
+        let wrong = options.build(&serde_json::json!({ "image": "a" })).unwrap_err().to_string();
+        assert!(wrong.contains("image"), "{wrong}");
+    }
+}

@@ -1,0 +1,116 @@
+//! What takes submissions and shows what became of their tasks.
+
+use super::{Error, Submission};
+use serde_json::Value;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+
+/// A batch system that takes job arrays and tells which of their tasks live.
+///
+/// Jobs are found by the name that they carry, [`Submission::job_name`]: an id may be lost, and may be given twice.
+pub trait Queue {
+    /// Name of the executor in the list of [`all`](super::all).
+    fn name(&self) -> &'static str;
+
+    /// Its options, as they are recorded: [`Options::build`](super::Options::build) makes the executor of them again.
+    fn options(&self) -> Value;
+
+    /// The most tasks that one array may have.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] where it does not answer.
+    fn largest_array(&self) -> Result<usize, Error>;
+
+    /// Tasks that may run at a time.
+    fn max_tasks(&self) -> usize;
+
+    /// Seconds between two questions about tasks.
+    fn poll_s(&self) -> f64;
+
+    /// Submissions in a row that may end without finishing a trial.
+    fn resubmissions(&self) -> usize;
+
+    /// The script of one array of a submission.
+    fn script(&self, submission: &Submission, array: usize) -> String;
+
+    /// The tasks of jobs with these names that it knows of; it may forget ended ones after a while.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] where it does not answer.
+    fn tasks(&self, names: &[String]) -> Result<Vec<Task>, Error>;
+
+    /// Submits a script and returns the job's id.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] where it says no, [`Error::Busy`] where it does not answer; the job may exist even then.
+    fn submit(&self, script: &Path) -> Result<String, Error>;
+
+    /// Cancels the jobs of a name: all, or those that have not started.
+    ///
+    /// # Errors
+    /// As [`submit`](Self::submit).
+    fn cancel(&self, name: &str, waiting_only: bool) -> Result<(), Error>;
+}
+
+/// A task of a job that a queue knows of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Task {
+    /// The name of its job: the one of a submission.
+    pub name: String,
+    /// The job id of its array.
+    pub job: String,
+    /// Its state in the queue's words, as in `RUNNING`.
+    pub state: String,
+    /// False where it has come to an end of any kind.
+    pub alive: bool,
+    /// Why it has not started, where the queue says so.
+    pub waits_for: Option<String>,
+}
+
+/// Living tasks by state.
+#[must_use]
+pub fn counts(tasks: &[Task]) -> BTreeMap<&str, usize> {
+    let mut counts = BTreeMap::new();
+    tasks.iter().filter(|task| task.alive).for_each(|task| *counts.entry(task.state.as_str()).or_default() += 1);
+    counts
+}
+
+/// Living tasks counted by state, for people.
+#[must_use]
+pub fn summary(tasks: &[Task]) -> String {
+    let counts = counts(tasks);
+    if counts.is_empty() {
+        return "no task".into();
+    }
+    // In falling order of their names, so that running comes before pending.
+    let parts: Vec<String> = counts.iter().rev().map(|(state, count)| format!("{count} {}", state.to_lowercase())).collect();
+    let reasons: BTreeSet<&str> = tasks.iter().filter_map(|task| task.waits_for.as_deref()).collect();
+    let reasons = reasons.into_iter().collect::<Vec<_>>().join(", ");
+    parts.join(", ") + &if reasons.is_empty() { String::new() } else { format!(" ({reasons})") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_queue_is_summed_up_by_state_and_reason() {
+        let of = |state: &str, waits_for: Option<&str>, alive: bool| Task {
+            name: "regimen-1a".into(),
+            job: "7".into(),
+            state: state.into(),
+            alive,
+            waits_for: waits_for.map(Into::into),
+        };
+        let tasks = [
+            of("PENDING", Some("Resources"), true),
+            of("PENDING", None, true),
+            of("RUNNING", None, true),
+            of("TIMEOUT", None, false),
+        ];
+        assert_eq!(summary(&tasks), "1 running, 2 pending (Resources)");
+        assert_eq!(summary(&tasks[3..]), "no task");
+    }
+}

@@ -1,0 +1,23 @@
+//! A program of somebody else: its own environment, agents and protocol beside the engine's, and everything that `regimen`
+//! does with studies.
+//!
+//! ```text
+//! third-party run examples/third_party/study.yaml --profile smoke
+//! third-party selftest            computes the embedded study in every way there is and compares the bits
+//! ```
+
+mod episodes;
+mod proportional;
+mod thermostat;
+
+use engine::Registry;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let mut registry = Registry::default();
+    engine::protocol::register(&mut registry);
+    thermostat::register(&mut registry);
+    proportional::register(&mut registry);
+    episodes::register(&mut registry);
+    engine::cli::main(&registry, include_str!("study.yaml"))
+}
