@@ -297,7 +297,7 @@ pub(crate) mod tests {
 
     /// One observed channel `x` and one action in a box with limits -1 and 1.
     pub(crate) fn cube() -> Interface {
-        let mut interface = crate::bandit::interface();
+        let mut interface = crate::shared::bandit::interface();
         interface.seats[0].action = Space::Box(vec![Channel::new("force", "").within(-1.0, 1.0)]);
         interface
     }
