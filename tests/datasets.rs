@@ -2,7 +2,7 @@
 //! from them does not move with any simulator.
 
 use engine::{
-    Channel, End, Environment, Error, Interface, Keeper, Recorder, Registry, Rng, Space,
+    Channel, End, Error, Interface, Keeper, Recorder, Registry, Rng, Space,
     dataset::{DatasetWriter, Episode},
     product::{Taken, named_in},
     random::stream,
