@@ -36,7 +36,7 @@ prepare:
     agent: {{ {} }}
     protocol: {{ train_evaluate: {{ steps: 16, environments: 4, evaluate_every: 0, episodes: 0, final_episodes: 1, trace_episodes: 0 }} }}
 tables:
-  life: {{ comparison: {{ rows: agent, columns: environment, value: energy_j, decimals: 9 }} }}
+  life: {{ comparison: {{ rows: agent, columns: environment, value: voltage_spread_at_end_v, decimals: 9 }} }}
 claims:
   - from_fresh.cycle_length >= 0 * equal.cycle_length
 ",

@@ -2,7 +2,8 @@
 //! and meaning; presets.
 
 use crate::{
-    Registry, cast, figure::FigureKind, kinds::Kind, registry::About, schema_check::View, statistics::Aggregate, table::TableKind,
+    Better, Metric, Registry, cast, figure::FigureKind, kinds::Kind, registry::About, schema_check::View, statistics::Aggregate,
+    table::TableKind,
 };
 use schemars::SchemaGenerator;
 use serde_json::{Map, Value, json};
@@ -17,7 +18,11 @@ pub fn describe(registry: &Registry, name: &str) -> Result<String, String> {
     let environments = registry.environments.iter().map(|(name, entry)| ("environment", *name, &entry.about));
     let agents = cast::agents(registry).map(|(name, about)| ("agent", name, about));
     let protocols = registry.protocols.iter().map(|(name, entry)| ("protocol", *name, &entry.about));
-    let plugins = environments.chain(agents).chain(protocols).map(|(kind, name, about)| (name, plugin(kind, name, about)));
+    let plugins = environments.chain(agents).chain(protocols);
+    let plugins = plugins.map(|(kind, known, about)| {
+        let text = if known == name { plugin(kind, known, about) + &recorded(registry, kind, known) } else { String::new() };
+        (known, text)
+    });
     let tables = TableKind::ALL.iter().map(|it| (it.name, asked_for("table", it)));
     let figures = FigureKind::ALL.iter().map(|it| (it.name, asked_for("figure", it)));
     let aggregates = Aggregate::ALL.into_iter().map(|it| (it.name(), aggregate(it)));
@@ -28,6 +33,32 @@ pub fn describe(registry: &Registry, name: &str) -> Result<String, String> {
         return Err(format!("nothing is named `{name}`; {}", crate::diagnostic::suggest(name, known)));
     }
     Ok(found.join("\n"))
+}
+
+/// What an environment or protocol with its defaults, or an agent, records; nothing where it records nothing.
+fn recorded(registry: &Registry, kind: &str, name: &str) -> String {
+    let metrics: Vec<Metric> = match kind {
+        "environment" => {
+            let entry = &registry.environments[name];
+            (entry.build)(&entry.about.defaults).map_or_else(|_| Vec::new(), |built| built.metrics().to_vec())
+        }
+        "protocol" => {
+            let entry = &registry.protocols[name];
+            (entry.build)(&entry.about.defaults).map_or_else(|_| Vec::new(), |built| built.metrics())
+        }
+        _ => registry.agents.get(name).map_or_else(Vec::new, |entry| entry.metrics.clone()),
+    };
+    let mut out = String::new();
+    if !metrics.is_empty() {
+        line(&mut out, 0, "");
+        line(&mut out, 0, "Records");
+    }
+    for Metric { name, unit, about, better, .. } in &metrics {
+        let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };
+        let direction = if *better == Better::Lower { "; less is better" } else { "" };
+        line(&mut out, 1, &format!("{name}{unit}: {about}{direction}"));
+    }
+    out
 }
 
 /// A kind of table or figure.

@@ -1,6 +1,6 @@
 //! Dotted paths such as `learner.discount` or `protocol.steps`: what they name and whether it exists.
 
-use super::written::{PartKind, Written};
+use super::written::{Chosen, PartKind, Written};
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{Kind, Node},
@@ -103,11 +103,15 @@ fn nothing_prepared(words: &[&str], span: Span, at: &str, written: &Written, sou
         let known = written.prepared.iter().map(|entry| entry.name.as_str());
         return sources.error(span, at, format!("no entry of `prepare` is named `{name}`")).help(suggest(name, known));
     };
-    let own: Vec<String> =
-        PartKind::ALL.into_iter().filter(|kind| entry.own(*kind).is_some()).map(|kind| kind.name().into()).collect();
     let part = words.get(2).copied().unwrap_or_default();
     let message = format!("`{part}` is no part that is written in the entry `{name}` of `prepare`");
-    let help = format!("it has {}; what it takes from the study is set there: `NAME.KEY`", own.join(", "));
+    let help = match (part, &entry.environment, &entry.agent) {
+        ("environment", Chosen::OfStudy(own, _), _) | ("agent", _, Chosen::OfStudy(own, _)) => {
+            format!("it takes the study's `{own}`, whose keys are set there: `{own}.KEY`")
+        }
+        ("protocol", ..) => "it takes the study's, whose keys are set there: `protocol.KEY`".into(),
+        _ => suggest(part, PartKind::ALL.map(PartKind::name)),
+    };
     sources.error(span, at, message).help(help)
 }
 
