@@ -50,7 +50,7 @@ fn a_bit_flipped_anywhere_is_found_and_its_trial_is_missing() {
     let store = Store::at(bench.path("store"));
     let mut rng = engine::random::stream(&["flip bits"]);
     let files = files(&bench.path("store/trials"));
-    assert_eq!(files.len(), 20, "eight trials with two files each, and four policies");
+    assert_eq!(files.len(), 24, "eight trials with two files each, and four policies with their networks");
     for round in 0..300 {
         let file = &files[rng.random_range(0..files.len())];
         let whole = fs::read(file).unwrap();

@@ -94,7 +94,8 @@ mod tests {
     #[test]
     fn spaces_are_written_as_minari_writes_them() {
         let channels = vec![Channel::new("speed", "m/s"), Channel::new("angle", "").within(-1.5, 2.0)];
-        let expected = r#"{"type": "Box", "dtype": "float64", "shape": [2], "low": [-Infinity, -1.5], "high": [Infinity, 2.0]}"#;
+        let limits = r#""low": [-Infinity, -1.5], "high": [Infinity, 2.0]"#;
+        let expected = format!(r#"{{"type": "Box", "dtype": "float64", "shape": [2], {limits}}}"#);
         assert_eq!(space(&Space::Box(channels)), expected);
         let names = || vec!["a".to_string(), "b".into()];
         let expected = r#"{"type": "Box", "dtype": "float64", "shape": [2], "low": [0.0, 0.0], "high": [1.0, 1.0]}"#;

@@ -87,7 +87,8 @@ impl Kubernetes {
         let options = &self.options;
         let namespace = options.namespace.as_ref().map_or_else(String::new, |name| format!("\n  namespace: {}", text(name)));
         format!(
-            r#"# Workers of regimen that pull missing trials from the store. Not tried on a cluster; checked against the schema of batch/v1.
+            r#"# Workers of regimen that pull missing trials from the store.
+# Not tried on a cluster; checked against the schema of batch/v1.
 apiVersion: batch/v1
 kind: Job
 metadata:

@@ -116,7 +116,10 @@ fn rename(schema: &mut Value, prefix: &str) {
 }
 
 fn prepare(environment: &Value, agent: &Value, protocol: &Value) -> Value {
-    let either = |what: &str, own: &Value| json!({ "description": format!("The {what}: a name of the study, or one that is written here."), "anyOf": [{ "type": "string" }, own] });
+    let either = |what: &str, own: &Value| {
+        let description = format!("The {what}: a name of the study, or one that is written here.");
+        json!({ "description": description, "anyOf": [{ "type": "string" }, own] })
+    };
     json!({
         "description": "Trials that leave something for others, by name: `{ from: NAME }` takes it.", "type": "object",
         "propertyNames": { "pattern": NAME },
