@@ -211,7 +211,7 @@ fn an_episode_of_a_stored_trial_is_played_again_to_the_bit() {
                 compared += 1;
             }
             // Trials of a play trace nothing: only their returns, one per seat, can be compared.
-            assert!(compared > if agent == "cross_play" { 3 } else { 60 }, "{agent}: {compared}");
+            assert!(compared > if agent == "cast" { 3 } else { 60 }, "{agent}: {compared}");
         }
     }
     bench.ok(&["rollout", "battery", "--trial", &of(&all, "equal_split"), "--decisions", "3", "--out", "short.csv"]);

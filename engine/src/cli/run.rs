@@ -11,7 +11,7 @@ use super::{
 use crate::{
     Registry, executor,
     report::{self, Contents, Counts, Period, ReportPaths, StudyInfo},
-    results::{Results, TrialResult, names_times, time_per_update_metric, wall_time_metric},
+    results::{Results, TrialResult, names_times},
     spec,
     store::{self, Store, write_durably},
     trial::Trial,
