@@ -1,7 +1,7 @@
 //! Simulated cell-seconds per second of the battery environment on one core. usage: battery SECONDS
 //!
-//! One fresh cell, isothermal, from the middle of its discharge, 10 s a decision, through the registered environment, so that
-//! observations, rewards and metrics are paid for too. Prints one line of JSON.
+//! One fresh cell, isothermal, from the middle of its discharge, 10 s a decision, through the registered
+//! environment, so that observations, rewards and metrics are paid for too. Prints one line of JSON.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
@@ -9,7 +9,10 @@ use std::time::Instant;
 
 #[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
-    let seconds: f64 = std::env::args().nth(1).and_then(|word| word.parse().ok()).unwrap_or(3.0);
+    let seconds: f64 = std::env::args()
+        .nth(1)
+        .and_then(|word| word.parse().ok())
+        .unwrap_or(3.0);
     let registry = plugins::registry();
     let entry = &registry.environments["battery"];
     let config = serde_json::json!({"cells": 4, "load": {"constant": {"power_w": 32.0}}, "start": "full"});
@@ -24,5 +27,8 @@ fn main() {
         }
     }
     let rate = cell_seconds as f64 / start.elapsed().as_secs_f64();
-    println!("{}", serde_json::json!({"who": "Regimen", "cell_seconds_per_s": rate}));
+    println!(
+        "{}",
+        serde_json::json!({"who": "Regimen", "cell_seconds_per_s": rate})
+    );
 }

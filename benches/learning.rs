@@ -1,9 +1,10 @@
-//! Median time of one update of the original soft actor-critic, and of one decision of its policy, on one thread.
+//! Median time of one update of the original soft actor-critic, and of one decision of its policy, on one
+//! thread.
 //!
 //! usage: learning BATCH CRITIC_LAYERS POLICY_LAYERS SECONDS [AGENT]
 //!
-//! The agent is built through the registry and driven through `learn` and `act`, so replay sampling and the copies in between are
-//! paid for. 9 observations, 4 actions. Prints one line of JSON.
+//! The agent is built through the registry and driven through `learn` and `act`, so replay sampling and the
+//! copies in between are paid for. 9 observations, 4 actions. Prints one line of JSON.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
@@ -16,9 +17,18 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 #[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
-    let number = |index: usize, otherwise: usize| words.get(index).and_then(|word| word.parse().ok()).unwrap_or(otherwise);
-    let (batch, critic_layers, policy_layers, seconds) = (number(0, 256), number(1, 2), number(2, 2), number(3, 5));
+    let words: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|word| word != "--bench")
+        .collect();
+    let number = |index: usize, otherwise: usize| {
+        words
+            .get(index)
+            .and_then(|word| word.parse().ok())
+            .unwrap_or(otherwise)
+    };
+    let (batch, critic_layers, policy_layers, seconds) =
+        (number(0, 256), number(1, 2), number(2, 2), number(3, 5));
     let name = words.get(4).map_or("gaussian_softmax_sac", String::as_str);
     let registry = plugins::registry();
     let config = serde_json::json!({
@@ -32,7 +42,9 @@ fn main() {
     let filling: Vec<Transition> = (0..2047).map(|_| transition(&mut rng)).collect();
     agent.learn(&filling, &mut rng, &mut record).unwrap();
     for _ in 0..15 {
-        agent.learn(&[transition(&mut rng)], &mut rng, &mut record).unwrap();
+        agent
+            .learn(&[transition(&mut rng)], &mut rng, &mut record)
+            .unwrap();
     }
     let (mut updates, until) = (Vec::new(), Instant::now());
     while until.elapsed().as_secs() < seconds as u64 {
@@ -46,21 +58,34 @@ fn main() {
         "{}",
         serde_json::json!({
             "who": format!("Regimen {name}"), "median_s": quantile(&mut updates, 0.5), "runs": updates.len(),
-            "decision_median_s": quantile(&mut decisions.clone(), 0.5), "decision_p99_s": quantile(&mut decisions.clone(), 0.99),
+            "decision_median_s": quantile(&mut decisions.clone(), 0.5),
+            "decision_p99_s": quantile(&mut decisions.clone(), 0.99),
         })
     );
 }
 
 fn interface() -> Interface {
-    let names =
-        (1..=4).map(|i| format!("voltage_{i}")).chain((1..=4).map(|i| format!("current_{i}"))).chain(["power_demand_w".into()]);
+    let names = (1..=4)
+        .map(|i| format!("voltage_{i}"))
+        .chain((1..=4).map(|i| format!("current_{i}")))
+        .chain(["power_demand_w".into()]);
     let observation = Space::Box(names.map(|name| Channel::new(name, "")).collect());
     let action = Space::Simplex((1..=4).map(|i| format!("weight_{i}")).collect());
-    Interface { seats: vec![Seat { name: String::new(), observation, action }], state: Vec::new() }
+    Interface {
+        seats: vec![Seat {
+            name: String::new(),
+            observation,
+            action,
+        }],
+        state: Vec::new(),
+    }
 }
 
 fn observation(rng: &mut engine::Rng) -> Observation {
-    Observation { seats: vec![(0..9).map(|_| rng.random::<f64>() * 2.0 - 1.0).collect()], state: Vec::new() }
+    Observation {
+        seats: vec![(0..9).map(|_| rng.random::<f64>() * 2.0 - 1.0).collect()],
+        state: Vec::new(),
+    }
 }
 
 fn transition(rng: &mut engine::Rng) -> Transition {

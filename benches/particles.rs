@@ -1,7 +1,8 @@
 //! Steps per second of the particles environment on one core. usage: particles SCENARIO SECONDS
 //!
-//! mpe2's rules, random starts, episodes of 25 steps of one joint action, through the registered environment, so that
-//! observations, rewards and metrics are paid for too. A step moves all agents. Prints one line of JSON.
+//! mpe2's rules, random starts, episodes of 25 steps of one joint action, through the registered environment,
+//! so that observations, rewards and metrics are paid for too. A step moves all agents. Prints one line of
+//! JSON.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
@@ -12,7 +13,10 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 #[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
+    let words: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|word| word != "--bench")
+        .collect();
     let scenario = words.first().map_or("cooperative_navigation", String::as_str);
     let seconds: f64 = words.get(1).and_then(|word| word.parse().ok()).unwrap_or(3.0);
     let registry = plugins::registry();

@@ -2,8 +2,9 @@
 //!
 //! usage: plan SETTINGS SEEDS [FOLDER]
 //!
-//! Writes a store (into FOLDER, which is kept; otherwise into a temporary folder) in which every trial of a study of SETTINGS sweep points and SEEDS seeds has ended, then starts the program on
-//! it: everything done, everything done with one more seed, one more sweep point, and everything new because of more training
+//! Writes a store (into FOLDER, which is kept; otherwise into a temporary folder) in which every trial of a
+//! study of SETTINGS sweep points and SEEDS seeds has ended, then starts the program on it: everything done,
+//! everything done with one more seed, one more sweep point, and everything new because of more training
 //! steps. Prints one line of JSON with seconds.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
@@ -17,8 +18,16 @@ use std::{collections::BTreeMap, path::Path, process::Command, time::Instant};
 
 #[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
-    let number = |index: usize, otherwise: usize| words.get(index).and_then(|word| word.parse().ok()).unwrap_or(otherwise);
+    let words: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|word| word != "--bench")
+        .collect();
+    let number = |index: usize, otherwise: usize| {
+        words
+            .get(index)
+            .and_then(|word| word.parse().ok())
+            .unwrap_or(otherwise)
+    };
     let (settings, seeds) = (number(0, 1000), number(1, 100));
     let temporary = tempfile::tempdir().unwrap();
     let folder = words.get(2).map_or(temporary.path(), Path::new);
@@ -29,8 +38,16 @@ fn main() {
     let more = (seeds + 1).to_string();
     let seconds = |arguments: &[&str]| {
         let started = Instant::now();
-        let output = Command::new(env!("CARGO_BIN_EXE_regimen")).args(arguments).current_dir(folder).output().unwrap();
-        assert!(matches!(output.status.code(), Some(0 | 106)), "{}", String::from_utf8_lossy(&output.stderr));
+        let output = Command::new(env!("CARGO_BIN_EXE_regimen"))
+            .args(arguments)
+            .current_dir(folder)
+            .output()
+            .unwrap();
+        assert!(
+            matches!(output.status.code(), Some(0 | 106)),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
         started.elapsed().as_secs_f64()
     };
     println!(
@@ -48,9 +65,12 @@ fn main() {
 }
 
 fn study(settings: usize, seeds: usize) -> String {
-    let rates: Vec<String> = (1..=settings).map(|index| format!("{:e}", 1e-6 * index as f64)).collect();
+    let rates: Vec<String> = (1..=settings)
+        .map(|index| format!("{:e}", 1e-6 * index as f64))
+        .collect();
     format!(
-        "study: many\nenvironments: {{ four: {{ battery: {{ cells: 4 }} }} }}\nagents: {{ dsac: {{ dirichlet_sac: {{}} }} }}\n\
+        "study: many\nenvironments: {{ four: {{ battery: {{ cells: 4 }} }} }}\nagents: {{ dsac: {{ \
+         dirichlet_sac: {{}} }} }}\n\
          protocol: {{ train_evaluate: {{ steps: 60000 }} }}\nseeds: {seeds}\n\
          sweep:\n  dsac.actor_learning_rate: {{ grid: [{}] }}\n",
         rates.join(", ")
@@ -62,7 +82,12 @@ fn fill(study: &Path, root: &Path) -> usize {
     let registry = plugins::registry();
     let study = spec::load(study, &registry, &spec::Options::default()).unwrap();
     let (store, plan) = (Store::at(root), study.plan());
-    let end = TrialEnd { state: EndState::Ok, reason: String::new(), wall_s: 1.0, digest: "0".repeat(32) };
+    let end = TrialEnd {
+        state: EndState::Ok,
+        reason: String::new(),
+        wall_s: 1.0,
+        digest: "0".repeat(32),
+    };
     for trial in &plan.trials {
         let file = TrialFile::new(trial, end.clone(), BTreeMap::new());
         let folder = store.folder(&trial.id);

@@ -5,11 +5,15 @@ use engine::{Build, Registry};
 /// The study with which the program tests itself; it has a profile `smoke`.
 pub const SELFTEST: &str = include_str!("../experiments/quickstart.yaml");
 
-/// All plugins by name, the version of the numerical code that they share, and the source code that they are built from.
+/// All plugins by name, the version of the numerical code that they share, and the source code that they are
+/// built from.
 #[must_use]
 pub fn registry() -> Registry {
     let build = Build::told(env!("REGIMEN_COMMIT"), env!("REGIMEN_CHANGED"));
-    let mut registry = Registry { build, ..Registry::default() };
+    let mut registry = Registry {
+        build,
+        ..Registry::default()
+    };
     registry.shares(numerics::VERSION);
     engine::protocol::register(&mut registry);
     environments::register(&mut registry);

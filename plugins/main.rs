@@ -2,7 +2,8 @@
 
 use std::process::ExitCode;
 
-/// burn allocates and frees a tensor for every operation; this allocator nearly halves the time of a large update.
+/// burn allocates and frees a tensor for every operation; this allocator nearly halves the time of a large
+/// update.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

@@ -7,13 +7,18 @@ fn manifest(folder: &str) -> String {
 }
 
 fn depends_on(folder: &str, name: &str) -> bool {
-    manifest(folder).lines().any(|line| line.split(['.', ' ', '=']).next() == Some(name))
+    manifest(folder)
+        .lines()
+        .any(|line| line.split(['.', ' ', '=']).next() == Some(name))
 }
 
 #[test]
 fn the_engine_and_numerics_depend_on_no_workspace_crate() {
     for name in ["engine", "numerics", "environments", "agents"] {
-        assert!(!depends_on("plugins/numerics", name), "numerics depends on {name}");
+        assert!(
+            !depends_on("plugins/numerics", name),
+            "numerics depends on {name}"
+        );
         assert!(!depends_on("engine", name), "engine depends on {name}");
     }
 }
@@ -46,9 +51,14 @@ fn one_file_names_polars() {
 fn no_agent_is_made_of_another() {
     let mut found = Vec::new();
     visit(&repository().join("plugins/agents/src"), &mut |path, text| {
-        let foreign = |line: &&str| line.starts_with("use crate::") && !line.starts_with("use crate::shared::");
+        let foreign =
+            |line: &&str| line.starts_with("use crate::") && !line.starts_with("use crate::shared::");
         let name = path.file_name().unwrap().to_string_lossy().into_owned();
-        found.extend(text.lines().filter(foreign).map(|line| (name.clone(), line.to_owned())));
+        found.extend(
+            text.lines()
+                .filter(foreign)
+                .map(|line| (name.clone(), line.to_owned())),
+        );
     });
     let about = "use crate::tdom_ac::{self, OpponentObjective};";
     assert_eq!(found, [("opponent_gradients.rs".to_owned(), about.to_owned())]);

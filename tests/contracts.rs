@@ -1,8 +1,8 @@
 //! What every registered plugin must do, whatever it is: these tests loop over the registry.
 
 use engine::{
-    Action, Agent, Channel, Environment, Error, Interface, NoKeeper, Phase, Registry, Rng, Space, UseOfDatasets, random::stream,
-    results::UPDATES, trial::TrialKey,
+    Action, Agent, Channel, Environment, Error, Interface, NoKeeper, Phase, Registry, Rng, Space,
+    UseOfDatasets, random::stream, results::UPDATES, trial::TrialKey,
 };
 use plugins::registry;
 use rand::Rng as _;
@@ -15,23 +15,37 @@ fn default_environment(registry: &Registry, name: &str) -> Box<dyn Environment> 
 /// Any action of each seat's space.
 fn random_action(environment: &dyn Environment, rng: &mut Rng) -> Action {
     let draw = |space: &Space, rng: &mut Rng| match space {
-        Space::Box(channels) => {
-            channels.iter().map(|channel| rng.random_range(channel.low.max(-1.0)..=channel.high.min(1.0))).collect()
-        }
+        Space::Box(channels) => channels
+            .iter()
+            .map(|channel| rng.random_range(channel.low.max(-1.0)..=channel.high.min(1.0)))
+            .collect(),
         Space::Simplex(names) => {
-            let draws: Vec<f64> = names.iter().map(|_| -rng.random::<f64>().max(1e-300).ln()).collect();
+            let draws: Vec<f64> = names
+                .iter()
+                .map(|_| -rng.random::<f64>().max(1e-300).ln())
+                .collect();
             let sum: f64 = draws.iter().sum();
             draws.into_iter().map(|draw| draw / sum).collect()
         }
-        Space::Discrete(names) => vec![f64::from(rng.random_range(0..u32::try_from(names.len()).unwrap()))],
+        Space::Discrete(names) => vec![f64::from(
+            rng.random_range(0..u32::try_from(names.len()).unwrap()),
+        )],
     };
-    environment.seats().iter().map(|seat| draw(&seat.action, rng)).collect()
+    environment
+        .seats()
+        .iter()
+        .map(|seat| draw(&seat.action, rng))
+        .collect()
 }
 
 #[test]
 fn every_plugin_describes_itself() {
     let registry = registry();
-    let names = registry.environments.keys().chain(registry.agents.keys()).chain(registry.protocols.keys());
+    let names = registry
+        .environments
+        .keys()
+        .chain(registry.agents.keys())
+        .chain(registry.protocols.keys());
     for name in names {
         let text = engine::spec::describe(&registry, name).unwrap();
         assert!(text.len() > 40, "{name}: {text}");
@@ -39,13 +53,19 @@ fn every_plugin_describes_itself() {
     for (name, entry) in &registry.environments {
         let schema = entry.about.schema.clone().to_value();
         for (key, property) in schema["properties"].as_object().unwrap() {
-            assert!(property["description"].is_string(), "{name}.{key} has no description");
+            assert!(
+                property["description"].is_string(),
+                "{name}.{key} has no description"
+            );
         }
     }
     for (name, entry) in &registry.agents {
         let schema = entry.about.schema.clone().to_value();
         for (key, property) in schema["properties"].as_object().into_iter().flatten() {
-            assert!(property["description"].is_string(), "{name}.{key} has no description");
+            assert!(
+                property["description"].is_string(),
+                "{name}.{key} has no description"
+            );
         }
     }
 }
@@ -53,8 +73,11 @@ fn every_plugin_describes_itself() {
 #[test]
 fn every_preset_is_a_config() {
     let registry = registry();
-    let abouts =
-        registry.environments.values().map(|entry| &entry.about).chain(registry.agents.values().map(|entry| &entry.about));
+    let abouts = registry
+        .environments
+        .values()
+        .map(|entry| &entry.about)
+        .chain(registry.agents.values().map(|entry| &entry.about));
     for about in abouts {
         for preset in &about.presets {
             (about.resolve)(&preset.values).unwrap_or_else(|error| panic!("{}: {error}", preset.name));
@@ -83,17 +106,33 @@ fn what_environments_give_out_is_what_they_say_through_whole_episodes() {
         let mut rng = stream(&["contract", name]);
         for episode in 0..2 {
             let seats = environment.reset(&mut rng).unwrap();
-            assert_within_ranges(&*environment, &seats, &format!("{name}, start of episode {episode}"));
+            assert_within_ranges(
+                &*environment,
+                &seats,
+                &format!("{name}, start of episode {episode}"),
+            );
             let mut steps = 0;
             loop {
                 steps += 1;
                 let place = format!("{name}, step {steps} of episode {episode}");
                 let action = random_action(&*environment, &mut rng);
-                let step = environment.step(&action, &mut rng).unwrap_or_else(|error| panic!("{place}: {error}"));
+                let step = environment
+                    .step(&action, &mut rng)
+                    .unwrap_or_else(|error| panic!("{place}: {error}"));
                 assert_within_ranges(&*environment, &step.observations, &place);
                 assert_eq!(step.rewards.len(), seats.len(), "{place}: one reward per seat");
-                assert_eq!(step.info.len(), environment.metrics().len(), "{place}: one value per metric");
-                assert!(step.rewards.iter().chain(&step.info).all(|value| value.is_finite()), "{place}: {step:?}");
+                assert_eq!(
+                    step.info.len(),
+                    environment.metrics().len(),
+                    "{place}: one value per metric"
+                );
+                assert!(
+                    step.rewards
+                        .iter()
+                        .chain(&step.info)
+                        .all(|value| value.is_finite()),
+                    "{place}: {step:?}"
+                );
                 if step.end.is_some() {
                     break;
                 }
@@ -103,9 +142,14 @@ fn what_environments_give_out_is_what_they_say_through_whole_episodes() {
     }
 }
 
-/// What seats see and the full state lie within the ranges of their channels; of a trace, what has a value yet.
+/// What seats see and the full state lie within the ranges of their channels; of a trace, what has a value
+/// yet.
 fn assert_within_ranges(environment: &dyn Environment, observations: &[Vec<f64>], place: &str) {
-    assert_eq!(observations.len(), environment.seats().len(), "{place}: one observation per seat");
+    assert_eq!(
+        observations.len(),
+        environment.seats().len(),
+        "{place}: one observation per seat"
+    );
     for (seat, values) in environment.seats().iter().zip(observations) {
         assert_eq!(values.len(), seat.observation.len(), "{place}: {values:?}");
         if let Space::Box(channels) = &seat.observation {
@@ -119,7 +163,11 @@ fn assert_within_ranges(environment: &dyn Environment, observations: &[Vec<f64>]
     assert!(wrong.is_empty(), "{place}: the state has {wrong:?}");
     let (channels, values) = (environment.trace_channels(), environment.trace());
     assert_eq!(values.len(), channels.len(), "{place}: trace");
-    let there: Vec<(Channel, f64)> = channels.into_iter().zip(values).filter(|(_, value)| !value.is_nan()).collect();
+    let there: Vec<(Channel, f64)> = channels
+        .into_iter()
+        .zip(values)
+        .filter(|(_, value)| !value.is_nan())
+        .collect();
     let (channels, values): (Vec<Channel>, Vec<f64>) = there.into_iter().unzip();
     let wrong = outside(&channels, &values);
     assert!(wrong.is_empty(), "{place}: the trace has {wrong:?}");
@@ -127,9 +175,20 @@ fn assert_within_ranges(environment: &dyn Environment, observations: &[Vec<f64>]
 
 /// Values that are not finite or lie beyond the limits of their channels.
 fn outside(channels: &[Channel], values: &[f64]) -> Vec<String> {
-    let is_in = |channel: &Channel, value: f64| value.is_finite() && (channel.low..=channel.high).contains(&value);
-    let pairs = channels.iter().zip(values).filter(|(channel, value)| !is_in(channel, **value));
-    pairs.map(|(channel, value)| format!("{} = {value}, not in {}..{}", channel.name, channel.low, channel.high)).collect()
+    let is_in =
+        |channel: &Channel, value: f64| value.is_finite() && (channel.low..=channel.high).contains(&value);
+    let pairs = channels
+        .iter()
+        .zip(values)
+        .filter(|(channel, value)| !is_in(channel, **value));
+    pairs
+        .map(|(channel, value)| {
+            format!(
+                "{} = {value}, not in {}..{}",
+                channel.name, channel.low, channel.high
+            )
+        })
+        .collect()
 }
 
 #[test]
@@ -137,7 +196,11 @@ fn channels_have_names_of_their_own_and_a_spread() {
     let registry = registry();
     for name in registry.environments.keys() {
         let environment = default_environment(&registry, name);
-        let mut names: Vec<String> = environment.trace_channels().into_iter().map(|channel| channel.name).collect();
+        let mut names: Vec<String> = environment
+            .trace_channels()
+            .into_iter()
+            .map(|channel| channel.name)
+            .collect();
         names.sort();
         let count = names.len();
         names.dedup();
@@ -145,7 +208,9 @@ fn channels_have_names_of_their_own_and_a_spread() {
         for seat in environment.seats() {
             if let Space::Box(channels) = &seat.observation {
                 assert!(
-                    channels.iter().all(|channel| channel.spread > 0.0 && channel.low <= channel.high),
+                    channels
+                        .iter()
+                        .all(|channel| channel.spread > 0.0 && channel.low <= channel.high),
                     "{name}: {channels:?}"
                 );
             }
@@ -157,7 +222,10 @@ fn channels_have_names_of_their_own_and_a_spread() {
 fn a_restored_environment_continues_to_the_same_bits() {
     let registry = registry();
     for name in registry.environments.keys() {
-        let (mut first, mut second) = (default_environment(&registry, name), default_environment(&registry, name));
+        let (mut first, mut second) = (
+            default_environment(&registry, name),
+            default_environment(&registry, name),
+        );
         let mut rng = stream(&["contract", name]);
         first.reset(&mut rng).unwrap();
         let text = first.snapshot().to_string();
@@ -165,7 +233,10 @@ fn a_restored_environment_continues_to_the_same_bits() {
         second.restore(&serde_json::from_str(&text).unwrap()).unwrap();
         let mut other = rng.clone();
         let action = random_action(&*first, &mut stream(&["action"]));
-        let (one, two) = (first.step(&action, &mut rng).unwrap(), second.step(&action, &mut other).unwrap());
+        let (one, two) = (
+            first.step(&action, &mut rng).unwrap(),
+            second.step(&action, &mut other).unwrap(),
+        );
         assert_eq!(one, two, "{name}");
     }
 }
@@ -178,17 +249,26 @@ fn agents_act_within_the_space_of_an_environment_that_takes_them() {
         for environment_name in registry.environments.keys() {
             let mut environment = default_environment(&registry, environment_name);
             let mut rng = stream(&["contract", name]);
-            let Some(mut agent) = fitting(&registry, name, &environment.interface(), &mut rng) else { continue };
+            let Some(mut agent) = fitting(&registry, name, &environment.interface(), &mut rng) else {
+                continue;
+            };
             taken += 1;
             let seats = environment.reset(&mut rng).unwrap();
-            let state = if agent.reads_state() { environment.state() } else { Vec::new() };
+            let state = if agent.reads_state() {
+                environment.state()
+            } else {
+                Vec::new()
+            };
             let observation = engine::Observation { seats, state };
             for mode in [engine::Mode::Train, engine::Mode::Evaluate] {
-                let actions = agent.act(&[observation.clone(), observation.clone()], mode, &mut rng).unwrap();
+                let actions = agent
+                    .act(&[observation.clone(), observation.clone()], mode, &mut rng)
+                    .unwrap();
                 assert_eq!(actions.len(), 2, "{name}: one action per row");
                 let mut copy = default_environment(&registry, environment_name);
                 copy.reset(&mut stream(&["contract", name])).unwrap();
-                copy.step(&actions[0], &mut rng).unwrap_or_else(|error| panic!("{name} in {environment_name}: {error}"));
+                copy.step(&actions[0], &mut rng)
+                    .unwrap_or_else(|error| panic!("{name} in {environment_name}: {error}"));
             }
         }
         assert!(taken > 0, "no environment takes {name}");
@@ -201,18 +281,27 @@ fn agents_that_learn_count_their_updates_and_others_have_none_to_count() {
     for (name, entry) in &registry.agents {
         for environment in registry.environments.keys() {
             let interface = default_environment(&registry, environment).interface();
-            let Some(agent) = fitting(&registry, name, &interface, &mut stream(&["contract"])) else { continue };
+            let Some(agent) = fitting(&registry, name, &interface, &mut stream(&["contract"])) else {
+                continue;
+            };
             let updates = agent.updates();
             assert_eq!(updates.is_some(), entry.learns, "{name}");
-            assert!(updates.is_none_or(|updates| updates.made == 0 && updates.first_after > 0), "{name}: {updates:?}");
+            assert!(
+                updates.is_none_or(|updates| updates.made == 0 && updates.first_after > 0),
+                "{name}: {updates:?}"
+            );
         }
         if entry.learns {
-            assert!(learns_as_told(&registry, name), "no small trial in which {name} makes an update");
+            assert!(
+                learns_as_told(&registry, name),
+                "no small trial in which {name} makes an update"
+            );
         }
     }
 }
 
-/// True where some small trial of an agent ends with updates; none of them may come before the step that the agent tells.
+/// True where some small trial of an agent ends with updates; none of them may come before the step that the
+/// agent tells.
 fn learns_as_told(registry: &Registry, name: &str) -> bool {
     let entry = &registry.agents[name];
     // An agent learns from examples, from what others gathered, or from its decisions.
@@ -221,22 +310,40 @@ fn learns_as_told(registry: &Registry, name: &str) -> bool {
         "offline_fit" => entry.datasets != UseOfDatasets::Never,
         _ => !entry.learns_from_examples && entry.datasets != UseOfDatasets::Only,
     };
-    crate::resume::keys(registry, name).into_iter().filter(fits).any(|key| {
-        let record = match crate::datasets::run(registry, &key, None, &mut NoKeeper) {
-            Ok(record) => record,
-            Err(Error::Mismatch { .. }) => return false,
-            Err(error) => panic!("{name} in {}: {error}", key.environment.plugin),
-        };
-        let environment = (registry.environments[key.environment.plugin.as_str()].build)(&key.environment.config).unwrap();
-        let agent = &registry.agents[name];
-        let agent =
-            (agent.build)(&key.agent.agent().unwrap().config, &environment.interface(), &mut stream(&["contract"])).unwrap();
-        let first_after = agent.updates().unwrap().first_after;
-        let updates = record.rows().iter().filter(|row| record.names()[usize::from(row.metric)] == UPDATES);
-        // A step of these is a batch.
-        let in_batches = ["supervised_fit", "offline_fit"].contains(&key.protocol.plugin.as_str());
-        let early = |step: u64| !in_batches && step < first_after;
-        updates.clone().for_each(|row| assert!(row.value == 0.0 || !early(row.step), "{name}: {row:?}"));
-        updates.filter(|row| row.phase == Phase::Final).map(|row| row.value).sum::<f64>() > 0.0
-    })
+    crate::resume::keys(registry, name)
+        .into_iter()
+        .filter(fits)
+        .any(|key| {
+            let record = match crate::datasets::run(registry, &key, None, &mut NoKeeper) {
+                Ok(record) => record,
+                Err(Error::Mismatch { .. }) => return false,
+                Err(error) => panic!("{name} in {}: {error}", key.environment.plugin),
+            };
+            let environment =
+                (registry.environments[key.environment.plugin.as_str()].build)(&key.environment.config)
+                    .unwrap();
+            let agent = &registry.agents[name];
+            let agent = (agent.build)(
+                &key.agent.agent().unwrap().config,
+                &environment.interface(),
+                &mut stream(&["contract"]),
+            )
+            .unwrap();
+            let first_after = agent.updates().unwrap().first_after;
+            let updates = record
+                .rows()
+                .iter()
+                .filter(|row| record.names()[usize::from(row.metric)] == UPDATES);
+            // A step of these is a batch.
+            let in_batches = ["supervised_fit", "offline_fit"].contains(&key.protocol.plugin.as_str());
+            let early = |step: u64| !in_batches && step < first_after;
+            updates
+                .clone()
+                .for_each(|row| assert!(row.value == 0.0 || !early(row.step), "{name}: {row:?}"));
+            updates
+                .filter(|row| row.phase == Phase::Final)
+                .map(|row| row.value)
+                .sum::<f64>()
+                > 0.0
+        })
 }

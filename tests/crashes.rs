@@ -1,4 +1,5 @@
-//! Nothing that was acknowledged is lost when everything is killed, at any instant and at every boundary of writing.
+//! Nothing that was acknowledged is lost when everything is killed, at any instant and at every boundary of
+//! writing.
 
 use crate::program::{Bench, trial_files};
 use rand::Rng as _;
@@ -17,7 +18,8 @@ environments: { cells: { battery: { cells: 2 } } }
 agents:
   equal: { equal_split: {} }
   random: { random_allocation: {} }
-protocol: { train_evaluate: { steps: 512, environments: 8, evaluate_every: 128, episodes: 1, final_episodes: 2 } }
+protocol: { train_evaluate: { steps: 512, environments: 8, evaluate_every: 128, episodes: 1, \
+final_episodes: 2 } }
 seeds: 20
 ";
 
@@ -26,7 +28,8 @@ const LEARNING: &str = "
 study: learning
 environments: { cells: { battery: { cells: 2 } } }
 agents: { dsac: { dirichlet_sac: { width: 16, batch_size: 16, learning_starts: 64 } } }
-protocol: { train_evaluate: { steps: 1024, environments: 8, evaluate_every: 256, episodes: 2, final_episodes: 4 } }
+protocol: { train_evaluate: { steps: 1024, environments: 8, evaluate_every: 256, episodes: 2, \
+final_episodes: 4 } }
 seeds: 2
 ";
 
@@ -37,11 +40,29 @@ fn bench() -> Bench {
     bench
 }
 
-const RUN: [&str; 9] = ["worker", "short.yaml", "learning.yaml", "-j", "2", "--store", "killed", "--retries", "0"];
+const RUN: [&str; 9] = [
+    "worker",
+    "short.yaml",
+    "learning.yaml",
+    "-j",
+    "2",
+    "--store",
+    "killed",
+    "--retries",
+    "0",
+];
 
 /// The uninterrupted run, to be compared with.
 fn uninterrupted(bench: &Bench) -> Vec<(String, String)> {
-    bench.ok(&["worker", "short.yaml", "learning.yaml", "-j", "2", "--store", "whole"]);
+    bench.ok(&[
+        "worker",
+        "short.yaml",
+        "learning.yaml",
+        "-j",
+        "2",
+        "--store",
+        "whole",
+    ]);
     let digests = bench.digests("whole");
     assert_eq!(digests.len(), 42);
     digests
@@ -53,23 +74,43 @@ fn acknowledged(bench: &Bench) -> BTreeMap<PathBuf, (u64, i64, i64)> {
     if !store.join("trials").exists() {
         return BTreeMap::new();
     }
-    let identity = |file: &PathBuf| std::fs::metadata(file).map(|data| (data.ino(), data.mtime(), data.mtime_nsec())).unwrap();
-    trial_files(&store).into_iter().map(|file| (file.clone(), identity(&file))).collect()
+    let identity = |file: &PathBuf| {
+        std::fs::metadata(file)
+            .map(|data| (data.ino(), data.mtime(), data.mtime_nsec()))
+            .unwrap()
+    };
+    trial_files(&store)
+        .into_iter()
+        .map(|file| (file.clone(), identity(&file)))
+        .collect()
 }
 
 fn start(mut command: Command) -> Child {
-    command.process_group(0).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    command
+        .process_group(0)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap()
 }
 
 fn kill_group(child: &mut Child) {
-    let _ = Command::new("kill").args(["-KILL", "--", &format!("-{}", child.id())]).stderr(Stdio::null()).status();
+    let _ = Command::new("kill")
+        .args(["-KILL", "--", &format!("-{}", child.id())])
+        .stderr(Stdio::null())
+        .status();
     child.wait().unwrap();
 }
 
 /// Everything acknowledged before is still there and was not written again.
 fn assert_kept(before: &BTreeMap<PathBuf, (u64, i64, i64)>, after: &BTreeMap<PathBuf, (u64, i64, i64)>) {
     for (file, identity) in before {
-        assert_eq!(after.get(file), Some(identity), "{} was acknowledged and ran again", file.display());
+        assert_eq!(
+            after.get(file),
+            Some(identity),
+            "{} was acknowledged and ran again",
+            file.display()
+        );
     }
 }
 
@@ -95,10 +136,18 @@ fn killed_at_a_hundred_random_instants_and_resumed_it_ends_as_if_nothing_had_hap
         }
     }
     bench.ok(&RUN);
-    assert_eq!(bench.digests("killed"), whole, "after {kills} kills in {rounds} whole rounds");
+    assert_eq!(
+        bench.digests("killed"),
+        whole,
+        "after {kills} kills in {rounds} whole rounds"
+    );
     // What the dead left is found, and holds no results.
     bench.ok(&["fsck", "killed"]);
-    assert!(bench.ok(&["fsck", "killed"]).contains("42 trials are whole, 0 are being computed, 0 files are wrong"));
+    assert!(
+        bench
+            .ok(&["fsck", "killed"])
+            .contains("42 trials are whole, 0 are being computed, 0 files are wrong")
+    );
 }
 
 #[test]
@@ -120,7 +169,8 @@ fn killed_at_every_boundary_of_writing_it_ends_as_if_nothing_had_happened() {
         assert!(deaths < 5_000, "it never ends");
     }
     let places = std::fs::read_to_string(bench.path("crashes.log")).unwrap();
-    // Per trial: a lease, two files in six steps each, the lease again; the two that learn die in their checkpoints besides.
+    // Per trial: a lease, two files in six steps each, the lease again; the two that learn die in their
+    // checkpoints besides.
     assert!(deaths >= 42 * 12, "{deaths} deaths");
     assert!(places.contains("checkpoint-"), "{places}");
     assert_eq!(bench.digests("killed"), whole);

@@ -14,7 +14,13 @@ use std::path::Path;
 /// The same part with a source for every product that its config names.
 pub(crate) fn with_sources(mut part: Part) -> Part {
     for (at, (kind, reference)) in named_in(&part.config) {
-        part.products.insert(at, Taken { trial: reference.from, kind });
+        part.products.insert(
+            at,
+            Taken {
+                trial: reference.from,
+                kind,
+            },
+        );
     }
     part
 }
@@ -28,7 +34,8 @@ pub(crate) fn run(
 ) -> Result<Recorder, Error> {
     let source = tempfile::tempdir().unwrap();
     let find = |_: &Taken| {
-        let environment = (registry.environments[key.environment.plugin.as_str()].build)(&key.environment.config)?;
+        let environment =
+            (registry.environments[key.environment.plugin.as_str()].build)(&key.environment.config)?;
         make_up(&environment.interface(), source.path())?;
         Ok(source.path().to_path_buf())
     };
@@ -42,7 +49,12 @@ pub(crate) fn run(
 pub(crate) fn make_up(interface: &Interface, trial: &Path) -> Result<(), Error> {
     let mut writer = DatasetWriter::create(trial, interface)?;
     let mut rng = stream(&["a dataset"]);
-    for (n, end) in [(3, End::Terminated), (5, End::Truncated), (1, End::Terminated), (8, End::Truncated)] {
+    for (n, end) in [
+        (3, End::Terminated),
+        (5, End::Truncated),
+        (1, End::Terminated),
+        (8, End::Truncated),
+    ] {
         let seat = &interface.seats[0];
         writer.episode(&Episode {
             observations: (0..=n).map(|_| draw(&seat.observation, &mut rng)).collect(),
@@ -63,7 +75,9 @@ fn draw(space: &Space, rng: &mut Rng) -> Vec<f64> {
             let sum: f64 = draws.iter().sum();
             draws.into_iter().map(|draw| draw / sum).collect()
         }
-        Space::Discrete(names) => vec![f64::from(rng.random_range(0..u32::try_from(names.len()).unwrap()))],
+        Space::Discrete(names) => vec![f64::from(
+            rng.random_range(0..u32::try_from(names.len()).unwrap()),
+        )],
     }
 }
 

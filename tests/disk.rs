@@ -7,7 +7,8 @@ const STUDY: &str = "
 study: big
 environments: { cells: { battery: { cells: 2 } } }
 agents: { dsac: { dirichlet_sac: { width: 96, batch_size: 8, learning_starts: 16 } } }
-protocol: { train_evaluate: { steps: 64, environments: 8, evaluate_every: 32, episodes: 1, final_episodes: 4, trace_episodes: 4 } }
+protocol: { train_evaluate: { steps: 64, environments: 8, evaluate_every: 32, episodes: 1, final_episodes: \
+4, trace_episodes: 4 } }
 seeds: 60
 ";
 
@@ -18,13 +19,25 @@ impl<'a> SmallDisk<'a> {
     fn mount(bench: &'a Bench) -> Option<Self> {
         let folder = bench.path("small");
         std::fs::create_dir(&folder).unwrap();
-        let mounted = Command::new("mount").args(["-t", "tmpfs", "-o", "size=3m", "none"]).arg(&folder).output();
-        mounted.is_ok_and(|output| output.status.success()).then_some(Self(bench))
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", "size=3m", "none"])
+            .arg(&folder)
+            .output();
+        mounted
+            .is_ok_and(|output| output.status.success())
+            .then_some(Self(bench))
     }
 
     fn resize(&self, size: &str) {
         let option = format!("remount,size={size}");
-        assert!(Command::new("mount").args(["-o", &option]).arg(self.0.path("small")).status().unwrap().success());
+        assert!(
+            Command::new("mount")
+                .args(["-o", &option])
+                .arg(self.0.path("small"))
+                .status()
+                .unwrap()
+                .success()
+        );
     }
 }
 
@@ -55,7 +68,10 @@ fn a_full_disk_is_said_and_loses_nothing() {
     );
     let (kept, whole) = (bench.digests("small/store"), bench.digests("whole"));
     assert!(!kept.is_empty() && kept.len() < 60, "{} trials fit", kept.len());
-    assert!(kept.iter().all(|trial| whole.contains(trial)), "what was acknowledged is intact");
+    assert!(
+        kept.iter().all(|trial| whole.contains(trial)),
+        "what was acknowledged is intact"
+    );
     disk.resize("200m");
     bench.ok(&["fsck", "small/store"]);
     bench.ok(&["worker", "big.yaml", "-j", "2", "--store", "small/store"]);

@@ -13,7 +13,8 @@ environments: {{ cells: {{ battery: {{ cells: 2 }} }} }}
 agents:
   equal: {{ equal_split: {{}} }}
   odd: {{ misbehaving: {how} }}
-protocol: {{ train_evaluate: {{ steps: 16, environments: 8, evaluate_every: 0, episodes: 0, final_episodes: 1 }} }}
+protocol: {{ train_evaluate: {{ steps: 16, environments: 8, evaluate_every: 0, episodes: 0, final_episodes: \
+1 }} }}
 "
     )
 }
@@ -27,12 +28,17 @@ fn run(how: &str, options: &[&str]) -> (Bench, Answer) {
 
 /// End state and reason of the odd trial, as stored.
 fn end(bench: &Bench) -> (String, String) {
-    let odd = crate::program::trial_files(&bench.path("store")).into_iter().find_map(|file| {
-        let trial: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
-        (trial["key"]["agent"]["plugin"] == "misbehaving").then_some(trial)
-    });
+    let odd = crate::program::trial_files(&bench.path("store"))
+        .into_iter()
+        .find_map(|file| {
+            let trial: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
+            (trial["key"]["agent"]["plugin"] == "misbehaving").then_some(trial)
+        });
     let odd = odd.unwrap();
-    (odd["end"]["state"].as_str().unwrap().into(), odd["end"]["reason"].as_str().unwrap().into())
+    (
+        odd["end"]["state"].as_str().unwrap().into(),
+        odd["end"]["reason"].as_str().unwrap().into(),
+    )
 }
 
 /// The other trial is well whatever happens to this one, and the study says what happened.
@@ -42,7 +48,11 @@ fn ends_as(how: &str, options: &[&str], state: &str, reason: &str) {
     assert_eq!(found, state, "{}", answer.err);
     assert!(why.contains(reason), "{why}");
     assert!(answer.err.contains("ok       cells equal"), "{}", answer.err);
-    assert!(answer.err.contains(&format!("{state:<8} cells odd")), "{}", answer.err);
+    assert!(
+        answer.err.contains(&format!("{state:<8} cells odd")),
+        "{}",
+        answer.err
+    );
     // A trial that was killed is missing, any other has failed.
     assert_eq!(answer.code, if state == "killed" { 106 } else { 100 });
     let status = bench.run_misused(&["status", "study.yaml"]);
@@ -67,13 +77,23 @@ fn an_abort_ends_as_panicked() {
 #[test]
 fn a_loop_ends_as_timeout_when_its_time_is_over() {
     let started = Instant::now();
-    ends_as("{ how: loop }", &["--wall-time-s", "0.3"], "timeout", "longer than the limit of 0.3 s");
+    ends_as(
+        "{ how: loop }",
+        &["--wall-time-s", "0.3"],
+        "timeout",
+        "longer than the limit of 0.3 s",
+    );
     assert!(started.elapsed() < Duration::from_secs(20));
 }
 
 #[test]
 fn memory_without_end_ends_as_oom() {
-    ends_as("{ how: allocate }", &["--memory-mb", "300"], "oom", "above the limit of 300 MB");
+    ends_as(
+        "{ how: allocate }",
+        &["--memory-mb", "300"],
+        "oom",
+        "above the limit of 300 MB",
+    );
 }
 
 #[test]
@@ -86,12 +106,25 @@ fn a_measurement_that_is_no_number_ends_as_nan_and_reaches_no_table() {
     let bench = Bench::new();
     let study = crate::program::repository().join("experiments/figure-bias-variance.yaml");
     let study = study.to_str().unwrap();
-    let options = ["--profile", "smoke", "--set", "bandit.curvature=1e300", "--only", "dirichlet"];
+    let options = [
+        "--profile",
+        "smoke",
+        "--set",
+        "bandit.curvature=1e300",
+        "--only",
+        "dirichlet",
+    ];
     let answer = bench.run(&[&["run", study], &options[..]].concat());
     assert_eq!(answer.code, 100, "{}", answer.err);
     let status = bench.run(&[&["status", study], &options[..]].concat());
     assert!(status.out.contains("nan      bandit dirichlet"), "{}", status.out);
-    assert!(status.out.contains("gradient_bias (phase evaluate) is not finite at step 256: NaN"), "{}", status.out);
+    assert!(
+        status
+            .out
+            .contains("gradient_bias (phase evaluate) is not finite at step 256: NaN"),
+        "{}",
+        status.out
+    );
     assert!(!answer.out.contains("NaN"), "{}", answer.out);
 }
 
@@ -115,21 +148,36 @@ fn a_process_that_is_killed_once_ends_well() {
 fn only_what_was_killed_is_tried_again_unless_asked() {
     let (_, answer) = run("{ how: panic, once: mark }", &[]);
     assert_eq!((answer.code, answer.err.contains("tried again")), (100, false));
-    let (bench, answer) = run("{ how: panic, once: mark }", &["--retry-on", "panicked", "--retry-delay-s", "0.01"]);
+    let (bench, answer) = run(
+        "{ how: panic, once: mark }",
+        &["--retry-on", "panicked", "--retry-delay-s", "0.01"],
+    );
     assert_eq!((end(&bench).0.as_str(), answer.code), ("ok", 0), "{}", answer.err);
     let (_, answer) = run("{}", &["--retry-on", "lost"]);
     assert_eq!(answer.code, 2);
-    assert!(answer.err.contains("known: failed, panicked, timeout, oom, nan, killed"), "{}", answer.err);
+    assert!(
+        answer
+            .err
+            .contains("known: failed, panicked, timeout, oom, nan, killed"),
+        "{}",
+        answer.err
+    );
 }
 
 #[test]
 fn limits_in_the_study_and_on_the_machine_hold() {
     let bench = Bench::new();
-    bench.write("study.yaml", &format!("{}limits: {{ wall_time_s: 0.2 }}\n", study("{ how: loop }")));
+    bench.write(
+        "study.yaml",
+        &format!("{}limits: {{ wall_time_s: 0.2 }}\n", study("{ how: loop }")),
+    );
     assert_eq!(bench.run_misused(&["run", "study.yaml"]).code, 100);
     assert_eq!(end(&bench).0, "timeout");
     let bench = Bench::new();
-    bench.write("study.yaml", &format!("{}limits: {{ wall_time_s: 600 }}\n", study("{ how: loop }")));
+    bench.write(
+        "study.yaml",
+        &format!("{}limits: {{ wall_time_s: 600 }}\n", study("{ how: loop }")),
+    );
     bench.write("regimen.toml", "[limits]\nwall_time_s = 0.2\n");
     assert_eq!(bench.run_misused(&["run", "study.yaml"]).code, 100);
     assert_eq!(end(&bench).0, "timeout");
@@ -142,10 +190,20 @@ fn fail_fast_stops_and_keep_going_does_not() {
     stopped.write("study.yaml", &many);
     let answer = stopped.run_misused(&["run", "study.yaml", "-j", "1", "--fail-fast"]);
     assert_eq!(answer.code, 100, "{}", answer.err);
-    assert!(answer.err.contains("39 trials are still missing"), "{}", answer.err);
+    assert!(
+        answer.err.contains("39 trials are still missing"),
+        "{}",
+        answer.err
+    );
     let answer = stopped.run_misused(&["run", "study.yaml", "-j", "1", "--keep-going"]);
     assert_eq!(answer.code, 100);
     let status = stopped.run_misused(&["status", "study.yaml", "--format", "json"]);
     let status: Value = serde_json::from_str(&status.out).unwrap();
-    assert_eq!((status["cells"][0]["ok"].as_u64(), status["cells"][1]["failed"].as_u64()), (Some(20), Some(20)));
+    assert_eq!(
+        (
+            status["cells"][0]["ok"].as_u64(),
+            status["cells"][1]["failed"].as_u64()
+        ),
+        (Some(20), Some(20))
+    );
 }

@@ -36,17 +36,31 @@ fn every_study_runs_its_smoke_profile_to_the_report() {
     arguments.extend(studies.iter().map(String::as_str));
     bench.ok(&arguments);
     for study in &studies {
-        let name = std::path::Path::new(study).file_stem().unwrap().to_string_lossy().into_owned();
+        let name = std::path::Path::new(study)
+            .file_stem()
+            .unwrap()
+            .to_string_lossy()
+            .into_owned();
         let folder = bench.path(&format!("results/{name}-smoke"));
         for file in ["index.html", "report.md", "resolved.yaml"] {
-            assert!(folder.join(file).metadata().is_ok_and(|file| file.len() > 200), "{name}: {file}");
+            assert!(
+                folder.join(file).metadata().is_ok_and(|file| file.len() > 200),
+                "{name}: {file}"
+            );
         }
         let page = std::fs::read_to_string(folder.join("index.html")).unwrap();
-        assert!(!page.contains("NaN"), "{name}: a number that is none reached the page");
+        assert!(
+            !page.contains("NaN"),
+            "{name}: a number that is none reached the page"
+        );
     }
     let again = bench.run(&arguments);
     assert_eq!(again.code, 0);
-    assert!(again.err.contains("nothing runs"), "a second run did something: {}", again.err);
+    assert!(
+        again.err.contains("nothing runs"),
+        "a second run did something: {}",
+        again.err
+    );
 }
 
 #[test]
@@ -54,14 +68,20 @@ fn learners_that_need_decisions_are_refused_where_only_examples_are_given() {
     let bench = Bench::new();
     let study = |agent: &str| {
         format!(
-            "study: fit\nenvironments:\n  points: {{ simplex_reconstruction: {{}} }}\nagents:\n  learner: {{ {agent}: {{}} }}\n\
+            "study: fit\nenvironments:\n  points: {{ simplex_reconstruction: {{}} }}\nagents:\n  learner: \
+             {{ {agent}: {{}} }}\n\
              protocol: {{ supervised_fit: {{}} }}\nseeds: 1\n"
         )
     };
     bench.write("fit.yaml", &study("dirichlet_sac"));
     let refused = bench.run(&["check", "fit.yaml"]);
     assert_eq!(refused.code, 2, "{}", refused.err);
-    for part in ["fit.yaml:5:", "`learner` learns from its decisions", "`train_evaluate`", "`dirichlet_regression`"] {
+    for part in [
+        "fit.yaml:5:",
+        "`learner` learns from its decisions",
+        "`train_evaluate`",
+        "`dirichlet_regression`",
+    ] {
         assert!(refused.err.contains(part), "{part}: {}", refused.err);
     }
     bench.write("fit.yaml", &study("dirichlet_regression"));

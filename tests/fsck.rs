@@ -15,7 +15,8 @@ environments: { cells: { battery: { cells: 2 } } }
 agents:
   equal: { equal_split: {} }
   dsac: { dirichlet_sac: { width: 8, batch_size: 8, learning_starts: 16 } }
-protocol: { train_evaluate: { steps: 64, environments: 8, evaluate_every: 32, episodes: 1, final_episodes: 2 } }
+protocol: { train_evaluate: { steps: 64, environments: 8, evaluate_every: 32, episodes: 1, final_episodes: \
+2 } }
 seeds: 4
 ";
 
@@ -31,7 +32,11 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
-        if path.is_dir() { found.extend(files(&path)) } else { found.push(path) }
+        if path.is_dir() {
+            found.extend(files(&path))
+        } else {
+            found.push(path)
+        }
     }
     found.sort();
     found
@@ -41,7 +46,10 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 fn a_whole_store_is_called_whole() {
     let bench = finished();
     let text = bench.ok(&["fsck", "store"]);
-    assert_eq!(text.trim(), "8 trials are whole, 0 are being computed, 0 files are wrong");
+    assert_eq!(
+        text.trim(),
+        "8 trials are whole, 0 are being computed, 0 files are wrong"
+    );
 }
 
 #[test]
@@ -50,7 +58,11 @@ fn a_bit_flipped_anywhere_is_found_and_its_trial_is_missing() {
     let store = Store::at(bench.path("store"));
     let mut rng = engine::random::stream(&["flip bits"]);
     let files = files(&bench.path("store/trials"));
-    assert_eq!(files.len(), 24, "eight trials with two files each, and four policies with their networks");
+    assert_eq!(
+        files.len(),
+        24,
+        "eight trials with two files each, and four policies with their networks"
+    );
     for round in 0..300 {
         let file = &files[rng.random_range(0..files.len())];
         let whole = fs::read(file).unwrap();
@@ -60,8 +72,15 @@ fn a_bit_flipped_anywhere_is_found_and_its_trial_is_missing() {
         fs::write(file, flipped).unwrap();
         let found = store.check(false).unwrap();
         let id = file.parent().unwrap().file_name().unwrap().to_str().unwrap();
-        let noticed = found.findings.iter().any(|one| one.fault == Fault::Damaged && one.trial.as_deref() == Some(id));
-        assert!(noticed, "round {round}: bit {bit} of byte {byte} in {}: {found:?}", file.display());
+        let noticed = found
+            .findings
+            .iter()
+            .any(|one| one.fault == Fault::Damaged && one.trial.as_deref() == Some(id));
+        assert!(
+            noticed,
+            "round {round}: bit {bit} of byte {byte} in {}: {found:?}",
+            file.display()
+        );
         assert_eq!(found.whole, 7, "only its trial is affected");
         fs::write(file, whole).unwrap();
     }
@@ -76,7 +95,12 @@ fn what_is_damaged_cut_off_orphaned_or_foreign_is_set_aside_and_runs_again() {
     let folder = |index: usize| trials[index].parent().unwrap();
     let metrics = folder(0).join("metrics.parquet");
     let length = fs::metadata(&metrics).unwrap().len();
-    fs::OpenOptions::new().write(true).open(&metrics).unwrap().set_len(length / 2).unwrap();
+    fs::OpenOptions::new()
+        .write(true)
+        .open(&metrics)
+        .unwrap()
+        .set_len(length / 2)
+        .unwrap();
     fs::remove_file(folder(1).join("trial.json")).unwrap();
     fs::remove_file(folder(2).join("metrics.parquet")).unwrap();
     fs::copy(folder(4).join("trial.json"), folder(3).join("trial.json")).unwrap();
@@ -87,14 +111,28 @@ fn what_is_damaged_cut_off_orphaned_or_foreign_is_set_aside_and_runs_again() {
     assert!(metrics.exists(), "a dry run moves nothing");
     let mended = bench.run(&["fsck", "store"]);
     assert_eq!(mended.code, 106);
-    for fault in ["damaged   trials/", "orphaned  trials/", "foreign   trials/readme", "notes.txt: a trial has no such file"] {
+    for fault in [
+        "damaged   trials/",
+        "orphaned  trials/",
+        "foreign   trials/readme",
+        "notes.txt: a trial has no such file",
+    ] {
         assert!(mended.out.contains(fault), "{fault}: {}", mended.out);
     }
-    assert!(mended.out.contains("3 trials have to run again"), "{}", mended.out);
+    assert!(
+        mended.out.contains("3 trials have to run again"),
+        "{}",
+        mended.out
+    );
     assert!(bench.path("store/aside/1/trials/readme").exists());
-    let plan: serde_json::Value = serde_json::from_str(&bench.ok(&["plan", "small.yaml", "--format", "json"])).unwrap();
+    let plan: serde_json::Value =
+        serde_json::from_str(&bench.ok(&["plan", "small.yaml", "--format", "json"])).unwrap();
     let missing = |cell: usize| plan["cells"][cell]["missing"].as_u64().unwrap();
-    assert_eq!(missing(0) + missing(1), 4, "damaged, unacknowledged, without metrics, of another trial");
+    assert_eq!(
+        missing(0) + missing(1),
+        4,
+        "damaged, unacknowledged, without metrics, of another trial"
+    );
     bench.ok(&["worker", "small.yaml"]);
     assert_eq!(bench.digests("store"), whole);
     bench.ok(&["fsck", "store"]);
@@ -105,7 +143,11 @@ fn names_that_lead_out_of_a_trials_folder_are_not_believed() {
     let bench = finished();
     let outside = bench.write("outside.safetensors", "not the store's");
     let trials = trial_files(&bench.path("store"));
-    let names = ["../../../../outside.safetensors", outside.to_str().unwrap(), "seat/../../../../../outside.safetensors"];
+    let names = [
+        "../../../../outside.safetensors",
+        outside.to_str().unwrap(),
+        "seat/../../../../../outside.safetensors",
+    ];
     for (file, name) in trials.iter().zip(names) {
         let text = fs::read_to_string(file).unwrap();
         let (object, _) = text.split_once(",\"check\":").unwrap();
@@ -115,11 +157,19 @@ fn names_that_lead_out_of_a_trials_folder_are_not_believed() {
     }
     let found = bench.run(&["fsck", "store"]);
     assert_eq!(found.code, 106, "{}", found.out);
-    assert!(found.out.contains("it names a file that is none of a trial's"), "{}", found.out);
+    assert!(
+        found.out.contains("it names a file that is none of a trial's"),
+        "{}",
+        found.out
+    );
     assert_eq!(fs::read_to_string(&outside).unwrap(), "not the store's");
     assert!(found.out.contains("3 trials have to run again"), "{}", found.out);
     bench.ok(&["worker", "small.yaml"]);
-    assert!(bench.ok(&["fsck", "store"]).contains("8 trials are whole, 0 are being computed, 0 files are wrong"));
+    assert!(
+        bench
+            .ok(&["fsck", "store"])
+            .contains("8 trials are whole, 0 are being computed, 0 files are wrong")
+    );
 }
 
 #[test]
@@ -136,22 +186,48 @@ fn links_are_reported_and_set_aside_and_never_followed() {
     symlink("..", folder(0).join("loop")).unwrap();
     symlink(&outside, folder(1).join("seat")).unwrap();
     symlink(&outside, folder(2).join("running")).unwrap();
-    fs::rename(folder(3).join("metrics.parquet"), bench.path("outside/metrics.parquet")).unwrap();
-    symlink(bench.path("outside/metrics.parquet"), folder(3).join("metrics.parquet")).unwrap();
+    fs::rename(
+        folder(3).join("metrics.parquet"),
+        bench.path("outside/metrics.parquet"),
+    )
+    .unwrap();
+    symlink(
+        bench.path("outside/metrics.parquet"),
+        folder(3).join("metrics.parquet"),
+    )
+    .unwrap();
     symlink(&outside, bench.path("store/trials/ff")).unwrap_or(());
     symlink("..", bench.path("store/loop")).unwrap();
     symlink("..", folder(4).parent().unwrap().join("0".repeat(32))).unwrap();
     let found = bench.run(&["fsck", "store"]);
     assert_eq!(found.code, 106, "{}\n{}", found.out, found.err);
-    assert!(found.out.matches("it is a link, which is not followed").count() >= 5, "{}", found.out);
+    assert!(
+        found.out.matches("it is a link, which is not followed").count() >= 5,
+        "{}",
+        found.out
+    );
     assert!(found.out.contains("1 trials have to run again"), "{}", found.out);
     for name in ["a.txt", "policy.safetensors", "metrics.log", "metrics.parquet"] {
-        assert!(bench.path(&format!("outside/{name}")).exists(), "{name} is not the store's to move");
+        assert!(
+            bench.path(&format!("outside/{name}")).exists(),
+            "{name} is not the store's to move"
+        );
     }
-    assert!(bench.path("store/aside/1/loop").symlink_metadata().unwrap().is_symlink(), "the link itself is moved");
+    assert!(
+        bench
+            .path("store/aside/1/loop")
+            .symlink_metadata()
+            .unwrap()
+            .is_symlink(),
+        "the link itself is moved"
+    );
     bench.ok(&["worker", "small.yaml"]);
     assert_eq!(bench.digests("store"), whole);
-    assert!(bench.ok(&["fsck", "store"]).contains("8 trials are whole, 0 are being computed, 0 files are wrong"));
+    assert!(
+        bench
+            .ok(&["fsck", "store"])
+            .contains("8 trials are whole, 0 are being computed, 0 files are wrong")
+    );
 }
 
 #[test]
@@ -165,7 +241,11 @@ fn a_store_whose_folders_are_links_is_left_alone() {
         bench.write("store/foreign", "not ours");
         let found = bench.run(&["fsck", "store"]);
         assert_ne!(found.code, 0);
-        assert!(found.err.contains("name the store that it leads into"), "{}", found.err);
+        assert!(
+            found.err.contains("name the store that it leads into"),
+            "{}",
+            found.err
+        );
         assert!(bench.path("store/foreign").exists());
     }
 }

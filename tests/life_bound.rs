@@ -28,31 +28,54 @@ fn finals(cells: &Value, agent: (&str, &str), metric: &str) -> Vec<f64> {
     let key = TrialKey {
         environment: Part::new("battery", 2, environment),
         agent: Seating::Agent(Part::new(agent.0, 1, config)),
-        protocol: Part::new("train_evaluate", 1, (registry.protocols["train_evaluate"].about.resolve)(&protocol).unwrap()),
+        protocol: Part::new(
+            "train_evaluate",
+            1,
+            (registry.protocols["train_evaluate"].about.resolve)(&protocol).unwrap(),
+        ),
         seed: 3,
         numerics: registry.numerics_version,
         device: "cpu".into(),
     };
     let record = key.run(&registry, None, &mut |_, _| {}, &mut NoKeeper).unwrap();
     let index = record.names().iter().position(|name| name == metric).unwrap();
-    let rows = record.rows().iter().filter(|row| row.phase == Phase::Final && usize::from(row.metric) == index);
+    let rows = record
+        .rows()
+        .iter()
+        .filter(|row| row.phase == Phase::Final && usize::from(row.metric) == index);
     rows.map(|row| row.value).collect()
 }
 
-/// Rows are stored in the order in which episodes end, so that they are compared by agent as sorted lists of both metrics.
+/// Rows are stored in the order in which episodes end, so that they are compared by agent as sorted lists of
+/// both metrics.
 #[test]
 fn no_registered_rule_outlives_the_bound_and_all_agents_meet_the_same_one() {
     for cells in [json!(4), json!(8), json!("second_life")] {
-        let agents = AGENTS.into_iter().filter(|(name, _)| *name != "rank_rule" || cells != json!(8));
+        let agents = AGENTS
+            .into_iter()
+            .filter(|(name, _)| *name != "rank_rule" || cells != json!(8));
         let mut first: Option<Vec<f64>> = None;
         for agent in agents {
-            let (lives, bounds) = (finals(&cells, agent, "cycle_length"), finals(&cells, agent, "cycle_length_bound"));
+            let (lives, bounds) = (
+                finals(&cells, agent, "cycle_length"),
+                finals(&cells, agent, "cycle_length_bound"),
+            );
             assert_eq!((lives.len(), bounds.len()), (60, 60));
-            assert!(lives.iter().zip(&bounds).all(|(life, bound)| life <= bound), "{cells} {agent:?}");
+            assert!(
+                lives.iter().zip(&bounds).all(|(life, bound)| life <= bound),
+                "{cells} {agent:?}"
+            );
             let mut sorted = bounds;
             sorted.sort_by(f64::total_cmp);
-            assert_eq!(*first.get_or_insert_with(|| sorted.clone()), sorted, "{cells} {agent:?}");
+            assert_eq!(
+                *first.get_or_insert_with(|| sorted.clone()),
+                sorted,
+                "{cells} {agent:?}"
+            );
         }
-        assert!(first.unwrap().iter().all(|bound| *bound > 20.0), "a bound that says something");
+        assert!(
+            first.unwrap().iter().all(|bound| *bound > 20.0),
+            "a bound that says something"
+        );
     }
 }

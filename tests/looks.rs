@@ -28,9 +28,17 @@ claims:
 /// Seeds that ended `ok`, by agent.
 fn seeds(bench: &Bench, store: &str) -> BTreeMap<String, u64> {
     let status: serde_json::Value =
-        serde_json::from_str(&bench.ok(&["status", "looks.yaml", "--store", store, "--format", "json"])).unwrap();
+        serde_json::from_str(&bench.ok(&["status", "looks.yaml", "--store", store, "--format", "json"]))
+            .unwrap();
     let cells = status["cells"].as_array().unwrap().iter();
-    cells.map(|cell| (cell["agent"].as_str().unwrap().to_owned(), cell["ok"].as_u64().unwrap())).collect()
+    cells
+        .map(|cell| {
+            (
+                cell["agent"].as_str().unwrap().to_owned(),
+                cell["ok"].as_u64().unwrap(),
+            )
+        })
+        .collect()
 }
 
 fn report(bench: &Bench) -> String {
@@ -42,12 +50,19 @@ fn what_is_decided_stops_costing_and_what_is_open_goes_on() {
     let bench = Bench::new();
     bench.write("looks.yaml", STUDY);
     bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one"]);
-    let expected = [("equal", 3), ("known", 3), ("observed", 9), ("random", 3)].map(|(agent, n)| (agent.to_owned(), n));
+    let expected =
+        [("equal", 3), ("known", 3), ("observed", 9), ("random", 3)].map(|(agent, n)| (agent.to_owned(), n));
     assert_eq!(seeds(&bench, "one"), BTreeMap::from(expected));
     let report = report(&bench);
-    assert!(report.contains("decided at look 1 of 3, with 3 seeds"), "{report}");
+    assert!(
+        report.contains("decided at look 1 of 3, with 3 seeds"),
+        "{report}"
+    );
     assert!(report.contains("open after the last of 3 looks"), "{report}");
-    assert!(report.contains("NOT JUDGED") && report.contains("repeated confidence interval"), "{report}");
+    assert!(
+        report.contains("NOT JUDGED") && report.contains("repeated confidence interval"),
+        "{report}"
+    );
     let again = bench.run(&["run", "looks.yaml", "--store", "one"]);
     assert!(again.err.contains("nothing runs"), "{}", again.err);
     // One worker, stopped after the first look and gone on with by another command, comes to the same trials.
@@ -61,7 +76,10 @@ fn a_plan_begins_with_the_first_look() {
     let bench = Bench::new();
     bench.write("looks.yaml", STUDY);
     let plan = bench.ok(&["plan", "looks.yaml"]);
-    assert!(plan.contains("looks: 12 trials") && plan.contains("looks at 3, 6, 9 seeds"), "{plan}");
+    assert!(
+        plan.contains("looks: 12 trials") && plan.contains("looks at 3, 6, 9 seeds"),
+        "{plan}"
+    );
 }
 
 #[test]
@@ -78,12 +96,17 @@ fn a_verdict_that_was_seen_without_a_plan_is_marked() {
     bench.ok(&["run", "looks.yaml"]);
     let text = report(&bench);
     assert!(
-        text.contains("random: unplanned look: the verdict was seen with 3 seeds before, so its level is not held"),
+        text.contains(
+            "random: unplanned look: the verdict was seen with 3 seeds before, so its level is not held"
+        ),
         "{text}"
     );
     assert_eq!(text.matches("unplanned look").count(), 4, "{text}");
     // Trials that are computed in another way are another experiment.
-    bench.write("looks.yaml", &fixed(6).replace("final_episodes: 2", "final_episodes: 3"));
+    bench.write(
+        "looks.yaml",
+        &fixed(6).replace("final_episodes: 2", "final_episodes: 3"),
+    );
     bench.ok(&["run", "looks.yaml"]);
     assert!(!report(&bench).contains("unplanned look"));
     // What was seen of the first experiment is not forgotten over the second.

@@ -1,6 +1,9 @@
 //! The one integration binary: everything here goes through the real program.
 
-#![expect(clippy::disallowed_methods, reason = "tests wait for programs and look at the machine that they run on")]
+#![expect(
+    clippy::disallowed_methods,
+    reason = "tests wait for programs and look at the machine that they run on"
+)]
 
 mod architecture;
 mod contracts;

@@ -22,7 +22,12 @@ const UNSHARE: [&str; 3] = ["--pid", "--fork", "--mount-proc"];
 
 #[test]
 fn a_run_in_another_process_namespace_of_one_host_leaves_the_first_alone() {
-    if !Command::new("unshare").args(UNSHARE).arg("true").output().is_ok_and(|output| output.status.success()) {
+    if !Command::new("unshare")
+        .args(UNSHARE)
+        .arg("true")
+        .output()
+        .is_ok_and(|output| output.status.success())
+    {
         #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
         {
             eprintln!("skipped: no process namespace can be made here (it takes root)");
@@ -33,17 +38,36 @@ fn a_run_in_another_process_namespace_of_one_host_leaves_the_first_alone() {
     bench.write("small.yaml", STUDY);
     bench.ok(&["run", "small.yaml", "--store", "alone"]);
     let arguments = ["run", "small.yaml", "-j", "1"];
-    let first = bench.command(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let first = bench
+        .command(&arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
     until("the first run has announced itself", || {
         std::fs::read_dir(bench.path("store/owners")).is_ok_and(|entries| entries.count() == 1)
     });
     let inside = bench.command(&arguments);
     let mut second = Command::new("unshare");
-    second.args(UNSHARE).arg(inside.get_program()).args(inside.get_args()).current_dir(bench.path(""));
+    second
+        .args(UNSHARE)
+        .arg(inside.get_program())
+        .args(inside.get_args())
+        .current_dir(bench.path(""));
     let second = answer(&second.env_remove("REGIMEN_STORE").output().unwrap());
     let first = answer(&first.wait_with_output().unwrap());
     assert_eq!((first.code, second.code), (0, 0), "{}\n{}", first.err, second.err);
     assert_eq!(bench.digests("store"), bench.digests("alone"));
-    let ran = |text: &str| text.lines().filter(|line| line.starts_with('[') && !line.contains("by another program")).count();
-    assert_eq!(ran(&first.err) + ran(&second.err), 4, "each trial ran once:\n{}\n{}", first.err, second.err);
+    let ran = |text: &str| {
+        text.lines()
+            .filter(|line| line.starts_with('[') && !line.contains("by another program"))
+            .count()
+    };
+    assert_eq!(
+        ran(&first.err) + ran(&second.err),
+        4,
+        "each trial ran once:\n{}\n{}",
+        first.err,
+        second.err
+    );
 }

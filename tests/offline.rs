@@ -12,9 +12,11 @@ fn study(environment: &str, by_rule: &str, agents: &str, protocol: &str) -> Stri
 }
 
 const CELLS: &str = "{ battery: { cells: 2 } }";
-const BY_RULE: &str = "{ environment: here, agent: { equal_split: {} }, protocol: { gather: { episodes: 2 } } }";
+const BY_RULE: &str =
+    "{ environment: here, agent: { equal_split: {} }, protocol: { gather: { episodes: 2 } } }";
 const CLONE: &str = "learner: { behaviour_cloning: { width: 8 } }";
-const FIT: &str = "{ offline_fit: { datasets: [{ from: by_rule }], steps: 8, batch: 4, evaluate_every: 4, episodes: 1, \
+const FIT: &str = "{ offline_fit: { datasets: [{ from: by_rule }], steps: 8, batch: 4, evaluate_every: 4, \
+                   episodes: 1, \
                    final_episodes: 2, trace_episodes: 0 } }";
 
 fn refusal(study: &str) -> String {
@@ -32,14 +34,33 @@ fn what_cannot_be_learned_from_is_refused_by_the_check() {
     let cases: [(String, &[&str]); 6] = [
         (
             study(CELLS, BY_RULE, CLONE, "{ train_evaluate: { steps: 64 } }"),
-            &["`learner` learns from datasets; `train_evaluate` gives none", "`offline_fit`", "`gather`"],
+            &[
+                "`learner` learns from datasets; `train_evaluate` gives none",
+                "`offline_fit`",
+                "`gather`",
+            ],
         ),
         (
-            study("{ allocation_bandit: {} }", &gathering("random_allocation"), "learner: { dirichlet_gradient: {} }", FIT),
-            &["`learner` learns from its own decisions; `offline_fit` gives those of others", "`td3_bc`", "`dirichlet_sac`"],
+            study(
+                "{ allocation_bandit: {} }",
+                &gathering("random_allocation"),
+                "learner: { dirichlet_gradient: {} }",
+                FIT,
+            ),
+            &[
+                "`learner` learns from its own decisions; `offline_fit` gives those of others",
+                "`td3_bc`",
+                "`dirichlet_sac`",
+            ],
         ),
-        (study(CELLS, &elsewhere, CLONE, FIT), &["`datasets.0`: `by_rule` cannot be learned from here", "there and"]),
-        (study(CELLS, BY_RULE, CLONE, "{ offline_fit: {} }"), &["`datasets`: there is none to learn from", "`gather`"]),
+        (
+            study(CELLS, &elsewhere, CLONE, FIT),
+            &["`datasets.0`: `by_rule` cannot be learned from here", "there and"],
+        ),
+        (
+            study(CELLS, BY_RULE, CLONE, "{ offline_fit: {} }"),
+            &["`datasets`: there is none to learn from", "`gather`"],
+        ),
         (
             study(
                 "{ particles: {} }",
@@ -49,7 +70,10 @@ fn what_cannot_be_learned_from_is_refused_by_the_check() {
             ),
             &["a dataset holds what one seat saw and did"],
         ),
-        (study(CELLS, BY_RULE, CLONE, &FIT.replace("by_rule", "by_nobody")), &["by_nobody"]),
+        (
+            study(CELLS, BY_RULE, CLONE, &FIT.replace("by_rule", "by_nobody")),
+            &["by_nobody"],
+        ),
     ];
     for (study, parts) in cases {
         let message = refusal(&study);

@@ -1,5 +1,5 @@
-//! Other programs read what this one writes: metrics with Polars for Python, policies with NumPy, datasets with
-//! Minari, manifests with a validator.
+//! Other programs read what this one writes: metrics with Polars for Python, policies with NumPy, datasets
+//! with Minari, manifests with a validator.
 
 use crate::program::{Bench, repository, trial_files};
 use plugins::registry;
@@ -16,26 +16,41 @@ agents:
   dsac: { dirichlet_sac: { width: 16, batch_size: 16, learning_starts: 64 } }
   alike: { dirichlet_sac: { network: equivariant, width: 16, batch_size: 16, learning_starts: 64 } }
   sac: { gaussian_softmax_sac: { width: 16, batch_size: 16, learning_starts: 64 } }
-protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 128, episodes: 2, final_episodes: 4, trace_episodes: 1 } }
+protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 128, episodes: 2, \
+final_episodes: 4, trace_episodes: 1 } }
 seeds: 1
 ";
 
 /// A Python with the modules, or `None` (which the caller says).
 fn python(modules: &str) -> Option<&'static str> {
-    let candidates = [concat!(env!("CARGO_MANIFEST_DIR"), "/target/python/bin/python"), "python3"];
+    let candidates = [
+        concat!(env!("CARGO_MANIFEST_DIR"), "/target/python/bin/python"),
+        "python3",
+    ];
     candidates.into_iter().find(|python| {
-        Command::new(python).args(["-c", &format!("import {modules}")]).output().is_ok_and(|output| output.status.success())
+        Command::new(python)
+            .args(["-c", &format!("import {modules}")])
+            .output()
+            .is_ok_and(|output| output.status.success())
     })
 }
 
 fn check(script: &str, modules: &str, arguments: &[String]) {
     let Some(python) = python(modules) else {
-        assert!(std::env::var_os("CI").is_none(), "no Python with {modules}: .ci/run installs it");
+        assert!(
+            std::env::var_os("CI").is_none(),
+            "no Python with {modules}: .ci/run installs it"
+        );
         return;
     };
     let script = repository().join("tests/python").join(script);
     let output = Command::new(python).arg(script).args(arguments).output().unwrap();
-    assert!(output.status.success(), "{}\n{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{}\n{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
 }
 
 #[test]
@@ -44,8 +59,14 @@ fn polars_for_python_reads_the_metrics() {
     bench.write("readable.yaml", STUDY);
     bench.ok(&["run", "readable.yaml"]);
     let files = trial_files(&bench.path("store"));
-    let metrics =
-        files.iter().map(|file| file.with_file_name("metrics.parquet").to_string_lossy().into_owned()).collect::<Vec<_>>();
+    let metrics = files
+        .iter()
+        .map(|file| {
+            file.with_file_name("metrics.parquet")
+                .to_string_lossy()
+                .into_owned()
+        })
+        .collect::<Vec<_>>();
     assert_eq!(metrics.len(), 4);
     check("read_metrics.py", "polars", &metrics);
 }
@@ -72,9 +93,11 @@ source: made for this test
 environments: { cells: { battery: { cells: 3 } } }
 prepare:
   trained: { environment: cells, agent: { dirichlet_sac: { width: 8, batch_size: 16, learning_starts: 64 } },
-             protocol: { train_evaluate: { steps: 128, environments: 8, evaluate_every: 0, final_episodes: 1 } } }
+             protocol: { train_evaluate: { steps: 128, environments: 8, evaluate_every: 0, final_episodes: \
+             1 } } }
   by_rule: { environment: cells, agent: { equal_split: {} }, protocol: { gather: { episodes: 3 } } }
-  by_trained: { environment: cells, agent: { policy: { from: trained } }, protocol: { gather: { episodes: 4 } } }
+  by_trained: { environment: cells, agent: { policy: { from: trained } }, protocol: { gather: { episodes: 4 \
+  } } }
 agents: { learner: { behaviour_cloning: { width: 8 } } }
 protocol:
   offline_fit: { datasets: [{ from: by_rule }, { from: by_trained }], steps: 4, batch: 8, evaluate_every: 0 }
@@ -112,7 +135,8 @@ agents:
   equal: { equal_split: {} }
   dsac:
     dirichlet_sac:
-      { actor_learning_rate: 1e-6, critic_learning_rate: 1.5e-7, first_temperature: 100, target_entropy: { nats: 1.0e+16 } }
+      { actor_learning_rate: 1e-6, critic_learning_rate: 1.5e-7, first_temperature: 100,
+          target_entropy: { nats: 1.0e+16 } }
 protocol: { train_evaluate: { steps: 64, environments: 8, episodes: 1, final_episodes: 1 } }
 "##;
 
@@ -120,11 +144,20 @@ protocol: { train_evaluate: { steps: 64, environments: 8, episodes: 1, final_epi
 fn another_reader_of_yaml_finds_the_same_values_in_a_resolved_study() {
     let bench = Bench::new();
     let mut studies = vec![bench.write("ambiguous.yaml", AMBIGUOUS)];
-    let folder = std::fs::read_dir(repository().join("experiments")).unwrap().map(|entry| entry.unwrap().path());
+    let folder = std::fs::read_dir(repository().join("experiments"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
     studies.extend(folder.filter(|path| path.extension().is_some_and(|extension| extension == "yaml")));
     let registry = registry();
     let load = |path: &Path| engine::spec::load(path, &registry, &engine::spec::Options::default()).unwrap();
-    let ids = |path: &Path| load(path).plan().trials.into_iter().map(|trial| trial.id).collect::<Vec<_>>();
+    let ids = |path: &Path| {
+        load(path)
+            .plan()
+            .trials
+            .into_iter()
+            .map(|trial| trial.id)
+            .collect::<Vec<_>>()
+    };
     let mut files = Vec::new();
     for (number, study) in studies.iter().enumerate() {
         let text = bench.ok(&["resolve", study.to_str().unwrap()]);
@@ -132,11 +165,18 @@ fn another_reader_of_yaml_finds_the_same_values_in_a_resolved_study() {
         assert_eq!(ids(study), ids(&resolved), "{}", study.display());
         let mut sources = engine::diagnostic::Sources::default();
         let source = sources.add_file("resolved", &text);
-        let values = engine::document::parse(&sources, source, &text).unwrap().to_value();
+        let values = engine::document::parse(&sources, source, &text)
+            .unwrap()
+            .to_value();
         let values = bench.write(&format!("values-{number}.json"), &values.to_string());
         files.extend([resolved, values].map(|path| path.to_string_lossy().into_owned()));
     }
-    assert!(std::fs::read_to_string(bench.path("values-0.json")).unwrap().contains("1e-6"), "the ambiguous one is among them");
+    assert!(
+        std::fs::read_to_string(bench.path("values-0.json"))
+            .unwrap()
+            .contains("1e-6"),
+        "the ambiguous one is among them"
+    );
     check("compare_values.py", "yaml", &files);
 }
 
@@ -144,8 +184,19 @@ fn another_reader_of_yaml_finds_the_same_values_in_a_resolved_study() {
 fn a_kubernetes_manifest_holds_against_the_schema_of_its_kind() {
     let bench = Bench::new();
     bench.write("readable.yaml", STUDY);
-    bench.write("regimen.toml", "[kubernetes]\nimage = \"registry.example/regimen:1\"\nclaim = \"shared\"\nmemory_mb = 2000\n");
-    bench.ok(&["submit", "readable.yaml", "--executor", "kubernetes", "--dry-run", "--out", "job.yaml"]);
+    bench.write(
+        "regimen.toml",
+        "[kubernetes]\nimage = \"registry.example/regimen:1\"\nclaim = \"shared\"\nmemory_mb = 2000\n",
+    );
+    bench.ok(&[
+        "submit",
+        "readable.yaml",
+        "--executor",
+        "kubernetes",
+        "--dry-run",
+        "--out",
+        "job.yaml",
+    ]);
     let schema = repository().join("tests/fixtures/kubernetes/job-batch-v1.json");
     let files = [bench.path("job.yaml"), schema].map(|path| path.to_string_lossy().into_owned());
     check("check_manifest.py", "jsonschema, yaml", &files);

@@ -1,12 +1,13 @@
-//! Numbers and versions: one tiny trial of every plugin is pinned to the bit, so that no change of code moves a number under an
-//! old version.
+//! Numbers and versions: one tiny trial of every plugin is pinned to the bit, so that no change of code moves
+//! a number under an old version.
 //!
-//! A pin holds the whole trial (plugins with complete configs), so that it does not move with defaults, and runs with version 0
-//! of everything, so that it does not move with a version. The bits depend on how wide the processor's vectors are: a pin holds
-//! a digest per kind of processor, and is passed over on a kind that it does not know, but not in CI.
+//! A pin holds the whole trial (plugins with complete configs), so that it does not move with defaults, and
+//! runs with version 0 of everything, so that it does not move with a version. The bits depend on how wide
+//! the processor's vectors are: a pin holds a digest per kind of processor, and is passed over on a kind that
+//! it does not know, but not in CI.
 //!
-//! Digests of a kind can be written on a machine of a wider one, by running this test under an emulator that offers no more than
-//! the kind has: `qemu-x86_64 -cpu max` of QEMU 7.2 has AVX2 and FMA, and no AVX-512.
+//! Digests of a kind can be written on a machine of a wider one, by running this test under an emulator that
+//! offers no more than the kind has: `qemu-x86_64 -cpu max` of QEMU 7.2 has AVX2 and FMA, and no AVX-512.
 //!
 //! `REGIMEN_PINS=write cargo test --release --workspace pins` writes new pins and those of raised versions.
 
@@ -54,14 +55,23 @@ type Pins = BTreeMap<String, Pin>;
 fn no_number_moves_under_an_old_version() {
     let registry = registry();
     let Some(processor) = processor() else {
-        assert!(!in_ci(), "nothing is pinned for this kind of processor; pin it there: {COMMAND}");
+        assert!(
+            !in_ci(),
+            "nothing is pinned for this kind of processor; pin it there: {COMMAND}"
+        );
         eprintln!("skipped: nothing is pinned for this kind of processor");
         return;
     };
     let pins = read();
     let writes = std::env::var("REGIMEN_PINS").as_deref() == Ok("write");
-    let unpinned = pins.values().filter(|pin| !pin.digests.contains_key(&processor)).count();
-    assert!(!in_ci() || writes || unpinned == 0, "{unpinned} pins hold no digest of {processor}; to add them: {COMMAND}");
+    let unpinned = pins
+        .values()
+        .filter(|pin| !pin.digests.contains_key(&processor))
+        .count();
+    assert!(
+        !in_ci() || writes || unpinned == 0,
+        "{unpinned} pins hold no digest of {processor}; to add them: {COMMAND}"
+    );
     let complaints: Vec<String> = subjects(&registry)
         .into_iter()
         .filter_map(|subject| match pins.get(&subject) {
@@ -79,8 +89,14 @@ fn no_number_moves_under_an_old_version() {
 #[test]
 fn every_pin_is_of_a_registered_plugin() {
     let subjects = subjects(&registry());
-    let stale: Vec<String> = read().into_keys().filter(|name| !subjects.contains(name)).collect();
-    assert!(stale.is_empty(), "{stale:?} are not registered; to drop their pins: {COMMAND}");
+    let stale: Vec<String> = read()
+        .into_keys()
+        .filter(|name| !subjects.contains(name))
+        .collect();
+    assert!(
+        stale.is_empty(),
+        "{stale:?} are not registered; to drop their pins: {COMMAND}"
+    );
 }
 
 #[test]
@@ -88,30 +104,53 @@ fn a_moved_number_and_a_raised_version_are_told_apart() {
     let (registry, processor) = (registry(), "tested".to_owned());
     let [name, other] = ["environment allocation_bandit", "environment battery"];
     let pins = [name, other].map(|name| read().remove(name).unwrap());
-    let mut pin =
-        Pin { digests: BTreeMap::from([(processor.clone(), digest(&registry, &pins[0].trial).unwrap())]), ..pins[0].clone() };
+    let mut pin = Pin {
+        digests: BTreeMap::from([(processor.clone(), digest(&registry, &pins[0].trial).unwrap())]),
+        ..pins[0].clone()
+    };
     assert_eq!(check(&registry, name, &pin, &processor), None);
-    assert_eq!(check(&registry, name, &pin, "another"), None, "an unknown processor is passed over");
-    pin.digests.insert(processor.clone(), digest(&registry, &pins[1].trial).unwrap());
+    assert_eq!(
+        check(&registry, name, &pin, "another"),
+        None,
+        "an unknown processor is passed over"
+    );
+    pin.digests
+        .insert(processor.clone(), digest(&registry, &pins[1].trial).unwrap());
     let moved = check(&registry, name, &pin, &processor).unwrap();
-    assert!(moved.contains("no version was raised") && moved.contains("plugins/environments/src/lib.rs"), "{moved}");
-    assert!(moved.contains("plugins/numerics/src/lib.rs") && moved.contains(COMMAND), "{moved}");
+    assert!(
+        moved.contains("no version was raised") && moved.contains("plugins/environments/src/lib.rs"),
+        "{moved}"
+    );
+    assert!(
+        moved.contains("plugins/numerics/src/lib.rs") && moved.contains(COMMAND),
+        "{moved}"
+    );
     pin.trial[0].version += 1;
     let raised = check(&registry, name, &pin, &processor).unwrap();
-    assert!(raised.contains("allocation_bandit 2 -> 1") && raised.contains(COMMAND), "{raised}");
+    assert!(
+        raised.contains("allocation_bandit 2 -> 1") && raised.contains(COMMAND),
+        "{raised}"
+    );
 }
 
 /// What is wrong with a pin; `None` where it holds.
 fn check(registry: &Registry, subject: &str, pin: &Pin, processor: &str) -> Option<String> {
     let raised = raised(registry, pin);
     if !raised.is_empty() {
-        return Some(format!("{subject}: the pin is of other versions ({}). To renew it: {COMMAND}", raised.join(", ")));
+        return Some(format!(
+            "{subject}: the pin is of other versions ({}). To renew it: {COMMAND}",
+            raised.join(", ")
+        ));
     }
     let pinned = pin.digests.get(processor)?;
     match digest(registry, &pin.trial) {
-        Err(problem) => Some(format!("{subject}: the pinned trial cannot run any more: {problem}\n{}", advice(pin))),
+        Err(problem) => Some(format!(
+            "{subject}: the pinned trial cannot run any more: {problem}\n{}",
+            advice(pin)
+        )),
         Ok(found) if found != *pinned => Some(format!(
-            "{subject}: the numbers of the pinned trial moved, and no version was raised: stored trials would stand beside new \
+            "{subject}: the numbers of the pinned trial moved, and no version was raised: stored trials \
+             would stand beside new \
              ones of other code.\n{}",
             advice(pin)
         )),
@@ -138,10 +177,15 @@ fn advice(pin: &Pin) -> String {
 fn raised(registry: &Registry, pin: &Pin) -> Vec<String> {
     let kinds = ["environment", "agent", "protocol"];
     let parts = kinds.iter().zip(&pin.trial).map(|(kind, part)| {
-        let now = about(registry, kind, &part.plugin).map_or("none".into(), |about| about.version.to_string());
+        let now =
+            about(registry, kind, &part.plugin).map_or("none".into(), |about| about.version.to_string());
         (part.plugin.clone(), part.version.to_string(), now)
     });
-    let numerics = ("numerics".to_owned(), pin.numerics.to_string(), registry.numerics_version.to_string());
+    let numerics = (
+        "numerics".to_owned(),
+        pin.numerics.to_string(),
+        registry.numerics_version.to_string(),
+    );
     parts
         .chain([numerics])
         .filter(|(_, then, now)| then != now)
@@ -159,7 +203,10 @@ fn about<'a>(registry: &'a Registry, kind: &str, name: &str) -> Option<&'a About
 
 /// Everything that must have a pin.
 fn subjects(registry: &Registry) -> Vec<String> {
-    let environments = registry.environments.keys().map(|name| format!("environment {name}"));
+    let environments = registry
+        .environments
+        .keys()
+        .map(|name| format!("environment {name}"));
     let agents = registry.agents.keys().map(|name| format!("agent {name}"));
     let protocols = registry.protocols.keys().map(|name| format!("protocol {name}"));
     environments.chain(agents).chain(protocols).collect()
@@ -174,19 +221,38 @@ fn digest(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
 fn recorded(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
     let [environment, agent, protocol] = trial.clone().map(|part| Part { version: 0, ..part });
     let agent = Seating::Agent(agent);
-    let key = TrialKey { environment, agent, protocol, seed: 7, numerics: 0, device: "cpu".into() };
+    let key = TrialKey {
+        environment,
+        agent,
+        protocol,
+        seed: 7,
+        numerics: 0,
+        device: "cpu".into(),
+    };
     // Not every agent fits every protocol, and some say so by a panic.
     let run = AssertUnwindSafe(|| datasets::run(registry, &key, None, &mut engine::NoKeeper));
-    let record = catch_unwind(run).map_err(|_| "it panicked")?.map_err(|error| error.to_string())?;
+    let record = catch_unwind(run)
+        .map_err(|_| "it panicked")?
+        .map_err(|error| error.to_string())?;
     let mut text = String::new();
     for row in record.rows() {
-        let (phase, name, bits) = (row.phase.name(), &record.names()[usize::from(row.metric)], row.value.to_bits());
-        writeln!(text, "{phase} {} {} {} {name} {bits:016x}", row.step, row.episode, row.seat).unwrap();
+        let (phase, name, bits) = (
+            row.phase.name(),
+            &record.names()[usize::from(row.metric)],
+            row.value.to_bits(),
+        );
+        writeln!(
+            text,
+            "{phase} {} {} {} {name} {bits:016x}",
+            row.step, row.episode, row.seat
+        )
+        .unwrap();
     }
     Ok(text)
 }
 
-/// The kind of this machine's processor, by what reaches the order of floating-point operations; `None` for unknown kinds.
+/// The kind of this machine's processor, by what reaches the order of floating-point operations; `None` for
+/// unknown kinds.
 fn processor() -> Option<String> {
     #[cfg(target_arch = "x86_64")]
     {
@@ -214,7 +280,9 @@ fn write(registry: &Registry, old: Pins, processor: &str) {
     for subject in subjects(registry) {
         let pin = match old.get(&subject) {
             Some(pin) if raised(registry, pin).is_empty() => supplement(registry, pin, processor),
-            Some(pin) => renew(registry, pin, processor).unwrap_or_else(|| new(registry, &subject, processor)),
+            Some(pin) => {
+                renew(registry, pin, processor).unwrap_or_else(|| new(registry, &subject, processor))
+            }
             None => new(registry, &subject, processor),
         };
         pins.insert(subject, pin);
@@ -227,7 +295,8 @@ fn write(registry: &Registry, old: Pins, processor: &str) {
 fn supplement(registry: &Registry, pin: &Pin, processor: &str) -> Pin {
     let mut pin = pin.clone();
     if !pin.digests.contains_key(processor) {
-        pin.digests.insert(processor.into(), digest(registry, &pin.trial).unwrap());
+        pin.digests
+            .insert(processor.into(), digest(registry, &pin.trial).unwrap());
     }
     pin
 }
@@ -237,23 +306,43 @@ fn renew(registry: &Registry, pin: &Pin, processor: &str) -> Option<Pin> {
     let [environment, agent, protocol] = &pin.trial;
     let today = |kind: &str, part: &Part| {
         let about = about(registry, kind, &part.plugin)?;
-        Some(with_sources(Part::new(part.plugin.clone(), about.version, (about.resolve)(&part.config).ok()?)))
+        Some(with_sources(Part::new(
+            part.plugin.clone(),
+            about.version,
+            (about.resolve)(&part.config).ok()?,
+        )))
     };
-    pinned(registry, [today("environment", environment)?, today("agent", agent)?, today("protocol", protocol)?], processor)
+    pinned(
+        registry,
+        [
+            today("environment", environment)?,
+            today("agent", agent)?,
+            today("protocol", protocol)?,
+        ],
+        processor,
+    )
 }
 
 fn pinned(registry: &Registry, trial: [Part; 3], processor: &str) -> Option<Pin> {
     let digests = BTreeMap::from([(processor.to_owned(), digest(registry, &trial).ok()?)]);
-    Some(Pin { trial, numerics: registry.numerics_version, digests })
+    Some(Pin {
+        trial,
+        numerics: registry.numerics_version,
+        digests,
+    })
 }
 
-/// The tiny trial of a plugin that records most, so that it goes through as much code as can be; where an agent is pinned that
-/// learns, it must have learned.
+/// The tiny trial of a plugin that records most, so that it goes through as much code as can be; where an
+/// agent is pinned that learns, it must have learned.
 fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
     let (kind, name) = subject.split_once(' ').unwrap();
     let candidates = |of: &str, names: Vec<&'static str>| -> Vec<Part> {
-        let wanted = names.into_iter().filter(|candidate| of != kind || *candidate == name);
-        wanted.map(|name| small(about(registry, of, name).unwrap(), name)).collect()
+        let wanted = names
+            .into_iter()
+            .filter(|candidate| of != kind || *candidate == name);
+        wanted
+            .map(|name| small(about(registry, of, name).unwrap(), name))
+            .collect()
     };
     let learns = |agent: &Part| registry.agents[agent.plugin.as_str()].learns;
     let mut agents = candidates("agent", registry.agents.keys().copied().collect());
@@ -266,7 +355,9 @@ fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
         for agent in &agents {
             for protocol in candidates("protocol", registry.protocols.keys().copied().collect()) {
                 let trial = [environment.clone(), agent.clone(), protocol];
-                let rows = recorded(registry, &trial).ok().filter(|rows| kind != "agent" || learned(registry, agent, rows));
+                let rows = recorded(registry, &trial)
+                    .ok()
+                    .filter(|rows| kind != "agent" || learned(registry, agent, rows));
                 let count = rows.map_or(0, |rows| rows.lines().count());
                 if count > best.as_ref().map_or(0, |(most, _)| *most) {
                     best = Some((count, trial));
@@ -274,21 +365,26 @@ fn new(registry: &Registry, subject: &str, processor: &str) -> Pin {
             }
         }
     }
-    let (_, trial) = best.unwrap_or_else(|| panic!("no tiny trial of {subject} runs: see `tiny` in tests/pins.rs"));
+    let (_, trial) =
+        best.unwrap_or_else(|| panic!("no tiny trial of {subject} runs: see `tiny` in tests/pins.rs"));
     pinned(registry, trial, processor).unwrap()
 }
 
 /// True where an agent recorded what it records when it learns, or has nothing to record.
 fn learned(registry: &Registry, agent: &Part, rows: &str) -> bool {
     let metrics = &registry.agents[agent.plugin.as_str()].metrics;
-    let says = |metric: &engine::Metric| rows.lines().any(|line| line.split(' ').nth(4) == Some(metric.name.as_str()));
+    let says = |metric: &engine::Metric| {
+        rows.lines()
+            .any(|line| line.split(' ').nth(4) == Some(metric.name.as_str()))
+    };
     metrics.is_empty() || metrics.iter().any(says)
 }
 
 /// Values that make a trial small, for whichever plugin has a parameter of that name.
 fn tiny() -> Value {
     json!({
-        "steps": 48, "environments": 4, "evaluate_every": 24, "episodes": 1, "final_episodes": 2, "trace_episodes": 1,
+        "steps": 48, "environments": 4, "evaluate_every": 24, "episodes": 1, "final_episodes": 2,
+        "trace_episodes": 1,
         "batch": 8, "batches": 4, "examples": 4, "final_examples": 4,
         "width": 16, "batch_size": 8, "learning_starts": 16, "updates_per_step": 0.5, "replay_capacity": 64,
         "episode_limit": 5, "datasets": [{ "from": "given" }],

@@ -24,7 +24,9 @@ pub(crate) struct Answer {
 impl Bench {
     /// An empty folder.
     pub(crate) fn new() -> Self {
-        Self { folder: tempfile::tempdir().unwrap() }
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+        }
     }
 
     /// A path inside the folder.
@@ -41,7 +43,11 @@ impl Bench {
     /// The command, ready to start, in the folder.
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_regimen"));
-        command.args(arguments).current_dir(self.folder.path()).env_remove("REGIMEN_STORE").env_remove("REGIMEN_JOBS");
+        command
+            .args(arguments)
+            .current_dir(self.folder.path())
+            .env_remove("REGIMEN_STORE")
+            .env_remove("REGIMEN_JOBS");
         command
     }
 
@@ -52,9 +58,16 @@ impl Bench {
 
     /// The command of another program that is built with the tests, ready to start in the folder.
     pub(crate) fn built(&self, program: &str, arguments: &[&str]) -> Command {
-        let beside = Path::new(env!("CARGO_BIN_EXE_regimen")).parent().unwrap().join("examples");
+        let beside = Path::new(env!("CARGO_BIN_EXE_regimen"))
+            .parent()
+            .unwrap()
+            .join("examples");
         let mut command = Command::new(beside.join(program));
-        command.args(arguments).current_dir(self.folder.path()).env_remove("REGIMEN_STORE").env_remove("REGIMEN_JOBS");
+        command
+            .args(arguments)
+            .current_dir(self.folder.path())
+            .env_remove("REGIMEN_STORE")
+            .env_remove("REGIMEN_JOBS");
         command
     }
 
@@ -81,7 +94,13 @@ impl Bench {
         for file in trial_files(&self.path(store)) {
             let text = std::fs::read_to_string(&file).unwrap();
             let trial: serde_json::Value = serde_json::from_str(&text).unwrap();
-            let id = file.parent().unwrap().file_name().unwrap().to_string_lossy().into_owned();
+            let id = file
+                .parent()
+                .unwrap()
+                .file_name()
+                .unwrap()
+                .to_string_lossy()
+                .into_owned();
             digests.push((id, trial["end"]["digest"].as_str().unwrap().to_owned()));
         }
         digests.sort();
@@ -105,8 +124,13 @@ pub(crate) fn trial_files(store: &Path) -> Vec<PathBuf> {
 
 /// The text of a `trial.json` that was changed, with a check that holds.
 pub(crate) fn reseal(text: &str) -> String {
-    let object = text.split_once(",\"check\":\"").map_or(text, |(object, _)| object);
-    format!("{object},\"check\":\"{}\"}}", engine::store::digest(object.as_bytes()))
+    let object = text
+        .split_once(",\"check\":\"")
+        .map_or(text, |(object, _)| object);
+    format!(
+        "{object},\"check\":\"{}\"}}",
+        engine::store::digest(object.as_bytes())
+    )
 }
 
 /// What a finished command answered.

@@ -9,7 +9,8 @@ environments:
 agents:
   equal: { equal_split: {} }
   dsac: { dirichlet_sac: { width: 16, batch_size: 16, learning_starts: 64 } }
-protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 128, episodes: 2, final_episodes: 6 } }
+protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 128, episodes: 2, \
+final_episodes: 6 } }
 seeds: 2
 profiles:
   short: { protocol.steps: 128 }
@@ -25,7 +26,10 @@ fn a_report_tells_budgets_settings_profiles_and_dates() {
     bench.write("small.yaml", STUDY);
     bench.ok(&["run", "small.yaml", "--profile", "short"]);
     let said = bench.ok(&["run", "small.yaml"]);
-    assert!(said.contains("long: 0 of 4 trials are stored: never run"), "{said}");
+    assert!(
+        said.contains("long: 0 of 4 trials are stored: never run"),
+        "{said}"
+    );
     let report = std::fs::read_to_string(bench.path("results/small/report.md")).unwrap();
     for line in [
         "- default: all 4 trials are stored: this report",
@@ -38,8 +42,14 @@ fn a_report_tells_budgets_settings_profiles_and_dates() {
     ] {
         assert!(report.contains(line), "{line}\n{report}");
     }
-    let row = report.lines().find(|line| line.starts_with("| dsac | 2 | ")).expect(&report);
-    assert!(row.contains(" | 6 | "), "episodes of the final measurement: {row}");
+    let row = report
+        .lines()
+        .find(|line| line.starts_with("| dsac | 2 | "))
+        .expect(&report);
+    assert!(
+        row.contains(" | 6 | "),
+        "episodes of the final measurement: {row}"
+    );
     let seeds = std::fs::read_to_string(bench.path("results/small/tables/lengths-seeds.csv")).unwrap();
     assert_eq!(seeds.lines().count(), 5, "{seeds}");
 }
@@ -51,7 +61,8 @@ fn the_date_of_a_trial_is_stored_and_is_no_part_of_what_is_compared() {
     let dates = |store: &str| -> Vec<String> {
         bench.ok(&["run", "small.yaml", "--store", store, "--only", "equal"]);
         let date = |file: &std::path::PathBuf| {
-            let trial: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
+            let trial: serde_json::Value =
+                serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
             trial["ended_at"].as_str().unwrap().to_owned()
         };
         trial_files(&bench.path(store)).iter().map(date).collect()

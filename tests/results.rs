@@ -11,7 +11,9 @@ const IRREPRODUCIBLE: &str = "so that no commit reproduces them";
 
 /// Folders of committed results: those of smoke profiles and of changed runs are not committed.
 fn folders() -> Vec<PathBuf> {
-    let folders = std::fs::read_dir(repository().join("results")).unwrap().map(|entry| entry.unwrap().path());
+    let folders = std::fs::read_dir(repository().join("results"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
     let is_committed = |path: &PathBuf| {
         let name = path.file_name().unwrap().to_string_lossy();
         path.is_dir() && !name.ends_with("-smoke") && !name.contains('+')
@@ -20,12 +22,20 @@ fn folders() -> Vec<PathBuf> {
 }
 
 fn read(folder: &Path, name: &str) -> String {
-    std::fs::read_to_string(folder.join(name)).unwrap_or_else(|error| panic!("{}: {error}", folder.join(name).display()))
+    std::fs::read_to_string(folder.join(name))
+        .unwrap_or_else(|error| panic!("{}: {error}", folder.join(name).display()))
 }
 
 /// The builds that a report names, of its trials and of itself.
 fn builds(report: &str) -> Vec<&str> {
-    report.lines().filter(|line| ["- source code: ", "- computed by: "].iter().any(|start| line.starts_with(start))).collect()
+    report
+        .lines()
+        .filter(|line| {
+            ["- source code: ", "- computed by: "]
+                .iter()
+                .any(|start| line.starts_with(start))
+        })
+        .collect()
 }
 
 #[test]
@@ -37,15 +47,26 @@ fn committed_results_come_from_a_commit_or_say_at_their_head_that_they_do_not() 
         let head = report.lines().take(8).any(|line| line.contains(IRREPRODUCIBLE));
         let builds = builds(&report);
         let clean = builds.len() == 2
-            && builds.iter().all(|line| ["changed", "did not say", "unknown"].iter().all(|word| !line.contains(word)));
+            && builds.iter().all(|line| {
+                ["changed", "did not say", "unknown"]
+                    .iter()
+                    .all(|word| !line.contains(word))
+            });
         assert_ne!(clean, head, "{}: {builds:?}", folder.display());
-        assert_eq!(page.contains(IRREPRODUCIBLE), head, "{}: the page says something else", folder.display());
+        assert_eq!(
+            page.contains(IRREPRODUCIBLE),
+            head,
+            "{}: the page says something else",
+            folder.display()
+        );
     }
 }
 
 #[test]
 fn committed_folders_hold_what_their_report_wrote_and_nothing_else() {
-    let listed = folders().into_iter().filter(|folder| folder.join("manifest.json").exists());
+    let listed = folders()
+        .into_iter()
+        .filter(|folder| folder.join("manifest.json").exists());
     let mut seen = 0;
     for folder in listed {
         let manifest: serde_json::Value = serde_json::from_str(&read(&folder, "manifest.json")).unwrap();

@@ -1,4 +1,5 @@
-//! A trial that is stopped or killed and goes on in a fresh process ends as if nothing had happened: for every agent.
+//! A trial that is stopped or killed and goes on in a fresh process ends as if nothing had happened: for
+//! every agent.
 
 use crate::datasets::{self, with_sources};
 use crate::shrunk::shrunk;
@@ -17,12 +18,14 @@ use std::{
     time::Duration,
 };
 
-/// Values for whatever config has such a key: small networks, short episodes, wear, two blocks in the final measurement.
+/// Values for whatever config has such a key: small networks, short episodes, wear, two blocks in the final
+/// measurement.
 fn small() -> Value {
     json!({
         "width": 6, "batch_size": 4, "learning_starts": 24, "updates_per_step": 0.25, "replay_capacity": 64,
         "episode_limit": 5, "ageing": {}, "process_noise": true, "sensor_noise": true, "cells": 2,
-        "steps": 72, "environments": 4, "evaluate_every": 24, "episodes": 3, "final_episodes": 260, "trace_episodes": 2,
+        "steps": 72, "environments": 4, "evaluate_every": 24, "episodes": 3, "final_episodes": 260,
+        "trace_episodes": 2,
         "batch": 4, "examples": 3, "final_examples": 260, "batches": 30,
         "weights": [0.4, 0.6], "datasets": [{ "from": "given" }],
     })
@@ -46,7 +49,9 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
                 device: "cpu".into(),
             };
             if !registry.agents[agent].learns {
-                key.protocol.config = (protocol_entry.without_training)(&key.protocol.config).unwrap().into();
+                key.protocol.config = (protocol_entry.without_training)(&key.protocol.config)
+                    .unwrap()
+                    .into();
             }
             key.protocol = with_sources(key.protocol);
             keys.push(key);
@@ -55,18 +60,32 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
     keys
 }
 
-/// What a trial gives, where the agent fits environment and protocol: some learn from actions, some from answers, and some say by
-/// a panic that they cannot.
+/// What a trial gives, where the agent fits environment and protocol: some learn from actions, some from
+/// answers, and some say by a panic that they cannot.
 fn outcome(registry: &Registry, key: &TrialKey) -> Option<Outcome> {
-    catch_unwind(AssertUnwindSafe(|| run(registry, key, &mut NoKeeper))).ok().and_then(Result::ok)
+    catch_unwind(AssertUnwindSafe(|| run(registry, key, &mut NoKeeper)))
+        .ok()
+        .and_then(Result::ok)
 }
 
 /// Every trial of a learning agent with an environment and a protocol in which it can learn.
 fn trials(registry: &Registry, agent: &str) -> Vec<(TrialKey, Outcome)> {
     let metrics = &registry.agents[agent].metrics;
-    let learned = |outcome: &Outcome| outcome.names.iter().any(|name| metrics.iter().any(|metric| metric.name == *name));
-    let with_outcome = |key| outcome(registry, &key).filter(learned).map(|outcome| (key, outcome));
-    keys(registry, agent).into_iter().filter_map(with_outcome).collect()
+    let learned = |outcome: &Outcome| {
+        outcome
+            .names
+            .iter()
+            .any(|name| metrics.iter().any(|metric| metric.name == *name))
+    };
+    let with_outcome = |key| {
+        outcome(registry, &key)
+            .filter(learned)
+            .map(|outcome| (key, outcome))
+    };
+    keys(registry, agent)
+        .into_iter()
+        .filter_map(with_outcome)
+        .collect()
 }
 
 /// What must not depend on how often a trial was interrupted.
@@ -80,7 +99,16 @@ struct Outcome {
 fn run(registry: &Registry, key: &TrialKey, keeper: &mut dyn Keeper) -> Result<Outcome, Error> {
     let folder = tempfile::tempdir().unwrap();
     let record = datasets::run(registry, key, Some(folder.path()), keeper)?;
-    let bits = |row: &engine::recorder::Row| (row.phase, row.step, row.episode, row.seat, row.metric, row.value.to_bits());
+    let bits = |row: &engine::recorder::Row| {
+        (
+            row.phase,
+            row.step,
+            row.episode,
+            row.seat,
+            row.metric,
+            row.value.to_bits(),
+        )
+    };
     Ok(Outcome {
         names: record.names().to_vec(),
         rows: record.rows().iter().map(bits).collect(),
@@ -109,7 +137,11 @@ struct Interrupted {
 impl Interrupted {
     fn fresh(folder: &Path, key: &TrialKey, end: End) -> Self {
         let kept = RunningTrial::open(folder, &key.id(), Duration::MAX, std::sync::Arc::default());
-        Self { kept, end, opportunities: 0 }
+        Self {
+            kept,
+            end,
+            opportunities: 0,
+        }
     }
 }
 
@@ -138,7 +170,13 @@ impl Keeper for Interrupted {
     fn note(&mut self, record: &Recorder) -> Result<(), Error> {
         self.kept.note(record)?;
         let killed = matches!(self.end, End::Killed(at) if self.opportunities > at + 2);
-        if killed { Err(Error::Worker { problem: "killed".into() }) } else { Ok(()) }
+        if killed {
+            Err(Error::Worker {
+                problem: "killed".into(),
+            })
+        } else {
+            Ok(())
+        }
     }
 
     fn refuse(&mut self) -> bool {
@@ -146,8 +184,13 @@ impl Keeper for Interrupted {
     }
 }
 
-/// Runs a trial in as many processes as there are ends; gives its outcome and how many opportunities to save the last one had.
-fn run_interrupted(registry: &Registry, key: &TrialKey, ends: impl IntoIterator<Item = End>) -> (Outcome, usize) {
+/// Runs a trial in as many processes as there are ends; gives its outcome and how many opportunities to save
+/// the last one had.
+fn run_interrupted(
+    registry: &Registry,
+    key: &TrialKey,
+    ends: impl IntoIterator<Item = End>,
+) -> (Outcome, usize) {
     let folder = tempfile::tempdir().unwrap();
     for (process, end) in ends.into_iter().enumerate() {
         match run(registry, key, &mut Interrupted::fresh(folder.path(), key, end)) {
@@ -164,18 +207,23 @@ fn a_trial_that_is_interrupted_ends_as_one_that_is_not() {
     let registry = registry();
     for (name, _) in registry.agents.iter().filter(|(_, entry)| entry.learns) {
         let trials = trials(&registry, name);
-        assert!(!trials.is_empty(), "no environment and protocol in which {name} learns");
+        assert!(
+            !trials.is_empty(),
+            "no environment and protocol in which {name} learns"
+        );
         for (key, whole) in trials {
             let place = format!("{name}, {}, {}", key.environment.plugin, key.protocol.plugin);
             let last = opportunities(&registry, &key);
             assert!(last > 20, "{place}: {last} opportunities to save");
-            // Before everything, after the first step, and around the last two: the blocks of the final measurement, if there is one.
+            // Before everything, after the first step, and around the last two: the blocks of the final
+            // measurement, if there is one.
             for at in [1, 2, last - 1, last] {
                 let (outcome, _) = run_interrupted(&registry, &key, [End::Stopped(at), End::Never]);
                 assert!(outcome == whole, "{place}: stopped once, at {at} of {last}");
             }
             // A process takes the place at which the one before it stopped as its first opportunity.
-            let (outcome, stops) = run_interrupted(&registry, &key, (0..).map(|_| End::Stopped(last / 8 + 1)));
+            let (outcome, stops) =
+                run_interrupted(&registry, &key, (0..).map(|_| End::Stopped(last / 8 + 1)));
             assert!(stops >= 6 && outcome == whole, "{place}: stopped {stops} times");
             let (outcome, kills) = run_interrupted(&registry, &key, (0..).map(|_| End::Killed(last / 8 + 1)));
             assert!(kills >= 4 && outcome == whole, "{place}: killed {kills} times");
@@ -188,20 +236,36 @@ fn measurements_of_an_agent_that_does_not_learn_are_interrupted_without_a_trace(
     let registry = registry();
     for (name, _) in registry.agents.iter().filter(|(_, entry)| !entry.learns) {
         for protocol in ["train_evaluate", "supervised_fit", "offline_fit"] {
-            let keys = keys(&registry, name).into_iter().filter(|key| key.protocol.plugin == protocol);
-            let first = keys.into_iter().find_map(|key| outcome(&registry, &key).map(|outcome| (key, outcome)));
-            let (key, whole) = first.unwrap_or_else(|| panic!("no environment takes {name} under {protocol}"));
-            let measured = whole.rows.iter().filter(|row| row.0 == Phase::Evaluate).map(|row| row.1).collect::<BTreeSet<_>>();
+            let keys = keys(&registry, name)
+                .into_iter()
+                .filter(|key| key.protocol.plugin == protocol);
+            let first = keys
+                .into_iter()
+                .find_map(|key| outcome(&registry, &key).map(|outcome| (key, outcome)));
+            let (key, whole) =
+                first.unwrap_or_else(|| panic!("no environment takes {name} under {protocol}"));
+            let measured = whole
+                .rows
+                .iter()
+                .filter(|row| row.0 == Phase::Evaluate)
+                .map(|row| row.1)
+                .collect::<BTreeSet<_>>();
             assert_eq!(measured, [0, 24, 48, 72].into(), "{name}, {protocol}");
             // Before each measurement, and between the two blocks of the final one.
             let last = opportunities(&registry, &key);
             assert_eq!(last, 6, "{name}, {protocol}");
             for at in [1, last] {
                 let (outcome, _) = run_interrupted(&registry, &key, [End::Stopped(at), End::Never]);
-                assert!(outcome == whole, "{name}, {protocol}: stopped once, at {at} of {last}");
+                assert!(
+                    outcome == whole,
+                    "{name}, {protocol}: stopped once, at {at} of {last}"
+                );
             }
             let (outcome, stops) = run_interrupted(&registry, &key, (0..).map(|_| End::Stopped(2)));
-            assert!(stops >= 4 && outcome == whole, "{name}, {protocol}: stopped {stops} times");
+            assert!(
+                stops >= 4 && outcome == whole,
+                "{name}, {protocol}: stopped {stops} times"
+            );
         }
     }
 }

@@ -19,10 +19,16 @@ fn columns(path: &std::path::Path) -> BTreeMap<String, Vec<f64>> {
     let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let mut columns: BTreeMap<String, Vec<f64>> = names.iter().map(|name| ((*name).to_owned(), Vec::new())).collect();
+    let mut columns: BTreeMap<String, Vec<f64>> = names
+        .iter()
+        .map(|name| ((*name).to_owned(), Vec::new()))
+        .collect();
     for line in lines {
         for (name, cell) in names.iter().zip(line.split(',')) {
-            columns.get_mut(*name).unwrap().push(cell.parse().unwrap_or(f64::NAN));
+            columns
+                .get_mut(*name)
+                .unwrap()
+                .push(cell.parse().unwrap_or(f64::NAN));
         }
     }
     columns
@@ -39,15 +45,35 @@ fn one_cell_at_constant_power_follows_the_other_program() {
     );
     let actions = format!("weight_1\n{}", "1\n".repeat(300));
     bench.write("actions.csv", &actions);
-    bench.ok(&["rollout", "battery", "--config", "cell.yaml", "--actions", "actions.csv", "--out", "out.csv"]);
-    let (ours, theirs) = (columns(&bench.path("out.csv")), columns(&fixture("battery/const_power_8W.csv")));
+    bench.ok(&[
+        "rollout",
+        "battery",
+        "--config",
+        "cell.yaml",
+        "--actions",
+        "actions.csv",
+        "--out",
+        "out.csv",
+    ]);
+    let (ours, theirs) = (
+        columns(&bench.path("out.csv")),
+        columns(&fixture("battery/const_power_8W.csv")),
+    );
     let mut compared = 0;
     for (row, time) in theirs["t_s"].iter().enumerate() {
-        let Some(mine) = ours["t_s"].iter().position(|t| (t - time).abs() < 1e-9) else { continue };
-        assert!((ours["voltage_1"][mine] - theirs["v_V"][row]).abs() < 1e-6, "voltage at {time} s");
+        let Some(mine) = ours["t_s"].iter().position(|t| (t - time).abs() < 1e-9) else {
+            continue;
+        };
+        assert!(
+            (ours["voltage_1"][mine] - theirs["v_V"][row]).abs() < 1e-6,
+            "voltage at {time} s"
+        );
         for state in STATES {
             let (one, other) = (ours[&format!("{state}_1")][mine], theirs[state][row]);
-            assert!((one - other).abs() <= 1e-9 * other.abs().max(1e-6), "{state} at {time} s: {one} against {other}");
+            assert!(
+                (one - other).abs() <= 1e-9 * other.abs().max(1e-6),
+                "{state} at {time} s: {one} against {other}"
+            );
         }
         compared += 1;
     }
@@ -58,11 +84,30 @@ type Columns = BTreeMap<String, Vec<f64>>;
 
 /// Config and actions of a reference run of predators and prey, under this program's names.
 fn as_input(reference: &Columns) -> (String, String) {
-    let place = |name: String| format!("[{}, {}]", reference[&format!("{name}x")][0], reference[&format!("{name}y")][0]);
-    let places = |letter: &str, count: usize| (0..count).map(|i| place(format!("{letter}{i}"))).collect::<Vec<_>>().join(", ");
-    let start = format!("{{ agents: [{}], landmarks: [{}] }}", places("p", 4), places("l", 2));
+    let place = |name: String| {
+        format!(
+            "[{}, {}]",
+            reference[&format!("{name}x")][0],
+            reference[&format!("{name}y")][0]
+        )
+    };
+    let places = |letter: &str, count: usize| {
+        (0..count)
+            .map(|i| place(format!("{letter}{i}")))
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let start = format!(
+        "{{ agents: [{}], landmarks: [{}] }}",
+        places("p", 4),
+        places("l", 2)
+    );
     let each = |entry: &dyn Fn(usize, &str) -> String| {
-        (0..4).flat_map(|agent| ["x", "y"].map(|axis| entry(agent, axis))).collect::<Vec<_>>().join(",") + "\n"
+        (0..4)
+            .flat_map(|agent| ["x", "y"].map(|axis| entry(agent, axis)))
+            .collect::<Vec<_>>()
+            .join(",")
+            + "\n"
     };
     let row = |row: usize| each(&|agent, axis| reference[&format!("u{agent}{axis}")][row].to_string());
     let header = each(&|agent, axis| format!("agent_{agent}.force_{axis}"));
@@ -78,7 +123,16 @@ fn several_seats_follow_the_other_program() {
     let (config, actions) = as_input(&theirs);
     bench.write("tag.yaml", &config);
     bench.write("actions.csv", &actions);
-    bench.ok(&["rollout", "particles", "--config", "tag.yaml", "--actions", "actions.csv", "--out", "out.csv"]);
+    bench.ok(&[
+        "rollout",
+        "particles",
+        "--config",
+        "tag.yaml",
+        "--actions",
+        "actions.csv",
+        "--out",
+        "out.csv",
+    ]);
     let ours = columns(&bench.path("out.csv"));
     let agree = |one: String, other: String, first: usize| {
         assert_eq!(ours[&one].len(), theirs[&other].len(), "{one}");
@@ -91,9 +145,21 @@ fn several_seats_follow_the_other_program() {
         agree(format!("agent_{agent}.reward"), format!("r{agent}"), 1);
         assert!(ours[&format!("agent_{agent}.reward")][0].is_nan());
         for (axis, entry) in [("x", 2), ("y", 3)] {
-            agree(format!("agent_{agent}.position_{axis}"), format!("p{agent}{axis}"), 0);
-            agree(format!("agent_{agent}.velocity_{axis}"), format!("v{agent}{axis}"), 0);
-            agree(format!("agent_{agent}.force_{axis}"), format!("u{agent}{axis}"), 1);
+            agree(
+                format!("agent_{agent}.position_{axis}"),
+                format!("p{agent}{axis}"),
+                0,
+            );
+            agree(
+                format!("agent_{agent}.velocity_{axis}"),
+                format!("v{agent}{axis}"),
+                0,
+            );
+            agree(
+                format!("agent_{agent}.force_{axis}"),
+                format!("u{agent}{axis}"),
+                1,
+            );
             agree(format!("agent_{agent}.obs_{entry}"), format!("p{agent}{axis}"), 0);
         }
     }
@@ -104,7 +170,10 @@ fn several_seats_follow_the_other_program() {
 fn wrong_action_files_are_refused_with_the_place() {
     let bench = Bench::new();
     for (text, message) in [
-        ("weight_1,weight_2\n0.5,0.5\n", "error: `weights.csv`, line 1: column `weight_3` is missing"),
+        (
+            "weight_1,weight_2\n0.5,0.5\n",
+            "error: `weights.csv`, line 1: column `weight_3` is missing",
+        ),
         (
             "weight_1,weight_2,weight_3,weight_4\n0.25,0.25,0.25,x\n",
             "error: `weights.csv`, line 2, column `weight_4`: `x` is no number",
@@ -115,7 +184,14 @@ fn wrong_action_files_are_refused_with_the_place() {
         ),
     ] {
         bench.write("weights.csv", text);
-        let answer = bench.run(&["rollout", "battery", "--actions", "weights.csv", "--out", "out.csv"]);
+        let answer = bench.run(&[
+            "rollout",
+            "battery",
+            "--actions",
+            "weights.csv",
+            "--out",
+            "out.csv",
+        ]);
         assert_eq!((answer.code, answer.err.trim()), (2, message));
     }
 }
@@ -124,9 +200,27 @@ fn wrong_action_files_are_refused_with_the_place() {
 fn an_agent_can_decide_and_the_seed_decides_the_rest() {
     let bench = Bench::new();
     for out in ["a.csv", "b.csv"] {
-        bench.ok(&["rollout", "battery", "--agent", "equal_split", "--seed", "7", "--out", out]);
+        bench.ok(&[
+            "rollout",
+            "battery",
+            "--agent",
+            "equal_split",
+            "--seed",
+            "7",
+            "--out",
+            out,
+        ]);
     }
-    bench.ok(&["rollout", "battery", "--agent", "equal_split", "--seed", "8", "--out", "c.csv"]);
+    bench.ok(&[
+        "rollout",
+        "battery",
+        "--agent",
+        "equal_split",
+        "--seed",
+        "8",
+        "--out",
+        "c.csv",
+    ]);
     let read = |name: &str| std::fs::read_to_string(bench.path(name)).unwrap();
     assert_eq!(read("a.csv"), read("b.csv"));
     assert_ne!(read("a.csv"), read("c.csv"));
@@ -147,7 +241,8 @@ agents:
   equal: { equal_split: {} }
   stein: { masql: { width: 4, batch_size: 4, learning_starts: 8 } }
   tdom: { tdom_ac: { width: 4, batch_size: 4, learning_starts: 8 } }
-protocol: { train_evaluate: { steps: 48, environments: 4, evaluate_every: 0, episodes: 0, final_episodes: 5, trace_episodes: 5 } }
+protocol: { train_evaluate: { steps: 48, environments: 4, evaluate_every: 0, episodes: 0, final_episodes: \
+5, trace_episodes: 5 } }
 exclude:
   - { environment: tag, agent: dense }
   - { environment: tag, agent: alike }
@@ -168,7 +263,13 @@ cross_play:
 fn trials(bench: &Bench) -> Vec<(String, String, String)> {
     let read = |file: PathBuf| {
         let trial: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
-        let id = file.parent().unwrap().file_name().unwrap().to_string_lossy().into_owned();
+        let id = file
+            .parent()
+            .unwrap()
+            .file_name()
+            .unwrap()
+            .to_string_lossy()
+            .into_owned();
         // What plays policies of others is no plugin.
         let plugin = |part: &str| trial["key"][part]["plugin"].as_str().unwrap_or("cast").to_owned();
         (id, plugin("environment"), plugin("agent"))
@@ -192,35 +293,86 @@ fn an_episode_of_a_stored_trial_is_played_again_to_the_bit() {
         let folder = bench.path("store/trials").join(&id[..2]).join(id);
         let stored = read_metrics(&folder.join("metrics.parquet")).unwrap();
         for episode in ["0", "2"] {
-            bench.ok(&["rollout", "--trial", &id[..12], "--episode", episode, "--out", "out.csv"]);
+            bench.ok(&[
+                "rollout",
+                "--trial",
+                &id[..12],
+                "--episode",
+                episode,
+                "--out",
+                "out.csv",
+            ]);
             let ours = columns(&bench.path("out.csv"));
             let of_episode = |row: &&engine::recorder::Row| row.episode.to_string() == episode;
-            let named = |name: &str| stored.names.iter().position(|known| known == name).map(|at| u16::try_from(at).unwrap());
+            let named = |name: &str| {
+                stored
+                    .names
+                    .iter()
+                    .position(|known| known == name)
+                    .map(|at| u16::try_from(at).unwrap())
+            };
             let mut compared = 0;
-            for row in stored.rows.iter().filter(of_episode).filter(|row| row.phase == Phase::Trace) {
+            for row in stored
+                .rows
+                .iter()
+                .filter(of_episode)
+                .filter(|row| row.phase == Phase::Trace)
+            {
                 let name = &stored.names[usize::from(row.metric)];
                 let decision = usize::try_from(row.step).unwrap();
-                assert_eq!(ours[name][decision].to_bits(), row.value.to_bits(), "{agent}, {name} after {decision}");
+                assert_eq!(
+                    ours[name][decision].to_bits(),
+                    row.value.to_bits(),
+                    "{agent}, {name} after {decision}"
+                );
                 compared += 1;
             }
-            let returns = stored.rows.iter().filter(of_episode).filter(|row| row.phase == Phase::Final);
+            let returns = stored
+                .rows
+                .iter()
+                .filter(of_episode)
+                .filter(|row| row.phase == Phase::Final);
             for row in returns.filter(|row| Some(row.metric) == named("return")) {
-                let seat = if ours.contains_key("reward") { "reward".into() } else { format!("agent_{}.reward", row.seat) };
+                let seat = if ours.contains_key("reward") {
+                    "reward".into()
+                } else {
+                    format!("agent_{}.reward", row.seat)
+                };
                 let earned = ours[&seat][1..].iter().fold(0.0, |sum, reward| sum + reward);
                 assert_eq!(earned.to_bits(), row.value.to_bits(), "{agent}, {seat}");
                 compared += 1;
             }
             // Trials of a play trace nothing: only their returns, one per seat, can be compared.
-            assert!(compared > if agent == "cast" { 3 } else { 60 }, "{agent}: {compared}");
+            assert!(
+                compared > if agent == "cast" { 3 } else { 60 },
+                "{agent}: {compared}"
+            );
         }
     }
-    bench.ok(&["rollout", "battery", "--trial", &of(&all, "equal_split"), "--decisions", "3", "--out", "short.csv"]);
-    assert_eq!(columns(&bench.path("short.csv"))["decision"], [0.0, 1.0, 2.0, 3.0]);
+    bench.ok(&[
+        "rollout",
+        "battery",
+        "--trial",
+        &of(&all, "equal_split"),
+        "--decisions",
+        "3",
+        "--out",
+        "short.csv",
+    ]);
+    assert_eq!(
+        columns(&bench.path("short.csv"))["decision"],
+        [0.0, 1.0, 2.0, 3.0]
+    );
 }
 
 /// The id of the trial of an agent's plugin.
 fn of(trials: &[(String, String, String)], plugin: &str) -> String {
-    trials.iter().find(|(_, _, agent)| agent == plugin).unwrap().0.clone()
+    trials
+        .iter()
+        .find(|(_, _, agent)| agent == plugin)
+        .unwrap()
+        .0
+        .clone()
 }
 
 #[test]
@@ -229,17 +381,35 @@ fn a_stored_policy_plays_a_new_episode_as_the_imported_agent_does() {
     let registry = registry();
     let store = Store::at(bench.path("store"));
     let same = |left: &str, right: &str| {
-        assert_eq!(std::fs::read_to_string(bench.path(left)).unwrap(), std::fs::read_to_string(bench.path(right)).unwrap());
+        assert_eq!(
+            std::fs::read_to_string(bench.path(left)).unwrap(),
+            std::fs::read_to_string(bench.path(right)).unwrap()
+        );
     };
-    for (id, environment, agent) in trials(&bench).iter().filter(|(_, environment, _)| environment == "battery") {
+    for (id, environment, agent) in trials(&bench)
+        .iter()
+        .filter(|(_, environment, _)| environment == "battery")
+    {
         bench.ok(&["rollout", "--trial", id, "--seed", "3", "--out", "trial.csv"]);
         let key = store.file(id).unwrap().unwrap().key;
         let mut pack = (registry.environments["battery"].build)(&key.environment.config).unwrap();
         let entry = &registry.agents[agent.as_str()];
-        let mut one =
-            (entry.build)(&key.agent.agent().unwrap().config, &pack.interface(), &mut stream(&["other networks"])).unwrap();
+        let mut one = (entry.build)(
+            &key.agent.agent().unwrap().config,
+            &pack.interface(),
+            &mut stream(&["other networks"]),
+        )
+        .unwrap();
         assert_eq!(one.import(&store.folder(id)).unwrap(), entry.learns, "{agent}");
-        let expected = rows(&mut *pack, Actions::Agent { agent: &mut *one, decisions: 1000 }, 3).unwrap();
+        let expected = rows(
+            &mut *pack,
+            Actions::Agent {
+                agent: &mut *one,
+                decisions: 1000,
+            },
+            3,
+        )
+        .unwrap();
         engine::rollout::write(&expected, &bench.path("expected.csv")).unwrap();
         same("trial.csv", "expected.csv");
         if !entry.learns {
@@ -247,15 +417,48 @@ fn a_stored_policy_plays_a_new_episode_as_the_imported_agent_does() {
         }
         bench.write("pack.yaml", "episode_limit: 40\nageing: {}\n");
         let folder = store.folder(id).display().to_string();
-        let common = ["rollout", environment, "--config", "pack.yaml", "--seed", "3", "--policy", &folder];
+        let common = [
+            "rollout",
+            environment,
+            "--config",
+            "pack.yaml",
+            "--seed",
+            "3",
+            "--policy",
+            &folder,
+        ];
         bench.ok(&[&common[..], &["--out", "folder.csv"]].concat());
         same("trial.csv", "folder.csv");
         // A policy on its own: agent and config are given.
         std::fs::create_dir_all(bench.path("alone")).unwrap();
-        std::fs::copy(store.folder(id).join("policy.safetensors"), bench.path("alone/policy.safetensors")).unwrap();
+        std::fs::copy(
+            store.folder(id).join("policy.safetensors"),
+            bench.path("alone/policy.safetensors"),
+        )
+        .unwrap();
         bench.write("agent.yaml", &key.agent.agent().unwrap().config.to_string());
-        let common = ["rollout", environment, "--config", "pack.yaml", "--seed", "3", "--policy", "alone"];
-        bench.ok(&[&common[..], &["--agent", agent, "--agent-config", "agent.yaml", "--out", "alone.csv"]].concat());
+        let common = [
+            "rollout",
+            environment,
+            "--config",
+            "pack.yaml",
+            "--seed",
+            "3",
+            "--policy",
+            "alone",
+        ];
+        bench.ok(&[
+            &common[..],
+            &[
+                "--agent",
+                agent,
+                "--agent-config",
+                "agent.yaml",
+                "--out",
+                "alone.csv",
+            ],
+        ]
+        .concat());
         same("trial.csv", "alone.csv");
     }
 }
@@ -263,26 +466,60 @@ fn a_stored_policy_plays_a_new_episode_as_the_imported_agent_does() {
 #[test]
 fn a_learner_without_a_policy_is_refused_and_so_is_a_policy_that_does_not_fit() {
     let bench = trained();
-    let id = trials(&bench).iter().find(|(_, _, agent)| agent == "ddpg").unwrap().0.clone();
+    let id = trials(&bench)
+        .iter()
+        .find(|(_, _, agent)| agent == "ddpg")
+        .unwrap()
+        .0
+        .clone();
     let folder = Store::at(bench.path("store")).folder(&id).display().to_string();
     for name in ["empty", "alone"] {
         std::fs::create_dir_all(bench.path(name)).unwrap();
     }
-    std::fs::copy(format!("{folder}/policy.safetensors"), bench.path("alone/policy.safetensors")).unwrap();
+    std::fs::copy(
+        format!("{folder}/policy.safetensors"),
+        bench.path("alone/policy.safetensors"),
+    )
+    .unwrap();
     let refusals: [(&[&str], &[&str]); 7] = [
-        (&["battery", "--agent", "dirichlet_sac"], &["`dirichlet_sac` learns", "`--trial ID`", "`--policy FOLDER`"]),
-        (&["battery", "--policy", "empty"], &["`empty` does not say whose policy it holds", "`--agent`"]),
-        (&["battery", "--policy", "empty", "--agent", "ddpg"], &["the policy in `empty` cannot be used", "cannot read"]),
-        (&["battery", "--policy", &folder, "--agent", "equal_split"], &["`equal_split` takes up no stored policy"]),
-        (&["battery", "--policy", "alone", "--agent", "ddpg"], &["cannot be used", "`center` of the policy is"]),
-        (&["battery", "--policy", &folder, "--config", "eight.yaml"], &["cannot be used", "`inputs` of the policy is"]),
-        (&["battery", "--policy", &folder, "--agent", "dpg"], &["unknown agent `dpg`", "did you mean `ddpg`?"]),
+        (
+            &["battery", "--agent", "dirichlet_sac"],
+            &["`dirichlet_sac` learns", "`--trial ID`", "`--policy FOLDER`"],
+        ),
+        (
+            &["battery", "--policy", "empty"],
+            &["`empty` does not say whose policy it holds", "`--agent`"],
+        ),
+        (
+            &["battery", "--policy", "empty", "--agent", "ddpg"],
+            &["the policy in `empty` cannot be used", "cannot read"],
+        ),
+        (
+            &["battery", "--policy", &folder, "--agent", "equal_split"],
+            &["`equal_split` takes up no stored policy"],
+        ),
+        (
+            &["battery", "--policy", "alone", "--agent", "ddpg"],
+            &["cannot be used", "`center` of the policy is"],
+        ),
+        (
+            &["battery", "--policy", &folder, "--config", "eight.yaml"],
+            &["cannot be used", "`inputs` of the policy is"],
+        ),
+        (
+            &["battery", "--policy", &folder, "--agent", "dpg"],
+            &["unknown agent `dpg`", "did you mean `ddpg`?"],
+        ),
     ];
     bench.write("eight.yaml", "cells: 8\n");
     for (words, parts) in refusals {
         let answer = bench.run(&[&["rollout"], words, &["--out", "out.csv"]].concat());
         assert_eq!(answer.code, 2, "{words:?}: {}", answer.err);
-        assert!(parts.iter().all(|part| answer.err.contains(part)), "{words:?}: {}", answer.err);
+        assert!(
+            parts.iter().all(|part| answer.err.contains(part)),
+            "{words:?}: {}",
+            answer.err
+        );
     }
     assert!(!bench.path("out.csv").exists());
 }
@@ -298,24 +535,57 @@ fn a_trial_that_cannot_be_played_is_refused_with_the_reason() {
     let all = trials(&bench);
     let (good, failed) = (of(&all, "equal_split"), of(&all, "misbehaving"));
     // Of 34 ids at least three begin with the same digit.
-    let digit = "0123456789abcdef".chars().find(|digit| all.iter().filter(|it| it.0.starts_with(*digit)).count() > 2).unwrap();
+    let digit = "0123456789abcdef"
+        .chars()
+        .find(|digit| all.iter().filter(|it| it.0.starts_with(*digit)).count() > 2)
+        .unwrap();
     let common = all.iter().filter(|it| it.0.starts_with(digit)).count();
     let begun = bench.path("store/trials/zz/zz0");
     std::fs::create_dir_all(begun).unwrap();
     let digit = digit.to_string();
     let refusals: [(&[&str], Vec<String>); 7] = [
-        (&["--trial", "xy"], vec!["no trial in `store` has an id that begins with `xy`".into()]),
-        (&["--trial", &digit], vec![format!("`{digit}` begins the ids of {common} trials"), "give more digits".into()]),
-        (&["--trial", &failed], vec![format!("trial {failed} ended as failed: "), "it fails as asked".into()]),
+        (
+            &["--trial", "xy"],
+            vec!["no trial in `store` has an id that begins with `xy`".into()],
+        ),
+        (
+            &["--trial", &digit],
+            vec![
+                format!("`{digit}` begins the ids of {common} trials"),
+                "give more digits".into(),
+            ],
+        ),
+        (
+            &["--trial", &failed],
+            vec![
+                format!("trial {failed} ended as failed: "),
+                "it fails as asked".into(),
+            ],
+        ),
         (&["--trial", "zz"], vec!["trial zz0 has not ended".into()]),
-        (&["battery", "--trial", &good], vec![format!("trial {good} is of `allocation_bandit`, not of `battery`")]),
-        (&["--trial", &good, "--episode", "2"], vec!["its final measurement has the episodes 0 to 1".into()]),
-        (&["--trial", &good, "--episode", "1", "--seed", "1"], vec!["cannot be used with".into()]),
+        (
+            &["battery", "--trial", &good],
+            vec![format!(
+                "trial {good} is of `allocation_bandit`, not of `battery`"
+            )],
+        ),
+        (
+            &["--trial", &good, "--episode", "2"],
+            vec!["its final measurement has the episodes 0 to 1".into()],
+        ),
+        (
+            &["--trial", &good, "--episode", "1", "--seed", "1"],
+            vec!["cannot be used with".into()],
+        ),
     ];
     for (words, parts) in refusals {
         let answer = bench.run_misused(&[&["rollout"], words, &["--out", "out.csv"]].concat());
         assert_eq!(answer.code, 2, "{words:?}: {}", answer.err);
-        assert!(parts.iter().all(|part| answer.err.contains(part)), "{words:?}: {}", answer.err);
+        assert!(
+            parts.iter().all(|part| answer.err.contains(part)),
+            "{words:?}: {}",
+            answer.err
+        );
     }
     bench.ok(&["rollout", "--trial", &good, "--out", "out.csv"]);
 }
@@ -325,7 +595,8 @@ fn a_trial_without_a_usable_policy_or_without_episodes_is_refused() {
     let bench = Bench::new();
     bench.write(
         "two.yaml",
-        "study: two\nenvironments: { four: { allocation_bandit: {} } }\nagents: { moments: { dirichlet_gradient: {} } }\n\
+        "study: two\nenvironments: { four: { allocation_bandit: {} } }\nagents: { moments: { \
+         dirichlet_gradient: {} } }\n\
          protocol: { estimator_tracking: { batches: 2 } }\n",
     );
     bench.ok(&["worker", "two.yaml"]);
@@ -340,7 +611,9 @@ fn a_trial_without_a_usable_policy_or_without_episodes_is_refused() {
     bench.write("lives.yaml", STUDY);
     bench.ok(&["worker", "lives.yaml", "--only", "ddpg"]);
     let id = of(&trials(&bench), "ddpg");
-    let policy = Store::at(bench.path("store")).folder(&id).join("policy.safetensors");
+    let policy = Store::at(bench.path("store"))
+        .folder(&id)
+        .join("policy.safetensors");
     let mut bytes = std::fs::read(&policy).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;

@@ -15,7 +15,8 @@ environments:
 agents:
   equal: { equal_split: {} }
   dsac: { dirichlet_sac: { width: 16, batch_size: 16, learning_starts: 64 } }
-protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 128, episodes: 2, final_episodes: 6 } }
+protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 128, episodes: 2, \
+final_episodes: 6 } }
 seeds: 3
 tables:
   improvement: { improvement: { rows: agent, value: cycle_length, relative_to: equal } }
@@ -38,18 +39,35 @@ fn results_do_not_depend_on_the_number_of_workers_and_a_second_run_does_nothing(
 #[test]
 fn a_learner_that_cannot_learn_is_warned_of_and_runs() {
     let bench = Bench::new();
-    bench.write("small.yaml", &STUDY.replace("learning_starts: 64", "learning_starts: 5000"));
-    let warning = "warning: `dsac` makes no update: it learns from step 5000 on, and the protocol ends after 256 steps";
-    for command in [&["check", "small.yaml"][..], &["plan", "small.yaml"], &["run", "small.yaml", "--seeds", "1"]] {
+    bench.write(
+        "small.yaml",
+        &STUDY.replace("learning_starts: 64", "learning_starts: 5000"),
+    );
+    let warning =
+        "warning: `dsac` makes no update: it learns from step 5000 on, and the protocol ends after 256 steps";
+    for command in [
+        &["check", "small.yaml"][..],
+        &["plan", "small.yaml"],
+        &["run", "small.yaml", "--seeds", "1"],
+    ] {
         let answer = bench.run(command);
-        assert_eq!((answer.code, answer.err.matches(warning).count()), (0, 1), "{command:?}: {}", answer.err);
+        assert_eq!(
+            (answer.code, answer.err.matches(warning).count()),
+            (0, 1),
+            "{command:?}: {}",
+            answer.err
+        );
         assert!(answer.err.contains("small.yaml:9:3"), "{}", answer.err);
     }
     bench.write("wrong.yaml", &STUDY.replace("width: 16", "wide: 16"));
     let answer = bench.run(&["check", "small.yaml", "wrong.yaml", "--format", "json"]);
     let reports: serde_json::Value = serde_json::from_str(&answer.out).unwrap();
     let severity = |index: usize| &reports[index]["problems"][0]["severity"];
-    assert_eq!((severity(0), severity(1), answer.code), (&"warning".into(), &"error".into(), 2), "{reports}");
+    assert_eq!(
+        (severity(0), severity(1), answer.code),
+        (&"warning".into(), &"error".into(), 2),
+        "{reports}"
+    );
     assert_eq!(bench.run(&["check", "small.yaml", "--format", "json"]).code, 0);
 }
 
@@ -57,11 +75,17 @@ fn a_learner_that_cannot_learn_is_warned_of_and_runs() {
 fn a_data_file_that_changes_during_a_run_fails_its_trials_until_it_is_restored() {
     let bench = Bench::new();
     let study = "study: loads\nenvironments: { cells: { battery: { cells: 2, load: { file: load.csv } } } }\n\
-                 agents: { equal: { equal_split: {} } }\nprotocol: { train_evaluate: { steps: 0, final_episodes: 200 } }\nseeds: 20\n";
+                 agents: { equal: { equal_split: {} } }\nprotocol: { train_evaluate: { steps: 0, \
+                 final_episodes: 200 } }\nseeds: 20\n";
     bench.write("loads.yaml", study);
     bench.write("load.csv", "t_s,power_w\n0,16\n");
     bench.ok(&["run", "loads.yaml", "-j", "1", "--store", "whole"]);
-    let run = bench.command(&["run", "loads.yaml", "-j", "1"]).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let run = bench
+        .command(&["run", "loads.yaml", "-j", "1"])
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
     let stored = || bench.path("store/trials").exists() && !trial_files(&bench.path("store")).is_empty();
     crate::slurm::until("a trial is stored", stored);
     bench.write("load.csv", "t_s,power_w\n0,24\n");
@@ -72,10 +96,19 @@ fn a_data_file_that_changes_during_a_run_fails_its_trials_until_it_is_restored()
     let ended = bench.digests("store");
     let (failed, kept): (Vec<_>, Vec<_>) = ended.iter().partition(|(_, digest)| digest.is_empty());
     assert!(!failed.is_empty() && !kept.is_empty(), "{text}");
-    assert!(kept.iter().all(|digest| whole.contains(digest)), "a wrong number was stored under an old id");
+    assert!(
+        kept.iter().all(|digest| whole.contains(digest)),
+        "a wrong number was stored under an old id"
+    );
     bench.write("load.csv", "t_s,power_w\n0,16\n");
     let status = bench.run(&["status", "loads.yaml"]);
-    assert!(status.out.contains("load.csv` does not hold what this trial's id names; restore it"), "{}", status.out);
+    assert!(
+        status
+            .out
+            .contains("load.csv` does not hold what this trial's id names; restore it"),
+        "{}",
+        status.out
+    );
     bench.ok(&["run", "loads.yaml", "-j", "1", "--retry-failed"]);
     assert_eq!(bench.digests("store"), whole);
 }
@@ -110,9 +143,13 @@ fn shards_of_a_study_together_equal_the_whole() {
 #[test]
 fn a_trial_that_fails_is_a_row_and_leaves_the_rest_alone() {
     let bench = Bench::new();
-    // An entropy out of reach drives the temperature up by a factor of e with every update, until it overflows.
-    let diverging = "learning_starts: 64, updates_per_step: 1, temperature_learning_rate: 1, target_entropy: { nats: 1000 } }";
-    let broken = STUDY.replace("learning_starts: 64 }", diverging).replace("seeds: 3", "seeds: 1");
+    // An entropy out of reach drives the temperature up by a factor of e with every update, until it
+    // overflows.
+    let diverging = "learning_starts: 64, updates_per_step: 1, temperature_learning_rate: 1, \
+                     target_entropy: { nats: 1000 } }";
+    let broken = STUDY
+        .replace("learning_starts: 64 }", diverging)
+        .replace("seeds: 3", "seeds: 1");
     bench.write("small.yaml", &broken);
     let answer = bench.run(&["run", "small.yaml"]);
     let page = std::fs::read_to_string(bench.path("results/small/report.md")).unwrap();
@@ -121,10 +158,15 @@ fn a_trial_that_fails_is_a_row_and_leaves_the_rest_alone() {
     assert!(page.contains("is not finite"), "{page}");
     let states: Vec<String> = trial_files(&bench.path("store"))
         .iter()
-        .map(|file| serde_json::from_str::<serde_json::Value>(&std::fs::read_to_string(file).unwrap()).unwrap())
+        .map(|file| {
+            serde_json::from_str::<serde_json::Value>(&std::fs::read_to_string(file).unwrap()).unwrap()
+        })
         .map(|trial| trial["end"]["state"].as_str().unwrap().to_owned())
         .collect();
-    assert!(states.contains(&"ok".to_owned()) && states.contains(&"nan".to_owned()), "{states:?}");
+    assert!(
+        states.contains(&"ok".to_owned()) && states.contains(&"nan".to_owned()),
+        "{states:?}"
+    );
 }
 
 #[test]
@@ -133,13 +175,28 @@ fn a_worker_killed_from_outside_costs_one_trial_which_the_next_run_repeats() {
     bench.write("small.yaml", &STUDY.replace("steps: 256", "steps: 4096"));
     bench.ok(&["run", "small.yaml", "-j", "2", "--store", "whole"]);
     let mut child = bench
-        .command(&["run", "small.yaml", "-j", "1", "--store", "hurt", "--retries", "0"])
+        .command(&[
+            "run",
+            "small.yaml",
+            "-j",
+            "1",
+            "--store",
+            "hurt",
+            "--retries",
+            "0",
+        ])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
     let worker = worker_of(&child);
-    assert!(std::process::Command::new("kill").args(["-9", &worker.to_string()]).status().unwrap().success());
+    assert!(
+        std::process::Command::new("kill")
+            .args(["-9", &worker.to_string()])
+            .status()
+            .unwrap()
+            .success()
+    );
     let left = child.wait().unwrap().code();
     assert_eq!(left, Some(106), "the killed trial is missing");
     assert_eq!(bench.digests("hurt").len(), 6, "the other trials ran");
@@ -161,7 +218,9 @@ fn the_whole_run_killed_goes_on_where_it_was() {
     let worker = worker_of(&child);
     child.kill().unwrap();
     child.wait().unwrap();
-    let _ = std::process::Command::new("kill").args(["-9", &worker.to_string()]).status();
+    let _ = std::process::Command::new("kill")
+        .args(["-9", &worker.to_string()])
+        .status();
     bench.ok(&["run", "small.yaml", "--store", "hurt"]);
     assert_eq!(bench.digests("hurt"), bench.digests("whole"));
 }
@@ -172,8 +231,12 @@ fn worker_of(run: &Child) -> u32 {
     let patience = Instant::now() + Duration::from_secs(20);
     while Instant::now() < patience {
         // The worker is a child of the run, but of one of its threads.
-        let tasks = std::fs::read_dir(format!("/proc/{}/task", run.id())).into_iter().flatten().flatten();
-        let lists = tasks.map(|task| std::fs::read_to_string(task.path().join("children")).unwrap_or_default());
+        let tasks = std::fs::read_dir(format!("/proc/{}/task", run.id()))
+            .into_iter()
+            .flatten()
+            .flatten();
+        let lists =
+            tasks.map(|task| std::fs::read_to_string(task.path().join("children")).unwrap_or_default());
         if let Some(id) = lists.collect::<String>().split_whitespace().next() {
             return id.parse().unwrap();
         }

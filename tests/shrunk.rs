@@ -23,6 +23,9 @@ fn a_config_takes_the_values_that_fit_it_and_no_others() {
     let about = &registry.agents["ddpg"].about;
     let values = serde_json::json!({ "width": 6, "batch_size": "many", "no_such_key": 1 });
     let config = shrunk(about, &values);
-    assert_eq!((&config["width"], &config["batch_size"]), (&6.into(), &about.defaults["batch_size"]));
+    assert_eq!(
+        (&config["width"], &config["batch_size"]),
+        (&6.into(), &about.defaults["batch_size"])
+    );
     assert!(config.get("no_such_key").is_none());
 }

@@ -12,22 +12,41 @@ const STUDY: &str = "
 study: long
 environments: { cells: { battery: { cells: 2 } } }
 agents: { dsac: { dirichlet_sac: { width: 128, learning_starts: 64 } } }
-protocol: { train_evaluate: { steps: 64000, environments: 8, evaluate_every: 1000, episodes: 1, final_episodes: 2 } }
+protocol: { train_evaluate: { steps: 64000, environments: 8, evaluate_every: 1000, episodes: 1, \
+final_episodes: 2 } }
 ";
 
 fn send(signal: &str, child: &Child) {
-    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+    assert!(
+        Command::new("kill")
+            .args([signal, &child.id().to_string()])
+            .status()
+            .unwrap()
+            .success()
+    );
 }
 
 /// The folder in which a running trial keeps its state.
 fn running(bench: &Bench) -> Option<PathBuf> {
-    let entries = |folder: PathBuf| std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let entries = |folder: PathBuf| {
+        std::fs::read_dir(folder)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.path())
+    };
     let trials = entries(bench.path("store/trials")).flat_map(entries);
-    trials.map(|trial| trial.join("running")).find(|folder| folder.exists())
+    trials
+        .map(|trial| trial.join("running"))
+        .find(|folder| folder.exists())
 }
 
 fn start(mut command: Command) -> Child {
-    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    command
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap()
 }
 
 #[test]
@@ -40,11 +59,20 @@ fn one_signal_saves_a_checkpoint_and_the_next_run_ends_the_same() {
         // Rows reach the log after a second, so that the trial is in the middle of its training then.
         until("the trial has begun", || running(&bench).is_some());
         let line = format!("running  cells dsac seed 0: process {} on ", child.id());
-        until("status says who computes it", || bench.run(&["status", "long.yaml"]).out.contains(&line));
+        until("status says who computes it", || {
+            bench.run(&["status", "long.yaml"]).out.contains(&line)
+        });
         send(signal, &child);
         assert_eq!(child.wait().unwrap().code(), Some(106), "{signal}");
-        let kept: Vec<_> = std::fs::read_dir(running(&bench).unwrap()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
-        assert!(kept.iter().any(|name| name.to_string_lossy().starts_with("checkpoint-")), "{signal}: {kept:?}");
+        let kept: Vec<_> = std::fs::read_dir(running(&bench).unwrap())
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name())
+            .collect();
+        assert!(
+            kept.iter()
+                .any(|name| name.to_string_lossy().starts_with("checkpoint-")),
+            "{signal}: {kept:?}"
+        );
     }
     bench.ok(&["run", "long.yaml", "-j", "1"]);
     assert_eq!(bench.digests("store"), bench.digests("whole"));
@@ -54,7 +82,10 @@ fn one_signal_saves_a_checkpoint_and_the_next_run_ends_the_same() {
 #[test]
 fn a_second_signal_ends_at_once_what_does_not_come_to_a_checkpoint() {
     let bench = Bench::new();
-    let study = STUDY.replace("dirichlet_sac: { width: 128, learning_starts: 64 }", "misbehaving: { how: loop }");
+    let study = STUDY.replace(
+        "dirichlet_sac: { width: 128, learning_starts: 64 }",
+        "misbehaving: { how: loop }",
+    );
     bench.write("long.yaml", &study);
     let mut child = start(bench.misused(&["run", "long.yaml", "-j", "1"]));
     until("the trial has begun", || bench.path("store/trials").exists());

@@ -1,8 +1,8 @@
 //! Trials through Slurm equal local ones, whatever happens to tasks, nodes and the controller.
 //!
-//! A real cluster of two nodes is started by `tests/slurm/start`; where Slurm is not installed the test says so and passes,
-//! unless nobody reads what it says.
-//! The scenarios share the cluster and run one after the other.
+//! A real cluster of two nodes is started by `tests/slurm/start`; where Slurm is not installed the test says
+//! so and passes, unless nobody reads what it says. The scenarios share the cluster and run one after the
+//! other.
 
 mod fake;
 
@@ -36,8 +36,10 @@ environments:
   cells: { battery: { cells: 2 } }
 agents:
   equal: { equal_split: {} }
-  dsac: { dirichlet_sac: { width: 16, batch_size: 16, learning_starts: 64, updates_per_step: 1, temperature_learning_rate: 1, target_entropy: { nats: 1000 } } }
-protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 128, episodes: 2, final_episodes: 6 } }
+  dsac: { dirichlet_sac: { width: 16, batch_size: 16, learning_starts: 64, updates_per_step: 1, \
+  temperature_learning_rate: 1, target_entropy: { nats: 1000 } } }
+protocol: { train_evaluate: { steps: 256, environments: 8, evaluate_every: 128, episodes: 2, \
+final_episodes: 6 } }
 seeds: 1
 ";
 
@@ -50,11 +52,13 @@ environments:
   cells: { battery: { cells: 2 } }
 agents:
   dsac: { dirichlet_sac: {} }
-protocol: { train_evaluate: { steps: 64000, evaluate_every: 0, episodes: 0, final_episodes: 10, trace_episodes: 0 } }
+protocol: { train_evaluate: { steps: 64000, evaluate_every: 0, episodes: 0, final_episodes: 10, \
+trace_episodes: 0 } }
 ";
 
 /// What every scenario asks of Slurm: few cores, quick answers, and logs that tell the node.
-const SETTINGS: &str = "executor = \"slurm\"\n[slurm]\npoll_s = 1\ntrials_per_task = 2\nsetup = [\"echo on $SLURMD_NODENAME\"]\n";
+const SETTINGS: &str = "executor = \"slurm\"\n[slurm]\npoll_s = 1\ntrials_per_task = 2\nsetup = [\"echo on \
+                        $SLURMD_NODENAME\"]\n";
 
 #[test]
 fn trials_through_slurm_equal_local_ones() {
@@ -76,7 +80,10 @@ fn trials_through_slurm_equal_local_ones() {
 fn the_self_test_finds_slurm_equal(cluster: &Cluster) {
     let bench = Bench::new();
     bench.write("regimen.toml", SETTINGS);
-    let told = cluster.run(&bench, &["selftest", "--slurm", "--folder", ".", "--format", "json"]);
+    let told = cluster.run(
+        &bench,
+        &["selftest", "--slurm", "--folder", ".", "--format", "json"],
+    );
     assert_eq!(told.code, 0, "{}\n{}", told.out, told.err);
     let told: serde_json::Value = serde_json::from_str(&told.out).unwrap();
     let slurm = told["ways"].as_array().unwrap().last().unwrap();
@@ -101,12 +108,24 @@ fn a_detached_submission_is_found_again_and_not_doubled(cluster: &Cluster, expec
     let detached = cluster.run(&bench, &["run", "small.yaml", "--detach"]);
     assert_eq!(detached.code, 0, "{}", detached.err);
     let id = only(submissions(&bench));
-    assert!(detached.err.contains(&format!("submitted {id} (job ")), "{}", detached.err);
+    assert!(
+        detached.err.contains(&format!("submitted {id} (job ")),
+        "{}",
+        detached.err
+    );
     let status = cluster.run(&bench, &["status", "small.yaml"]);
-    assert!(status.out.contains(&format!("Slurm: {id} (job ")), "{}", status.out);
+    assert!(
+        status.out.contains(&format!("Slurm: {id} (job ")),
+        "{}",
+        status.out
+    );
     let followed = cluster.run(&bench, &["run", "small.yaml"]);
     assert_eq!(followed.code, 0, "{}", followed.err);
-    assert!(followed.err.contains(&format!("following {id} (job ")), "{}", followed.err);
+    assert!(
+        followed.err.contains(&format!("following {id} (job ")),
+        "{}",
+        followed.err
+    );
     assert_eq!(only(submissions(&bench)), id);
     assert_eq!(bench.digests("store"), expected.digests);
 }
@@ -120,7 +139,11 @@ fn a_cancelled_submission_ends_the_wait(cluster: &Cluster) {
     let left = answer(&follower.wait_with_output().unwrap());
     assert_eq!(left.code, 106, "{}", left.err);
     assert!(left.err.contains("the submission was cancelled"), "{}", left.err);
-    assert_eq!(cluster.run(&bench, &["cancel", "small.yaml"]).code, 4, "there is nothing left to cancel");
+    assert_eq!(
+        cluster.run(&bench, &["cancel", "small.yaml"]).code,
+        4,
+        "there is nothing left to cancel"
+    );
     cluster.until_idle();
 }
 
@@ -139,7 +162,9 @@ fn a_task_that_is_requeued_goes_on(cluster: &Cluster, expected: &Expected) {
     let task = cluster.until_running(&bench);
     cluster.call("scontrol", &["requeue", &task]);
     // Slurm waits for two minutes before a requeued task may start.
-    until("the delay is lifted", || cluster.succeeds("scontrol", &["update", &format!("jobid={task}"), "StartTime=now"]));
+    until("the delay is lifted", || {
+        cluster.succeeds("scontrol", &["update", &format!("jobid={task}"), "StartTime=now"])
+    });
     expected.hold_for(&bench, follower);
 }
 
@@ -153,17 +178,29 @@ fn cancelled_tasks_are_submitted_again(cluster: &Cluster, expected: &Expected) {
     assert!(told.contains("submitted again: "), "{told}");
 }
 
-/// A trial that learns for longer than a task may run: every task is told to leave within half a minute of its start, hands its
-/// trial back with a checkpoint, and the next one goes on from there.
+/// A trial that learns for longer than a task may run: every task is told to leave within half a minute of
+/// its start, hands its trial back with a checkpoint, and the next one goes on from there.
 fn a_time_limit_costs_no_trial(cluster: &Cluster) {
     let settings = SETTINGS.replace("[slurm]\n", "[slurm]\ntime = \"1\"\nsignal_lead_s = 50\n");
     let (bench, local) = (Expected::empty(LONG, &settings), Expected::empty(LONG, ""));
-    let mut reference =
-        local.command(&["run", "small.yaml", "-j", "1"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let mut reference = local
+        .command(&["run", "small.yaml", "-j", "1"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
     let ran = cluster.run(&bench, &["run", "small.yaml"]);
     assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
-    assert!(ran.err.contains("submitted again: "), "the limit was not reached:\n{}", ran.err);
-    assert!(logs(&bench).contains("1 trials are still missing"), "{}", logs(&bench));
+    assert!(
+        ran.err.contains("submitted again: "),
+        "the limit was not reached:\n{}",
+        ran.err
+    );
+    assert!(
+        logs(&bench).contains("1 trials are still missing"),
+        "{}",
+        logs(&bench)
+    );
     assert!(reference.wait().unwrap().success());
     assert_eq!(bench.digests("store"), local.digests("store"));
 }
@@ -198,7 +235,9 @@ impl Expected {
     fn compute() -> Self {
         let bench = Self::empty(STUDY, "");
         bench.ok(&["run", "small.yaml", "-j", "2"]);
-        Self { digests: bench.digests("store") }
+        Self {
+            digests: bench.digests("store"),
+        }
     }
 
     fn empty(study: &str, settings: &str) -> Bench {
@@ -233,17 +272,30 @@ impl Cluster {
     #[expect(clippy::print_stderr, reason = "a test that does nothing says so")]
     fn start() -> Option<Self> {
         let program = |name: &str| {
-            ["/usr/sbin", "/usr/bin", "/usr/local/sbin", "/usr/local/bin"].iter().any(|dir| Path::new(dir).join(name).exists())
+            ["/usr/sbin", "/usr/bin", "/usr/local/sbin", "/usr/local/bin"]
+                .iter()
+                .any(|dir| Path::new(dir).join(name).exists())
         };
-        let is_root = Command::new("id").arg("-u").output().is_ok_and(|output| output.stdout == b"0\n");
-        if !is_root || !["slurmctld", "slurmd", "munged", "sbatch"].into_iter().all(program) {
-            let needs = "a Slurm cluster needs root and slurm-client, slurmctld, slurmd and munge; .ci/run installs them";
+        let is_root = Command::new("id")
+            .arg("-u")
+            .output()
+            .is_ok_and(|output| output.stdout == b"0\n");
+        if !is_root
+            || !["slurmctld", "slurmd", "munged", "sbatch"]
+                .into_iter()
+                .all(program)
+        {
+            let needs = "a Slurm cluster needs root and slurm-client, slurmctld, slurmd and munge; .ci/run \
+                         installs them";
             assert!(!in_ci(), "{needs}");
             eprintln!("skipped: {needs}");
             return None;
         }
         let folder = tempfile::tempdir().unwrap();
-        let cluster = Self { config: folder.path().join("slurm.conf"), folder };
+        let cluster = Self {
+            config: folder.path().join("slurm.conf"),
+            folder,
+        };
         cluster.script(&[]);
         Some(cluster)
     }
@@ -252,8 +304,15 @@ impl Cluster {
         let mut command = Command::new(repository().join("tests/slurm/start"));
         // The daemons keep what they inherit: a pipe would never end.
         let log = std::fs::File::create(self.folder.path().join("start.log")).unwrap();
-        command.args(arguments).arg(self.folder.path()).stdin(Stdio::null());
-        let ended = command.stdout(log.try_clone().unwrap()).stderr(log).status().unwrap();
+        command
+            .args(arguments)
+            .arg(self.folder.path())
+            .stdin(Stdio::null());
+        let ended = command
+            .stdout(log.try_clone().unwrap())
+            .stderr(log)
+            .status()
+            .unwrap();
         let log = std::fs::read_to_string(self.folder.path().join("start.log")).unwrap();
         assert!(ended.success() || std::thread::panicking(), "{log}");
     }
@@ -264,25 +323,56 @@ impl Cluster {
 
     fn kill(&self, daemon: &str) {
         let id = std::fs::read_to_string(self.folder.path().join(format!("{daemon}.pid"))).unwrap();
-        assert!(Command::new("kill").args(["-9", id.trim()]).status().unwrap().success());
+        assert!(
+            Command::new("kill")
+                .args(["-9", id.trim()])
+                .status()
+                .unwrap()
+                .success()
+        );
     }
 
     fn run(&self, bench: &Bench, arguments: &[&str]) -> Answer {
-        answer(&bench.command(arguments).env("SLURM_CONF", &self.config).output().unwrap())
+        answer(
+            &bench
+                .command(arguments)
+                .env("SLURM_CONF", &self.config)
+                .output()
+                .unwrap(),
+        )
     }
 
     fn spawn(&self, bench: &Bench, arguments: &[&str]) -> Child {
         let mut command = bench.command(arguments);
-        command.env("SLURM_CONF", &self.config).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+        command
+            .env("SLURM_CONF", &self.config)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
     }
 
     fn succeeds(&self, program: &str, arguments: &[&str]) -> bool {
-        Command::new(program).args(arguments).env("SLURM_CONF", &self.config).output().unwrap().status.success()
+        Command::new(program)
+            .args(arguments)
+            .env("SLURM_CONF", &self.config)
+            .output()
+            .unwrap()
+            .status
+            .success()
     }
 
     fn call(&self, program: &str, arguments: &[&str]) -> String {
-        let output = Command::new(program).args(arguments).env("SLURM_CONF", &self.config).output().unwrap();
-        assert!(output.status.success(), "{program} {arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        let output = Command::new(program)
+            .args(arguments)
+            .env("SLURM_CONF", &self.config)
+            .output()
+            .unwrap();
+        assert!(
+            output.status.success(),
+            "{program} {arguments:?}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
         String::from_utf8(output.stdout).unwrap()
     }
 
@@ -290,12 +380,21 @@ impl Cluster {
     fn until_running(&self, bench: &Bench) -> String {
         until("a worker runs", || logs(bench).contains("worker processes"));
         let name = format!("--name=regimen-{}", only(submissions(bench)));
-        let running = self.call("squeue", &["--noheader", "--array", "--states=RUNNING", "--format=%i", &name]);
-        running.lines().next().unwrap_or_else(|| panic!("no task runs")).to_owned()
+        let running = self.call(
+            "squeue",
+            &["--noheader", "--array", "--states=RUNNING", "--format=%i", &name],
+        );
+        running
+            .lines()
+            .next()
+            .unwrap_or_else(|| panic!("no task runs"))
+            .to_owned()
     }
 
     fn until_idle(&self) {
-        until("both nodes are idle", || self.call("sinfo", &["--noheader", "--Node", "--format=%t"]) == "idle\nidle\n");
+        until("both nodes are idle", || {
+            self.call("sinfo", &["--noheader", "--Node", "--format=%t"]) == "idle\nidle\n"
+        });
     }
 }
 
@@ -309,24 +408,36 @@ impl Drop for Cluster {
 pub(crate) fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let started = Instant::now();
     while !is_so() {
-        assert!(started.elapsed() < Duration::from_secs(90), "waited in vain until {what}");
+        assert!(
+            started.elapsed() < Duration::from_secs(90),
+            "waited in vain until {what}"
+        );
         std::thread::sleep(Duration::from_millis(50));
     }
 }
 
 /// The names of a bench's submissions.
 pub(crate) fn submissions(bench: &Bench) -> Vec<String> {
-    let entries = std::fs::read_dir(bench.path("store/submissions")).into_iter().flatten().flatten();
-    entries.filter(|entry| entry.path().is_dir()).map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
+    let entries = std::fs::read_dir(bench.path("store/submissions"))
+        .into_iter()
+        .flatten()
+        .flatten();
+    entries
+        .filter(|entry| entry.path().is_dir())
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect()
 }
 
 /// What all workers of a bench printed.
 fn logs(bench: &Bench) -> String {
-    let files =
-        submissions(bench).into_iter().flat_map(|id| std::fs::read_dir(bench.path("store/submissions").join(id)).unwrap());
-    let logs =
-        files.map(|entry| entry.unwrap().path()).filter(|path| path.extension().is_some_and(|extension| extension == "log"));
-    logs.map(|path| std::fs::read_to_string(path).unwrap_or_default()).collect()
+    let files = submissions(bench)
+        .into_iter()
+        .flat_map(|id| std::fs::read_dir(bench.path("store/submissions").join(id)).unwrap());
+    let logs = files
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "log"));
+    logs.map(|path| std::fs::read_to_string(path).unwrap_or_default())
+        .collect()
 }
 
 fn only(names: Vec<String>) -> String {

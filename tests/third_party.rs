@@ -5,24 +5,47 @@ use crate::program::{Bench, answer, repository};
 #[test]
 fn plugins_of_another_program_are_computed_to_the_same_bits_in_every_way() {
     let bench = Bench::new();
-    let told = answer(&bench.built("third-party", &["selftest", "--format", "json"]).output().unwrap());
+    let told = answer(
+        &bench
+            .built("third-party", &["selftest", "--format", "json"])
+            .output()
+            .unwrap(),
+    );
     assert_eq!(told.code, 0, "{}\n{}", told.out, told.err);
     let told: serde_json::Value = serde_json::from_str(&told.out).unwrap();
     let ways = told["ways"].as_array().unwrap();
     // Two agents with two seeds.
     assert!(told["trials"] == 4 && ways.len() == 5, "{told}");
-    assert!(ways.iter().all(|way| way["equal"] == true && way["stored"] == 4), "{told}");
+    assert!(
+        ways.iter().all(|way| way["equal"] == true && way["stored"] == 4),
+        "{told}"
+    );
 }
 
 #[test]
 fn a_study_of_another_program_is_run_to_its_report() {
     let bench = Bench::new();
     let study = repository().join("examples/third_party/study.yaml");
-    let run = bench.built("third-party", &["run", &study.to_string_lossy()]).output().unwrap();
+    let run = bench
+        .built("third-party", &["run", &study.to_string_lossy()])
+        .output()
+        .unwrap();
     let ran = answer(&run);
     assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
     let report = std::fs::read_to_string(bench.path("results/thermostat/report.md")).unwrap();
-    assert!(report.contains("tuned.return > fixed.return") && report.contains("SUPPORTED"), "{report}");
-    let listed = answer(&bench.built("third-party", &["list", "protocols"]).output().unwrap());
-    assert!(listed.out.contains("episodes") && listed.out.contains("train_evaluate"), "{}", listed.out);
+    assert!(
+        report.contains("tuned.return > fixed.return") && report.contains("SUPPORTED"),
+        "{report}"
+    );
+    let listed = answer(
+        &bench
+            .built("third-party", &["list", "protocols"])
+            .output()
+            .unwrap(),
+    );
+    assert!(
+        listed.out.contains("episodes") && listed.out.contains("train_evaluate"),
+        "{}",
+        listed.out
+    );
 }

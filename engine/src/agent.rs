@@ -32,7 +32,8 @@ pub struct Transition {
 pub struct Updates {
     /// How many `learn` made so far, also before a checkpoint that `load` took up.
     pub made: u64,
-    /// Transitions that `learn` must have been given before the first one can be made; `u64::MAX` where none ever is.
+    /// Transitions that `learn` must have been given before the first one can be made; `u64::MAX` where none
+    /// ever is.
     pub first_after: u64,
 }
 
@@ -50,13 +51,18 @@ pub trait Agent: Send {
     ///
     /// # Errors
     /// Where a loss or a parameter is no longer finite ([`Error::NotFinite`]).
-    fn learn(&mut self, _transitions: &[Transition], _rng: &mut Rng, _record: &mut Recorder) -> Result<(), Error> {
+    fn learn(
+        &mut self,
+        _transitions: &[Transition],
+        _rng: &mut Rng,
+        _record: &mut Recorder,
+    ) -> Result<(), Error> {
         Ok(())
     }
 
-    /// Told once, before the first `learn`, of all transitions from which batches will be drawn, by a protocol
-    /// that has them all: what only a whole dataset says, such as how its observations are spread, can be taken
-    /// up here. Not told again after `load`.
+    /// Told once, before the first `learn`, of all transitions from which batches will be drawn, by a
+    /// protocol that has them all: what only a whole dataset says, such as how its observations are spread,
+    /// can be taken up here. Not told again after `load`.
     ///
     /// # Errors
     /// Where the transitions cannot be learned from.
@@ -75,7 +81,8 @@ pub trait Agent: Send {
     }
 
     /// Measures decisions that were scored: one row per observation, with `n_seats` values per entry of
-    /// [`Agent::decision_metrics`], metric after metric. A measurement records the mean over the decisions of an episode.
+    /// [`Agent::decision_metrics`], metric after metric. A measurement records the mean over the decisions of
+    /// an episode.
     ///
     /// # Errors
     /// Where a value cannot be computed.
@@ -88,7 +95,8 @@ pub trait Agent: Send {
         false
     }
 
-    /// Writes everything that `load` needs to continue to the same bits: networks, optimisers, replay, counters.
+    /// Writes everything that `load` needs to continue to the same bits: networks, optimisers, replay,
+    /// counters.
     ///
     /// # Errors
     /// Where a file cannot be written.
@@ -104,8 +112,8 @@ pub trait Agent: Send {
         Ok(())
     }
 
-    /// Writes the policy alone as `policy.safetensors`, in folders by seat where there is one policy per seat, to be used by
-    /// other programs; false where there is none to write.
+    /// Writes the policy alone as `policy.safetensors`, in folders by seat where there is one policy per
+    /// seat, to be used by other programs; false where there is none to write.
     ///
     /// # Errors
     /// Where the file cannot be written.
@@ -113,8 +121,8 @@ pub trait Agent: Send {
         Ok(false)
     }
 
-    /// Takes up the policy that `export` of an agent with the same config wrote for the same seats: scored actions are then
-    /// that agent's to the bit. False where no policy can be taken up.
+    /// Takes up the policy that `export` of an agent with the same config wrote for the same seats: scored
+    /// actions are then that agent's to the bit. False where no policy can be taken up.
     ///
     /// # Errors
     /// [`Error::File`] or [`Error::Checkpoint`] where the files are missing or do not fit this agent.

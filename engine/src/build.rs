@@ -16,13 +16,21 @@ impl Build {
     /// What a build script told the compiler; `None` where it knew no commit.
     #[must_use]
     pub fn told(commit: &str, changed: &str) -> Option<Self> {
-        (!commit.is_empty()).then(|| Self { commit: commit.into(), changed: changed == "true" })
+        (!commit.is_empty()).then(|| Self {
+            commit: commit.into(),
+            changed: changed == "true",
+        })
     }
 }
 
 impl Display for Build {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
-        write!(out, "{}{}", self.commit, if self.changed { ", with changed files" } else { "" })
+        write!(
+            out,
+            "{}{}",
+            self.commit,
+            if self.changed { ", with changed files" } else { "" }
+        )
     }
 }
 
@@ -42,7 +50,9 @@ pub fn tally(builds: &[(Option<Build>, usize)]) -> String {
             (0, _) => " trials",
             _ => "",
         };
-        let build = build.as_ref().map_or_else(|| "a program that did not say".into(), ToString::to_string);
+        let build = build
+            .as_ref()
+            .map_or_else(|| "a program that did not say".into(), ToString::to_string);
         format!("{count}{noun} by {build}")
     });
     words.collect::<Vec<_>>().join("; ")
@@ -54,9 +64,13 @@ mod tests {
 
     #[test]
     fn builds_are_counted_in_words() {
-        let (clean, changed) = (Build::told("ffa07ec12345", "false"), Build::told("0123456789ab", "true"));
+        let (clean, changed) = (
+            Build::told("ffa07ec12345", "false"),
+            Build::told("0123456789ab", "true"),
+        );
         let builds = [(clean.clone(), 57), (changed, 3), (Build::told("", "false"), 2)];
-        let words = "57 trials by ffa07ec12345; 3 by 0123456789ab, with changed files; 2 by a program that did not say";
+        let words = "57 trials by ffa07ec12345; 3 by 0123456789ab, with changed files; 2 by a program that \
+                     did not say";
         assert_eq!(tally(&builds), words);
         assert_eq!(tally(&[(clean, 1)]), "1 trial by ffa07ec12345");
         assert_eq!(tally(&[]), "");
@@ -66,7 +80,10 @@ mod tests {
     fn a_program_says_what_it_was_built_from() {
         let number = env!("CARGO_PKG_VERSION");
         let build = Build::told("ffa07ec12345", "true");
-        assert_eq!(version(build.as_ref()), format!("{number} (ffa07ec12345, with changed files)"));
+        assert_eq!(
+            version(build.as_ref()),
+            format!("{number} (ffa07ec12345, with changed files)")
+        );
         assert_eq!(version(None), format!("{number} (from unknown source code)"));
     }
 }

@@ -1,9 +1,11 @@
-//! How a running trial goes on in another process: what keeps its state, and numbers that JSON keeps to the bit.
+//! How a running trial goes on in another process: what keeps its state, and numbers that JSON keeps to the
+//! bit.
 
 use crate::{Agent, Error, Recorder};
 use serde_json::Value;
 
-/// Keeps what a running trial needs to continue in another process. Whether and how often it saves cannot reach a result.
+/// Keeps what a running trial needs to continue in another process. Whether and how often it saves cannot
+/// reach a result.
 pub trait Keeper {
     /// True where the state should be saved now: the interval has passed, or the trial is asked to stop.
     fn due(&mut self) -> bool;
@@ -17,11 +19,12 @@ pub trait Keeper {
     /// Where a file cannot be written.
     fn save(&mut self, state: Value, agent: &dyn Agent, record: &mut Recorder) -> Result<(), Error>;
 
-    /// Restores agent and record and gives the protocol's state back; `None` where there is nothing (or only damaged things)
-    /// to continue from: then agent and record are as they were.
+    /// Restores agent and record and gives the protocol's state back; `None` where there is nothing (or only
+    /// damaged things) to continue from: then agent and record are as they were.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] where the agent does not take what was saved; agent and record are then to be made anew.
+    /// [`Error::Checkpoint`] where the agent does not take what was saved; agent and record are then to be
+    /// made anew.
     fn load(&mut self, agent: &mut dyn Agent, record: &mut Recorder) -> Result<Option<Value>, Error>;
 
     /// Told now and then, so that rows reach the log (live metrics) though no checkpoint is due.
@@ -30,7 +33,8 @@ pub trait Keeper {
     /// Where a file cannot be written.
     fn note(&mut self, record: &Recorder) -> Result<(), Error>;
 
-    /// Told that what [`load`](Self::load) took up last does not fit. It is not taken up again; false where there was nothing.
+    /// Told that what [`load`](Self::load) took up last does not fit. It is not taken up again; false where
+    /// there was nothing.
     fn refuse(&mut self) -> bool {
         false
     }
@@ -62,8 +66,9 @@ impl Keeper for NoKeeper {
     }
 }
 
-/// For `#[serde(with = "engine::checkpoint::exact")]`: numbers of a state that come back to the bit, also `NaN` and infinities, which
-/// JSON does not know. A finite number is written as one, any other as its bits in hexadecimal digits.
+/// For `#[serde(with = "engine::checkpoint::exact")]`: numbers of a state that come back to the bit, also
+/// `NaN` and infinities, which JSON does not know. A finite number is written as one, any other as its bits
+/// in hexadecimal digits.
 pub mod exact {
     use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
     use serde_json::Value;
@@ -79,7 +84,11 @@ pub mod exact {
 
     impl Exact for f64 {
         fn write(&self) -> Value {
-            if self.is_finite() { (*self).into() } else { format!("{:016x}", self.to_bits()).into() }
+            if self.is_finite() {
+                (*self).into()
+            } else {
+                format!("{:016x}", self.to_bits()).into()
+            }
         }
 
         fn read(value: &Value) -> Option<Self> {
@@ -100,11 +109,17 @@ pub mod exact {
 
     impl<T: Exact> Exact for BTreeMap<String, T> {
         fn write(&self) -> Value {
-            self.iter().map(|(key, value)| (key.clone(), value.write())).collect()
+            self.iter()
+                .map(|(key, value)| (key.clone(), value.write()))
+                .collect()
         }
 
         fn read(value: &Value) -> Option<Self> {
-            value.as_object()?.iter().map(|(key, value)| Some((key.clone(), T::read(value)?))).collect()
+            value
+                .as_object()?
+                .iter()
+                .map(|(key, value)| Some((key.clone(), T::read(value)?)))
+                .collect()
         }
     }
 

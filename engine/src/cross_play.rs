@@ -1,8 +1,10 @@
-//! Cross-play: agents that were trained in different trials meet in one environment, each in a role of its own.
+//! Cross-play: agents that were trained in different trials meet in one environment, each in a role of its
+//! own.
 //!
-//! A *play* of a study names an environment, *roles* (every seat belongs to one) and agents. Each ordered combination of agents over roles
-//! and each seed make one trial that measures and learns nothing: its [`Cast`](crate::cast::Cast) names by role the trial whose final policy
-//! is played. Seed `k` of one agent meets seed `k` of the others.
+//! A *play* of a study names an environment, *roles* (every seat belongs to one) and agents. Each ordered
+//! combination of agents over roles and each seed make one trial that measures and learns nothing: its
+//! [`Cast`](crate::cast::Cast) names by role the trial whose final policy is played. Seed `k` of one agent
+//! meets seed `k` of the others.
 
 use crate::{
     Phase,
@@ -14,7 +16,11 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The name of an encounter: `ROLE:AGENT` words.
 #[must_use]
 pub fn title(roles: &BTreeMap<String, String>) -> String {
-    roles.iter().map(|(role, agent)| format!("{role}:{agent}")).collect::<Vec<_>>().join(" ")
+    roles
+        .iter()
+        .map(|(role, agent)| format!("{role}:{agent}"))
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 /// The trials of one play, in the order of the plan.
@@ -36,7 +42,9 @@ impl<'a> Encounters<'a> {
         let untrained = |(roles, it): &(&'a BTreeMap<String, String>, &'a TrialResult)| {
             let members = it.trial.key.agent.cast().into_iter().flat_map(|cast| &cast.roles);
             let floors = members.filter(|(_, member)| member.trial.is_none());
-            floors.filter_map(|(role, _)| roles.get(role).map(String::as_str)).collect::<Vec<_>>()
+            floors
+                .filter_map(|(role, _)| roles.get(role).map(String::as_str))
+                .collect::<Vec<_>>()
         };
         let floors = trials.iter().flat_map(untrained).collect();
         Self { trials, floors }
@@ -52,7 +60,11 @@ impl<'a> Encounters<'a> {
     #[must_use]
     pub fn players(&self, role: &str) -> Vec<&'a str> {
         let mut names = Vec::new();
-        for name in self.trials.iter().filter_map(|(roles, _)| roles.get(role).map(String::as_str)) {
+        for name in self
+            .trials
+            .iter()
+            .filter_map(|(roles, _)| roles.get(role).map(String::as_str))
+        {
             if !names.contains(&name) {
                 names.push(name);
             }
@@ -66,30 +78,42 @@ impl<'a> Encounters<'a> {
         self.floors.contains(agent)
     }
 
-    /// The trials in which the given roles are played by the given agents, and all other roles by agents that were trained.
+    /// The trials in which the given roles are played by the given agents, and all other roles by agents that
+    /// were trained.
     #[must_use]
     pub fn trials(&self, cast: &[(&str, &str)]) -> Vec<&'a TrialResult> {
         let fits = |(role, agent): (&String, &String)| match cast.iter().find(|(fixed, _)| fixed == role) {
             Some((_, wanted)) => *wanted == agent.as_str(),
             None => !self.is_floor(agent),
         };
-        self.trials.iter().filter(|(roles, _)| roles.iter().all(fits)).map(|(_, trial)| *trial).collect()
+        self.trials
+            .iter()
+            .filter(|(roles, _)| roles.iter().all(fits))
+            .map(|(_, trial)| *trial)
+            .collect()
     }
 
-    /// The mean of a metric over those trials, by seed. A seed without one of its trials has no value: means over different
-    /// opponents cannot be compared.
+    /// The mean of a metric over those trials, by seed. A seed without one of its trials has no value: means
+    /// over different opponents cannot be compared.
     #[must_use]
     pub fn by_seed(&self, cast: &[(&str, &str)], metric: &str) -> BTreeMap<u64, f64> {
         let mut seeds: BTreeMap<u64, Vec<Option<f64>>> = BTreeMap::new();
         for it in self.trials(cast) {
-            let value = if it.is_ok() { it.mean(Phase::Final, metric) } else { None };
+            let value = if it.is_ok() {
+                it.mean(Phase::Final, metric)
+            } else {
+                None
+            };
             seeds.entry(it.trial.key.seed).or_default().push(value);
         }
         let mean = |values: Vec<Option<f64>>| {
             let values: Vec<f64> = values.into_iter().collect::<Option<_>>()?;
             Some(crate::statistics::estimators::mean(&values))
         };
-        seeds.into_iter().filter_map(|(seed, values)| Some((seed, mean(values)?))).collect()
+        seeds
+            .into_iter()
+            .filter_map(|(seed, values)| Some((seed, mean(values)?)))
+            .collect()
     }
 }
 
@@ -104,15 +128,28 @@ pub(crate) mod tests {
 
     /// A trial of the play `pursuit`; the agent `still` was not trained.
     pub(crate) fn encounter(prey: &str, predators: &str, seed: u64, score: f64) -> TrialResult {
-        let roles =
-            BTreeMap::from([("predators", predators), ("prey", prey)].map(|(role, it)| (role.to_string(), it.to_string())));
-        let mut result = trial("pursuit", &title(&roles), "", seed, &vec![(Phase::Final, 0, 0, "score", score)]);
+        let roles = BTreeMap::from(
+            [("predators", predators), ("prey", prey)].map(|(role, it)| (role.to_string(), it.to_string())),
+        );
+        let mut result = trial(
+            "pursuit",
+            &title(&roles),
+            "",
+            seed,
+            &vec![(Phase::Final, 0, 0, "score", score)],
+        );
         let member = |agent: &str| Member {
             seats: Vec::new(),
             agent: Part::new("x", 1, serde_json::Value::Null),
             trial: (agent != "still").then(|| format!("{agent}-{seed}")),
         };
-        let cast = Cast { roles: [("predators".into(), member(predators)), ("prey".into(), member(prey))].into() };
+        let cast = Cast {
+            roles: [
+                ("predators".into(), member(predators)),
+                ("prey".into(), member(prey)),
+            ]
+            .into(),
+        };
         result.trial.key.agent = Seating::Cast(cast);
         result.trial.purpose = Purpose::Play(roles);
         result
@@ -120,7 +157,13 @@ pub(crate) mod tests {
 
     #[test]
     fn means_are_over_trained_opponents_and_need_all_of_them() {
-        let mut trials = vec![trial("tag", "a", "", 0, &vec![(Phase::Final, 0, 0, "score", 100.0)])];
+        let mut trials = vec![trial(
+            "tag",
+            "a",
+            "",
+            0,
+            &vec![(Phase::Final, 0, 0, "score", 100.0)],
+        )];
         for (seed, shift) in [(0, 0.0), (1, 10.0)] {
             trials.push(encounter("a", "a", seed, 1.0 + shift));
             trials.push(encounter("a", "b", seed, 3.0 + shift));
@@ -134,8 +177,16 @@ pub(crate) mod tests {
         let encounters = Encounters::of(&results, "pursuit");
         assert_eq!(encounters.players("predators"), ["a", "b", "still"]);
         assert!(encounters.is_floor("still") && !encounters.is_floor("a"));
-        assert_eq!(encounters.by_seed(&[("prey", "a")], "score"), BTreeMap::from([(0, 2.0), (1, 12.0)]));
-        assert_eq!(encounters.by_seed(&[("prey", "a"), ("predators", "still")], "score").len(), 2);
+        assert_eq!(
+            encounters.by_seed(&[("prey", "a")], "score"),
+            BTreeMap::from([(0, 2.0), (1, 12.0)])
+        );
+        assert_eq!(
+            encounters
+                .by_seed(&[("prey", "a"), ("predators", "still")], "score")
+                .len(),
+            2
+        );
         assert!(Encounters::of(&results, "tag").is_empty());
     }
 }

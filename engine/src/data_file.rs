@@ -1,7 +1,9 @@
-//! Data files that a config names under the key `file`: what one holds is part of a trial's id, and the trial gets just that.
+//! Data files that a config names under the key `file`: what one holds is part of a trial's id, and the trial
+//! gets just that.
 //!
-//! A plan hashes the content. A trial reads each file once, holds it against the hash, and hands its plugins a config with the
-//! content beside the path: however often a plugin is built, and whatever becomes of the file meanwhile, it reads the same.
+//! A plan hashes the content. A trial reads each file once, holds it against the hash, and hands its plugins
+//! a config with the content beside the path: however often a plugin is built, and whatever becomes of the
+//! file meanwhile, it reads the same.
 
 use crate::{Error, store};
 use schemars::{JsonSchema, Schema, SchemaGenerator};
@@ -34,7 +36,10 @@ impl DataFile {
     /// The file at a path, read when its text is asked for.
     #[must_use]
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Self { path: path.into(), content: None }
+        Self {
+            path: path.into(),
+            content: None,
+        }
     }
 
     /// Where the file lies, for messages.
@@ -50,7 +55,9 @@ impl DataFile {
     pub fn text(&self) -> Result<Cow<'_, str>, Error> {
         match &self.content {
             Some(content) => Ok(Cow::Borrowed(content)),
-            None => fs::read_to_string(&self.path).map(Cow::Owned).map_err(Error::file("read", &self.path)),
+            None => fs::read_to_string(&self.path)
+                .map(Cow::Owned)
+                .map_err(Error::file("read", &self.path)),
         }
     }
 }
@@ -59,7 +66,10 @@ impl From<Form> for DataFile {
     fn from(form: Form) -> Self {
         match form {
             Form::Named(path) => Self::new(path),
-            Form::Read { path, content } => Self { path, content: Some(content.into()) },
+            Form::Read { path, content } => Self {
+                path,
+                content: Some(content.into()),
+            },
         }
     }
 }
@@ -93,7 +103,8 @@ pub fn hash_of(path: &Path) -> Option<String> {
 /// The config's value of the [`DataFile`] at the path `named`, with its content.
 ///
 /// # Errors
-/// [`Error::DataFileChanged`] where its hash is not `expected`, and [`Error::File`] where it cannot be read or is no UTF-8.
+/// [`Error::DataFileChanged`] where its hash is not `expected`, and [`Error::File`] where it cannot be read
+/// or is no UTF-8.
 pub(crate) fn read(named: &str, expected: &str) -> Result<Value, Error> {
     let path = Path::new(named);
     let bytes = fs::read(path).map_err(Error::file("read", path))?;
@@ -114,9 +125,13 @@ mod tests {
         let path = dir.path().join("load.csv");
         fs::write(&path, "first").unwrap();
         let read = read(path.to_str().unwrap(), &hash_of(&path).unwrap()).unwrap();
-        let [named, given]: [DataFile; 2] = [json!(path), read].map(|value| serde_json::from_value(value).unwrap());
+        let [named, given]: [DataFile; 2] =
+            [json!(path), read].map(|value| serde_json::from_value(value).unwrap());
         fs::write(&path, "second").unwrap();
-        assert_eq!((named.text().unwrap(), given.text().unwrap()), ("second".into(), "first".into()));
+        assert_eq!(
+            (named.text().unwrap(), given.text().unwrap()),
+            ("second".into(), "first".into())
+        );
         assert_eq!([json!(named), json!(given)], [json!(path), json!(path)]);
     }
 
@@ -129,8 +144,14 @@ mod tests {
         assert!(matches!(read(named, ""), Err(Error::File { .. })));
         fs::write(&path, b"\xff").unwrap();
         let message = read(named, &hash_of(&path).unwrap()).unwrap_err().to_string();
-        assert!(message.contains("load.csv") && message.contains("utf-8"), "{message}");
+        assert!(
+            message.contains("load.csv") && message.contains("utf-8"),
+            "{message}"
+        );
         let message = read(named, "another hash").unwrap_err().to_string();
-        assert!(message.contains("load.csv` does not hold what this trial's id names; restore it"), "{message}");
+        assert!(
+            message.contains("load.csv` does not hold what this trial's id names; restore it"),
+            "{message}"
+        );
     }
 }

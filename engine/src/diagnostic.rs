@@ -1,6 +1,7 @@
 //! What is wrong with a study, where, and what to write instead.
 //!
-//! A [`Diagnostic`] carries the text of the lines it points at, so it can be shown without the file it came from.
+//! A [`Diagnostic`] carries the text of the lines it points at, so it can be shown without the file it came
+//! from.
 
 use serde::Serialize;
 use std::fmt::Write;
@@ -44,7 +45,11 @@ impl Sources {
     }
 
     fn add(&mut self, name: &str, lines: Vec<String>, numbered: bool) -> usize {
-        self.sources.push(Source { name: name.into(), lines, numbered });
+        self.sources.push(Source {
+            name: name.into(),
+            lines,
+            numbered,
+        });
         self.sources.len() - 1
     }
 
@@ -52,13 +57,24 @@ impl Sources {
     #[must_use]
     pub fn error(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
         let (message, path, place) = (message.into(), path.into(), self.place(span));
-        Diagnostic { severity: Severity::Error, message, path, place, about: None, help: None, notes: vec![] }
+        Diagnostic {
+            severity: Severity::Error,
+            message,
+            path,
+            place,
+            about: None,
+            help: None,
+            notes: vec![],
+        }
     }
 
     /// As [`error`](Self::error), of something that can be run and is probably not meant.
     #[must_use]
     pub fn warning(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
-        Diagnostic { severity: Severity::Warning, ..self.error(span, path, message) }
+        Diagnostic {
+            severity: Severity::Warning,
+            ..self.error(span, path, message)
+        }
     }
 
     /// The place of a span, with the text of its line.
@@ -71,7 +87,10 @@ impl Sources {
             column: span.column,
             length: span.length,
             numbered: source.is_some_and(|source| source.numbered),
-            text: source.and_then(|source| source.lines.get(span.line.wrapping_sub(1))).cloned().unwrap_or_default(),
+            text: source
+                .and_then(|source| source.lines.get(span.line.wrapping_sub(1)))
+                .cloned()
+                .unwrap_or_default(),
             source: span.source,
         }
     }
@@ -129,13 +148,19 @@ impl Diagnostic {
     /// The same diagnostic with advice.
     #[must_use]
     pub fn help(self, help: impl Into<String>) -> Self {
-        Self { help: Some(help.into()), ..self }
+        Self {
+            help: Some(help.into()),
+            ..self
+        }
     }
 
     /// The same diagnostic with what the key means; nothing where that is empty.
     #[must_use]
     pub fn about(self, about: String) -> Self {
-        Self { about: Some(about).filter(|text| !text.is_empty()), ..self }
+        Self {
+            about: Some(about).filter(|text| !text.is_empty()),
+            ..self
+        }
     }
 
     /// The same diagnostic with one more place.
@@ -156,7 +181,8 @@ pub fn in_order(mut diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
     diagnostics.sort_by_key(Diagnostic::order);
     let mut kept: Vec<Diagnostic> = Vec::with_capacity(diagnostics.len());
     for diagnostic in diagnostics {
-        let said = |other: &Diagnostic| other.order() == diagnostic.order() && other.message == diagnostic.message;
+        let said =
+            |other: &Diagnostic| other.order() == diagnostic.order() && other.message == diagnostic.message;
         if !kept.iter().rev().take(8).any(said) {
             kept.push(diagnostic);
         }
@@ -167,7 +193,11 @@ pub fn in_order(mut diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
 /// All diagnostics as text for a terminal or a log, separated by empty lines.
 #[must_use]
 pub fn render(diagnostics: &[Diagnostic], colour: bool) -> String {
-    diagnostics.iter().map(|diagnostic| one(diagnostic, Paint { colour })).collect::<Vec<_>>().join("\n")
+    diagnostics
+        .iter()
+        .map(|diagnostic| one(diagnostic, Paint { colour }))
+        .collect::<Vec<_>>()
+        .join("\n")
 }
 
 /// All diagnostics for programs.
@@ -184,7 +214,11 @@ struct Paint {
 
 impl Paint {
     fn with(self, code: &str, text: &str) -> String {
-        if self.colour { format!("\x1b[{code}m{text}\x1b[0m") } else { text.into() }
+        if self.colour {
+            format!("\x1b[{code}m{text}\x1b[0m")
+        } else {
+            text.into()
+        }
     }
 
     fn red(self, text: &str) -> String {
@@ -206,7 +240,16 @@ impl Paint {
 
 fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
     let places = std::iter::once(&diagnostic.place).chain(diagnostic.notes.iter().map(|(_, place)| place));
-    let gutter = places.map(|place| if place.numbered { place.line.to_string().len() } else { 1 }).max().unwrap_or(1);
+    let gutter = places
+        .map(|place| {
+            if place.numbered {
+                place.line.to_string().len()
+            } else {
+                1
+            }
+        })
+        .max()
+        .unwrap_or(1);
     let severity = match diagnostic.severity {
         Severity::Error => paint.red("error"),
         Severity::Warning => paint.yellow("warning"),
@@ -215,12 +258,18 @@ fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
     excerpt(&mut out, &diagnostic.place, gutter, '^', paint);
     let margin = " ".repeat(gutter);
     let lines = [
-        ("at", Some(diagnostic.path.clone()).filter(|path| !path.is_empty())),
+        (
+            "at",
+            Some(diagnostic.path.clone()).filter(|path| !path.is_empty()),
+        ),
         ("key", diagnostic.about.clone()),
         ("help", diagnostic.help.clone()),
     ];
     for (word, text) in lines.into_iter().filter_map(|(word, text)| Some((word, text?))) {
-        line(&mut out, &format!("{margin} {} {}: {text}", paint.blue("="), paint.bold(word)));
+        line(
+            &mut out,
+            &format!("{margin} {} {}: {text}", paint.blue("="), paint.bold(word)),
+        );
     }
     for (remark, place) in &diagnostic.notes {
         line(&mut out, &format!("{}: {remark}", paint.blue("note")));
@@ -237,18 +286,50 @@ fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char, paint: Pa
     if place.line == 0 {
         return line(out, &format!("{margin}{} {}", paint.blue("-->"), place.file));
     }
-    let number = if place.numbered { place.line.to_string() } else { String::new() };
-    let position = if place.numbered { format!("{}:{}:{}", place.file, place.line, place.column) } else { place.file.clone() };
+    let number = if place.numbered {
+        place.line.to_string()
+    } else {
+        String::new()
+    };
+    let position = if place.numbered {
+        format!("{}:{}:{}", place.file, place.line, place.column)
+    } else {
+        place.file.clone()
+    };
     line(out, &format!("{margin}{} {position}", paint.blue("-->")));
     line(out, &format!("{margin} {}", paint.blue("|")));
     let (shown, before) = window(place);
-    line(out, &format!("{} {} {shown}", paint.blue(&format!("{number:>gutter$}")), paint.blue("|")));
-    let indent: String = shown.chars().take(before).flat_map(|letter| std::iter::repeat_n(' ', columns(letter))).collect();
+    line(
+        out,
+        &format!(
+            "{} {} {shown}",
+            paint.blue(&format!("{number:>gutter$}")),
+            paint.blue("|")
+        ),
+    );
+    let indent: String = shown
+        .chars()
+        .take(before)
+        .flat_map(|letter| std::iter::repeat_n(' ', columns(letter)))
+        .collect();
     // A position behind the end of the line (a missing value, an open bracket) lies past every character.
     let beyond = before.saturating_sub(shown.chars().count()).min(1);
-    let width: usize = shown.chars().skip(before).take(place.length.max(1)).map(columns).sum();
+    let width: usize = shown
+        .chars()
+        .skip(before)
+        .take(place.length.max(1))
+        .map(columns)
+        .sum();
     let marks: String = std::iter::repeat_n(mark, width.max(1)).collect();
-    line(out, &format!("{margin} {} {indent}{}{}", paint.blue("|"), " ".repeat(beyond), paint.red(&marks)));
+    line(
+        out,
+        &format!(
+            "{margin} {} {indent}{}{}",
+            paint.blue("|"),
+            " ".repeat(beyond),
+            paint.red(&marks)
+        ),
+    );
 }
 
 /// The line around the place, and how many of its characters stand in front of the place.
@@ -259,8 +340,18 @@ fn window(place: &Place) -> (String, usize) {
         letter => letter,
     };
     let (before, count) = (place.column.saturating_sub(1), place.text.chars().count());
-    let start = if count > WINDOW.0 { before.saturating_sub(WINDOW.1) } else { 0 };
-    let mut shown: String = place.text.chars().skip(start).take(WINDOW.0).map(visible).collect();
+    let start = if count > WINDOW.0 {
+        before.saturating_sub(WINDOW.1)
+    } else {
+        0
+    };
+    let mut shown: String = place
+        .text
+        .chars()
+        .skip(start)
+        .take(WINDOW.0)
+        .map(visible)
+        .collect();
     if start > 0 {
         shown = format!("… {}", shown.chars().skip(2).collect::<String>());
     }
@@ -277,7 +368,9 @@ fn columns(letter: char) -> usize {
 
 /// Names in messages come from the file: control characters in them are not passed to the terminal.
 fn printable(text: &str) -> String {
-    text.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect()
+    text.chars()
+        .map(|letter| if letter.is_control() { '\u{fffd}' } else { letter })
+        .collect()
 }
 
 fn line(out: &mut String, text: &str) {
@@ -289,7 +382,11 @@ fn line(out: &mut String, text: &str) {
 #[must_use]
 pub fn suggest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     let known: Vec<&str> = known.into_iter().collect();
-    let list = known.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    let list = known
+        .iter()
+        .map(|name| format!("`{name}`"))
+        .collect::<Vec<_>>()
+        .join(", ");
     match nearest(wrong, &known) {
         _ if known.is_empty() => "none is known here".into(),
         Some(name) if known.len() > 1 => format!("did you mean `{name}`? known: {list}"),
@@ -305,7 +402,10 @@ pub fn nearest<'a>(wrong: &str, known: &[&'a str]) -> Option<&'a str> {
     let scored = known.iter().map(|name| {
         let lower = name.to_lowercase();
         let part = wrong.len() >= 4 && (lower.contains(&wrong) || wrong.contains(&lower) && lower.len() >= 4);
-        (strsim::normalized_damerau_levenshtein(&wrong, &lower).max(if part { 0.61 } else { 0.0 }), *name)
+        (
+            strsim::normalized_damerau_levenshtein(&wrong, &lower).max(if part { 0.61 } else { 0.0 }),
+            *name,
+        )
     });
     // The first of equals wins, so that the advice does not depend on anything but the order of the names.
     let best = scored.fold((0.0, ""), |best, next| if next.0 > best.0 { next } else { best });
@@ -319,7 +419,16 @@ mod tests {
     fn sample(text: &str, column: usize, length: usize) -> (Sources, Diagnostic) {
         let mut sources = Sources::default();
         let source = sources.add_file("a.yaml", text);
-        let error = sources.error(Span { source, line: 1, column, length }, "a.b", "unknown key `b`");
+        let error = sources.error(
+            Span {
+                source,
+                line: 1,
+                column,
+                length,
+            },
+            "a.b",
+            "unknown key `b`",
+        );
         (sources, error)
     }
 
@@ -337,7 +446,13 @@ mod tests {
     #[test]
     fn wide_characters_take_two_columns() {
         let (_, error) = sample("電池: {b: 1}", 1, 2);
-        assert!(render(&[error], false).lines().nth(4).unwrap().ends_with("| ^^^^"));
+        assert!(
+            render(&[error], false)
+                .lines()
+                .nth(4)
+                .unwrap()
+                .ends_with("| ^^^^")
+        );
     }
 
     #[test]
@@ -372,23 +487,50 @@ mod tests {
     #[test]
     fn a_warning_says_that_it_is_one() {
         let (sources, error) = sample("a: {b: 1}", 5, 1);
-        let warning = sources.warning(Span { source: 0, line: 1, column: 5, length: 1 }, "a.b", "unknown key `b`");
+        let warning = sources.warning(
+            Span {
+                source: 0,
+                line: 1,
+                column: 5,
+                length: 1,
+            },
+            "a.b",
+            "unknown key `b`",
+        );
         let text = |diagnostic: &Diagnostic| render(std::slice::from_ref(diagnostic), false);
         assert_eq!(text(&warning), text(&error).replace("error: ", "warning: "));
         let severities = to_json(&[error, warning]);
-        assert_eq!([&severities[0]["severity"], &severities[1]["severity"]], ["error", "warning"]);
+        assert_eq!(
+            [&severities[0]["severity"], &severities[1]["severity"]],
+            ["error", "warning"]
+        );
     }
 
     #[test]
     fn diagnostics_are_sorted_and_said_once() {
         let (sources, first) = sample("a: {b: 1}\nc: 2", 5, 1);
-        let second = sources.error(Span { source: 0, line: 2, column: 1, length: 1 }, "c", "unknown key `c`");
-        assert_eq!(in_order(vec![second.clone(), first.clone(), first.clone()]), vec![first, second]);
+        let second = sources.error(
+            Span {
+                source: 0,
+                line: 2,
+                column: 1,
+                length: 1,
+            },
+            "c",
+            "unknown key `c`",
+        );
+        assert_eq!(
+            in_order(vec![second.clone(), first.clone(), first.clone()]),
+            vec![first, second]
+        );
     }
 
     #[test]
     fn names_that_are_far_off_get_no_suggestion() {
-        assert_eq!(nearest("cycle_lenght", &["return", "cycle_length"]), Some("cycle_length"));
+        assert_eq!(
+            nearest("cycle_lenght", &["return", "cycle_length"]),
+            Some("cycle_length")
+        );
         assert_eq!(nearest("zzz", &["return", "cycle_length"]), None);
         assert_eq!(suggest("zzz", ["a", "b"]), "known: `a`, `b`");
     }

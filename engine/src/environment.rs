@@ -26,13 +26,24 @@ impl Channel {
     /// A channel without limits, centred at 0 with a spread of 1.
     #[must_use]
     pub fn new(name: impl Into<String>, unit: &str) -> Self {
-        Self { name: name.into(), unit: unit.into(), low: f64::NEG_INFINITY, high: f64::INFINITY, center: 0.0, spread: 1.0 }
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+            low: f64::NEG_INFINITY,
+            high: f64::INFINITY,
+            center: 0.0,
+            spread: 1.0,
+        }
     }
 
     /// The same channel with a typical value and deviation.
     #[must_use]
     pub fn typical(self, center: f64, spread: f64) -> Self {
-        Self { center, spread, ..self }
+        Self {
+            center,
+            spread,
+            ..self
+        }
     }
 
     /// The same channel within limits.
@@ -174,13 +185,22 @@ impl Metric {
     /// A metric of which more is better, summed over an episode.
     #[must_use]
     pub fn new(name: &str, unit: &str, about: &str) -> Self {
-        Self { name: name.into(), unit: unit.into(), about: about.into(), better: Better::Higher, per_episode: PerEpisode::Sum }
+        Self {
+            name: name.into(),
+            unit: unit.into(),
+            about: about.into(),
+            better: Better::Higher,
+            per_episode: PerEpisode::Sum,
+        }
     }
 
     /// The same metric with less being better.
     #[must_use]
     pub fn lower_is_better(self) -> Self {
-        Self { better: Better::Lower, ..self }
+        Self {
+            better: Better::Lower,
+            ..self
+        }
     }
 
     /// The same metric with another way to become one value of an episode.
@@ -201,7 +221,8 @@ pub struct RewardSurface {
 
 /// A simulated system with one or more seats.
 ///
-/// All randomness comes from the `rng` arguments; an environment reads no clock and no file after it was built.
+/// All randomness comes from the `rng` arguments; an environment reads no clock and no file after it was
+/// built.
 pub trait Environment: Send {
     /// The seats, in order; fixed for the life of the environment.
     fn seats(&self) -> &[Seat];
@@ -228,8 +249,8 @@ pub trait Environment: Send {
         Vec::new()
     }
 
-    /// The full state, which no ordinary policy sees; read by informed controllers, regressions (as the target) and centralised
-    /// critics.
+    /// The full state, which no ordinary policy sees; read by informed controllers, regressions (as the
+    /// target) and centralised critics.
     fn state(&self) -> Vec<f64> {
         Vec::new()
     }
@@ -240,7 +261,8 @@ pub trait Environment: Send {
     /// What a rollout writes of the present time, one value per trace channel; `NaN` becomes an empty cell.
     fn trace(&self) -> Vec<f64>;
 
-    /// The reward over two actions, where two actions are all that it depends on. Protocols that trace episodes trace it too.
+    /// The reward over two actions, where two actions are all that it depends on. Protocols that trace
+    /// episodes trace it too.
     fn reward_surface(&self) -> Option<RewardSurface> {
         None
     }
@@ -256,6 +278,9 @@ pub trait Environment: Send {
 
     /// What agents are built for.
     fn interface(&self) -> Interface {
-        Interface { seats: self.seats().to_vec(), state: self.state_channels() }
+        Interface {
+            seats: self.seats().to_vec(),
+            state: self.state_channels(),
+        }
     }
 }

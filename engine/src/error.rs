@@ -34,7 +34,8 @@ pub enum Error {
     },
     /// A data file changed after its content had become part of the trial's id.
     #[error(
-        "the data file `{}` does not hold what this trial's id names; restore it and run with --retry-failed, or run again as it \
+        "the data file `{}` does not hold what this trial's id names; restore it and run with \
+         --retry-failed, or run again as it \
          is: the changed content makes new trials",
         path.display()
     )]
@@ -159,13 +160,18 @@ impl Error {
     /// The same error where the file is one of the store: then the trial is not to blame.
     pub(crate) fn of_store(self) -> Self {
         match self {
-            Self::File { .. } => Self::Store { problem: self.to_string() },
+            Self::File { .. } => Self::Store {
+                problem: self.to_string(),
+            },
             other => other,
         }
     }
 
     /// An error about one key of a plugin's config.
     pub fn config(key: impl Into<String>, problem: impl Into<String>) -> Self {
-        Self::Config { key: key.into(), problem: problem.into() }
+        Self::Config {
+            key: key.into(),
+            problem: problem.into(),
+        }
     }
 }

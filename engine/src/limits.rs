@@ -9,7 +9,8 @@ use std::time::Duration;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
-    /// Longest time that an attempt at a trial may take; then its process is ended and the trial is a `timeout`.
+    /// Longest time that an attempt at a trial may take; then its process is ended and the trial is a
+    /// `timeout`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.001), extend("x-unit" = "s"))]
     pub wall_time_s: Option<f64>,
@@ -31,7 +32,8 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// These limits with those of the machine: the tighter wall time and memory hold, and the machine's word on retries wins.
+    /// These limits with those of the machine: the tighter wall time and memory hold, and the machine's word
+    /// on retries wins.
     #[must_use]
     pub fn on(&self, machine: &Limits) -> Limits {
         let tighter = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(f64::min);
@@ -47,24 +49,29 @@ impl Limits {
     /// The longest an attempt may take.
     #[must_use]
     pub fn wall_time(&self) -> Option<Duration> {
-        self.wall_time_s.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+        self.wall_time_s
+            .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
     }
 
     /// The most memory a process may hold, in bytes.
     #[must_use]
     pub fn memory_bytes(&self) -> Option<u64> {
-        self.memory_mb.map(|megabytes| megabytes.saturating_mul(1_000_000))
+        self.memory_mb
+            .map(|megabytes| megabytes.saturating_mul(1_000_000))
     }
 
     /// The wait before the next attempt after `attempts` of them, or `None` where the end is final.
     #[must_use]
     pub fn retry_after(&self, end: EndState, attempts: u32) -> Option<Duration> {
-        let again = self.retry_on.as_ref().map_or(end == EndState::Killed, |states| states.contains(&end));
+        let again = self
+            .retry_on
+            .as_ref()
+            .map_or(end == EndState::Killed, |states| states.contains(&end));
         if !again || end == EndState::Ok || attempts > self.retries.unwrap_or(2) {
             return None;
         }
-        let doubled =
-            self.retry_delay_s.unwrap_or(0.5) * 2f64.powi(i32::try_from(attempts).unwrap_or(i32::MAX).saturating_sub(1));
+        let doubled = self.retry_delay_s.unwrap_or(0.5)
+            * 2f64.powi(i32::try_from(attempts).unwrap_or(i32::MAX).saturating_sub(1));
         // The wait stays below an hour, however many attempts there were.
         Duration::try_from_secs_f64(doubled.min(3600.0)).ok()
     }
@@ -77,13 +84,30 @@ mod tests {
     #[test]
     fn only_what_was_killed_is_tried_again_unless_asked_otherwise() {
         let limits = Limits::default();
-        assert_eq!(limits.retry_after(EndState::Killed, 1), Some(Duration::from_millis(500)));
-        assert_eq!(limits.retry_after(EndState::Killed, 2), Some(Duration::from_secs(1)));
+        assert_eq!(
+            limits.retry_after(EndState::Killed, 1),
+            Some(Duration::from_millis(500))
+        );
+        assert_eq!(
+            limits.retry_after(EndState::Killed, 2),
+            Some(Duration::from_secs(1))
+        );
         assert_eq!(limits.retry_after(EndState::Killed, 3), None);
-        for end in [EndState::Ok, EndState::Failed, EndState::Panicked, EndState::Timeout, EndState::Oom, EndState::Nan] {
+        for end in [
+            EndState::Ok,
+            EndState::Failed,
+            EndState::Panicked,
+            EndState::Timeout,
+            EndState::Oom,
+            EndState::Nan,
+        ] {
             assert_eq!(limits.retry_after(end, 1), None);
         }
-        let asked = Limits { retry_on: Some(vec![EndState::Timeout]), retries: Some(1), ..Limits::default() };
+        let asked = Limits {
+            retry_on: Some(vec![EndState::Timeout]),
+            retries: Some(1),
+            ..Limits::default()
+        };
         assert!(asked.retry_after(EndState::Timeout, 1).is_some());
         assert!(asked.retry_after(EndState::Timeout, 2).is_none());
         assert!(asked.retry_after(EndState::Killed, 1).is_none());
@@ -91,9 +115,21 @@ mod tests {
 
     #[test]
     fn the_tighter_limit_holds() {
-        let study = Limits { wall_time_s: Some(10.0), retries: Some(5), ..Limits::default() };
-        let machine = Limits { wall_time_s: Some(20.0), memory_mb: Some(500), retries: Some(0), ..Limits::default() };
+        let study = Limits {
+            wall_time_s: Some(10.0),
+            retries: Some(5),
+            ..Limits::default()
+        };
+        let machine = Limits {
+            wall_time_s: Some(20.0),
+            memory_mb: Some(500),
+            retries: Some(0),
+            ..Limits::default()
+        };
         let both = study.on(&machine);
-        assert_eq!((both.wall_time_s, both.memory_mb, both.retries), (Some(10.0), Some(500), Some(0)));
+        assert_eq!(
+            (both.wall_time_s, both.memory_mb, both.retries),
+            (Some(10.0), Some(500), Some(0))
+        );
     }
 }

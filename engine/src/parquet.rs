@@ -4,7 +4,8 @@
 
 use crate::Error;
 use polars::prelude::{
-    Column, DataFrame, DataType, Float64Type, IntoColumn, ListBuilderTrait, ListPrimitiveChunkedBuilder, PolarsError,
+    Column, DataFrame, DataType, Float64Type, IntoColumn, ListBuilderTrait, ListPrimitiveChunkedBuilder,
+    PolarsError,
 };
 use polars_io::{
     SerReader,
@@ -58,7 +59,12 @@ impl Values<'_> {
             Self::Bool(values) => Column::new(name, values),
             Self::Vectors(rows) => {
                 let entries = rows.iter().map(|row| row.len()).sum();
-                let mut list = ListPrimitiveChunkedBuilder::<Float64Type>::new(name, rows.len(), entries, DataType::Float64);
+                let mut list = ListPrimitiveChunkedBuilder::<Float64Type>::new(
+                    name,
+                    rows.len(),
+                    entries,
+                    DataType::Float64,
+                );
                 rows.into_iter().for_each(|row| list.append_slice(row));
                 list.finish().into_column()
             }
@@ -70,11 +76,21 @@ impl Values<'_> {
 ///
 /// # Errors
 /// [`Error::Damaged`] where the columns make no table.
-pub(crate) fn encode(path: &Path, columns: Vec<(&str, Values<'_>)>, entries: &[(&str, String)]) -> Result<Vec<u8>, Error> {
+pub(crate) fn encode(
+    path: &Path,
+    columns: Vec<(&str, Values<'_>)>,
+    entries: &[(&str, String)],
+) -> Result<Vec<u8>, Error> {
     let height = columns.first().map_or(0, |(_, values)| values.len());
-    let columns = columns.into_iter().map(|(name, values)| values.into_column(name)).collect();
+    let columns = columns
+        .into_iter()
+        .map(|(name, values)| values.into_column(name))
+        .collect();
     let mut frame = DataFrame::new(height, columns).map_err(|source| unreadable(path, &source))?;
-    let entries = entries.iter().map(|(key, value)| ((*key).into(), value.clone())).collect::<Vec<(String, String)>>();
+    let entries = entries
+        .iter()
+        .map(|(key, value)| ((*key).into(), value.clone()))
+        .collect::<Vec<(String, String)>>();
     let mut bytes = Vec::new();
     ParquetWriter::new(&mut bytes)
         .with_compression(ParquetCompression::Zstd(None))
@@ -103,47 +119,83 @@ impl<'a> Table<'a> {
     }
 
     pub(crate) fn texts(&self, name: &str) -> Result<impl Iterator<Item = Option<&str>>, Error> {
-        Ok(self.column(name)?.str().map_err(|source| unreadable(self.path, &source))?.iter())
+        Ok(self
+            .column(name)?
+            .str()
+            .map_err(|source| unreadable(self.path, &source))?
+            .iter())
     }
 
     pub(crate) fn u64s(&self, name: &str) -> Result<impl Iterator<Item = Option<u64>>, Error> {
-        Ok(self.column(name)?.u64().map_err(|source| unreadable(self.path, &source))?.iter())
+        Ok(self
+            .column(name)?
+            .u64()
+            .map_err(|source| unreadable(self.path, &source))?
+            .iter())
     }
 
     pub(crate) fn u32s(&self, name: &str) -> Result<impl Iterator<Item = Option<u32>>, Error> {
-        Ok(self.column(name)?.u32().map_err(|source| unreadable(self.path, &source))?.iter())
+        Ok(self
+            .column(name)?
+            .u32()
+            .map_err(|source| unreadable(self.path, &source))?
+            .iter())
     }
 
     pub(crate) fn i64s(&self, name: &str) -> Result<impl Iterator<Item = Option<i64>>, Error> {
-        Ok(self.column(name)?.i64().map_err(|source| unreadable(self.path, &source))?.iter())
+        Ok(self
+            .column(name)?
+            .i64()
+            .map_err(|source| unreadable(self.path, &source))?
+            .iter())
     }
 
     pub(crate) fn f64s(&self, name: &str) -> Result<impl Iterator<Item = Option<f64>>, Error> {
-        Ok(self.column(name)?.f64().map_err(|source| unreadable(self.path, &source))?.iter())
+        Ok(self
+            .column(name)?
+            .f64()
+            .map_err(|source| unreadable(self.path, &source))?
+            .iter())
     }
 
     pub(crate) fn bools(&self, name: &str) -> Result<impl Iterator<Item = Option<bool>>, Error> {
-        Ok(self.column(name)?.bool().map_err(|source| unreadable(self.path, &source))?.iter())
+        Ok(self
+            .column(name)?
+            .bool()
+            .map_err(|source| unreadable(self.path, &source))?
+            .iter())
     }
 
     /// Vectors of numbers; one with an empty entry is `None`.
     pub(crate) fn vectors(&self, name: &str) -> Result<Vec<Option<Vec<f64>>>, Error> {
-        let list = self.column(name)?.list().map_err(|source| unreadable(self.path, &source))?;
+        let list = self
+            .column(name)?
+            .list()
+            .map_err(|source| unreadable(self.path, &source))?;
         let mut rows = Vec::with_capacity(list.len());
         for row in list.series_iter() {
-            let row = row.as_ref().map(|row| row.f64()).transpose().map_err(|source| unreadable(self.path, &source))?;
+            let row = row
+                .as_ref()
+                .map(|row| row.f64())
+                .transpose()
+                .map_err(|source| unreadable(self.path, &source))?;
             rows.push(row.and_then(|row| row.iter().collect()));
         }
         Ok(rows)
     }
 
     fn column(&self, name: &str) -> Result<&Column, Error> {
-        self.frame.column(name).map_err(|source| unreadable(self.path, &source))
+        self.frame
+            .column(name)
+            .map_err(|source| unreadable(self.path, &source))
     }
 }
 
 fn unreadable(path: &Path, source: &PolarsError) -> Error {
-    Error::Damaged { path: path.to_path_buf(), problem: source.to_string() }
+    Error::Damaged {
+        path: path.to_path_buf(),
+        problem: source.to_string(),
+    }
 }
 
 #[cfg(test)]
@@ -169,12 +221,30 @@ mod tests {
         let bytes = encode(path, columns(), &entries).unwrap();
         assert_eq!(bytes, encode(path, columns(), &entries).unwrap());
         let table = Table::decode(bytes, path).unwrap();
-        assert_eq!(table.texts("word").unwrap().collect::<Vec<_>>(), [Some("a"), Some("b")]);
-        assert_eq!(table.u64s("count").unwrap().collect::<Vec<_>>(), [Some(1), Some(u64::MAX)]);
-        assert_eq!(table.u32s("small").unwrap().collect::<Vec<_>>(), [Some(0), Some(7)]);
-        assert_eq!(table.i64s("whole").unwrap().collect::<Vec<_>>(), [Some(-3), Some(3)]);
-        assert_eq!(table.f64s("number").unwrap().collect::<Vec<_>>(), [Some(0.1), Some(f64::NEG_INFINITY)]);
-        assert_eq!(table.bools("flag").unwrap().collect::<Vec<_>>(), [Some(true), Some(false)]);
+        assert_eq!(
+            table.texts("word").unwrap().collect::<Vec<_>>(),
+            [Some("a"), Some("b")]
+        );
+        assert_eq!(
+            table.u64s("count").unwrap().collect::<Vec<_>>(),
+            [Some(1), Some(u64::MAX)]
+        );
+        assert_eq!(
+            table.u32s("small").unwrap().collect::<Vec<_>>(),
+            [Some(0), Some(7)]
+        );
+        assert_eq!(
+            table.i64s("whole").unwrap().collect::<Vec<_>>(),
+            [Some(-3), Some(3)]
+        );
+        assert_eq!(
+            table.f64s("number").unwrap().collect::<Vec<_>>(),
+            [Some(0.1), Some(f64::NEG_INFINITY)]
+        );
+        assert_eq!(
+            table.bools("flag").unwrap().collect::<Vec<_>>(),
+            [Some(true), Some(false)]
+        );
         let vectors = table.vectors("vector").unwrap();
         assert_eq!(vectors, [Some(vec![1.0, -0.0]), Some(vec![])]);
         assert!(vectors[0].as_ref().unwrap()[1].is_sign_negative());
@@ -185,8 +255,14 @@ mod tests {
         let path = Path::new("table.parquet");
         let table = Table::decode(encode(path, columns(), &[]).unwrap(), path).unwrap();
         assert!(matches!(table.u64s("word").err(), Some(Error::Damaged { .. })));
-        assert!(matches!(table.vectors("number").err(), Some(Error::Damaged { .. })));
+        assert!(matches!(
+            table.vectors("number").err(),
+            Some(Error::Damaged { .. })
+        ));
         assert!(matches!(table.f64s("nothing").err(), Some(Error::Damaged { .. })));
-        assert!(matches!(Table::decode(b"no table".to_vec(), path).err(), Some(Error::Damaged { .. })));
+        assert!(matches!(
+            Table::decode(b"no table".to_vec(), path).err(),
+            Some(Error::Damaged { .. })
+        ));
     }
 }

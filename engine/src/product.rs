@@ -1,8 +1,9 @@
 //! Products: what a trial leaves in its folder for other trials, and how a config names one.
 //!
-//! A plugin declares a config value as a [`Product`]; a study writes `{ from: NAME }` there. The plan finds the trial that leaves it and
-//! makes that trial's id part of the consumer's, in place of the name: what leads to a product, through any number of steps, is part of
-//! what it is. A trial is handed the folder of each product after its files were held against their acknowledged hashes.
+//! A plugin declares a config value as a [`Product`]; a study writes `{ from: NAME }` there. The plan finds
+//! the trial that leaves it and makes that trial's id part of the consumer's, in place of the name: what
+//! leads to a product, through any number of steps, is part of what it is. A trial is handed the folder of
+//! each product after its files were held against their acknowledged hashes.
 
 use crate::Error;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -22,7 +23,8 @@ use std::{
 pub enum ProductKind {
     /// What acts: `policy.safetensors`, in folders by seat where there is one policy per seat.
     Policy,
-    /// Networks with all that learning goes on with but its experience: `networks.safetensors`, in folders by seat where each has its own.
+    /// Networks with all that learning goes on with but its experience: `networks.safetensors`, in folders by
+    /// seat where each has its own.
     Networks,
     /// Transitions that were gathered: the folder `dataset`, in Parquet.
     Dataset,
@@ -177,19 +179,43 @@ impl<K: Kind> TryFrom<Form> for Product<K> {
     type Error = String;
 
     fn try_from(form: Form) -> Result<Self, String> {
-        let Form { from, environment, seed, product, folder } = form;
+        let Form {
+            from,
+            environment,
+            seed,
+            product,
+            folder,
+        } = form;
         match product.filter(|kind| *kind != K::KIND) {
             Some(other) => Err(format!("a {} is taken here, no {other}", K::KIND)),
-            None => Ok(Self { reference: Reference { from, environment, seed }, folder, kind: PhantomData }),
+            None => Ok(Self {
+                reference: Reference {
+                    from,
+                    environment,
+                    seed,
+                },
+                folder,
+                kind: PhantomData,
+            }),
         }
     }
 }
 
 impl<K: Kind> From<Product<K>> for Form {
     fn from(product: Product<K>) -> Self {
-        let Reference { from, environment, seed } = product.reference;
+        let Reference {
+            from,
+            environment,
+            seed,
+        } = product.reference;
         // A folder is no part of a config: it differs from store to store.
-        Self { from, environment, seed, product: Some(K::KIND), folder: None }
+        Self {
+            from,
+            environment,
+            seed,
+            product: Some(K::KIND),
+            folder: None,
+        }
     }
 }
 
@@ -213,14 +239,17 @@ pub(crate) fn reference_schema(kind: ProductKind) -> Schema {
     json_schema!({
         "type": "object", "additionalProperties": false, "required": ["from"],
         "properties": {
-            "from": { "type": "string", "description": format!("Whose {kind}: an entry of the section `prepare`, or an agent.") },
+            "from": { "type": "string", "description": format!("Whose {kind}: an entry of the section \
+                                                                `prepare`, or an agent.") },
             "environment": {
                 "type": "string",
-                "description": "The environment that the agent was trained in; the one of the trial itself where absent.",
+                "description": "The environment that the agent was trained in; the one of the trial itself \
+                                where absent.",
             },
             "seed": {
                 "type": "integer", "minimum": 0,
-                "description": "The seed whose product every seed takes; seed k takes that of seed k where absent.",
+                "description": "The seed whose product every seed takes; seed k takes that of seed k where \
+                                absent.",
             },
             "product": { "enum": [kind.name()], "description": "The kind of product; need not be written." },
         },
@@ -244,7 +273,10 @@ pub type FindProduct<'a> = &'a dyn Fn(&Taken) -> Result<PathBuf, Error>;
 /// # Errors
 /// [`Error::Source`], always.
 pub fn no_product(taken: &Taken) -> Result<PathBuf, Error> {
-    Err(Error::Source { trial: taken.trial.clone(), problem: "there is no store to find it in".into() })
+    Err(Error::Source {
+        trial: taken.trial.clone(),
+        problem: "there is no store to find it in".into(),
+    })
 }
 
 /// The products that a complete config names, by JSON pointer.
@@ -262,7 +294,10 @@ fn walk(value: &Value, at: &str, found: &mut BTreeMap<String, (ProductKind, Refe
             Some(named) => drop(found.insert(at.into(), named)),
             None => map.iter().for_each(|(key, item)| walk(item, &below(key), found)),
         },
-        Value::Array(items) => items.iter().enumerate().for_each(|(index, item)| walk(item, &below(&index.to_string()), found)),
+        Value::Array(items) => items
+            .iter()
+            .enumerate()
+            .for_each(|(index, item)| walk(item, &below(&index.to_string()), found)),
         _ => {}
     }
 }
@@ -290,8 +325,11 @@ mod tests {
 
     #[test]
     fn a_config_says_what_it_takes_and_from_whom() {
-        let read =
-            config(json!({"start": {"from": "fresh", "seed": 0}, "sets": [{"from": "rules", "environment": "pack"}]})).unwrap();
+        let read = config(
+            json!({"start": {"from": "fresh", "seed": 0}, "sets": [{"from": "rules",
+                "environment": "pack"}]}),
+        )
+        .unwrap();
         let complete = serde_json::to_value(&read).unwrap();
         assert_eq!(config(complete.clone()).unwrap(), read);
         let reference = |from: &str, environment: Option<&str>, seed| Reference {
@@ -300,8 +338,14 @@ mod tests {
             seed,
         };
         let expected = BTreeMap::from([
-            ("/sets/0".to_string(), (ProductKind::Dataset, reference("rules", Some("pack"), None))),
-            ("/start".to_string(), (ProductKind::Networks, reference("fresh", None, Some(0)))),
+            (
+                "/sets/0".to_string(),
+                (ProductKind::Dataset, reference("rules", Some("pack"), None)),
+            ),
+            (
+                "/start".to_string(),
+                (ProductKind::Networks, reference("fresh", None, Some(0))),
+            ),
         ]);
         assert_eq!(named_in(&complete), expected);
         assert!(read.start.unwrap().folder().is_err());
@@ -309,14 +353,23 @@ mod tests {
 
     #[test]
     fn another_kind_and_unknown_keys_are_refused() {
-        let message = config(json!({"start": {"from": "fresh", "product": "dataset"}, "sets": []})).unwrap_err();
-        assert!(message.contains("a networks is taken here") || message.contains("networks"), "{message}");
+        let message =
+            config(json!({"start": {"from": "fresh", "product": "dataset"}, "sets": []})).unwrap_err();
+        assert!(
+            message.contains("a networks is taken here") || message.contains("networks"),
+            "{message}"
+        );
         assert!(config(json!({"start": {"form": "fresh"}, "sets": []})).is_err());
     }
 
     #[test]
     fn files_belong_to_one_kind() {
-        let kinds = [ProductKind::Policy, ProductKind::Networks, ProductKind::Dataset, ProductKind::Choice];
+        let kinds = [
+            ProductKind::Policy,
+            ProductKind::Networks,
+            ProductKind::Dataset,
+            ProductKind::Choice,
+        ];
         let paths = [
             "policy.safetensors",
             "good_0/policy.safetensors",
@@ -325,7 +378,11 @@ mod tests {
             "choice.json",
         ];
         for path in paths {
-            assert_eq!(kinds.iter().filter(|kind| kind.has_file(path)).count(), 1, "{path}");
+            assert_eq!(
+                kinds.iter().filter(|kind| kind.has_file(path)).count(),
+                1,
+                "{path}"
+            );
         }
         assert!(!kinds.iter().any(|kind| kind.has_file("trial.json")));
     }

@@ -19,7 +19,8 @@ pub struct PublishedCurve {
     /// The agent of this study that it is compared with, whose colour it takes; grey where absent.
     #[serde(default)]
     pub agent: Option<String>,
-    /// The environment that it was measured in, in whose panel it is drawn; to be given where there are several panels.
+    /// The environment that it was measured in, in whose panel it is drawn; to be given where there are
+    /// several panels.
     #[serde(default)]
     pub environment: Option<String>,
     /// CSV file whose first line names its columns, sought from the folder of the study.
@@ -106,22 +107,42 @@ impl PublishedCurve {
     /// Reads the runs, in the order in which the file begins them.
     ///
     /// # Errors
-    /// A file or column that is missing, fields that hold no number, no row that is meant, and a step that a run has twice.
+    /// A file or column that is missing, fields that hold no number, no row that is meant, and a step that a
+    /// run has twice.
     pub fn runs(&self) -> Result<Vec<Run>, PublishedCurveError> {
         let mut reader = open(&self.file)?;
-        let header = reader.headers().map_err(|error| unreadable(&self.file, &error))?.clone();
+        let header = reader
+            .headers()
+            .map_err(|error| unreadable(&self.file, &error))?
+            .clone();
         let columns = Columns::find(self, &header)?;
         let mut runs: Vec<(String, BTreeMap<u64, f64>)> = Vec::new();
         for record in reader.records() {
-            let row = Row { curve: self, record: record.map_err(|error| unreadable(&self.file, &error))? };
-            if columns.wanted.iter().all(|(column, text)| row.field(*column) == *text) {
+            let row = Row {
+                curve: self,
+                record: record.map_err(|error| unreadable(&self.file, &error))?,
+            };
+            if columns
+                .wanted
+                .iter()
+                .all(|(column, text)| row.field(*column) == *text)
+            {
                 row.add_to(&mut runs, &columns)?;
             }
         }
         if runs.is_empty() {
-            return Err(PublishedCurveError::NoRow { file: self.file.clone(), wanted: self.wanted() });
+            return Err(PublishedCurveError::NoRow {
+                file: self.file.clone(),
+                wanted: self.wanted(),
+            });
         }
-        Ok(runs.into_iter().map(|(name, points)| Run { name, points: points.into_iter().collect() }).collect())
+        Ok(runs
+            .into_iter()
+            .map(|(name, points)| Run {
+                name,
+                points: points.into_iter().collect(),
+            })
+            .collect())
     }
 
     /// Seeks the file from `folder`.
@@ -130,23 +151,37 @@ impl PublishedCurve {
     }
 
     fn wanted(&self) -> String {
-        let wanted: Vec<String> = self.rows.iter().map(|(column, text)| format!("`{text}` in column `{column}`")).collect();
-        if wanted.is_empty() { "a value".into() } else { wanted.join(" and ") }
+        let wanted: Vec<String> = self
+            .rows
+            .iter()
+            .map(|(column, text)| format!("`{text}` in column `{column}`"))
+            .collect();
+        if wanted.is_empty() {
+            "a value".into()
+        } else {
+            wanted.join(" and ")
+        }
     }
 }
 
 impl Run {
     /// Mean of the last `last` values at steps up to `up_to_step`.
     ///
-    /// `None` where there are fewer than `last` values up to there (or none is asked for), and where the run ends more than
-    /// one evaluation interval before `up_to_step`: its end would stand for what it did not reach. The interval is the
-    /// median distance of its steps; a run of a single value has none.
+    /// `None` where there are fewer than `last` values up to there (or none is asked for), and where the run
+    /// ends more than one evaluation interval before `up_to_step`: its end would stand for what it did not
+    /// reach. The interval is the median distance of its steps; a run of a single value has none.
     #[must_use]
     pub fn last_mean(&self, up_to_step: u64, last: usize) -> Option<f64> {
         let (end, _) = self.points.last()?;
-        let values: Vec<f64> = self.points.iter().take_while(|(step, _)| *step <= up_to_step).map(|(_, value)| *value).collect();
+        let values: Vec<f64> = self
+            .points
+            .iter()
+            .take_while(|(step, _)| *step <= up_to_step)
+            .map(|(_, value)| *value)
+            .collect();
         let first = values.len().checked_sub(last)?;
-        (last > 0 && end.saturating_add(self.interval()) >= up_to_step).then(|| estimators::mean(&values[first..]))
+        (last > 0 && end.saturating_add(self.interval()) >= up_to_step)
+            .then(|| estimators::mean(&values[first..]))
     }
 
     fn interval(&self) -> u64 {
@@ -167,17 +202,24 @@ struct Columns<'a> {
 impl<'a> Columns<'a> {
     fn find(curve: &'a PublishedCurve, header: &StringRecord) -> Result<Self, PublishedCurveError> {
         let index = |column: &String| {
-            header.iter().position(|known| known == column).ok_or_else(|| PublishedCurveError::NoColumn {
-                file: curve.file.clone(),
-                column: column.clone(),
-                known: header.iter().map(String::from).collect(),
-            })
+            header
+                .iter()
+                .position(|known| known == column)
+                .ok_or_else(|| PublishedCurveError::NoColumn {
+                    file: curve.file.clone(),
+                    column: column.clone(),
+                    known: header.iter().map(String::from).collect(),
+                })
         };
         Ok(Self {
             step: index(&curve.step)?,
             value: index(&curve.value)?,
             by: curve.by.as_ref().map(index).transpose()?,
-            wanted: curve.rows.iter().map(|(column, text)| Ok((index(column)?, text.as_str()))).collect::<Result<_, _>>()?,
+            wanted: curve
+                .rows
+                .iter()
+                .map(|(column, text)| Ok((index(column)?, text.as_str())))
+                .collect::<Result<_, _>>()?,
         })
     }
 }
@@ -196,7 +238,11 @@ impl Row<'_> {
         self.record.position().map_or(0, csv::Position::line)
     }
 
-    fn add_to(&self, runs: &mut Vec<(String, BTreeMap<u64, f64>)>, columns: &Columns<'_>) -> Result<(), PublishedCurveError> {
+    fn add_to(
+        &self,
+        runs: &mut Vec<(String, BTreeMap<u64, f64>)>,
+        columns: &Columns<'_>,
+    ) -> Result<(), PublishedCurveError> {
         let unfit = |column: &String, text: &str, expected| PublishedCurveError::Unfit {
             file: self.curve.file.clone(),
             line: self.line(),
@@ -208,7 +254,11 @@ impl Row<'_> {
         let step = whole(step).ok_or_else(|| unfit(&self.curve.step, step, "a number of steps"))?;
         let number: Option<f64> = value.parse().ok();
         let finite = number.filter(|number| number.is_finite());
-        let expected = if number.is_some() { "a finite number" } else { "a number" };
+        let expected = if number.is_some() {
+            "a finite number"
+        } else {
+            "a number"
+        };
         let value = finite.ok_or_else(|| unfit(&self.curve.value, value, expected))?;
         let name = columns.by.map_or("", |column| self.field(column));
         match run(runs, name).entry(step) {
@@ -218,24 +268,37 @@ impl Row<'_> {
             }
             Entry::Occupied(_) => {
                 let (file, column) = (self.curve.file.clone(), self.curve.step.clone());
-                Err(PublishedCurveError::StepTwice { file, line: self.line(), column, step })
+                Err(PublishedCurveError::StepTwice {
+                    file,
+                    line: self.line(),
+                    column,
+                    step,
+                })
             }
         }
     }
 }
 
 fn run<'a>(runs: &'a mut Vec<(String, BTreeMap<u64, f64>)>, name: &str) -> &'a mut BTreeMap<u64, f64> {
-    let index = runs.iter().position(|(known, _)| known == name).unwrap_or_else(|| {
-        runs.push((name.into(), BTreeMap::new()));
-        runs.len() - 1
-    });
+    let index = runs
+        .iter()
+        .position(|(known, _)| known == name)
+        .unwrap_or_else(|| {
+            runs.push((name.into(), BTreeMap::new()));
+            runs.len() - 1
+        });
     &mut runs[index].1
 }
 
 /// A step, which logs may write as `500`, `500.0` or `5e2`.
 fn whole(text: &str) -> Option<u64> {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole, not negative and below 2^53")]
-    let of_float = |number: f64| (number.fract() == 0.0 && (0.0..9.0e15).contains(&number)).then_some(number as u64);
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "whole, not negative and below 2^53"
+    )]
+    let of_float =
+        |number: f64| (number.fract() == 0.0 && (0.0..9.0e15).contains(&number)).then_some(number as u64);
     text.parse().ok().or_else(|| text.parse().ok().and_then(of_float))
 }
 
@@ -245,20 +308,36 @@ fn open(file: &Path) -> Result<Reader<File>, PublishedCurveError> {
 }
 
 fn unreadable(file: &Path, problem: &impl std::fmt::Display) -> PublishedCurveError {
-    PublishedCurveError::Unreadable { file: file.into(), problem: problem.to_string() }
+    PublishedCurveError::Unreadable {
+        file: file.into(),
+        problem: problem.to_string(),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const LOGS: &str = "algorithm,seed,step,score\nours,1,20,3\nours,1,10,1\nours,2,1e1,5.5\ntheirs,1,10,-7\n";
+    const LOGS: &str =
+        "algorithm,seed,step,score\nours,1,20,3\nours,1,10,1\nours,2,1e1,5.5\ntheirs,1,10,-7\n";
 
     fn curve(dir: &Path, text: &str) -> PublishedCurve {
         std::fs::write(dir.join("logs.csv"), text).unwrap();
         let rows = BTreeMap::from([("algorithm".into(), "ours".into())]);
-        let (file, step, value, by) = ("logs.csv".into(), "step".into(), "score".into(), Some("seed".into()));
-        let mut curve = PublishedCurve { file, step, value, rows, by, ..PublishedCurve::default() };
+        let (file, step, value, by) = (
+            "logs.csv".into(),
+            "step".into(),
+            "score".into(),
+            Some("seed".into()),
+        );
+        let mut curve = PublishedCurve {
+            file,
+            step,
+            value,
+            rows,
+            by,
+            ..PublishedCurve::default()
+        };
         curve.seek_from(dir);
         curve
     }
@@ -267,7 +346,11 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let mut curve = curve(dir.path(), text);
         change(&mut curve);
-        curve.runs().unwrap_err().to_string().replace(&dir.path().display().to_string(), "")
+        curve
+            .runs()
+            .unwrap_err()
+            .to_string()
+            .replace(&dir.path().display().to_string(), "")
     }
 
     #[test]
@@ -276,45 +359,93 @@ mod tests {
         // Spreadsheets put a mark in front of the first column and spaces around fields.
         let text = format!("\u{feff}{}", LOGS.replace(",seed", " , seed"));
         let runs = curve(dir.path(), &text).runs().unwrap();
-        let run = |name: &str, points: &[(u64, f64)]| Run { name: name.into(), points: points.into() };
+        let run = |name: &str, points: &[(u64, f64)]| Run {
+            name: name.into(),
+            points: points.into(),
+        };
         assert_eq!(runs, [run("1", &[(10, 1.0), (20, 3.0)]), run("2", &[(10, 5.5)])]);
     }
 
     #[test]
     fn what_is_wrong_is_said_with_file_line_and_column() {
-        assert!(error(LOGS, |curve| curve.file = "/no/logs.csv".into()).starts_with("cannot read `/no/logs.csv`: No such file"));
-        assert_eq!(error(LOGS, |curve| curve.value = "scores".into()), "`/logs.csv` has no column `scores`");
-        assert_eq!(error(LOGS, |curve| curve.by = Some("run".into())), "`/logs.csv` has no column `run`");
-        let nobody = BTreeMap::from([("algorithm".into(), "nobody's".into()), ("seed".into(), "1".into())]);
+        assert!(
+            error(LOGS, |curve| curve.file = "/no/logs.csv".into())
+                .starts_with("cannot read `/no/logs.csv`: No such file")
+        );
+        assert_eq!(
+            error(LOGS, |curve| curve.value = "scores".into()),
+            "`/logs.csv` has no column `scores`"
+        );
+        assert_eq!(
+            error(LOGS, |curve| curve.by = Some("run".into())),
+            "`/logs.csv` has no column `run`"
+        );
+        let nobody = BTreeMap::from([
+            ("algorithm".into(), "nobody's".into()),
+            ("seed".into(), "1".into()),
+        ]);
         assert_eq!(
             error(LOGS, |curve| curve.rows = nobody.clone()),
             "no row of `/logs.csv` has `nobody's` in column `algorithm` and `1` in column `seed`"
         );
         let value = |text: &str| error(&LOGS.replace("5.5", text), |_| ());
-        assert_eq!(value("high"), "`/logs.csv`, line 4, column `score`: `high` is not a number");
-        assert_eq!(value(""), "`/logs.csv`, line 4, column `score`: `` is not a number");
-        assert_eq!(value("NaN"), "`/logs.csv`, line 4, column `score`: `NaN` is not a finite number");
+        assert_eq!(
+            value("high"),
+            "`/logs.csv`, line 4, column `score`: `high` is not a number"
+        );
+        assert_eq!(
+            value(""),
+            "`/logs.csv`, line 4, column `score`: `` is not a number"
+        );
+        assert_eq!(
+            value("NaN"),
+            "`/logs.csv`, line 4, column `score`: `NaN` is not a finite number"
+        );
         let step = error(&LOGS.replace("1e1", "10.5"), |_| ());
-        assert_eq!(step, "`/logs.csv`, line 4, column `step`: `10.5` is not a number of steps");
+        assert_eq!(
+            step,
+            "`/logs.csv`, line 4, column `step`: `10.5` is not a number of steps"
+        );
         let together = error(LOGS, |curve| curve.by = None);
-        assert_eq!(together, "`/logs.csv`, line 4, column `step`: step 10 stands in this run already");
+        assert_eq!(
+            together,
+            "`/logs.csv`, line 4, column `step`: step 10 stands in this run already"
+        );
         assert!(error(&LOGS.replace("3\n", "3,4\n"), |_| ()).contains("line: 2"));
     }
 
     #[test]
     fn other_rows_need_no_numbers() {
         let dir = tempfile::tempdir().unwrap();
-        assert_eq!(curve(dir.path(), &LOGS.replace("-7", "none")).runs().unwrap().len(), 2);
+        assert_eq!(
+            curve(dir.path(), &LOGS.replace("-7", "none"))
+                .runs()
+                .unwrap()
+                .len(),
+            2
+        );
     }
 
     #[test]
     fn the_mean_of_the_last_values_needs_a_run_that_goes_so_far() {
-        let run = Run { name: String::new(), points: (1..=8).map(|index| (250 * index, index as f64)).collect() };
+        let run = Run {
+            name: String::new(),
+            points: (1..=8).map(|index| (250 * index, index as f64)).collect(),
+        };
         assert_eq!(run.last_mean(1000, 2), Some(3.5));
         assert_eq!(run.last_mean(1249, 2), Some(3.5));
         assert_eq!((run.last_mean(1000, 5), run.last_mean(1000, 0)), (None, None));
-        assert_eq!((run.last_mean(2250, 8), run.last_mean(2251, 8)), (Some(4.5), None));
-        let single = Run { name: String::new(), points: vec![(500, 1.0)] };
-        assert_eq!((single.last_mean(500, 1), single.last_mean(501, 1)), (Some(1.0), None));
+        assert_eq!(
+            (run.last_mean(2250, 8), run.last_mean(2251, 8)),
+            (Some(4.5), None)
+        );
+        let single = Run {
+            name: String::new(),
+            points: vec![(500, 1.0)],
+        };
+        assert_eq!(
+            (single.last_mean(500, 1), single.last_mean(501, 1)),
+            (Some(1.0), None)
+        );
     }
 }

@@ -1,8 +1,8 @@
 //! Counter-based random streams.
 //!
-//! Every random number of a trial comes from a named stream. A stream is a `ChaCha8` generator whose key is a hash of
-//! the words that name it, so two streams never share numbers and none of them depends on the order in which they are
-//! opened, on the number of workers or on another trial.
+//! Every random number of a trial comes from a named stream. A stream is a `ChaCha8` generator whose key is a
+//! hash of the words that name it, so two streams never share numbers and none of them depends on the order
+//! in which they are opened, on the number of workers or on another trial.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -24,8 +24,9 @@ pub fn stream(words: &[&str]) -> Rng {
 
 /// The streams of one trial.
 ///
-/// What the environment draws depends on the environment and the seed only, never on the agent, so that all agents of a
-/// study meet the same starts and the same demands (common random numbers). What the agent draws depends on the whole trial.
+/// What the environment draws depends on the environment and the seed only, never on the agent, so that all
+/// agents of a study meet the same starts and the same demands (common random numbers). What the agent draws
+/// depends on the whole trial.
 #[derive(Debug, Clone)]
 pub struct Streams {
     trial_id: String,
@@ -34,16 +35,28 @@ pub struct Streams {
 }
 
 impl Streams {
-    /// Streams of the trial `trial_id` whose environment (name, version, resolved config) hashes to `environment_id`.
+    /// Streams of the trial `trial_id` whose environment (name, version, resolved config) hashes to
+    /// `environment_id`.
     #[must_use]
     pub fn new(trial_id: &str, environment_id: &str, seed: u64) -> Self {
-        Self { trial_id: trial_id.into(), environment_id: environment_id.into(), seed }
+        Self {
+            trial_id: trial_id.into(),
+            environment_id: environment_id.into(),
+            seed,
+        }
     }
 
-    /// What the environment draws in episode `episode` of `phase`: `train`, `evaluate 3` for the fourth measurement, `final`.
+    /// What the environment draws in episode `episode` of `phase`: `train`, `evaluate 3` for the fourth
+    /// measurement, `final`.
     #[must_use]
     pub fn environment(&self, phase: &str, episode: u64) -> Rng {
-        stream(&["environment", &self.environment_id, &self.seed.to_string(), phase, &episode.to_string()])
+        stream(&[
+            "environment",
+            &self.environment_id,
+            &self.seed.to_string(),
+            phase,
+            &episode.to_string(),
+        ])
     }
 
     /// What the agent draws, by purpose (`initialise`, `act`, `learn`, `evaluate`).
@@ -66,8 +79,14 @@ mod tests {
 
     #[test]
     fn environment_streams_do_not_depend_on_the_trial() {
-        let (one, two) = (Streams::new("one", "battery", 3), Streams::new("two", "battery", 3));
-        assert_eq!(one.environment("train", 7).next_u64(), two.environment("train", 7).next_u64());
+        let (one, two) = (
+            Streams::new("one", "battery", 3),
+            Streams::new("two", "battery", 3),
+        );
+        assert_eq!(
+            one.environment("train", 7).next_u64(),
+            two.environment("train", 7).next_u64()
+        );
         assert_ne!(one.agent("act").next_u64(), two.agent("act").next_u64());
     }
 

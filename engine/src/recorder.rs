@@ -39,7 +39,8 @@ impl Phase {
 pub struct Row {
     /// The part of the trial.
     pub phase: Phase,
-    /// Environment steps (all environments together) or examples seen when it was recorded; in a trace, the decision.
+    /// Environment steps (all environments together) or examples seen when it was recorded; in a trace, the
+    /// decision.
     pub step: u64,
     /// Episode inside the measurement, from 0.
     pub episode: u64,
@@ -81,7 +82,12 @@ impl Recorder {
     #[must_use]
     pub fn resumed(names: Vec<String>, rows: Vec<Row>, running: Running) -> Self {
         let not_finite = rows.iter().position(|row| !row.value.is_finite());
-        Self { names, rows, running, not_finite }
+        Self {
+            names,
+            rows,
+            running,
+            not_finite,
+        }
     }
 
     /// Records one value.
@@ -90,7 +96,14 @@ impl Recorder {
         if !value.is_finite() && self.not_finite.is_none() {
             self.not_finite = Some(self.rows.len());
         }
-        self.rows.push(Row { phase, step, episode, seat: u16::try_from(seat).unwrap_or(u16::MAX), metric, value });
+        self.rows.push(Row {
+            phase,
+            step,
+            episode,
+            seat: u16::try_from(seat).unwrap_or(u16::MAX),
+            metric,
+            value,
+        });
     }
 
     /// Adds to the running mean of a training metric; the protocol records all means at its next measurement.
@@ -99,7 +112,9 @@ impl Recorder {
             mean.sum += value;
             mean.count += 1;
         } else {
-            self.running.means.insert(metric.into(), Mean { sum: value, count: 1 });
+            self.running
+                .means
+                .insert(metric.into(), Mean { sum: value, count: 1 });
         }
     }
 
@@ -123,14 +138,25 @@ impl Recorder {
         }
     }
 
-    /// Refuses a record that holds something else than numbers, whatever was recorded and by whom: no mean of it would be one.
+    /// Refuses a record that holds something else than numbers, whatever was recorded and by whom: no mean of
+    /// it would be one.
     ///
     /// # Errors
     /// [`Error::NotFinite`] for the first such row.
     pub fn all_finite(&self) -> Result<(), Error> {
-        let Some(row) = self.not_finite.map(|index| self.rows[index]) else { return Ok(()) };
-        let what = format!("{} (phase {})", self.names[usize::from(row.metric)], row.phase.name());
-        Err(Error::NotFinite { what, step: row.step, value: row.value })
+        let Some(row) = self.not_finite.map(|index| self.rows[index]) else {
+            return Ok(());
+        };
+        let what = format!(
+            "{} (phase {})",
+            self.names[usize::from(row.metric)],
+            row.phase.name()
+        );
+        Err(Error::NotFinite {
+            what,
+            step: row.step,
+            value: row.value,
+        })
     }
 
     /// Metric names in the order of their first use.
@@ -166,7 +192,9 @@ mod tests {
     use super::*;
 
     fn reason(record: &Recorder) -> String {
-        record.all_finite().map_or_else(|error| error.to_string(), |()| String::new())
+        record
+            .all_finite()
+            .map_or_else(|error| error.to_string(), |()| String::new())
     }
 
     #[test]
@@ -179,7 +207,9 @@ mod tests {
             record.add(phase, 30, 0, 0, "return", f64::NAN);
             let expected = format!("voltage (phase {}) is not finite at step 20: inf", phase.name());
             assert_eq!(reason(&record), expected);
-            let Recorder { names, rows, running, .. } = record;
+            let Recorder {
+                names, rows, running, ..
+            } = record;
             assert_eq!(reason(&Recorder::resumed(names, rows, running)), expected);
         }
     }
@@ -194,6 +224,9 @@ mod tests {
         record.flush_means(5);
         estimates.record_latest(Phase::Final, 7);
         assert_eq!(reason(&record), "loss (phase train) is not finite at step 5: NaN");
-        assert_eq!(reason(&estimates), "bias (phase final) is not finite at step 7: inf");
+        assert_eq!(
+            reason(&estimates),
+            "bias (phase final) is not finite at step 7: inf"
+        );
     }
 }

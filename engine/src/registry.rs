@@ -1,7 +1,8 @@
 //! The one door for plugins: names, typed configs, constructors.
 //!
-//! A plugin's config is a plain struct with `Default`, serde and a JSON Schema. The registry erases the type once, so the
-//! engine can fill in defaults, refuse typos, print parameters and build the plugin without ever naming its type.
+//! A plugin's config is a plain struct with `Default`, serde and a JSON Schema. The registry erases the type
+//! once, so the engine can fill in defaults, refuse typos, print parameters and build the plugin without ever
+//! naming its type.
 
 use crate::{Agent, Environment, Error, Interface, Metric, Protocol, Rng};
 use schemars::{JsonSchema, Schema};
@@ -11,12 +12,13 @@ use std::collections::BTreeMap;
 
 /// What a plugin's config must be.
 ///
-/// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then reads what its id
-/// names, whatever happens to the file.
+/// A file that a config names stands under a key `file` and is a [`DataFile`](crate::DataFile): a trial then
+/// reads what its id names, whatever happens to the file.
 ///
-/// Derive `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc comments become
-/// the descriptions that `describe` prints; `#[schemars(range(min = .., max = ..))]` the limits that `check` holds;
-/// `#[schemars(extend("x-unit" = "s"))]` the unit and `#[schemars(extend("x-source" = "table 3.1"))]` the source of a default.
+/// Derive `Serialize`, `Deserialize` (with `#[serde(deny_unknown_fields, default)]`) and `JsonSchema`. Doc
+/// comments become the descriptions that `describe` prints; `#[schemars(range(min = .., max = ..))]` the
+/// limits that `check` holds; `#[schemars(extend("x-unit" = "s"))]` the unit and
+/// `#[schemars(extend("x-source" = "table 3.1"))]` the source of a default.
 pub trait Config: DeserializeOwned + Serialize + Default + JsonSchema + 'static {
     /// Named settings that differ from the default.
     fn presets() -> Vec<Preset> {
@@ -86,8 +88,8 @@ pub struct ProtocolEntry {
     pub about: About,
     /// Makes it from a resolved config.
     pub build: Build<dyn Protocol>,
-    /// The config for an agent that does not learn: measurements alone, at the steps at which those that learn are measured, so
-    /// that its trials do not depend on the rest of a training budget.
+    /// The config for an agent that does not learn: measurements alone, at the steps at which those that
+    /// learn are measured, so that its trials do not depend on the rest of a training budget.
     pub without_training: Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>,
 }
 
@@ -116,7 +118,8 @@ pub struct AgentTraits {
     pub learns: bool,
     /// What `learn` records, and what measurements record of its decisions.
     pub metrics: Vec<Metric>,
-    /// True where `learn` reads observations and states alone, so that it can be given examples instead of decisions.
+    /// True where `learn` reads observations and states alone, so that it can be given examples instead of
+    /// decisions.
     pub learns_from_examples: bool,
     /// Whether it can learn from what others gathered.
     pub datasets: UseOfDatasets,
@@ -131,7 +134,8 @@ pub enum UseOfDatasets {
     /// It learns from its own decisions and, where it is given them in batches, from those of others: `learn`
     /// does not ask who decided.
     Also,
-    /// It is made for datasets: every call of `learn` is one batch drawn from one, which `survey` was told of.
+    /// It is made for datasets: every call of `learn` is one batch drawn from one, which `survey` was told
+    /// of.
     Only,
 }
 
@@ -149,8 +153,8 @@ impl Default for Registry {
 }
 
 impl Registry {
-    /// Takes in the version of a crate of numerical code that several plugins share. Versions only rise, so that raising any
-    /// of them gives trials another id.
+    /// Takes in the version of a crate of numerical code that several plugins share. Versions only rise, so
+    /// that raising any of them gives trials another id.
     pub fn shares(&mut self, version: u32) {
         self.numerics_version += version;
     }
@@ -166,8 +170,14 @@ impl Registry {
         about: &'static str,
         build: fn(C) -> Result<Box<dyn Environment>, Error>,
     ) {
-        let entry = EnvironmentEntry { about: describe::<C>(version, about), build: Box::new(move |raw| build(typed(raw)?)) };
-        assert!(self.environments.insert(name, entry).is_none(), "environment `{name}` is registered twice");
+        let entry = EnvironmentEntry {
+            about: describe::<C>(version, about),
+            build: Box::new(move |raw| build(typed(raw)?)),
+        };
+        assert!(
+            self.environments.insert(name, entry).is_none(),
+            "environment `{name}` is registered twice"
+        );
     }
 
     /// Registers an agent.
@@ -190,7 +200,10 @@ impl Registry {
             datasets: traits.datasets,
             build: Box::new(move |raw, interface, rng| build(typed(raw)?, interface, rng)),
         };
-        assert!(self.agents.insert(name, entry).is_none(), "agent `{name}` is registered twice");
+        assert!(
+            self.agents.insert(name, entry).is_none(),
+            "agent `{name}` is registered twice"
+        );
     }
 
     /// Registers a protocol. `without_training` is the config that an agent which does not learn gets.
@@ -208,9 +221,14 @@ impl Registry {
         let entry = ProtocolEntry {
             about: describe::<C>(version, about),
             build: Box::new(move |raw| build(typed(raw)?)),
-            without_training: Box::new(move |raw| serde_json::to_value(without_training(serde_json::from_value(raw.clone())?))),
+            without_training: Box::new(move |raw| {
+                serde_json::to_value(without_training(serde_json::from_value(raw.clone())?))
+            }),
         };
-        assert!(self.protocols.insert(name, entry).is_none(), "protocol `{name}` is registered twice");
+        assert!(
+            self.protocols.insert(name, entry).is_none(),
+            "protocol `{name}` is registered twice"
+        );
     }
 }
 
@@ -222,7 +240,8 @@ fn describe<C: Config>(version: u32, about: &'static str) -> About {
     About {
         about,
         version,
-        // A config is a struct of numbers, words and lists with a default; serde_json refuses only maps with odd keys.
+        // A config is a struct of numbers, words and lists with a default; serde_json refuses only maps with
+        // odd keys.
         defaults: serde_json::to_value(C::default()).expect("a config serialises"),
         schema: schemars::schema_for!(C),
         presets: C::presets(),

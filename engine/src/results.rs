@@ -24,25 +24,29 @@ pub const EPISODE_LENGTH: &str = "episode_length";
 /// The metric that every trial has when results are read: how long it took, in seconds.
 pub const WALL_TIME: &str = "wall_time";
 
-/// The metric that trials of agents that learn have when results are read: how long they took over the updates that they
-/// made, in seconds.
+/// The metric that trials of agents that learn have when results are read: how long they took over the
+/// updates that they made, in seconds.
 pub const TIME_PER_UPDATE: &str = "time_per_update";
 
 /// What is said wherever a time is shown.
-pub const TIMES_ARE_OF_THE_MACHINE: &str =
-    "Times are measurements of the machine that computed the trials and of what else it did; they differ from run to run.";
+pub const TIMES_ARE_OF_THE_MACHINE: &str = "Times are measurements of the machine that computed the trials \
+                                            and of what else it did; they differ from run to run.";
 
 /// What [`WALL_TIME`] says, for names, units and directions.
 #[must_use]
 pub fn wall_time_metric() -> Metric {
-    Metric::new(WALL_TIME, "s", "wall-clock time of the trial").lower_is_better().per_episode(PerEpisode::Last)
+    Metric::new(WALL_TIME, "s", "wall-clock time of the trial")
+        .lower_is_better()
+        .per_episode(PerEpisode::Last)
 }
 
 /// What [`TIME_PER_UPDATE`] says, for names, units and directions.
 #[must_use]
 pub fn time_per_update_metric() -> Metric {
     let about = "wall-clock time of the trial over the updates that the agent made";
-    Metric::new(TIME_PER_UPDATE, "s", about).lower_is_better().per_episode(PerEpisode::Last)
+    Metric::new(TIME_PER_UPDATE, "s", about)
+        .lower_is_better()
+        .per_episode(PerEpisode::Last)
 }
 
 /// True where one of the words of `asked`, a part of a study, is the name of a time.
@@ -54,7 +58,9 @@ pub fn names_times(asked: &impl Serialize) -> bool {
 fn has_time(asked: &Value) -> bool {
     let is_name = |letter: char| letter.is_alphanumeric() || letter == '_';
     match asked {
-        Value::String(text) => text.split(|letter| !is_name(letter)).any(|word| [WALL_TIME, TIME_PER_UPDATE].contains(&word)),
+        Value::String(text) => text
+            .split(|letter| !is_name(letter))
+            .any(|word| [WALL_TIME, TIME_PER_UPDATE].contains(&word)),
         Value::Array(items) => items.iter().any(has_time),
         Value::Object(entries) => entries.values().any(has_time),
         _ => false,
@@ -89,8 +95,14 @@ pub enum EndState {
 
 impl EndState {
     /// Every state but `ok`.
-    pub const FAILURES: [EndState; 6] =
-        [EndState::Failed, EndState::Panicked, EndState::Timeout, EndState::Oom, EndState::Nan, EndState::Killed];
+    pub const FAILURES: [EndState; 6] = [
+        EndState::Failed,
+        EndState::Panicked,
+        EndState::Timeout,
+        EndState::Oom,
+        EndState::Nan,
+        EndState::Killed,
+    ];
 
     /// The word that is stored and shown.
     #[must_use]
@@ -137,7 +149,11 @@ impl TrialResult {
     /// Names of environment, agent and setting.
     #[must_use]
     pub fn cell(&self) -> CellName {
-        (self.trial.environment.clone(), self.trial.agent.clone(), self.trial.setting.clone())
+        (
+            self.trial.environment.clone(),
+            self.trial.agent.clone(),
+            self.trial.setting.clone(),
+        )
     }
 
     /// True where the trial ended `ok`.
@@ -146,13 +162,15 @@ impl TrialResult {
         self.end.as_ref().is_some_and(|end| end.state == EndState::Ok)
     }
 
-    /// How many updates the agent had made at the end; `None` where it does not learn, and where nothing was recorded.
+    /// How many updates the agent had made at the end; `None` where it does not learn, and where nothing was
+    /// recorded.
     #[must_use]
     pub fn updates(&self) -> Option<f64> {
         self.select(Phase::Final, UPDATES).last().map(|row| row.value)
     }
 
-    /// Whether the trial was a success; `None` where the study does not say what that is, and where nothing was recorded.
+    /// Whether the trial was a success; `None` where the study does not say what that is, and where nothing
+    /// was recorded.
     #[must_use]
     pub fn succeeded(&self) -> Option<bool> {
         self.mean(Phase::Final, SUCCESS).map(|share| share > 0.5)
@@ -160,18 +178,28 @@ impl TrialResult {
 
     /// Adds the metric `success`, from what the trial measured at the end.
     pub fn judge_success(&mut self, success: &Success) {
-        let Some(value) = self.mean(Phase::Final, &success.metric).filter(|_| self.is_ok()) else { return };
+        let Some(value) = self.mean(Phase::Final, &success.metric).filter(|_| self.is_ok()) else {
+            return;
+        };
         let last = self.select(Phase::Final, &success.metric).last().copied();
         let Some(last) = last else { return };
         self.add(SUCCESS, f64::from(u8::from(success.holds(value))), last);
     }
 
-    /// Adds the metrics [`WALL_TIME`] and, where the agent made updates, [`TIME_PER_UPDATE`], from how the trial ended. They
-    /// are measurements of the machine: no trial records them, and its numbers do not depend on them.
+    /// Adds the metrics [`WALL_TIME`] and, where the agent made updates, [`TIME_PER_UPDATE`], from how the
+    /// trial ended. They are measurements of the machine: no trial records them, and its numbers do not
+    /// depend on them.
     pub fn add_times(&mut self) {
-        let Some(wall_s) = self.end.as_ref().map(|end| end.wall_s).filter(|_| self.is_ok()) else { return };
-        let Some(last) = self.rows.iter().rfind(|row| row.phase == Phase::Final).copied() else { return };
-        let per_update = self.updates().filter(|made| *made > 0.0).map(|made| wall_s / made);
+        let Some(wall_s) = self.end.as_ref().map(|end| end.wall_s).filter(|_| self.is_ok()) else {
+            return;
+        };
+        let Some(last) = self.rows.iter().rfind(|row| row.phase == Phase::Final).copied() else {
+            return;
+        };
+        let per_update = self
+            .updates()
+            .filter(|made| *made > 0.0)
+            .map(|made| wall_s / made);
         for (name, value) in [(WALL_TIME, Some(wall_s)), (TIME_PER_UPDATE, per_update)] {
             // What a plugin records under the name is what the name means then.
             if let Some(value) = value.filter(|_| !self.names.iter().any(|known| known == name)) {
@@ -183,19 +211,29 @@ impl TrialResult {
     /// Adds a number of the whole trial at the step of one of its rows.
     fn add(&mut self, name: &str, value: f64, beside: Row) {
         let metric = crate::recorder::intern(&mut self.names, name);
-        self.rows.push(Row { episode: 0, seat: 0, metric, value, ..beside });
+        self.rows.push(Row {
+            episode: 0,
+            seat: 0,
+            metric,
+            value,
+            ..beside
+        });
     }
 
     /// The rows of one metric in one phase, in the order of recording.
     pub fn select<'a>(&'a self, phase: Phase, metric: &str) -> impl Iterator<Item = &'a Row> + 'a + use<'a> {
         let index = self.names.iter().position(|name| name == metric);
-        self.rows.iter().filter(move |row| row.phase == phase && Some(usize::from(row.metric)) == index)
+        self.rows
+            .iter()
+            .filter(move |row| row.phase == phase && Some(usize::from(row.metric)) == index)
     }
 
     /// Mean of a metric over the episodes (and seats) of a phase; `None` where nothing was recorded.
     #[must_use]
     pub fn mean(&self, phase: Phase, metric: &str) -> Option<f64> {
-        let (sum, count) = self.select(phase, metric).fold((0.0, 0u32), |(sum, count), row| (sum + row.value, count + 1));
+        let (sum, count) = self
+            .select(phase, metric)
+            .fold((0.0, 0u32), |(sum, count), row| (sum + row.value, count + 1));
         (count > 0).then(|| sum / f64::from(count))
     }
 
@@ -207,11 +245,15 @@ impl TrialResult {
             let point = points.entry(row.step).or_default();
             *point = (point.0 + row.value, point.1 + 1);
         }
-        points.into_iter().map(|(step, (sum, count))| (step, sum / f64::from(count))).collect()
+        points
+            .into_iter()
+            .map(|(step, (sum, count))| (step, sum / f64::from(count)))
+            .collect()
     }
 }
 
-/// What counts as a success of a seed, for outcomes that come in two kinds: a mean over both describes neither.
+/// What counts as a success of a seed, for outcomes that come in two kinds: a mean over both describes
+/// neither.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Success {
@@ -232,7 +274,10 @@ impl Success {
 impl std::fmt::Display for Success {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let limits = [("above", self.above), ("below", self.below)];
-        let limits: Vec<String> = limits.iter().filter_map(|(word, limit)| Some(format!("{word} {}", (*limit)?))).collect();
+        let limits: Vec<String> = limits
+            .iter()
+            .filter_map(|(word, limit)| Some(format!("{word} {}", (*limit)?)))
+            .collect();
         write!(f, "{} {}", self.metric, limits.join(" and "))
     }
 }
@@ -257,23 +302,38 @@ impl Results {
     /// Trials of a study with a fixed number of seeds, which does not say what a success is.
     #[must_use]
     pub fn of(trials: Vec<TrialResult>) -> Self {
-        let (prepared, trials) = trials.into_iter().partition(|it| it.trial.purpose == Purpose::Prepared);
-        Self { trials, prepared, ..Self::default() }
+        let (prepared, trials) = trials
+            .into_iter()
+            .partition(|it| it.trial.purpose == Purpose::Prepared);
+        Self {
+            trials,
+            prepared,
+            ..Self::default()
+        }
     }
 
-    /// Which seeds of some trials a statement may be decided on: those of looks for which every trial has ended. One that was
-    /// killed from outside has not: it runs again.
+    /// Which seeds of some trials a statement may be decided on: those of looks for which every trial has
+    /// ended. One that was killed from outside has not: it runs again.
     #[must_use]
     pub fn seeds_of(&self, trials: &[&TrialResult]) -> Seeds {
-        let Some(design) = &self.design else { return Seeds::default() };
+        let Some(design) = &self.design else {
+            return Seeds::default();
+        };
         let mut ended: BTreeMap<CellName, BTreeSet<u64>> = BTreeMap::new();
         for trial in trials {
             let seeds = ended.entry(trial.cell()).or_default();
             seeds.extend(Some(trial.trial.key.seed).filter(|_| !is_missing(trial.end.as_ref())));
         }
-        let is_complete = |most: &&u32| ended.values().all(|seeds| seeds.range(..u64::from(**most)).count() == **most as usize);
+        let is_complete = |most: &&u32| {
+            ended
+                .values()
+                .all(|seeds| seeds.range(..u64::from(**most)).count() == **most as usize)
+        };
         let complete = design.looks().iter().take_while(is_complete).count();
-        Seeds { design: Some(design.clone()), complete }
+        Seeds {
+            design: Some(design.clone()),
+            complete,
+        }
     }
 }
 
@@ -285,26 +345,49 @@ mod tests {
     #[test]
     fn a_look_is_complete_when_all_its_trials_ended_and_none_has_to_run_again() {
         let complete = |last: Option<EndState>| {
-            let mut trials: Vec<TrialResult> = (0..3).map(|seed| trial("cells", "equal", "", seed, &Vec::new())).collect();
+            let mut trials: Vec<TrialResult> = (0..3)
+                .map(|seed| trial("cells", "equal", "", seed, &Vec::new()))
+                .collect();
             trials[2] = match last {
                 Some(state) => ended(trials[2].clone(), state, "told"),
-                None => TrialResult { end: None, ..trials[2].clone() },
+                None => TrialResult {
+                    end: None,
+                    ..trials[2].clone()
+                },
             };
-            let results = Results { design: Some(Design::new(vec![3, 6])), ..Results::of(trials) };
-            results.seeds_of(&results.trials.iter().collect::<Vec<_>>()).complete
+            let results = Results {
+                design: Some(Design::new(vec![3, 6])),
+                ..Results::of(trials)
+            };
+            results
+                .seeds_of(&results.trials.iter().collect::<Vec<_>>())
+                .complete
         };
-        assert_eq!([EndState::Ok, EndState::Nan, EndState::Timeout].map(|state| complete(Some(state))), [1, 1, 1]);
+        assert_eq!(
+            [EndState::Ok, EndState::Nan, EndState::Timeout].map(|state| complete(Some(state))),
+            [1, 1, 1]
+        );
         assert_eq!([complete(Some(EndState::Killed)), complete(None)], [0, 0]);
     }
 
     #[test]
     fn times_are_those_of_the_end_and_over_the_updates() {
-        let mut learner = trial("cells", "learner", "", 0, &vec![(Phase::Final, 8, 0, UPDATES, 20.0)]);
+        let mut learner = trial(
+            "cells",
+            "learner",
+            "",
+            0,
+            &vec![(Phase::Final, 8, 0, UPDATES, 20.0)],
+        );
         learner.add_times();
         // A made trial took a second.
         assert_eq!(learner.mean(Phase::Final, WALL_TIME), Some(1.0));
         assert_eq!(learner.mean(Phase::Final, TIME_PER_UPDATE), Some(0.05));
-        assert!(learner.select(Phase::Final, TIME_PER_UPDATE).all(|row| row.step == 8));
+        assert!(
+            learner
+                .select(Phase::Final, TIME_PER_UPDATE)
+                .all(|row| row.step == 8)
+        );
         let mut rule = trial("cells", "rule", "", 0, &vec![(Phase::Final, 0, 0, "return", 1.0)]);
         rule.add_times();
         assert_eq!(rule.mean(Phase::Final, WALL_TIME), Some(1.0));

@@ -26,13 +26,22 @@ impl Setting {
     /// The value of a key, which may be given with its last word alone.
     #[must_use]
     pub fn get(&self, key: &str) -> Option<&Value> {
-        self.0.iter().find(|(name, _)| is_called(name, key)).map(|(_, value)| value)
+        self.0
+            .iter()
+            .find(|(name, _)| is_called(name, key))
+            .map(|(_, value)| value)
     }
 
     /// The same point without a key.
     #[must_use]
     pub fn without(&self, key: &str) -> Self {
-        Self(self.0.iter().filter(|(name, _)| !is_called(name, key)).cloned().collect())
+        Self(
+            self.0
+                .iter()
+                .filter(|(name, _)| !is_called(name, key))
+                .cloned()
+                .collect(),
+        )
     }
 }
 
@@ -65,13 +74,20 @@ mod tests {
     use serde_json::json;
 
     fn point() -> Setting {
-        let values = [("dsac.rate", json!(1e-4)), ("cells", json!(4)), ("load", json!("a b=c"))];
+        let values = [
+            ("dsac.rate", json!(1e-4)),
+            ("cells", json!(4)),
+            ("load", json!("a b=c")),
+        ];
         Setting::new(values.map(|(key, value)| (key.to_owned(), value)).into())
     }
 
     #[test]
     fn a_key_is_found_by_its_last_word() {
-        assert_eq!((point().get("rate"), point().get("dsac.rate")), (Some(&json!(1e-4)), Some(&json!(1e-4))));
+        assert_eq!(
+            (point().get("rate"), point().get("dsac.rate")),
+            (Some(&json!(1e-4)), Some(&json!(1e-4)))
+        );
         assert_eq!((point().get("ate"), Setting::default().get("rate")), (None, None));
         assert_eq!(point().without("rate").to_string(), r#"cells=4 load="a b=c""#);
     }
@@ -79,6 +95,9 @@ mod tests {
     #[test]
     fn it_is_written_as_words_and_stored_with_its_values() {
         assert_eq!(point().to_string(), r#"dsac.rate=0.0001 cells=4 load="a b=c""#);
-        assert_eq!(serde_json::from_value::<Setting>(json!(point())).unwrap(), point());
+        assert_eq!(
+            serde_json::from_value::<Setting>(json!(point())).unwrap(),
+            point()
+        );
     }
 }

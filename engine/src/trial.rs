@@ -1,4 +1,5 @@
-//! One trial: an environment, an agent, a protocol and a seed, with an identity made of what determines its numbers.
+//! One trial: an environment, an agent, a protocol and a seed, with an identity made of what determines its
+//! numbers.
 
 use crate::{
     Agent, Error, Interface, Keeper, Recorder, Registry,
@@ -23,10 +24,12 @@ pub struct Part {
     /// Config with every default filled in; the trials of a plan share it.
     #[serde(with = "shared")]
     pub config: Arc<Value>,
-    /// Hashes of the data files that the config names, by JSON pointer: what a file holds determines numbers, its path does not.
+    /// Hashes of the data files that the config names, by JSON pointer: what a file holds determines numbers,
+    /// its path does not.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
-    /// What the config takes from other trials, by JSON pointer: which trial leaves it determines numbers, its name in a study does not.
+    /// What the config takes from other trials, by JSON pointer: which trial leaves it determines numbers,
+    /// its name in a study does not.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub products: BTreeMap<String, Taken>,
 }
@@ -36,7 +39,13 @@ impl Part {
     #[must_use]
     pub fn new(plugin: impl Into<String>, version: u32, config: Value) -> Self {
         let (files, products) = (BTreeMap::new(), BTreeMap::new());
-        Self { plugin: plugin.into(), version, config: Arc::new(config), files, products }
+        Self {
+            plugin: plugin.into(),
+            version,
+            config: Arc::new(config),
+            files,
+            products,
+        }
     }
 
     /// Hash of plugin, version, config, the content of data files and the trials whose products are taken.
@@ -45,7 +54,8 @@ impl Part {
         hash(&json!([self.plugin, self.version, *self.identity()]))
     }
 
-    /// The config with the content of data files in place of their paths, and trials in place of names: what enters the hash.
+    /// The config with the content of data files in place of their paths, and trials in place of names: what
+    /// enters the hash.
     #[must_use]
     pub fn identity(&self) -> Cow<'_, Value> {
         if self.files.is_empty() && self.products.is_empty() {
@@ -65,8 +75,8 @@ impl Part {
         Cow::Owned(config)
     }
 
-    /// The config as its plugin is built from it: with what its data files hold, each read once and held against its hash, and with the
-    /// folders of products, which `find` looks up.
+    /// The config as its plugin is built from it: with what its data files hold, each read once and held
+    /// against its hash, and with the folders of products, which `find` looks up.
     ///
     /// # Errors
     /// [`Error::DataFileChanged`], [`Error::File`] where one cannot be read, and what `find` says.
@@ -77,12 +87,14 @@ impl Part {
         let mut config = (*self.config).clone();
         for (key, content) in &self.files {
             let named = config.pointer_mut(key).filter(|value| value.is_string());
-            let named = named.ok_or_else(|| Error::config(key, "names no data file, but the trial has the hash of one"))?;
+            let named = named
+                .ok_or_else(|| Error::config(key, "names no data file, but the trial has the hash of one"))?;
             *named = data_file::read(named.as_str().unwrap_or_default(), content)?;
         }
         for (key, taken) in &self.products {
             let named = config.pointer_mut(key).filter(|value| value.is_object());
-            let named = named.ok_or_else(|| Error::config(key, "names no product, but the trial has the source of one"))?;
+            let named = named
+                .ok_or_else(|| Error::config(key, "names no product, but the trial has the source of one"))?;
             named["folder"] = json!(find(taken)?);
         }
         Ok(Cow::Owned(config))
@@ -110,7 +122,9 @@ pub fn trial_id(parts: [&str; 3], seed: u64, numerics: u32, device: &str) -> Str
     // The canonical text of `[parts, seed, numerics, device]`, written at once: a plan has many trials.
     let [environment, agent, protocol] = parts;
     let device = json!(device);
-    hash_text(&format!(r#"[["{environment}","{agent}","{protocol}",],{seed},{numerics},{device},]"#))
+    hash_text(&format!(
+        r#"[["{environment}","{agent}","{protocol}",],{seed},{numerics},{device},]"#
+    ))
 }
 
 /// Everything that determines the numbers of one trial, and nothing else.
@@ -134,7 +148,12 @@ impl TrialKey {
     /// The trial's id: 32 hexadecimal digits of a hash over the key.
     #[must_use]
     pub fn id(&self) -> String {
-        trial_id(self.part_ids().each_ref().map(String::as_str), self.seed, self.numerics, &self.device)
+        trial_id(
+            self.part_ids().each_ref().map(String::as_str),
+            self.seed,
+            self.numerics,
+            &self.device,
+        )
     }
 
     /// Ids of environment, agent and protocol.
@@ -159,14 +178,19 @@ impl TrialKey {
         all
     }
 
-    /// Of these, what it takes by names of its own: a cast takes policies, and what their agents were made from is theirs.
+    /// Of these, what it takes by names of its own: a cast takes policies, and what their agents were made
+    /// from is theirs.
     #[must_use]
     pub fn taken_by_name(&self) -> Vec<Taken> {
         match self.agent.cast() {
             None => self.taken(),
             Some(cast) => {
                 let parts = [&self.environment, &self.protocol];
-                parts.into_iter().flat_map(|part| part.products.values().cloned()).chain(cast.policies()).collect()
+                parts
+                    .into_iter()
+                    .flat_map(|part| part.products.values().cloned())
+                    .chain(cast.policies())
+                    .collect()
             }
         }
     }
@@ -193,12 +217,13 @@ impl TrialKey {
         self.run_after(registry, &no_product, folder, progress, keeper)
     }
 
-    /// Builds the parts and runs the protocol from what `keeper` has of this trial, or from the start; `progress` is told
-    /// steps done and steps in all. `find` looks up what other trials left; what this one leaves goes into `folder`.
+    /// Builds the parts and runs the protocol from what `keeper` has of this trial, or from the start;
+    /// `progress` is told steps done and steps in all. `find` looks up what other trials left; what this one
+    /// leaves goes into `folder`.
     ///
     /// # Errors
-    /// Whatever a plugin reports, [`Error::Source`] for a product of another trial that cannot be used, and [`Error::Stopped`]
-    /// where `keeper` asked the trial to stop.
+    /// Whatever a plugin reports, [`Error::Source`] for a product of another trial that cannot be used, and
+    /// [`Error::Stopped`] where `keeper` asked the trial to stop.
     pub fn run_after(
         &self,
         registry: &Registry,
@@ -209,7 +234,8 @@ impl TrialKey {
     ) -> Result<Recorder, Error> {
         loop {
             match self.attempt(registry, find, folder, progress, keeper) {
-                // What the trial continued from does not fit it: the next attempt takes up something older or begins anew.
+                // What the trial continued from does not fit it: the next attempt takes up something older or
+                // begins anew.
                 Err(Error::Checkpoint { .. }) if keeper.refuse() => {}
                 outcome => return outcome,
             }
@@ -233,7 +259,15 @@ impl TrialKey {
         let interface = make_environment()?.interface();
         let agent = self.build_agent(registry, &interface, &streams, find)?;
         let record = Recorder::default();
-        let mut run = Run { make_environment: &make_environment, agent, streams, record, progress, keeper, folder };
+        let mut run = Run {
+            make_environment: &make_environment,
+            agent,
+            streams,
+            record,
+            progress,
+            keeper,
+            folder,
+        };
         protocol.run(&mut run)?;
         run.record.all_finite()?;
         if let (Some(folder), Seating::Agent(_)) = (folder, &self.agent) {
@@ -251,7 +285,9 @@ impl TrialKey {
         find: FindProduct<'_>,
     ) -> Result<Box<dyn Agent>, Error> {
         match &self.agent {
-            Seating::Cast(cast) => Ok(Box::new(Team::assemble(cast, registry, interface, streams, find)?)),
+            Seating::Cast(cast) => Ok(Box::new(Team::assemble(
+                cast, registry, interface, streams, find,
+            )?)),
             Seating::Agent(part) => {
                 let entry = find_entry(&registry.agents, "agent", &part.plugin)?;
                 (entry.build)(&*part.loaded(find)?, interface, &mut streams.agent("initialise"))
@@ -288,7 +324,8 @@ pub enum Purpose {
     /// It is one of a combination of environment, agent and setting, which tables, figures and claims show.
     #[default]
     Cell,
-    /// It leaves what other trials take: an entry of the section `prepare`, whose name stands for the environment.
+    /// It leaves what other trials take: an entry of the section `prepare`, whose name stands for the
+    /// environment.
     Prepared,
     /// It is an encounter of a play, whose name stands for the environment; the agents by role.
     Play(BTreeMap<String, String>),
@@ -298,13 +335,22 @@ impl Trial {
     /// Environment, agent, setting and seed in words.
     #[must_use]
     pub fn title(&self) -> String {
-        let setting = if self.setting.is_empty() { String::new() } else { format!(" [{}]", self.setting) };
-        format!("{} {}{setting} seed {}", self.environment, self.agent, self.key.seed)
+        let setting = if self.setting.is_empty() {
+            String::new()
+        } else {
+            format!(" [{}]", self.setting)
+        };
+        format!(
+            "{} {}{setting} seed {}",
+            self.environment, self.agent, self.key.seed
+        )
     }
 }
 
 fn find_entry<'a, T>(entries: &'a BTreeMap<&'static str, T>, kind: &str, name: &str) -> Result<&'a T, Error> {
-    entries.get(name).ok_or_else(|| Error::config(kind, format!("`{name}` is not registered in this program")))
+    entries
+        .get(name)
+        .ok_or_else(|| Error::config(kind, format!("`{name}` is not registered in this program")))
 }
 
 /// Hash of a JSON value that does not depend on the order of keys.
@@ -351,7 +397,10 @@ mod tests {
 
     #[test]
     fn the_order_of_keys_does_not_reach_the_hash() {
-        let (one, two) = (r#"{"a":1,"b":[2,{"c":3,"d":4}]}"#, r#"{"b":[2,{"d":4,"c":3}],"a":1}"#);
+        let (one, two) = (
+            r#"{"a":1,"b":[2,{"c":3,"d":4}]}"#,
+            r#"{"b":[2,{"d":4,"c":3}],"a":1}"#,
+        );
         let parse = |text| serde_json::from_str::<Value>(text).unwrap();
         assert_eq!(hash(&parse(one)), hash(&parse(two)));
         assert_ne!(hash(&parse("[1,2]")), hash(&parse("[2,1]")));
@@ -360,6 +409,9 @@ mod tests {
     #[test]
     fn the_id_of_a_trial_is_the_hash_of_its_canonical_text() {
         let parts = ["0a", "1b", "2c"];
-        assert_eq!(trial_id(parts, 7, 3, "cpu \"odd\""), hash(&json!([parts, 7, 3, "cpu \"odd\""])));
+        assert_eq!(
+            trial_id(parts, 7, 3, "cpu \"odd\""),
+            hash(&json!([parts, 7, 3, "cpu \"odd\""]))
+        );
     }
 }

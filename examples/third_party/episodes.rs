@@ -1,7 +1,7 @@
 //! A protocol made of the engine's parts: learn from whole episodes, then measure.
 //!
-//! The trial can stop before every episode. Each has random streams of its own, so the number of episodes so far is all that
-//! learning needs to go on.
+//! The trial can stop before every episode. Each has random streams of its own, so the number of episodes so
+//! far is all that learning needs to go on.
 
 use engine::{
     Config, Error, Metric, Mode, Phase, Protocol, Registry, Transition,
@@ -23,15 +23,27 @@ struct Episodes {
 
 impl Default for Episodes {
     fn default() -> Self {
-        Self { episodes: 400, final_episodes: 600 }
+        Self {
+            episodes: 400,
+            final_episodes: 600,
+        }
     }
 }
 
 impl Config for Episodes {}
 
 pub fn register(registry: &mut Registry) {
-    let alone = |config: Episodes| Episodes { episodes: 0, ..config };
-    registry.protocol("episodes", 1, "learn from whole episodes, then measure", alone, |config| Ok(Box::new(config)));
+    let alone = |config: Episodes| Episodes {
+        episodes: 0,
+        ..config
+    };
+    registry.protocol(
+        "episodes",
+        1,
+        "learn from whole episodes, then measure",
+        alone,
+        |config| Ok(Box::new(config)),
+    );
 }
 
 impl Protocol for Episodes {
@@ -53,7 +65,10 @@ impl Protocol for Episodes {
             Some(Position { learning, measuring }) => (learning.unwrap_or(self.episodes), measuring),
         };
         for episode in learnt..self.episodes {
-            run.checkpoint(|| Position { learning: Some(episode), measuring: None })?;
+            run.checkpoint(|| Position {
+                learning: Some(episode),
+                measuring: None,
+            })?;
             play(run, episode)?;
             (run.progress)(episode + 1, self.episodes);
         }
@@ -68,17 +83,28 @@ impl Protocol for Episodes {
 fn play(run: &mut Run<'_>, episode: u64) -> Result<(), Error> {
     let mut environment = (run.make_environment)()?;
     let mut rng = run.streams.environment("train", episode);
-    let [mut act, mut learn] = ["act", "learn"].map(|purpose| run.streams.agent(&format!("{purpose} {episode}")));
+    let [mut act, mut learn] =
+        ["act", "learn"].map(|purpose| run.streams.agent(&format!("{purpose} {episode}")));
     let seats = environment.reset(&mut rng)?;
     let mut observation = observe(&*run.agent, &*environment, seats);
     loop {
-        let mut actions = run.agent.act(std::slice::from_ref(&observation), Mode::Train, &mut act)?;
-        let action = actions.pop().ok_or_else(|| Error::config("agent", "it gives no action"))?;
+        let mut actions = run
+            .agent
+            .act(std::slice::from_ref(&observation), Mode::Train, &mut act)?;
+        let action = actions
+            .pop()
+            .ok_or_else(|| Error::config("agent", "it gives no action"))?;
         let step = environment.step(&action, &mut rng)?;
         let next_observation = observe(&*run.agent, &*environment, step.observations);
         let (rewards, end) = (step.rewards, step.end);
         let following = next_observation.clone();
-        let transition = Transition { observation, action, rewards, next_observation, end };
+        let transition = Transition {
+            observation,
+            action,
+            rewards,
+            next_observation,
+            end,
+        };
         run.agent.learn(&[transition], &mut learn, &mut run.record)?;
         if end.is_some() {
             return Ok(());

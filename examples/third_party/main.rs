@@ -1,5 +1,5 @@
-//! A program of somebody else: its own environment, agents and protocol beside the engine's, and everything that `regimen`
-//! does with studies.
+//! A program of somebody else: its own environment, agents and protocol beside the engine's, and everything
+//! that `regimen` does with studies.
 //!
 //! ```text
 //! third-party run examples/third_party/study.yaml --profile smoke

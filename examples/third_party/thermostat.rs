@@ -23,7 +23,10 @@ struct Thermostat {
 
 impl Default for Thermostat {
     fn default() -> Self {
-        Self { decisions: 12, outside: 5.0 }
+        Self {
+            decisions: 12,
+            outside: 5.0,
+        }
     }
 }
 
@@ -33,8 +36,17 @@ pub fn register(registry: &mut Registry) {
     registry.environment("thermostat", 1, "a room with a heater", |config: Thermostat| {
         let seen = Space::Box(vec![Channel::new("temperature", "degC").typical(WANTED, 5.0)]);
         let heat = Space::Box(vec![Channel::new("heat", "").within(0.0, 1.0)]);
-        let seats = vec![Seat { name: String::new(), observation: seen, action: heat }];
-        Ok(Box::new(Room { config, seats, temperature: WANTED, decisions: 0 }))
+        let seats = vec![Seat {
+            name: String::new(),
+            observation: seen,
+            action: heat,
+        }];
+        Ok(Box::new(Room {
+            config,
+            seats,
+            temperature: WANTED,
+            decisions: 0,
+        }))
     });
 }
 
@@ -57,11 +69,17 @@ impl Environment for Room {
 
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
         let heat = actions[0][0].clamp(0.0, 1.0);
-        self.temperature += 0.1 * (self.config.outside - self.temperature) + 4.0 * heat + rng.random_range(-0.2..0.2);
+        self.temperature +=
+            0.1 * (self.config.outside - self.temperature) + 4.0 * heat + rng.random_range(-0.2..0.2);
         self.decisions += 1;
         let end = (self.decisions == self.config.decisions).then_some(End::Truncated);
         let reward = -(self.temperature - WANTED).powi(2);
-        Ok(Step { observations: vec![vec![self.temperature]], rewards: vec![reward], info: Vec::new(), end })
+        Ok(Step {
+            observations: vec![vec![self.temperature]],
+            rewards: vec![reward],
+            info: Vec::new(),
+            end,
+        })
     }
 
     fn trace_channels(&self) -> Vec<Channel> {
@@ -77,7 +95,10 @@ impl Environment for Room {
     }
 
     fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
-        let misfit = |error: serde_json::Error| Error::Checkpoint { what: "thermostat", problem: error.to_string() };
+        let misfit = |error: serde_json::Error| Error::Checkpoint {
+            what: "thermostat",
+            problem: error.to_string(),
+        };
         (self.temperature, self.decisions) = <(f64, u32)>::deserialize(snapshot).map_err(misfit)?;
         Ok(())
     }

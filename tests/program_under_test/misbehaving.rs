@@ -1,8 +1,8 @@
 //! An agent that misbehaves as its config says.
 
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Product, Recorder, Registry, Rng, Space, Transition,
-    Updates, product::Policy,
+    Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Product, Recorder, Registry, Rng, Space,
+    Transition, Updates, product::Policy,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -57,7 +57,11 @@ struct Misbehaving {
 
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry) {
-    let traits = AgentTraits { learns: true, metrics: Vec::new(), ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: Vec::new(),
+        ..AgentTraits::default()
+    };
     registry.agent("misbehaving", 1, "Misbehaves as its config says.", traits, build);
 }
 
@@ -70,14 +74,20 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
         Space::Simplex(names) => names.len(),
         other => other.len(),
     });
-    Ok(Box::new(Misbehaving { config, sizes: sizes.collect() }))
+    Ok(Box::new(Misbehaving {
+        config,
+        sizes: sizes.collect(),
+    }))
 }
 
 impl Agent for Misbehaving {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
         #[allow(clippy::cast_precision_loss, reason = "few shares")]
         let equal = |size: usize| vec![1.0 / size as f64; size];
-        Ok(observations.iter().map(|_| self.sizes.iter().map(|size| equal(*size)).collect()).collect())
+        Ok(observations
+            .iter()
+            .map(|_| self.sizes.iter().map(|size| equal(*size)).collect())
+            .collect())
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
@@ -103,14 +113,20 @@ impl Agent for Misbehaving {
     }
 
     fn updates(&self) -> Option<Updates> {
-        Some(Updates { made: 0, first_after: 1 })
+        Some(Updates {
+            made: 0,
+            first_after: 1,
+        })
     }
 }
 
 fn misbehave(how: How) -> Result<(), Error> {
     match how {
         How::Nothing => Ok(()),
-        How::Fail => Err(Error::Model { model: "test", problem: "it fails as asked".into() }),
+        How::Fail => Err(Error::Model {
+            model: "test",
+            problem: "it fails as asked".into(),
+        }),
         How::Panic => panic!("it panics as asked"),
         How::Abort => std::process::abort(),
         How::Loop => loop {
@@ -124,7 +140,11 @@ fn misbehave(how: How) -> Result<(), Error> {
                 std::thread::sleep(std::time::Duration::from_millis(1));
             }
         }
-        How::Nan => Err(Error::NotFinite { what: "the loss".into(), step: 1, value: f64::NAN }),
+        How::Nan => Err(Error::NotFinite {
+            what: "the loss".into(),
+            step: 1,
+            value: f64::NAN,
+        }),
         How::Kill => {
             let id = std::process::id().to_string();
             let _ = std::process::Command::new("kill").args(["-KILL", &id]).status();

@@ -1,8 +1,8 @@
 //! Who acts in a trial: an agent that is built for it, or policies that other trials left.
 //!
-//! A [`Cast`] seats trained policies. With one member for all seats a policy is measured where it was not trained; with one per role
-//! agents that were trained apart meet (cross-play). The id of the trial that left a policy is part of the cast's identity, and hashes
-//! everything that determined the policy.
+//! A [`Cast`] seats trained policies. With one member for all seats a policy is measured where it was not
+//! trained; with one per role agents that were trained apart meet (cross-play). The id of the trial that left
+//! a policy is part of the cast's identity, and hashes everything that determined the policy.
 
 mod team;
 
@@ -18,7 +18,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{collections::BTreeMap, sync::OnceLock};
 
-/// What an agent of a study is called that is the policy of another trial: `{ policy: { from: NAME } }`. It is no plugin.
+/// What an agent of a study is called that is the policy of another trial: `{ policy: { from: NAME } }`. It
+/// is no plugin.
 pub const POLICY: &str = "policy";
 
 /// What is known of [`POLICY`], as of plugins.
@@ -30,7 +31,9 @@ pub fn about_policy() -> &'static About {
         defaults: json!({}),
         schema: reference_schema(ProductKind::Policy),
         presets: Vec::new(),
-        resolve: Box::new(|raw| serde_json::to_value(serde_json::from_value::<Product<Policy>>(raw.clone())?)),
+        resolve: Box::new(|raw| {
+            serde_json::to_value(serde_json::from_value::<Product<Policy>>(raw.clone())?)
+        }),
     })
 }
 
@@ -39,7 +42,11 @@ const VERSION: u32 = 2;
 
 /// All that may stand for an agent in a study: the registered agents, and [`POLICY`].
 pub fn agents(registry: &Registry) -> impl Iterator<Item = (&'static str, &About)> {
-    registry.agents.iter().map(|(name, entry)| (*name, &entry.about)).chain([(POLICY, about_policy())])
+    registry
+        .agents
+        .iter()
+        .map(|(name, entry)| (*name, &entry.about))
+        .chain([(POLICY, about_policy())])
 }
 
 /// Who acts in a trial.
@@ -92,8 +99,12 @@ impl Seating {
     /// The products of other trials that are taken.
     #[must_use]
     pub fn taken(&self) -> Vec<Taken> {
-        let own = self.parts().into_iter().flat_map(|part| part.products.values().cloned());
-        own.chain(self.cast().into_iter().flat_map(Cast::policies)).collect()
+        let own = self
+            .parts()
+            .into_iter()
+            .flat_map(|part| part.products.values().cloned());
+        own.chain(self.cast().into_iter().flat_map(Cast::policies))
+            .collect()
     }
 }
 
@@ -127,7 +138,10 @@ impl Cast {
     /// The policies that it takes.
     pub fn policies(&self) -> impl Iterator<Item = Taken> {
         let trials = self.roles.values().filter_map(|member| member.trial.clone());
-        trials.map(|trial| Taken { trial, kind: ProductKind::Policy })
+        trials.map(|trial| Taken {
+            trial,
+            kind: ProductKind::Policy,
+        })
     }
 }
 
@@ -143,12 +157,24 @@ pub(crate) mod tests {
             agent: Part::new("learner", 1, json!({"width": 2})),
             trial: trial.map(Into::into),
         };
-        Cast { roles: BTreeMap::from([("prey".into(), member("a", Some(trial))), ("rest".into(), member("b", None))]) }
+        Cast {
+            roles: BTreeMap::from([
+                ("prey".into(), member("a", Some(trial))),
+                ("rest".into(), member("b", None)),
+            ]),
+        }
     }
 
     pub(crate) fn key(agent: Seating) -> TrialKey {
         let part = || Part::new("x", 1, Value::Null);
-        TrialKey { environment: part(), agent, protocol: part(), seed: 0, numerics: 1, device: "cpu".into() }
+        TrialKey {
+            environment: part(),
+            agent,
+            protocol: part(),
+            seed: 0,
+            numerics: 1,
+            device: "cpu".into(),
+        }
     }
 
     #[test]
@@ -178,11 +204,21 @@ pub(crate) mod tests {
     #[test]
     fn a_source_is_part_of_an_id_and_its_name_is_not() {
         let with = |name: &str, trial: &str| {
-            let mut part = Part::new("learner", 1, json!({"start": {"from": name, "product": "networks"}}));
-            let taken = Taken { trial: trial.into(), kind: ProductKind::Networks };
+            let mut part = Part::new(
+                "learner",
+                1,
+                json!({"start": {"from": name, "product": "networks"}}),
+            );
+            let taken = Taken {
+                trial: trial.into(),
+                kind: ProductKind::Networks,
+            };
             part.products.insert("/start".into(), taken.clone());
             let key = key(Seating::Agent(part));
-            assert_eq!((key.taken(), key.sources()), (vec![taken], vec![trial.to_string()]));
+            assert_eq!(
+                (key.taken(), key.sources()),
+                (vec![taken], vec![trial.to_string()])
+            );
             key.id()
         };
         assert_eq!(with("fresh", "0a"), with("renamed", "0a"));

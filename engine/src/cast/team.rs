@@ -7,7 +7,8 @@ use crate::{
     random::Streams,
 };
 
-/// Several agents as one. Each is built for all seats, as where it was trained, and of what it does only its own seats count.
+/// Several agents as one. Each is built for all seats, as where it was trained, and of what it does only its
+/// own seats count.
 pub(crate) struct Team {
     members: Vec<Member>,
     n_seats: usize,
@@ -22,7 +23,8 @@ impl Team {
     /// Builds the agents of a cast and has them take up their policies, which `find` looks up.
     ///
     /// # Errors
-    /// [`Error::Source`] where a policy is missing, damaged or of another form, and what the agents' constructors say.
+    /// [`Error::Source`] where a policy is missing, damaged or of another form, and what the agents'
+    /// constructors say.
     pub(crate) fn assemble(
         cast: &Cast,
         registry: &Registry,
@@ -38,7 +40,9 @@ impl Team {
         for (role, member) in &cast.roles {
             let name = &member.agent.plugin;
             let entry = registry.agents.get(name.as_str());
-            let entry = entry.ok_or_else(|| Error::config("agent", format!("`{name}` is not registered in this program")))?;
+            let entry = entry.ok_or_else(|| {
+                Error::config("agent", format!("`{name}` is not registered in this program"))
+            })?;
             let mut rng = streams.agent(&format!("initialise {role}"));
             let mut agent = (entry.build)(&*member.agent.loaded(find)?, interface, &mut rng)?;
             if let Some(trial) = &member.trial {
@@ -50,10 +54,14 @@ impl Team {
             };
             members.push(Member { seats, agent });
         }
-        Ok(Self { members, n_seats: interface.seats.len() })
+        Ok(Self {
+            members,
+            n_seats: interface.seats.len(),
+        })
     }
 
-    /// The agent that plays all seats; what several would say of their decisions cannot be told apart by seat.
+    /// The agent that plays all seats; what several would say of their decisions cannot be told apart by
+    /// seat.
     fn alone(&self) -> Option<&dyn Agent> {
         match self.members.as_slice() {
             [only] => Some(&*only.agent),
@@ -66,9 +74,20 @@ impl Team {
 ///
 /// # Errors
 /// [`Error::Source`] where the policy is missing, damaged or of another form.
-pub(crate) fn take_up(agent: &mut dyn Agent, name: &str, trial: &str, find: FindProduct<'_>) -> Result<(), Error> {
-    let unusable = |problem: String| Error::Source { trial: trial.into(), problem };
-    match agent.import(&find(&Taken { trial: trial.into(), kind: ProductKind::Policy })?) {
+pub(crate) fn take_up(
+    agent: &mut dyn Agent,
+    name: &str,
+    trial: &str,
+    find: FindProduct<'_>,
+) -> Result<(), Error> {
+    let unusable = |problem: String| Error::Source {
+        trial: trial.into(),
+        problem,
+    };
+    match agent.import(&find(&Taken {
+        trial: trial.into(),
+        kind: ProductKind::Policy,
+    })?) {
         Ok(true) => Ok(()),
         Ok(false) => Err(unusable(format!("the agent `{name}` takes up no stored policy"))),
         Err(error) => Err(unusable(error.to_string())),
@@ -80,14 +99,17 @@ impl Agent for Team {
         let mut joint: Vec<Action> = vec![vec![Vec::new(); self.n_seats]; observations.len()];
         for Member { seats, agent } in &mut self.members {
             for (row, mut action) in joint.iter_mut().zip(agent.act(observations, mode, rng)?) {
-                seats.iter().for_each(|&seat| row[seat] = std::mem::take(&mut action[seat]));
+                seats
+                    .iter()
+                    .for_each(|&seat| row[seat] = std::mem::take(&mut action[seat]));
             }
         }
         Ok(joint)
     }
 
     fn decision_metrics(&self) -> Vec<Metric> {
-        self.alone().map_or_else(Vec::new, |agent| agent.decision_metrics())
+        self.alone()
+            .map_or_else(Vec::new, |agent| agent.decision_metrics())
     }
 
     fn assess(&mut self, observations: &[Observation], actions: &[Action]) -> Result<Vec<Vec<f64>>, Error> {

@@ -9,7 +9,9 @@ impl Selection {
         let mut with = |name: &str, value: &str| all.extend([name.to_owned(), value.to_owned()]);
         self.profile.iter().for_each(|profile| with("--profile", profile));
         self.sets.iter().for_each(|set| with("--set", set));
-        self.seeds.iter().for_each(|seeds| with("--seeds", &seeds.to_string()));
+        self.seeds
+            .iter()
+            .for_each(|seeds| with("--seeds", &seeds.to_string()));
         self.only.iter().for_each(|name| with("--only", name));
         all
     }
@@ -17,10 +19,22 @@ impl Selection {
     /// The command `verb` for the same selection, with more words at its end.
     pub(super) fn command(&self, verb: &str, common: &Common, more: &[&str]) -> String {
         let specs = self.specs.iter().map(|path| path.display().to_string());
-        let store = common.store.iter().flat_map(|store| ["--store".to_owned(), store.display().to_string()]);
-        let machine = common.machine.iter().flat_map(|name| ["--machine".to_owned(), name.clone()]);
-        let words = ["regimen".to_owned(), verb.to_owned()].into_iter().chain(specs).chain(self.options());
-        let words = words.chain(store).chain(machine).chain(more.iter().map(|&word| word.to_owned()));
+        let store = common
+            .store
+            .iter()
+            .flat_map(|store| ["--store".to_owned(), store.display().to_string()]);
+        let machine = common
+            .machine
+            .iter()
+            .flat_map(|name| ["--machine".to_owned(), name.clone()]);
+        let words = ["regimen".to_owned(), verb.to_owned()]
+            .into_iter()
+            .chain(specs)
+            .chain(self.options());
+        let words = words
+            .chain(store)
+            .chain(machine)
+            .chain(more.iter().map(|&word| word.to_owned()));
         words.map(|word| quoted(&word)).collect::<Vec<_>>().join(" ")
     }
 }
@@ -28,7 +42,11 @@ impl Selection {
 /// A word as a shell reads it.
 fn quoted(word: &str) -> String {
     let plain = |letter: char| letter.is_alphanumeric() || "-_./=:,+@%".contains(letter);
-    if !word.is_empty() && word.chars().all(plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
 }
 
 #[cfg(test)]
@@ -45,10 +63,15 @@ mod tests {
             seeds: Some(2),
             only: vec!["dsac".into()],
         };
-        let common = Common { store: Some("else/where".into()), machine: None, format: Format::Text };
+        let common = Common {
+            store: Some("else/where".into()),
+            machine: None,
+            format: Format::Text,
+        };
         assert_eq!(
             selection.command("run", &common, &["--retry-failed"]),
-            "regimen run 'a b.yaml' --profile smoke --set 'dsac.weights=[1, 2]' --set 'x.y='\\''' --seeds 2 --only dsac \
+            "regimen run 'a b.yaml' --profile smoke --set 'dsac.weights=[1, 2]' --set 'x.y='\\''' --seeds 2 \
+             --only dsac \
              --store else/where --retry-failed"
         );
     }

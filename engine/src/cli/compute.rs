@@ -38,8 +38,8 @@ pub(super) struct Compute<'a> {
     pub(super) workers: usize,
     /// Whether trials that ended otherwise than `ok` run again.
     pub(super) retry_failed: bool,
-    /// Whether this is the whole command and not a part of one: it looks at what is stored before, and waits for trials that
-    /// other programs run.
+    /// Whether this is the whole command and not a part of one: it looks at what is stored before, and waits
+    /// for trials that other programs run.
     pub(super) whole: bool,
 }
 
@@ -54,8 +54,8 @@ struct Ran {
 }
 
 impl Compute<'_> {
-    /// Runs the trials that are missing (of those that `mine` picks by position); 106 where some still are, 100 where some
-    /// of them failed.
+    /// Runs the trials that are missing (of those that `mine` picks by position); 106 where some still are,
+    /// 100 where some of them failed.
     pub(super) fn run(&self, planned: &[Planned], mine: impl Fn(usize) -> bool) -> Result<u8, Failure> {
         let store = Store::at(&self.settings.store).by(self.registry.build.clone());
         let ends = self.prepare(planned, &store)?;
@@ -64,15 +64,28 @@ impl Compute<'_> {
             complain(&self.nothing_runs(planned, &ends));
             return Ok(OK);
         }
-        complain(&format!("running {} trials on {} worker processes", tasks.len(), self.workers.min(tasks.len())));
+        complain(&format!(
+            "running {} trials on {} worker processes",
+            tasks.len(),
+            self.workers.min(tasks.len())
+        ));
         let ran = self.work(&tasks, &store)?;
-        let now: Vec<Option<TrialEnd>> = tasks.iter().map(|task| store.end(&task.trial.id).unwrap_or(None)).collect();
+        let now: Vec<Option<TrialEnd>> = tasks
+            .iter()
+            .map(|task| store.end(&task.trial.id).unwrap_or(None))
+            .collect();
         let ends_now = of_all(planned, &ends).chain(tasks.iter().map(|task| task.trial).zip(&now));
         if let Some(words) = self.failed(ends_now) {
             complain(&words);
         }
-        let left = tasks.iter().zip(&now).enumerate().filter(|(_, (_, end))| is_missing(end.as_ref()));
-        let left: Vec<_> = left.map(|(place, (task, _))| (task, ran.blocked.contains(&place))).collect();
+        let left = tasks
+            .iter()
+            .zip(&now)
+            .enumerate()
+            .filter(|(_, (_, end))| is_missing(end.as_ref()));
+        let left: Vec<_> = left
+            .map(|(place, (task, _))| (task, ran.blocked.contains(&place)))
+            .collect();
         Ok(self.code(&left, &store, &ran))
     }
 
@@ -94,7 +107,11 @@ impl Compute<'_> {
             Ok(outcome) => outcome?,
             Err(panic) => std::panic::resume_unwind(panic),
         }
-        Ok(Ran { failed, stopped: stop.load(Ordering::SeqCst), blocked })
+        Ok(Ran {
+            failed,
+            stopped: stop.load(Ordering::SeqCst),
+            blocked,
+        })
     }
 
     /// What is said where no trial is missing.
@@ -112,19 +129,30 @@ impl Compute<'_> {
         failed_in_words(ends, &selection.command("run", common, &["--retry-failed"]))
     }
 
-    /// The exit code, from the trials that are left, each with whether it could not begin for want of what they take.
+    /// The exit code, from the trials that are left, each with whether it could not begin for want of what
+    /// they take.
     fn code(&self, left: &[(&Task<'_>, bool)], store: &Store, ran: &Ran) -> u8 {
-        let elsewhere = left.iter().filter(|(task, _)| store.running(&task.trial.id).is_some()).count();
-        let unready = left.iter().filter(|(task, unready)| *unready || !scheduler::is_ready(&task.after, store)).count();
+        let elsewhere = left
+            .iter()
+            .filter(|(task, _)| store.running(&task.trial.id).is_some())
+            .count();
+        let unready = left
+            .iter()
+            .filter(|(task, unready)| *unready || !scheduler::is_ready(&task.after, store))
+            .count();
         let ours = left.len().saturating_sub(elsewhere + unready);
         if unready > 0 {
-            complain(&format!("{unready} trials are blocked, because what they take from others is not there"));
+            complain(&format!(
+                "{unready} trials are blocked, because what they take from others is not there"
+            ));
         }
         if elsewhere > 0 {
             complain(&format!("{elsewhere} trials are with other programs"));
         }
         if ours > 0 {
-            complain(&format!("{ours} trials are still missing; the same command goes on"));
+            complain(&format!(
+                "{ours} trials are still missing; the same command goes on"
+            ));
         }
         // A worker leaves to others what takes from their trials.
         match (ours > 0 || unready > 0 && self.whole, ran.failed) {
@@ -150,18 +178,33 @@ impl Compute<'_> {
     }
 
     /// The trials to run, each once though several studies share it.
-    pub(super) fn tasks<'p>(&self, planned: &'p [Planned], ends: &Ends, mine: impl Fn(usize) -> bool) -> Vec<Task<'p>> {
+    pub(super) fn tasks<'p>(
+        &self,
+        planned: &'p [Planned],
+        ends: &Ends,
+        mine: impl Fn(usize) -> bool,
+    ) -> Vec<Task<'p>> {
         let (mut seen, mut tasks) = (BTreeSet::new(), Vec::new());
         let paces = paces(planned, ends);
         for (one, ends) in planned.iter().zip(ends) {
             let limits = Arc::new(self.limits_of(&one.study.limits));
-            for (position, ((trial, cost), end)) in one.plan.trials.iter().zip(&one.costs).zip(ends).enumerate() {
+            for (position, ((trial, cost), end)) in
+                one.plan.trials.iter().zip(&one.costs).zip(ends).enumerate()
+            {
                 let after = trial.key.sources();
-                // A part of the trials may lack what the other parts leave: whoever finds it there runs what takes it.
+                // A part of the trials may lack what the other parts leave: whoever finds it there runs what
+                // takes it.
                 let mine = mine(position) || !after.is_empty();
                 if mine && is_missing(end.as_ref()) && seen.insert(trial.id.as_str()) {
                     let pace_s = paces.get(trial.agent.as_str()).copied();
-                    tasks.push(Task { trial, cost: *cost, pace_s, limits: Arc::clone(&limits), before: end.clone(), after });
+                    tasks.push(Task {
+                        trial,
+                        cost: *cost,
+                        pace_s,
+                        limits: Arc::clone(&limits),
+                        before: end.clone(),
+                        after,
+                    });
                 }
             }
         }
@@ -175,7 +218,11 @@ impl Compute<'_> {
             wall_time_s: said.wall_time_s.or(held.wall_time_s),
             memory_mb: said.memory_mb.or(held.memory_mb),
             retries: said.retries.or(held.retries),
-            retry_on: if said.retry_on.is_empty() { held.retry_on } else { Some(said.retry_on.clone()) },
+            retry_on: if said.retry_on.is_empty() {
+                held.retry_on
+            } else {
+                Some(said.retry_on.clone())
+            },
             retry_delay_s: said.retry_delay_s.or(held.retry_delay_s),
         }
     }
@@ -194,15 +241,23 @@ fn paces<'p>(planned: &'p [Planned], ends: &Ends) -> BTreeMap<&'p str, f64> {
             }
         }
     }
-    sums.into_iter().map(|(agent, (wall_s, steps))| (agent, wall_s / steps)).collect()
+    sums.into_iter()
+        .map(|(agent, (wall_s, steps))| (agent, wall_s / steps))
+        .collect()
 }
 
-fn of_all<'e>(planned: &'e [Planned], ends: &'e Ends) -> impl Iterator<Item = (&'e Trial, &'e Option<TrialEnd>)> {
-    planned.iter().zip(ends).flat_map(|(one, ends)| one.plan.trials.iter().zip(ends))
+fn of_all<'e>(
+    planned: &'e [Planned],
+    ends: &'e Ends,
+) -> impl Iterator<Item = (&'e Trial, &'e Option<TrialEnd>)> {
+    planned
+        .iter()
+        .zip(ends)
+        .flat_map(|(one, ends)| one.plan.trials.iter().zip(ends))
 }
 
-/// The first Ctrl-C (or SIGTERM) stops the run in order, the second one at once. SIGUSR1, the early warning of a batch system,
-/// stops in order too.
+/// The first Ctrl-C (or SIGTERM) stops the run in order, the second one at once. SIGUSR1, the early warning
+/// of a batch system, stops in order too.
 pub(super) fn listen_for_signals(stop: &Arc<AtomicBool>) -> Result<(), Failure> {
     use signal_hook::{
         consts::{SIGINT, SIGTERM, SIGUSR1},
@@ -219,5 +274,8 @@ pub(super) fn listen_for_signals(stop: &Arc<AtomicBool>) -> Result<(), Failure> 
         }
         Ok(())
     };
-    listen().map_err(|error| Failure { code: INCOMPLETE, text: format!("error: cannot listen for signals: {error}") })
+    listen().map_err(|error| Failure {
+        code: INCOMPLETE,
+        text: format!("error: cannot listen for signals: {error}"),
+    })
 }

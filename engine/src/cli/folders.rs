@@ -15,15 +15,17 @@ use std::{
 /// Longest name of the options in a folder's name.
 const LONGEST: usize = 80;
 
-/// Where the results of a study lie: `results/<study>`, `results/<study>-<profile>`, and with other options of the command line
-/// `results/<study>+<options>`, so that what was asked differently is never mistaken for the study as it is written.
+/// Where the results of a study lie: `results/<study>`, `results/<study>-<profile>`, and with other options
+/// of the command line `results/<study>+<options>`, so that what was asked differently is never mistaken for
+/// the study as it is written.
 pub(super) fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
     if let Some(dir) = &reporting.out {
         return dir.clone();
     }
     let profile = selection.profile.iter().map(|profile| format!("-{profile}"));
-    let name =
-        std::iter::once(one.study.name.clone()).chain(profile).chain(changes(selection).map(|changes| format!("+{changes}")));
+    let name = std::iter::once(one.study.name.clone())
+        .chain(profile)
+        .chain(changes(selection).map(|changes| format!("+{changes}")));
     Path::new("results").join(name.collect::<String>())
 }
 
@@ -31,12 +33,28 @@ pub(super) fn folder(one: &Planned, selection: &Selection, reporting: &ReportOpt
 fn changes(selection: &Selection) -> Option<String> {
     let seeds = selection.seeds.iter().map(|seeds| format!("seeds={seeds}"));
     let only = selection.only.iter().map(|name| format!("only={name}"));
-    let all = selection.sets.iter().cloned().chain(seeds).chain(only).collect::<Vec<_>>().join("+");
+    let all = selection
+        .sets
+        .iter()
+        .cloned()
+        .chain(seeds)
+        .chain(only)
+        .collect::<Vec<_>>()
+        .join("+");
     let keep = |letter: char| letter.is_ascii_alphanumeric() || "._-=+".contains(letter);
-    let name: String = all.chars().map(|letter| if keep(letter) { letter } else { '-' }).collect();
+    let name: String = all
+        .chars()
+        .map(|letter| if keep(letter) { letter } else { '-' })
+        .collect();
     // What was left out of the name still tells it from others.
     let whole = name == all && name.len() <= LONGEST;
-    let named = || if whole { name.clone() } else { format!("{name:.LONGEST$}-{:.8}", store::digest(all.as_bytes())) };
+    let named = || {
+        if whole {
+            name.clone()
+        } else {
+            format!("{name:.LONGEST$}-{:.8}", store::digest(all.as_bytes()))
+        }
+    };
     (!all.is_empty()).then(named)
 }
 
@@ -46,12 +64,20 @@ pub(super) fn options(selection: &Selection) -> Vec<String> {
 }
 
 /// Refuses to write the results of different study files into one folder, before anything runs.
-pub(super) fn check(planned: &[Planned], selection: &Selection, reporting: &ReportOptions) -> Result<(), Failure> {
+pub(super) fn check(
+    planned: &[Planned],
+    selection: &Selection,
+    reporting: &ReportOptions,
+) -> Result<(), Failure> {
     let mut taken: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     for one in planned {
         let folder = folder(one, selection, reporting);
-        let earlier = taken.insert(folder.clone(), &one.path).filter(|earlier| !is_same(earlier, &one.path));
-        let earlier = earlier.map(Path::to_owned).or_else(|| owner(&folder).filter(|owner| !is_same(owner, &one.path)));
+        let earlier = taken
+            .insert(folder.clone(), &one.path)
+            .filter(|earlier| !is_same(earlier, &one.path));
+        let earlier = earlier
+            .map(Path::to_owned)
+            .or_else(|| owner(&folder).filter(|owner| !is_same(owner, &one.path)));
         if let Some(earlier) = earlier.filter(|earlier| earlier.exists()) {
             return Err(refusal(&folder, &earlier, &one.path, reporting));
         }
@@ -65,7 +91,8 @@ fn refusal(folder: &Path, earlier: &Path, spec: &Path, reporting: &ReportOptions
         Some(_) => "give each a folder of its own with `-o`",
         None => "rename one of the studies (`study:`), or give another folder with `-o`",
     };
-    let text = format!("error: the results of `{spec}` would replace those of `{earlier}` in `{folder}`: {instead}");
+    let text =
+        format!("error: the results of `{spec}` would replace those of `{earlier}` in `{folder}`: {instead}");
     Failure { code: BAD_SPEC, text }
 }
 
@@ -75,12 +102,18 @@ fn owner(folder: &Path) -> Option<PathBuf> {
 }
 
 fn is_same(one: &Path, other: &Path) -> bool {
-    one.canonicalize().is_ok_and(|one| other.canonicalize().is_ok_and(|other| one == other))
+    one.canonicalize()
+        .is_ok_and(|one| other.canonicalize().is_ok_and(|other| one == other))
 }
 
-/// Notes in a folder which study file its results are of and which files a report wrote, and removes what an earlier report
-/// wrote there and this one did not.
-pub(super) fn settle(folder: &Path, one: &Planned, selection: &Selection, files: &[PathBuf]) -> Result<(), Error> {
+/// Notes in a folder which study file its results are of and which files a report wrote, and removes what an
+/// earlier report wrote there and this one did not.
+pub(super) fn settle(
+    folder: &Path,
+    one: &Planned,
+    selection: &Selection,
+    files: &[PathBuf],
+) -> Result<(), Error> {
     let spec = way(folder, &one.path).display().to_string();
     let manifest = Manifest::of(folder, &one.study.name, spec, options(selection), files)?;
     say_replaced(folder, &manifest.settle(folder)?);
@@ -95,8 +128,14 @@ fn say_replaced(folder: &Path, replaced: &Replaced) {
         }
     };
     say(&replaced.removed, "files of an earlier report were removed");
-    say(&replaced.changed, "files of an earlier report are not of this one, and stay because they were changed since");
-    say(&replaced.unknown, "files that are not of this report, nobody noted whose they are, so they stay");
+    say(
+        &replaced.changed,
+        "files of an earlier report are not of this one, and stay because they were changed since",
+    );
+    say(
+        &replaced.unknown,
+        "files that are not of this report, nobody noted whose they are, so they stay",
+    );
 }
 
 #[cfg(test)]
@@ -105,22 +144,43 @@ mod tests {
 
     fn changed(sets: &[&str], seeds: Option<u64>, only: &[&str]) -> String {
         let owned = |words: &[&str]| words.iter().map(ToString::to_string).collect();
-        let selection = Selection { specs: Vec::new(), profile: None, sets: owned(sets), seeds, only: owned(only) };
+        let selection = Selection {
+            specs: Vec::new(),
+            profile: None,
+            sets: owned(sets),
+            seeds,
+            only: owned(only),
+        };
         changes(&selection).unwrap_or_default()
     }
 
     #[test]
     fn options_name_their_folder() {
         assert_eq!(changed(&[], None, &[]), "");
-        assert_eq!(changed(&["dsac.discount=0.9"], Some(2), &["dsac"]), "dsac.discount=0.9+seeds=2+only=dsac");
+        assert_eq!(
+            changed(&["dsac.discount=0.9"], Some(2), &["dsac"]),
+            "dsac.discount=0.9+seeds=2+only=dsac"
+        );
     }
 
     #[test]
     fn names_of_folders_are_short_and_differ_where_options_do() {
-        let (one, two) = (changed(&["a.b=[1, 2]"], None, &[]), changed(&["a.b=[1; 2]"], None, &[]));
-        assert!(one.starts_with("a.b=-1--2--") && one.len() < 24 && !one.contains(['/', ' ']), "{one}");
+        let (one, two) = (
+            changed(&["a.b=[1, 2]"], None, &[]),
+            changed(&["a.b=[1; 2]"], None, &[]),
+        );
+        assert!(
+            one.starts_with("a.b=-1--2--") && one.len() < 24 && !one.contains(['/', ' ']),
+            "{one}"
+        );
         assert_ne!(one, two);
-        let long = |last: &str| changed(&["x.y=1"; 40].into_iter().chain([last]).collect::<Vec<_>>(), None, &[]);
+        let long = |last: &str| {
+            changed(
+                &["x.y=1"; 40].into_iter().chain([last]).collect::<Vec<_>>(),
+                None,
+                &[],
+            )
+        };
         assert!(long("x.y=2").len() <= LONGEST + 9);
         assert_ne!(long("x.y=2"), long("x.y=3"));
         assert!(!changed(&["../../x=1"], None, &[]).contains('/'));

@@ -12,7 +12,10 @@ pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> R
     };
     if !root.is_dir() {
         let text = format!("error: there is no store at `{}`", root.display());
-        return Err(Failure { code: super::BAD_SPEC, text });
+        return Err(Failure {
+            code: super::BAD_SPEC,
+            text,
+        });
     }
     let found = Store::at(&root).check(!dry_run)?;
     if common.format == Format::Json {
@@ -25,14 +28,25 @@ pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> R
 
 /// Trials that have to run again.
 fn lost(found: &Findings) -> BTreeSet<&String> {
-    found.findings.iter().filter_map(|finding| finding.trial.as_ref()).collect()
+    found
+        .findings
+        .iter()
+        .filter_map(|finding| finding.trial.as_ref())
+        .collect()
 }
 
 fn as_text(found: &Findings) -> String {
     let mut lines: Vec<String> = found
         .findings
         .iter()
-        .map(|finding| format!("{:<8}  {}: {}", finding.fault.name(), finding.path.display(), finding.problem))
+        .map(|finding| {
+            format!(
+                "{:<8}  {}: {}",
+                finding.fault.name(),
+                finding.path.display(),
+                finding.problem
+            )
+        })
         .collect();
     lines.push(format!(
         "{} trials are whole, {} are being computed, {} files are wrong",
@@ -41,7 +55,10 @@ fn as_text(found: &Findings) -> String {
         found.findings.len()
     ));
     if let Some(aside) = &found.aside {
-        lines.push(format!("what is wrong was set aside in `{}` of the store", aside.display()));
+        lines.push(format!(
+            "what is wrong was set aside in `{}` of the store",
+            aside.display()
+        ));
     }
     let lost = lost(found).len();
     if lost > 0 {

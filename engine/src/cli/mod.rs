@@ -38,7 +38,8 @@ pub const DIFFERS: u8 = 101;
 /// Trials are missing.
 pub const INCOMPLETE: u8 = 106;
 
-/// A declarative experiment-pipeline engine for reinforcement learning in prescriptive maintenance and operation.
+/// A declarative experiment-pipeline engine for reinforcement learning in prescriptive maintenance and
+/// operation.
 #[derive(Debug, Parser)]
 #[command(name = "regimen", version, arg_required_else_help = true, after_help = EXIT_CODES)]
 struct Command {
@@ -93,7 +94,8 @@ struct Selection {
 
 #[derive(Debug, Clone, Default, Args)]
 struct RunOptions {
-    /// Worker processes; `workers` in regimen.toml, else the number of cores. With Slurm: tasks at a time; `max_tasks`.
+    /// Worker processes; `workers` in regimen.toml, else the number of cores. With Slurm: tasks at a time;
+    /// `max_tasks`.
     #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N")]
     jobs: Option<usize>,
     /// What runs the trials; `executor` in regimen.toml, else this machine.
@@ -142,10 +144,14 @@ impl LimitOptions {
     /// The same options as words of a command line.
     fn arguments(&self) -> Vec<String> {
         let mut all = Vec::new();
-        let mut with =
-            |name: &str, value: Option<String>| all.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]));
+        let mut with = |name: &str, value: Option<String>| {
+            all.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]))
+        };
         with("--retries", self.retries.map(|value| value.to_string()));
-        with("--retry-delay-s", self.retry_delay_s.map(|value| value.to_string()));
+        with(
+            "--retry-delay-s",
+            self.retry_delay_s.map(|value| value.to_string()),
+        );
         with("--wall-time-s", self.wall_time_s.map(|value| value.to_string()));
         with("--memory-mb", self.memory_mb.map(|value| value.to_string()));
         let states: Vec<&str> = self.retry_on.iter().map(|state| state.name()).collect();
@@ -160,14 +166,23 @@ impl LimitOptions {
 /// An end state by its word.
 fn end_state(word: &str) -> Result<crate::results::EndState, String> {
     use crate::results::EndState;
-    let known = || EndState::FAILURES.iter().map(|state| state.name()).collect::<Vec<_>>().join(", ");
-    EndState::FAILURES.into_iter().find(|state| state.name() == word).ok_or_else(|| format!("known: {}", known()))
+    let known = || {
+        EndState::FAILURES
+            .iter()
+            .map(|state| state.name())
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    EndState::FAILURES
+        .into_iter()
+        .find(|state| state.name() == word)
+        .ok_or_else(|| format!("known: {}", known()))
 }
 
 #[derive(Debug, Clone, Args)]
 struct ReportOptions {
-    /// Folder for tables, figures and the report; `results/<study>`, with `-<profile>` and with `+<options>` behind it where the
-    /// study is not run as it is written.
+    /// Folder for tables, figures and the report; `results/<study>`, with `-<profile>` and with `+<options>`
+    /// behind it where the study is not run as it is written.
     #[arg(long, short = 'o', value_name = "DIR")]
     out: Option<PathBuf>,
     /// Leave with 101 where a published value or a claim differs.
@@ -230,7 +245,8 @@ enum Verb {
         #[arg(long, short = 'n')]
         dry_run: bool,
     },
-    /// Compute one study in every way there is (workers, programs, kills, shards, Slurm) and compare the digests.
+    /// Compute one study in every way there is (workers, programs, kills, shards, Slurm) and compare the
+    /// digests.
     Selftest(selftest::SelftestOptions),
     /// Hand what is missing to a cluster and leave, or write what would be handed over.
     Submit {
@@ -263,7 +279,8 @@ enum Verb {
     TrialWorker,
 }
 
-/// Reads the command line and does what it says. `selftest` is the study, with a profile `smoke`, that the self-test computes.
+/// Reads the command line and does what it says. `selftest` is the study, with a profile `smoke`, that the
+/// self-test computes.
 #[must_use]
 pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
     let Command { verb, common } = parse(registry);
@@ -278,7 +295,9 @@ pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
 
 fn parse(registry: &Registry) -> Command {
     let version = crate::build::version(registry.build.as_ref());
-    let matches = <Command as CommandFactory>::command().version(version).get_matches();
+    let matches = <Command as CommandFactory>::command()
+        .version(version)
+        .get_matches();
     Command::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
 }
 
@@ -286,17 +305,29 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
     match verb {
         Verb::Check(selection) => study::check(registry, &selection, common),
         Verb::Plan(selection) => study::plan(registry, &selection, common),
-        Verb::Run { selection, options, report, summaries } => {
-            summaries.after(registry, &selection, common, || run::run(registry, &selection, &options, &report, common))
-        }
-        Verb::Status { selection, summaries } => {
-            summaries.after(registry, &selection, common, || study::status(registry, &selection, common))
-        }
+        Verb::Run {
+            selection,
+            options,
+            report,
+            summaries,
+        } => summaries.after(registry, &selection, common, || {
+            run::run(registry, &selection, &options, &report, common)
+        }),
+        Verb::Status { selection, summaries } => summaries.after(registry, &selection, common, || {
+            study::status(registry, &selection, common)
+        }),
         Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
         Verb::Selftest(options) => selftest::selftest(registry, selftest, &options, common),
-        Verb::Worker { selection, index, jobs, limits, summaries } => summaries
-            .after(registry, &selection, common, || run::worker(registry, &selection, index.as_deref(), jobs, &limits, common)),
+        Verb::Worker {
+            selection,
+            index,
+            jobs,
+            limits,
+            summaries,
+        } => summaries.after(registry, &selection, common, || {
+            run::worker(registry, &selection, index.as_deref(), jobs, &limits, common)
+        }),
         Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),
         Verb::Cancel(selection) => submit::cancel(registry, &selection, common),
         Verb::Resolve(selection) => study::resolve(registry, &selection),
@@ -309,7 +340,11 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
 }
 
 fn serve(registry: &Registry) -> Result<u8, Failure> {
-    crate::scheduler::serve(registry, std::io::BufReader::new(std::io::stdin()), std::io::stdout())?;
+    crate::scheduler::serve(
+        registry,
+        std::io::BufReader::new(std::io::stdin()),
+        std::io::stdout(),
+    )?;
     Ok(OK)
 }
 
@@ -321,8 +356,15 @@ struct Failure {
 
 impl From<crate::Error> for Failure {
     fn from(error: crate::Error) -> Self {
-        let code = if matches!(error, crate::Error::File { .. } | crate::Error::Store { .. }) { INCOMPLETE } else { BAD_SPEC };
-        Self { code, text: format!("error: {error}") }
+        let code = if matches!(error, crate::Error::File { .. } | crate::Error::Store { .. }) {
+            INCOMPLETE
+        } else {
+            BAD_SPEC
+        };
+        Self {
+            code,
+            text: format!("error: {error}"),
+        }
     }
 }
 
@@ -342,7 +384,10 @@ fn complain(text: &str) {
 }
 
 /// Colour on a terminal, unless `NO_COLOR` is set.
-#[expect(clippy::disallowed_methods, reason = "it colours what is shown, and reaches no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "it colours what is shown, and reaches no result"
+)]
 fn colour() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
 }

@@ -1,5 +1,5 @@
-//! Before trials run: what is damaged is set aside, and what is to be tried again is marked, so that both are missing for this
-//! command and for every later one.
+//! Before trials run: what is damaged is set aside, and what is to be tried again is marked, so that both are
+//! missing for this command and for every later one.
 
 use super::{Failure, complain, compute::Compute, study::Planned};
 use crate::{
@@ -19,7 +19,14 @@ impl Compute<'_> {
         let mut ends: Ends = Vec::new();
         for one in planned {
             let known = store.ends(&one.plan.trials);
-            damaged.extend(one.plan.trials.iter().zip(&known).filter(|(_, end)| is_damage(end)).map(|(trial, _)| &*trial.id));
+            damaged.extend(
+                one.plan
+                    .trials
+                    .iter()
+                    .zip(&known)
+                    .filter(|(_, end)| is_damage(end))
+                    .map(|(trial, _)| &*trial.id),
+            );
             ends.push(known.into_iter().map(told).collect());
         }
         if self.whole {
@@ -44,9 +51,16 @@ impl Compute<'_> {
     }
 
     /// Marks the trials that did not end `ok`; those that another program has are left to it.
-    fn try_again<'p>(&self, planned: &'p [Planned], ends: &Ends, store: &Store) -> Result<BTreeSet<&'p str>, Failure> {
+    fn try_again<'p>(
+        &self,
+        planned: &'p [Planned],
+        ends: &Ends,
+        store: &Store,
+    ) -> Result<BTreeSet<&'p str>, Failure> {
         let trials = planned.iter().flat_map(|one| &one.plan.trials);
-        let failed = trials.zip(ends.iter().flatten()).filter(|(_, end)| has_failed(end.as_ref()));
+        let failed = trials
+            .zip(ends.iter().flatten())
+            .filter(|(_, end)| has_failed(end.as_ref()));
         let failed: BTreeSet<&str> = failed.map(|(trial, _)| &*trial.id).collect();
         if failed.is_empty() {
             return Ok(failed);
@@ -63,9 +77,14 @@ impl Compute<'_> {
     }
 }
 
-/// Makes a failed trial missing. Another program may have done so, or ended it well, before its lease was taken.
+/// Makes a failed trial missing. Another program may have done so, or ended it well, before its lease was
+/// taken.
 fn mark(id: &str, store: &Store) -> Result<(), Error> {
-    if has_failed(store.end(id)?.as_ref()) { store.try_again(id) } else { Ok(()) }
+    if has_failed(store.end(id)?.as_ref()) {
+        store.try_again(id)
+    } else {
+        Ok(())
+    }
 }
 
 /// True where a trial ended in a state in which it stays until somebody asks for it again.
@@ -73,16 +92,35 @@ pub(super) fn has_failed(end: Option<&TrialEnd>) -> bool {
     !is_missing(end) && end.is_some_and(|end| end.state != EndState::Ok)
 }
 
-/// How many trials failed, by state, and what runs them again; `None` where none did. A trial of several studies counts once.
-pub(super) fn failed_in_words<'a>(ends: impl Iterator<Item = (&'a str, Option<&'a TrialEnd>)>, again: &str) -> Option<String> {
-    let failed: BTreeMap<&str, EndState> =
-        ends.filter(|(_, end)| has_failed(*end)).filter_map(|(id, end)| Some((id, end?.state))).collect();
+/// How many trials failed, by state, and what runs them again; `None` where none did. A trial of several
+/// studies counts once.
+pub(super) fn failed_in_words<'a>(
+    ends: impl Iterator<Item = (&'a str, Option<&'a TrialEnd>)>,
+    again: &str,
+) -> Option<String> {
+    let failed: BTreeMap<&str, EndState> = ends
+        .filter(|(_, end)| has_failed(*end))
+        .filter_map(|(id, end)| Some((id, end?.state)))
+        .collect();
     let states: Vec<EndState> = failed.into_values().collect();
     let count = |state: EndState| states.iter().filter(|one| **one == state).count();
-    let counts = EndState::FAILURES.map(|state| (count(state), state.name())).into_iter().filter(|(count, _)| *count > 0);
+    let counts = EndState::FAILURES
+        .map(|state| (count(state), state.name()))
+        .into_iter()
+        .filter(|(count, _)| *count > 0);
     let counts: Vec<String> = counts.map(|(count, name)| format!("{count} {name}")).collect();
-    let (noun, them) = if states.len() == 1 { ("trial", "it") } else { ("trials", "them") };
-    let words = || format!("{} {noun} did not end ok ({}): `{again}` runs {them} again", states.len(), counts.join(", "));
+    let (noun, them) = if states.len() == 1 {
+        ("trial", "it")
+    } else {
+        ("trials", "them")
+    };
+    let words = || {
+        format!(
+            "{} {noun} did not end ok ({}): `{again}` runs {them} again",
+            states.len(),
+            counts.join(", ")
+        )
+    };
     (!states.is_empty()).then(words)
 }
 
@@ -100,31 +138,69 @@ fn told(end: Result<Option<TrialEnd>, Error>) -> Option<TrialEnd> {
     })
 }
 
-/// Trials of the studies whose metrics, which the report will read, or whose products, which missing trials take, are damaged.
+/// Trials of the studies whose metrics, which the report will read, or whose products, which missing trials
+/// take, are damaged.
 fn damaged_files<'p>(planned: &'p [Planned], ends: &Ends, store: &Store) -> BTreeSet<&'p str> {
-    let trials = || planned.iter().flat_map(|one| &one.plan.trials).zip(ends.iter().flatten());
+    let trials = || {
+        planned
+            .iter()
+            .flat_map(|one| &one.plan.trials)
+            .zip(ends.iter().flatten())
+    };
     // A trial that stands in several studies or settings is looked at once.
-    let ended: BTreeMap<&str, &TrialEnd> = trials().filter_map(|(trial, end)| Some((&*trial.id, end.as_ref()?))).collect();
+    let ended: BTreeMap<&str, &TrialEnd> = trials()
+        .filter_map(|(trial, end)| Some((&*trial.id, end.as_ref()?)))
+        .collect();
     let ended: Vec<(&str, &TrialEnd)> = ended.into_iter().collect();
-    let taken: BTreeSet<String> =
-        trials().filter(|(_, end)| is_missing(end.as_ref())).flat_map(|(trial, _)| trial.key.sources()).collect();
-    let products = ended.iter().map(|(id, _)| *id).filter(|id| taken.contains(*id) && store.has_damaged_product(id));
-    store.with_damaged_metrics(&ended).into_iter().chain(products).collect()
+    let taken: BTreeSet<String> = trials()
+        .filter(|(_, end)| is_missing(end.as_ref()))
+        .flat_map(|(trial, _)| trial.key.sources())
+        .collect();
+    let products = ended
+        .iter()
+        .map(|(id, _)| *id)
+        .filter(|id| taken.contains(*id) && store.has_damaged_product(id));
+    store
+        .with_damaged_metrics(&ended)
+        .into_iter()
+        .chain(products)
+        .collect()
 }
 
 fn forget(planned: &[Planned], ends: &mut Ends, missing: &BTreeSet<&str>) {
     for (one, ends) in planned.iter().zip(ends) {
         let trials = one.plan.trials.iter().zip(ends);
-        trials.filter(|(trial, _)| missing.contains(&*trial.id)).for_each(|(_, end)| *end = None);
+        trials
+            .filter(|(trial, _)| missing.contains(&*trial.id))
+            .for_each(|(_, end)| *end = None);
     }
 }
 
 fn say_healed(healed: &Findings) {
     let Some(aside) = &healed.aside else { return };
     for finding in &healed.findings {
-        complain(&format!("{:<8} {}: {}", finding.fault.name(), finding.path.display(), finding.problem));
+        complain(&format!(
+            "{:<8} {}: {}",
+            finding.fault.name(),
+            finding.path.display(),
+            finding.problem
+        ));
     }
-    let trials: BTreeSet<_> = healed.findings.iter().filter_map(|finding| finding.trial.as_ref()).collect();
-    let (count, noun) = (trials.len(), if trials.len() == 1 { "trial runs" } else { "trials run" });
-    complain(&format!("set aside in `{}` of the store; {count} damaged {noun} again", aside.display()));
+    let trials: BTreeSet<_> = healed
+        .findings
+        .iter()
+        .filter_map(|finding| finding.trial.as_ref())
+        .collect();
+    let (count, noun) = (
+        trials.len(),
+        if trials.len() == 1 {
+            "trial runs"
+        } else {
+            "trials run"
+        },
+    );
+    complain(&format!(
+        "set aside in `{}` of the store; {count} damaged {noun} again",
+        aside.display()
+    ));
 }

@@ -32,8 +32,18 @@ struct Bars {
 impl<'a> Progress<'a> {
     /// Starts showing the run of `tasks` on `workers` slots.
     pub(super) fn new(tasks: &'a [Task<'a>], workers: usize) -> Self {
-        let bars = std::io::stderr().is_terminal().then(|| Bars::new(tasks.len() as u64, workers));
-        Self { tasks, done: 0, failed: 0, held: BTreeSet::new(), lacking: BTreeSet::new(), blocked: BTreeSet::new(), bars }
+        let bars = std::io::stderr()
+            .is_terminal()
+            .then(|| Bars::new(tasks.len() as u64, workers));
+        Self {
+            tasks,
+            done: 0,
+            failed: 0,
+            held: BTreeSet::new(),
+            lacking: BTreeSet::new(),
+            blocked: BTreeSet::new(),
+            bars,
+        }
     }
 
     /// Shows one event.
@@ -78,21 +88,35 @@ impl<'a> Progress<'a> {
 
     fn retried(&self, trial: usize, end: &TrialEnd, wait: Duration) {
         let title = self.tasks[trial].trial.title();
-        self.line(&format!("{:<8} {title}: {}; tried again in {:.1} s", end.state.name(), end.reason, wait.as_secs_f64()));
+        self.line(&format!(
+            "{:<8} {title}: {}; tried again in {:.1} s",
+            end.state.name(),
+            end.reason,
+            wait.as_secs_f64()
+        ));
     }
 
     fn held(&mut self, trial: usize, owner: &Owner) {
         if self.held.insert(trial) {
-            let job = owner.slurm_job.as_ref().map_or_else(String::new, |job| format!(", Slurm job {job}"));
+            let job = owner
+                .slurm_job
+                .as_ref()
+                .map_or_else(String::new, |job| format!(", Slurm job {job}"));
             let title = self.tasks[trial].trial.title();
-            self.line(&format!("waiting for {title}: process {} on {}{job} has it", owner.pid, owner.host));
+            self.line(&format!(
+                "waiting for {title}: process {} on {}{job} has it",
+                owner.pid, owner.host
+            ));
         }
     }
 
     fn awaits(&mut self, trial: usize, source: &str, owner: &Owner) {
         if self.lacking.insert(source.to_owned()) {
             let title = self.tasks[trial].trial.title();
-            self.line(&format!("{title} waits for trial {source}: process {} on {} has it", owner.pid, owner.host));
+            self.line(&format!(
+                "{title} waits for trial {source}: process {} on {} has it",
+                owner.pid, owner.host
+            ));
         }
     }
 
@@ -106,9 +130,17 @@ impl<'a> Progress<'a> {
     fn ended(&mut self, slot: Option<usize>, trial: usize, end: &TrialEnd) {
         self.done += 1;
         self.failed += usize::from(end.state != EndState::Ok);
-        let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
+        let reason = if end.reason.is_empty() {
+            String::new()
+        } else {
+            format!(": {}", end.reason)
+        };
         let (title, wall_s) = (self.tasks[trial].trial.title(), end.wall_s);
-        let by = if slot.is_none() { ", by another program" } else { "" };
+        let by = if slot.is_none() {
+            ", by another program"
+        } else {
+            ""
+        };
         if self.bars.is_none() || end.state != EndState::Ok {
             let width = self.tasks.len().to_string().len();
             self.line(&format!(
@@ -148,20 +180,26 @@ impl Drop for Progress<'_> {
 impl Bars {
     fn new(trials: u64, workers: usize) -> Self {
         let all = MultiProgress::new();
-        let study =
-            all.add(ProgressBar::new(trials).with_style(style("{bar:30} {pos}/{len} trials  {elapsed} so far, {eta} left")));
+        let study = all.add(
+            ProgressBar::new(trials)
+                .with_style(style("{bar:30} {pos}/{len} trials  {elapsed} so far, {eta} left")),
+        );
         study.enable_steady_tick(std::time::Duration::from_millis(500));
         let slot = || {
-            all.add(
-                ProgressBar::new(0).with_style(style("{bar:30.dim} {msg}  {human_pos}/{human_len} steps, {per_sec}, {eta} left")),
-            )
+            all.add(ProgressBar::new(0).with_style(style(
+                "{bar:30.dim} {msg}  {human_pos}/{human_len} steps, {per_sec}, {eta} left",
+            )))
         };
-        let slots = (0..workers.min(usize::try_from(trials).unwrap_or(usize::MAX))).map(|_| slot()).collect();
+        let slots = (0..workers.min(usize::try_from(trials).unwrap_or(usize::MAX)))
+            .map(|_| slot())
+            .collect();
         Self { all, study, slots }
     }
 }
 
 fn style(template: &str) -> ProgressStyle {
     // The templates are the constants above.
-    ProgressStyle::with_template(template).expect("a valid template").progress_chars("━╸─")
+    ProgressStyle::with_template(template)
+        .expect("a valid template")
+        .progress_chars("━╸─")
 }

@@ -7,7 +7,8 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
-/// Facts about this program, the machine, a study and who computed its trials, of which `stored` is what the store has.
+/// Facts about this program, the machine, a study and who computed its trials, of which `stored` is what the
+/// store has.
 #[expect(
     clippy::disallowed_methods,
     reason = "a date that the report shall carry is given by the environment; no result holds it"
@@ -20,7 +21,14 @@ pub(super) fn of(registry: &Registry, one: &Planned, stored: &[Option<StoredTria
         plugins: used(registry, one),
         cpu: cpu(),
         operating_system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-        seeds: one.plan.trials.iter().map(|trial| trial.key.seed).collect::<BTreeSet<_>>().into_iter().collect(),
+        seeds: one
+            .plan
+            .trials
+            .iter()
+            .map(|trial| trial.key.seed)
+            .collect::<BTreeSet<_>>()
+            .into_iter()
+            .collect(),
         profile: one.study.profile.clone(),
         date: std::env::var("SOURCE_DATE_EPOCH").ok(),
     }
@@ -42,7 +50,10 @@ fn used(registry: &Registry, one: &Planned) -> Vec<(String, u32)> {
     let mut names = BTreeMap::new();
     for key in one.plan.trials.iter().map(|trial| &trial.key) {
         let agents = key.agent.parts().into_iter().map(|part| ("agent", part));
-        for (kind, part) in [("environment", &key.environment), ("protocol", &key.protocol)].into_iter().chain(agents) {
+        for (kind, part) in [("environment", &key.environment), ("protocol", &key.protocol)]
+            .into_iter()
+            .chain(agents)
+        {
             names.insert(format!("{kind} {}", part.plugin), part.version);
         }
     }
@@ -52,7 +63,10 @@ fn used(registry: &Registry, one: &Planned) -> Vec<(String, u32)> {
 
 fn cpu() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name =
-        text.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':').map(|(_, name)| name.trim().to_owned()));
+    let name = text.lines().find_map(|line| {
+        line.strip_prefix("model name")?
+            .split_once(':')
+            .map(|(_, name)| name.trim().to_owned())
+    });
     name.unwrap_or_else(|| "unknown".into())
 }

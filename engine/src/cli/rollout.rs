@@ -34,23 +34,26 @@ pub(super) struct RolloutOptions {
         conflicts_with_all = ["agent", "policy", "trial"]
     )]
     actions: Option<PathBuf>,
-    /// Name of an agent that decides, with its default config or that of `--agent-config`. One that learns needs `--policy`.
+    /// Name of an agent that decides, with its default config or that of `--agent-config`. One that learns
+    /// needs `--policy`.
     #[arg(long, value_name = "NAME", conflicts_with = "trial")]
     agent: Option<String>,
     /// YAML file with the agent's config.
     #[arg(long, value_name = "FILE.yaml", requires = "agent")]
     agent_config: Option<PathBuf>,
-    /// Folder with an exported policy. Beside the `trial.json` of the trial that left it, agent and config are known.
+    /// Folder with an exported policy. Beside the `trial.json` of the trial that left it, agent and config
+    /// are known.
     #[arg(long, value_name = "FOLDER", conflicts_with = "trial")]
     policy: Option<PathBuf>,
-    /// A trial of the store, by the first digits of its id: its environment, its agent, its policy, in an episode of its final
-    /// measurement (`--episode`) or a new one (`--seed`).
+    /// A trial of the store, by the first digits of its id: its environment, its agent, its policy, in an
+    /// episode of its final measurement (`--episode`) or a new one (`--seed`).
     #[arg(long, value_name = "ID")]
     trial: Option<String>,
     /// Which episode of the trial's final measurement; 0 where absent.
     #[arg(long, value_name = "N", requires = "trial", conflicts_with = "seed")]
     episode: Option<u64>,
-    /// Seed of the environment's and the agent's random numbers; 0 where absent. With `--trial`: a new episode, not a measured one.
+    /// Seed of the environment's and the agent's random numbers; 0 where absent. With `--trial`: a new
+    /// episode, not a measured one.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// The most decisions that an agent makes.
@@ -69,42 +72,68 @@ pub(super) fn rollout(registry: &Registry, options: &RolloutOptions, common: &Co
         (None, None) => return Err(refused("give the name of an environment or `--trial`")),
     };
     let decisions = rollout::write(&rows, &options.out)?;
-    complain(&format!("{decisions} decisions written to {}", options.out.display()));
+    complain(&format!(
+        "{decisions} decisions written to {}",
+        options.out.display()
+    ));
     Ok(OK)
 }
 
 type Rows = Vec<Vec<String>>;
 
 fn of_environment(registry: &Registry, name: &str, options: &RolloutOptions) -> Result<Rows, Failure> {
-    let entry = registry.environments.get(name).ok_or_else(|| unknown("environment", name, registry.environments.keys()))?;
+    let entry = registry
+        .environments
+        .get(name)
+        .ok_or_else(|| unknown("environment", name, registry.environments.keys()))?;
     let mut environment = (entry.build)(&config(name, &entry.about, options.config.as_deref())?)?;
     let mut agent;
     let actions = match &options.actions {
         Some(path) => Actions::Given(rollout::read_actions(environment.seats(), path)?),
         None => {
             agent = named_agent(registry, options, &*environment)?;
-            Actions::Agent { agent: &mut *agent, decisions: options.decisions }
+            Actions::Agent {
+                agent: &mut *agent,
+                decisions: options.decisions,
+            }
         }
     };
-    Ok(rollout::rows(&mut *environment, actions, options.seed.unwrap_or(0))?)
+    Ok(rollout::rows(
+        &mut *environment,
+        actions,
+        options.seed.unwrap_or(0),
+    )?)
 }
 
 /// The agent that the options name, with its policy where one is given.
-fn named_agent(registry: &Registry, options: &RolloutOptions, environment: &dyn Environment) -> Result<Box<dyn Agent>, Failure> {
+fn named_agent(
+    registry: &Registry,
+    options: &RolloutOptions,
+    environment: &dyn Environment,
+) -> Result<Box<dyn Agent>, Failure> {
     let left_by = options.policy.as_deref().map(left_by).transpose()?.flatten();
     let name = match (&options.agent, &left_by, &options.policy) {
         (Some(name), ..) => name.as_str(),
         (None, Some(part), _) => part.plugin.as_str(),
         (None, None, Some(folder)) => {
-            return Err(refused(&format!("`{}` does not say whose policy it holds: give `--agent`", folder.display())));
+            return Err(refused(&format!(
+                "`{}` does not say whose policy it holds: give `--agent`",
+                folder.display()
+            )));
         }
         (None, None, None) => return Err(refused("give `--actions`, `--agent`, `--policy` or `--trial`")),
     };
-    let entry = registry.agents.get(name).ok_or_else(|| unknown("agent", name, registry.agents.keys()))?;
+    let entry = registry
+        .agents
+        .get(name)
+        .ok_or_else(|| unknown("agent", name, registry.agents.keys()))?;
     if entry.learns && options.policy.is_none() {
         return Err(untrained(name));
     }
-    let config = match left_by.as_ref().filter(|part| part.plugin == name && options.agent_config.is_none()) {
+    let config = match left_by
+        .as_ref()
+        .filter(|part| part.plugin == name && options.agent_config.is_none())
+    {
         Some(part) => (*part.config).clone(),
         None => config(name, &entry.about, options.agent_config.as_deref())?,
     };
@@ -122,44 +151,78 @@ fn build(
     options: &RolloutOptions,
 ) -> Result<Box<dyn Agent>, Failure> {
     let streams = Streams::new("rollout", "rollout", options.seed.unwrap_or(0));
-    Ok((entry.build)(config, &environment.interface(), &mut streams.agent("initialise"))?)
+    Ok((entry.build)(
+        config,
+        &environment.interface(),
+        &mut streams.agent("initialise"),
+    )?)
 }
 
 /// The agent of the trial that left the policy in a folder, where the folder says so.
 fn left_by(folder: &Path) -> Result<Option<Part>, Failure> {
     let path = folder.join("trial.json");
-    let Ok(text) = std::fs::read(&path) else { return Ok(None) };
-    let file: TrialFile = serde_json::from_slice(&text).map_err(|error| refused(&format!("`{}`: {error}", path.display())))?;
+    let Ok(text) = std::fs::read(&path) else {
+        return Ok(None);
+    };
+    let file: TrialFile =
+        serde_json::from_slice(&text).map_err(|error| refused(&format!("`{}`: {error}", path.display())))?;
     Ok(file.key.agent.agent().cloned())
 }
 
 fn take_up(agent: &mut dyn Agent, name: &str, folder: &Path) -> Result<(), Failure> {
     match agent.import(folder) {
         Ok(true) => Ok(()),
-        Ok(false) => Err(refused(&format!("the agent `{name}` takes up no stored policy; leave out `--policy`"))),
-        Err(error) => Err(refused(&format!("the policy in `{}` cannot be used: {error}", folder.display()))),
+        Ok(false) => Err(refused(&format!(
+            "the agent `{name}` takes up no stored policy; leave out `--policy`"
+        ))),
+        Err(error) => Err(refused(&format!(
+            "the policy in `{}` cannot be used: {error}",
+            folder.display()
+        ))),
     }
 }
 
-fn of_trial(registry: &Registry, prefix: &str, options: &RolloutOptions, common: &Common) -> Result<Rows, Failure> {
+fn of_trial(
+    registry: &Registry,
+    prefix: &str,
+    options: &RolloutOptions,
+    common: &Common,
+) -> Result<Rows, Failure> {
     let store = Store::at(settings::read(common)?.store);
     let trial = stored(&store, prefix)?;
     let key = &trial.trial.key;
-    if let Some(name) = options.environment.as_ref().filter(|name| **name != key.environment.plugin) {
-        return Err(refused(&format!("trial {} is of `{}`, not of `{name}`", trial.trial.id, key.environment.plugin)));
+    if let Some(name) = options
+        .environment
+        .as_ref()
+        .filter(|name| **name != key.environment.plugin)
+    {
+        return Err(refused(&format!(
+            "trial {} is of `{}`, not of `{name}`",
+            trial.trial.id, key.environment.plugin
+        )));
     }
     let find = |taken: &Taken| store.product(taken);
     let Some(seed) = options.seed else {
         let mut rows = rollout::replay(&trial, options.episode.unwrap_or(0), registry, &find)?;
-        rows.truncate(usize::try_from(options.decisions).unwrap_or(usize::MAX).saturating_add(2));
+        rows.truncate(
+            usize::try_from(options.decisions)
+                .unwrap_or(usize::MAX)
+                .saturating_add(2),
+        );
         return Ok(rows);
     };
     let name = key.environment.plugin.as_str();
-    let entry = registry.environments.get(name).ok_or_else(|| unknown("environment", name, registry.environments.keys()))?;
+    let entry = registry
+        .environments
+        .get(name)
+        .ok_or_else(|| unknown("environment", name, registry.environments.keys()))?;
     let mut environment = (entry.build)(&*key.environment.loaded(&find)?)?;
     let streams = Streams::new("rollout", "rollout", seed);
     let mut agent = rollout::trained_agent(key, registry, &environment.interface(), &streams, &find)?;
-    let actions = Actions::Agent { agent: &mut *agent, decisions: options.decisions };
+    let actions = Actions::Agent {
+        agent: &mut *agent,
+        decisions: options.decisions,
+    };
     Ok(rollout::rows(&mut *environment, actions, seed)?)
 }
 
@@ -169,40 +232,72 @@ fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
     let id = match ids.as_slice() {
         [id] => id,
         [] => {
-            let problem = format!("no trial in `{}` has an id that begins with `{prefix}`", store.root().display());
+            let problem = format!(
+                "no trial in `{}` has an id that begins with `{prefix}`",
+                store.root().display()
+            );
             return Err(refused(&problem));
         }
         [first, second, ..] => {
-            let problem = format!("`{prefix}` begins the ids of {} trials, {first} and {second} among them", ids.len());
+            let problem = format!(
+                "`{prefix}` begins the ids of {} trials, {first} and {second} among them",
+                ids.len()
+            );
             return Err(refused(&format!("{problem}; give more digits")));
         }
     };
-    let file = store.file(id)?.ok_or_else(|| refused(&format!("trial {id} has not ended")))?;
+    let file = store
+        .file(id)?
+        .ok_or_else(|| refused(&format!("trial {id} has not ended")))?;
     if file.end.state != EndState::Ok {
-        return Err(refused(&format!("trial {id} ended as {}: {}", file.end.state.name(), file.end.reason)));
+        return Err(refused(&format!(
+            "trial {id} ended as {}: {}",
+            file.end.state.name(),
+            file.end.reason
+        )));
     }
-    let agents: Vec<&str> = file.key.agent.parts().into_iter().map(|part| part.plugin.as_str()).collect();
+    let agents: Vec<&str> = file
+        .key
+        .agent
+        .parts()
+        .into_iter()
+        .map(|part| part.plugin.as_str())
+        .collect();
     let (environment, agent) = (file.key.environment.plugin.clone(), agents.join(" "));
     let (id, setting, purpose) = (id.clone(), String::new(), Purpose::default());
-    let trial = Trial { id, environment, agent, setting, point: Setting::default(), purpose, key: file.key };
+    let trial = Trial {
+        id,
+        environment,
+        agent,
+        setting,
+        point: Setting::default(),
+        purpose,
+        key: file.key,
+    };
     Ok(store.load(&trial)?)
 }
 
 fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {
-    let part = spec::load_config(name, about, path)
-        .map_err(|problems| Failure { code: BAD_SPEC, text: diagnostic::render(&problems, colour()) })?;
+    let part = spec::load_config(name, about, path).map_err(|problems| Failure {
+        code: BAD_SPEC,
+        text: diagnostic::render(&problems, colour()),
+    })?;
     Ok((*part.config).clone())
 }
 
 fn untrained(name: &str) -> Failure {
     refused(&format!(
-        "`{name}` learns, and an untrained network is nothing to look at: give `--trial ID`, a trial of the store that trained \
+        "`{name}` learns, and an untrained network is nothing to look at: give `--trial ID`, a trial of the \
+         store that trained \
          one, or `--policy FOLDER`, with the policy that it left"
     ))
 }
 
 fn refused(problem: &str) -> Failure {
-    Failure { code: BAD_SPEC, text: format!("error: {problem}") }
+    Failure {
+        code: BAD_SPEC,
+        text: format!("error: {problem}"),
+    }
 }
 
 fn unknown<'a>(kind: &str, name: &str, known: impl Iterator<Item = &'a &'static str> + Clone) -> Failure {

@@ -1,8 +1,8 @@
 //! `run`, `worker`, `report`: compute what is missing, then show what is there.
 
 use super::{
-    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions, Selection,
-    TRIALS_FAILED, complain,
+    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions,
+    Selection, TRIALS_FAILED, complain,
     compute::Compute,
     folders, looks, profiles, provenance, say, settings, stages,
     study::{self, Planned},
@@ -31,7 +31,10 @@ pub(super) fn run(
         return study::plan(registry, selection, common);
     }
     let settings = settings::read(common)?;
-    let (store, workers) = (Store::at(&settings.store), options.jobs.unwrap_or(settings.workers).max(1));
+    let (store, workers) = (
+        Store::at(&settings.store),
+        options.jobs.unwrap_or(settings.workers).max(1),
+    );
     let mut planned = study::load_with_looks(registry, selection, &store)?;
     folders::check(&planned, selection, reporting)?;
     study::warn(&planned);
@@ -46,13 +49,22 @@ pub(super) fn run(
     };
     let kind = elsewhere(options.executor.as_deref().unwrap_or(&settings.executor));
     if kind.is_none() && options.detach {
-        return Err(Failure { code: BAD_SPEC, text: "error: --detach needs --executor slurm".into() });
+        return Err(Failure {
+            code: BAD_SPEC,
+            text: "error: --detach needs --executor slurm".into(),
+        });
     }
     let computed = loop {
         let computed = match &kind {
             None => how.run(&planned, |_| true)?,
             Some(kind) => {
-                let asked = Asked { kind, planned: &planned, selection, common, how: &how };
+                let asked = Asked {
+                    kind,
+                    planned: &planned,
+                    selection,
+                    common,
+                    how: &how,
+                };
                 match submit::run(&asked, options)? {
                     Some(code) => return Ok(code),
                     None => OK,
@@ -87,7 +99,11 @@ fn grow_all(planned: &mut [Planned], registry: &Registry, store: &Store) -> bool
     let mut grown = false;
     for one in planned {
         if looks::grow(one, registry, store) {
-            complain(&format!("{}:{}", one.study.name, looks::line(one).unwrap_or_default()));
+            complain(&format!(
+                "{}:{}",
+                one.study.name,
+                looks::line(one).unwrap_or_default()
+            ));
             grown = true;
         }
     }
@@ -108,7 +124,15 @@ pub(super) fn worker(
     let store = Store::at(&settings.store);
     let mut planned = study::load_with_looks(registry, selection, &store)?;
     let (asked, workers) = ((selection, common), jobs.max(1));
-    let how = Compute { registry, asked, settings: &settings, limits, workers, retry_failed: false, whole: false };
+    let how = Compute {
+        registry,
+        asked,
+        settings: &settings,
+        limits,
+        workers,
+        retry_failed: false,
+        whole: false,
+    };
     let mut code = OK;
     loop {
         // What failed at one look is not made good by the next.
@@ -120,10 +144,20 @@ pub(super) fn worker(
 }
 
 fn parse_index(text: &str) -> Result<(usize, usize), Failure> {
-    let wrong = || Failure { code: BAD_SPEC, text: format!("error: --index {text}: write I/N with I below N, as in 0/4") };
+    let wrong = || Failure {
+        code: BAD_SPEC,
+        text: format!("error: --index {text}: write I/N with I below N, as in 0/4"),
+    };
     let (part, parts) = text.split_once('/').ok_or_else(wrong)?;
-    let (part, parts) = (part.parse().map_err(|_| wrong())?, parts.parse().map_err(|_| wrong())?);
-    if part < parts { Ok((part, parts)) } else { Err(wrong()) }
+    let (part, parts) = (
+        part.parse().map_err(|_| wrong())?,
+        parts.parse().map_err(|_| wrong())?,
+    );
+    if part < parts {
+        Ok((part, parts))
+    } else {
+        Err(wrong())
+    }
 }
 
 /// `report`: tables, figures and the page from the store.
@@ -152,9 +186,16 @@ fn write_report(
     common: &Common,
 ) -> Result<u8, Failure> {
     let mend = selection.command("run", common, &[]);
-    let (results, dir) = (collect(one, store, Some(&mend)), folders::folder(one, selection, reporting));
+    let (results, dir) = (
+        collect(one, store, Some(&mend)),
+        folders::folder(one, selection, reporting),
+    );
     // What is damaged was complained of while the results were collected.
-    let stored: Vec<_> = store.stored_of(&one.plan.trials).into_iter().map(|stored| stored.ok().flatten()).collect();
+    let stored: Vec<_> = store
+        .stored_of(&one.plan.trials)
+        .into_iter()
+        .map(|stored| stored.ok().flatten())
+        .collect();
     let study = StudyInfo {
         profiles: profiles::of(registry, one, &stored, selection, store),
         ended: Period::of(stored.iter().map(|stored| stored.as_ref()?.ended_at.clone())),
@@ -163,20 +204,40 @@ fn write_report(
     };
     let mut contents = Contents::of(&study, &results);
     looks::record(one, store, &results, &mut contents)?;
-    let paths = report::write(&dir, &study, &results, &contents, &provenance::of(registry, one, &stored))?;
+    let paths = report::write(
+        &dir,
+        &study,
+        &results,
+        &contents,
+        &provenance::of(registry, one, &stored),
+    )?;
     let (resolved, evaluations) = (dir.join("resolved.yaml"), dir.join("evaluations.parquet"));
     write_durably(&resolved, spec::resolved_yaml(&one.study, &dir)?.as_bytes())?;
     store::write_results(&evaluations, &results)?;
-    let written = [&paths.files[..], &[paths.page.clone(), paths.markdown.clone(), resolved, evaluations]].concat();
+    let written = [
+        &paths.files[..],
+        &[paths.page.clone(), paths.markdown.clone(), resolved, evaluations],
+    ]
+    .concat();
     folders::settle(&dir, one, selection, &written)?;
     if common.format == Format::Json {
         say(&as_json(&study, &contents, &paths).to_string());
     } else {
-        say(&report::summary(&study, &results, &contents, &paths.page, terminal_width()));
+        say(&report::summary(
+            &study,
+            &results,
+            &contents,
+            &paths.page,
+            terminal_width(),
+        ));
     }
     let ends: Vec<_> = results.trials.iter().map(|result| result.end.clone()).collect();
     let code = study::code_of(&ends);
-    Ok(if code == OK && reporting.strict && contents.contradicts() { DIFFERS } else { code })
+    Ok(if code == OK && reporting.strict && contents.contradicts() {
+        DIFFERS
+    } else {
+        code
+    })
 }
 
 pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
@@ -203,9 +264,16 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
 fn learners(one: &Planned, registry: &Registry) -> BTreeSet<String> {
     let learns = |trial: &&Trial| {
         let plugin = trial.key.agent.agent().map(|part| part.plugin.as_str());
-        plugin.and_then(|name| registry.agents.get(name)).is_some_and(|entry| entry.learns)
+        plugin
+            .and_then(|name| registry.agents.get(name))
+            .is_some_and(|entry| entry.learns)
     };
-    one.plan.trials.iter().filter(learns).map(|trial| trial.agent.clone()).collect()
+    one.plan
+        .trials
+        .iter()
+        .filter(learns)
+        .map(|trial| trial.agent.clone())
+        .collect()
 }
 
 /// Configs with every default of the plugins that trials use, by kind and name.
@@ -214,14 +282,24 @@ fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
     for key in one.plan.trials.iter().map(|trial| &trial.key) {
         let [environment, protocol] = [&key.environment, &key.protocol].map(|part| part.plugin.as_str());
         let abouts = [
-            ("environment", environment, registry.environments.get(environment).map(|entry| &entry.about)),
-            ("protocol", protocol, registry.protocols.get(protocol).map(|entry| &entry.about)),
+            (
+                "environment",
+                environment,
+                registry.environments.get(environment).map(|entry| &entry.about),
+            ),
+            (
+                "protocol",
+                protocol,
+                registry.protocols.get(protocol).map(|entry| &entry.about),
+            ),
         ];
         let agents = key.agent.parts().into_iter().map(|part| part.plugin.as_str());
         let agents = agents.map(|name| ("agent", name, registry.agents.get(name).map(|entry| &entry.about)));
         for (kind, name, about) in abouts.into_iter().chain(agents) {
             let Some(about) = about else { continue };
-            defaults.entry(format!("{kind} {name}")).or_insert_with(|| about.defaults.clone());
+            defaults
+                .entry(format!("{kind} {name}"))
+                .or_insert_with(|| about.defaults.clone());
         }
     }
     defaults
@@ -229,32 +307,59 @@ fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
 
 fn as_json(study: &StudyInfo, contents: &Contents, paths: &ReportPaths) -> serde_json::Value {
     let counts = |counts: Counts| -> serde_json::Map<String, serde_json::Value> {
-        counts.into_iter().map(|(word, count)| (word.to_owned(), json!(count))).collect()
+        counts
+            .into_iter()
+            .map(|(word, count)| (word.to_owned(), json!(count)))
+            .collect()
     };
     json!({
-        "study": study.name, "published": counts(contents.verdicts(false)), "claims": counts(contents.outcomes(false)),
-        "published_holm": counts(contents.verdicts_together()), "claims_holm": counts(contents.outcomes_together()),
-        "published_exploratory": counts(contents.verdicts(true)), "claims_exploratory": counts(contents.outcomes(true)),
+        "study": study.name, "published": counts(contents.verdicts(false)),
+        "claims": counts(contents.outcomes(false)),
+        "published_holm": counts(contents.verdicts_together()),
+        "claims_holm": counts(contents.outcomes_together()),
+        "published_exploratory": counts(contents.verdicts(true)),
+        "claims_exploratory": counts(contents.outcomes(true)),
         "page": paths.page, "files": paths.files,
     })
 }
 
 /// Columns of the terminal, as the shell tells; 100 elsewhere.
-#[expect(clippy::disallowed_methods, reason = "it says how wide the summary is, and reaches no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "it says how wide the summary is, and reaches no result"
+)]
 fn terminal_width() -> usize {
-    std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok()).filter(|width| *width >= 40).unwrap_or(100)
+    std::env::var("COLUMNS")
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .filter(|width| *width >= 40)
+        .unwrap_or(100)
 }
 
-/// All trials of a study with what they recorded; `mend` is the command that mends what is damaged, where that shall be said.
+/// All trials of a study with what they recorded; `mend` is the command that mends what is damaged, where
+/// that shall be said.
 pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Results {
-    let trials = one.plan.trials.iter().zip(store.load_all(&one.plan.trials)).map(|(trial, loaded)| {
-        loaded.unwrap_or_else(|error| {
-            if let Some(mend) = mend {
-                complain(&format!("warning: {error}; the trial counts as missing: `{mend}` sets it aside and runs it again"));
-            }
-            TrialResult { trial: trial.clone(), end: None, names: Vec::new(), rows: Vec::new() }
-        })
-    });
+    let trials = one
+        .plan
+        .trials
+        .iter()
+        .zip(store.load_all(&one.plan.trials))
+        .map(|(trial, loaded)| {
+            loaded.unwrap_or_else(|error| {
+                if let Some(mend) = mend {
+                    complain(&format!(
+                        "warning: {error}; the trial counts as missing: `{mend}` sets it aside \
+                                   and runs it again"
+                    ));
+                }
+                TrialResult {
+                    trial: trial.clone(),
+                    end: None,
+                    names: Vec::new(),
+                    rows: Vec::new(),
+                }
+            })
+        });
     let mut trials: Vec<TrialResult> = trials.collect();
     let study = &one.study;
     if names_times(&(&study.tables, &study.figures, &study.claims, &study.success)) {
@@ -263,5 +368,9 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
     if let Some(success) = &one.study.success {
         trials.iter_mut().for_each(|trial| trial.judge_success(success));
     }
-    Results { design: one.study.design.clone(), success: one.study.success.clone(), ..Results::of(trials) }
+    Results {
+        design: one.study.design.clone(),
+        success: one.study.success.clone(),
+        ..Results::of(trials)
+    }
 }

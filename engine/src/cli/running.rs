@@ -1,5 +1,5 @@
-//! What `status` says of trials that are being computed now: who has them, and how far their log is; and of those that are tried
-//! again: how they ended before.
+//! What `status` says of trials that are being computed now: who has them, and how far their log is; and of
+//! those that are tried again: how they ended before.
 
 use crate::{
     results::TrialEnd,
@@ -16,15 +16,29 @@ pub(super) fn running(store: &Store, trials: &[Trial], ends: &[Option<TrialEnd>]
     if store.owners().is_empty() {
         return String::new();
     }
-    let missing = trials.iter().zip(ends).filter(|(_, end)| is_missing(end.as_ref()));
-    let held: Vec<_> = missing.filter_map(|(trial, _)| Some((trial, store.running(&trial.id)?))).collect();
+    let missing = trials
+        .iter()
+        .zip(ends)
+        .filter(|(_, end)| is_missing(end.as_ref()));
+    let held: Vec<_> = missing
+        .filter_map(|(trial, _)| Some((trial, store.running(&trial.id)?)))
+        .collect();
     let mut lines: Vec<String> = held
         .iter()
         .take(MOST_LINES)
         .map(|(trial, owner)| {
-            let job = owner.slurm_job.as_ref().map_or_else(String::new, |job| format!(", Slurm job {job}"));
-            let logged = logged(store, &trial.id).map_or_else(String::new, |step| format!(", logged up to step {step}"));
-            format!("  running  {}: process {} on {}{job}{logged}", trial.title(), owner.pid, owner.host)
+            let job = owner
+                .slurm_job
+                .as_ref()
+                .map_or_else(String::new, |job| format!(", Slurm job {job}"));
+            let logged = logged(store, &trial.id)
+                .map_or_else(String::new, |step| format!(", logged up to step {step}"));
+            format!(
+                "  running  {}: process {} on {}{job}{logged}",
+                trial.title(),
+                owner.pid,
+                owner.host
+            )
         })
         .collect();
     if held.len() > MOST_LINES {
@@ -38,7 +52,12 @@ pub(super) fn tried_again(store: &Store, trials: &[Trial], ends: &[Option<TrialE
     let missing = trials.iter().zip(ends).filter(|(_, end)| end.is_none());
     let earlier = missing.filter_map(|(trial, _)| Some((trial, store.earlier(&trial.id)?)));
     let lines = earlier.map(|(trial, end)| {
-        format!("  again    {}: ended as {} before and is tried again: {}", trial.title(), end.state.name(), end.reason)
+        format!(
+            "  again    {}: ended as {} before and is tried again: {}",
+            trial.title(),
+            end.state.name(),
+            end.reason
+        )
     });
     lines.collect::<Vec<_>>().join("\n")
 }

@@ -38,7 +38,8 @@ struct Bench {
     folder: PathBuf,
     trials: Vec<Trial>,
     profile: Option<String>,
-    /// The seeds of the first look, where looks are planned: which trials there are must not follow from results here.
+    /// The seeds of the first look, where looks are planned: which trials there are must not follow from
+    /// results here.
     seeds: Option<u32>,
 }
 
@@ -54,7 +55,12 @@ struct Executions {
 }
 
 /// 101 where two ways differ.
-pub(super) fn selftest(registry: &Registry, embedded: &str, options: &SelftestOptions, common: &Common) -> Result<u8, Failure> {
+pub(super) fn selftest(
+    registry: &Registry,
+    embedded: &str,
+    options: &SelftestOptions,
+    common: &Common,
+) -> Result<u8, Failure> {
     let bench = Bench::prepare(registry, embedded, options)?;
     let mut ways: Vec<Way> = vec![
         ("one worker", Bench::one_worker),
@@ -74,8 +80,10 @@ pub(super) fn selftest(registry: &Registry, embedded: &str, options: &SelftestOp
         let store = format!("store-{number}");
         let executions = compute(&bench, &store)?;
         let digests = bench.digests(&store)?;
-        let equal = *reference.get_or_insert_with(|| digests.clone()) == digests && digests.len() == bench.distinct();
-        let once = executions.ended <= bench.distinct() && executions.ended + executions.unsaid >= bench.distinct();
+        let equal =
+            *reference.get_or_insert_with(|| digests.clone()) == digests && digests.len() == bench.distinct();
+        let once =
+            executions.ended <= bench.distinct() && executions.ended + executions.unsaid >= bench.distinct();
         if !equal || !once {
             code = DIFFERS;
         }
@@ -94,7 +102,8 @@ fn show(rows: &[(&str, usize, usize, bool, bool)], trials: usize, common: &Commo
         let rows: Vec<_> = rows
             .iter()
             .map(|(way, stored, executed, equal, once)| {
-                serde_json::json!({"way": way, "stored": stored, "executed": executed, "equal": equal, "executed_once": once})
+                serde_json::json!({"way": way, "stored": stored, "executed": executed, "equal": equal,
+                    "executed_once": once})
             })
             .collect();
         return say(&serde_json::json!({"trials": trials, "ways": rows}).to_string());
@@ -118,28 +127,55 @@ impl Bench {
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let folder = folder.canonicalize().map_err(Error::file("find", &folder))?;
         let (text, profile) = match &options.spec {
-            Some(path) => (fs::read_to_string(path).map_err(Error::file("read", path))?, options.profile.clone()),
-            None => (embedded.to_owned(), Some(options.profile.clone().unwrap_or_else(|| "smoke".into()))),
+            Some(path) => (
+                fs::read_to_string(path).map_err(Error::file("read", path))?,
+                options.profile.clone(),
+            ),
+            None => (
+                embedded.to_owned(),
+                Some(options.profile.clone().unwrap_or_else(|| "smoke".into())),
+            ),
         };
         let path = folder.join(STUDY);
         fs::write(&path, text).map_err(Error::file("write", &path))?;
         // Often enough that a killed trial has something to continue from.
         let settings = folder.join("regimen.toml");
-        let kept = if settings.exists() { fs::read_to_string(&settings).unwrap_or_default() } else { String::new() };
+        let kept = if settings.exists() {
+            fs::read_to_string(&settings).unwrap_or_default()
+        } else {
+            String::new()
+        };
         if !kept.contains("checkpoint_every_s") {
-            fs::write(&settings, format!("checkpoint_every_s = 0.02\n{kept}")).map_err(Error::file("write", &settings))?;
+            fs::write(&settings, format!("checkpoint_every_s = 0.02\n{kept}"))
+                .map_err(Error::file("write", &settings))?;
         }
-        let selection =
-            Selection { specs: vec![path], profile: profile.clone(), sets: Vec::new(), seeds: None, only: Vec::new() };
+        let selection = Selection {
+            specs: vec![path],
+            profile: profile.clone(),
+            sets: Vec::new(),
+            seeds: None,
+            only: Vec::new(),
+        };
         let planned = study::load(registry, &selection)?;
-        let seeds = planned.iter().find_map(|one| one.study.design.as_ref()?.looks().first().copied());
+        let seeds = planned
+            .iter()
+            .find_map(|one| one.study.design.as_ref()?.looks().first().copied());
         let trials: Vec<Trial> = planned.into_iter().flat_map(|one| one.plan.trials).collect();
-        Ok(Self { folder, trials, profile, seeds })
+        Ok(Self {
+            folder,
+            trials,
+            profile,
+            seeds,
+        })
     }
 
     /// Trials with an id of their own.
     fn distinct(&self) -> usize {
-        self.trials.iter().map(|trial| &trial.id).collect::<std::collections::BTreeSet<_>>().len()
+        self.trials
+            .iter()
+            .map(|trial| &trial.id)
+            .collect::<std::collections::BTreeSet<_>>()
+            .len()
     }
 
     fn digests(&self, store: &str) -> Result<BTreeMap<String, String>, Error> {
@@ -155,18 +191,31 @@ impl Bench {
 
     /// Starts the program in the folder, with what it says going to `log`.
     fn start(&self, arguments: &[&str], store: &str, log: &str) -> Result<Child, Error> {
-        let broken = |source: std::io::Error| Error::Worker { problem: format!("cannot start the program: {source}") };
+        let broken = |source: std::io::Error| Error::Worker {
+            problem: format!("cannot start the program: {source}"),
+        };
         let path = self.folder.join(log);
-        let file = fs::OpenOptions::new().create(true).append(true).open(&path).map_err(Error::file("write", &path))?;
+        let file = fs::OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(&path)
+            .map_err(Error::file("write", &path))?;
         let mut command = Command::new(std::env::current_exe().map_err(broken)?);
-        command.args(arguments).args([STUDY, "--store", store]).current_dir(&self.folder).process_group(0);
+        command
+            .args(arguments)
+            .args([STUDY, "--store", store])
+            .current_dir(&self.folder)
+            .process_group(0);
         if let Some(profile) = &self.profile {
             command.args(["--profile", profile]);
         }
         if let Some(seeds) = self.seeds {
             command.args(["--seeds", &seeds.to_string()]);
         }
-        command.env_remove("REGIMEN_STORE").env_remove("REGIMEN_JOBS").env_remove("REGIMEN_MACHINE");
+        command
+            .env_remove("REGIMEN_STORE")
+            .env_remove("REGIMEN_JOBS")
+            .env_remove("REGIMEN_MACHINE");
         command.stdout(Stdio::null()).stderr(file).spawn().map_err(broken)
     }
 
@@ -178,15 +227,22 @@ impl Bench {
             children.push(self.start(arguments, store, &log)?);
         }
         for mut child in children {
-            child.wait().map_err(|source| Error::Worker { problem: source.to_string() })?;
+            child.wait().map_err(|source| Error::Worker {
+                problem: source.to_string(),
+            })?;
         }
-        Ok(Executions { ended: self.ended(&log), unsaid: 0 })
+        Ok(Executions {
+            ended: self.ended(&log),
+            unsaid: 0,
+        })
     }
 
     /// Trials that the program says it has run to their end.
     fn ended(&self, log: &str) -> usize {
         let text = fs::read_to_string(self.folder.join(log)).unwrap_or_default();
-        text.lines().filter(|line| line.starts_with('[') && !line.contains("by another program")).count()
+        text.lines()
+            .filter(|line| line.starts_with('[') && !line.contains("by another program"))
+            .count()
     }
 
     fn one_worker(&self, store: &str) -> Result<Executions, Error> {
@@ -208,10 +264,19 @@ impl Bench {
     }
 
     fn slurm(&self, store: &str) -> Result<Executions, Error> {
-        let mut child = self.start(&["run", "--executor", "slurm", "--out", "slurm"], store, &format!("{store}.log"))?;
-        child.wait().map_err(|source| Error::Worker { problem: source.to_string() })?;
+        let mut child = self.start(
+            &["run", "--executor", "slurm", "--out", "slurm"],
+            store,
+            &format!("{store}.log"),
+        )?;
+        child.wait().map_err(|source| Error::Worker {
+            problem: source.to_string(),
+        })?;
         // The workers write their own logs; what they executed is what is stored.
-        Ok(Executions { ended: self.digests(store)?.len(), unsaid: 0 })
+        Ok(Executions {
+            ended: self.digests(store)?.len(),
+            unsaid: 0,
+        })
     }
 
     /// Kills the whole program again and again, each time a little later, and then lets it finish.
@@ -224,13 +289,22 @@ impl Bench {
         }
         // A trial that was being computed when its program died runs again, but only its last execution ends.
         let finished = self.together(&[&["worker", "-j", "2"]], store)?;
-        Ok(Executions { unsaid: 2 * KILLS as usize, ..finished })
+        Ok(Executions {
+            unsaid: 2 * KILLS as usize,
+            ..finished
+        })
     }
 }
 
 fn end_group(child: &mut Child) -> Result<(), Error> {
-    let broken = |source: std::io::Error| Error::Worker { problem: format!("cannot end the program: {source}") };
+    let broken = |source: std::io::Error| Error::Worker {
+        problem: format!("cannot end the program: {source}"),
+    };
     let group = format!("-{}", child.id());
-    Command::new("kill").args(["-KILL", "--", &group]).stderr(Stdio::null()).status().map_err(broken)?;
+    Command::new("kill")
+        .args(["-KILL", "--", &group])
+        .stderr(Stdio::null())
+        .status()
+        .map_err(broken)?;
     child.wait().map(drop).map_err(broken)
 }

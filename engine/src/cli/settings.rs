@@ -7,8 +7,8 @@
 //! lease_expiry_s = 30         # when leases of silent machines count as dead
 //! executor = "local"          # or "slurm"
 //!
-//! [slurm]                     # how workers are asked for: each executor of `regimen list` has a table of its name
-//! time = "4:00:00"
+//! [slurm]                     # how workers are asked for: each executor of `regimen list` has a table of
+//! its name time = "4:00:00"
 //!
 //! [limits]                    # the tighter of these and the study's holds
 //! wall_time_s = 3600
@@ -81,11 +81,19 @@ impl TryFrom<String> for Name {
 
     fn try_from(name: String) -> Result<Self, String> {
         let all = executor::all();
-        let names: Vec<&str> = all.iter().filter(|kind| kind.runs()).map(|kind| kind.name).collect();
+        let names: Vec<&str> = all
+            .iter()
+            .filter(|kind| kind.runs())
+            .map(|kind| kind.name)
+            .collect();
         if names.contains(&name.as_str()) {
             return Ok(Self(name));
         }
-        let known = names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(" or ");
+        let known = names
+            .iter()
+            .map(|name| format!("`{name}`"))
+            .collect::<Vec<_>>()
+            .join(" or ");
         Err(format!("`{name}` runs no trials, expected {known}"))
     }
 }
@@ -101,12 +109,16 @@ impl Settings {
     /// An executor with its options; `tasks` takes the place of the most that may run at a time.
     pub(super) fn executor(&self, kind: &Kind, tasks: Option<usize>) -> Result<Box<dyn Executor>, Failure> {
         let name = kind.name;
-        let options = kind.options().ok_or_else(|| wrong(&format!("`{name}` hands nothing over")))?;
+        let options = kind
+            .options()
+            .ok_or_else(|| wrong(&format!("`{name}` hands nothing over")))?;
         let mut values = self.executors.get(name).cloned().unwrap_or_else(|| json!({}));
         if let Some(tasks) = tasks.and_then(NonZeroUsize::new) {
             values["max_tasks"] = tasks.get().into();
         }
-        options.build(&values).map_err(|error| wrong(&format!("[{name}] {error}")))
+        options
+            .build(&values)
+            .map_err(|error| wrong(&format!("[{name}] {error}")))
     }
 }
 
@@ -123,7 +135,11 @@ pub(super) fn read(common: &Common) -> Result<Settings, Failure> {
 fn combine(text: &str, common: &Common) -> Result<Settings, Failure> {
     let (top, mut profiles) = levels(text).map_err(|mut error| {
         error.set_input(Some(text));
-        let tables = if error.message().starts_with("unknown field") { known_tables() } else { String::new() };
+        let tables = if error.message().starts_with("unknown field") {
+            known_tables()
+        } else {
+            String::new()
+        };
         wrong(&format!("{error}{tables}"))
     })?;
     let profile = match &common.machine {
@@ -136,15 +152,26 @@ fn combine(text: &str, common: &Common) -> Result<Settings, Failure> {
     let executors = overlay(top.executors, profile.executors);
     let (top, profile) = (top.table, profile.table);
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let checkpoint_every_s = profile.checkpoint_every_s.or(top.checkpoint_every_s).unwrap_or(60.0);
+    let checkpoint_every_s = profile
+        .checkpoint_every_s
+        .or(top.checkpoint_every_s)
+        .unwrap_or(60.0);
     let lease_expiry_s = profile.lease_expiry_s.or(top.lease_expiry_s).unwrap_or(30.0);
     let settings = Settings {
-        store: common.store.clone().or(profile.store).or(top.store).unwrap_or_else(|| "store".into()),
+        store: common
+            .store
+            .clone()
+            .or(profile.store)
+            .or(top.store)
+            .unwrap_or_else(|| "store".into()),
         workers: profile.workers.or(top.workers).unwrap_or(cores).max(1),
         checkpoint_every: seconds("checkpoint_every_s", checkpoint_every_s)?,
         lease_expiry: seconds("lease_expiry_s", lease_expiry_s)?,
         limits: profile.limits.or(top.limits).unwrap_or_default(),
-        executor: profile.executor.or(top.executor).map_or_else(|| LOCAL.into(), |name| name.0),
+        executor: profile
+            .executor
+            .or(top.executor)
+            .map_or_else(|| LOCAL.into(), |name| name.0),
         executors,
     };
     // What an executor cannot use is said now, also where another one runs the trials.
@@ -157,8 +184,17 @@ fn combine(text: &str, common: &Common) -> Result<Settings, Failure> {
 /// The tables that a file may have besides its keys.
 fn known_tables() -> String {
     let all = executor::all();
-    let names = all.iter().filter(|kind| kind.options().is_some()).map(|kind| kind.name);
-    format!("tables of executors are {}\n", names.map(|name| format!("[{name}]")).collect::<Vec<_>>().join(" and "))
+    let names = all
+        .iter()
+        .filter(|kind| kind.options().is_some())
+        .map(|kind| kind.name);
+    format!(
+        "tables of executors are {}\n",
+        names
+            .map(|name| format!("[{name}]"))
+            .collect::<Vec<_>>()
+            .join(" and ")
+    )
 }
 
 /// The top of the file, and its profiles by name.
@@ -168,7 +204,10 @@ fn levels(text: &str) -> Result<(Level, BTreeMap<String, Level>), toml::de::Erro
     let mut named = BTreeMap::new();
     for (name, profile) in profiles.map_or_else(|| Ok(DeTable::new()), table)? {
         let span = profile.span();
-        named.insert(name.into_inner().into_owned(), level(Spanned::new(span, table(profile)?))?);
+        named.insert(
+            name.into_inner().into_owned(),
+            level(Spanned::new(span, table(profile)?))?,
+        );
     }
     Ok((level(top)?, named))
 }
@@ -177,7 +216,10 @@ fn levels(text: &str) -> Result<(Level, BTreeMap<String, Level>), toml::de::Erro
 fn table(value: Spanned<DeValue<'_>>) -> Result<DeTable<'_>, toml::de::Error> {
     match value.into_inner() {
         DeValue::Table(table) => Ok(table),
-        other => Err(serde::de::Error::custom(format!("`profile` holds tables by name, not a {}", other.type_str()))),
+        other => Err(serde::de::Error::custom(format!(
+            "`profile` holds tables by name, not a {}",
+            other.type_str()
+        ))),
     }
 }
 
@@ -189,17 +231,25 @@ fn level(mut keys: Spanned<DeTable<'_>>) -> Result<Level, toml::de::Error> {
             executors.insert(kind.name, options.read(ValueDeserializer::from(table))?);
         }
     }
-    Ok(Level { table: Table::deserialize(Deserializer::from(keys))?, executors })
+    Ok(Level {
+        table: Table::deserialize(Deserializer::from(keys))?,
+        executors,
+    })
 }
 
 fn seconds(key: &str, value: f64) -> Result<Duration, Failure> {
-    Duration::try_from_secs_f64(value).map_err(|_| wrong(&format!("{key} = {value}: a time in seconds, at least 0")))
+    Duration::try_from_secs_f64(value)
+        .map_err(|_| wrong(&format!("{key} = {value}: a time in seconds, at least 0")))
 }
 
 /// The tables of a profile over those of the top, key by key.
 fn overlay(mut below: Tables, above: Tables) -> Tables {
     for (name, values) in above {
-        let given = values.as_object().into_iter().flatten().filter(|(_, value)| !value.is_null());
+        let given = values
+            .as_object()
+            .into_iter()
+            .flatten()
+            .filter(|(_, value)| !value.is_null());
         let given: Vec<_> = given.map(|(key, value)| (key.clone(), value.clone())).collect();
         match below.get_mut(name).and_then(Value::as_object_mut) {
             Some(table) => table.extend(given),
@@ -210,7 +260,10 @@ fn overlay(mut below: Tables, above: Tables) -> Tables {
 }
 
 fn wrong(problem: &str) -> Failure {
-    Failure { code: BAD_SPEC, text: format!("error: {FILE}: {problem}") }
+    Failure {
+        code: BAD_SPEC,
+        text: format!("error: {FILE}: {problem}"),
+    }
 }
 
 #[cfg(test)]
@@ -219,15 +272,26 @@ mod tests {
     use crate::cli::Format;
 
     fn common(machine: Option<&str>) -> Common {
-        Common { store: None, machine: machine.map(Into::into), format: Format::Text }
+        Common {
+            store: None,
+            machine: machine.map(Into::into),
+            format: Format::Text,
+        }
     }
 
     #[test]
     fn a_profile_overrides_the_top() {
-        let text = "store = \"a\"\nworkers = 2\n[limits]\nretries = 1\n[profile.big]\nworkers = 16\nlimits = { memory_mb = 5 }\n";
+        let text = "store = \"a\"\nworkers = 2\n[limits]\nretries = 1\n[profile.big]\nworkers = 16\nlimits \
+                    = { memory_mb = 5 }\n";
         let settings = combine(text, &common(Some("big"))).ok().unwrap();
         assert_eq!((settings.store, settings.workers), (PathBuf::from("a"), 16));
-        assert_eq!(settings.limits, Limits { memory_mb: Some(5), ..Limits::default() });
+        assert_eq!(
+            settings.limits,
+            Limits {
+                memory_mb: Some(5),
+                ..Limits::default()
+            }
+        );
         assert_eq!(settings.checkpoint_every, Duration::from_secs(60));
     }
 
@@ -239,19 +303,34 @@ mod tests {
         assert_eq!(settings.executor, "slurm");
         let slurm = |settings: &Settings, tasks| {
             let kind = executor::find("slurm").unwrap();
-            let options = settings.executor(&kind, tasks).ok().unwrap().queue().unwrap().options();
+            let options = settings
+                .executor(&kind, tasks)
+                .ok()
+                .unwrap()
+                .queue()
+                .unwrap()
+                .options();
             ["partition", "memory_mb", "max_tasks", "time"].map(|key| options[key].clone())
         };
-        assert_eq!(slurm(&settings, None), ["long".into(), 2000.into(), 8.into(), Value::Null]);
+        assert_eq!(
+            slurm(&settings, None),
+            ["long".into(), 2000.into(), 8.into(), Value::Null]
+        );
         assert_eq!(slurm(&settings, Some(3))[2], 3);
         assert_eq!(settings.executors["kubernetes"]["image"], "a");
-        assert_eq!(slurm(&combine(text, &common(None)).ok().unwrap(), None)[0], "short");
+        assert_eq!(
+            slurm(&combine(text, &common(None)).ok().unwrap(), None)[0],
+            "short"
+        );
     }
 
     #[test]
     fn the_most_tasks_at_a_time_can_be_given_where_no_table_is() {
         let settings = combine("", &common(None)).ok().unwrap();
-        let slurm = settings.executor(&executor::find("slurm").unwrap(), Some(3)).ok().unwrap();
+        let slurm = settings
+            .executor(&executor::find("slurm").unwrap(), Some(3))
+            .ok()
+            .unwrap();
         assert_eq!(slurm.queue().unwrap().max_tasks(), 3);
     }
 
@@ -259,11 +338,17 @@ mod tests {
     fn mistakes_in_an_executors_table_name_file_and_key() {
         let text = |text: &str| combine(text, &common(None)).err().unwrap().text;
         let unknown = text("[slurm]\npartion = \"long\"\n");
-        assert!(unknown.contains("regimen.toml") && unknown.contains("partion") && unknown.contains("line 2"), "{unknown}");
+        assert!(
+            unknown.contains("regimen.toml") && unknown.contains("partion") && unknown.contains("line 2"),
+            "{unknown}"
+        );
         assert!(text("[slurm]\nmax_tasks = 0\n").contains("max_tasks"));
         assert!(text("[slurm]\ntime = \"soon\"\n").contains("regimen.toml: [slurm] `time`: `soon`"));
         let written = text("executor = \"kubernetes\"\n");
-        assert!(written.contains("`local` or `slurm`") && written.contains("line 1"), "{written}");
+        assert!(
+            written.contains("`local` or `slurm`") && written.contains("line 1"),
+            "{written}"
+        );
         assert!(text("[profile.big.kubernetes]\nimages = 1\n").contains("images"));
         assert!(text("[slrum]\ntime = \"1\"\n").contains("tables of executors are [slurm] and [kubernetes]"));
         assert!(text("profile = 1\n").contains("`profile` holds tables"));
@@ -271,9 +356,33 @@ mod tests {
 
     #[test]
     fn unknown_keys_profiles_and_times_are_refused() {
-        assert!(combine("wrokers = 2\n", &common(None)).err().unwrap().text.contains("wrokers"));
-        assert!(combine("", &common(Some("big"))).err().unwrap().text.contains("[profile.big]"));
-        assert!(combine("checkpoint_every_s = -1\n", &common(None)).err().unwrap().text.contains("checkpoint_every_s"));
-        assert!(combine("[limits]\nwall_time = 1\n", &common(None)).err().unwrap().text.contains("wall_time"));
+        assert!(
+            combine("wrokers = 2\n", &common(None))
+                .err()
+                .unwrap()
+                .text
+                .contains("wrokers")
+        );
+        assert!(
+            combine("", &common(Some("big")))
+                .err()
+                .unwrap()
+                .text
+                .contains("[profile.big]")
+        );
+        assert!(
+            combine("checkpoint_every_s = -1\n", &common(None))
+                .err()
+                .unwrap()
+                .text
+                .contains("checkpoint_every_s")
+        );
+        assert!(
+            combine("[limits]\nwall_time = 1\n", &common(None))
+                .err()
+                .unwrap()
+                .text
+                .contains("wall_time")
+        );
     }
 }

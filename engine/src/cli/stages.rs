@@ -21,8 +21,13 @@ pub(super) fn of(one: &Planned) -> Vec<Stage> {
         }
         *counts.entry(name).or_default() += 1;
         for taken in trial.key.taken_by_name() {
-            let Some(source) = by_id.get(taken.trial.as_str()) else { continue };
-            let take = Take { from: entry(source).to_owned(), product: taken.kind.name().to_owned() };
+            let Some(source) = by_id.get(taken.trial.as_str()) else {
+                continue;
+            };
+            let take = Take {
+                from: entry(source).to_owned(),
+                product: taken.kind.name().to_owned(),
+            };
             takes.entry(name).or_default().insert(take);
         }
     }
@@ -46,13 +51,17 @@ fn entry(trial: &Trial) -> &str {
     }
 }
 
-/// One more than the deepest entry that it takes from. An agent may take from itself in another environment, which adds nothing.
+/// One more than the deepest entry that it takes from. An agent may take from itself in another environment,
+/// which adds nothing.
 fn depths<'a>(names: &[&'a str], takes: &BTreeMap<&'a str, BTreeSet<Take>>) -> BTreeMap<&'a str, usize> {
     let mut depths: BTreeMap<&str, usize> = names.iter().map(|name| (*name, 0)).collect();
     // A path has at most as many entries as there are.
     for _ in names {
         for (name, takes) in takes {
-            let below = takes.iter().filter(|take| take.from != *name).filter_map(|take| depths.get(take.from.as_str()));
+            let below = takes
+                .iter()
+                .filter(|take| take.from != *name)
+                .filter_map(|take| depths.get(take.from.as_str()));
             let deepest = below.max().map_or(0, |depth| depth + 1).min(names.len());
             depths.insert(name, deepest);
         }
@@ -65,9 +74,17 @@ pub(super) fn lines(one: &Planned) -> Vec<String> {
     let stages = of(one);
     let takers = stages.iter().filter(|stage| !stage.takes.is_empty());
     let line = |stage: &Stage| {
-        let takes: Vec<String> = stage.takes.iter().map(|take| format!("{} of {}", take.product, take.from)).collect();
+        let takes: Vec<String> = stage
+            .takes
+            .iter()
+            .map(|take| format!("{} of {}", take.product, take.from))
+            .collect();
         format!("    {} takes {}", stage.name, takes.join(", "))
     };
     let lines: Vec<String> = takers.map(line).collect();
-    if lines.is_empty() { lines } else { std::iter::once("  graph:".to_owned()).chain(lines).collect() }
+    if lines.is_empty() {
+        lines
+    } else {
+        std::iter::once("  graph:".to_owned()).chain(lines).collect()
+    }
 }

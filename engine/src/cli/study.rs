@@ -1,7 +1,8 @@
 //! `check`, `plan`, `status`, `resolve`: what is known of studies without running anything.
 
 use super::{
-    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour, complain, looks,
+    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour,
+    complain, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
     say, settings, stages, submit,
@@ -63,19 +64,38 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
         }
     }
     if !problems.is_empty() {
-        return Err(Failure { code: BAD_SPEC, text: problems.join("\n") });
+        return Err(Failure {
+            code: BAD_SPEC,
+            text: problems.join("\n"),
+        });
     }
     if planned.iter().all(|one| one.plan.trials.is_empty()) {
-        return Err(Failure { code: NOTHING_SELECTED, text: "no trial matches what was selected".into() });
+        return Err(Failure {
+            code: NOTHING_SELECTED,
+            text: "no trial matches what was selected".into(),
+        });
     }
     Ok(planned)
 }
 
 fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
-    let study = spec::load(path, registry, &options(selection)).map_err(|problems| diagnostic::render(&problems, colour()))?;
-    let plan = Plan { study: study.name.clone(), title: study.title.clone(), trials: Vec::new() };
+    let study = spec::load(path, registry, &options(selection))
+        .map_err(|problems| diagnostic::render(&problems, colour()))?;
+    let plan = Plan {
+        study: study.name.clone(),
+        title: study.title.clone(),
+        trials: Vec::new(),
+    };
     let only = selection.only.clone();
-    let mut planned = Planned { path: path.to_owned(), study, plan, costs: Vec::new(), wanted: Wanted::new(), open: None, only };
+    let mut planned = Planned {
+        path: path.to_owned(),
+        study,
+        plan,
+        costs: Vec::new(),
+        wanted: Wanted::new(),
+        open: None,
+        only,
+    };
     planned.replan(registry, Wanted::new());
     Ok(planned)
 }
@@ -95,7 +115,11 @@ fn narrow(plan: &mut Plan, only: &[String]) {
 }
 
 /// Loads and plans all selected studies, those with planned looks as far as the stored results ask for.
-pub(super) fn load_with_looks(registry: &Registry, selection: &Selection, store: &Store) -> Result<Vec<Planned>, Failure> {
+pub(super) fn load_with_looks(
+    registry: &Registry,
+    selection: &Selection,
+    store: &Store,
+) -> Result<Vec<Planned>, Failure> {
     let mut planned = load(registry, selection)?;
     for one in &mut planned {
         looks::grow(one, registry, store);
@@ -111,7 +135,11 @@ pub(super) fn warn(planned: &[Planned]) {
 }
 
 fn options(selection: &Selection) -> spec::Options {
-    spec::Options { profile: selection.profile.clone(), sets: selection.sets.clone(), seeds: selection.seeds }
+    spec::Options {
+        profile: selection.profile.clone(),
+        sets: selection.sets.clone(),
+        seeds: selection.seeds,
+    }
 }
 
 /// Steps of every trial; neighbours in a plan mostly share their protocol, so that few protocols are built.
@@ -119,7 +147,9 @@ fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
     let mut known: Option<(&Arc<serde_json::Value>, u64)> = None;
     let cost = |trial: &Trial| {
         let entry = registry.protocols.get(trial.key.protocol.plugin.as_str())?;
-        (entry.build)(&trial.key.protocol.config).ok().map(|protocol| protocol.total_steps())
+        (entry.build)(&trial.key.protocol.config)
+            .ok()
+            .map(|protocol| protocol.total_steps())
     };
     let mut costs = Vec::with_capacity(plan.trials.len());
     for trial in &plan.trials {
@@ -174,7 +204,11 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
 
 /// The state of every trial; `None` where it has not run or must run again.
 pub(super) fn ends(store: &Store, trials: &[Trial]) -> Vec<Option<TrialEnd>> {
-    stored(store, trials).0.into_iter().map(|stored| stored.map(|it| it.end)).collect()
+    stored(store, trials)
+        .0
+        .into_iter()
+        .map(|stored| stored.map(|it| it.end))
+        .collect()
 }
 
 /// What is stored of every trial, and whether something is damaged, which counts as missing.
@@ -191,10 +225,18 @@ fn stored(store: &Store, trials: &[Trial]) -> (Vec<Option<StoredTrial>>, bool) {
 }
 
 /// As [`stored`], and what mends it is said.
-fn stored_with_advice(store: &Store, trials: &[Trial], selection: &Selection, common: &Common) -> Vec<Option<StoredTrial>> {
+fn stored_with_advice(
+    store: &Store,
+    trials: &[Trial],
+    selection: &Selection,
+    common: &Common,
+) -> Vec<Option<StoredTrial>> {
     let (stored, damaged) = stored(store, trials);
     if damaged {
-        complain(&format!("`{}` sets aside what is damaged and runs it again", selection.command("run", common, &[])));
+        complain(&format!(
+            "`{}` sets aside what is damaged and runs it again",
+            selection.command("run", common, &[])
+        ));
     }
     stored
 }
@@ -208,14 +250,30 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
     for one in planned {
         let trials = &one.plan.trials;
         let stored = stored_with_advice(&store, trials, selection, common);
-        let ends: Vec<_> = stored.iter().map(|stored| stored.as_ref().map(|it| it.end.clone())).collect();
-        let known: Vec<_> =
-            trials.iter().zip(&stored).filter_map(|(trial, it)| Some((trial.id.as_str(), it.as_ref()?))).collect();
+        let ends: Vec<_> = stored
+            .iter()
+            .map(|stored| stored.as_ref().map(|it| it.end.clone()))
+            .collect();
+        let known: Vec<_> = trials
+            .iter()
+            .zip(&stored)
+            .filter_map(|(trial, it)| Some((trial.id.as_str(), it.as_ref()?)))
+            .collect();
         // Where every trial is there, nothing else of the store is looked at.
-        let cells = if known.len() < trials.len() { store.cells(&known, MOST_STORED) } else { Vec::new() };
+        let cells = if known.len() < trials.len() {
+            store.cells(&known, MOST_STORED)
+        } else {
+            Vec::new()
+        };
         let novelties = plan::novelties(trials, &ends, &cells);
         let waiting = Waiting::of(trials, &ends, &store);
-        say(&overview(&one, &ends, Some(&novelties), (settings.workers, &waiting), common.format));
+        say(&overview(
+            &one,
+            &ends,
+            Some(&novelties),
+            (settings.workers, &waiting),
+            common.format,
+        ));
         say_waiting(&waiting, common);
         say_failed(trials, &ends, selection, common);
     }
@@ -231,11 +289,24 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
         let stored = stored_with_advice(&store, &one.plan.trials, selection, common);
         let ends: Vec<_> = stored.into_iter().map(|stored| stored.map(|it| it.end)).collect();
         let waiting = Waiting::of(&one.plan.trials, &ends, &store);
-        say(&overview(&one, &ends, None, (settings.workers, &waiting), common.format));
+        say(&overview(
+            &one,
+            &ends,
+            None,
+            (settings.workers, &waiting),
+            common.format,
+        ));
         if common.format == Format::Text {
             let trials = &one.plan.trials;
-            let texts = [running(&store, trials, &ends), tried_again(&store, trials, &ends), failures(trials, &ends)];
-            texts.iter().filter(|text| !text.is_empty()).for_each(|text| say(text));
+            let texts = [
+                running(&store, trials, &ends),
+                tried_again(&store, trials, &ends),
+                failures(trials, &ends),
+            ];
+            texts
+                .iter()
+                .filter(|text| !text.is_empty())
+                .for_each(|text| say(text));
             say_waiting(&waiting, common);
             say_failed(trials, &ends, selection, common);
         }
@@ -255,7 +326,10 @@ fn say_waiting(waiting: &Waiting, common: &Common) {
 /// What runs again the trials that did not end well.
 fn say_failed(trials: &[Trial], ends: &[Option<TrialEnd>], selection: &Selection, common: &Common) {
     let again = selection.command("run", common, &["--retry-failed"]);
-    let ends = trials.iter().zip(ends).map(|(trial, end)| (trial.id.as_str(), end.as_ref()));
+    let ends = trials
+        .iter()
+        .zip(ends)
+        .map(|(trial, end)| (trial.id.as_str(), end.as_ref()));
     if let Some(words) = failed_in_words(ends, &again).filter(|_| common.format == Format::Text) {
         say(&format!("  {words}"));
     }
@@ -297,9 +371,14 @@ struct Cell {
 type Names<'a> = (&'a str, &'a str, &'a str);
 
 fn cells<'a>(one: &'a Planned, ends: &[Option<TrialEnd>], waiting: &Waiting) -> Vec<(Names<'a>, Cell)> {
-    let (mut cells, mut places): (Vec<(Names<'a>, Cell)>, BTreeMap<Names<'a>, usize>) = (Vec::new(), BTreeMap::new());
+    let (mut cells, mut places): (Vec<(Names<'a>, Cell)>, BTreeMap<Names<'a>, usize>) =
+        (Vec::new(), BTreeMap::new());
     for (index, ((trial, end), cost)) in one.plan.trials.iter().zip(ends).zip(&one.costs).enumerate() {
-        let names = (trial.environment.as_str(), trial.agent.as_str(), trial.setting.as_str());
+        let names = (
+            trial.environment.as_str(),
+            trial.agent.as_str(),
+            trial.setting.as_str(),
+        );
         // The trials of a cell stand side by side in a plan, except for those of later looks.
         let place = *places.entry(names).or_insert(cells.len());
         if place == cells.len() {
@@ -345,12 +424,28 @@ fn overview(
         return overview.to_string();
     }
     let mut lines = vec![format!("{}: {} trials", one.study.name, one.plan.trials.len())];
-    let width = |of: fn(&Names<'_>) -> usize, least: usize| cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least);
-    let (first, second, third) = (width(|key| key.0.len(), 11), width(|key| key.1.len(), 5), width(|key| key.2.len(), 0));
-    let setting = if third > 0 { format!("{:<third$}  ", "setting") } else { String::new() };
+    let width = |of: fn(&Names<'_>) -> usize, least: usize| {
+        cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least)
+    };
+    let (first, second, third) = (
+        width(|key| key.0.len(), 11),
+        width(|key| key.1.len(), 5),
+        width(|key| key.2.len(), 0),
+    );
+    let setting = if third > 0 {
+        format!("{:<third$}  ", "setting")
+    } else {
+        String::new()
+    };
     let third = third.max(setting.trim_end().len());
     let is_blocked = cells.iter().any(|(_, cell)| cell.blocked > 0);
-    let blocked = |word: &str| if is_blocked { format!(" {word:>7}") } else { String::new() };
+    let blocked = |word: &str| {
+        if is_blocked {
+            format!(" {word:>7}")
+        } else {
+            String::new()
+        }
+    };
     lines.push(format!(
         "  {:<first$}  {:<second$}  {setting}{:>6} {:>6} {:>7}{}",
         "environment",
@@ -361,7 +456,11 @@ fn overview(
         blocked("blocked")
     ));
     for ((environment, agent, setting), cell) in &cells {
-        let setting = if third > 0 { format!("{setting:<third$}  ") } else { String::new() };
+        let setting = if third > 0 {
+            format!("{setting:<third$}  ")
+        } else {
+            String::new()
+        };
         lines.push(format!(
             "  {environment:<first$}  {agent:<second$}  {setting}{:>6} {:>6} {:>7}{}",
             cell.ok,
@@ -379,10 +478,15 @@ fn overview(
 }
 
 fn as_json(one: &Planned, cells: &[(Names<'_>, Cell)], novelties: Option<&[Novelty]>) -> serde_json::Value {
-    let row = |((environment, agent, setting), cell): &(Names<'_>, Cell)| json!({"environment": environment, "agent": agent, "setting": setting, "ok": cell.ok, "failed": cell.failed, "missing": cell.missing, "blocked": cell.blocked});
+    let row = |((environment, agent, setting), cell): &(Names<'_>, Cell)| {
+        json!({"environment": environment,
+        "agent": agent, "setting": setting, "ok": cell.ok, "failed": cell.failed, "missing": cell.missing,
+        "blocked": cell.blocked})
+    };
     let rows: Vec<_> = cells.iter().map(row).collect();
     let stages: Vec<_> = stages::of(one).iter().map(|stage| json!(stage)).collect();
-    let mut overview = json!({"study": one.study.name, "trials": one.plan.trials.len(), "cells": rows, "stages": stages});
+    let mut overview =
+        json!({"study": one.study.name, "trials": one.plan.trials.len(), "cells": rows, "stages": stages});
     if let Some(novelties) = novelties {
         overview["why"] = plan::to_json(novelties);
     }
@@ -398,7 +502,11 @@ fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
     }
     if missing == 0 {
         let failed: usize = cells.iter().map(|(_, cell)| cell.failed).sum();
-        let failed = if failed == 0 { String::new() } else { format!(", but {failed} did not end ok") };
+        let failed = if failed == 0 {
+            String::new()
+        } else {
+            format!(", but {failed} did not end ok")
+        };
         return format!("  nothing is missing{failed}");
     }
     let mut rates: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
@@ -408,10 +516,22 @@ fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
         let steps = cell.steps as f64;
         *rate = (rate.0 + cell.wall_s, rate.1 + steps);
     }
-    let known = |agent: &str| rates.get(agent).filter(|(_, steps)| *steps > 0.0).map(|(wall_s, steps)| wall_s / steps);
-    let unknown: usize = cells.iter().filter(|((_, agent, _), _)| known(agent).is_none()).map(|(_, cell)| cell.missing).sum();
+    let known = |agent: &str| {
+        rates
+            .get(agent)
+            .filter(|(_, steps)| *steps > 0.0)
+            .map(|(wall_s, steps)| wall_s / steps)
+    };
+    let unknown: usize = cells
+        .iter()
+        .filter(|((_, agent, _), _)| known(agent).is_none())
+        .map(|(_, cell)| cell.missing)
+        .sum();
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-    let seconds: f64 = cells.iter().filter_map(|((_, agent, _), cell)| Some(known(agent)? * cell.steps_missing as f64)).sum();
+    let seconds: f64 = cells
+        .iter()
+        .filter_map(|((_, agent, _), cell)| Some(known(agent)? * cell.steps_missing as f64))
+        .sum();
     #[allow(clippy::cast_precision_loss, reason = "an estimate")]
     let wall_s = seconds / workers as f64;
     let about = if unknown == missing {
@@ -419,14 +539,20 @@ fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
     } else {
         format!("about {} on {workers} workers", report::duration(wall_s))
     };
-    let rest =
-        if unknown > 0 && unknown < missing { format!(", and {unknown} trials of agents that never ran") } else { String::new() };
+    let rest = if unknown > 0 && unknown < missing {
+        format!(", and {unknown} trials of agents that never ran")
+    } else {
+        String::new()
+    };
     format!("  {missing} missing: {about}{rest}")
 }
 
 fn failures(trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {
-    let failed =
-        trials.iter().zip(ends).filter_map(|(trial, end)| Some((trial, end.as_ref().filter(|end| end.state != EndState::Ok)?)));
-    let lines = failed.map(|(trial, end)| format!("  {:<8} {}: {}", end.state.name(), trial.title(), end.reason));
+    let failed = trials
+        .iter()
+        .zip(ends)
+        .filter_map(|(trial, end)| Some((trial, end.as_ref().filter(|end| end.state != EndState::Ok)?)));
+    let lines =
+        failed.map(|(trial, end)| format!("  {:<8} {}: {}", end.state.name(), trial.title(), end.reason));
     lines.collect::<Vec<_>>().join("\n")
 }

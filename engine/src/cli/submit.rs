@@ -1,7 +1,8 @@
 //! `run --executor slurm`, `submit`, `cancel`, and what `status` says of submissions.
 
 use super::{
-    BAD_SPEC, Common, Failure, Format, INCOMPLETE, LimitOptions, NOTHING_SELECTED, OK, RunOptions, Selection, complain,
+    BAD_SPEC, Common, Failure, Format, INCOMPLETE, LimitOptions, NOTHING_SELECTED, OK, RunOptions, Selection,
+    complain,
     compute::{Compute, listen_for_signals},
     prepare::Ends,
     progress::Progress,
@@ -10,7 +11,9 @@ use super::{
 };
 use crate::{
     Registry,
-    executor::{self, Dispatch, Error, Executor, Kind, Outcome, Task, View, Wanted, Watch, Way, Work, describe},
+    executor::{
+        self, Dispatch, Error, Executor, Kind, Outcome, Task, View, Wanted, Watch, Way, Work, describe,
+    },
     scheduler::{self, Event},
     store::{Store, is_missing, write_durably},
 };
@@ -40,7 +43,10 @@ fn that_take() -> PossibleValuesParser {
 
 fn values(which: impl Fn(&Kind) -> bool) -> PossibleValuesParser {
     let kinds = executor::all().into_iter().filter(which);
-    kinds.map(|kind| PossibleValue::new(kind.name).help(kind.about)).collect::<Vec<_>>().into()
+    kinds
+        .map(|kind| PossibleValue::new(kind.name).help(kind.about))
+        .collect::<Vec<_>>()
+        .into()
 }
 
 #[derive(Debug, Clone, Args)]
@@ -62,7 +68,10 @@ impl From<Error> for Failure {
             Error::NoProgram { .. } | Error::Refused { .. } | Error::Option { .. } => BAD_SPEC,
             _ => INCOMPLETE,
         };
-        Self { code, text: format!("error: {error}") }
+        Self {
+            code,
+            text: format!("error: {error}"),
+        }
     }
 }
 
@@ -79,7 +88,8 @@ pub(super) struct Asked<'a> {
     pub(super) how: &'a Compute<'a>,
 }
 
-/// Computes what is missing through a queue and waits for it. `None` where every trial has ended, else the exit code.
+/// Computes what is missing through a queue and waits for it. `None` where every trial has ended, else the
+/// exit code.
 pub(super) fn run(asked: &Asked<'_>, options: &RunOptions) -> Result<Option<u8>, Failure> {
     let executor = asked.how.settings.executor(asked.kind, options.jobs)?;
     let dispatch = asked.dispatch(&*executor)?;
@@ -106,7 +116,9 @@ pub(super) fn run(asked: &Asked<'_>, options: &RunOptions) -> Result<Option<u8>,
     match outcome {
         Outcome::Ended => Ok(None),
         Outcome::Stopped => Ok(Some(leave(&asked.going_on()))),
-        Outcome::Cancelled => Ok(Some(leave("the submission was cancelled; the same command submits what is missing"))),
+        Outcome::Cancelled => Ok(Some(leave(
+            "the submission was cancelled; the same command submits what is missing",
+        ))),
     }
 }
 
@@ -131,47 +143,101 @@ fn begin(dispatch: &Dispatch<'_>, watching: &mut Watching<'_>) -> Result<View, F
 
 impl Asked<'_> {
     fn going_on(&self) -> String {
-        let run = self.selection.command("run", self.common, &["--executor", self.kind.name]);
-        let [status, cancel] = ["status", "cancel"].map(|verb| self.selection.command(verb, self.common, &[]));
+        let run = self
+            .selection
+            .command("run", self.common, &["--executor", self.kind.name]);
+        let [status, cancel] =
+            ["status", "cancel"].map(|verb| self.selection.command(verb, self.common, &[]));
         format!(
-            "the jobs go on without this program: `{run}` follows them and writes the report, `{status}` shows them, \
+            "the jobs go on without this program: `{run}` follows them and writes the report, `{status}` \
+             shows them, \
              `{cancel}` ends them"
         )
     }
 
     fn dispatch<'e>(&self, executor: &'e dyn Executor) -> Result<Dispatch<'e>, Failure> {
         let name = self.kind.name;
-        let none = || Failure { code: BAD_SPEC, text: format!("error: `{name}` takes no submissions") };
+        let none = || Failure {
+            code: BAD_SPEC,
+            text: format!("error: `{name}` takes no submissions"),
+        };
         let queue = executor.queue().ok_or_else(none)?;
         let (store, work) = self.work(executor)?;
         let trials_per_task = executor.trials_per_task();
-        Ok(Dispatch { store, work, queue, trials_per_task, trials: ids(self.planned) })
+        Ok(Dispatch {
+            store,
+            work,
+            queue,
+            trials_per_task,
+            trials: ids(self.planned),
+        })
     }
 
-    /// What a worker runs, and the store as it finds it. Where workers see other paths than those of this machine, paths stay
-    /// as they were written.
+    /// What a worker runs, and the store as it finds it. Where workers see other paths than those of this
+    /// machine, paths stay as they were written.
     fn work(&self, executor: &dyn Executor) -> Result<(PathBuf, Work), Failure> {
-        let path = |path: &Path| if executor.shares_paths() { absolute(path) } else { Ok(path.to_path_buf()) };
+        let path = |path: &Path| {
+            if executor.shares_paths() {
+                absolute(path)
+            } else {
+                Ok(path.to_path_buf())
+            }
+        };
         let store = path(&self.how.settings.store)?;
-        let specs = self.selection.specs.iter().map(|spec| path(spec)).collect::<Result<Vec<_>, _>>()?;
+        let specs = self
+            .selection
+            .specs
+            .iter()
+            .map(|spec| path(spec))
+            .collect::<Result<Vec<_>, _>>()?;
         let cores = executor.cpus_per_task().get();
         let mut arguments = worker_arguments(&specs, &store, cores, self.selection, self.common);
         arguments.extend(self.how.limits.arguments());
-        let program = std::env::current_exe().map_err(|source| Error::NoProgram { program: "regimen", source })?;
+        let program = std::env::current_exe().map_err(|source| Error::NoProgram {
+            program: "regimen",
+            source,
+        })?;
         let (specs, folder) = (self.selection.specs.clone(), absolute(Path::new("."))?);
-        Ok((store, Work { specs, program, arguments, folder }))
+        Ok((
+            store,
+            Work {
+                specs,
+                program,
+                arguments,
+                folder,
+            },
+        ))
     }
 
     /// What would be handed over for the trials that are missing now; nobody is asked and nothing is touched.
     fn written(&self) -> Result<String, Failure> {
         let executor = self.how.settings.executor(self.kind, None)?;
         let (store, work) = self.work(&*executor)?;
-        let ends: Ends = self.planned.iter().map(|one| study::ends(&Store::at(&store), &one.plan.trials)).collect();
+        let ends: Ends = self
+            .planned
+            .iter()
+            .map(|one| study::ends(&Store::at(&store), &one.plan.trials))
+            .collect();
         let trials = self.how.tasks(self.planned, &ends, |_| true).len();
-        let study = self.planned.iter().map(|one| one.study.name.as_str()).collect::<Vec<_>>().join("-");
+        let study = self
+            .planned
+            .iter()
+            .map(|one| one.study.name.as_str())
+            .collect::<Vec<_>>()
+            .join("-");
         let name = self.kind.name;
-        let wrong = |error| Failure { code: BAD_SPEC, text: format!("error: regimen.toml: [{name}] {error}") };
-        executor.written(&Wanted { study: &study, store: &store, work: &work, trials }).map_err(wrong)
+        let wrong = |error| Failure {
+            code: BAD_SPEC,
+            text: format!("error: regimen.toml: [{name}] {error}"),
+        };
+        executor
+            .written(&Wanted {
+                study: &study,
+                store: &store,
+                work: &work,
+                trials,
+            })
+            .map_err(wrong)
     }
 }
 
@@ -186,23 +252,42 @@ pub(super) fn submit(
     let planned = study::load_with_looks(registry, selection, &Store::at(&settings.store))?;
     let limits = LimitOptions::default();
     let said = (selection, common);
-    let how =
-        Compute { registry, asked: said, settings: &settings, limits: &limits, workers: 1, retry_failed: false, whole: false };
+    let how = Compute {
+        registry,
+        asked: said,
+        settings: &settings,
+        limits: &limits,
+        workers: 1,
+        retry_failed: false,
+        whole: false,
+    };
     // The command line takes names of the list alone.
-    let Some(kind) = executor::find(&options.executor) else { return Ok(BAD_SPEC) };
-    let asked = Asked { kind: &kind, planned: &planned, selection, common, how: &how };
+    let Some(kind) = executor::find(&options.executor) else {
+        return Ok(BAD_SPEC);
+    };
+    let asked = Asked {
+        kind: &kind,
+        planned: &planned,
+        selection,
+        common,
+        how: &how,
+    };
     if options.dry_run {
         return show_or_write(&asked.written()?, options);
     }
     if let Way::Written(_, command) = &kind.way {
         let title = kind.title;
         let text = format!(
-            "error: regimen writes what {title} needs and does not talk to it: add --dry-run, and give what it prints to \
+            "error: regimen writes what {title} needs and does not talk to it: add --dry-run, and give what \
+             it prints to \
              `{command}`"
         );
         return Err(Failure { code: BAD_SPEC, text });
     }
-    let options = RunOptions { detach: true, ..RunOptions::default() };
+    let options = RunOptions {
+        detach: true,
+        ..RunOptions::default()
+    };
     run(&asked, &options).map(|code| code.unwrap_or(OK))
 }
 
@@ -219,7 +304,9 @@ pub(super) fn cancel(registry: &Registry, selection: &Selection, common: &Common
     let store = absolute(&settings::read(common)?.store)?;
     let planned = study::load_with_looks(registry, selection, &Store::at(&store))?;
     let cancelled = executor::cancel(&store, &ids(&planned))?;
-    cancelled.iter().for_each(|submission| say(&format!("cancelled {}", describe(submission))));
+    cancelled
+        .iter()
+        .for_each(|submission| say(&format!("cancelled {}", describe(submission))));
     if cancelled.is_empty() {
         complain("nothing is submitted for these studies");
         return Ok(NOTHING_SELECTED);
@@ -232,7 +319,9 @@ pub(super) fn show(store: &Path, format: Format) {
     let holdings = match absolute(store).map(|store| executor::holdings(&store)) {
         Ok(Ok(holdings)) => holdings,
         Ok(Err(error)) => {
-            return complain(&format!("warning: nobody can be asked about this store's submissions: {error}"));
+            return complain(&format!(
+                "warning: nobody can be asked about this store's submissions: {error}"
+            ));
         }
         Err(failure) => return complain(&failure.text),
     };
@@ -249,26 +338,44 @@ pub(super) fn show(store: &Path, format: Format) {
     }
     for holding in live {
         let title = executor::find(&holding.submission.executor).map_or("", |kind| kind.title);
-        say(&format!("  {title}: {}: {}", describe(&holding.submission), executor::summary(&holding.tasks)));
+        say(&format!(
+            "  {title}: {}: {}",
+            describe(&holding.submission),
+            executor::summary(&holding.tasks)
+        ));
     }
 }
 
-fn worker_arguments(specs: &[PathBuf], store: &Path, jobs: usize, selection: &Selection, common: &Common) -> Vec<String> {
+fn worker_arguments(
+    specs: &[PathBuf],
+    store: &Path,
+    jobs: usize,
+    selection: &Selection,
+    common: &Common,
+) -> Vec<String> {
     let text = |path: &Path| path.to_string_lossy().into_owned();
     let mut all = vec!["worker".to_owned()];
     all.extend(specs.iter().map(|path| text(path)));
     all.extend(["--store".into(), text(store), "-j".into(), jobs.to_string()]);
     all.extend(selection.options());
-    all.extend(common.machine.iter().flat_map(|name| ["--machine".to_owned(), name.clone()]));
+    all.extend(
+        common
+            .machine
+            .iter()
+            .flat_map(|name| ["--machine".to_owned(), name.clone()]),
+    );
     all
 }
 
 fn ids(planned: &[Planned]) -> BTreeSet<String> {
-    planned.iter().flat_map(|one| one.plan.trials.iter().map(|trial| trial.id.clone())).collect()
+    planned
+        .iter()
+        .flat_map(|one| one.plan.trials.iter().map(|trial| trial.id.clone()))
+        .collect()
 }
 
-/// The path from the root, since a worker on another machine knows nothing of this folder. Links stay as they are: what they
-/// point to may lie elsewhere there.
+/// The path from the root, since a worker on another machine knows nothing of this folder. Links stay as they
+/// are: what they point to may lie elsewhere there.
 fn absolute(path: &Path) -> Result<PathBuf, Failure> {
     std::path::absolute(path).map_err(|source| Failure::from(crate::Error::file("find", path)(source)))
 }
@@ -286,29 +393,50 @@ struct Watching<'a> {
 }
 
 impl<'a> Watching<'a> {
-    fn new(tasks: &'a [scheduler::Task<'a>], store: &Path, title: &'static str, stop: Arc<AtomicBool>) -> Self {
+    fn new(
+        tasks: &'a [scheduler::Task<'a>],
+        store: &Path,
+        title: &'static str,
+        stop: Arc<AtomicBool>,
+    ) -> Self {
         let (left, progress) = ((0..tasks.len()).collect(), Progress::new(tasks, 0));
-        Self { tasks, left, store: Store::at(store), stop, progress, title, queue: String::new() }
+        Self {
+            tasks,
+            left,
+            store: Store::at(store),
+            stop,
+            progress,
+            title,
+            queue: String::new(),
+        }
     }
 }
 
 impl Watch for Watching<'_> {
     fn missing(&mut self) -> BTreeSet<String> {
         let (tasks, store, progress) = (self.tasks, &self.store, &mut self.progress);
-        self.left.retain(|&trial| match store.end(&tasks[trial].trial.id).unwrap_or(None) {
-            Some(end) if !is_missing(Some(&end)) => {
-                progress.show(&Event::Ended { slot: 0, trial, end });
-                false
-            }
-            _ => true,
-        });
-        // What takes from trials that are still to come needs no worker yet, and none at all where they never end well.
-        let ready = self.left.iter().filter(|&&trial| scheduler::is_ready(&tasks[trial].after, store));
+        self.left
+            .retain(|&trial| match store.end(&tasks[trial].trial.id).unwrap_or(None) {
+                Some(end) if !is_missing(Some(&end)) => {
+                    progress.show(&Event::Ended { slot: 0, trial, end });
+                    false
+                }
+                _ => true,
+            });
+        // What takes from trials that are still to come needs no worker yet, and none at all where they never
+        // end well.
+        let ready = self
+            .left
+            .iter()
+            .filter(|&&trial| scheduler::is_ready(&tasks[trial].after, store));
         ready.map(|&trial| tasks[trial].trial.id.clone()).collect()
     }
 
     fn saved(&mut self) -> u64 {
-        self.left.iter().map(|&trial| self.store.checkpoints(&self.tasks[trial].trial.id)).sum()
+        self.left
+            .iter()
+            .map(|&trial| self.store.checkpoints(&self.tasks[trial].trial.id))
+            .sum()
     }
 
     fn is_stopped(&self) -> bool {

@@ -1,4 +1,5 @@
-//! Files for continuous integration, written after a command: how every trial ended, as JUnit XML and as JSON.
+//! Files for continuous integration, written after a command: how every trial ended, as JUnit XML and as
+//! JSON.
 
 use super::{Common, Failure, Selection, settings, study};
 use crate::{
@@ -21,9 +22,11 @@ pub(super) struct Summaries {
 }
 
 impl Summaries {
-    /// Carries out a command, then writes the files, also where the command could not be carried out to its end.
+    /// Carries out a command, then writes the files, also where the command could not be carried out to its
+    /// end.
     ///
-    /// All trials of the selection are in them, whoever ran them. Nothing is written where the studies themselves are refused.
+    /// All trials of the selection are in them, whoever ran them. Nothing is written where the studies
+    /// themselves are refused.
     pub(super) fn after(
         &self,
         registry: &Registry,
@@ -52,8 +55,10 @@ impl Summaries {
         }
         let wall_s = started.elapsed().as_secs_f64();
         let store = Store::at(&settings::read(common)?.store);
-        let outcomes: Vec<Outcome> =
-            study::load_with_looks(registry, selection, &store)?.into_iter().map(|one| outcome(one, &store)).collect();
+        let outcomes: Vec<Outcome> = study::load_with_looks(registry, selection, &store)?
+            .into_iter()
+            .map(|one| outcome(one, &store))
+            .collect();
         if let Some(path) = &self.junit {
             write(path, junit(&outcomes, wall_s, code)?)?;
         }
@@ -66,7 +71,10 @@ impl Summaries {
 
 fn outcome(one: study::Planned, store: &Store) -> Outcome {
     let ends = study::ends(store, &one.plan.trials);
-    Outcome { study: one.plan.study, trials: one.plan.trials.into_iter().zip(ends).collect() }
+    Outcome {
+        study: one.plan.study,
+        trials: one.plan.trials.into_iter().zip(ends).collect(),
+    }
 }
 
 fn write(path: &std::path::Path, text: String) -> Result<(), Failure> {
@@ -77,7 +85,10 @@ fn write(path: &std::path::Path, text: String) -> Result<(), Failure> {
     Ok(write_durably(path, text.as_bytes())?)
 }
 
-#[expect(clippy::disallowed_methods, reason = "wall time is reported, it reaches no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "wall time is reported, it reaches no result"
+)]
 fn started_now() -> Instant {
     Instant::now()
 }

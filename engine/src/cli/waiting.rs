@@ -1,4 +1,5 @@
-//! What missing trials wait for: products of other trials that are to come, or that will not come by themselves.
+//! What missing trials wait for: products of other trials that are to come, or that will not come by
+//! themselves.
 
 use crate::{
     results::{EndState, TrialEnd},
@@ -34,9 +35,18 @@ impl Waiting {
     /// Looks at what every missing trial takes.
     pub(super) fn of(trials: &[Trial], ends: &[Option<TrialEnd>], store: &Store) -> Self {
         let known = trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
-        let mut sources = Known { store, trials: known, seen: BTreeMap::new() };
+        let mut sources = Known {
+            store,
+            trials: known,
+            seen: BTreeMap::new(),
+        };
         let mut waiting = Self::default();
-        for (place, (trial, _)) in trials.iter().zip(ends).enumerate().filter(|(_, (_, end))| is_missing(end.as_ref())) {
+        for (place, (trial, _)) in trials
+            .iter()
+            .zip(ends)
+            .enumerate()
+            .filter(|(_, (_, end))| is_missing(end.as_ref()))
+        {
             match sources.of_all(trial) {
                 Source::There => {}
                 Source::ToCome => waiting.to_come += 1,
@@ -57,7 +67,8 @@ impl Waiting {
     /// A line each, for people.
     pub(super) fn lines(&self) -> Vec<String> {
         let (noun, verb) = words(self.to_come, "waits", "wait");
-        let to_come = (self.to_come > 0).then(|| format!("  {} {noun} {verb} for what other trials leave", self.to_come));
+        let to_come = (self.to_come > 0)
+            .then(|| format!("  {} {noun} {verb} for what other trials leave", self.to_come));
         let blocked = self.because.iter().map(|(because, count)| {
             let (noun, verb) = words(*count, "is", "are");
             format!("  {count} {noun} {verb} blocked: {because}")
@@ -67,13 +78,20 @@ impl Waiting {
 
     /// The same for programs.
     pub(super) fn to_json(&self) -> Value {
-        let blocked = self.because.iter().map(|(because, trials)| json!({ "trials": trials, "because": because }));
+        let blocked = self
+            .because
+            .iter()
+            .map(|(because, trials)| json!({ "trials": trials, "because": because }));
         json!({ "to_come": self.to_come, "blocked": blocked.collect::<Vec<_>>() })
     }
 }
 
 fn words(count: usize, one: &'static str, several: &'static str) -> (&'static str, &'static str) {
-    if count == 1 { ("trial", one) } else { ("trials", several) }
+    if count == 1 {
+        ("trial", one)
+    } else {
+        ("trials", several)
+    }
 }
 
 struct Known<'a> {
@@ -90,9 +108,10 @@ impl Known<'_> {
             let left = self.source(&taken.trial);
             let left = match left {
                 // It ended well; what it left may still be damaged or of another kind.
-                Source::There => {
-                    self.store.product(&taken).map_or_else(|error| Source::Never(error.to_string()), |_| Source::There)
-                }
+                Source::There => self
+                    .store
+                    .product(&taken)
+                    .map_or_else(|error| Source::Never(error.to_string()), |_| Source::There),
                 other => other,
             };
             match left {
@@ -122,8 +141,15 @@ impl Known<'_> {
     }
 
     fn line(&self, end: &TrialEnd, id: &str) -> String {
-        let title = self.trials.get(id).map_or_else(|| format!("trial {id}"), |trial| trial.title());
-        let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
+        let title = self
+            .trials
+            .get(id)
+            .map_or_else(|| format!("trial {id}"), |trial| trial.title());
+        let reason = if end.reason.is_empty() {
+            String::new()
+        } else {
+            format!(": {}", end.reason)
+        };
         format!("{title} ended as {}{reason}", end.state.name())
     }
 }

@@ -14,13 +14,21 @@ use std::path::Path;
 pub(super) fn encode(episode: &Episode, seat: &Seat, path: &Path) -> Result<Vec<u8>, Error> {
     let n = episode.actions.len();
     let nothing_done = vec![0.0; seat.action.len()];
-    let actions: Vec<&[f64]> = episode.actions.iter().chain([&nothing_done]).map(Vec::as_slice).collect();
+    let actions: Vec<&[f64]> = episode
+        .actions
+        .iter()
+        .chain([&nothing_done])
+        .map(Vec::as_slice)
+        .collect();
     let observations = episode.observations.iter().map(Vec::as_slice).collect();
     let last = |end: End| (0..=n).map(|row| row + 1 == n && episode.end == end).collect();
     let columns = vec![
         ("observations", values(&seat.observation, observations, path)?),
         ("actions", values(&seat.action, actions, path)?),
-        ("rewards", Values::F64(episode.rewards.iter().copied().chain([0.0]).collect())),
+        (
+            "rewards",
+            Values::F64(episode.rewards.iter().copied().chain([0.0]).collect()),
+        ),
         ("terminations", Values::Bool(last(End::Terminated))),
         ("truncations", Values::Bool(last(End::Truncated))),
     ];
@@ -33,11 +41,21 @@ fn values<'a>(space: &Space, rows: Vec<&'a [f64]>, path: &Path) -> Result<Values
         return Ok(Values::Vectors(rows));
     }
     let index = |row: &&[f64]| {
-        #[allow(clippy::cast_possible_truncation, reason = "a number of choices is far below 2^52")]
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "a number of choices is far below 2^52"
+        )]
         let index = row[0] as i64;
         #[allow(clippy::cast_precision_loss, reason = "as above")]
         let is_index = index as f64 == row[0];
-        if is_index { Ok(index) } else { Err(damaged(path, format!("a choice is {}, which is no index", row[0]))) }
+        if is_index {
+            Ok(index)
+        } else {
+            Err(damaged(
+                path,
+                format!("a choice is {}, which is no index", row[0]),
+            ))
+        }
     };
     Ok(Values::I64(rows.iter().map(index).collect::<Result<_, _>>()?))
 }
@@ -55,8 +73,14 @@ pub(super) fn read(path: &Path, seat: &Seat) -> Result<Episode, Error> {
     rewards.pop();
     let terminations = full(table.bools("terminations")?, "terminations", path)?;
     let truncations = full(table.bools("truncations")?, "truncations", path)?;
-    let end = end(&terminations, &truncations).ok_or_else(|| damaged(path, "it does not end with its last decision"))?;
-    let episode = Episode { observations: rows(&table, "observations", &seat.observation, path)?, actions, rewards, end };
+    let end = end(&terminations, &truncations)
+        .ok_or_else(|| damaged(path, "it does not end with its last decision"))?;
+    let episode = Episode {
+        observations: rows(&table, "observations", &seat.observation, path)?,
+        actions,
+        rewards,
+        end,
+    };
     match episode.misfit(seat) {
         None => Ok(episode),
         Some(problem) => Err(damaged(path, problem)),
@@ -67,7 +91,10 @@ fn rows(table: &Table<'_>, name: &str, space: &Space, path: &Path) -> Result<Vec
     #[allow(clippy::cast_precision_loss, reason = "a number of choices is far below 2^52")]
     let choice = |index: i64| vec![index as f64];
     match space {
-        Space::Discrete(_) => Ok(full(table.i64s(name)?, name, path)?.into_iter().map(choice).collect()),
+        Space::Discrete(_) => Ok(full(table.i64s(name)?, name, path)?
+            .into_iter()
+            .map(choice)
+            .collect()),
         Space::Box(_) | Space::Simplex(_) => full(table.vectors(name)?.into_iter(), name, path),
     }
 }
@@ -76,7 +103,13 @@ fn rows(table: &Table<'_>, name: &str, space: &Space, path: &Path) -> Result<Vec
 fn end(terminations: &[bool], truncations: &[bool]) -> Option<End> {
     let said: Vec<(usize, End)> = [(terminations, End::Terminated), (truncations, End::Truncated)]
         .into_iter()
-        .flat_map(|(column, end)| column.iter().enumerate().filter(|(_, said)| **said).map(move |(row, _)| (row, end)))
+        .flat_map(|(column, end)| {
+            column
+                .iter()
+                .enumerate()
+                .filter(|(_, said)| **said)
+                .map(move |(row, _)| (row, end))
+        })
         .collect();
     match said.as_slice() {
         [(row, end)] if row + 2 == terminations.len() => Some(*end),
@@ -85,9 +118,14 @@ fn end(terminations: &[bool], truncations: &[bool]) -> Option<End> {
 }
 
 fn full<T>(cells: impl Iterator<Item = Option<T>>, name: &str, path: &Path) -> Result<Vec<T>, Error> {
-    cells.collect::<Option<Vec<T>>>().ok_or_else(|| damaged(path, format!("a cell of `{name}` is empty")))
+    cells
+        .collect::<Option<Vec<T>>>()
+        .ok_or_else(|| damaged(path, format!("a cell of `{name}` is empty")))
 }
 
 fn damaged(path: &Path, problem: impl Into<String>) -> Error {
-    Error::Damaged { path: path.to_path_buf(), problem: problem.into() }
+    Error::Damaged {
+        path: path.to_path_buf(),
+        problem: problem.into(),
+    }
 }

@@ -19,7 +19,11 @@ pub(super) fn difference(found: &Interface, expected: &Interface) -> Option<Diff
     if seats != here {
         return differ("the number of seats", seats, here);
     }
-    found.seats.iter().zip(&expected.seats).find_map(|(found, expected)| of_seats(found, expected))
+    found
+        .seats
+        .iter()
+        .zip(&expected.seats)
+        .find_map(|(found, expected)| of_seats(found, expected))
 }
 
 fn of_seats(found: &Seat, expected: &Seat) -> Option<Difference> {
@@ -31,7 +35,11 @@ fn of_seats(found: &Seat, expected: &Seat) -> Option<Difference> {
 type Quality = dyn Fn(&Channel) -> String;
 
 fn unit(channel: &Channel) -> String {
-    if channel.unit.is_empty() { "without unit".into() } else { format!("in {}", channel.unit) }
+    if channel.unit.is_empty() {
+        "without unit".into()
+    } else {
+        format!("in {}", channel.unit)
+    }
 }
 
 fn unit_and_limits(channel: &Channel) -> String {
@@ -43,18 +51,27 @@ fn of_spaces(what: &str, found: &Space, expected: &Space, quality: &Quality) -> 
         return differ(format!("the {what}"), kind(found), kind(expected));
     }
     let (entries, here) = (entries(found, quality), entries(expected, quality));
-    let pair = (1..).zip(entries.iter().zip(&here)).find(|(_, (found, expected))| found != expected);
+    let pair = (1..)
+        .zip(entries.iter().zip(&here))
+        .find(|(_, (found, expected))| found != expected);
     match pair {
         Some((number, (found, expected))) => differ(format!("entry {number} of the {what}"), found, expected),
-        None if entries.len() != here.len() => differ(format!("the length of the {what}"), entries.len(), here.len()),
+        None if entries.len() != here.len() => {
+            differ(format!("the length of the {what}"), entries.len(), here.len())
+        }
         None => None,
     }
 }
 
 fn entries(space: &Space, quality: &Quality) -> Vec<String> {
     match space {
-        Space::Box(channels) => channels.iter().map(|channel| format!("`{}` {}", channel.name, quality(channel))).collect(),
-        Space::Simplex(names) | Space::Discrete(names) => names.iter().map(|name| format!("`{name}`")).collect(),
+        Space::Box(channels) => channels
+            .iter()
+            .map(|channel| format!("`{}` {}", channel.name, quality(channel)))
+            .collect(),
+        Space::Simplex(names) | Space::Discrete(names) => {
+            names.iter().map(|name| format!("`{name}`")).collect()
+        }
     }
 }
 
@@ -67,5 +84,9 @@ fn kind(space: &Space) -> &'static str {
 }
 
 fn differ(what: impl Into<String>, found: impl ToString, expected: impl ToString) -> Option<Difference> {
-    Some(Difference { what: what.into(), found: found.to_string(), expected: expected.to_string() })
+    Some(Difference {
+        what: what.into(),
+        found: found.to_string(),
+        expected: expected.to_string(),
+    })
 }

@@ -38,7 +38,10 @@ pub(super) fn of_episode(episode: u64, steps: u64) -> Value {
 
 /// Metadata of a dataset of `bytes` bytes.
 pub(super) fn of_dataset(seat: &Seat, totals: &Totals, bytes: u64) -> Value {
-    let Totals { total_episodes, total_steps } = totals;
+    let Totals {
+        total_episodes,
+        total_steps,
+    } = totals;
     // In megabytes with one decimal.
     #[allow(clippy::cast_precision_loss, reason = "a number of bytes is far below 2^52")]
     let size = (bytes as f64 / 1e5).round() / 10.0;
@@ -59,13 +62,19 @@ fn space(space: &Space) -> String {
     match space {
         Space::Box(channels) => {
             let limits = |of: fn(&crate::Channel) -> f64| list(channels.iter().map(of));
-            boxed(channels.len(), &limits(|channel| channel.low), &limits(|channel| channel.high))
+            boxed(
+                channels.len(),
+                &limits(|channel| channel.low),
+                &limits(|channel| channel.high),
+            )
         }
         Space::Simplex(names) => {
             let all = |limit: f64| list(names.iter().map(|_| limit));
             boxed(names.len(), &all(0.0), &all(1.0))
         }
-        Space::Discrete(names) => json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": names.len() }).to_string(),
+        Space::Discrete(names) => {
+            json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": names.len() }).to_string()
+        }
     }
 }
 
@@ -79,7 +88,11 @@ fn list(numbers: impl Iterator<Item = f64>) -> String {
     for number in numbers {
         let comma = if text.is_empty() { "" } else { ", " };
         let infinite = if number > 0.0 { "Infinity" } else { "-Infinity" };
-        let number = if number.is_finite() { json!(number).to_string() } else { infinite.into() };
+        let number = if number.is_finite() {
+            json!(number).to_string()
+        } else {
+            infinite.into()
+        };
         // Writing to a string cannot fail.
         let _ = write!(text, "{comma}{number}");
     }
@@ -93,14 +106,21 @@ mod tests {
 
     #[test]
     fn spaces_are_written_as_minari_writes_them() {
-        let channels = vec![Channel::new("speed", "m/s"), Channel::new("angle", "").within(-1.5, 2.0)];
+        let channels = vec![
+            Channel::new("speed", "m/s"),
+            Channel::new("angle", "").within(-1.5, 2.0),
+        ];
         let limits = r#""low": [-Infinity, -1.5], "high": [Infinity, 2.0]"#;
         let expected = format!(r#"{{"type": "Box", "dtype": "float64", "shape": [2], {limits}}}"#);
         assert_eq!(space(&Space::Box(channels)), expected);
         let names = || vec!["a".to_string(), "b".into()];
-        let expected = r#"{"type": "Box", "dtype": "float64", "shape": [2], "low": [0.0, 0.0], "high": [1.0, 1.0]}"#;
+        let expected =
+            r#"{"type": "Box", "dtype": "float64", "shape": [2], "low": [0.0, 0.0], "high": [1.0, 1.0]}"#;
         assert_eq!(space(&Space::Simplex(names())), expected);
         let choice: Value = serde_json::from_str(&space(&Space::Discrete(names()))).unwrap();
-        assert_eq!(choice, json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": 2 }));
+        assert_eq!(
+            choice,
+            json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": 2 })
+        );
     }
 }

@@ -54,15 +54,22 @@ pub struct Episode {
 impl Episode {
     /// Its decisions, in order; the full state is empty.
     pub fn transitions(&self) -> impl Iterator<Item = Transition> + '_ {
-        let observe = |at: usize| Observation { seats: vec![self.observations[at].clone()], state: Vec::new() };
+        let observe = |at: usize| Observation {
+            seats: vec![self.observations[at].clone()],
+            state: Vec::new(),
+        };
         let last = self.actions.len().saturating_sub(1);
-        self.actions.iter().zip(&self.rewards).enumerate().map(move |(at, (action, reward))| Transition {
-            observation: observe(at),
-            action: vec![action.clone()],
-            rewards: vec![*reward],
-            next_observation: observe(at + 1),
-            end: (at == last).then_some(self.end),
-        })
+        self.actions
+            .iter()
+            .zip(&self.rewards)
+            .enumerate()
+            .map(move |(at, (action, reward))| Transition {
+                observation: observe(at),
+                action: vec![action.clone()],
+                rewards: vec![*reward],
+                next_observation: observe(at + 1),
+                end: (at == last).then_some(self.end),
+            })
     }
 
     /// What is wrong with its lengths in the spaces of a seat; `None` where nothing is.
@@ -73,12 +80,16 @@ impl Episode {
         }
         if self.observations.len() != n + 1 || self.rewards.len() != n {
             let (seen, earned) = (self.observations.len(), self.rewards.len());
-            return Some(format!("{n} decisions have {seen} observations and {earned} rewards"));
+            return Some(format!(
+                "{n} decisions have {seen} observations and {earned} rewards"
+            ));
         }
-        let of_other_length = |vectors: &[Vec<f64>], length| vectors.iter().find(|vector| vector.len() != length).map(Vec::len);
+        let of_other_length =
+            |vectors: &[Vec<f64>], length| vectors.iter().find(|vector| vector.len() != length).map(Vec::len);
         let (observed, acted) = (seat.observation.len(), seat.action.len());
         let observation = of_other_length(&self.observations, observed);
-        let wrong = observation.map(|found| format!("an observation has {found} entries instead of {observed}"));
+        let wrong =
+            observation.map(|found| format!("an observation has {found} entries instead of {observed}"));
         let action = of_other_length(&self.actions, acted);
         wrong.or_else(|| action.map(|found| format!("an action has {found} entries instead of {acted}")))
     }
@@ -104,11 +115,19 @@ impl Dataset {
         let totals: minari::Totals = read_json(&folder.join(minari::METADATA))?;
         let seat = only_seat(&interface)?;
         let read = |episode| episode_file::read(&folder.join(minari::episode_file(episode)), seat);
-        let episodes = (0..totals.total_episodes).map(read).collect::<Result<Vec<Episode>, _>>()?;
+        let episodes = (0..totals.total_episodes)
+            .map(read)
+            .collect::<Result<Vec<Episode>, _>>()?;
         let steps: usize = episodes.iter().map(|episode| episode.actions.len()).sum();
         if steps as u64 != totals.total_steps {
-            let problem = format!("it says {} steps, and the episodes have {steps}", totals.total_steps);
-            return Err(Error::Damaged { path: folder.join(minari::METADATA), problem });
+            let problem = format!(
+                "it says {} steps, and the episodes have {steps}",
+                totals.total_steps
+            );
+            return Err(Error::Damaged {
+                path: folder.join(minari::METADATA),
+                problem,
+            });
         }
         Ok(Self { interface, episodes })
     }
@@ -123,7 +142,15 @@ impl Dataset {
         let read = Self::read(trial)?;
         match interface::difference(&read.interface, here) {
             None => Ok(read),
-            Some(interface::Difference { what, found, expected }) => Err(Error::OtherInterface { what, found, expected }),
+            Some(interface::Difference {
+                what,
+                found,
+                expected,
+            }) => Err(Error::OtherInterface {
+                what,
+                found,
+                expected,
+            }),
         }
     }
 
@@ -165,7 +192,12 @@ impl DatasetWriter {
         let data = folder.join(minari::DATA);
         fs::create_dir_all(&data).map_err(Error::file("create", &data))?;
         write_json(&folder.join(INTERFACE), interface)?;
-        Ok(Self { folder, seat, totals: minari::Totals::default(), bytes: 0 })
+        Ok(Self {
+            folder,
+            seat,
+            totals: minari::Totals::default(),
+            bytes: 0,
+        })
     }
 
     /// Adds an episode.
@@ -183,7 +215,10 @@ impl DatasetWriter {
         fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
         fs::write(&path, &bytes).map_err(Error::file("write", &path))?;
         let steps = episode.actions.len() as u64;
-        write_json(&folder.join(minari::EPISODE_METADATA), &minari::of_episode(self.totals.total_episodes, steps))?;
+        write_json(
+            &folder.join(minari::EPISODE_METADATA),
+            &minari::of_episode(self.totals.total_episodes, steps),
+        )?;
         self.totals.total_episodes += 1;
         self.totals.total_steps += steps;
         self.bytes += bytes.len() as u64;
@@ -195,7 +230,10 @@ impl DatasetWriter {
     /// # Errors
     /// Where a file cannot be written.
     pub fn finish(self) -> Result<(), Error> {
-        write_json(&self.folder.join(minari::METADATA), &minari::of_dataset(&self.seat, &self.totals, self.bytes))
+        write_json(
+            &self.folder.join(minari::METADATA),
+            &minari::of_dataset(&self.seat, &self.totals, self.bytes),
+        )
     }
 }
 
@@ -214,6 +252,9 @@ fn write_json(path: &Path, content: &impl Serialize) -> Result<(), Error> {
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
     let bytes = fs::read(path).map_err(Error::file("read", path))?;
-    let damaged = |source: serde_json::Error| Error::Damaged { path: path.to_path_buf(), problem: source.to_string() };
+    let damaged = |source: serde_json::Error| Error::Damaged {
+        path: path.to_path_buf(),
+        problem: source.to_string(),
+    };
     serde_json::from_slice(&bytes).map_err(damaged)
 }

@@ -9,12 +9,25 @@ use std::{
 };
 
 fn interface(observation: Space, action: Space) -> Interface {
-    Interface { seats: vec![Seat { name: String::new(), observation, action }], state: vec![Channel::new("hidden", "V")] }
+    Interface {
+        seats: vec![Seat {
+            name: String::new(),
+            observation,
+            action,
+        }],
+        state: vec![Channel::new("hidden", "V")],
+    }
 }
 
 fn pack() -> Interface {
-    let observed = vec![Channel::new("voltage", "V").typical(3.4, 0.2), Channel::new("demand", "W").within(0.0, f64::INFINITY)];
-    interface(Space::Box(observed), Space::Simplex(vec!["left".into(), "right".into()]))
+    let observed = vec![
+        Channel::new("voltage", "V").typical(3.4, 0.2),
+        Channel::new("demand", "W").within(0.0, f64::INFINITY),
+    ];
+    interface(
+        Space::Box(observed),
+        Space::Simplex(vec!["left".into(), "right".into()]),
+    )
 }
 
 fn episode(n: usize, end: End) -> Episode {
@@ -22,7 +35,9 @@ fn episode(n: usize, end: End) -> Episode {
     let number = |at: usize| at as f64 / 3.0;
     Episode {
         observations: (0..=n).map(|at| vec![number(at), -number(at)]).collect(),
-        actions: (0..n).map(|at| vec![1.0 / (number(at) + 1.0), 1.0 - 1.0 / (number(at) + 1.0)]).collect(),
+        actions: (0..n)
+            .map(|at| vec![1.0 / (number(at) + 1.0), 1.0 - 1.0 / (number(at) + 1.0)])
+            .collect(),
         rewards: (0..n).map(|at| number(at) - 1.0).collect(),
         end,
     }
@@ -30,7 +45,9 @@ fn episode(n: usize, end: End) -> Episode {
 
 fn write(trial: &Path, interface: &Interface, episodes: &[Episode]) {
     let mut writer = DatasetWriter::create(trial, interface).unwrap();
-    episodes.iter().for_each(|episode| writer.episode(episode).unwrap());
+    episodes
+        .iter()
+        .for_each(|episode| writer.episode(episode).unwrap());
     writer.finish().unwrap();
 }
 
@@ -38,7 +55,11 @@ fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
-        if path.is_dir() { found.extend(files(&path)) } else { found.push((path.clone(), fs::read(&path).unwrap())) }
+        if path.is_dir() {
+            found.extend(files(&path))
+        } else {
+            found.push((path.clone(), fs::read(&path).unwrap()))
+        }
     }
     found.sort();
     found
@@ -48,12 +69,19 @@ fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 fn the_files_are_minaris_and_the_bytes_the_same_each_time() {
     let trial = tempfile::tempdir().unwrap();
     let write = || {
-        write(trial.path(), &pack(), &[episode(3, End::Terminated), episode(1, End::Truncated)]);
+        write(
+            trial.path(),
+            &pack(),
+            &[episode(3, End::Terminated), episode(1, End::Truncated)],
+        );
         files(trial.path())
     };
     let (first, second) = (write(), write());
     assert!(first == second);
-    let names: Vec<_> = first.iter().map(|(path, _)| path.strip_prefix(trial.path()).unwrap().to_str().unwrap()).collect();
+    let names: Vec<_> = first
+        .iter()
+        .map(|(path, _)| path.strip_prefix(trial.path()).unwrap().to_str().unwrap())
+        .collect();
     let expected = [
         "dataset/data/0/metadata.json",
         "dataset/data/0/part-0.parquet",
@@ -63,15 +91,26 @@ fn the_files_are_minaris_and_the_bytes_the_same_each_time() {
         "dataset/interface.json",
     ];
     assert_eq!(names, expected);
-    assert!(names.iter().all(|name| crate::ProductKind::Dataset.has_file(name)));
+    assert!(
+        names
+            .iter()
+            .all(|name| crate::ProductKind::Dataset.has_file(name))
+    );
 }
 
 #[test]
 fn a_shorter_dataset_leaves_nothing_of_a_longer_one() {
     let trial = tempfile::tempdir().unwrap();
-    write(trial.path(), &pack(), &[episode(3, End::Terminated), episode(2, End::Terminated)]);
+    write(
+        trial.path(),
+        &pack(),
+        &[episode(3, End::Terminated), episode(2, End::Terminated)],
+    );
     write(trial.path(), &pack(), &[episode(1, End::Truncated)]);
-    assert_eq!(Dataset::read(trial.path()).unwrap().episodes, [episode(1, End::Truncated)]);
+    assert_eq!(
+        Dataset::read(trial.path()).unwrap().episodes,
+        [episode(1, End::Truncated)]
+    );
     assert!(!trial.path().join("dataset/data/1").exists());
     Dataset::write_empty(trial.path(), &pack()).unwrap();
     assert!(Dataset::read(trial.path()).unwrap().episodes.is_empty());
@@ -79,12 +118,21 @@ fn a_shorter_dataset_leaves_nothing_of_a_longer_one() {
 
 #[test]
 fn transitions_are_the_decisions_in_order_and_only_the_last_ends() {
-    let dataset = Dataset { interface: pack(), episodes: vec![episode(2, End::Truncated), episode(1, End::Terminated)] };
+    let dataset = Dataset {
+        interface: pack(),
+        episodes: vec![episode(2, End::Truncated), episode(1, End::Terminated)],
+    };
     let transitions: Vec<_> = dataset.transitions().collect();
-    assert_eq!(transitions.iter().map(|it| it.end).collect::<Vec<_>>(), [None, Some(End::Truncated), Some(End::Terminated)]);
+    assert_eq!(
+        transitions.iter().map(|it| it.end).collect::<Vec<_>>(),
+        [None, Some(End::Truncated), Some(End::Terminated)]
+    );
     assert_eq!(transitions[0].next_observation, transitions[1].observation);
     assert_eq!(transitions[1].next_observation.seats, [[2.0 / 3.0, -2.0 / 3.0]]);
-    assert_eq!((transitions[1].rewards.clone(), transitions[2].action.clone()), (vec![1.0 / 3.0 - 1.0], vec![vec![1.0, 0.0]]));
+    assert_eq!(
+        (transitions[1].rewards.clone(), transitions[2].action.clone()),
+        (vec![1.0 / 3.0 - 1.0], vec![vec![1.0, 0.0]])
+    );
 }
 
 fn refusal(trial: &Path, here: &Interface) -> String {
@@ -117,46 +165,87 @@ fn a_dataset_of_another_environment_is_refused_and_says_what_differs() {
             &|here| observed(here, &|channels| channels[0].unit = String::new()),
             "entry 1 of the observation is `voltage` in V there and `voltage` without unit here",
         ),
-        (&|here| observed(here, &|channels| channels.truncate(1)), "the length of the observation is 2 there and 1 here"),
+        (
+            &|here| observed(here, &|channels| channels.truncate(1)),
+            "the length of the observation is 2 there and 1 here",
+        ),
         (
             &|here| here.seats[0].action = Space::Box(vec![Channel::new("left", "")]),
             "the action is a simplex there and a box here",
         ),
-        (&|here| here.seats.push(pack().seats.remove(0)), "the number of seats is 1 there and 2 here"),
+        (
+            &|here| here.seats.push(pack().seats.remove(0)),
+            "the number of seats is 1 there and 2 here",
+        ),
     ];
     for (change, expected) in cases {
-        assert!(refusal(trial.path(), &changed(change)).ends_with(expected), "{expected}");
+        assert!(
+            refusal(trial.path(), &changed(change)).ends_with(expected),
+            "{expected}"
+        );
     }
-    let typical = changed(&|here| observed(here, &|channels| channels[0] = channels[0].clone().typical(0.0, 9.0)));
-    assert_eq!(Dataset::read_for(trial.path(), &typical).unwrap().episodes.len(), 1);
+    let typical = changed(&|here| {
+        observed(here, &|channels| {
+            channels[0] = channels[0].clone().typical(0.0, 9.0)
+        })
+    });
+    assert_eq!(
+        Dataset::read_for(trial.path(), &typical).unwrap().episodes.len(),
+        1
+    );
 }
 
 #[test]
 fn limits_of_actions_count() {
-    let limited = |high| interface(Space::Box(vec![]), Space::Box(vec![Channel::new("force", "N").within(-1.0, high)]));
+    let limited = |high| {
+        interface(
+            Space::Box(vec![]),
+            Space::Box(vec![Channel::new("force", "N").within(-1.0, high)]),
+        )
+    };
     let trial = tempfile::tempdir().unwrap();
     Dataset::write_empty(trial.path(), &limited(1.0)).unwrap();
     let text = refusal(trial.path(), &limited(2.0));
-    assert!(text.ends_with("`force` in N within -1 and 1 there and `force` in N within -1 and 2 here"), "{text}");
+    assert!(
+        text.ends_with("`force` in N within -1 and 1 there and `force` in N within -1 and 2 here"),
+        "{text}"
+    );
 }
 
 #[test]
 fn what_is_missing_or_damaged_is_named() {
     let trial = tempfile::tempdir().unwrap();
-    let whole = || write(trial.path(), &pack(), &[episode(2, End::Terminated), episode(1, End::Truncated)]);
+    let whole = || {
+        write(
+            trial.path(),
+            &pack(),
+            &[episode(2, End::Terminated), episode(1, End::Truncated)],
+        )
+    };
     let path = |name: &str| trial.path().join(FOLDER).join(name);
     for name in ["interface.json", "data/metadata.json", "data/1/part-0.parquet"] {
         whole();
         fs::remove_file(path(name)).unwrap();
-        assert!(matches!(Dataset::read(trial.path()), Err(Error::File { path: named, .. }) if named == path(name)), "{name}");
+        assert!(
+            matches!(Dataset::read(trial.path()), Err(Error::File { path: named,
+                .. }) if named == path(name)),
+            "{name}"
+        );
         whole();
         fs::write(path(name), "nonsense").unwrap();
-        assert!(matches!(Dataset::read(trial.path()), Err(Error::Damaged { path: named, .. }) if named == path(name)), "{name}");
+        assert!(
+            matches!(Dataset::read(trial.path()), Err(Error::Damaged { path: named,
+                .. }) if named == path(name)),
+            "{name}"
+        );
     }
     whole();
     fs::copy(path("data/0/part-0.parquet"), path("data/1/part-0.parquet")).unwrap();
     let text = Dataset::read(trial.path()).unwrap_err().to_string();
-    assert!(text.contains("it says 3 steps, and the episodes have 4"), "{text}");
+    assert!(
+        text.contains("it says 3 steps, and the episodes have 4"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -164,7 +253,10 @@ fn what_is_no_whole_episode_of_one_seat_is_not_written() {
     let trial = tempfile::tempdir().unwrap();
     let mut several = pack();
     several.seats.push(several.seats[0].clone());
-    assert!(matches!(DatasetWriter::create(trial.path(), &several), Err(Error::ManySeats { seats: 2 })));
+    assert!(matches!(
+        DatasetWriter::create(trial.path(), &several),
+        Err(Error::ManySeats { seats: 2 })
+    ));
     let mut writer = DatasetWriter::create(trial.path(), &pack()).unwrap();
     let mut refused = |change: &dyn Fn(&mut Episode), expected: &str| {
         let mut changed = episode(2, End::Truncated);
@@ -173,9 +265,18 @@ fn what_is_no_whole_episode_of_one_seat_is_not_written() {
         assert!(text.contains(expected), "{text}");
     };
     refused(&|it| it.actions.clear(), "an episode has no decision");
-    refused(&|it| drop(it.observations.pop()), "2 decisions have 2 observations and 2 rewards");
-    refused(&|it| it.actions[1].push(0.0), "an action has 3 entries instead of 2");
-    refused(&|it| it.observations[2].clear(), "an observation has 0 entries instead of 2");
+    refused(
+        &|it| drop(it.observations.pop()),
+        "2 decisions have 2 observations and 2 rewards",
+    );
+    refused(
+        &|it| it.actions[1].push(0.0),
+        "an action has 3 entries instead of 2",
+    );
+    refused(
+        &|it| it.observations[2].clear(),
+        "an observation has 0 entries instead of 2",
+    );
 }
 
 #[test]
@@ -183,20 +284,38 @@ fn a_choice_is_a_whole_number() {
     let choice = || Space::Discrete(vec!["on".into(), "off".into()]);
     let trial = tempfile::tempdir().unwrap();
     let mut writer = DatasetWriter::create(trial.path(), &interface(choice(), choice())).unwrap();
-    let mut episode =
-        Episode { observations: vec![vec![0.0], vec![1.0]], actions: vec![vec![0.5]], rewards: vec![1.0], end: End::Truncated };
+    let mut episode = Episode {
+        observations: vec![vec![0.0], vec![1.0]],
+        actions: vec![vec![0.5]],
+        rewards: vec![1.0],
+        end: End::Truncated,
+    };
     let text = writer.episode(&episode).unwrap_err().to_string();
     assert!(text.contains("a choice is 0.5, which is no index"), "{text}");
     episode.actions = vec![vec![1.0]];
-    write(trial.path(), &interface(choice(), choice()), std::slice::from_ref(&episode));
+    write(
+        trial.path(),
+        &interface(choice(), choice()),
+        std::slice::from_ref(&episode),
+    );
     assert_eq!(Dataset::read(trial.path()).unwrap().episodes, [episode]);
 }
 
 fn spaces() -> impl Strategy<Value = Space> {
     let limit = prop_oneof![Just(f64::INFINITY), 0.0..1e6f64];
-    let channel = ("[a-z]{1,6}", "[A-Z]{0,2}", limit.clone(), limit, -5.0..5.0f64, 0.1..9.0f64);
-    let channel = channel
-        .prop_map(|(name, unit, low, high, center, spread)| Channel::new(name, &unit).within(-low, high).typical(center, spread));
+    let channel = (
+        "[a-z]{1,6}",
+        "[A-Z]{0,2}",
+        limit.clone(),
+        limit,
+        -5.0..5.0f64,
+        0.1..9.0f64,
+    );
+    let channel = channel.prop_map(|(name, unit, low, high, center, spread)| {
+        Channel::new(name, &unit)
+            .within(-low, high)
+            .typical(center, spread)
+    });
     let names = || proptest::collection::vec("[a-z]{1,6}", 1..5);
     prop_oneof![
         proptest::collection::vec(channel, 1..5).prop_map(Space::Box),
@@ -208,8 +327,13 @@ fn spaces() -> impl Strategy<Value = Space> {
 /// Any vectors of a space: any finite bits, or an index.
 fn vectors(space: &Space, count: usize) -> BoxedStrategy<Vec<Vec<f64>>> {
     let entry = match space {
-        Space::Discrete(names) => (0..u32::try_from(names.len()).unwrap()).prop_map(f64::from).boxed(),
-        _ => any::<u64>().prop_map(f64::from_bits).prop_filter("finite", |value| value.is_finite()).boxed(),
+        Space::Discrete(names) => (0..u32::try_from(names.len()).unwrap())
+            .prop_map(f64::from)
+            .boxed(),
+        _ => any::<u64>()
+            .prop_map(f64::from_bits)
+            .prop_filter("finite", |value| value.is_finite())
+            .boxed(),
     };
     proptest::collection::vec(proptest::collection::vec(entry, space.len()), count).boxed()
 }
@@ -221,12 +345,25 @@ fn datasets() -> impl Strategy<Value = Dataset> {
             .into_iter()
             .map(|(n, terminated)| {
                 let rewards = proptest::collection::vec(-1e3..1e3f64, n);
-                let end = if terminated { End::Terminated } else { End::Truncated };
-                (vectors(&observation, n + 1), vectors(&action, n), rewards)
-                    .prop_map(move |(observations, actions, rewards)| Episode { observations, actions, rewards, end })
+                let end = if terminated {
+                    End::Terminated
+                } else {
+                    End::Truncated
+                };
+                (vectors(&observation, n + 1), vectors(&action, n), rewards).prop_map(
+                    move |(observations, actions, rewards)| Episode {
+                        observations,
+                        actions,
+                        rewards,
+                        end,
+                    },
+                )
             })
             .collect();
-        episodes.prop_map(move |episodes| Dataset { interface: interface(observation.clone(), action.clone()), episodes })
+        episodes.prop_map(move |episodes| Dataset {
+            interface: interface(observation.clone(), action.clone()),
+            episodes,
+        })
     })
 }
 

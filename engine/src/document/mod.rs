@@ -1,7 +1,7 @@
 //! From YAML text to a tree of nodes that know their line and column.
 //!
-//! Scalars follow the core schema of YAML 1.2: `1e-4` is a number, `yes` is a word. What is read is bounded: a file of a
-//! few lines cannot become millions of nodes through aliases, and no nesting exhausts the stack.
+//! Scalars follow the core schema of YAML 1.2: `1e-4` is a number, `yes` is a word. What is read is bounded:
+//! a file of a few lines cannot become millions of nodes through aliases, and no nesting exhausts the stack.
 
 mod reader;
 mod scalar;
@@ -62,14 +62,24 @@ impl Node {
     /// A mapping without keys.
     #[must_use]
     pub fn empty_mapping(span: Span) -> Self {
-        Self { span, kind: Kind::Mapping(Vec::new()) }
+        Self {
+            span,
+            kind: Kind::Mapping(Vec::new()),
+        }
     }
 
     /// A number, word or truth value that stands for something written at `span`.
     #[must_use]
     pub fn scalar(span: Span, value: Value) -> Self {
         let text = value.as_str().map_or_else(|| value.to_string(), String::from);
-        Self { span, kind: Kind::Scalar(Scalar { text, plain: !value.is_string(), value }) }
+        Self {
+            span,
+            kind: Kind::Scalar(Scalar {
+                text,
+                plain: !value.is_string(),
+                value,
+            }),
+        }
     }
 
     /// The entries of a mapping; none for anything else.
@@ -107,11 +117,20 @@ impl Node {
         if !matches!(self.kind, Kind::Mapping(_)) {
             self.kind = Kind::Mapping(Vec::new());
         }
-        let Kind::Mapping(entries) = &mut self.kind else { return None };
-        let index = entries.iter().position(|entry| entry.key == key).unwrap_or_else(|| {
-            entries.push(Entry { key: key.into(), key_span, value: Node::empty_mapping(key_span) });
-            entries.len() - 1
-        });
+        let Kind::Mapping(entries) = &mut self.kind else {
+            return None;
+        };
+        let index = entries
+            .iter()
+            .position(|entry| entry.key == key)
+            .unwrap_or_else(|| {
+                entries.push(Entry {
+                    key: key.into(),
+                    key_span,
+                    value: Node::empty_mapping(key_span),
+                });
+                entries.len() - 1
+            });
         entries.get_mut(index)
     }
 
@@ -119,7 +138,10 @@ impl Node {
     #[must_use]
     pub fn as_str(&self) -> Option<&str> {
         match &self.kind {
-            Kind::Scalar(Scalar { value: Value::String(text), .. }) => Some(text),
+            Kind::Scalar(Scalar {
+                value: Value::String(text),
+                ..
+            }) => Some(text),
             _ => None,
         }
     }
@@ -130,9 +152,12 @@ impl Node {
         match &self.kind {
             Kind::Scalar(scalar) => scalar.value.clone(),
             Kind::Sequence(items) => Value::Array(items.iter().map(Node::to_value).collect()),
-            Kind::Mapping(entries) => {
-                Value::Object(entries.iter().map(|entry| (entry.key.clone(), entry.value.to_value())).collect::<Map<_, _>>())
-            }
+            Kind::Mapping(entries) => Value::Object(
+                entries
+                    .iter()
+                    .map(|entry| (entry.key.clone(), entry.value.to_value()))
+                    .collect::<Map<_, _>>(),
+            ),
         }
     }
 }
@@ -142,16 +167,26 @@ impl Node {
 /// # Errors
 /// Where the bytes are no UTF-8: offset, line and column of the first that is wrong.
 pub fn decode(name: &str, bytes: &[u8]) -> Result<String, Vec<Diagnostic>> {
-    std::str::from_utf8(bytes).map(|text| text.trim_start_matches('\u{feff}').to_string()).map_err(|error| {
-        let offset = error.valid_up_to();
-        let before = String::from_utf8_lossy(&bytes[..offset]).into_owned();
-        let mut sources = Sources::default();
-        let source = sources.add_file(name, &String::from_utf8_lossy(bytes));
-        let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
-        let span = Span { source, line: before.matches('\n').count() + 1, column, length: 1 };
-        let message = format!("not UTF-8: byte 0x{:02x} at offset {offset} begins no character", bytes[offset]);
-        vec![sources.error(span, "", message).help("save the file as UTF-8")]
-    })
+    std::str::from_utf8(bytes)
+        .map(|text| text.trim_start_matches('\u{feff}').to_string())
+        .map_err(|error| {
+            let offset = error.valid_up_to();
+            let before = String::from_utf8_lossy(&bytes[..offset]).into_owned();
+            let mut sources = Sources::default();
+            let source = sources.add_file(name, &String::from_utf8_lossy(bytes));
+            let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+            let span = Span {
+                source,
+                line: before.matches('\n').count() + 1,
+                column,
+                length: 1,
+            };
+            let message = format!(
+                "not UTF-8: byte 0x{:02x} at offset {offset} begins no character",
+                bytes[offset]
+            );
+            vec![sources.error(span, "", message).help("save the file as UTF-8")]
+        })
 }
 
 /// Parses a whole file, the source with index `source`.
@@ -159,7 +194,16 @@ pub fn decode(name: &str, bytes: &[u8]) -> Result<String, Vec<Diagnostic>> {
 /// # Errors
 /// Everything that is wrong with the text as YAML.
 pub fn parse(sources: &Sources, source: usize, text: &str) -> Result<Node, Vec<Diagnostic>> {
-    parse_from(sources, Span { source, line: 1, column: 1, length: 1 }, text)
+    parse_from(
+        sources,
+        Span {
+            source,
+            line: 1,
+            column: 1,
+            length: 1,
+        },
+        text,
+    )
 }
 
 /// Parses text that begins at `start` of its source, such as the value of an option.
@@ -183,8 +227,8 @@ mod tests {
 
     #[test]
     fn scalars_follow_the_core_schema() {
-        let text =
-            "[1e-4, .5, 0x10, 0o17, -3, +4, 12., 1E3, 007, yes, ~, true, 3_000, '5', .inf, 1e400, 1-2, 18446744073709551615]";
+        let text = "[1e-4, .5, 0x10, 0o17, -3, +4, 12., 1E3, 007, yes, ~, true, 3_000, '5', .inf, 1e400, \
+                    1-2, 18446744073709551615]";
         let expected = json!([
             1e-4,
             0.5,
@@ -212,21 +256,38 @@ mod tests {
     fn keys_and_values_know_where_they_stand() {
         let root = read("a:\n  größe: 17 # x\n  c: [1, zwei]\n").unwrap();
         let entry = root.get("a").unwrap().entry("größe").unwrap();
-        assert_eq!((entry.key_span.line, entry.key_span.column, entry.key_span.length), (2, 3, 5));
-        assert_eq!((entry.value.span.line, entry.value.span.column, entry.value.span.length), (2, 10, 2));
+        assert_eq!(
+            (entry.key_span.line, entry.key_span.column, entry.key_span.length),
+            (2, 3, 5)
+        );
+        assert_eq!(
+            (
+                entry.value.span.line,
+                entry.value.span.column,
+                entry.value.span.length
+            ),
+            (2, 10, 2)
+        );
         let word = &root.get("a").unwrap().get("c").unwrap().items()[1];
         assert_eq!((word.span.line, word.span.column, word.span.length), (3, 10, 4));
     }
 
     #[test]
     fn aliases_copy_values() {
-        assert_eq!(read("a: &x {b: 1}\nc: *x").unwrap().to_value(), json!({"a": {"b": 1}, "c": {"b": 1}}));
+        assert_eq!(
+            read("a: &x {b: 1}\nc: *x").unwrap().to_value(),
+            json!({"a": {"b": 1}, "c": {"b": 1}})
+        );
     }
 
     #[test]
     fn deep_nesting_ends_in_a_message() {
         let error = read(&"[".repeat(100)).unwrap_err();
-        assert!(error[0].message.contains("nested more than 64 levels"), "{}", error[0].message);
+        assert!(
+            error[0].message.contains("nested more than 64 levels"),
+            "{}",
+            error[0].message
+        );
     }
 
     #[test]

@@ -22,7 +22,15 @@ impl<'a> Reader<'a> {
     /// A reader of `text`, which begins at `start`.
     pub fn new(sources: &'a Sources, start: Span, text: &'a str) -> Self {
         let (parser, lines) = (Parser::new_from_str(text), text.lines().collect());
-        Self { parser, lines, sources, start, anchors: BTreeMap::new(), nodes: 0, found: Vec::new() }
+        Self {
+            parser,
+            lines,
+            sources,
+            start,
+            anchors: BTreeMap::new(),
+            nodes: 0,
+            found: Vec::new(),
+        }
     }
 
     /// The document, or everything that is wrong with it.
@@ -51,8 +59,14 @@ impl<'a> Reader<'a> {
             match self.next()? {
                 (Event::StreamEnd, _) => return Ok(root),
                 (Event::DocumentStart(_), span) => {
-                    let error = self.sources.error(span, "", "a second document begins here, but a study is one document");
-                    return Err(Box::new(error.help("remove the `---` line, or put the second document into a file of its own")));
+                    let error = self.sources.error(
+                        span,
+                        "",
+                        "a second document begins here, but a study is one document",
+                    );
+                    return Err(Box::new(error.help(
+                        "remove the `---` line, or put the second document into a file of its own",
+                    )));
                 }
                 _ => {}
             }
@@ -60,13 +74,19 @@ impl<'a> Reader<'a> {
     }
 
     fn empty(&self) -> Diagnostic {
-        self.sources.error(self.start, "", "the file is empty").help("a study begins with `study: NAME`")
+        self.sources
+            .error(self.start, "", "the file is empty")
+            .help("a study begins with `study: NAME`")
     }
 
     fn next(&mut self) -> Result<(Event<'a>, Span), Fatal> {
         match self.parser.next_event() {
             Some(Ok((event, span))) => {
-                let length = if span.start.line() == span.end.line() { span.len() } else { 1 };
+                let length = if span.start.line() == span.end.line() {
+                    span.len()
+                } else {
+                    1
+                };
                 let span = self.span(span.start.line(), span.start.col() + 1, length);
                 Ok((event, span))
             }
@@ -77,14 +97,27 @@ impl<'a> Reader<'a> {
 
     fn span(&self, line: usize, column: usize, length: usize) -> Span {
         let shift = if line == 1 { self.start.column - 1 } else { 0 };
-        Span { source: self.start.source, line: line + self.start.line - 1, column: column + shift, length }
+        Span {
+            source: self.start.source,
+            line: line + self.start.line - 1,
+            column: column + shift,
+            length,
+        }
     }
 
     fn syntax(&self, error: &saphyr_parser::ScanError) -> Diagnostic {
         let (line, column) = (error.marker().line().max(1), error.marker().col() + 1);
         if let Some(tab) = self.tab_indentation(line) {
-            let at = self.lines[tab - 1].chars().position(|letter| letter == '\t').unwrap_or(0) + 1;
-            let error = self.sources.error(self.span(tab, at, 1), "", "a tab indents this line; YAML allows spaces only");
+            let at = self.lines[tab - 1]
+                .chars()
+                .position(|letter| letter == '\t')
+                .unwrap_or(0)
+                + 1;
+            let error = self.sources.error(
+                self.span(tab, at, 1),
+                "",
+                "a tab indents this line; YAML allows spaces only",
+            );
             return error.help("replace each tab by spaces (two per level)");
         }
         // The reader stops behind the last line where something is still open: show the last line instead.
@@ -94,10 +127,16 @@ impl<'a> Reader<'a> {
             _ => (line, column),
         };
         let words = error.info().trim_end_matches('.');
-        let diagnostic = self.sources.error(self.span(line, column, 1), "", format!("not valid YAML: {words}"));
-        let Some((line, column, bracket)) = self.open_bracket() else { return diagnostic.help(self.advice()) };
+        let diagnostic =
+            self.sources
+                .error(self.span(line, column, 1), "", format!("not valid YAML: {words}"));
+        let Some((line, column, bracket)) = self.open_bracket() else {
+            return diagnostic.help(self.advice());
+        };
         let place = self.sources.place(self.span(line, column, 1));
-        diagnostic.help(self.advice()).note(format!("this `{bracket}` is never closed"), place)
+        diagnostic
+            .help(self.advice())
+            .note(format!("this `{bracket}` is never closed"), place)
     }
 
     fn advice(&self) -> &'static str {
@@ -108,8 +147,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The last bracket that opens a list or mapping and has no partner. Brackets count only where a value can begin, and
-    /// quoted text and remarks are passed over.
+    /// The last bracket that opens a list or mapping and has no partner. Brackets count only where a value
+    /// can begin, and quoted text and remarks are passed over.
     fn open_bracket(&self) -> Option<(usize, usize, char)> {
         let mut open = Vec::new();
         for (index, line) in self.lines.iter().enumerate() {
@@ -138,43 +177,82 @@ impl<'a> Reader<'a> {
             let indent: &str = &text[..text.len() - text.trim_start().len()];
             indent.contains('\t') && !text.trim().is_empty() && !text.trim().starts_with('#')
         };
-        self.lines.iter().take(last + 1).position(indented).map(|index| index + 1)
+        self.lines
+            .iter()
+            .take(last + 1)
+            .position(indented)
+            .map(|index| index + 1)
     }
 
     fn node(&mut self, event: Event<'a>, span: Span, depth: usize) -> Result<Node, Fatal> {
         self.count(1, span)?;
         if depth > DEEPEST {
-            return Err(Box::new(self.sources.error(span, "", format!("nested more than {DEEPEST} levels deep"))));
+            return Err(Box::new(self.sources.error(
+                span,
+                "",
+                format!("nested more than {DEEPEST} levels deep"),
+            )));
         }
         let before = self.nodes;
         let (anchor, node) = match event {
             Event::Alias(id) => return self.alias(id, span),
             Event::Scalar(text, style, anchor, tag) => {
-                let as_text = tag.as_ref().is_some_and(|tag| tag.is_yaml_core_schema() && tag.suffix == "str");
+                let as_text = tag
+                    .as_ref()
+                    .is_some_and(|tag| tag.is_yaml_core_schema() && tag.suffix == "str");
                 if let Some(tag) = tag.filter(|_| !as_text) {
                     self.refuse_tag(&tag.to_string(), span);
                 }
                 let plain = style == ScalarStyle::Plain && !as_text;
-                (anchor, Node { span, kind: Kind::Scalar(scalar(text.into_owned(), plain)) })
+                (
+                    anchor,
+                    Node {
+                        span,
+                        kind: Kind::Scalar(scalar(text.into_owned(), plain)),
+                    },
+                )
             }
             Event::SequenceStart(anchor, tag) => {
                 tag.inspect(|tag| self.refuse_tag(&tag.to_string(), span));
-                (anchor, Node { span, kind: Kind::Sequence(self.items(depth)?) })
+                (
+                    anchor,
+                    Node {
+                        span,
+                        kind: Kind::Sequence(self.items(depth)?),
+                    },
+                )
             }
             Event::MappingStart(anchor, tag) => {
                 tag.inspect(|tag| self.refuse_tag(&tag.to_string(), span));
-                (anchor, Node { span, kind: Kind::Mapping(self.entries(depth)?) })
+                (
+                    anchor,
+                    Node {
+                        span,
+                        kind: Kind::Mapping(self.entries(depth)?),
+                    },
+                )
             }
-            _ => return Err(Box::new(self.sources.error(span, "", "not valid YAML: a value is missing here"))),
+            _ => {
+                return Err(Box::new(self.sources.error(
+                    span,
+                    "",
+                    "not valid YAML: a value is missing here",
+                )));
+            }
         };
         if anchor > 0 {
-            self.anchors.insert(anchor, (node.clone(), self.nodes - before + 1));
+            self.anchors
+                .insert(anchor, (node.clone(), self.nodes - before + 1));
         }
         Ok(node)
     }
 
     fn refuse_tag(&mut self, tag: &str, span: Span) {
-        let error = self.sources.error(span, "", format!("the YAML tag `{tag}` has no meaning in a study"));
+        let error = self.sources.error(
+            span,
+            "",
+            format!("the YAML tag `{tag}` has no meaning in a study"),
+        );
         self.found.push(error.help("remove the tag"));
     }
 
@@ -185,7 +263,11 @@ impl<'a> Reader<'a> {
                 self.count(size, span)?;
                 Ok(node)
             }
-            None => Err(Box::new(self.sources.error(span, "", "this alias stands inside the value that it names"))),
+            None => Err(Box::new(self.sources.error(
+                span,
+                "",
+                "this alias stands inside the value that it names",
+            ))),
         }
     }
 
@@ -195,7 +277,11 @@ impl<'a> Reader<'a> {
             return Ok(());
         }
         let message = format!("with its aliases written out the document has more than {MOST_NODES} values");
-        Err(Box::new(self.sources.error(span, "", message).help("a study is small; write the values where they are used")))
+        Err(Box::new(
+            self.sources
+                .error(span, "", message)
+                .help("a study is small; write the values where they are used"),
+        ))
     }
 
     fn items(&mut self, depth: usize) -> Result<Vec<Node>, Fatal> {
@@ -220,8 +306,14 @@ impl<'a> Reader<'a> {
             let (event, span) = self.next()?;
             let value = self.node(event, span, depth + 1)?;
             if let Some(first) = known.get(&key) {
-                let error = self.sources.error(key_span, "", format!("the key `{key}` is given twice"));
-                self.found.push(error.note("it is given first here", self.sources.place(*first)).help("remove one of the two"));
+                let error = self
+                    .sources
+                    .error(key_span, "", format!("the key `{key}` is given twice"));
+                self.found.push(
+                    error
+                        .note("it is given first here", self.sources.place(*first))
+                        .help("remove one of the two"),
+                );
                 continue;
             }
             known.insert(key.clone(), key_span);
@@ -232,7 +324,9 @@ impl<'a> Reader<'a> {
     fn key(&mut self, event: Event<'a>, span: Span) -> Result<String, Fatal> {
         match event {
             Event::Scalar(text, ..) if text == "<<" => {
-                let error = self.sources.error(span, "", "merge keys (`<<`) belong to YAML 1.1 and are not read");
+                let error =
+                    self.sources
+                        .error(span, "", "merge keys (`<<`) belong to YAML 1.1 and are not read");
                 self.found.push(error.help("write the keys out"));
                 Ok(text.into_owned())
             }

@@ -5,7 +5,11 @@ use serde_json::{Number, Value};
 
 /// A scalar of the document; only what stands without quotes can be a number, a truth value or nothing.
 pub fn scalar(text: String, plain: bool) -> Scalar {
-    let value = if plain { core_schema(&text) } else { Value::String(text.clone()) };
+    let value = if plain {
+        core_schema(&text)
+    } else {
+        Value::String(text.clone())
+    };
     Scalar { text, plain, value }
 }
 
@@ -23,10 +27,16 @@ fn core_schema(text: &str) -> Value {
 #[must_use]
 pub fn plain_number(text: &str) -> Option<Number> {
     if let Some(digits) = text.strip_prefix("0x") {
-        return u64::from_str_radix(digits, 16).ok().filter(|_| !digits.starts_with('+')).map(Number::from);
+        return u64::from_str_radix(digits, 16)
+            .ok()
+            .filter(|_| !digits.starts_with('+'))
+            .map(Number::from);
     }
     if let Some(digits) = text.strip_prefix("0o") {
-        return u64::from_str_radix(digits, 8).ok().filter(|_| !digits.starts_with('+')).map(Number::from);
+        return u64::from_str_radix(digits, 8)
+            .ok()
+            .filter(|_| !digits.starts_with('+'))
+            .map(Number::from);
     }
     let unsigned = text.strip_prefix(['+', '-']).unwrap_or(text);
     let mantissa = unsigned.split(['e', 'E']).next().unwrap_or_default();
@@ -37,8 +47,13 @@ pub fn plain_number(text: &str) -> Option<Number> {
     }
     if digits(unsigned) {
         let signed = text.strip_prefix('+').unwrap_or(text);
-        let whole = signed.parse::<u64>().map(Number::from).or_else(|_| signed.parse::<i64>().map(Number::from));
-        return whole.ok().or_else(|| signed.parse::<f64>().ok().and_then(Number::from_f64));
+        let whole = signed
+            .parse::<u64>()
+            .map(Number::from)
+            .or_else(|_| signed.parse::<i64>().map(Number::from));
+        return whole
+            .ok()
+            .or_else(|| signed.parse::<f64>().ok().and_then(Number::from_f64));
     }
     text.parse::<f64>().ok().and_then(Number::from_f64)
 }

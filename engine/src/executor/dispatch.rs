@@ -1,9 +1,10 @@
 //! Keeping as many tasks in a queue as the missing trials are worth.
 //!
-//! What is to be done follows from three things: the trials that are missing in the store, the submissions in the store
-//! that are meant to compute them, and the tasks of these that the queue shows. So it makes no difference whether a task
-//! was cancelled, timed out, lost its node, or was forgotten by a controller that crashed: where too few tasks are left
-//! for what is missing, more are submitted. Outcomes come from the store alone; no accounting database is asked.
+//! What is to be done follows from three things: the trials that are missing in the store, the submissions in
+//! the store that are meant to compute them, and the tasks of these that the queue shows. So it makes no
+//! difference whether a task was cancelled, timed out, lost its node, or was forgotten by a controller that
+//! crashed: where too few tasks are left for what is missing, more are submitted. Outcomes come from the
+//! store alone; no accounting database is asked.
 
 use super::{Array, Error, Executor, Queue, State, Submission, Task, Way, Work, find, lock, tasks_for};
 use crate::store::write_durably;
@@ -74,7 +75,10 @@ impl View {
 pub fn holdings(store: &Path) -> Result<Vec<Holding>, Error> {
     let mut by_executor: BTreeMap<String, Vec<Submission>> = BTreeMap::new();
     for submission in open(store)? {
-        by_executor.entry(submission.executor.clone()).or_default().push(submission);
+        by_executor
+            .entry(submission.executor.clone())
+            .or_default()
+            .push(submission);
     }
     let mut all = Vec::new();
     for submissions in by_executor.into_values() {
@@ -88,7 +92,10 @@ pub fn holdings(store: &Path) -> Result<Vec<Holding>, Error> {
 
 fn held(submission: Submission, tasks: &[Task]) -> Holding {
     let name = submission.job_name();
-    Holding { submission, tasks: tasks.iter().filter(|task| task.name == name).cloned().collect() }
+    Holding {
+        submission,
+        tasks: tasks.iter().filter(|task| task.name == name).cloned().collect(),
+    }
 }
 
 /// What the queue answers that took a submission.
@@ -100,7 +107,10 @@ fn asked<T>(submission: &Submission, ask: impl Fn(&dyn Queue) -> Result<T, Error
     let executor: Box<dyn Executor> = options.build(&submission.options)?;
     match executor.queue() {
         Some(queue) => ask(queue),
-        None => Err(Error::Unknown { id: submission.id.clone(), executor: submission.executor.clone() }),
+        None => Err(Error::Unknown {
+            id: submission.id.clone(),
+            executor: submission.executor.clone(),
+        }),
     }
 }
 
@@ -109,7 +119,10 @@ fn asked<T>(submission: &Submission, ask: impl Fn(&dyn Queue) -> Result<T, Error
 /// # Errors
 /// Where a record cannot be read.
 pub fn open(store: &Path) -> Result<Vec<Submission>, Error> {
-    Ok(Submission::all(store)?.into_iter().filter(|submission| submission.state == State::Open).collect())
+    Ok(Submission::all(store)?
+        .into_iter()
+        .filter(|submission| submission.state == State::Open)
+        .collect())
 }
 
 /// Cancels every open submission that is meant to compute one of these trials and returns them.
@@ -135,18 +148,27 @@ impl Dispatch<'_> {
     /// # Errors
     /// As [`holdings`].
     pub fn look(&self, missing: &BTreeSet<String>) -> Result<View, Error> {
-        let (live, dead): (Vec<_>, Vec<_>) = holdings(&self.store)?.into_iter().partition(|holding| holding.alive() > 0);
-        let live: Vec<Holding> = live.into_iter().filter(|holding| holding.covers(missing)).collect();
+        let (live, dead): (Vec<_>, Vec<_>) = holdings(&self.store)?
+            .into_iter()
+            .partition(|holding| holding.alive() > 0);
+        let live: Vec<Holding> = live
+            .into_iter()
+            .filter(|holding| holding.covers(missing))
+            .collect();
         let covered = |id: &&String| live.iter().any(|holding| holding.submission.trials.contains(*id));
         let uncovered = missing.iter().filter(|id| !covered(id)).count();
-        let mut view = View { live, dead: dead.into_iter().map(|holding| holding.submission).collect(), need: 0 };
+        let mut view = View {
+            live,
+            dead: dead.into_iter().map(|holding| holding.submission).collect(),
+            need: 0,
+        };
         let wanted = tasks_for(missing.len(), self.trials_per_task);
         view.need = tasks_for(uncovered, self.trials_per_task).max(wanted.saturating_sub(view.alive()));
         Ok(view)
     }
 
-    /// Submits what lacks, so that the missing trials are being computed. Doing it twice, or in two processes at a time,
-    /// submits once: a submission that lives is found by its name.
+    /// Submits what lacks, so that the missing trials are being computed. Doing it twice, or in two processes
+    /// at a time, submits once: a submission that lives is found by its name.
     ///
     /// # Errors
     /// As [`holdings`]; [`Error::Refused`] where the queue does not take the jobs.
@@ -155,7 +177,8 @@ impl Dispatch<'_> {
         let mut view = self.look(missing)?;
         let mut unsent = None;
         for mut submission in view.dead.drain(..) {
-            // A submission that no controller has confirmed is sent again under its name; all others are over.
+            // A submission that no controller has confirmed is sent again under its name; all others are
+            // over.
             if unsent.is_none() && self.is_unsent(&submission) {
                 unsent = Some(submission);
             } else {
@@ -168,7 +191,10 @@ impl Dispatch<'_> {
                 None => self.prepare(missing, &view)?,
             };
             let submission = self.send(submission)?;
-            view.live.push(Holding { submission, tasks: Vec::new() });
+            view.live.push(Holding {
+                submission,
+                tasks: Vec::new(),
+            });
         }
         Ok(view)
     }

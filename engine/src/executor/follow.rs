@@ -55,24 +55,36 @@ impl Patience {
     /// Patience for `limit` submissions in a row that finish nothing.
     #[must_use]
     pub fn new(limit: usize) -> Self {
-        Self { fruitless: 0, quick: 0, limit }
+        Self {
+            fruitless: 0,
+            quick: 0,
+            limit,
+        }
     }
 
-    /// Takes note of the last submission: whether a trial ended or got further since, and after how many seconds it was over.
+    /// Takes note of the last submission: whether a trial ended or got further since, and after how many
+    /// seconds it was over.
     pub fn note(&mut self, bore_fruit: bool, after_s: f64) {
         if bore_fruit {
             (self.fruitless, self.quick) = (0, 0);
             return;
         }
         self.fruitless += 1;
-        self.quick = if after_s < Self::QUICK_S { self.quick + 1 } else { 0 };
+        self.quick = if after_s < Self::QUICK_S {
+            self.quick + 1
+        } else {
+            0
+        };
     }
 
-    /// How many polls to wait before the next submission. A trial whose worker's machine vanished is free only after a while:
-    /// workers that come too early find nothing to do and leave.
+    /// How many polls to wait before the next submission. A trial whose worker's machine vanished is free
+    /// only after a while: workers that come too early find nothing to do and leave.
     #[must_use]
     pub fn polls_to_wait(&self) -> u32 {
-        u32::try_from(self.quick).ok().and_then(|quick| 3_u32.checked_pow(quick.checked_sub(1)?)).unwrap_or(0)
+        u32::try_from(self.quick)
+            .ok()
+            .and_then(|quick| 3_u32.checked_pow(quick.checked_sub(1)?))
+            .unwrap_or(0)
     }
 
     /// The number of fruitless submissions in a row, once they are too many.
@@ -106,7 +118,8 @@ impl Dispatch<'_> {
     ///
     /// # Errors
     /// [`Error::Fruitless`] where submissions end again and again without finishing a trial, and what
-    /// [`Dispatch::ensure`] says of a submission that is refused. A controller that does not answer is waited for.
+    /// [`Dispatch::ensure`] says of a submission that is refused. A controller that does not answer is waited
+    /// for.
     pub fn follow(&self, begun: View, watch: &mut dyn Watch) -> Result<Outcome, Error> {
         let followed = begun.live.into_iter().map(|holding| holding.submission).collect();
         let mut follower = Follower {
@@ -158,8 +171,8 @@ struct Follower<'a> {
 }
 
 impl Follower<'_> {
-    /// Looks at the queue and submits where tasks lack in two looks in a row: a task that is being started again, or a
-    /// controller that is just up, may be between two states.
+    /// Looks at the queue and submits where tasks lack in two looks in a row: a task that is being started
+    /// again, or a controller that is just up, may be between two states.
     fn ask(&mut self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<Option<Outcome>, Error> {
         let before = *self.missing_then.get_or_insert(missing.len());
         let view = match self.look(missing) {
@@ -171,18 +184,28 @@ impl Follower<'_> {
             }
         };
         self.pause_s = self.dispatch.queue.poll_s();
-        watch.queue(&view.live.iter().flat_map(|holding| holding.tasks.clone()).collect::<Vec<_>>());
+        watch.queue(
+            &view
+                .live
+                .iter()
+                .flat_map(|holding| holding.tasks.clone())
+                .collect::<Vec<_>>(),
+        );
         if view.need == 0 || !std::mem::replace(&mut self.lacking, true) {
             self.lacking = view.need > 0;
             return Ok(None);
         }
         self.lacking = false;
         let bore_fruit = missing.len() < before || watch.saved() > self.saved_then;
-        self.patience.note(bore_fruit, self.submitted.elapsed().as_secs_f64());
+        self.patience
+            .note(bore_fruit, self.submitted.elapsed().as_secs_f64());
         match self.patience.is_over() {
             // Nothing is added to tasks that live; their end will be noted.
             Some(_) if view.alive() > 0 => Ok(None),
-            Some(rounds) => Err(Error::Fruitless { rounds, log: self.log() }),
+            Some(rounds) => Err(Error::Fruitless {
+                rounds,
+                log: self.log(),
+            }),
             None => {
                 let pause_s = self.dispatch.queue.poll_s() * f64::from(self.patience.polls_to_wait());
                 rest(Duration::from_secs_f64(pause_s), watch);
@@ -194,25 +217,40 @@ impl Follower<'_> {
     /// What the queue holds; `None` where somebody cancelled what is followed.
     fn look(&self, missing: &BTreeSet<String>) -> Result<Option<View>, Error> {
         let ours = |one: &Submission| self.followed.iter().any(|followed| followed.id == one.id);
-        if Submission::all(&self.dispatch.store)?.iter().any(|one| one.state == State::Cancelled && ours(one)) {
+        if Submission::all(&self.dispatch.store)?
+            .iter()
+            .any(|one| one.state == State::Cancelled && ours(one))
+        {
             return Ok(None);
         }
         self.dispatch.look(missing).map(Some)
     }
 
-    fn submit(&mut self, missing: &BTreeSet<String>, alive: usize, watch: &mut dyn Watch) -> Result<Option<Outcome>, Error> {
+    fn submit(
+        &mut self,
+        missing: &BTreeSet<String>,
+        alive: usize,
+        watch: &mut dyn Watch,
+    ) -> Result<Option<Outcome>, Error> {
         if missing.is_empty() || watch.is_stopped() {
             return Ok(None);
         }
         match self.dispatch.ensure(missing) {
             Ok(view) => {
-                let added = view.live.iter().filter(|holding| self.followed.iter().all(|one| one.id != holding.submission.id));
-                added.for_each(|holding| watch.say(&format!("submitted again: {}", describe(&holding.submission))));
+                let added = view
+                    .live
+                    .iter()
+                    .filter(|holding| self.followed.iter().all(|one| one.id != holding.submission.id));
+                added.for_each(|holding| {
+                    watch.say(&format!("submitted again: {}", describe(&holding.submission)))
+                });
                 self.followed = view.live.into_iter().map(|holding| holding.submission).collect();
                 (self.submitted, self.missing_then) = (now(), Some(missing.len()));
                 self.saved_then = watch.saved();
             }
-            Err(error @ (Error::Refused { .. } | Error::NoProgram { .. })) if alive == 0 => return Err(error),
+            Err(error @ (Error::Refused { .. } | Error::NoProgram { .. })) if alive == 0 => {
+                return Err(error);
+            }
             Err(error) => self.not_answered(&error, watch),
         }
         Ok(None)
@@ -224,10 +262,13 @@ impl Follower<'_> {
     }
 
     fn log(&self) -> String {
-        self.followed.last().map_or_else(String::new, |submission| submission.log_tail(10))
+        self.followed
+            .last()
+            .map_or_else(String::new, |submission| submission.log_tail(10))
     }
 
-    /// Every trial has ended: tasks that wait would find nothing to do. What cannot be tidied up now ends by itself.
+    /// Every trial has ended: tasks that wait would find nothing to do. What cannot be tidied up now ends by
+    /// itself.
     fn finish(self) {
         for mut submission in self.followed {
             if submission.trials.is_subset(&self.dispatch.trials) {
@@ -241,15 +282,26 @@ impl Follower<'_> {
 /// A submission in one line.
 #[must_use]
 pub fn describe(submission: &Submission) -> String {
-    let jobs: Vec<&str> = submission.arrays.iter().map(|array| array.job.as_deref().unwrap_or("?")).collect();
+    let jobs: Vec<&str> = submission
+        .arrays
+        .iter()
+        .map(|array| array.job.as_deref().unwrap_or("?"))
+        .collect();
     let tasks: usize = submission.arrays.iter().map(|array| array.tasks).sum();
     let at_once: usize = submission.arrays.iter().map(|array| array.at_once).sum();
     let word = if jobs.len() == 1 { "job" } else { "jobs" };
-    format!("{} ({word} {}), {tasks} tasks, {at_once} at a time", submission.id, jobs.join(", "))
+    format!(
+        "{} ({word} {}), {tasks} tasks, {at_once} at a time",
+        submission.id,
+        jobs.join(", ")
+    )
 }
 
 /// The clock of the wait.
-#[expect(clippy::disallowed_methods, reason = "it says when the queue is asked, which reaches no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "it says when the queue is asked, which reaches no result"
+)]
 fn now() -> Instant {
     Instant::now()
 }

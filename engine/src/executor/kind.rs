@@ -31,7 +31,8 @@ pub enum Way {
     Written(Options, &'static str),
 }
 
-/// The options of an executor: their type is erased once, so that settings and records hold those of any executor.
+/// The options of an executor: their type is erased once, so that settings and records hold those of any
+/// executor.
 pub struct Options {
     /// JSON Schema of the table.
     pub schema: Schema,
@@ -45,7 +46,12 @@ type Build = Box<dyn Fn(&Value) -> Result<Box<dyn Executor>, Error>>;
 /// All executors, in the order in which they are shown.
 #[must_use]
 pub fn all() -> Vec<Kind> {
-    let here = Kind { name: LOCAL, title: "this machine", about: "worker processes on this machine", way: Way::Here };
+    let here = Kind {
+        name: LOCAL,
+        title: "this machine",
+        about: "worker processes on this machine",
+        way: Way::Here,
+    };
     vec![here, slurm::kind(), kubernetes::kind()]
 }
 
@@ -73,8 +79,8 @@ impl Kind {
 }
 
 impl Options {
-    /// Options of type `O`, with which `build` makes the executor. A key that is absent from the table is an `Option`
-    /// that is `None`.
+    /// Options of type `O`, with which `build` makes the executor. A key that is absent from the table is an
+    /// `Option` that is `None`.
     pub fn of<O>(build: fn(O) -> Result<Box<dyn Executor>, Error>) -> Self
     where
         O: Default + Serialize + DeserializeOwned + JsonSchema + 'static,
@@ -82,10 +88,20 @@ impl Options {
         let typed = |value: &Value| {
             // Null stands for a record or table that says nothing.
             let given = Some(value).filter(|value| !value.is_null()).map(O::deserialize);
-            given.unwrap_or_else(|| Ok(O::default())).map_err(|problem| Error::Record { problem: problem.to_string() })
+            given
+                .unwrap_or_else(|| Ok(O::default()))
+                .map_err(|problem| Error::Record {
+                    problem: problem.to_string(),
+                })
         };
-        let read = |table: ValueDeserializer<'_>| serde_json::to_value(O::deserialize(table)?).map_err(serde::de::Error::custom);
-        Self { schema: schemars::schema_for!(O), read: Box::new(read), build: Box::new(move |value| build(typed(value)?)) }
+        let read = |table: ValueDeserializer<'_>| {
+            serde_json::to_value(O::deserialize(table)?).map_err(serde::de::Error::custom)
+        };
+        Self {
+            schema: schemars::schema_for!(O),
+            read: Box::new(read),
+            build: Box::new(move |value| build(typed(value)?)),
+        }
     }
 
     /// A table of `regimen.toml` with every key, null where one is absent.
@@ -117,8 +133,16 @@ mod tests {
         for kind in all.iter().filter_map(|kind| Some((kind, kind.options()?))) {
             let (kind, options) = kind;
             assert!(kind.about.len() > 20, "{}", kind.name);
-            let keys = options.schema.get("properties").and_then(Value::as_object).unwrap();
-            assert!(keys.values().all(|key| key["description"].is_string()), "{}", kind.name);
+            let keys = options
+                .schema
+                .get("properties")
+                .and_then(Value::as_object)
+                .unwrap();
+            assert!(
+                keys.values().all(|key| key["description"].is_string()),
+                "{}",
+                kind.name
+            );
             // `--jobs` takes the place of this one.
             assert!(keys.contains_key("max_tasks"), "{}", kind.name);
         }
@@ -129,7 +153,10 @@ mod tests {
         let slurm = find("slurm").unwrap();
         let options = slurm.options().unwrap();
         assert!(options.build(&Value::Null).is_ok());
-        let wrong = options.build(&serde_json::json!({ "image": "a" })).unwrap_err().to_string();
+        let wrong = options
+            .build(&serde_json::json!({ "image": "a" }))
+            .unwrap_err()
+            .to_string();
         assert!(wrong.contains("image"), "{wrong}");
     }
 }

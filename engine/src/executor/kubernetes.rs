@@ -1,7 +1,7 @@
 //! Workers as a Kubernetes Indexed Job: the manifest, and nothing else.
 //!
-//! The manifest is checked against the schema of `batch/v1` and was not tried on a cluster. Every index is a worker that pulls
-//! missing trials from the store, which lies on a volume that all pods share.
+//! The manifest is checked against the schema of `batch/v1` and was not tried on a cluster. Every index is a
+//! worker that pulls missing trials from the store, which lies on a volume that all pods share.
 //!
 //! | a worker leaves with | what the Job does |
 //! |---|---|
@@ -58,7 +58,12 @@ pub struct Kubernetes {
 pub fn kind() -> Kind {
     let options = kind::Options::of(|options: Options| Ok(Box::new(Kubernetes { options })));
     let about = "workers in a Kubernetes Indexed Job, whose manifest is written and not applied";
-    Kind { name: "kubernetes", title: "Kubernetes", about, way: Way::Written(options, "kubectl apply -f -") }
+    Kind {
+        name: "kubernetes",
+        title: "Kubernetes",
+        about,
+        way: Way::Written(options, "kubectl apply -f -"),
+    }
 }
 
 impl Executor for Kubernetes {
@@ -67,7 +72,9 @@ impl Executor for Kubernetes {
     }
 
     fn trials_per_task(&self) -> NonZeroUsize {
-        self.options.trials_per_task.unwrap_or_else(|| four_each(self.cpus_per_task()))
+        self.options
+            .trials_per_task
+            .unwrap_or_else(|| four_each(self.cpus_per_task()))
     }
 
     /// Paths are seen from the folder of the volume, not from here.
@@ -85,7 +92,10 @@ impl Executor for Kubernetes {
 impl Kubernetes {
     fn job(&self, wanted: &Wanted<'_>, completions: usize) -> String {
         let options = &self.options;
-        let namespace = options.namespace.as_ref().map_or_else(String::new, |name| format!("\n  namespace: {}", text(name)));
+        let namespace = options
+            .namespace
+            .as_ref()
+            .map_or_else(String::new, |name| format!("\n  namespace: {}", text(name)));
         format!(
             r#"# Workers of regimen that pull missing trials from the store.
 # Not tried on a cluster; checked against the schema of batch/v1.
@@ -151,8 +161,16 @@ spec:
             claimName: {claim}
 "#,
             grace_s = options.grace_s.unwrap_or(120),
-            image = needed("image", options.image.as_deref(), "name the container image that holds regimen")?,
-            claim = needed("claim", options.claim.as_deref(), "name the PersistentVolumeClaim that holds the store")?,
+            image = needed(
+                "image",
+                options.image.as_deref(),
+                "name the container image that holds regimen"
+            )?,
+            claim = needed(
+                "claim",
+                options.claim.as_deref(),
+                "name the PersistentVolumeClaim that holds the store"
+            )?,
             folder = text(options.folder.as_deref().unwrap_or("/work")),
             program = text(options.program.as_deref().unwrap_or("regimen")),
             arguments = arguments(&wanted.work.arguments),
@@ -163,7 +181,9 @@ spec:
     /// Requests and limits are the same, so that a worker gets what it counts on.
     fn resources(&self) -> String {
         let memory = self.options.memory_mb;
-        let memory = memory.map_or_else(String::new, |memory_mb| format!("\n              memory: \"{memory_mb}M\""));
+        let memory = memory.map_or_else(String::new, |memory_mb| {
+            format!("\n              memory: \"{memory_mb}M\"")
+        });
         let amounts = format!("\n              cpu: \"{}\"{memory}", self.cpus_per_task());
         format!("\n            requests:{amounts}\n            limits:{amounts}")
     }
@@ -178,15 +198,34 @@ fn arguments(arguments: &[String]) -> String {
 }
 
 fn needed(key: &'static str, value: Option<&str>, problem: &str) -> Result<String, Error> {
-    value.filter(|value| !value.is_empty()).map(text).ok_or_else(|| Error::Option { key, problem: problem.into() })
+    value
+        .filter(|value| !value.is_empty())
+        .map(text)
+        .ok_or_else(|| Error::Option {
+            key,
+            problem: problem.into(),
+        })
 }
 
 /// A name that Kubernetes takes: at most 52 characters, since pods append their index and a suffix.
 fn job_name(study: &str) -> String {
-    let plain: String =
-        study.to_lowercase().chars().map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '-' }).collect();
+    let plain: String = study
+        .to_lowercase()
+        .chars()
+        .map(|letter| {
+            if letter.is_ascii_alphanumeric() {
+                letter
+            } else {
+                '-'
+            }
+        })
+        .collect();
     let name = format!("regimen-{plain}");
-    name.chars().take(52).collect::<String>().trim_end_matches('-').to_owned()
+    name.chars()
+        .take(52)
+        .collect::<String>()
+        .trim_end_matches('-')
+        .to_owned()
 }
 
 /// Any text as a YAML scalar: JSON strings are YAML.
@@ -201,20 +240,33 @@ mod tests {
     use std::path::Path;
 
     fn manifest(trials: usize, options: Options) -> Result<String, Error> {
-        let arguments = ["worker", "experiments/table-3.3.yaml", "--set", "agent.note=$(HOSTNAME)", "--store", "store"];
+        let arguments = [
+            "worker",
+            "experiments/table-3.3.yaml",
+            "--set",
+            "agent.note=$(HOSTNAME)",
+            "--store",
+            "store",
+        ];
         let work = Work {
             specs: Vec::new(),
             program: "/opt/regimen".into(),
             arguments: arguments.map(Into::into).to_vec(),
             folder: "/home".into(),
         };
-        let wanted = Wanted { study: "table-3.3", store: Path::new("store"), work: &work, trials };
+        let wanted = Wanted {
+            study: "table-3.3",
+            store: Path::new("store"),
+            work: &work,
+            trials,
+        };
         Kubernetes { options }.written(&wanted)
     }
 
     fn options() -> Options {
         toml::from_str(
-            "image = \"registry.example/regimen:1\"\nclaim = \"shared\"\nnamespace = \"rl\"\nmemory_mb = 4000\nmax_tasks = 2",
+            "image = \"registry.example/regimen:1\"\nclaim = \"shared\"\nnamespace = \"rl\"\nmemory_mb = \
+             4000\nmax_tasks = 2",
         )
         .unwrap()
     }
@@ -227,9 +279,23 @@ mod tests {
     #[test]
     fn what_only_a_person_knows_is_asked_for() {
         let problem = manifest(1, Options::default()).unwrap_err().to_string();
-        assert!(problem.starts_with("`image`: name the container image"), "{problem}");
-        let problem = manifest(1, Options { claim: None, ..options() }).unwrap_err().to_string();
-        assert!(problem.starts_with("`claim`: name the PersistentVolumeClaim"), "{problem}");
+        assert!(
+            problem.starts_with("`image`: name the container image"),
+            "{problem}"
+        );
+        let problem = manifest(
+            1,
+            Options {
+                claim: None,
+                ..options()
+            },
+        )
+        .unwrap_err()
+        .to_string();
+        assert!(
+            problem.starts_with("`claim`: name the PersistentVolumeClaim"),
+            "{problem}"
+        );
     }
 
     #[test]

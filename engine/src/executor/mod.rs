@@ -1,15 +1,19 @@
 //! Past one machine: the same `worker` command, started by something that owns more machines.
 //!
-//! An executor starts *workers*, not trials. Each worker pulls missing trials from the shared store until none is left,
-//! so how many of them run, where, and how often they die cannot reach a result: what is missing is started again.
-//! Short trials do not become jobs of their own, and limits on the number of jobs do not limit the number of trials.
+//! An executor starts *workers*, not trials. Each worker pulls missing trials from the shared store until
+//! none is left, so how many of them run, where, and how often they die cannot reach a result: what is
+//! missing is started again. Short trials do not become jobs of their own, and limits on the number of jobs
+//! do not limit the number of trials.
 //!
 //! - An [`Executor`] says what a task is and writes what is handed over for it.
-//! - Where it has a [`Queue`], [`Dispatch`] keeps as many tasks in it as the missing trials are worth, and waits.
-//! - [`all`] is the list of executors; [`slurm`] has a queue, [`kubernetes`] writes a manifest and starts nothing.
+//! - Where it has a [`Queue`], [`Dispatch`] keeps as many tasks in it as the missing trials are worth, and
+//!   waits.
+//! - [`all`] is the list of executors; [`slurm`] has a queue, [`kubernetes`] writes a manifest and starts
+//!   nothing.
 //!
-//! A [`Submission`] is identified by a name of our own, which the jobs carry. A queue may give a job id again after a
-//! crash of its controller, and an accepted job may be forgotten by one: job ids are kept to be shown, never to decide.
+//! A [`Submission`] is identified by a name of our own, which the jobs carry. A queue may give a job id again
+//! after a crash of its controller, and an accepted job may be forgotten by one: job ids are kept to be
+//! shown, never to decide.
 
 mod dispatch;
 mod follow;

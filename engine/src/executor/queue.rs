@@ -9,12 +9,14 @@ use std::{
 
 /// A batch system that takes job arrays and tells which of their tasks live.
 ///
-/// Jobs are found by the name that they carry, [`Submission::job_name`]: an id may be lost, and may be given twice.
+/// Jobs are found by the name that they carry, [`Submission::job_name`]: an id may be lost, and may be given
+/// twice.
 pub trait Queue {
     /// Name of the executor in the list of [`all`](super::all).
     fn name(&self) -> &'static str;
 
-    /// Its options, as they are recorded: [`Options::build`](super::Options::build) makes the executor of them again.
+    /// Its options, as they are recorded: [`Options::build`](super::Options::build) makes the executor of
+    /// them again.
     fn options(&self) -> Value;
 
     /// The most tasks that one array may have.
@@ -44,7 +46,8 @@ pub trait Queue {
     /// Submits a script and returns the job's id.
     ///
     /// # Errors
-    /// [`Error::Refused`] where it says no, [`Error::Busy`] where it does not answer; the job may exist even then.
+    /// [`Error::Refused`] where it says no, [`Error::Busy`] where it does not answer; the job may exist even
+    /// then.
     fn submit(&self, script: &Path) -> Result<String, Error>;
 
     /// Cancels the jobs of a name: all, or those that have not started.
@@ -73,7 +76,10 @@ pub struct Task {
 #[must_use]
 pub fn counts(tasks: &[Task]) -> BTreeMap<&str, usize> {
     let mut counts = BTreeMap::new();
-    tasks.iter().filter(|task| task.alive).for_each(|task| *counts.entry(task.state.as_str()).or_default() += 1);
+    tasks
+        .iter()
+        .filter(|task| task.alive)
+        .for_each(|task| *counts.entry(task.state.as_str()).or_default() += 1);
     counts
 }
 
@@ -85,10 +91,22 @@ pub fn summary(tasks: &[Task]) -> String {
         return "no task".into();
     }
     // In falling order of their names, so that running comes before pending.
-    let parts: Vec<String> = counts.iter().rev().map(|(state, count)| format!("{count} {}", state.to_lowercase())).collect();
-    let reasons: BTreeSet<&str> = tasks.iter().filter_map(|task| task.waits_for.as_deref()).collect();
+    let parts: Vec<String> = counts
+        .iter()
+        .rev()
+        .map(|(state, count)| format!("{count} {}", state.to_lowercase()))
+        .collect();
+    let reasons: BTreeSet<&str> = tasks
+        .iter()
+        .filter_map(|task| task.waits_for.as_deref())
+        .collect();
     let reasons = reasons.into_iter().collect::<Vec<_>>().join(", ");
-    parts.join(", ") + &if reasons.is_empty() { String::new() } else { format!(" ({reasons})") }
+    parts.join(", ")
+        + &if reasons.is_empty() {
+            String::new()
+        } else {
+            format!(" ({reasons})")
+        }
 }
 
 #[cfg(test)]

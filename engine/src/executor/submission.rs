@@ -7,8 +7,8 @@
 //! <store>/submissions/lock                       held by a process while it decides and submits
 //! ```
 //!
-//! The record is written before the jobs are submitted, so there is no job without a record. A crash in between leaves a
-//! record without jobs, which the next look at the queue shows.
+//! The record is written before the jobs are submitted, so there is no job without a record. A crash in
+//! between leaves a record without jobs, which the next look at the queue shows.
 
 use super::{Queue, Work};
 use crate::{
@@ -85,8 +85,9 @@ pub struct Array {
 impl Array {
     /// Divides `tasks` into arrays of at most `largest` tasks, of which `at_once` in all may run at a time.
     ///
-    /// Every array is allowed at least one running task, so there are at most `at_once` of them. Tasks beyond that are left
-    /// out: a worker pulls trials until none is left, and whoever follows submits again where that was not enough.
+    /// Every array is allowed at least one running task, so there are at most `at_once` of them. Tasks beyond
+    /// that are left out: a worker pulls trials until none is left, and whoever follows submits again where
+    /// that was not enough.
     #[must_use]
     pub fn divide(tasks: usize, largest: usize, at_once: usize) -> Vec<Self> {
         let (largest, at_once) = (largest.max(1), at_once.max(1));
@@ -96,7 +97,11 @@ impl Array {
         (0..arrays)
             .map(|position| {
                 let tasks = share(tasks, position);
-                Self { tasks, at_once: share(at_once, position).min(tasks), job: None }
+                Self {
+                    tasks,
+                    at_once: share(at_once, position).min(tasks),
+                    job: None,
+                }
             })
             .collect()
     }
@@ -167,8 +172,10 @@ impl Submission {
     /// Where it cannot be written.
     pub fn save(&self) -> Result<(), Error> {
         let path = self.folder().join("submission.json");
-        let text = serde_json::to_vec_pretty(self)
-            .map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
+        let text = serde_json::to_vec_pretty(self).map_err(|source| Error::Damaged {
+            path: path.clone(),
+            problem: source.to_string(),
+        })?;
         write_durably(&path, &text)
     }
 
@@ -185,14 +192,23 @@ impl Submission {
     /// The last lines of the log that was written to last; empty where there is none.
     #[must_use]
     pub fn log_tail(&self, lines: usize) -> String {
-        let logs = fs::read_dir(self.folder()).into_iter().flatten().flatten().map(|entry| entry.path());
+        let logs = fs::read_dir(self.folder())
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.path());
         let logs = logs.filter(|path| path.extension().is_some_and(|extension| extension == "log"));
         let written = |path: &PathBuf| fs::metadata(path).and_then(|data| data.modified()).ok();
-        let Some(path) = logs.max_by_key(written) else { return String::new() };
+        let Some(path) = logs.max_by_key(written) else {
+            return String::new();
+        };
         let bytes = fs::read(&path).unwrap_or_default();
         let text = String::from_utf8_lossy(&bytes);
         let all: Vec<&str> = text.lines().collect();
-        let tail: Vec<String> = all[all.len().saturating_sub(lines)..].iter().map(|line| format!("\n    {line}")).collect();
+        let tail: Vec<String> = all[all.len().saturating_sub(lines)..]
+            .iter()
+            .map(|line| format!("\n    {line}"))
+            .collect();
         format!("\n  the end of {}:{}", path.display(), tail.concat())
     }
 }
@@ -205,16 +221,26 @@ fn folder_of_all(store: &Path) -> PathBuf {
 fn read(store: &Path, path: &Path) -> Result<Option<Submission>, Error> {
     let text = match fs::read(path) {
         Ok(text) => text,
-        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(None),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+            return Ok(None);
+        }
         Err(source) => return Err(Error::file("read", path)(source)),
     };
-    let submission: Submission = serde_json::from_slice(&text)
-        .map_err(|source| Error::Damaged { path: path.to_path_buf(), problem: source.to_string() })?;
-    Ok(Some(Submission { store: store.to_path_buf(), ..submission }))
+    let submission: Submission = serde_json::from_slice(&text).map_err(|source| Error::Damaged {
+        path: path.to_path_buf(),
+        problem: source.to_string(),
+    })?;
+    Ok(Some(Submission {
+        store: store.to_path_buf(),
+        ..submission
+    }))
 }
 
 /// Creates a folder under a name that no other submission has; the system's randomness is read, no clock.
-#[expect(clippy::disallowed_methods, reason = "a submission needs a name that nobody has, which is in no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a submission needs a name that nobody has, which is in no result"
+)]
 fn unused_name(all: &Path) -> Result<String, Error> {
     loop {
         let random = RandomState::new().hash_one(std::process::id());
@@ -228,8 +254,8 @@ fn unused_name(all: &Path) -> Result<String, Error> {
     }
 }
 
-/// Keeps other processes from deciding about submissions of this store until the file is dropped. The system gives the lock
-/// back when its holder dies.
+/// Keeps other processes from deciding about submissions of this store until the file is dropped. The system
+/// gives the lock back when its holder dies.
 ///
 /// # Errors
 /// Where the lock's file cannot be created or locked.
@@ -237,9 +263,14 @@ pub fn lock(store: &Path) -> Result<File, Error> {
     let folder = folder_of_all(store);
     fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
     let path = folder.join("lock");
-    let file = File::options().create(true).append(true).open(&path).map_err(Error::file("open", &path))?;
+    let file = File::options()
+        .create(true)
+        .append(true)
+        .open(&path)
+        .map_err(Error::file("open", &path))?;
     match file.lock() {
-        // Some shared file systems have no locks. Two submitters at the same instant then submit more workers than are needed.
+        // Some shared file systems have no locks. Two submitters at the same instant then submit more workers
+        // than are needed.
         Err(error) if error.kind() != ErrorKind::Unsupported => Err(Error::file("lock", &path)(error)),
         _ => Ok(file),
     }
@@ -252,12 +283,23 @@ mod tests {
     use proptest::prelude::*;
 
     fn work() -> Work {
-        Work { specs: vec!["a.yaml".into()], program: "regimen".into(), arguments: vec!["worker".into()], folder: "/".into() }
+        Work {
+            specs: vec!["a.yaml".into()],
+            program: "regimen".into(),
+            arguments: vec!["worker".into()],
+            folder: "/".into(),
+        }
     }
 
     fn create(store: &Path) -> Submission {
-        let array = Array { tasks: 2, at_once: 1, job: None };
-        let slurm = Slurm { options: slurm::Options::default() };
+        let array = Array {
+            tasks: 2,
+            at_once: 1,
+            job: None,
+        };
+        let slurm = Slurm {
+            options: slurm::Options::default(),
+        };
         let mut submission = Submission::sample(store, &work(), &slurm, vec![array]);
         submission.trials.insert("t".to_owned());
         submission.enter().unwrap();
@@ -283,7 +325,10 @@ mod tests {
         let store = tempfile::tempdir().unwrap();
         let one = create(store.path());
         let mut record = serde_json::to_value(&one).unwrap();
-        assert_eq!(record.as_object_mut().unwrap().remove("executor"), Some("slurm".into()));
+        assert_eq!(
+            record.as_object_mut().unwrap().remove("executor"),
+            Some("slurm".into())
+        );
         fs::write(one.folder().join("submission.json"), record.to_string()).unwrap();
         assert_eq!(Submission::all(store.path()).unwrap(), [one]);
     }
@@ -295,7 +340,10 @@ mod tests {
         fs::remove_file(one.folder().join("submission.json")).unwrap();
         assert_eq!(Submission::all(store.path()).unwrap(), []);
         fs::write(one.folder().join("submission.json"), "{").unwrap();
-        assert!(matches!(Submission::all(store.path()), Err(Error::Damaged { .. })));
+        assert!(matches!(
+            Submission::all(store.path()),
+            Err(Error::Damaged { .. })
+        ));
     }
 
     #[test]
@@ -310,7 +358,10 @@ mod tests {
     #[test]
     fn large_arrays_are_divided() {
         let sizes = |tasks, largest, at_once| -> Vec<(usize, usize)> {
-            Array::divide(tasks, largest, at_once).iter().map(|array| (array.tasks, array.at_once)).collect()
+            Array::divide(tasks, largest, at_once)
+                .iter()
+                .map(|array| (array.tasks, array.at_once))
+                .collect()
         };
         assert_eq!(sizes(5, 1001, 100), [(5, 5)]);
         assert_eq!(sizes(2500, 1001, 16), [(834, 6), (833, 5), (833, 5)]);
@@ -320,7 +371,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_array_is_empty_too_large_or_too_wide(tasks in 0usize..5000, largest in 1usize..2000, at_once in 1usize..300) {
+        fn no_array_is_empty_too_large_or_too_wide(tasks in 0usize..5000, largest in 1usize..2000,
+            at_once in 1usize..300) {
             let arrays = Array::divide(tasks, largest, at_once);
             prop_assert!(arrays.iter().all(|array| (1..=largest).contains(&array.tasks)));
             prop_assert!(arrays.iter().all(|array| (1..=array.tasks).contains(&array.at_once)));

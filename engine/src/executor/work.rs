@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// What is started on another machine: a program with arguments, in a folder that both machines see under the same path.
+/// What is started on another machine: a program with arguments, in a folder that both machines see under the
+/// same path.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Work {
     /// The studies, as written on the command line.
@@ -30,7 +31,11 @@ impl Work {
 #[must_use]
 pub fn quoted(word: &str) -> String {
     let plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./=:@%+,".contains(letter);
-    if !word.is_empty() && word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', r"'\''")) }
+    if !word.is_empty() && word.chars().all(plain) {
+        word.into()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
 }
 
 #[cfg(test)]
@@ -39,8 +44,19 @@ mod tests {
 
     #[test]
     fn words_come_back_from_a_shell_as_they_were() {
-        for word in ["plain", "", "two words", "it's", "$HOME `id` \"x\"", "a\\b", "dsac.discount=0.9"] {
-            let output = std::process::Command::new("sh").args(["-c", &format!("printf %s {}", quoted(word))]).output().unwrap();
+        for word in [
+            "plain",
+            "",
+            "two words",
+            "it's",
+            "$HOME `id` \"x\"",
+            "a\\b",
+            "dsac.discount=0.9",
+        ] {
+            let output = std::process::Command::new("sh")
+                .args(["-c", &format!("printf %s {}", quoted(word))])
+                .output()
+                .unwrap();
             assert_eq!(String::from_utf8(output.stdout).unwrap(), word);
         }
     }

@@ -34,18 +34,29 @@ pub(super) struct Frame {
 }
 
 impl Range {
-    /// The range that holds all finite values (all positive ones if logarithmic), widened by a part of itself on each side.
+    /// The range that holds all finite values (all positive ones if logarithmic), widened by a part of itself
+    /// on each side.
     pub(super) fn around(values: impl Iterator<Item = f64>, log: bool, padding: f64) -> Self {
         let usable = values
             .filter(|value| value.is_finite() && (!log || *value > 0.0))
             .map(|value| if log { value.log10() } else { value });
-        let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+            (low.min(value), high.max(value))
+        });
         let (low, high) = match (low <= high, high - low > 1e-12 * high.abs().max(low.abs())) {
             (false, _) => (0.0, 1.0),
             (true, false) => (low - 0.5 * low.abs().max(0.1), low + 0.5 * low.abs().max(0.1)),
             (true, true) => (low - padding * (high - low), high + padding * (high - low)),
         };
-        if log { Self { low: 10f64.powf(low), high: 10f64.powf(high), log } } else { Self { low, high, log } }
+        if log {
+            Self {
+                low: 10f64.powf(low),
+                high: 10f64.powf(high),
+                log,
+            }
+        } else {
+            Self { low, high, log }
+        }
     }
 
     /// Where a value lies: 0 at the lower end, 1 at the upper one, never beyond.
@@ -62,17 +73,27 @@ impl Range {
 impl Frame {
     /// The place of a pair of values.
     pub(super) fn at(&self, x: f64, y: f64) -> Place {
-        (self.left + self.x.part(x) * (self.right - self.left), self.bottom - self.y.part(y) * (self.bottom - self.top))
+        (
+            self.left + self.x.part(x) * (self.right - self.left),
+            self.bottom - self.y.part(y) * (self.bottom - self.top),
+        )
     }
 }
 
 /// Ticks that fit on `length` points.
 pub(super) fn ticks(scale: &Scale, range: Range, length: f64, horizontal: bool) -> Vec<Tick> {
     if !scale.categories.is_empty() {
-        let tick = |(index, name): (usize, &String)| Tick { value: count(index), text: name.replace('_', " ") };
+        let tick = |(index, name): (usize, &String)| Tick {
+            value: count(index),
+            text: name.replace('_', " "),
+        };
         return scale.categories.iter().enumerate().map(tick).collect();
     }
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a length on paper")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a length on paper"
+    )]
     let mut wanted = (length / if horizontal { 34.0 } else { 24.0 }).max(2.0) as usize;
     loop {
         let ticks = if range.log {
@@ -80,7 +101,11 @@ pub(super) fn ticks(scale: &Scale, range: Range, length: f64, horizontal: bool) 
         } else {
             ticks::linear(range.low, range.high, wanted)
         };
-        let room: f64 = ticks.iter().filter(|tick| !tick.text.is_empty()).map(|tick| text_width(&tick.text, TEXT) + 8.0).sum();
+        let room: f64 = ticks
+            .iter()
+            .filter(|tick| !tick.text.is_empty())
+            .map(|tick| text_width(&tick.text, TEXT) + 8.0)
+            .sum();
         if wanted <= 1 || !horizontal || room <= length + 8.0 {
             return ticks;
         }
@@ -93,8 +118,15 @@ pub(super) fn background(frame: &Frame, panel: &Panel, grid: bool, marks: &mut V
     if !grid {
         return;
     }
-    let faint = |points: Vec<Place>| Mark::Line { points, width: 0.4, color: FAINT };
-    for tick in ticks(&panel.y, frame.y, frame.bottom - frame.top, false).iter().filter(|tick| !tick.text.is_empty()) {
+    let faint = |points: Vec<Place>| Mark::Line {
+        points,
+        width: 0.4,
+        color: FAINT,
+    };
+    for tick in ticks(&panel.y, frame.y, frame.bottom - frame.top, false)
+        .iter()
+        .filter(|tick| !tick.text.is_empty())
+    {
         let (_, y) = frame.at(frame.x.low, tick.value);
         marks.push(faint(vec![(frame.left, y), (frame.right, y)]));
     }
@@ -109,8 +141,16 @@ pub(super) fn background(frame: &Frame, panel: &Panel, grid: bool, marks: &mut V
 
 /// The lines of both axes.
 pub(super) fn border(frame: &Frame, marks: &mut Vec<Mark>) {
-    let points = vec![(frame.left, frame.top), (frame.left, frame.bottom), (frame.right, frame.bottom)];
-    marks.push(Mark::Line { points, width: 0.6, color: INK });
+    let points = vec![
+        (frame.left, frame.top),
+        (frame.left, frame.bottom),
+        (frame.right, frame.bottom),
+    ];
+    marks.push(Mark::Line {
+        points,
+        width: 0.6,
+        color: INK,
+    });
 }
 
 /// Ticks and numbers of the vertical axis.
@@ -118,7 +158,11 @@ pub(super) fn vertical(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) {
     for tick in ticks(scale, frame.y, frame.bottom - frame.top, false) {
         let (_, y) = frame.at(frame.x.low, tick.value);
         let length = if tick.text.is_empty() { TICK * 0.6 } else { TICK };
-        marks.push(Mark::Line { points: vec![(frame.left - length, y), (frame.left, y)], width: 0.6, color: INK });
+        marks.push(Mark::Line {
+            points: vec![(frame.left - length, y), (frame.left, y)],
+            width: 0.6,
+            color: INK,
+        });
         marks.push(text((frame.left - TICK - 2.0, y), &tick.text, HPos::Right));
     }
 }
@@ -131,8 +175,16 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
     for tick in ticks {
         let (x, _) = frame.at(tick.value, frame.y.low);
         let length = if tick.text.is_empty() { TICK * 0.6 } else { TICK };
-        marks.push(Mark::Line { points: vec![(x, frame.bottom), (x, frame.bottom + length)], width: 0.6, color: INK });
-        let lines = if scale.categories.is_empty() { vec![tick.text] } else { break_lines(&tick.text, slot) };
+        marks.push(Mark::Line {
+            points: vec![(x, frame.bottom), (x, frame.bottom + length)],
+            width: 0.6,
+            color: INK,
+        });
+        let lines = if scale.categories.is_empty() {
+            vec![tick.text]
+        } else {
+            break_lines(&tick.text, slot)
+        };
         for (index, line) in lines.iter().enumerate() {
             let down = TICK + 2.0 + LINE * (count(index) + 0.5);
             marks.push(text((x, frame.bottom + down), line, HPos::Center));
@@ -142,11 +194,18 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
     TICK + 2.0 + lowest * LINE
 }
 
-/// An upright label in one line, or in several where it is longer than the room; `x` is the middle of the first.
+/// An upright label in one line, or in several where it is longer than the room; `x` is the middle of the
+/// first.
 pub(super) fn upright(label: &str, (x, y): Place, room: f64, marks: &mut Vec<Mark>) {
     for (index, line) in break_lines(label, room).into_iter().enumerate() {
         let at = (x + LINE * count(index), y);
-        marks.push(Mark::Text { at, text: line, size: TEXT, align: HPos::Center, upright: true });
+        marks.push(Mark::Text {
+            at,
+            text: line,
+            size: TEXT,
+            align: HPos::Center,
+            upright: true,
+        });
     }
 }
 
@@ -179,7 +238,14 @@ mod tests {
         assert!(flat.low < 4.0 && flat.high > 4.0);
         let log = Range::around([0.01, 1.0, -5.0].into_iter(), true, 0.0);
         assert!((log.part(0.1) - 0.5).abs() < 1e-12);
-        assert_eq!(Range::around(std::iter::empty(), false, 0.1), Range { low: 0.0, high: 1.0, log: false });
+        assert_eq!(
+            Range::around(std::iter::empty(), false, 0.1),
+            Range {
+                low: 0.0,
+                high: 1.0,
+                log: false
+            }
+        );
     }
 
     #[test]

@@ -50,17 +50,42 @@ fn build(kind: &Bars, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, 
     let mut y = context.scale(spec, &kind.of.value, false);
     if kind.of.relative_to.is_some() {
         let label = grid.quantity.label();
-        y.label = spaced(&if grid.unit.is_empty() { label } else { format!("{label} ({})", grid.unit) });
+        y.label = spaced(&if grid.unit.is_empty() {
+            label
+        } else {
+            format!("{label} ({})", grid.unit)
+        });
     }
     y.includes = vec![0.0];
     let series = (0..grid.columns.len()).map(|column| {
         let style = bar_style(&grid, column, context);
-        let label =
-            if grid.columns.len() == 1 { String::new() } else { named(&grid.columns[column].name, &grid.columns[column].label) };
-        Series { label, seeds: None, style, shape: Shape::Bars(bar_points(&grid, column), 0.8 / count(grid.columns.len())) }
+        let label = if grid.columns.len() == 1 {
+            String::new()
+        } else {
+            named(&grid.columns[column].name, &grid.columns[column].label)
+        };
+        Series {
+            label,
+            seeds: None,
+            style,
+            shape: Shape::Bars(bar_points(&grid, column), 0.8 / count(grid.columns.len())),
+        }
     });
-    let panel = Panel { series: series.collect(), x: Scale { categories, ..Scale::default() }, y, ..Panel::default() };
-    Ok(Chart { panels: vec![panel], columns: 1, notes: grid.footnotes(Intervals::AsLines), ..Chart::default() })
+    let panel = Panel {
+        series: series.collect(),
+        x: Scale {
+            categories,
+            ..Scale::default()
+        },
+        y,
+        ..Panel::default()
+    };
+    Ok(Chart {
+        panels: vec![panel],
+        columns: 1,
+        notes: grid.footnotes(Intervals::AsLines),
+        ..Chart::default()
+    })
 }
 
 fn bar_style(grid: &Grid, column: usize, context: Context<'_>) -> Style {
@@ -68,7 +93,10 @@ fn bar_style(grid: &Grid, column: usize, context: Context<'_>) -> Style {
     if context.agents.contains(name) {
         context.style(name)
     } else {
-        Style { hue: Hue::Ramp(column, grid.columns.len().max(2)), variant: column }
+        Style {
+            hue: Hue::Ramp(column, grid.columns.len().max(2)),
+            variant: column,
+        }
     }
 }
 
@@ -77,7 +105,11 @@ fn bar_points(grid: &Grid, column: usize) -> Vec<Point> {
     let offset = (count(column) + 0.5) * width - 0.4;
     let point = |(row, cells): (usize, &Vec<table::Cell>)| {
         let cell = &cells[column];
-        Some(Point { x: count(row) + offset, y: cell.estimate?, interval: cell.interval })
+        Some(Point {
+            x: count(row) + offset,
+            y: cell.estimate?,
+            interval: cell.interval,
+        })
     };
     grid.cells.iter().enumerate().filter_map(point).collect()
 }

@@ -29,8 +29,14 @@ pub struct Context<'a> {
 pub fn build(spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let mut chart = spec.kind.it().build(spec, context)?;
     for panel in &mut chart.panels {
-        panel.x.label = spec.x_label.clone().unwrap_or_else(|| std::mem::take(&mut panel.x.label));
-        panel.y.label = spec.y_label.clone().unwrap_or_else(|| std::mem::take(&mut panel.y.label));
+        panel.x.label = spec
+            .x_label
+            .clone()
+            .unwrap_or_else(|| std::mem::take(&mut panel.x.label));
+        panel.y.label = spec
+            .y_label
+            .clone()
+            .unwrap_or_else(|| std::mem::take(&mut panel.y.label));
     }
     chart.notes.extend(spec.notes.iter().cloned());
     Ok(chart)
@@ -40,8 +46,14 @@ impl Context<'_> {
     /// The look of an agent, the same in all figures of the study.
     pub(super) fn style(&self, agent: &str) -> Style {
         let position = self.agents.iter().position(|name| name == agent);
-        let all = Scope { trials: self.results.trials.iter().collect() };
-        Style::of_agent(position.or_else(|| all.names(Axis::Agent, &[]).iter().position(|name| name == agent)).unwrap_or(0))
+        let all = Scope {
+            trials: self.results.trials.iter().collect(),
+        };
+        Style::of_agent(
+            position
+                .or_else(|| all.names(Axis::Agent, &[]).iter().position(|name| name == agent))
+                .unwrap_or(0),
+        )
     }
 
     /// Label of an axis that shows a metric: its name with spaces, and its unit.
@@ -53,7 +65,11 @@ impl Context<'_> {
             .get(metric)
             .or_else(|| self.units.get(&format!("{metric}_1")))
             .filter(|unit| !unit.is_empty() && *unit != "1");
-        Scale { label: unit.map_or(name.clone(), |unit| format!("{name} ({unit})")), log, ..Scale::default() }
+        Scale {
+            label: unit.map_or(name.clone(), |unit| format!("{name} ({unit})")),
+            log,
+            ..Scale::default()
+        }
     }
 }
 
@@ -64,7 +80,11 @@ pub(super) fn label(spec: &FigureSpec, name: &str) -> String {
 
 /// An agent's name with its setting, where the agent has more than one.
 pub(super) fn label_with_setting(spec: &FigureSpec, agent: &str, setting: &str) -> String {
-    if setting.is_empty() { label(spec, agent) } else { format!("{}, {}", label(spec, agent), label(spec, setting)) }
+    if setting.is_empty() {
+        label(spec, agent)
+    } else {
+        format!("{}, {}", label(spec, agent), label(spec, setting))
+    }
 }
 
 /// A chart with one panel per environment, titled where there are several.
@@ -87,13 +107,26 @@ pub(super) fn by_environment(
     if panels.iter().all(|panel| panel.series.is_empty()) {
         return Err(problem("no trial has recorded what it shows"));
     }
-    let columns = if panels.len() == 4 { 2 } else { panels.len().clamp(1, 3) };
-    Ok(Chart { columns, panels, ..Chart::default() })
+    let columns = if panels.len() == 4 {
+        2
+    } else {
+        panels.len().clamp(1, 3)
+    };
+    Ok(Chart {
+        columns,
+        panels,
+        ..Chart::default()
+    })
 }
 
 /// A line across the panel at the mean of agents that do not learn.
 pub(super) fn level(label: String, style: Style, seeds: (usize, usize), value: f64) -> Series {
-    Series { label, seeds: Some(seeds), style, shape: Shape::Level(value) }
+    Series {
+        label,
+        seeds: Some(seeds),
+        style,
+        shape: Shape::Level(value),
+    }
 }
 
 #[allow(clippy::cast_precision_loss, reason = "a count of rows or columns")]
@@ -107,5 +140,8 @@ pub(super) fn spaced(name: &str) -> String {
 }
 
 pub(super) fn problem(problem: &str) -> Error {
-    Error::Render { what: "figure".into(), problem: problem.into() }
+    Error::Render {
+        what: "figure".into(),
+        problem: problem.into(),
+    }
 }

@@ -179,26 +179,60 @@ impl Shape {
     /// The single runs of a learning curve, as far as they are drawn.
     #[must_use]
     pub fn runs(&self) -> &[RunLine] {
-        if let Shape::Curve(curve) = self { &curve.runs } else { &[] }
+        if let Shape::Curve(curve) = self {
+            &curve.runs
+        } else {
+            &[]
+        }
     }
 
     fn with_runs(&self) -> impl Iterator<Item = &Point> + '_ {
-        self.points().iter().chain(self.runs().iter().flat_map(|run| &run.points))
+        self.points()
+            .iter()
+            .chain(self.runs().iter().flat_map(|run| &run.points))
     }
 
     /// All vertical values that the axis must hold, bands and single runs included.
     pub fn heights(&self) -> impl Iterator<Item = f64> + '_ {
-        let level = if let Shape::Level(level) = self { Some(*level) } else { None };
-        let surface = if let Shape::Surface(surface) = self { surface.y.as_slice() } else { &[] };
-        let ends = |point: &Point| [Some(point.y), point.interval.map(|ends| ends.0), point.interval.map(|ends| ends.1)];
-        self.with_runs().flat_map(ends).flatten().chain(level).chain(surface.iter().copied())
+        let level = if let Shape::Level(level) = self {
+            Some(*level)
+        } else {
+            None
+        };
+        let surface = if let Shape::Surface(surface) = self {
+            surface.y.as_slice()
+        } else {
+            &[]
+        };
+        let ends = |point: &Point| {
+            [
+                Some(point.y),
+                point.interval.map(|ends| ends.0),
+                point.interval.map(|ends| ends.1),
+            ]
+        };
+        self.with_runs()
+            .flat_map(ends)
+            .flatten()
+            .chain(level)
+            .chain(surface.iter().copied())
     }
 
     /// All horizontal values that the axis must hold, widths of bars included.
     pub fn places(&self) -> impl Iterator<Item = f64> + '_ {
-        let half = if let Shape::Bars(_, width) = self { width / 2.0 } else { 0.0 };
-        let surface = if let Shape::Surface(surface) = self { surface.x.as_slice() } else { &[] };
-        self.with_runs().flat_map(move |point| [point.x - half, point.x + half]).chain(surface.iter().copied())
+        let half = if let Shape::Bars(_, width) = self {
+            width / 2.0
+        } else {
+            0.0
+        };
+        let surface = if let Shape::Surface(surface) = self {
+            surface.x.as_slice()
+        } else {
+            &[]
+        };
+        self.with_runs()
+            .flat_map(move |point| [point.x - half, point.x + half])
+            .chain(surface.iter().copied())
     }
 }
 
@@ -215,19 +249,30 @@ impl Series {
 }
 
 impl Chart {
-    /// The data of the figure, one line per point; `run` names a single run and is empty for what is shown of all runs.
+    /// The data of the figure, one line per point; `run` names a single run and is empty for what is shown of
+    /// all runs.
     ///
     /// # Errors
     /// [`Error::Render`] where the writer refuses.
     pub fn csv(&self) -> Result<String, Error> {
-        let header = ["panel", "series", "n", "x", "y", "low", "high", "z", "run"].map(String::from).to_vec();
+        let header = ["panel", "series", "n", "x", "y", "low", "high", "z", "run"]
+            .map(String::from)
+            .to_vec();
         let mut lines = vec![header];
         for (index, panel) in self.panels.iter().enumerate() {
-            let name = if panel.title.is_empty() { (index + 1).to_string() } else { panel.title.clone() };
+            let name = if panel.title.is_empty() {
+                (index + 1).to_string()
+            } else {
+                panel.title.clone()
+            };
             for series in &panel.series {
                 let n = series.seeds.map_or(String::new(), |(n, _)| n.to_string());
                 let head = [name.clone(), series.label.clone(), n];
-                lines.extend(fields(&series.shape, &panel.x).into_iter().map(|tail| head.iter().cloned().chain(tail).collect()));
+                lines.extend(
+                    fields(&series.shape, &panel.x)
+                        .into_iter()
+                        .map(|tail| head.iter().cloned().chain(tail).collect()),
+                );
             }
         }
         write_csv(&lines)
@@ -240,13 +285,27 @@ fn fields(shape: &Shape, x: &Scale) -> Vec<[String; 6]> {
         Shape::Level(level) => vec![[none(), level.to_string(), none(), none(), none(), none()]],
         Shape::Surface(surface) => {
             let row = |(y, z): (&f64, &Vec<f64>)| {
-                let cell = |(x, z): (&f64, &f64)| [x.to_string(), y.to_string(), none(), none(), z.to_string(), none()];
+                let cell = |(x, z): (&f64, &f64)| {
+                    [
+                        x.to_string(),
+                        y.to_string(),
+                        none(),
+                        none(),
+                        z.to_string(),
+                        none(),
+                    ]
+                };
                 surface.x.iter().zip(z).map(cell).collect::<Vec<_>>()
             };
             surface.y.iter().zip(&surface.z).flat_map(row).collect()
         }
         _ => {
-            let of_run = |run: &RunLine| run.points.iter().map(|point| point_fields(point, x, &run.name)).collect::<Vec<_>>();
+            let of_run = |run: &RunLine| {
+                run.points
+                    .iter()
+                    .map(|point| point_fields(point, x, &run.name))
+                    .collect::<Vec<_>>()
+            };
             let line = shape.points().iter().map(|point| point_fields(point, x, ""));
             line.chain(shape.runs().iter().flat_map(of_run)).collect()
         }
@@ -254,7 +313,11 @@ fn fields(shape: &Shape, x: &Scale) -> Vec<[String; 6]> {
 }
 
 fn point_fields(point: &Point, x: &Scale, run: &str) -> [String; 6] {
-    let (low, high) = point.interval.map_or((String::new(), String::new()), |(low, high)| (low.to_string(), high.to_string()));
+    let (low, high) = point
+        .interval
+        .map_or((String::new(), String::new()), |(low, high)| {
+            (low.to_string(), high.to_string())
+        });
     let place = x.name_at(point.x).unwrap_or_else(|| point.x.to_string());
     [place, point.y.to_string(), low, high, String::new(), run.into()]
 }

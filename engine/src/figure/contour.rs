@@ -54,7 +54,11 @@ fn check_path(names: &mut Names<'_>, at: &Place<'_>, picked: &Picked) {
     let Some(list) = at.below("path") else { return };
     let items = list.node.items();
     if ![0, 2].contains(&items.len()) {
-        names.say(at.value("path"), format!("`path` needs 2 names, but has {}", items.len()), "");
+        names.say(
+            at.value("path"),
+            format!("`path` needs 2 names, but has {}", items.len()),
+            "",
+        );
     }
     let recorded = names.recorded(picked);
     for item in items {
@@ -76,7 +80,11 @@ fn build(kind: &Contour, spec: &FigureSpec, context: Context<'_>) -> Result<Char
     let titled = trials.len() > 1;
     let panel = |trial: &&TrialResult| {
         Ok(Panel {
-            title: if titled { label(spec, &trial.trial.agent) } else { String::new() },
+            title: if titled {
+                label(spec, &trial.trial.agent)
+            } else {
+                String::new()
+            },
             x: context.scale(spec, x, false),
             y: context.scale(spec, y, false),
             series: series(kind, spec, context, trial)?,
@@ -84,13 +92,25 @@ fn build(kind: &Contour, spec: &FigureSpec, context: Context<'_>) -> Result<Char
     };
     let panels = trials.iter().map(panel).collect::<Result<Vec<_>, Error>>()?;
     let columns = if panels.len() == 4 { 2 } else { panels.len().min(3) };
-    let notes = vec![format!("{}; a point is the mean over the episodes of a measurement.", seeds(&trials))];
-    Ok(Chart { columns, panels, shared_y: true, notes, ..Chart::default() })
+    let notes = vec![format!(
+        "{}; a point is the mean over the episodes of a measurement.",
+        seeds(&trials)
+    )];
+    Ok(Chart {
+        columns,
+        panels,
+        shared_y: true,
+        notes,
+        ..Chart::default()
+    })
 }
 
 /// The seeds of the panels: the same for all unless some have no result.
 fn seeds(trials: &[&TrialResult]) -> String {
-    let seeds: Vec<String> = trials.iter().map(|trial| trial.trial.key.seed.to_string()).collect();
+    let seeds: Vec<String> = trials
+        .iter()
+        .map(|trial| trial.trial.key.seed.to_string())
+        .collect();
     if seeds.iter().all(|seed| *seed == seeds[0]) {
         return format!("Seed {}", seeds[0]);
     }
@@ -100,25 +120,53 @@ fn seeds(trials: &[&TrialResult]) -> String {
 fn trials<'a>(kind: &Contour, context: Context<'a>) -> Vec<&'a TrialResult> {
     let environments: Vec<String> = kind.environment.iter().cloned().collect();
     let scope = Scope::of(context.results, &kind.agents, &environments);
-    let environment = scope.names(Axis::Environment, &[]).into_iter().next().unwrap_or_default();
+    let environment = scope
+        .names(Axis::Environment, &[])
+        .into_iter()
+        .next()
+        .unwrap_or_default();
     let scope = scope.at(Axis::Environment, &environment);
     let fits = |trial: &&TrialResult| {
         let has_seed = kind.seed.is_none_or(|seed| trial.trial.key.seed == seed);
         has_seed && trial.select(Phase::Trace, &kind.surface[0]).next().is_some()
     };
     let agents = scope.names(Axis::Agent, &kind.agents);
-    agents.iter().filter_map(|agent| scope.at(Axis::Agent, agent).trials.into_iter().find(fits)).collect()
+    agents
+        .iter()
+        .filter_map(|agent| scope.at(Axis::Agent, agent).trials.into_iter().find(fits))
+        .collect()
 }
 
-fn series(kind: &Contour, spec: &FigureSpec, context: Context<'_>, trial: &TrialResult) -> Result<Vec<Series>, Error> {
-    let values = |metric: &String| trial.select(Phase::Trace, metric).map(|row| row.value).collect::<Vec<f64>>();
+fn series(
+    kind: &Contour,
+    spec: &FigureSpec,
+    context: Context<'_>,
+    trial: &TrialResult,
+) -> Result<Vec<Series>, Error> {
+    let values = |metric: &String| {
+        trial
+            .select(Phase::Trace, metric)
+            .map(|row| row.value)
+            .collect::<Vec<f64>>()
+    };
     let columns: Vec<Vec<f64>> = kind.surface.iter().map(values).collect();
     let surface = surface(&columns, context.scale(spec, &kind.surface[2], false).label)?;
     let highest = highest(&surface);
-    let unnamed = |shape| Series { label: String::new(), seeds: None, style: Style::default(), shape };
+    let unnamed = |shape| Series {
+        label: String::new(),
+        seeds: None,
+        style: Style::default(),
+        shape,
+    };
     let mut series = vec![unnamed(Shape::Surface(surface))];
-    series.extend(path(kind, trial).map(|(label, points)| Series { label, ..unnamed(Shape::Path(points)) }));
-    series.push(Series { label: "highest point".into(), ..unnamed(Shape::Crosses(vec![highest])) });
+    series.extend(path(kind, trial).map(|(label, points)| Series {
+        label,
+        ..unnamed(Shape::Path(points))
+    }));
+    series.push(Series {
+        label: "highest point".into(),
+        ..unnamed(Shape::Crosses(vec![highest]))
+    });
     Ok(series)
 }
 
@@ -128,18 +176,37 @@ fn path(kind: &Contour, trial: &TrialResult) -> Option<(String, Vec<Point>)> {
     let [x, y] = kind.path.as_slice() else { return None };
     let (x, y) = (trial.curve(Phase::Evaluate, x), trial.curve(Phase::Evaluate, y));
     let (first, last) = (x.first()?.0, x.last()?.0);
-    let points = x.into_iter().zip(y).map(|((_, x), (_, y))| Point { x, y, interval: None }).collect();
+    let points = x
+        .into_iter()
+        .zip(y)
+        .map(|((_, x), (_, y))| Point { x, y, interval: None })
+        .collect();
     Some((format!("measurements from step {first} to step {last}"), points))
 }
 
 fn highest(surface: &Surface) -> Point {
     let row = |(y, heights): (&f64, &Vec<f64>)| {
-        let cells: Vec<_> =
-            surface.x.iter().zip(heights).map(|(x, height)| (*height, Point { x: *x, y: *y, interval: None })).collect();
+        let cells: Vec<_> = surface
+            .x
+            .iter()
+            .zip(heights)
+            .map(|(x, height)| {
+                (
+                    *height,
+                    Point {
+                        x: *x,
+                        y: *y,
+                        interval: None,
+                    },
+                )
+            })
+            .collect();
         cells
     };
     let cells = surface.y.iter().zip(&surface.z).flat_map(row);
-    cells.max_by(|one, other| one.0.total_cmp(&other.0)).map_or(Point::default(), |(_, point)| point)
+    cells
+        .max_by(|one, other| one.0.total_cmp(&other.0))
+        .map_or(Point::default(), |(_, point)| point)
 }
 
 /// Points in any order as a full grid.
@@ -170,17 +237,44 @@ mod tests {
 
     #[test]
     fn points_become_a_grid_or_are_refused() {
-        let columns = [vec![1.0, 0.0, 0.0, 1.0], vec![0.0, 0.0, 2.0, 2.0], vec![10.0, 0.0, 2.0, 12.0]];
+        let columns = [
+            vec![1.0, 0.0, 0.0, 1.0],
+            vec![0.0, 0.0, 2.0, 2.0],
+            vec![10.0, 0.0, 2.0, 12.0],
+        ];
         let grid = surface(&columns, String::new()).unwrap();
-        assert_eq!((grid.x, grid.y, grid.z), (vec![0.0, 1.0], vec![0.0, 2.0], vec![vec![0.0, 10.0], vec![2.0, 12.0]]));
+        assert_eq!(
+            (grid.x, grid.y, grid.z),
+            (
+                vec![0.0, 1.0],
+                vec![0.0, 2.0],
+                vec![vec![0.0, 10.0], vec![2.0, 12.0]]
+            )
+        );
         let short: Vec<Vec<f64>> = columns.iter().map(|column| column[..3].to_vec()).collect();
-        assert!(surface(&short, String::new()).unwrap_err().to_string().contains("no full grid"));
+        assert!(
+            surface(&short, String::new())
+                .unwrap_err()
+                .to_string()
+                .contains("no full grid")
+        );
     }
 
     #[test]
     fn the_highest_point_is_found() {
-        let grid =
-            Surface { x: vec![1.0, 2.0], y: vec![3.0, 4.0], z: vec![vec![-5.0, -1.0], vec![-2.0, -3.0]], label: String::new() };
-        assert_eq!(highest(&grid), Point { x: 2.0, y: 3.0, interval: None });
+        let grid = Surface {
+            x: vec![1.0, 2.0],
+            y: vec![3.0, 4.0],
+            z: vec![vec![-5.0, -1.0], vec![-2.0, -3.0]],
+            label: String::new(),
+        };
+        assert_eq!(
+            highest(&grid),
+            Point {
+                x: 2.0,
+                y: 3.0,
+                interval: None
+            }
+        );
     }
 }

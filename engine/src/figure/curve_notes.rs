@@ -9,10 +9,18 @@ use super::{
 /// What is drawn, and nothing that is not.
 pub(super) fn sentences(kind: &LearningCurve, chart: &Chart) -> Vec<String> {
     let drawn = Drawn { kind, chart };
-    [drawn.lines(), drawn.smoothing(), drawn.thin_lines(), drawn.bands(), drawn.short_dashes(), drawn.levels(), drawn.published()]
-        .into_iter()
-        .flatten()
-        .collect()
+    [
+        drawn.lines(),
+        drawn.smoothing(),
+        drawn.thin_lines(),
+        drawn.bands(),
+        drawn.short_dashes(),
+        drawn.levels(),
+        drawn.published(),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 struct Drawn<'a> {
@@ -31,28 +39,45 @@ impl Drawn<'_> {
             0 => String::new(),
             step => format!(", from step {step} on"),
         };
-        self.any(is_own).then(|| format!("Lines are {lines} over n seeds{from}."))
+        self.any(is_own)
+            .then(|| format!("Lines are {lines} over n seeds{from}."))
     }
 
     fn smoothing(&self) -> Option<String> {
         let weight = self.kind.smooth;
         let smoothed = weight > 0.0 && self.any(is_own);
-        smoothed.then(|| format!("The curve of each seed was smoothed first, by a moving average (weight of the past {weight})."))
+        smoothed.then(|| {
+            format!(
+                "The curve of each seed was smoothed first, by a moving average (weight of \
+                                  the past {weight})."
+            )
+        })
     }
 
     fn thin_lines(&self) -> Option<String> {
         let thin = |curve: &Curve| is_own(curve) && !curve.runs.is_empty();
-        let place = if self.in_all(thin) { String::new() } else { format!(", in panels where an agent has at most {FEW}") };
-        self.any(thin).then(|| format!("Thin lines are the seeds{place}."))
+        let place = if self.in_all(thin) {
+            String::new()
+        } else {
+            format!(", in panels where an agent has at most {FEW}")
+        };
+        self.any(thin)
+            .then(|| format!("Thin lines are the seeds{place}."))
     }
 
     fn bands(&self) -> Option<String> {
         let band = match self.kind.band {
-            Band::Sd => "one standard deviation to each side, which may leave the range of possible values".into(),
+            Band::Sd => {
+                "one standard deviation to each side, which may leave the range of possible values".into()
+            }
             Band::Range => "from the smallest to the largest seed".into(),
             Band::Auto | Band::Interval | Band::None => self.interval(),
         };
-        let place = if self.kind.band == Band::Auto && !self.in_all(has_band) { ", in the other panels" } else { "" };
+        let place = if self.kind.band == Band::Auto && !self.in_all(has_band) {
+            ", in the other panels"
+        } else {
+            ""
+        };
         self.any(has_band).then(|| format!("Bands are {band}{place}."))
     }
 
@@ -62,32 +87,67 @@ impl Drawn<'_> {
             Line::Iqm => "95 % percentile bootstrap intervals of the interquartile mean".into(),
             Line::Mean => {
                 let few = self.series().any(|(n, curve)| n <= FEW && has_band(curve));
-                let place = if few { format!(" from {} seeds on", FEW + 1) } else { String::new() };
-                let beyond = if few { "; with fewer they may leave the range of possible values" } else { "" };
-                format!("95 % Student-t intervals of the mean, cut at the smallest and the largest seed{place}{beyond}")
+                let place = if few {
+                    format!(" from {} seeds on", FEW + 1)
+                } else {
+                    String::new()
+                };
+                let beyond = if few {
+                    "; with fewer they may leave the range of possible values"
+                } else {
+                    ""
+                };
+                format!(
+                    "95 % Student-t intervals of the mean, cut at the smallest and the largest \
+                     seed{place}{beyond}"
+                )
             }
         }
     }
 
     fn short_dashes(&self) -> Option<String> {
-        self.any(|curve| curve.of == CurveOf::NonLearner).then(|| "Short dashes are agents that do not learn.".into())
+        self.any(|curve| curve.of == CurveOf::NonLearner)
+            .then(|| "Short dashes are agents that do not learn.".into())
     }
 
     fn levels(&self) -> Option<String> {
-        let level = self.chart.panels.iter().flat_map(|panel| &panel.series).any(|it| matches!(it.shape, Shape::Level(_)));
-        let note = "Straight lines in short dashes are agents that do not learn; levels are final measurements on other \
+        let level = self
+            .chart
+            .panels
+            .iter()
+            .flat_map(|panel| &panel.series)
+            .any(|it| matches!(it.shape, Shape::Level(_)));
+        let note = "Straight lines in short dashes are agents that do not learn; levels are final \
+                    measurements on other \
                     episodes than the curves.";
         level.then(|| note.into())
     }
 
     fn published(&self) -> Option<String> {
         let several = self.series().any(|(n, curve)| is_published(curve) && n > 1);
-        let means = if several { ", means over their runs where all of these have a value" } else { "" };
+        let means = if several {
+            ", means over their runs where all of these have a value"
+        } else {
+            ""
+        };
         let thin = self.any(|curve| is_published(curve) && !curve.runs.is_empty());
-        let runs = if thin { ", with thin lines for the runs" } else { "" };
-        let smoothed = if self.kind.smooth > 0.0 { ", smoothed in the same way" } else { "" };
-        let end = if self.any(is_own) { ", as far as the curves of this study go" } else { "" };
-        self.any(is_published).then(|| format!("Dotted lines are published curves{means}{runs}{smoothed}{end}."))
+        let runs = if thin {
+            ", with thin lines for the runs"
+        } else {
+            ""
+        };
+        let smoothed = if self.kind.smooth > 0.0 {
+            ", smoothed in the same way"
+        } else {
+            ""
+        };
+        let end = if self.any(is_own) {
+            ", as far as the curves of this study go"
+        } else {
+            ""
+        };
+        self.any(is_published)
+            .then(|| format!("Dotted lines are published curves{means}{runs}{smoothed}{end}."))
     }
 
     fn any(&self, is: impl Fn(&Curve) -> bool) -> bool {
@@ -97,7 +157,11 @@ impl Drawn<'_> {
     /// True where every panel with curves of the study has one like that.
     fn in_all(&self, is: impl Fn(&Curve) -> bool) -> bool {
         let own = |panel: &&Panel| curves(panel).any(|(_, curve)| is_own(curve));
-        self.chart.panels.iter().filter(own).all(|panel| curves(panel).any(|(_, curve)| is(curve)))
+        self.chart
+            .panels
+            .iter()
+            .filter(own)
+            .all(|panel| curves(panel).any(|(_, curve)| is(curve)))
     }
 
     fn series(&self) -> impl Iterator<Item = (usize, &Curve)> {

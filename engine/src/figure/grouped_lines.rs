@@ -57,7 +57,11 @@ impl Figure for GroupedLines {
 fn check_swept(key: &str, names: &mut Names<'_>, at: &Place<'_>) {
     let swept = &names.world.swept;
     if swept.is_empty() {
-        names.say(at.value("x"), format!("`x` is `{key}`, but the study has no `sweep`"), "");
+        names.say(
+            at.value("x"),
+            format!("`x` is `{key}`, but the study has no `sweep`"),
+            "",
+        );
     } else if !swept.iter().any(|known| known == key) {
         let help = suggest(key, swept.iter().map(String::as_str));
         names.say(at.value("x"), format!("no sweep varies `{key}`"), help);
@@ -68,22 +72,49 @@ fn build(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result
     let scope = Scope::of(context.results, &kind.agents, &kind.environments);
     let categories = categories(&scope, &kind.x);
     let x = context.scale(spec, &kind.x, kind.log_x && categories.is_empty());
-    let scales = (Scale { categories: categories.clone(), ..x }, context.scale(spec, &kind.metric, kind.log_y));
+    let scales = (
+        Scale {
+            categories: categories.clone(),
+            ..x
+        },
+        context.scale(spec, &kind.metric, kind.log_y),
+    );
     let mut chart = by_environment(spec, &scope, &kind.environments, scales, |scope| {
         let agents = scope.names(Axis::Agent, &kind.agents);
-        agents.iter().flat_map(|agent| swept(kind, spec, context, &scope.at(Axis::Agent, agent), agent, &categories)).collect()
+        agents
+            .iter()
+            .flat_map(|agent| {
+                swept(
+                    kind,
+                    spec,
+                    context,
+                    &scope.at(Axis::Agent, agent),
+                    agent,
+                    &categories,
+                )
+            })
+            .collect()
     })?;
-    chart
-        .notes
-        .push("Means over seeds with 95 % intervals; dashed lines across are agents that the key does not concern.".into());
+    chart.notes.push(
+        "Means over seeds with 95 % intervals; dashed lines across are agents that the key does not concern."
+            .into(),
+    );
     Ok(chart)
 }
 
 /// The values of the key where not all of them are numbers, in the order of the plan; else none.
 fn categories(scope: &Scope<'_>, key: &str) -> Vec<String> {
-    let values: Vec<&Value> = scope.trials.iter().filter_map(|trial| trial.trial.point.get(key)).collect();
+    let values: Vec<&Value> = scope
+        .trials
+        .iter()
+        .filter_map(|trial| trial.trial.point.get(key))
+        .collect();
     let mut names: Vec<String> = Vec::new();
-    for name in values.iter().map(|value| word(value)).filter(|_| !values.iter().all(|value| value.is_number())) {
+    for name in values
+        .iter()
+        .map(|value| word(value))
+        .filter(|_| !values.iter().all(|value| value.is_number()))
+    {
         if !names.contains(&name) {
             names.push(name);
         }
@@ -106,27 +137,48 @@ fn swept(
     for setting in scope.names(Axis::Setting, &[]) {
         let scope = scope.at(Axis::Setting, &setting);
         let values: Vec<f64> = scope.finals(&kind.metric).into_values().collect();
-        let Some(summary) = Summary::of(&values) else { continue };
+        let Some(summary) = Summary::of(&values) else {
+            continue;
+        };
         // All trials of a setting stand at one point of the sweep.
         let point = &scope.trials[0].trial.point;
         let (x, rest) = match point.get(&kind.x) {
-            Some(value) => (position(value, categories), Some(point.without(&kind.x).to_string())),
+            Some(value) => (
+                position(value, categories),
+                Some(point.without(&kind.x).to_string()),
+            ),
             None => (0.0, None),
         };
         let group = groups.entry(rest).or_insert((Vec::new(), usize::MAX, 0));
-        group.0.push(Point { x, y: summary.mean, interval: summary.interval.map(|interval| (interval.low, interval.high)) });
+        group.0.push(Point {
+            x,
+            y: summary.mean,
+            interval: summary.interval.map(|interval| (interval.low, interval.high)),
+        });
         (group.1, group.2) = (group.1.min(summary.n), group.2.max(scope.planned()));
     }
     let several = groups.len() > 1;
     let series = |(index, (rest, group)): (usize, (Option<String>, Group))| {
         let (mut points, n, planned) = group;
         points.sort_by(|a, b| a.x.total_cmp(&b.x));
-        let style = Style { variant: if several { index } else { context.style(agent).variant }, ..context.style(agent) };
+        let style = Style {
+            variant: if several {
+                index
+            } else {
+                context.style(agent).variant
+            },
+            ..context.style(agent)
+        };
         match rest {
             None => level(label(spec, agent), style, (n, planned), points[0].y),
             Some(rest) => {
                 let label = label_with_setting(spec, agent, &rest);
-                Series { label, seeds: Some((n, planned)), style, shape: Shape::MarkedLine(points) }
+                Series {
+                    label,
+                    seeds: Some((n, planned)),
+                    style,
+                    shape: Shape::MarkedLine(points),
+                }
             }
         }
     };

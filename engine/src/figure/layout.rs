@@ -49,12 +49,22 @@ impl Grid {
         let columns = chart.columns.max(1);
         let ranges = ranges(chart);
         let height = plot_height(chart);
-        let margins: Vec<f64> = (0..columns).map(|column| left_margin(chart, &ranges, column, height)).collect();
+        let margins: Vec<f64> = (0..columns)
+            .map(|column| left_margin(chart, &ranges, column, height))
+            .collect();
         let heights = surface::heights(chart);
         let right = if heights.is_some() { COLOR_BAR } else { 0.0 };
         let plot_width = (width - right - margins.iter().sum::<f64>()) / count(columns) - OVERHANG;
-        let left = |column: usize| margins[..=column].iter().sum::<f64>() + count(column) * (plot_width + OVERHANG);
-        Self { lefts: (0..columns).map(left).collect(), margins, ranges, plot: (plot_width, height), top, heights }
+        let left =
+            |column: usize| margins[..=column].iter().sum::<f64>() + count(column) * (plot_width + OVERHANG);
+        Self {
+            lefts: (0..columns).map(left).collect(),
+            margins,
+            ranges,
+            plot: (plot_width, height),
+            top,
+            heights,
+        }
     }
 
     /// Draws all panels; returns the height of the drawing.
@@ -67,7 +77,10 @@ impl Grid {
             for (column, panel) in panels.iter().enumerate() {
                 self.panel(chart, panel, (row, column), top, marks);
             }
-            let below = panels.iter().enumerate().map(|(column, panel)| self.room_below(chart, panel, row * columns + column));
+            let below = panels
+                .iter()
+                .enumerate()
+                .map(|(column, panel)| self.room_below(chart, panel, row * columns + column));
             top += self.plot.1 + below.fold(0.0, f64::max) + GAP;
         }
         if let Some(heights) = self.heights {
@@ -77,14 +90,25 @@ impl Grid {
         top - GAP + 3.0
     }
 
-    fn panel(&self, chart: &Chart, panel: &Panel, (row, column): (usize, usize), top: f64, marks: &mut Vec<Mark>) {
+    fn panel(
+        &self,
+        chart: &Chart,
+        panel: &Panel,
+        (row, column): (usize, usize),
+        top: f64,
+        marks: &mut Vec<Mark>,
+    ) {
         let index = row * chart.columns.max(1) + column;
         let frame = self.frame(index, column, top);
         axes::background(&frame, panel, self.heights.is_none(), marks);
         series::draw(panel, &frame, self.heights, marks);
         axes::border(&frame, marks);
         if !panel.title.is_empty() {
-            marks.push(text(((frame.left + frame.right) / 2.0, top - LINE / 2.0 - 1.5), &panel.title, HPos::Center));
+            marks.push(text(
+                ((frame.left + frame.right) / 2.0, top - LINE / 2.0 - 1.5),
+                &panel.title,
+                HPos::Center,
+            ));
         }
         if !(chart.shared_y && column > 0) {
             axes::vertical(&frame, &panel.y, marks);
@@ -96,7 +120,10 @@ impl Grid {
         }
         if shows_x(chart, index) {
             let depth = axes::horizontal(&frame, &panel.x, marks);
-            let at = ((frame.left + frame.right) / 2.0, frame.bottom + depth + LINE / 2.0);
+            let at = (
+                (frame.left + frame.right) / 2.0,
+                frame.bottom + depth + LINE / 2.0,
+            );
             marks.push(text(at, &panel.x.label, HPos::Center));
         }
     }
@@ -104,7 +131,14 @@ impl Grid {
     fn frame(&self, index: usize, column: usize, top: f64) -> Frame {
         let (x, y) = self.ranges[index];
         let left = self.lefts[column];
-        Frame { left, right: left + self.plot.0, top, bottom: top + self.plot.1, x, y }
+        Frame {
+            left,
+            right: left + self.plot.0,
+            top,
+            bottom: top + self.plot.1,
+            x,
+            y,
+        }
     }
 
     fn room_below(&self, chart: &Chart, panel: &Panel, index: usize) -> f64 {
@@ -145,7 +179,11 @@ fn upright_room(height: f64) -> f64 {
 }
 
 fn has_surface(chart: &Chart) -> bool {
-    chart.panels.iter().flat_map(|panel| &panel.series).any(|series| matches!(series.shape, Shape::Surface(_)))
+    chart
+        .panels
+        .iter()
+        .flat_map(|panel| &panel.series)
+        .any(|series| matches!(series.shape, Shape::Surface(_)))
 }
 
 fn left_margin(chart: &Chart, ranges: &[(Range, Range)], column: usize, height: f64) -> f64 {
@@ -156,14 +194,24 @@ fn left_margin(chart: &Chart, ranges: &[(Range, Range)], column: usize, height: 
     let of_panel = |index: usize| {
         let panel = &chart.panels[index];
         let labelled = column == 0 || panel.y.label != chart.panels[index - 1].y.label;
-        let lines = if labelled { axes::break_lines(&panel.y.label, upright_room(height)).len() } else { 0 };
+        let lines = if labelled {
+            axes::break_lines(&panel.y.label, upright_room(height)).len()
+        } else {
+            0
+        };
         widest(&axes::ticks(&panel.y, ranges[index].1, height, false)) + 7.0 + LINE * count(lines)
     };
-    (column..chart.panels.len()).step_by(chart.columns.max(1)).map(of_panel).fold(0.0, f64::max)
+    (column..chart.panels.len())
+        .step_by(chart.columns.max(1))
+        .map(of_panel)
+        .fold(0.0, f64::max)
 }
 
 fn widest(ticks: &[Tick]) -> f64 {
-    ticks.iter().map(|tick| text_width(&tick.text, TEXT)).fold(0.0, f64::max)
+    ticks
+        .iter()
+        .map(|tick| text_width(&tick.text, TEXT))
+        .fold(0.0, f64::max)
 }
 
 /// The range of both axes of each panel: of its own data, or of all panels that share the axis.
@@ -171,10 +219,20 @@ fn ranges(chart: &Chart) -> Vec<(Range, Range)> {
     let columns = chart.columns.max(1);
     let group = |shared: bool, same: &dyn Fn(usize) -> bool, index: usize| -> Vec<&Panel> {
         let belongs = |(other, _): &(usize, &Panel)| if shared { same(*other) } else { *other == index };
-        chart.panels.iter().enumerate().filter(belongs).map(|(_, panel)| panel).collect()
+        chart
+            .panels
+            .iter()
+            .enumerate()
+            .filter(belongs)
+            .map(|(_, panel)| panel)
+            .collect()
     };
     let of_panel = |index: usize| {
-        let in_column = group(chart.shared_x, &|other| other % columns == index % columns || chart.shared_y, index);
+        let in_column = group(
+            chart.shared_x,
+            &|other| other % columns == index % columns || chart.shared_y,
+            index,
+        );
         let in_row = group(chart.shared_y, &|other| other / columns == index / columns, index);
         (horizontal_range(&in_column), vertical_range(&in_row))
     };
@@ -184,33 +242,77 @@ fn ranges(chart: &Chart) -> Vec<(Range, Range)> {
 fn horizontal_range(panels: &[&Panel]) -> Range {
     let scale: &Scale = &panels[0].x;
     if !scale.categories.is_empty() {
-        return Range { low: -0.5, high: count(scale.categories.len()) - 0.5, log: false };
+        return Range {
+            low: -0.5,
+            high: count(scale.categories.len()) - 0.5,
+            log: false,
+        };
     }
-    let shapes = || panels.iter().flat_map(|panel| &panel.series).map(|series| &series.shape);
+    let shapes = || {
+        panels
+            .iter()
+            .flat_map(|panel| &panel.series)
+            .map(|series| &series.shape)
+    };
     let padding = match shapes().next() {
         Some(Shape::Surface(_)) => 0.0,
         Some(Shape::Points(_)) => 0.06,
         _ => 0.02,
     };
-    Range::around(shapes().flat_map(Shape::places).chain(scale.includes.iter().copied()), scale.log, padding)
+    Range::around(
+        shapes()
+            .flat_map(Shape::places)
+            .chain(scale.includes.iter().copied()),
+        scale.log,
+        padding,
+    )
 }
 
 fn vertical_range(panels: &[&Panel]) -> Range {
     let scale: &Scale = &panels[0].y;
-    let shapes = || panels.iter().flat_map(|panel| &panel.series).map(|series| &series.shape);
-    let padding = if shapes().any(|shape| matches!(shape, Shape::Surface(_))) { 0.0 } else { 0.06 };
-    let mut range = Range::around(shapes().flat_map(Shape::heights).chain(scale.includes.iter().copied()), scale.log, padding);
+    let shapes = || {
+        panels
+            .iter()
+            .flat_map(|panel| &panel.series)
+            .map(|series| &series.shape)
+    };
+    let padding = if shapes().any(|shape| matches!(shape, Shape::Surface(_))) {
+        0.0
+    } else {
+        0.06
+    };
+    let mut range = Range::around(
+        shapes()
+            .flat_map(Shape::heights)
+            .chain(scale.includes.iter().copied()),
+        scale.log,
+        padding,
+    );
     // Bars stand on the axis: no room between zero and its end.
     if scale.includes.contains(&0.0) {
         let values = || shapes().flat_map(Shape::heights);
-        range.low = if values().all(|value| value >= 0.0) { 0.0 } else { range.low };
-        range.high = if values().all(|value| value <= 0.0) { 0.0 } else { range.high };
+        range.low = if values().all(|value| value >= 0.0) {
+            0.0
+        } else {
+            range.low
+        };
+        range.high = if values().all(|value| value <= 0.0) {
+            0.0
+        } else {
+            range.high
+        };
     }
     range
 }
 
 pub(super) fn text(at: (f64, f64), text: &str, align: HPos) -> Mark {
-    Mark::Text { at, text: text.into(), size: TEXT, align, upright: false }
+    Mark::Text {
+        at,
+        text: text.into(),
+        size: TEXT,
+        align,
+        upright: false,
+    }
 }
 
 #[allow(clippy::cast_precision_loss, reason = "a handful of panels or categories")]

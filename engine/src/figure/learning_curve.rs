@@ -29,7 +29,8 @@ pub struct LearningCurve {
     pub line: Line,
     /// What the band around the line shows.
     pub band: Band,
-    /// Whether each seed is drawn as a thin line: `true`, `false`, or `auto` for panels in which an agent has at most five.
+    /// Whether each seed is drawn as a thin line: `true`, `false`, or `auto` for panels in which an agent has
+    /// at most five.
     pub seeds: SeedLines,
     /// Which agents, in this order; all where empty. Agents that do not learn have short dashes.
     pub agents: Vec<String>,
@@ -39,11 +40,12 @@ pub struct LearningCurve {
     pub published: Vec<PublishedCurve>,
     /// Vertical axis on a logarithmic scale.
     pub log_y: bool,
-    /// Weight of the past in a moving average y' = smooth y' + (1 - smooth) y along the curve of each seed, for drawing only;
-    /// line and band are those of the averages.
+    /// Weight of the past in a moving average y' = smooth y' + (1 - smooth) y along the curve of each seed,
+    /// for drawing only; line and band are those of the averages.
     #[schemars(range(min = 0.0, max = 0.999))]
     pub smooth: f64,
-    /// Measurements before this step are left out, of the moving average too: what an untrained agent does may dwarf the rest.
+    /// Measurements before this step are left out, of the moving average too: what an untrained agent does
+    /// may dwarf the rest.
     pub from_step: u64,
 }
 
@@ -82,7 +84,8 @@ pub enum Line {
 pub enum Band {
     /// The interval, but no band in panels where seeds are drawn because they are few.
     Auto,
-    /// 95 % interval of what the line shows: Student-t of a mean, percentile bootstrap of a median or interquartile mean.
+    /// 95 % interval of what the line shows: Student-t of a mean, percentile bootstrap of a median or
+    /// interquartile mean.
     Interval,
     /// One standard deviation to each side, which may leave the range of possible values.
     Sd,
@@ -137,12 +140,23 @@ fn published_curves(kind: &LearningCurve, names: &mut Names<'_>, at: &Place<'_>,
 /// One panel per environment, one line per agent and setting, and what others published.
 fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let scope = Scope::of(context.results, &kind.agents, &kind.environments);
-    let x = Scale { label: "environment steps".into(), ..Scale::default() };
+    let x = Scale {
+        label: "environment steps".into(),
+        ..Scale::default()
+    };
     let y = context.scale(spec, &kind.metric, kind.log_y);
-    let mut chart = by_environment(spec, &scope, &kind.environments, (x, y), |scope| panel(kind, spec, context, scope))?;
-    for (panel, environment) in chart.panels.iter_mut().zip(scope.names(Axis::Environment, &kind.environments)) {
+    let mut chart = by_environment(spec, &scope, &kind.environments, (x, y), |scope| {
+        panel(kind, spec, context, scope)
+    })?;
+    for (panel, environment) in chart
+        .panels
+        .iter_mut()
+        .zip(scope.names(Axis::Environment, &kind.environments))
+    {
         let end = last_step(&scope.at(Axis::Environment, &environment), &kind.metric);
-        panel.series.extend(published::series(kind, context, &environment, end)?);
+        panel
+            .series
+            .extend(published::series(kind, context, &environment, end)?);
     }
     chart.notes.extend(curve_notes::sentences(kind, &chart));
     Ok(chart)
@@ -155,16 +169,30 @@ fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &
         let settings = scope.names(Axis::Setting, &[]);
         let several = settings.len() > 1;
         let measured = move |(index, setting): (usize, &String)| {
-            let variant = if several { index } else { context.style(agent).variant };
-            let style = Style { variant, ..context.style(agent) };
+            let variant = if several {
+                index
+            } else {
+                context.style(agent).variant
+            };
+            let style = Style {
+                variant,
+                ..context.style(agent)
+            };
             let label = label_with_setting(spec, agent, if several { setting } else { "" });
             Measured::of(kind, &scope.at(Axis::Setting, setting), label, style)
         };
-        settings.iter().enumerate().filter_map(measured).collect::<Vec<_>>()
+        settings
+            .iter()
+            .enumerate()
+            .filter_map(measured)
+            .collect::<Vec<_>>()
     };
     let measured: Vec<Measured> = agents.iter().flat_map(of_agent).collect();
     let few = measured.iter().any(|it| it.level.is_none() && it.seeds.0 <= FEW);
-    measured.into_iter().map(|it| it.series(kind, Shown::of(kind, few))).collect()
+    measured
+        .into_iter()
+        .map(|it| it.series(kind, Shown::of(kind, few)))
+        .collect()
 }
 
 /// What the seeds of an agent measured while it learned, or while others did.
@@ -182,13 +210,24 @@ struct Measured {
 impl Measured {
     fn of(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> Option<Self> {
         let (learns, runs) = (scope.learns(), runs(scope, &kind.metric));
-        let measured = Self { label, style, learns, seeds: (runs.len(), scope.planned()), runs, level: None };
+        let measured = Self {
+            label,
+            style,
+            learns,
+            seeds: (runs.len(), scope.planned()),
+            runs,
+            level: None,
+        };
         if learns || measured.runs.iter().any(|run| run.points.len() > 1) {
             return (!measured.runs.is_empty()).then_some(measured);
         }
         let finals: Vec<f64> = scope.finals(&kind.metric).into_values().collect();
         let summary = Summary::of(&finals)?;
-        Some(Self { level: Some(summary.mean), seeds: (summary.n, scope.planned()), ..measured })
+        Some(Self {
+            level: Some(summary.mean),
+            seeds: (summary.n, scope.planned()),
+            ..measured
+        })
     }
 
     fn series(self, kind: &LearningCurve, shown: Shown) -> Series {
@@ -198,13 +237,29 @@ impl Measured {
         let values: Vec<Values> = self.runs.iter().map(|run| smoothed(kind, &run.points)).collect();
         // The line of a single seed is that seed.
         let thin = shown.runs && values.len() > 1;
-        let line = |(run, values): (Run, &Values)| RunLine { name: run.name, points: points(values) };
-        let curve = Curve {
-            of: if self.learns { CurveOf::Learner } else { CurveOf::NonLearner },
-            points: over(&values, kind.line, shown.band),
-            runs: if thin { self.runs.into_iter().zip(&values).map(line).collect() } else { Vec::new() },
+        let line = |(run, values): (Run, &Values)| RunLine {
+            name: run.name,
+            points: points(values),
         };
-        Series { label: self.label, seeds: Some(self.seeds), style: self.style, shape: Shape::Curve(curve) }
+        let curve = Curve {
+            of: if self.learns {
+                CurveOf::Learner
+            } else {
+                CurveOf::NonLearner
+            },
+            points: over(&values, kind.line, shown.band),
+            runs: if thin {
+                self.runs.into_iter().zip(&values).map(line).collect()
+            } else {
+                Vec::new()
+            },
+        };
+        Series {
+            label: self.label,
+            seeds: Some(self.seeds),
+            style: self.style,
+            shape: Shape::Curve(curve),
+        }
     }
 }
 
@@ -212,13 +267,26 @@ impl Measured {
 fn runs(scope: &Scope<'_>, metric: &str) -> Vec<Run> {
     let run = |trial: &&TrialResult| {
         let points = trial.curve(Phase::Evaluate, metric);
-        (!points.is_empty()).then(|| Run { name: format!("seed {}", trial.trial.key.seed), points })
+        (!points.is_empty()).then(|| Run {
+            name: format!("seed {}", trial.trial.key.seed),
+            points,
+        })
     };
-    scope.trials.iter().filter(|trial| trial.is_ok()).filter_map(run).collect()
+    scope
+        .trials
+        .iter()
+        .filter(|trial| trial.is_ok())
+        .filter_map(run)
+        .collect()
 }
 
 /// The last step at which a trial of the panel was measured, but for the final measurement.
 fn last_step(scope: &Scope<'_>, metric: &str) -> Option<u64> {
     let last = |trial: &&TrialResult| trial.select(Phase::Evaluate, metric).map(|row| row.step).max();
-    scope.trials.iter().filter(|trial| trial.is_ok()).filter_map(last).max()
+    scope
+        .trials
+        .iter()
+        .filter(|trial| trial.is_ok())
+        .filter_map(last)
+        .max()
 }

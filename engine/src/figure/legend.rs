@@ -12,12 +12,17 @@ use plotters::style::text_anchor::HPos;
 const GAP: f64 = 12.0;
 const LINE: f64 = 11.0;
 
-/// Draws the legend centred in the width, in as many lines as it needs; returns its height, 0 without entries.
+/// Draws the legend centred in the width, in as many lines as it needs; returns its height, 0 without
+/// entries.
 pub(super) fn draw(chart: &Chart, width: f64, marks: &mut Vec<Mark>) -> f64 {
     let lines = lines(&entries(chart), width - 8.0);
     let mut y = LINE / 2.0 + 2.0;
     for line in &lines {
-        let used: f64 = line.iter().map(|(series, entry)| entry_width(series, entry)).sum::<f64>() - GAP;
+        let used: f64 = line
+            .iter()
+            .map(|(series, entry)| entry_width(series, entry))
+            .sum::<f64>()
+            - GAP;
         let mut x = ((width - used) / 2.0).max(4.0);
         for (series, entry) in line {
             series::sample(series, (x, y), sample_width(series), marks);
@@ -26,13 +31,23 @@ pub(super) fn draw(chart: &Chart, width: f64, marks: &mut Vec<Mark>) -> f64 {
         }
         y += LINE;
     }
-    if lines.is_empty() { 0.0 } else { y - LINE / 2.0 + 2.0 }
+    if lines.is_empty() {
+        0.0
+    } else {
+        y - LINE / 2.0 + 2.0
+    }
 }
 
-/// One entry per name and look. Where panels differ in the number of seeds, it says from how many to how many.
+/// One entry per name and look. Where panels differ in the number of seeds, it says from how many to how
+/// many.
 fn entries(chart: &Chart) -> Vec<(&Series, String)> {
     let mut groups: Vec<Vec<&Series>> = Vec::new();
-    for series in chart.panels.iter().flat_map(|panel| &panel.series).filter(|series| !series.label.is_empty()) {
+    for series in chart
+        .panels
+        .iter()
+        .flat_map(|panel| &panel.series)
+        .filter(|series| !series.label.is_empty())
+    {
         let look = |series: &Series| (series.label.clone(), series.style, is_published(series));
         let same = |group: &&mut Vec<&Series>| look(group[0]) == look(series);
         match groups.iter_mut().find(same) {
@@ -40,7 +55,10 @@ fn entries(chart: &Chart) -> Vec<(&Series, String)> {
             None => groups.push(vec![series]),
         }
     }
-    groups.into_iter().map(|group| (first_line(&group), name(&group))).collect()
+    groups
+        .into_iter()
+        .map(|group| (first_line(&group), name(&group)))
+        .collect()
 }
 
 fn is_published(series: &Series) -> bool {
@@ -49,7 +67,11 @@ fn is_published(series: &Series) -> bool {
 
 /// A line rather than a level where an agent has both, so that the sample shows its dash.
 fn first_line<'a>(group: &[&'a Series]) -> &'a Series {
-    group.iter().copied().find(|series| !matches!(series.shape, Shape::Level(_))).unwrap_or(group[0])
+    group
+        .iter()
+        .copied()
+        .find(|series| !matches!(series.shape, Shape::Level(_)))
+        .unwrap_or(group[0])
 }
 
 fn name(group: &[&Series]) -> String {

@@ -58,7 +58,8 @@ kinds! {
         "scatter" => Scatter(Scatter),
             "One metric against another, a point per seed.";
         "contour" => Contour(Contour),
-            "A surface traced as x, y, z, as filled contours, with what was measured during learning as points over it.";
+            "A surface traced as x, y, z, as filled contours, with what was measured during learning as \
+             points over it.";
     }
 }
 
@@ -128,12 +129,18 @@ impl FigureSpec {
 
     /// Seeks the files of its published curves from `folder`.
     pub fn seek_from(&mut self, folder: &Path) {
-        self.published_curves_mut().iter_mut().for_each(|curve| curve.seek_from(folder));
+        self.published_curves_mut()
+            .iter_mut()
+            .for_each(|curve| curve.seek_from(folder));
     }
 
     /// The published curves in it.
     pub fn published_curves_mut(&mut self) -> &mut [PublishedCurve] {
-        if let FigureKind::LearningCurve(curve) = &mut self.kind { &mut curve.published } else { &mut [] }
+        if let FigureKind::LearningCurve(curve) = &mut self.kind {
+            &mut curve.published
+        } else {
+            &mut []
+        }
     }
 }
 

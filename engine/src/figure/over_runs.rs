@@ -7,9 +7,9 @@ use crate::statistics::{
 };
 use std::collections::BTreeMap;
 
-/// Up to so many seeds are few: all of them can be seen, and their smallest and largest value do not enclose the mean often
-/// enough to cut an interval there. Of `n` seeds of a symmetric distribution they do with probability `1 - 2^(1 - n)`: 94 %
-/// of the time with five, 97 % with six.
+/// Up to so many seeds are few: all of them can be seen, and their smallest and largest value do not enclose
+/// the mean often enough to cut an interval there. Of `n` seeds of a symmetric distribution they do with
+/// probability `1 - 2^(1 - n)`: 94 % of the time with five, 97 % with six.
 pub(super) const FEW: usize = 5;
 
 /// Steps in ascending order, with a value each.
@@ -40,24 +40,44 @@ impl Shown {
 
 /// A run as it is drawn: its steps from the first wanted one on, as their moving average.
 pub(super) fn smoothed(kind: &LearningCurve, points: &[(u64, f64)]) -> Values {
-    let (steps, values): (Vec<u64>, Vec<f64>) = points.iter().copied().filter(|(step, _)| *step >= kind.from_step).unzip();
-    steps.into_iter().zip(moving_average(&values, kind.smooth)).collect()
+    let (steps, values): (Vec<u64>, Vec<f64>) = points
+        .iter()
+        .copied()
+        .filter(|(step, _)| *step >= kind.from_step)
+        .unzip();
+    steps
+        .into_iter()
+        .zip(moving_average(&values, kind.smooth))
+        .collect()
 }
 
 /// Line and band over runs, at each step that one of them has.
 pub(super) fn over(runs: &[Values], line: Line, band: Band) -> Vec<Point> {
-    by_step(runs).into_iter().map(|(step, values)| point(step, &values, line, band)).collect()
+    by_step(runs)
+        .into_iter()
+        .map(|(step, values)| point(step, &values, line, band))
+        .collect()
 }
 
 /// The mean over runs at the steps that all of them have: where one ends, the mean of the others would jump.
 pub(super) fn mean_of_all(runs: &[Values]) -> Vec<Point> {
-    let shared = by_step(runs).into_iter().filter(|(_, values)| values.len() == runs.len());
-    shared.map(|(step, values)| point(step, &values, Line::Mean, Band::None)).collect()
+    let shared = by_step(runs)
+        .into_iter()
+        .filter(|(_, values)| values.len() == runs.len());
+    shared
+        .map(|(step, values)| point(step, &values, Line::Mean, Band::None))
+        .collect()
 }
 
 /// The points of one run.
 pub(super) fn points(run: &[(u64, f64)]) -> Vec<Point> {
-    run.iter().map(|(step, value)| Point { x: place(*step), y: *value, interval: None }).collect()
+    run.iter()
+        .map(|(step, value)| Point {
+            x: place(*step),
+            y: *value,
+            interval: None,
+        })
+        .collect()
 }
 
 /// The place of a step on the axis.
@@ -82,7 +102,11 @@ fn point(step: u64, values: &[f64], line: Line, band: Band) -> Point {
     };
     let ends = (values.len() > 1).then(|| ends(values, y, line, band)).flatten();
     // The line is part of its band, after rounding too.
-    Point { x: place(step), y, interval: ends.map(|(low, high)| (low.min(y), high.max(y))) }
+    Point {
+        x: place(step),
+        y,
+        interval: ends.map(|(low, high)| (low.min(y), high.max(y))),
+    }
 }
 
 fn ends(values: &[f64], y: f64, line: Line, band: Band) -> Option<(f64, f64)> {
@@ -96,15 +120,19 @@ fn ends(values: &[f64], y: f64, line: Line, band: Band) -> Option<(f64, f64)> {
     }
 }
 
-/// The Student-t interval, as in tables. Percentiles of a bootstrap of the mean are too narrow for few seeds: with six normal
-/// ones they cover 87 % instead of 95 %. The Student-t interval is not, but may reach beyond any possible value where seeds
-/// differ much; so from six seeds on it ends at the smallest and the largest of them, which lowers the coverage by half a
-/// percent with six normal seeds, and by less with more.
+/// The Student-t interval, as in tables. Percentiles of a bootstrap of the mean are too narrow for few seeds:
+/// with six normal ones they cover 87 % instead of 95 %. The Student-t interval is not, but may reach beyond
+/// any possible value where seeds differ much; so from six seeds on it ends at the smallest and the largest
+/// of them, which lowers the coverage by half a percent with six normal seeds, and by less with more.
 fn mean_interval(values: &[f64]) -> Option<(f64, f64)> {
     let interval = MeanEstimate::of(values).interval(0.95)?;
     let (smallest, largest) = range(values);
     let cut = values.len() > FEW;
-    Some(if cut { (interval.low.max(smallest), interval.high.min(largest)) } else { (interval.low, interval.high) })
+    Some(if cut {
+        (interval.low.max(smallest), interval.high.min(largest))
+    } else {
+        (interval.low, interval.high)
+    })
 }
 
 fn bootstrap(values: &[f64], statistic: fn(&[f64]) -> f64) -> Option<(f64, f64)> {
@@ -126,8 +154,18 @@ mod tests {
     #[test]
     fn lines_and_bands_by_hand() {
         let of = |line, band| point(5, &[1.0, 2.0, 6.0], line, band);
-        assert_eq!((of(Line::Mean, Band::None).y, of(Line::Mean, Band::None).interval), (3.0, None));
-        assert_eq!(of(Line::Median, Band::Range), Point { x: 5.0, y: 2.0, interval: Some((1.0, 6.0)) });
+        assert_eq!(
+            (of(Line::Mean, Band::None).y, of(Line::Mean, Band::None).interval),
+            (3.0, None)
+        );
+        assert_eq!(
+            of(Line::Median, Band::Range),
+            Point {
+                x: 5.0,
+                y: 2.0,
+                interval: Some((1.0, 6.0))
+            }
+        );
         assert_eq!(point(5, &[100.0, 1.0, 3.0, -50.0], Line::Iqm, Band::None).y, 2.0);
         let (low, high) = of(Line::Mean, Band::Sd).interval.unwrap();
         assert!((high - 3.0 - 7f64.sqrt()).abs() < 1e-12 && (low - 3.0 + 7f64.sqrt()).abs() < 1e-12);
@@ -135,7 +173,11 @@ mod tests {
         let (low, high) = of(Line::Mean, Band::Interval).interval.unwrap();
         let half = 4.302_653 * (7.0_f64 / 3.0).sqrt();
         assert!((high - 3.0 - half).abs() < 1e-5 && (low - 3.0 + half).abs() < 1e-5);
-        assert!(BANDS.iter().all(|band| point(5, &[1.0], Line::Mean, *band).interval.is_none()));
+        assert!(
+            BANDS
+                .iter()
+                .all(|band| point(5, &[1.0], Line::Mean, *band).interval.is_none())
+        );
     }
 
     #[test]
@@ -144,7 +186,10 @@ mod tests {
         // Five seeds reach the most that is possible, one fails.
         let (low, high) = interval(&[10.0, 10.0, 10.0, 10.0, 10.0, 0.0]);
         assert!(high == 10.0 && (low - 4.049).abs() < 1e-3, "{low}");
-        assert!(interval(&[10.0, 10.0, 10.0, 10.0, 0.0]).1 > 13.0, "five seeds are too few to cut the interval");
+        assert!(
+            interval(&[10.0, 10.0, 10.0, 10.0, 0.0]).1 > 13.0,
+            "five seeds are too few to cut the interval"
+        );
     }
 
     /// The share of intervals of the mean of six normal seeds that contain it.
@@ -166,7 +211,14 @@ mod tests {
     #[test]
     fn a_mean_of_all_ends_with_the_shortest_run() {
         let runs = [vec![(10, 1.0), (20, 2.0), (30, 3.0)], vec![(20, 4.0)]];
-        assert_eq!(mean_of_all(&runs), [Point { x: 20.0, y: 3.0, interval: None }]);
+        assert_eq!(
+            mean_of_all(&runs),
+            [Point {
+                x: 20.0,
+                y: 3.0,
+                interval: None
+            }]
+        );
     }
 
     #[test]
@@ -175,10 +227,22 @@ mod tests {
         let shown = |band, runs| Shown { band, runs };
         assert_eq!(Shown::of(&kind, true), shown(Band::None, true));
         assert_eq!(Shown::of(&kind, false), shown(Band::Interval, false));
-        let with = |seeds| LearningCurve { seeds: SeedLines::Said(seeds), ..LearningCurve::default() };
+        let with = |seeds| LearningCurve {
+            seeds: SeedLines::Said(seeds),
+            ..LearningCurve::default()
+        };
         assert_eq!(Shown::of(&with(true), false), shown(Band::Interval, true));
         assert_eq!(Shown::of(&with(false), true), shown(Band::Interval, false));
-        assert_eq!(Shown::of(&LearningCurve { band: Band::Sd, ..kind }, true), shown(Band::Sd, true));
+        assert_eq!(
+            Shown::of(
+                &LearningCurve {
+                    band: Band::Sd,
+                    ..kind
+                },
+                true
+            ),
+            shown(Band::Sd, true)
+        );
     }
 
     fn curves(seeds: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Vec<f64>>> {
@@ -186,7 +250,10 @@ mod tests {
     }
 
     fn drawn(values: &[Vec<f64>], smooth: f64, line: Line, band: Band) -> Vec<Point> {
-        let kind = LearningCurve { smooth, ..LearningCurve::default() };
+        let kind = LearningCurve {
+            smooth,
+            ..LearningCurve::default()
+        };
         let run = |values: &Vec<f64>| smoothed(&kind, &(0..).zip(values.iter().copied()).collect::<Vec<_>>());
         over(&values.iter().map(run).collect::<Vec<_>>(), line, band)
     }
@@ -217,7 +284,8 @@ mod tests {
 
         #[test]
         fn the_mean_of_smoothed_runs_is_the_smoothed_mean(values in curves(1..10), smooth in 0.0..0.999) {
-            let plain: Vec<f64> = drawn(&values, 0.0, Line::Mean, Band::None).iter().map(|point| point.y).collect();
+            let plain: Vec<f64> = drawn(&values, 0.0, Line::Mean,
+                Band::None).iter().map(|point| point.y).collect();
             let average = moving_average(&plain, smooth);
             for (point, average) in drawn(&values, smooth, Line::Mean, Band::None).iter().zip(average) {
                 prop_assert!((point.y - average).abs() < 1e-9);

@@ -1,11 +1,13 @@
-//! Paints marks with plotters, as SVG or PNG, with the bundled font. No window, no font of the system, no clock.
+//! Paints marks with plotters, as SVG or PNG, with the bundled font. No window, no font of the system, no
+//! clock.
 
 use super::style::{INK, Rgb};
 use crate::Error;
 use plotters::{
     backend::{BitMapBackend, DrawingBackend, SVGBackend},
     style::{
-        Color, FontDesc, FontFamily, FontStyle, FontTransform, RGBAColor, ShapeStyle, TextStyle, register_font,
+        Color, FontDesc, FontFamily, FontStyle, FontTransform, RGBAColor, ShapeStyle, TextStyle,
+        register_font,
         text_anchor::{HPos, Pos, VPos},
     },
 };
@@ -42,30 +44,61 @@ pub(super) type Place = (f64, f64);
 /// Something to paint.
 #[derive(Clone)]
 pub(super) enum Mark {
-    Line { points: Vec<Place>, width: f64, color: Rgb },
-    Fill { points: Vec<Place>, color: Rgb, opacity: f64 },
-    Text { at: Place, text: String, size: f64, align: HPos, upright: bool },
+    Line {
+        points: Vec<Place>,
+        width: f64,
+        color: Rgb,
+    },
+    Fill {
+        points: Vec<Place>,
+        color: Rgb,
+        opacity: f64,
+    },
+    Text {
+        at: Place,
+        text: String,
+        size: f64,
+        align: HPos,
+        upright: bool,
+    },
 }
 
 /// Width of a text in points.
 pub(super) fn text_width(text: &str, size: f64) -> f64 {
     load_font();
-    let font = FontDesc::new(FontFamily::Name(FAMILY), 1000.0 * PNG_SIZE_PER_EM, FontStyle::Normal);
-    font.box_size(text).map_or(0.0, |(width, _)| f64::from(width) / 1000.0 * size)
+    let font = FontDesc::new(
+        FontFamily::Name(FAMILY),
+        1000.0 * PNG_SIZE_PER_EM,
+        FontStyle::Normal,
+    );
+    font.box_size(text)
+        .map_or(0.0, |(width, _)| f64::from(width) / 1000.0 * size)
 }
 
 /// The drawing as an SVG file whose size on paper is that of the drawing.
 pub(super) fn svg(drawing: &Drawing) -> Result<String, Error> {
-    let (width, height) = (whole(drawing.width * SVG_SCALE), whole(drawing.height * SVG_SCALE));
+    let (width, height) = (
+        whole(drawing.width * SVG_SCALE),
+        whole(drawing.height * SVG_SCALE),
+    );
     let mut text = String::new();
     let mut backend = SVGBackend::with_string(&mut text, (width.unsigned_abs(), height.unsigned_abs()));
-    let pen = Pen { scale: SVG_SCALE, size_per_em: SVG_SIZE_PER_EM, raise: 0.0, by_segments: false };
+    let pen = Pen {
+        scale: SVG_SCALE,
+        size_per_em: SVG_SIZE_PER_EM,
+        raise: 0.0,
+        by_segments: false,
+    };
     pen.paint(&mut backend, drawing)?;
     backend.present().map_err(refused)?;
     drop(backend);
     let millimetres = |points: f64| points * 25.4 / 72.0;
     let size = format!("width=\"{width}\" height=\"{height}\"");
-    let on_paper = format!("width=\"{:.1}mm\" height=\"{:.1}mm\"", millimetres(drawing.width), millimetres(drawing.height));
+    let on_paper = format!(
+        "width=\"{:.1}mm\" height=\"{:.1}mm\"",
+        millimetres(drawing.width),
+        millimetres(drawing.height)
+    );
     Ok(text.replacen(&size, &format!("{on_paper} stroke-linejoin=\"round\""), 1))
 }
 
@@ -73,14 +106,24 @@ pub(super) fn svg(drawing: &Drawing) -> Result<String, Error> {
 pub(super) fn png(drawing: &Drawing, path: &Path) -> Result<(), Error> {
     #[allow(clippy::cast_precision_loss, reason = "2")]
     let scale = PNG_SCALE * OVERSAMPLING as f64;
-    let (width, height) = (whole(drawing.width * PNG_SCALE).unsigned_abs(), whole(drawing.height * PNG_SCALE).unsigned_abs());
+    let (width, height) = (
+        whole(drawing.width * PNG_SCALE).unsigned_abs(),
+        whole(drawing.height * PNG_SCALE).unsigned_abs(),
+    );
     let (w, h) = (width as usize * OVERSAMPLING, height as usize * OVERSAMPLING);
     let mut fine = vec![255; 3 * w * h];
     let size = (width * 2, height * 2);
-    let pen = Pen { scale, size_per_em: PNG_SIZE_PER_EM, raise: PNG_RAISE, by_segments: true };
+    let pen = Pen {
+        scale,
+        size_per_em: PNG_SIZE_PER_EM,
+        raise: PNG_RAISE,
+        by_segments: true,
+    };
     pen.paint(&mut BitMapBackend::with_buffer(&mut fine, size), drawing)?;
     let mut backend = BitMapBackend::new(path, (width, height));
-    backend.blit_bitmap((0, 0), (width, height), &shrink(&fine, w, h)).map_err(refused)?;
+    backend
+        .blit_bitmap((0, 0), (width, height), &shrink(&fine, w, h))
+        .map_err(refused)?;
     backend.present().map_err(refused)
 }
 
@@ -93,7 +136,9 @@ fn shrink(fine: &[u8], width: usize, height: usize) -> Vec<u8> {
         u8::try_from((sum + 2) / 4).unwrap_or(u8::MAX)
     };
     let pixels = (0..height / 2).flat_map(|y| (0..width / 2).map(move |x| (x, y)));
-    pixels.flat_map(|(x, y)| [mean(x, y, 0), mean(x, y, 1), mean(x, y, 2)]).collect()
+    pixels
+        .flat_map(|(x, y)| [mean(x, y, 0), mean(x, y, 1), mean(x, y, 2)])
+        .collect()
 }
 
 /// What differs between the two formats.
@@ -108,8 +153,15 @@ struct Pen {
 impl Pen {
     fn paint<B: DrawingBackend>(&self, backend: &mut B, drawing: &Drawing) -> Result<(), Error> {
         load_font();
-        let paper = [(0.0, 0.0), (drawing.width, 0.0), (drawing.width, drawing.height), (0.0, drawing.height)];
-        backend.fill_polygon(paper.map(|place| self.place(place)), &fill((255, 255, 255), 1.0)).map_err(refused)?;
+        let paper = [
+            (0.0, 0.0),
+            (drawing.width, 0.0),
+            (drawing.width, drawing.height),
+            (0.0, drawing.height),
+        ];
+        backend
+            .fill_polygon(paper.map(|place| self.place(place)), &fill((255, 255, 255), 1.0))
+            .map_err(refused)?;
         drawing.marks.iter().try_for_each(|mark| self.mark(backend, mark))
     }
 
@@ -117,22 +169,48 @@ impl Pen {
         match mark {
             Mark::Line { points, width, color } => {
                 let stroke_width = whole(width * self.scale).unsigned_abs().max(1);
-                self.line(backend, points, ShapeStyle { stroke_width, ..fill(*color, 1.0) })
+                self.line(
+                    backend,
+                    points,
+                    ShapeStyle {
+                        stroke_width,
+                        ..fill(*color, 1.0)
+                    },
+                )
             }
-            Mark::Fill { points, color, opacity } => {
+            Mark::Fill {
+                points,
+                color,
+                opacity,
+            } => {
                 let points: Vec<_> = points.iter().map(|point| self.place(*point)).collect();
-                backend.fill_polygon(points, &fill(*color, *opacity)).map_err(refused)
+                backend
+                    .fill_polygon(points, &fill(*color, *opacity))
+                    .map_err(refused)
             }
-            Mark::Text { at, text, size, align, upright } => self.text(backend, *at, text, *size, (*align, *upright)),
+            Mark::Text {
+                at,
+                text,
+                size,
+                align,
+                upright,
+            } => self.text(backend, *at, text, *size, (*align, *upright)),
         }
     }
 
-    fn line<B: DrawingBackend>(&self, backend: &mut B, points: &[Place], style: ShapeStyle) -> Result<(), Error> {
+    fn line<B: DrawingBackend>(
+        &self,
+        backend: &mut B,
+        points: &[Place],
+        style: ShapeStyle,
+    ) -> Result<(), Error> {
         let points: Vec<_> = points.iter().map(|point| self.place(*point)).collect();
         if !self.by_segments {
             return backend.draw_path(points, &style).map_err(refused);
         }
-        points.windows(2).try_for_each(|ends| backend.draw_line(ends[0], ends[1], &style).map_err(refused))
+        points
+            .windows(2)
+            .try_for_each(|ends| backend.draw_line(ends[0], ends[1], &style).map_err(refused))
     }
 
     fn text<B: DrawingBackend>(
@@ -144,10 +222,26 @@ impl Pen {
         (align, upright): (HPos, bool),
     ) -> Result<(), Error> {
         let raise = self.raise * size;
-        let at = if upright { (at.0 + raise, at.1) } else { (at.0, at.1 + raise) };
-        let font = FontDesc::new(FontFamily::Name(FAMILY), size * self.scale * self.size_per_em, FontStyle::Normal);
-        let font = if upright { font.transform(FontTransform::Rotate270) } else { font };
-        let style = TextStyle { font, color: fill(INK, 1.0).color.to_backend_color(), pos: Pos::new(align, VPos::Center) };
+        let at = if upright {
+            (at.0 + raise, at.1)
+        } else {
+            (at.0, at.1 + raise)
+        };
+        let font = FontDesc::new(
+            FontFamily::Name(FAMILY),
+            size * self.scale * self.size_per_em,
+            FontStyle::Normal,
+        );
+        let font = if upright {
+            font.transform(FontTransform::Rotate270)
+        } else {
+            font
+        };
+        let style = TextStyle {
+            font,
+            color: fill(INK, 1.0).color.to_backend_color(),
+            pos: Pos::new(align, VPos::Center),
+        };
         backend.draw_text(text, &style, self.place(at)).map_err(refused)
     }
 
@@ -157,10 +251,17 @@ impl Pen {
 }
 
 fn fill((r, g, b): Rgb, opacity: f64) -> ShapeStyle {
-    ShapeStyle { color: RGBAColor(r, g, b, opacity), filled: true, stroke_width: 1 }
+    ShapeStyle {
+        color: RGBAColor(r, g, b, opacity),
+        filled: true,
+        stroke_width: 1,
+    }
 }
 
-#[allow(clippy::cast_possible_truncation, reason = "a drawing is a few thousand units wide")]
+#[allow(
+    clippy::cast_possible_truncation,
+    reason = "a drawing is a few thousand units wide"
+)]
 fn whole(number: f64) -> i32 {
     number.round() as i32
 }
@@ -168,13 +269,17 @@ fn whole(number: f64) -> i32 {
 fn load_font() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
-        // The bytes are compiled in and parsed by the tests; without a font the backends report it themselves.
+        // The bytes are compiled in and parsed by the tests; without a font the backends report it
+        // themselves.
         let _ = register_font(FAMILY, FontStyle::Normal, FONT);
     });
 }
 
 fn refused(error: impl std::fmt::Display) -> Error {
-    Error::Render { what: "figure".into(), problem: error.to_string() }
+    Error::Render {
+        what: "figure".into(),
+        problem: error.to_string(),
+    }
 }
 
 #[cfg(test)]

@@ -11,8 +11,8 @@ use crate::{
     published_curve::{PublishedCurve, Run},
 };
 
-/// The published curves of an environment, as far as `end`: logs may go on long after the study ended, which would leave its
-/// own curves a strip at the edge.
+/// The published curves of an environment, as far as `end`: logs may go on long after the study ended, which
+/// would leave its own curves a strip at the edge.
 pub(super) fn series(
     kind: &LearningCurve,
     context: Context<'_>,
@@ -23,36 +23,67 @@ pub(super) fn series(
     for (index, curve) in kind.published.iter().enumerate() {
         if curve.environment.as_ref().is_none_or(|name| name == environment) {
             let runs = curve.runs().map_err(|error| refused(curve, &error))?;
-            all.extend(one(kind, curve, style(kind, index, context), &runs, end.unwrap_or(u64::MAX)));
+            all.extend(one(
+                kind,
+                curve,
+                style(kind, index, context),
+                &runs,
+                end.unwrap_or(u64::MAX),
+            ));
         }
     }
     Ok(all)
 }
 
 fn refused(curve: &PublishedCurve, error: &impl std::fmt::Display) -> Error {
-    Error::Render { what: format!("published curve `{}`", curve.label), problem: error.to_string() }
+    Error::Render {
+        what: format!("published curve `{}`", curve.label),
+        problem: error.to_string(),
+    }
 }
 
 /// The colour of the agent; curves that share one differ in their dots.
 fn style(kind: &LearningCurve, index: usize, context: Context<'_>) -> Style {
     let agent = &kind.published[index].agent;
-    let variant = kind.published[..index].iter().filter(|other| other.agent == *agent).count();
+    let variant = kind.published[..index]
+        .iter()
+        .filter(|other| other.agent == *agent)
+        .count();
     let hue = agent.as_ref().map_or(Hue::Grey, |agent| context.style(agent).hue);
     Style { hue, variant }
 }
 
 /// A curve with its runs; `None` where it begins after the end.
 fn one(kind: &LearningCurve, curve: &PublishedCurve, style: Style, runs: &[Run], end: u64) -> Option<Series> {
-    let values: Vec<Values> = runs.iter().map(|run| until(end, smoothed(kind, &run.points))).collect();
+    let values: Vec<Values> = runs
+        .iter()
+        .map(|run| until(end, smoothed(kind, &run.points)))
+        .collect();
     if values.iter().all(Vec::is_empty) {
         return None;
     }
     let thin = runs.len() > 1 && kind.seeds != SeedLines::Said(false);
-    let line = |(run, values): (&Run, &Values)| RunLine { name: run.name.clone(), points: points(values) };
-    let lines = if thin { runs.iter().zip(&values).map(line).collect() } else { Vec::new() };
+    let line = |(run, values): (&Run, &Values)| RunLine {
+        name: run.name.clone(),
+        points: points(values),
+    };
+    let lines = if thin {
+        runs.iter().zip(&values).map(line).collect()
+    } else {
+        Vec::new()
+    };
     let seeds = curve.by.is_some().then_some((runs.len(), runs.len()));
-    let shape = Shape::Curve(Curve { of: CurveOf::Publication, points: mean_of_all(&values), runs: lines });
-    Some(Series { label: curve.label.clone(), seeds, style, shape })
+    let shape = Shape::Curve(Curve {
+        of: CurveOf::Publication,
+        points: mean_of_all(&values),
+        runs: lines,
+    });
+    Some(Series {
+        label: curve.label.clone(),
+        seeds,
+        style,
+        shape,
+    })
 }
 
 fn until(end: u64, mut values: Values) -> Values {

@@ -47,22 +47,48 @@ impl Figure for Scatter {
 
 fn build(kind: &Scatter, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let scope = Scope::of(context.results, &kind.agents, &kind.environments);
-    let scales = (context.scale(spec, &kind.x, false), context.scale(spec, &kind.y, false));
+    let scales = (
+        context.scale(spec, &kind.x, false),
+        context.scale(spec, &kind.y, false),
+    );
     let mut chart = by_environment(spec, &scope, &kind.environments, scales, |scope| {
         let agents = scope.names(Axis::Agent, &kind.agents);
-        agents.iter().filter_map(|agent| cloud(kind, spec, context, &scope.at(Axis::Agent, agent), agent)).collect()
+        agents
+            .iter()
+            .filter_map(|agent| cloud(kind, spec, context, &scope.at(Axis::Agent, agent), agent))
+            .collect()
     })?;
     chart.notes.push("One point per seed.".into());
     Ok(chart)
 }
 
-fn cloud(kind: &Scatter, spec: &FigureSpec, context: Context<'_>, scope: &Scope<'_>, agent: &str) -> Option<Series> {
+fn cloud(
+    kind: &Scatter,
+    spec: &FigureSpec,
+    context: Context<'_>,
+    scope: &Scope<'_>,
+    agent: &str,
+) -> Option<Series> {
     let point = |trial: &&TrialResult| {
         let mean = |metric: &str| trial.mean(Phase::Final, metric);
-        Some(Point { x: mean(&kind.x)?, y: mean(&kind.y)?, interval: None })
+        Some(Point {
+            x: mean(&kind.x)?,
+            y: mean(&kind.y)?,
+            interval: None,
+        })
     };
-    let points: Vec<Point> = scope.trials.iter().filter(|trial| trial.is_ok()).filter_map(point).collect();
+    let points: Vec<Point> = scope
+        .trials
+        .iter()
+        .filter(|trial| trial.is_ok())
+        .filter_map(point)
+        .collect();
     let seeds = Some((scope.finals(&kind.y).len(), scope.planned()));
     let style = context.style(agent);
-    (!points.is_empty()).then(|| Series { label: label(spec, agent), seeds, style, shape: Shape::Points(points) })
+    (!points.is_empty()).then(|| Series {
+        label: label(spec, agent),
+        seeds,
+        style,
+        shape: Shape::Points(points),
+    })
 }

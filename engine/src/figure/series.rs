@@ -19,36 +19,69 @@ const BAND_OPACITY: f64 = 0.18;
 pub(super) fn draw(panel: &Panel, frame: &Frame, heights: Option<Range>, marks: &mut Vec<Mark>) {
     let curves: Vec<(&Curve, Style)> = panel.series.iter().filter_map(curve).collect();
     runs(&curves, frame, marks);
-    marks.extend(curves.iter().filter(|(curve, _)| !curve.runs.is_empty()).map(|(curve, _)| rim(&places(&curve.points, frame))));
-    marks.extend(curves.iter().flat_map(|(curve, style)| bands(&curve.points, frame, style.color())));
+    marks.extend(
+        curves
+            .iter()
+            .filter(|(curve, _)| !curve.runs.is_empty())
+            .map(|(curve, _)| rim(&places(&curve.points, frame))),
+    );
+    marks.extend(
+        curves
+            .iter()
+            .flat_map(|(curve, style)| bands(&curve.points, frame, style.color())),
+    );
     for series in &panel.series {
         one(series, frame, heights, marks);
     }
 }
 
 fn curve(series: &Series) -> Option<(&Curve, Style)> {
-    if let Shape::Curve(curve) = &series.shape { Some((curve, series.style)) } else { None }
+    if let Shape::Curve(curve) = &series.shape {
+        Some((curve, series.style))
+    } else {
+        None
+    }
 }
 
 fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<Mark>) {
     let color = series.style.color();
     match &series.shape {
-        Shape::Line(points) => marks.extend(dashed(&places(points, frame), series.style.dashes(), LINE_WIDTH, color)),
+        Shape::Line(points) => marks.extend(dashed(
+            &places(points, frame),
+            series.style.dashes(),
+            LINE_WIDTH,
+            color,
+        )),
         Shape::Curve(curve) => marks.extend(line(curve, series.style, &places(&curve.points, frame))),
         Shape::MarkedLine(points) => {
             marks.extend(whiskers(points, frame, color));
-            marks.extend(dashed(&places(points, frame), series.style.dashes(), LINE_WIDTH, color));
-            marks.extend(places(points, frame).into_iter().map(|at| marker(series.style, at)));
+            marks.extend(dashed(
+                &places(points, frame),
+                series.style.dashes(),
+                LINE_WIDTH,
+                color,
+            ));
+            marks.extend(
+                places(points, frame)
+                    .into_iter()
+                    .map(|at| marker(series.style, at)),
+            );
         }
         Shape::Level(level) => {
             let ends = [frame.x.low, frame.x.high].map(|x| frame.at(x, *level));
             marks.extend(dashed(&ends, series.style.short_dashes(), LINE_WIDTH, color));
         }
-        Shape::Points(points) => marks.extend(places(points, frame).into_iter().map(|at| marker(series.style, at))),
+        Shape::Points(points) => marks.extend(
+            places(points, frame)
+                .into_iter()
+                .map(|at| marker(series.style, at)),
+        ),
         Shape::Bars(points, width) => bars(points, *width, frame, color, marks),
         Shape::Surface(surface) => surface::draw(surface, heights, frame, marks),
         Shape::Path(points) => path(&places(points, frame), marks),
-        Shape::Crosses(points) => places(points, frame).into_iter().for_each(|at| marks.extend(cross(at))),
+        Shape::Crosses(points) => places(points, frame)
+            .into_iter()
+            .for_each(|at| marks.extend(cross(at))),
     }
 }
 
@@ -61,7 +94,11 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
         Shape::Line(_) => marks.extend(dashed(&ends, series.style.dashes(), LINE_WIDTH, color)),
         Shape::Curve(curve) => {
             if curve.points.iter().any(|point| point.interval.is_some()) {
-                marks.push(Mark::Fill { points: rectangle((x, y - 3.0), (x + length, y + 3.0)), color, opacity: BAND_OPACITY });
+                marks.push(Mark::Fill {
+                    points: rectangle((x, y - 3.0), (x + length, y + 3.0)),
+                    color,
+                    opacity: BAND_OPACITY,
+                });
             }
             marks.extend(line(curve, series.style, &ends));
         }
@@ -72,7 +109,9 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
         Shape::Level(_) => marks.extend(dashed(&ends, series.style.short_dashes(), LINE_WIDTH, color)),
         Shape::Points(_) => marks.push(marker(series.style, middle)),
         Shape::Path(_) => {
-            let points: Vec<Place> = (0..=8).map(|index| (x + 2.0 + (length - 4.0) * f64::from(index) / 8.0, y)).collect();
+            let points: Vec<Place> = (0..=8)
+                .map(|index| (x + 2.0 + (length - 4.0) * f64::from(index) / 8.0, y))
+                .collect();
             path(&points, marks);
         }
         Shape::Crosses(_) => marks.extend(cross(middle)),
@@ -87,17 +126,29 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
 }
 
 fn places(points: &[Point], frame: &Frame) -> Vec<Place> {
-    points.iter().filter(|point| point.y.is_finite()).map(|point| frame.at(point.x, point.y)).collect()
+    points
+        .iter()
+        .filter(|point| point.y.is_finite())
+        .map(|point| frame.at(point.x, point.y))
+        .collect()
 }
 
 /// A band for each run of points that have intervals.
 fn bands(points: &[Point], frame: &Frame, color: Rgb) -> Vec<Mark> {
     let runs = points.chunk_by(|one, next| one.interval.is_some() == next.interval.is_some());
     let band = |run: &[Point]| {
-        let ends = |point: &Point| point.interval.map(|(low, high)| (frame.at(point.x, low), frame.at(point.x, high)));
+        let ends = |point: &Point| {
+            point
+                .interval
+                .map(|(low, high)| (frame.at(point.x, low), frame.at(point.x, high)))
+        };
         let (lows, highs): (Vec<Place>, Vec<Place>) = run.iter().filter_map(ends).unzip();
         let points: Vec<Place> = highs.into_iter().chain(lows.into_iter().rev()).collect();
-        (points.len() > 3).then_some(Mark::Fill { points, color, opacity: BAND_OPACITY })
+        (points.len() > 3).then_some(Mark::Fill {
+            points,
+            color,
+            opacity: BAND_OPACITY,
+        })
     };
     runs.filter_map(band).collect()
 }
@@ -111,14 +162,25 @@ fn line(curve: &Curve, style: Style, places: &[Place]) -> Vec<Mark> {
     }
 }
 
-/// The thin lines of learning curves, thinner where there are many. A run of each curve after the other, so that no curve
-/// covers another with all its runs.
+/// The thin lines of learning curves, thinner where there are many. A run of each curve after the other, so
+/// that no curve covers another with all its runs.
 fn runs(curves: &[(&Curve, Style)], frame: &Frame, marks: &mut Vec<Mark>) {
-    let most = curves.iter().map(|(curve, _)| curve.runs.len()).max().unwrap_or(0);
+    let most = curves
+        .iter()
+        .map(|(curve, _)| curve.runs.len())
+        .max()
+        .unwrap_or(0);
     let width = RUN_WIDTH * (10.0 / count(most.max(10))).sqrt();
     for index in 0..most {
-        for (curve, style, run) in curves.iter().filter_map(|(curve, style)| Some((curve, style, curve.runs.get(index)?))) {
-            let dashes = if curve.of == CurveOf::Publication { style.dots() } else { &[] };
+        for (curve, style, run) in curves
+            .iter()
+            .filter_map(|(curve, style)| Some((curve, style, curve.runs.get(index)?)))
+        {
+            let dashes = if curve.of == CurveOf::Publication {
+                style.dots()
+            } else {
+                &[]
+            };
             marks.extend(dashed(&places(&run.points, frame), dashes, width, style.light()));
         }
     }
@@ -126,7 +188,11 @@ fn runs(curves: &[(&Curve, Style)], frame: &Frame, marks: &mut Vec<Mark>) {
 
 /// A light rim that parts a line from thin lines of nearly its colour.
 fn rim(places: &[Place]) -> Mark {
-    Mark::Line { points: places.to_vec(), width: LINE_WIDTH + 1.0, color: (0xff, 0xff, 0xff) }
+    Mark::Line {
+        points: places.to_vec(),
+        width: LINE_WIDTH + 1.0,
+        color: (0xff, 0xff, 0xff),
+    }
 }
 
 /// A line cut into dashes, since the painters draw full lines only.
@@ -167,8 +233,16 @@ fn whiskers(points: &[Point], frame: &Frame, color: Rgb) -> Vec<Mark> {
         let (low, high) = point.interval?;
         let ((x, bottom), (_, top)) = (frame.at(point.x, low), frame.at(point.x, high));
         let cap = |y: f64| [(x - 1.8, y), (x + 1.8, y)];
-        let lines = [vec![(x, bottom), (x, top)], cap(bottom).to_vec(), cap(top).to_vec()];
-        Some(lines.map(|points| Mark::Line { points, width: 0.7, color }))
+        let lines = [
+            vec![(x, bottom), (x, top)],
+            cap(bottom).to_vec(),
+            cap(top).to_vec(),
+        ];
+        Some(lines.map(|points| Mark::Line {
+            points,
+            width: 0.7,
+            color,
+        }))
     };
     points.iter().filter_map(whisker).flatten().collect()
 }
@@ -177,16 +251,32 @@ fn bars(points: &[Point], width: f64, frame: &Frame, color: Rgb, marks: &mut Vec
     for point in points {
         let half = width * 0.46;
         let corners = (frame.at(point.x - half, point.y), frame.at(point.x + half, 0.0));
-        marks.push(Mark::Fill { points: rectangle(corners.0, corners.1), color, opacity: 1.0 });
+        marks.push(Mark::Fill {
+            points: rectangle(corners.0, corners.1),
+            color,
+            opacity: 1.0,
+        });
     }
     if frame.y.low < 0.0 && frame.y.high > 0.0 {
-        marks.push(Mark::Line { points: vec![frame.at(frame.x.low, 0.0), frame.at(frame.x.high, 0.0)], width: 0.6, color: INK });
+        marks.push(Mark::Line {
+            points: vec![frame.at(frame.x.low, 0.0), frame.at(frame.x.high, 0.0)],
+            width: 0.6,
+            color: INK,
+        });
     }
     // A light rim keeps the whisker visible on a dark bar.
-    marks.extend(whiskers(points, frame, (0xff, 0xff, 0xff)).into_iter().map(|mark| match mark {
-        Mark::Line { points, color, .. } => Mark::Line { points, color, width: 1.7 },
-        other => other,
-    }));
+    marks.extend(
+        whiskers(points, frame, (0xff, 0xff, 0xff))
+            .into_iter()
+            .map(|mark| match mark {
+                Mark::Line { points, color, .. } => Mark::Line {
+                    points,
+                    color,
+                    width: 1.7,
+                },
+                other => other,
+            }),
+    );
     marks.extend(whiskers(points, frame, INK));
 }
 
@@ -197,7 +287,9 @@ fn rectangle((left, top): Place, (right, bottom): Place) -> Vec<Place> {
 fn marker(style: Style, (x, y): Place) -> Mark {
     let polygon = |corners: usize, radius: f64, turn: f64| -> Vec<Place> {
         let angle = |index: usize| turn + std::f64::consts::TAU * count(index) / count(corners);
-        (0..corners).map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos())).collect()
+        (0..corners)
+            .map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos()))
+            .collect()
     };
     let points = match style.marker() {
         Marker::Circle => polygon(20, MARKER, 0.0),
@@ -205,7 +297,11 @@ fn marker(style: Style, (x, y): Place) -> Mark {
         Marker::Triangle => polygon(3, MARKER * 1.4, 0.0),
         Marker::Diamond => polygon(4, MARKER * 1.4, 0.0),
     };
-    Mark::Fill { points, color: style.color(), opacity: 0.9 }
+    Mark::Fill {
+        points,
+        color: style.color(),
+        opacity: 0.9,
+    }
 }
 
 /// Points from light to dark with a thin rim, the last on top.
@@ -215,7 +311,11 @@ fn path(points: &[Place], marks: &mut Vec<Mark>) {
     let last = count(points.len().saturating_sub(1).max(1));
     for (index, place) in points.iter().enumerate() {
         for (radius, color) in [(2.1, INK), (1.7, blend(LIGHT, DARK, count(index) / last))] {
-            marks.push(Mark::Fill { points: disc(*place, radius), color, opacity: 1.0 });
+            marks.push(Mark::Fill {
+                points: disc(*place, radius),
+                color,
+                opacity: 1.0,
+            });
         }
     }
 }
@@ -223,15 +323,24 @@ fn path(points: &[Place], marks: &mut Vec<Mark>) {
 /// A cross with a light rim, to be seen on any ground.
 fn cross((x, y): Place) -> Vec<Mark> {
     let lines = |width: f64, color: Rgb, arm: f64| {
-        let line = move |points: [Place; 2]| Mark::Line { points: points.to_vec(), width, color };
-        [line([(x - arm, y - arm), (x + arm, y + arm)]), line([(x - arm, y + arm), (x + arm, y - arm)])]
+        let line = move |points: [Place; 2]| Mark::Line {
+            points: points.to_vec(),
+            width,
+            color,
+        };
+        [
+            line([(x - arm, y - arm), (x + arm, y + arm)]),
+            line([(x - arm, y + arm), (x + arm, y - arm)]),
+        ]
     };
     [lines(2.2, (0xff, 0xff, 0xff), 3.4), lines(1.0, INK, 3.0)].concat()
 }
 
 fn disc((x, y): Place, radius: f64) -> Vec<Place> {
     let angle = |index: usize| std::f64::consts::TAU * count(index) / 12.0;
-    (0..12).map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos())).collect()
+    (0..12)
+        .map(|index| (x + radius * angle(index).sin(), y - radius * angle(index).cos()))
+        .collect()
 }
 
 #[cfg(test)]
@@ -241,8 +350,22 @@ mod tests {
     #[test]
     fn dashes_run_on_over_corners() {
         let pieces = dashed(&[(0.0, 0.0), (3.0, 0.0), (3.0, 9.0)], &[4.0, 2.0], 1.0, INK);
-        let points: Vec<_> =
-            pieces.iter().map(|mark| if let Mark::Line { points, .. } = mark { points.clone() } else { vec![] }).collect();
-        assert_eq!(points, [vec![(0.0, 0.0), (3.0, 0.0), (3.0, 1.0)], vec![(3.0, 3.0), (3.0, 7.0)]]);
+        let points: Vec<_> = pieces
+            .iter()
+            .map(|mark| {
+                if let Mark::Line { points, .. } = mark {
+                    points.clone()
+                } else {
+                    vec![]
+                }
+            })
+            .collect();
+        assert_eq!(
+            points,
+            [
+                vec![(0.0, 0.0), (3.0, 0.0), (3.0, 1.0)],
+                vec![(3.0, 3.0), (3.0, 7.0)]
+            ]
+        );
     }
 }

@@ -10,8 +10,8 @@ pub const INK: Rgb = (0x22, 0x22, 0x22);
 /// Grid lines.
 pub const FAINT: Rgb = (0xe2, 0xe2, 0xe2);
 
-/// Okabe and Ito, "Color Universal Design" (2008), told apart with any kind of colour vision. Their yellow is too light for a
-/// line on white paper and stands last.
+/// Okabe and Ito, "Color Universal Design" (2008), told apart with any kind of colour vision. Their yellow is
+/// too light for a line on white paper and stands last.
 const PALETTE: [Rgb; 8] = [
     (0x00, 0x72, 0xb2),
     (0xd5, 0x5e, 0x00),
@@ -23,7 +23,8 @@ const PALETTE: [Rgb; 8] = [
     (0xf0, 0xe4, 0x42),
 ];
 
-/// Anchors of a scale from dark blue to yellow whose lightness rises evenly: cividis, by Nuñez, Anderton and Renslow (2018).
+/// Anchors of a scale from dark blue to yellow whose lightness rises evenly: cividis, by Nuñez, Anderton and
+/// Renslow (2018).
 const RAMP: [Rgb; 7] = [
     (0x00, 0x22, 0x4e),
     (0x2a, 0x3f, 0x6d),
@@ -51,7 +52,10 @@ impl Style {
     /// The look of the n-th agent of a study.
     #[must_use]
     pub fn of_agent(index: usize) -> Self {
-        Self { hue: Hue::Palette(index), variant: index }
+        Self {
+            hue: Hue::Palette(index),
+            variant: index,
+        }
     }
 
     /// The colour.
@@ -103,8 +107,13 @@ impl Style {
     pub fn light(self) -> Rgb {
         const LIGHT: f64 = 0.74;
         let color = self.color();
-        let lightness = (0.299 * f64::from(color.0) + 0.587 * f64::from(color.1) + 0.114 * f64::from(color.2)) / 255.0;
-        blend(color, (0xff, 0xff, 0xff), ((LIGHT - lightness) / (1.0 - lightness)).max(0.0))
+        let lightness =
+            (0.299 * f64::from(color.0) + 0.587 * f64::from(color.1) + 0.114 * f64::from(color.2)) / 255.0;
+        blend(
+            color,
+            (0xff, 0xff, 0xff),
+            ((LIGHT - lightness) / (1.0 - lightness)).max(0.0),
+        )
     }
 
     /// The marker.
@@ -130,7 +139,11 @@ pub fn ramp(part: f64) -> Rgb {
 
 /// A colour that is `part` of the way from one to another.
 #[must_use]
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between two bytes")]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "between two bytes"
+)]
 pub fn blend(from: Rgb, to: Rgb, part: f64) -> Rgb {
     let mix = |from: u8, to: u8| (f64::from(from) + (f64::from(to) - f64::from(from)) * part).round() as u8;
     (mix(from.0, to.0), mix(from.1, to.1), mix(from.2, to.2))
@@ -142,7 +155,8 @@ mod tests {
 
     #[test]
     fn the_first_eight_agents_differ_in_colour_and_neighbours_in_dash() {
-        let colors: std::collections::BTreeSet<Rgb> = (0..8).map(|index| Style::of_agent(index).color()).collect();
+        let colors: std::collections::BTreeSet<Rgb> =
+            (0..8).map(|index| Style::of_agent(index).color()).collect();
         assert_eq!(colors.len(), 8);
         assert!((0..8).all(|index| Style::of_agent(index).dashes() != Style::of_agent(index + 1).dashes()));
     }
@@ -160,7 +174,8 @@ mod tests {
 
     #[test]
     fn thin_lines_are_lighter_than_the_line_and_equally_light() {
-        let lightness = |(r, g, b): Rgb| (0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)) / 255.0;
+        let lightness =
+            |(r, g, b): Rgb| (0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)) / 255.0;
         for style in (0..7).map(Style::of_agent) {
             assert!((lightness(style.light()) - 0.74).abs() < 0.01 && lightness(style.color()) < 0.66);
         }

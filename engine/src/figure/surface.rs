@@ -15,11 +15,17 @@ const BANDS: usize = 20;
 
 /// The heights of all surfaces of a chart, which share their colours; `None` without a surface.
 pub(super) fn heights(chart: &Chart) -> Option<Range> {
-    let surfaces = chart.panels.iter().flat_map(|panel| &panel.series).filter_map(|series| match &series.shape {
-        Shape::Surface(surface) => Some(surface),
-        _ => None,
-    });
-    let mut values = surfaces.flat_map(|surface| surface.z.iter().flatten().copied()).peekable();
+    let surfaces = chart
+        .panels
+        .iter()
+        .flat_map(|panel| &panel.series)
+        .filter_map(|series| match &series.shape {
+            Shape::Surface(surface) => Some(surface),
+            _ => None,
+        });
+    let mut values = surfaces
+        .flat_map(|surface| surface.z.iter().flatten().copied())
+        .peekable();
     values.peek()?;
     Some(Range::around(values, false, 0.0))
 }
@@ -27,39 +33,77 @@ pub(super) fn heights(chart: &Chart) -> Option<Range> {
 /// Paints everything in the lowest colour, then what lies above each level over it, so that no seam shows.
 pub(super) fn draw(surface: &Surface, heights: Option<Range>, frame: &Frame, marks: &mut Vec<Mark>) {
     let Some(heights) = heights else { return };
-    let all = vec![(frame.left, frame.top), (frame.right, frame.top), (frame.right, frame.bottom), (frame.left, frame.bottom)];
-    marks.push(Mark::Fill { points: all, color: color(heights, heights.low), opacity: 1.0 });
+    let all = vec![
+        (frame.left, frame.top),
+        (frame.right, frame.top),
+        (frame.right, frame.bottom),
+        (frame.left, frame.bottom),
+    ];
+    marks.push(Mark::Fill {
+        points: all,
+        color: color(heights, heights.low),
+        opacity: 1.0,
+    });
     for level in levels(heights) {
         let color = color(heights, level);
         for row in 0..surface.y.len() - 1 {
             strip(surface, row, level, &mut |points: &[(f64, f64)]| {
                 let points = points.iter().map(|(x, y)| frame.at(*x, *y)).collect();
-                marks.push(Mark::Fill { points, color, opacity: 1.0 });
+                marks.push(Mark::Fill {
+                    points,
+                    color,
+                    opacity: 1.0,
+                });
             });
         }
     }
 }
 
-/// What lies above a level between two rows of the grid: runs of whole cells as one rectangle, other cells as triangles' parts.
+/// What lies above a level between two rows of the grid: runs of whole cells as one rectangle, other cells as
+/// triangles' parts.
 fn strip(surface: &Surface, row: usize, level: f64, emit: &mut dyn FnMut(&[Place])) {
     let (x, y, z) = (&surface.x, &surface.y, &surface.z);
-    let corners = |column: usize| [z[row][column], z[row][column + 1], z[row + 1][column + 1], z[row + 1][column]];
+    let corners = |column: usize| {
+        [
+            z[row][column],
+            z[row][column + 1],
+            z[row + 1][column + 1],
+            z[row + 1][column],
+        ]
+    };
     let mut run: Option<usize> = None;
     for column in 0..x.len() {
         let whole = column + 1 < x.len() && corners(column).iter().all(|height| *height >= level);
         match (whole, run) {
             (true, None) => run = Some(column),
             (false, Some(first)) => {
-                emit(&[(x[first], y[row]), (x[column], y[row]), (x[column], y[row + 1]), (x[first], y[row + 1])]);
+                emit(&[
+                    (x[first], y[row]),
+                    (x[column], y[row]),
+                    (x[column], y[row + 1]),
+                    (x[first], y[row + 1]),
+                ]);
                 run = None;
             }
             _ => {}
         }
         if !whole && column + 1 < x.len() {
-            let places = [(x[column], y[row]), (x[column + 1], y[row]), (x[column + 1], y[row + 1]), (x[column], y[row + 1])];
+            let places = [
+                (x[column], y[row]),
+                (x[column + 1], y[row]),
+                (x[column + 1], y[row + 1]),
+                (x[column], y[row + 1]),
+            ];
             let heights = corners(column);
             for [a, b, c] in [[0, 1, 2], [0, 2, 3]] {
-                let part = above(&[(places[a], heights[a]), (places[b], heights[b]), (places[c], heights[c])], level);
+                let part = above(
+                    &[
+                        (places[a], heights[a]),
+                        (places[b], heights[b]),
+                        (places[c], heights[c]),
+                    ],
+                    level,
+                );
                 if part.len() > 2 {
                     emit(&part);
                 }
@@ -85,7 +129,10 @@ fn above(corners: &[(Place, f64); 3], level: f64) -> Vec<Place> {
 }
 
 fn levels(heights: Range) -> Vec<f64> {
-    ticks::linear(heights.low, heights.high, BANDS).into_iter().map(|tick| tick.value).collect()
+    ticks::linear(heights.low, heights.high, BANDS)
+        .into_iter()
+        .map(|tick| tick.value)
+        .collect()
 }
 
 /// A colour for heights from `level` on, lighter than the scale itself, so that a path stands out.
@@ -95,21 +142,43 @@ fn color(heights: Range, level: f64) -> Rgb {
 
 /// The colours with numbers, right of the last panel.
 pub(super) fn color_bar(chart: &Chart, heights: Range, last: &Frame, marks: &mut Vec<Mark>) {
-    let bar = Frame { left: last.right + 8.0, right: last.right + 15.0, y: heights, ..*last };
+    let bar = Frame {
+        left: last.right + 8.0,
+        right: last.right + 15.0,
+        y: heights,
+        ..*last
+    };
     let ends: Vec<f64> = std::iter::once(heights.low).chain(levels(heights)).collect();
     for (index, low) in ends.iter().enumerate() {
         let high = ends.get(index + 1).copied().unwrap_or(heights.high);
         let (bottom, top) = (bar.at(bar.x.low, *low).1, bar.at(bar.x.low, high).1);
-        let points = vec![(bar.left, top), (bar.right, top), (bar.right, bottom), (bar.left, bottom)];
-        marks.push(Mark::Fill { points, color: color(heights, *low), opacity: 1.0 });
+        let points = vec![
+            (bar.left, top),
+            (bar.right, top),
+            (bar.right, bottom),
+            (bar.left, bottom),
+        ];
+        marks.push(Mark::Fill {
+            points,
+            color: color(heights, *low),
+            opacity: 1.0,
+        });
     }
     for tick in axes::ticks(&Scale::default(), heights, bar.bottom - bar.top, false) {
-        marks.push(text((bar.right + 2.5, bar.at(bar.x.low, tick.value).1), &tick.text, HPos::Left));
+        marks.push(text(
+            (bar.right + 2.5, bar.at(bar.x.low, tick.value).1),
+            &tick.text,
+            HPos::Left,
+        ));
     }
-    let label = chart.panels.iter().flat_map(|panel| &panel.series).find_map(|series| match &series.shape {
-        Shape::Surface(surface) => Some(surface.label.as_str()),
-        _ => None,
-    });
+    let label = chart
+        .panels
+        .iter()
+        .flat_map(|panel| &panel.series)
+        .find_map(|series| match &series.shape {
+            Shape::Surface(surface) => Some(surface.label.as_str()),
+            _ => None,
+        });
     marks.push(Mark::Text {
         at: (bar.left + 6.0, bar.top - 8.5),
         text: label.unwrap_or_default().into(),
@@ -134,7 +203,12 @@ mod tests {
     #[test]
     fn runs_of_whole_cells_are_one_rectangle() {
         let z = vec![vec![1.0, 1.0, 1.0, 0.0]; 2];
-        let surface = Surface { x: vec![0.0, 1.0, 2.0, 3.0], y: vec![0.0, 1.0], z, label: String::new() };
+        let surface = Surface {
+            x: vec![0.0, 1.0, 2.0, 3.0],
+            y: vec![0.0, 1.0],
+            z,
+            label: String::new(),
+        };
         let mut parts = Vec::new();
         strip(&surface, 0, 0.5, &mut |part| parts.push(part.to_vec()));
         assert_eq!(parts[0], [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)]);

@@ -1,8 +1,8 @@
 //! Figures of synthetic results: their data by snapshot, their drawing by what must hold of it.
 
 use super::{
-    Band, Bars, Chart, Context, Contour, FigureKind, FigureSpec, GroupedLines, LearningCurve, Scatter, Shape, Trajectory, build,
-    curve_tests, png, svg,
+    Band, Bars, Chart, Context, Contour, FigureKind, FigureSpec, GroupedLines, LearningCurve, Scatter, Shape,
+    Trajectory, build, curve_tests, png, svg,
 };
 use crate::{
     Phase,
@@ -17,9 +17,20 @@ use std::{
 
 pub(super) fn chart(spec: &FigureSpec, results: &Results) -> Chart {
     let agents = AGENTS.map(String::from);
-    let units =
-        BTreeMap::from([("cycle_length".into(), "h".into()), ("voltage".into(), "V".into()), ("load".into(), "W".into())]);
-    build(spec, Context { results, agents: &agents, units: &units }).unwrap()
+    let units = BTreeMap::from([
+        ("cycle_length".into(), "h".into()),
+        ("voltage".into(), "V".into()),
+        ("load".into(), "W".into()),
+    ]);
+    build(
+        spec,
+        Context {
+            results,
+            agents: &agents,
+            units: &units,
+        },
+    )
+    .unwrap()
 }
 
 fn names(names: &[&str]) -> Vec<String> {
@@ -27,12 +38,21 @@ fn names(names: &[&str]) -> Vec<String> {
 }
 
 pub(super) fn learning_curve(band: Band) -> FigureSpec {
-    let kind = LearningCurve { metric: "cycle_length".into(), band, ..LearningCurve::default() };
-    FigureSpec { labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into())]), ..FigureSpec::of(kind) }
+    let kind = LearningCurve {
+        metric: "cycle_length".into(),
+        band,
+        ..LearningCurve::default()
+    };
+    FigureSpec {
+        labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into())]),
+        ..FigureSpec::of(kind)
+    }
 }
 
 pub(super) fn curve_of(spec: &mut FigureSpec) -> &mut LearningCurve {
-    let FigureKind::LearningCurve(curve) = &mut spec.kind else { panic!("no learning curve") };
+    let FigureKind::LearningCurve(curve) = &mut spec.kind else {
+        panic!("no learning curve")
+    };
     curve
 }
 
@@ -47,7 +67,11 @@ fn trajectory() -> FigureSpec {
 }
 
 fn bars() -> FigureSpec {
-    let of = Comparison { rows: Axis::Environment, value: "cycle_length".into(), ..Comparison::default() };
+    let of = Comparison {
+        rows: Axis::Environment,
+        value: "cycle_length".into(),
+        ..Comparison::default()
+    };
     FigureSpec::of(Bars { of })
 }
 
@@ -55,15 +79,30 @@ fn bars() -> FigureSpec {
 fn sweep() -> (FigureSpec, Results) {
     let mut trials = Vec::new();
     for seed in 0..3 {
-        let value =
-            |value| vec![(Phase::Final, 1, 0, "return", value), (Phase::Final, 1, 0, "cost", 2.0 * value + noise(seed, 1, 2))];
+        let value = |value| {
+            vec![
+                (Phase::Final, 1, 0, "return", value),
+                (Phase::Final, 1, 0, "cost", 2.0 * value + noise(seed, 1, 2)),
+            ]
+        };
         for (index, rate) in ["1e-5", "1e-4", "1e-3", "1e-2"].into_iter().enumerate() {
             let mean = [2.0, 5.0, 6.0, 1.0][index] + noise(seed, index as u64, 0);
-            trials.push(trial("e", "dsac", &format!("dsac.learning_rate={rate}"), seed, &value(mean)));
+            trials.push(trial(
+                "e",
+                "dsac",
+                &format!("dsac.learning_rate={rate}"),
+                seed,
+                &value(mean),
+            ));
         }
         trials.push(trial("e", "equal", "", seed, &value(3.0)));
     }
-    let kind = GroupedLines { metric: "return".into(), x: "learning_rate".into(), log_x: true, ..GroupedLines::default() };
+    let kind = GroupedLines {
+        metric: "return".into(),
+        x: "learning_rate".into(),
+        log_x: true,
+        ..GroupedLines::default()
+    };
     (FigureSpec::of(kind), Results::of(trials))
 }
 
@@ -73,35 +112,62 @@ fn contour(size: u64) -> (FigureSpec, Results) {
     let at = |index: u64| 4.0 * index as f64 / (size - 1) as f64 - 2.0;
     for (x, y) in (0..size).flat_map(|x| (0..size).map(move |y| (at(x), at(y)))) {
         let z = (1.0 - x).powi(2) + 5.0 * (y - x * x / 2.0).powi(2);
-        rows.extend([("x", x), ("y", y), ("loss", z.ln_1p())].map(|(name, value)| (Phase::Trace, 0, 0, name, value)));
+        rows.extend(
+            [("x", x), ("y", y), ("loss", z.ln_1p())].map(|(name, value)| (Phase::Trace, 0, 0, name, value)),
+        );
     }
     for step in 0..=40_u32 {
         let x = -1.5 + 2.5 * f64::from(step) / 40.0;
         let y = x * x / 2.0 + 0.4 * (-f64::from(step) / 10.0).exp();
-        rows.extend([("path_x", x), ("path_y", y)].map(|(name, value)| (Phase::Evaluate, 10 * u64::from(step), 0, name, value)));
+        rows.extend(
+            [("path_x", x), ("path_y", y)]
+                .map(|(name, value)| (Phase::Evaluate, 10 * u64::from(step), 0, name, value)),
+        );
     }
-    let trials = ["dsac", "ddpg"].map(|agent| trial("e", agent, "", 0, &rows)).into();
-    let kind = Contour { surface: names(&["x", "y", "loss"]), path: names(&["path_x", "path_y"]), ..Contour::default() };
+    let trials = ["dsac", "ddpg"]
+        .map(|agent| trial("e", agent, "", 0, &rows))
+        .into();
+    let kind = Contour {
+        surface: names(&["x", "y", "loss"]),
+        path: names(&["path_x", "path_y"]),
+        ..Contour::default()
+    };
     (FigureSpec::of(kind), Results::of(trials))
 }
 
 fn scatter() -> FigureSpec {
-    FigureSpec::of(Scatter { x: "return".into(), y: "cost".into(), ..Scatter::default() })
+    FigureSpec::of(Scatter {
+        x: "return".into(),
+        y: "cost".into(),
+        ..Scatter::default()
+    })
 }
 
 /// Five environments on a logarithmic axis, long names, small numbers, and a seed that stopped early.
 fn many() -> (FigureSpec, Results) {
-    let agents = ["soft_actor_critic", "deterministic_policy_gradient", "random_allocation_by_draw", "rule_of_thumb"];
+    let agents = [
+        "soft_actor_critic",
+        "deterministic_policy_gradient",
+        "random_allocation_by_draw",
+        "rule_of_thumb",
+    ];
     let mut trials = Vec::new();
-    for (place, environment) in ["one", "two_cells", "three_cells", "four_cells_in_series", "five"].into_iter().enumerate() {
+    for (place, environment) in ["one", "two_cells", "three_cells", "four_cells_in_series", "five"]
+        .into_iter()
+        .enumerate()
+    {
         for (index, agent) in agents.into_iter().enumerate() {
             for seed in 0..3 {
                 let at = |step: u64| {
-                    1e-5 * 10f64.powf(1.5 * (place as f64 - step as f64 / 1e6) + 0.1 * noise(step, index as u64, seed))
+                    1e-5 * 10f64.powf(
+                        1.5 * (place as f64 - step as f64 / 1e6) + 0.1 * noise(step, index as u64, seed),
+                    )
                 };
                 let last = if seed == 2 { 1_000_000 } else { 2_000_000 };
                 let steps = (0..=last).step_by(if index < 2 { 100_000 } else { 4_000_000 });
-                let mut rows: Rows = steps.map(|step| (Phase::Evaluate, step, 0, "loss", at(step))).collect();
+                let mut rows: Rows = steps
+                    .map(|step| (Phase::Evaluate, step, 0, "loss", at(step)))
+                    .collect();
                 rows.push((Phase::Final, last, 0, "loss", at(500_000 * index as u64)));
                 if index < 2 {
                     rows.push((Phase::Final, last, 0, UPDATES, 1.0));
@@ -110,23 +176,46 @@ fn many() -> (FigureSpec, Results) {
             }
         }
     }
-    let kind = LearningCurve { metric: "loss".into(), band: Band::Range, log_y: true, ..LearningCurve::default() };
+    let kind = LearningCurve {
+        metric: "loss".into(),
+        band: Band::Range,
+        log_y: true,
+        ..LearningCurve::default()
+    };
     (FigureSpec::of(kind), Results::of(trials))
 }
 
 /// Negative bars under long names.
 fn changes() -> FigureSpec {
-    let of = Comparison { value: "cycle_length".into(), relative_to: Some("dsac".into()), ..Comparison::default() };
-    let labels = [("equal", "equal split of the load"), ("bound", "upper bound, solved with foresight")];
-    let labels = labels.map(|(name, label)| (name.to_owned(), label.to_owned())).into();
-    FigureSpec { labels, ..FigureSpec::of(Bars { of }) }
+    let of = Comparison {
+        value: "cycle_length".into(),
+        relative_to: Some("dsac".into()),
+        ..Comparison::default()
+    };
+    let labels = [
+        ("equal", "equal split of the load"),
+        ("bound", "upper bound, solved with foresight"),
+    ];
+    let labels = labels
+        .map(|(name, label)| (name.to_owned(), label.to_owned()))
+        .into();
+    FigureSpec {
+        labels,
+        ..FigureSpec::of(Bars { of })
+    }
 }
 
 /// Every kind, and hard cases.
 fn all(dir: &Path) -> Vec<(&'static str, Chart)> {
     let (sweep, sweep_results) = sweep();
     let (contour, contour_results) = contour(41);
-    let one = Results::of(study().trials.into_iter().filter(|trial| trial.trial.environment == "four_cells").collect());
+    let one = Results::of(
+        study()
+            .trials
+            .into_iter()
+            .filter(|trial| trial.trial.environment == "four_cells")
+            .collect(),
+    );
     let mut all = vec![
         ("learning-curves", chart(&learning_curve(Band::Sd), &study())),
         ("learning-curve", chart(&learning_curve(Band::Interval), &one)),
@@ -143,7 +232,10 @@ fn all(dir: &Path) -> Vec<(&'static str, Chart)> {
 }
 
 #[test]
-#[expect(clippy::disallowed_methods, reason = "whoever looks at the pictures says where they go")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "whoever looks at the pictures says where they go"
+)]
 fn every_kind_is_drawn_in_both_formats_and_to_the_same_bytes() {
     let dir = tempfile::tempdir().unwrap();
     // `FIGURES=DIR` keeps the pictures, to be looked at.
@@ -151,13 +243,19 @@ fn every_kind_is_drawn_in_both_formats_and_to_the_same_bytes() {
     for (name, chart) in all(&dir) {
         let text = svg(&chart).unwrap();
         assert_eq!(text, svg(&chart).unwrap(), "{name}");
-        assert!(text.starts_with("<svg width=\"") && text.contains("mm\"") && !text.contains("NaN"), "{name}");
+        assert!(
+            text.starts_with("<svg width=\"") && text.contains("mm\"") && !text.contains("NaN"),
+            "{name}"
+        );
         std::fs::write(dir.join(name).with_extension("svg"), text).unwrap();
         let path = dir.join(name).with_extension("png");
         png(&chart, &path).unwrap();
         let first = std::fs::read(&path).unwrap();
         png(&chart, &path).unwrap();
-        assert!(first == std::fs::read(&path).unwrap() && first.starts_with(b"\x89PNG"), "{name}");
+        assert!(
+            first == std::fs::read(&path).unwrap() && first.starts_with(b"\x89PNG"),
+            "{name}"
+        );
     }
 }
 
@@ -165,11 +263,27 @@ fn every_kind_is_drawn_in_both_formats_and_to_the_same_bytes() {
 fn the_data_of_learning_curves() {
     let chart = chart(&learning_curve(Band::Sd), &study());
     let csv = chart.csv().unwrap();
-    let thinned: Vec<&str> = csv.lines().enumerate().filter(|(index, _)| index % 12 == 0).map(|(_, line)| line).collect();
+    let thinned: Vec<&str> = csv
+        .lines()
+        .enumerate()
+        .filter(|(index, _)| index % 12 == 0)
+        .map(|(_, line)| line)
+        .collect();
     insta::assert_snapshot!(thinned.join("\n"));
     let legends: Vec<String> = chart.panels[1].series.iter().map(super::Series::legend).collect();
-    assert_eq!(legends, ["equal (n = 5)", "Dirichlet SAC (n = 5)", "ddpg (n = 3 of 5)", "bound (n = 5)"]);
-    assert_eq!((chart.panels[0].x.label.as_str(), chart.panels[0].y.label.as_str()), ("environment steps", "cycle length (h)"));
+    assert_eq!(
+        legends,
+        [
+            "equal (n = 5)",
+            "Dirichlet SAC (n = 5)",
+            "ddpg (n = 3 of 5)",
+            "bound (n = 5)"
+        ]
+    );
+    assert_eq!(
+        (chart.panels[0].x.label.as_str(), chart.panels[0].y.label.as_str()),
+        ("environment steps", "cycle length (h)")
+    );
 }
 
 #[test]
@@ -184,8 +298,21 @@ fn the_data_of_bars_and_sweeps() {
 fn trajectories_have_a_row_per_channel_and_a_column_per_agent() {
     let chart = chart(&trajectory(), &study());
     assert_eq!((chart.panels.len(), chart.columns), (6, 3));
-    let labels: Vec<&str> = chart.panels[0].series.iter().map(|series| series.label.as_str()).collect();
-    assert_eq!(labels, ["voltage 1", "voltage 2", "voltage 3", "voltage 4", "threshold 3.2"]);
+    let labels: Vec<&str> = chart.panels[0]
+        .series
+        .iter()
+        .map(|series| series.label.as_str())
+        .collect();
+    assert_eq!(
+        labels,
+        [
+            "voltage 1",
+            "voltage 2",
+            "voltage 3",
+            "voltage 4",
+            "threshold 3.2"
+        ]
+    );
     assert_eq!(chart.panels[4].series.len(), 1);
     assert_eq!(chart.notes, ["Episode 0 of seed 0 in four_cells."]);
 }
@@ -194,23 +321,41 @@ fn trajectories_have_a_row_per_channel_and_a_column_per_agent() {
 fn a_contour_has_the_measurements_in_their_order_and_the_highest_point() {
     let (spec, results) = contour(5);
     let chart = chart(&spec, &results);
-    let labels: Vec<&str> = chart.panels[1].series.iter().map(|series| series.label.as_str()).collect();
-    assert_eq!(labels, ["", "measurements from step 0 to step 400", "highest point"]);
+    let labels: Vec<&str> = chart.panels[1]
+        .series
+        .iter()
+        .map(|series| series.label.as_str())
+        .collect();
+    assert_eq!(
+        labels,
+        ["", "measurements from step 0 to step 400", "highest point"]
+    );
     let path = chart.panels[0].series[1].shape.points();
     assert!(path.len() == 41 && path.windows(2).all(|ends| ends[0].x < ends[1].x));
     let highest = chart.panels[0].series[2].shape.points()[0];
     assert_eq!((highest.x, highest.y), (-2.0, -2.0));
-    assert_eq!(chart.notes, ["Seed 0; a point is the mean over the episodes of a measurement."]);
+    assert_eq!(
+        chart.notes,
+        ["Seed 0; a point is the mean over the episodes of a measurement."]
+    );
 }
 
 #[test]
 fn an_agent_has_one_colour_in_all_figures() {
     let color = |chart: &Chart, label: &str| {
-        let series = chart.panels.iter().flat_map(|panel| &panel.series).find(|series| series.label == label);
+        let series = chart
+            .panels
+            .iter()
+            .flat_map(|panel| &panel.series)
+            .find(|series| series.label == label);
         series.map(|series| series.style.color())
     };
     let (sweep, results) = sweep();
-    let (curve, bars, sweep) = (chart(&learning_curve(Band::None), &study()), chart(&bars(), &study()), chart(&sweep, &results));
+    let (curve, bars, sweep) = (
+        chart(&learning_curve(Band::None), &study()),
+        chart(&bars(), &study()),
+        chart(&sweep, &results),
+    );
     assert_eq!(color(&curve, "Dirichlet SAC"), color(&bars, "dsac"));
     assert_eq!(color(&curve, "equal"), color(&sweep, "equal"));
     assert_ne!(color(&curve, "equal"), color(&curve, "Dirichlet SAC"));
@@ -221,11 +366,27 @@ fn nothing_to_draw_is_said() {
     let agents = Vec::new();
     let units = BTreeMap::new();
     let results = study();
-    let message =
-        |spec: &FigureSpec| build(spec, Context { results: &results, agents: &agents, units: &units }).unwrap_err().to_string();
-    let unknown = LearningCurve { metric: "nothing".into(), ..LearningCurve::default() };
+    let message = |spec: &FigureSpec| {
+        build(
+            spec,
+            Context {
+                results: &results,
+                agents: &agents,
+                units: &units,
+            },
+        )
+        .unwrap_err()
+        .to_string()
+    };
+    let unknown = LearningCurve {
+        metric: "nothing".into(),
+        ..LearningCurve::default()
+    };
     assert!(message(&FigureSpec::of(unknown)).contains("no trial has recorded"));
-    let untraced = Trajectory { channels: names(&["pressure"]), ..Trajectory::default() };
+    let untraced = Trajectory {
+        channels: names(&["pressure"]),
+        ..Trajectory::default()
+    };
     assert!(message(&FigureSpec::of(untraced)).contains("no trial has recorded a trace"));
 }
 
@@ -256,13 +417,31 @@ fn measurements_before_a_step_are_left_out_of_line_and_average() {
 #[test]
 fn a_long_label_of_an_axis_stays_on_the_paper() {
     let long = "a label of the vertical axis that is far longer than one line beside the plot can be";
-    let spec = FigureSpec { y_label: Some(long.into()), ..learning_curve(Band::Sd) };
+    let spec = FigureSpec {
+        y_label: Some(long.into()),
+        ..learning_curve(Band::Sd)
+    };
     let drawing = super::layout::draw(&chart(&spec, &study()));
     let upright = drawing.marks.iter().filter_map(|mark| match mark {
-        super::paint::Mark::Text { at, text, upright: true, .. } => Some((at.0, text.clone())),
+        super::paint::Mark::Text {
+            at,
+            text,
+            upright: true,
+            ..
+        } => Some((at.0, text.clone())),
         _ => None,
     });
     let lines: Vec<_> = upright.collect();
-    assert!(lines.len() > 1 && lines.iter().all(|(x, _)| *x > 4.0), "{lines:?}");
-    assert_eq!(lines.iter().map(|(_, text)| text.as_str()).collect::<Vec<_>>().join(" "), long);
+    assert!(
+        lines.len() > 1 && lines.iter().all(|(x, _)| *x > 4.0),
+        "{lines:?}"
+    );
+    assert_eq!(
+        lines
+            .iter()
+            .map(|(_, text)| text.as_str())
+            .collect::<Vec<_>>()
+            .join(" "),
+        long
+    );
 }

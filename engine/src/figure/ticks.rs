@@ -15,12 +15,23 @@ pub fn linear(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
     let step = round_step((high - low) / f64::from(u32::try_from(wanted.max(1)).unwrap_or(1)));
     let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
     #[allow(clippy::cast_possible_truncation, reason = "a few ticks")]
-    let values: Vec<f64> = (0..=(last - first) as i32).map(|index| (first + f64::from(index)) * step).collect();
-    let largest = values.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
-    values.into_iter().map(|value| Tick { value, text: write(value, step, largest) }).collect()
+    let values: Vec<f64> = (0..=(last - first) as i32)
+        .map(|index| (first + f64::from(index)) * step)
+        .collect();
+    let largest = values
+        .iter()
+        .fold(0.0, |largest: f64, value| largest.max(value.abs()));
+    values
+        .into_iter()
+        .map(|value| Tick {
+            value,
+            text: write(value, step, largest),
+        })
+        .collect()
 }
 
-/// Ticks of a logarithmic axis: powers of ten with text, and 2 to 9 between them, with text only where few powers are in range.
+/// Ticks of a logarithmic axis: powers of ten with text, and 2 to 9 between them, with text only where few
+/// powers are in range.
 #[must_use]
 pub fn logarithmic(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
     #[allow(clippy::cast_possible_truncation, reason = "exponents of finite numbers")]
@@ -32,9 +43,20 @@ pub fn logarithmic(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
     for exponent in first..=last {
         for digit in 1..=9 {
             let value = f64::from(digit) * 10f64.powi(exponent);
-            let named = if digit == 1 { exponent % skip == 0 } else { few && (digit == 2 || digit == 5) };
+            let named = if digit == 1 {
+                exponent % skip == 0
+            } else {
+                few && (digit == 2 || digit == 5)
+            };
             if (low * (1.0 - 1e-9)..=high * (1.0 + 1e-9)).contains(&value) {
-                ticks.push(Tick { value, text: if named { power(digit, exponent, plain) } else { String::new() } });
+                ticks.push(Tick {
+                    value,
+                    text: if named {
+                        power(digit, exponent, plain)
+                    } else {
+                        String::new()
+                    },
+                });
             }
         }
     }
@@ -44,7 +66,9 @@ pub fn logarithmic(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
 /// The next of 1, 2, 2.5, 5 and 10 times a power of ten, or one that is only a little smaller.
 fn round_step(step: f64) -> f64 {
     let power = 10f64.powf(step.log10().floor());
-    let factor = [1.0, 2.0, 2.5, 5.0, 10.0].into_iter().find(|factor| factor * power >= 0.85 * step);
+    let factor = [1.0, 2.0, 2.5, 5.0, 10.0]
+        .into_iter()
+        .find(|factor| factor * power >= 0.85 * step);
     factor.unwrap_or(10.0) * power
 }
 
@@ -56,7 +80,11 @@ fn write(value: f64, step: f64, largest: f64) -> String {
         _ if largest >= 1e4 => (1e3, "k"),
         _ => (1.0, ""),
     };
-    if value == 0.0 { "0".into() } else { format!("{}{suffix}", minus(&fixed(value / divisor, step / divisor))) }
+    if value == 0.0 {
+        "0".into()
+    } else {
+        format!("{}{suffix}", minus(&fixed(value / divisor, step / divisor)))
+    }
 }
 
 fn scientific(value: f64, step: f64, largest: f64) -> String {
@@ -72,7 +100,9 @@ fn scientific(value: f64, step: f64, largest: f64) -> String {
 
 fn fixed(value: f64, step: f64) -> String {
     // 2.5 needs one more digit than its power of ten says.
-    let decimals = (0..=9).find(|decimals| is_whole(step * 10f64.powi(*decimals))).unwrap_or(9);
+    let decimals = (0..=9)
+        .find(|decimals| is_whole(step * 10f64.powi(*decimals)))
+        .unwrap_or(9);
     format!("{value:.*}", usize::try_from(decimals).unwrap_or(0))
 }
 
@@ -82,7 +112,10 @@ fn is_whole(number: f64) -> bool {
 
 fn power(digit: i32, exponent: i32, plain: bool) -> String {
     match digit {
-        _ if plain => minus(&fixed(f64::from(digit) * 10f64.powi(exponent), 10f64.powi(exponent))),
+        _ if plain => minus(&fixed(
+            f64::from(digit) * 10f64.powi(exponent),
+            10f64.powi(exponent),
+        )),
         1 => format!("10{}", superscript(exponent)),
         _ => format!("{digit}×10{}", superscript(exponent)),
     }
@@ -103,7 +136,11 @@ mod tests {
     use super::*;
 
     fn texts(ticks: &[Tick]) -> Vec<&str> {
-        ticks.iter().map(|tick| tick.text.as_str()).filter(|text| !text.is_empty()).collect()
+        ticks
+            .iter()
+            .map(|tick| tick.text.as_str())
+            .filter(|text| !text.is_empty())
+            .collect()
     }
 
     #[test]
@@ -112,13 +149,22 @@ mod tests {
         assert_eq!(texts(&linear(0.0, 1.0, 4)), ["0", "0.25", "0.50", "0.75", "1.00"]);
         assert_eq!(texts(&linear(-0.1, 0.31, 4)), ["−0.1", "0", "0.1", "0.2", "0.3"]);
         assert_eq!(texts(&linear(0.0, 3e6, 3)), ["0", "1M", "2M", "3M"]);
-        assert_eq!(texts(&linear(0.0, 4e-5, 4)), ["0", "1×10⁻⁵", "2×10⁻⁵", "3×10⁻⁵", "4×10⁻⁵"]);
-        assert_eq!(texts(&linear(12.0, 14.0, 4)), ["12.0", "12.5", "13.0", "13.5", "14.0"]);
+        assert_eq!(
+            texts(&linear(0.0, 4e-5, 4)),
+            ["0", "1×10⁻⁵", "2×10⁻⁵", "3×10⁻⁵", "4×10⁻⁵"]
+        );
+        assert_eq!(
+            texts(&linear(12.0, 14.0, 4)),
+            ["12.0", "12.5", "13.0", "13.5", "14.0"]
+        );
     }
 
     #[test]
     fn logarithmic_ticks_are_powers_of_ten() {
-        assert_eq!(texts(&logarithmic(1e-5, 1.0, 6)), ["10⁻⁵", "10⁻⁴", "10⁻³", "10⁻²", "10⁻¹", "10⁰"]);
+        assert_eq!(
+            texts(&logarithmic(1e-5, 1.0, 6)),
+            ["10⁻⁵", "10⁻⁴", "10⁻³", "10⁻²", "10⁻¹", "10⁰"]
+        );
         assert_eq!(texts(&logarithmic(1.0, 12.0, 6)), ["1", "2", "5", "10"]);
     }
 
@@ -128,7 +174,8 @@ mod tests {
             let ticks = linear(low, low + width, wanted);
             proptest::prop_assert!(!ticks.is_empty() && ticks.len() <= wanted + 2);
             let slack = width * 1e-6;
-            proptest::prop_assert!(ticks.iter().all(|tick| tick.value >= low - slack && tick.value <= low + width + slack));
+            proptest::prop_assert!(ticks.iter()
+                .all(|tick| tick.value >= low - slack && tick.value <= low + width + slack));
         }
     }
 }

@@ -18,7 +18,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Trajectory {
-    /// Trace channels to draw; a word without a number (`voltage`) stands for all channels `voltage_1`, `voltage_2`, ... One row of panels each.
+    /// Trace channels to draw; a word without a number (`voltage`) stands for all channels `voltage_1`,
+    /// `voltage_2`, ... One row of panels each.
     pub channels: Vec<String>,
     /// Which agents, one column of panels each.
     pub agents: Vec<String>,
@@ -52,14 +53,21 @@ impl Figure for Trajectory {
 /// Panels of one episode; all of a row share the vertical axis, all the horizontal one.
 fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
     let trials = trials(kind, context);
-    let has_trace = |trial: &&TrialResult| kind.channels.iter().any(|channel| !lines(kind, trial, channel).is_empty());
+    let has_trace = |trial: &&TrialResult| {
+        kind.channels
+            .iter()
+            .any(|channel| !lines(kind, trial, channel).is_empty())
+    };
     let trials: Vec<&TrialResult> = trials.into_iter().filter(has_trace).collect();
     if trials.is_empty() {
         return Err(problem("no trial has recorded a trace of these channels"));
     }
     let mut panels = Vec::new();
     for (row, channel) in kind.channels.iter().enumerate() {
-        let mut of_row: Vec<Panel> = trials.iter().map(|trial| panel(kind, spec, context, channel, trial)).collect();
+        let mut of_row: Vec<Panel> = trials
+            .iter()
+            .map(|trial| panel(kind, spec, context, channel, trial))
+            .collect();
         for (column, panel) in of_row.iter_mut().enumerate().filter(|_| row == 0) {
             panel.title = label(spec, &trials[column].trial.agent);
             panel.series.extend(kind.threshold.map(threshold));
@@ -68,77 +76,172 @@ fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<C
     }
     name_once(&mut panels);
     let trial = &trials[0].trial;
-    let note = format!("Episode {} of seed {} in {}.", kind.episode, trial.key.seed, label(spec, &trial.environment));
-    Ok(Chart { panels, columns: trials.len(), shared_x: true, shared_y: true, notes: vec![note] })
+    let note = format!(
+        "Episode {} of seed {} in {}.",
+        kind.episode,
+        trial.key.seed,
+        label(spec, &trial.environment)
+    );
+    Ok(Chart {
+        panels,
+        columns: trials.len(),
+        shared_x: true,
+        shared_y: true,
+        notes: vec![note],
+    })
 }
 
 fn trials<'a>(kind: &Trajectory, context: Context<'a>) -> Vec<&'a TrialResult> {
     let environments: Vec<String> = kind.environment.iter().cloned().collect();
     let scope = Scope::of(context.results, &kind.agents, &environments);
-    let environment = scope.names(Axis::Environment, &[]).into_iter().next().unwrap_or_default();
+    let environment = scope
+        .names(Axis::Environment, &[])
+        .into_iter()
+        .next()
+        .unwrap_or_default();
     let scope = scope.at(Axis::Environment, &environment);
-    let seed = kind.seed.or_else(|| scope.trials.iter().map(|trial| trial.trial.key.seed).min());
+    let seed = kind
+        .seed
+        .or_else(|| scope.trials.iter().map(|trial| trial.trial.key.seed).min());
     let of_agent = |agent: &String| {
         let trials = scope.at(Axis::Agent, agent).trials;
-        trials.into_iter().find(|trial| Some(trial.trial.key.seed) == seed && trial.is_ok())
+        trials
+            .into_iter()
+            .find(|trial| Some(trial.trial.key.seed) == seed && trial.is_ok())
     };
-    scope.names(Axis::Agent, &kind.agents).iter().filter_map(of_agent).collect()
+    scope
+        .names(Axis::Agent, &kind.agents)
+        .iter()
+        .filter_map(of_agent)
+        .collect()
 }
 
-fn panel(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>, channel: &str, trial: &TrialResult) -> Panel {
+fn panel(
+    kind: &Trajectory,
+    spec: &FigureSpec,
+    context: Context<'_>,
+    channel: &str,
+    trial: &TrialResult,
+) -> Panel {
     let lines = lines(kind, trial, channel);
     let count = lines.len();
     let series = |(index, (name, points)): (usize, (String, Vec<Point>))| {
-        let alone = Style { variant: 0, ..context.style(&trial.trial.agent) };
-        let style = if count == 1 { alone } else { Style { hue: Hue::Ramp(index, count), variant: index } };
-        let label = if count == 1 { String::new() } else { label(spec, &name).replace('_', " ") };
-        Series { label, seeds: None, style, shape: Shape::Line(points) }
+        let alone = Style {
+            variant: 0,
+            ..context.style(&trial.trial.agent)
+        };
+        let style = if count == 1 {
+            alone
+        } else {
+            Style {
+                hue: Hue::Ramp(index, count),
+                variant: index,
+            }
+        };
+        let label = if count == 1 {
+            String::new()
+        } else {
+            label(spec, &name).replace('_', " ")
+        };
+        Series {
+            label,
+            seeds: None,
+            style,
+            shape: Shape::Line(points),
+        }
     };
     Panel {
         title: String::new(),
-        x: Scale { label: "decision".into(), ..Scale::default() },
+        x: Scale {
+            label: "decision".into(),
+            ..Scale::default()
+        },
         y: context.scale(spec, channel, false),
         series: lines.into_iter().enumerate().map(series).collect(),
     }
 }
 
-/// The lines of a channel: the channel itself, or all `channel_1`, `channel_2`, ..., in numerical order, for each seat.
+/// The lines of a channel: the channel itself, or all `channel_1`, `channel_2`, ..., in numerical order, for
+/// each seat.
 fn lines(kind: &Trajectory, trial: &TrialResult, channel: &str) -> Vec<(String, Vec<Point>)> {
     let number = |name: &str| name.strip_prefix(channel)?.strip_prefix('_')?.parse::<u32>().ok();
-    let mut names: Vec<(u32, &String)> = trial.names.iter().filter_map(|name| Some((number(name)?, name))).collect();
+    let mut names: Vec<(u32, &String)> = trial
+        .names
+        .iter()
+        .filter_map(|name| Some((number(name)?, name)))
+        .collect();
     names.sort();
     if let Some(name) = trial.names.iter().find(|name| *name == channel) {
         names = vec![(0, name)];
     }
-    names.into_iter().flat_map(|(_, name)| seats(kind, trial, name)).collect()
+    names
+        .into_iter()
+        .flat_map(|(_, name)| seats(kind, trial, name))
+        .collect()
 }
 
 fn seats(kind: &Trajectory, trial: &TrialResult, name: &str) -> Vec<(String, Vec<Point>)> {
     let mut seats: std::collections::BTreeMap<u16, Vec<Point>> = std::collections::BTreeMap::new();
-    for row in trial.select(Phase::Trace, name).filter(|row| row.episode == kind.episode) {
+    for row in trial
+        .select(Phase::Trace, name)
+        .filter(|row| row.episode == kind.episode)
+    {
         #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
-        seats.entry(row.seat).or_default().push(Point { x: row.step as f64, y: row.value, interval: None });
+        seats.entry(row.seat).or_default().push(Point {
+            x: row.step as f64,
+            y: row.value,
+            interval: None,
+        });
     }
     let several = seats.len() > 1;
-    let name = |seat: u16| if several { format!("{name}, seat {}", seat + 1) } else { name.into() };
-    seats.into_iter().map(|(seat, points)| (name(seat), points)).collect()
+    let name = |seat: u16| {
+        if several {
+            format!("{name}, seat {}", seat + 1)
+        } else {
+            name.into()
+        }
+    };
+    seats
+        .into_iter()
+        .map(|(seat, points)| (name(seat), points))
+        .collect()
 }
 
 fn threshold(value: f64) -> Series {
-    let style = Style { hue: Hue::Grey, variant: 1 };
-    Series { label: format!("threshold {value}"), seeds: None, style, shape: Shape::Level(value) }
+    let style = Style {
+        hue: Hue::Grey,
+        variant: 1,
+    };
+    Series {
+        label: format!("threshold {value}"),
+        seeds: None,
+        style,
+        shape: Shape::Level(value),
+    }
 }
 
-/// Rows that number the same things share one set of names in the legend: `1`, `2`, ... where the words before them differ.
+/// Rows that number the same things share one set of names in the legend: `1`, `2`, ... where the words
+/// before them differ.
 fn name_once(panels: &mut [Panel]) {
     let word = |label: &str| label.rsplit_once(' ').map(|(word, _)| word.to_owned());
     let numbered = |series: &&Series| matches!(series.style.hue, Hue::Ramp(..));
-    let words: std::collections::BTreeSet<_> =
-        panels.iter().flat_map(|panel| panel.series.iter().filter(numbered).map(|series| word(&series.label))).collect();
+    let words: std::collections::BTreeSet<_> = panels
+        .iter()
+        .flat_map(|panel| {
+            panel
+                .series
+                .iter()
+                .filter(numbered)
+                .map(|series| word(&series.label))
+        })
+        .collect();
     if words.len() < 2 {
         return;
     }
-    for series in panels.iter_mut().flat_map(|panel| &mut panel.series).filter(|series| matches!(series.style.hue, Hue::Ramp(..)))
+    for series in panels
+        .iter_mut()
+        .flat_map(|panel| &mut panel.series)
+        .filter(|series| matches!(series.style.hue, Hue::Ramp(..)))
     {
         if let Some((_, number)) = series.label.rsplit_once(' ') {
             series.label = format!("no. {number}");

@@ -35,8 +35,15 @@ fn all() -> impl Iterator<Item = (&'static str, &'static Kind)> {
 }
 
 fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnostic>> {
-    let sweep = if options.contains("discount") { "sweep: { learner.discount: { grid: [0.9, 0.99] } }\n" } else { "" };
-    let text = format!("{HEAD}{sweep}{section}: {{ it: {{ {}: {options} }} }}\n", kind.name);
+    let sweep = if options.contains("discount") {
+        "sweep: { learner.discount: { grid: [0.9, 0.99] } }\n"
+    } else {
+        ""
+    };
+    let text = format!(
+        "{HEAD}{sweep}{section}: {{ it: {{ {}: {options} }} }}\n",
+        kind.name
+    );
     spec::load_text(&text, "study.yaml", Path::new(""), &toys(), &Options::default())
 }
 
@@ -44,7 +51,10 @@ fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnost
 fn with_unknown(kind: &Kind, words: &[&str]) -> String {
     let example = (kind.example)();
     let word = words.iter().find(|word| example.contains(*word));
-    example.replace(word.unwrap_or_else(|| panic!("{} names none of {words:?}", kind.name)), "nonsense")
+    example.replace(
+        word.unwrap_or_else(|| panic!("{} names none of {words:?}", kind.name)),
+        "nonsense",
+    )
 }
 
 /// Values that differ by agent and seed, during learning, at the end and in a trace of a full grid.
@@ -55,9 +65,14 @@ fn made_up(trial: Trial) -> TrialResult {
         rows.extend(["return", "length"].map(|metric| (phase, step, 0, metric, value + step as f64)));
     }
     for (step, [x, y]) in (0..).zip([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) {
-        rows.extend([("height_1", x), ("height_2", y)].map(|(channel, at)| (Phase::Trace, step, 0, channel, at)));
+        rows.extend(
+            [("height_1", x), ("height_2", y)].map(|(channel, at)| (Phase::Trace, step, 0, channel, at)),
+        );
     }
-    TrialResult { trial, ..synthetic::trial("", "", "", 0, &rows) }
+    TrialResult {
+        trial,
+        ..synthetic::trial("", "", "", 0, &rows)
+    }
 }
 
 #[test]
@@ -76,9 +91,15 @@ fn every_kind_is_described_with_the_keys_of_its_schema() {
         assert_eq!(property.get("description").unwrap(), kind.about);
         let inner = property.as_struct().unwrap();
         let text = spec::describe(&toys(), kind.name).unwrap();
-        assert!(text.contains(kind.about) && !inner.property_names().is_empty(), "{text}");
+        assert!(
+            text.contains(kind.about) && !inner.property_names().is_empty(),
+            "{text}"
+        );
         for key in inner.property_names() {
-            assert!(text.contains(&format!("\n  {key}: ")), "`{key}` is not described:\n{text}");
+            assert!(
+                text.contains(&format!("\n  {key}: ")),
+                "`{key}` is not described:\n{text}"
+            );
         }
     }
 }
@@ -90,7 +111,9 @@ fn every_kind_refuses_what_it_does_not_know_where_it_stands() {
         let metric = with_unknown(kind, &["return", "height"]);
         let agent = with_unknown(kind, &["learner", "runner"]);
         for options in [unknown_key, metric, agent] {
-            let Err(found) = load(section, kind, &options) else { panic!("{}: {options} passes", kind.name) };
+            let Err(found) = load(section, kind, &options) else {
+                panic!("{}: {options} passes", kind.name)
+            };
             let is_place = |it: &Diagnostic| {
                 it.message.contains("nonsense")
                     && it.path.starts_with(&format!("{section}.it.{}", kind.name))
@@ -109,12 +132,24 @@ fn every_kind_builds_what_its_example_asks_for() {
         let results = Results::of(study.plan().trials.into_iter().map(made_up).collect());
         for (_, spec) in &study.tables {
             let grid = table::build(spec, &results).unwrap();
-            assert!(grid.cells.iter().flatten().any(|cell| cell.estimate.is_some()), "{} is empty", kind.name);
+            assert!(
+                grid.cells.iter().flatten().any(|cell| cell.estimate.is_some()),
+                "{} is empty",
+                kind.name
+            );
         }
         for (_, spec) in &study.figures {
-            let context = Context { results: &results, agents: &study.agents, units: &BTreeMap::new() };
+            let context = Context {
+                results: &results,
+                agents: &study.agents,
+                units: &BTreeMap::new(),
+            };
             let chart = figure::build(spec, context).unwrap();
-            assert!(chart.panels.iter().any(|panel| !panel.series.is_empty()), "{} is empty", kind.name);
+            assert!(
+                chart.panels.iter().any(|panel| !panel.series.is_empty()),
+                "{} is empty",
+                kind.name
+            );
             assert!(figure::svg(&chart).unwrap().contains("<svg"));
         }
         assert_eq!(study.tables.len() + study.figures.len(), 1);

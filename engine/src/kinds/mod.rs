@@ -49,7 +49,10 @@ impl Contradiction {
 pub(crate) fn schema(kinds: &[Kind], generator: &mut SchemaGenerator) -> Schema {
     let property = |kind: &Kind| {
         let value = (kind.schema)(generator);
-        (kind.name.to_owned(), json!({ "description": kind.about, "anyOf": [value, { "type": "null" }] }))
+        (
+            kind.name.to_owned(),
+            json!({ "description": kind.about, "anyOf": [value, { "type": "null" }] }),
+        )
     };
     let properties: Map<String, Value> = kinds.iter().map(property).collect();
     json_schema!({ "type": "object", "properties": properties })
@@ -58,7 +61,8 @@ pub(crate) fn schema(kinds: &[Kind], generator: &mut SchemaGenerator) -> Schema 
 /// A list of kinds: an enum of their types, which is written as a mapping with the kind's name as its one
 /// key.
 macro_rules! kinds {
-    ($(#[$doc:meta])* $Any:ident: $Trait:ident { $($name:literal => $Variant:ident($Spec:ty), $about:literal;)+ }) => {
+    ($(#[$doc:meta])* $Any:ident: $Trait:ident { $($name:literal => $Variant:ident($Spec:ty),
+        $about:literal;)+ }) => {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
         pub enum $Any {

@@ -1,4 +1,5 @@
-//! The trials of plays: every combination of agents over roles and every seed, after the trials that train them.
+//! The trials of plays: every combination of agents over roles and every seed, after the trials that train
+//! them.
 
 use super::DEVICE;
 use crate::{
@@ -15,12 +16,19 @@ pub(super) fn trials(study: &Study, play: &Play, trained: &[Vec<Trial>]) -> Vec<
     let mut trials = Vec::new();
     for players in play.combinations() {
         let named = play.roles.iter().zip(&players);
-        let roles: BTreeMap<String, String> = named.map(|((role, _), player)| (role.clone(), player.name.clone())).collect();
+        let roles: BTreeMap<String, String> = named
+            .map(|((role, _), player)| (role.clone(), player.name.clone()))
+            .collect();
         for (at, &seed) in study.seeds.iter().enumerate() {
             let member = |((role, seats), player): (&(String, Vec<String>), &&Player)| {
-                Some((role.clone(), member(seats.clone(), player, &trained[player.cell][at])?))
+                Some((
+                    role.clone(),
+                    member(seats.clone(), player, &trained[player.cell][at])?,
+                ))
             };
-            let cast = Cast { roles: play.roles.iter().zip(&players).filter_map(member).collect() };
+            let cast = Cast {
+                roles: play.roles.iter().zip(&players).filter_map(member).collect(),
+            };
             let key = TrialKey {
                 environment: play.arena.clone(),
                 agent: Seating::Cast(cast),
@@ -29,9 +37,18 @@ pub(super) fn trials(study: &Study, play: &Play, trained: &[Vec<Trial>]) -> Vec<
                 numerics: study.numerics,
                 device: DEVICE.into(),
             };
-            let (environment, agent, purpose) = (play.name.clone(), title(&roles), Purpose::Play(roles.clone()));
+            let (environment, agent, purpose) =
+                (play.name.clone(), title(&roles), Purpose::Play(roles.clone()));
             let (setting, point) = (String::new(), Setting::default());
-            trials.push(Trial { id: key.id(), environment, agent, setting, point, purpose, key });
+            trials.push(Trial {
+                id: key.id(),
+                environment,
+                agent,
+                setting,
+                point,
+                purpose,
+                key,
+            });
         }
     }
     trials
@@ -40,5 +57,9 @@ pub(super) fn trials(study: &Study, play: &Play, trained: &[Vec<Trial>]) -> Vec<
 /// One who plays with the policy of the trial `source`; `None` for a cast, which a play refuses.
 fn member(seats: Vec<String>, player: &Player, source: &Trial) -> Option<Member> {
     let agent = source.key.agent.agent()?.clone();
-    Some(Member { seats, agent, trial: player.learns.then(|| source.id.clone()) })
+    Some(Member {
+        seats,
+        agent,
+        trial: player.learns.then(|| source.id.clone()),
+    })
 }

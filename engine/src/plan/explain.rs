@@ -1,4 +1,5 @@
-//! Says why trials are new: one line per cell and reason for people, one object per cell and reason for programs.
+//! Says why trials are new: one line per cell and reason for people, one object per cell and reason for
+//! programs.
 
 use super::{Novelty, Reason};
 use serde_json::{Value, json};
@@ -14,8 +15,15 @@ impl Display for Reason {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
         match self {
             Reason::NewSeed { stored } => new_seed(out, stored),
-            Reason::Changed { differences, new_seed: seeds } => {
-                let shown: Vec<String> = differences.iter().take(MOST_DIFFERENCES).map(ToString::to_string).collect();
+            Reason::Changed {
+                differences,
+                new_seed: seeds,
+            } => {
+                let shown: Vec<String> = differences
+                    .iter()
+                    .take(MOST_DIFFERENCES)
+                    .map(ToString::to_string)
+                    .collect();
                 write!(out, "{}", shown.join(", "))?;
                 if differences.len() > MOST_DIFFERENCES {
                     write!(out, " and {} more", differences.len() - MOST_DIFFERENCES)?;
@@ -26,7 +34,12 @@ impl Display for Reason {
             }
             Reason::Takes(sources) => {
                 let names: Vec<&str> = sources.iter().map(String::as_str).collect();
-                write!(out, "takes from {}, which {} new", names.join(" and "), if names.len() == 1 { "is" } else { "are" })
+                write!(
+                    out,
+                    "takes from {}, which {} new",
+                    names.join(" and "),
+                    if names.len() == 1 { "is" } else { "are" }
+                )
             }
             Reason::NothingLikeIt => write!(out, "nothing like it is stored"),
             Reason::Killed => write!(out, "was killed from outside"),
@@ -36,7 +49,11 @@ impl Display for Reason {
 }
 
 fn new_seed(out: &mut Formatter<'_>, stored: &BTreeSet<u64>) -> fmt::Result {
-    write!(out, "new seed (stored: {})", seed_ranges(&stored.iter().copied().collect::<Vec<_>>()))
+    write!(
+        out,
+        "new seed (stored: {})",
+        seed_ranges(&stored.iter().copied().collect::<Vec<_>>())
+    )
 }
 
 /// Numbers as ranges, as in `0-2, 5`.
@@ -47,22 +64,48 @@ pub fn seed_ranges(seeds: &[u64]) -> String {
         [only] => only.to_string(),
         [] => String::new(),
     };
-    seeds.chunk_by(|one, next| one.checked_add(1) == Some(*next)).map(range).collect::<Vec<_>>().join(", ")
+    seeds
+        .chunk_by(|one, next| one.checked_add(1) == Some(*next))
+        .map(range)
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
-/// One line per cell and reason in aligned columns; a single line where one reason holds for every cell alike.
+/// One line per cell and reason in aligned columns; a single line where one reason holds for every cell
+/// alike.
 #[must_use]
 pub fn explain(novelties: &[Novelty]) -> String {
-    let Some(first) = novelties.first() else { return String::new() };
+    let Some(first) = novelties.first() else {
+        return String::new();
+    };
     let same = |other: &Novelty| other.seeds == first.seeds && other.reason == first.reason;
     let rows: Vec<[String; 5]> = if novelties.len() > 3 && novelties.iter().all(same) {
         let cells = format!("each of {} cells", novelties.len());
-        vec![[cells, String::new(), String::new(), seeds(first), first.reason.to_string()]]
+        vec![[
+            cells,
+            String::new(),
+            String::new(),
+            seeds(first),
+            first.reason.to_string(),
+        ]]
     } else {
-        let row = |it: &Novelty| [it.environment.clone(), it.agent.clone(), it.setting.clone(), seeds(it), it.reason.to_string()];
+        let row = |it: &Novelty| {
+            [
+                it.environment.clone(),
+                it.agent.clone(),
+                it.setting.clone(),
+                seeds(it),
+                it.reason.to_string(),
+            ]
+        };
         novelties.iter().map(row).collect()
     };
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let width = |column: usize| {
+        rows.iter()
+            .map(|row| row[column].chars().count())
+            .max()
+            .unwrap_or(0)
+    };
     let widths: [usize; 4] = std::array::from_fn(width);
     let line = |row: &[String; 5]| {
         let columns = row.iter().zip(widths).filter(|(_, width)| *width > 0);
@@ -73,7 +116,11 @@ pub fn explain(novelties: &[Novelty]) -> String {
 }
 
 fn seeds(it: &Novelty) -> String {
-    format!("{} {}", if it.seeds.len() == 1 { "seed" } else { "seeds" }, seed_ranges(&it.seeds))
+    format!(
+        "{} {}",
+        if it.seeds.len() == 1 { "seed" } else { "seeds" },
+        seed_ranges(&it.seeds)
+    )
 }
 
 /// The same for programs: names, seeds, a word for the reason, the line's text, and every difference.
@@ -85,7 +132,10 @@ pub fn to_json(novelties: &[Novelty]) -> Value {
 fn novelty_as_json(it: &Novelty) -> Value {
     let (word, differences, stored) = match &it.reason {
         Reason::NewSeed { stored } => ("new_seed", Vec::new(), Some(stored)),
-        Reason::Changed { differences, new_seed } => ("changed", differences.clone(), new_seed.as_ref()),
+        Reason::Changed {
+            differences,
+            new_seed,
+        } => ("changed", differences.clone(), new_seed.as_ref()),
         Reason::Takes(_) => ("source_is_new", Vec::new(), None),
         Reason::NothingLikeIt => ("nothing_like_it", Vec::new(), None),
         Reason::Killed => ("killed", Vec::new(), None),
@@ -93,7 +143,10 @@ fn novelty_as_json(it: &Novelty) -> Value {
     };
     let differences: Vec<Value> = differences
         .into_iter()
-        .map(|difference| json!({"what": difference.what, "stored": difference.stored, "planned": difference.planned}))
+        .map(|difference| {
+            json!({"what": difference.what, "stored": difference.stored,
+            "planned": difference.planned})
+        })
         .collect();
     json!({
         "environment": it.environment, "agent": it.agent, "setting": it.setting, "seeds": it.seeds,

@@ -1,5 +1,5 @@
-//! Parts taken apart into leaves: the values of a config by dotted path. Equal parts and equal values become equal numbers, so
-//! that many parts are compared quickly.
+//! Parts taken apart into leaves: the values of a config by dotted path. Equal parts and equal values become
+//! equal numbers, so that many parts are compared quickly.
 
 use crate::trial::Part;
 use serde_json::{Value, json};
@@ -29,7 +29,13 @@ impl Display for Difference {
     fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
         // A key of a config ends in a colon, everything else reads as a sentence: `agent version 1 -> 2`.
         let colon = if self.what.contains('.') { ":" } else { "" };
-        write!(out, "{}{colon} {} -> {}", self.what, short(self.stored.as_ref()), short(self.planned.as_ref()))
+        write!(
+            out,
+            "{}{colon} {} -> {}",
+            self.what,
+            short(self.stored.as_ref()),
+            short(self.planned.as_ref())
+        )
     }
 }
 
@@ -40,7 +46,11 @@ fn short(value: Option<&Value>) -> String {
         Some(Value::String(word)) => word.clone(),
         Some(value) => value.to_string(),
     };
-    if text.chars().count() <= 40 { text } else { text.chars().take(37).chain("...".chars()).collect() }
+    if text.chars().count() <= 40 {
+        text
+    } else {
+        text.chars().take(37).chain("...".chars()).collect()
+    }
 }
 
 /// A part with its leaves in the order of their paths.
@@ -76,7 +86,11 @@ impl Catalogue {
         let mut leaves = Vec::new();
         self.flatten(&part.identity(), &mut String::new(), &mut leaves);
         leaves.sort_unstable();
-        let leaves = Arc::new(Leaves { plugin: part.plugin.clone(), version: part.version, leaves });
+        let leaves = Arc::new(Leaves {
+            plugin: part.plugin.clone(),
+            version: part.version,
+            leaves,
+        });
         let next = PartIndex(self.parts.len());
         let index = *self.index.entry(Arc::clone(&leaves)).or_insert(next);
         if index == next {
@@ -104,21 +118,39 @@ impl Catalogue {
     /// How many of three parts have the same plugin.
     pub fn same_plugins(&self, one: &[PartIndex; 3], other: &[PartIndex; 3]) -> usize {
         let plugin = |index: &PartIndex| &self.parts[index.0].plugin;
-        one.iter().zip(other).filter(|(one, other)| plugin(one) == plugin(other)).count()
+        one.iter()
+            .zip(other)
+            .filter(|(one, other)| plugin(one) == plugin(other))
+            .count()
     }
 
     /// The leaves in which two combinations (parts, numerics version, device) differ.
-    pub fn differences(&self, stored: &([PartIndex; 3], u32, &str), planned: &([PartIndex; 3], u32, &str)) -> Vec<Difference> {
+    pub fn differences(
+        &self,
+        stored: &([PartIndex; 3], u32, &str),
+        planned: &([PartIndex; 3], u32, &str),
+    ) -> Vec<Difference> {
         let mut found = Vec::new();
         let mut note = |what: String, stored: Option<Value>, planned: Option<Value>| {
             if stored != planned {
-                found.push(Difference { what, stored, planned });
+                found.push(Difference {
+                    what,
+                    stored,
+                    planned,
+                });
             }
         };
-        for (kind, (one, other)) in ["environment", "agent", "protocol"].into_iter().zip(stored.0.iter().zip(&planned.0)) {
+        for (kind, (one, other)) in ["environment", "agent", "protocol"]
+            .into_iter()
+            .zip(stored.0.iter().zip(&planned.0))
+        {
             self.differences_of_parts(kind, *one, *other, &mut note);
         }
-        note("numerics version".into(), Some(json!(stored.1)), Some(json!(planned.1)));
+        note(
+            "numerics version".into(),
+            Some(json!(stored.1)),
+            Some(json!(planned.1)),
+        );
         note("device".into(), Some(json!(stored.2)), Some(json!(planned.2)));
         found
     }
@@ -131,14 +163,28 @@ impl Catalogue {
         note: &mut impl FnMut(String, Option<Value>, Option<Value>),
     ) {
         let (one, other) = (&self.parts[one.0], &self.parts[other.0]);
-        note(format!("{kind} plugin"), Some(json!(one.plugin)), Some(json!(other.plugin)));
+        note(
+            format!("{kind} plugin"),
+            Some(json!(one.plugin)),
+            Some(json!(other.plugin)),
+        );
         if one.plugin != other.plugin {
             return;
         }
-        note(format!("{kind} version"), Some(json!(one.version)), Some(json!(other.version)));
+        note(
+            format!("{kind} version"),
+            Some(json!(one.version)),
+            Some(json!(other.version)),
+        );
         // A study has one protocol, but mostly several environments and agents.
-        let subject = if kind == "protocol" { kind.to_owned() } else { format!("{kind} {}", one.plugin) };
-        let value = |number: Option<usize>| number.and_then(|number| serde_json::from_str(&self.by_number[number]).ok());
+        let subject = if kind == "protocol" {
+            kind.to_owned()
+        } else {
+            format!("{kind} {}", one.plugin)
+        };
+        let value = |number: Option<usize>| {
+            number.and_then(|number| serde_json::from_str(&self.by_number[number]).ok())
+        };
         merge(&one.leaves, &other.leaves, |path, from, to| {
             let path = &self.by_number[path];
             note(format!("{subject}.{path}"), value(from), value(to));
@@ -156,9 +202,14 @@ impl Catalogue {
             path.truncate(length);
         };
         match value {
-            Value::Object(map) if !map.is_empty() => map.iter().for_each(|(key, value)| inside(self, key, value)),
+            Value::Object(map) if !map.is_empty() => {
+                map.iter().for_each(|(key, value)| inside(self, key, value))
+            }
             Value::Array(items) if items.iter().any(|item| item.is_object() || item.is_array()) => {
-                items.iter().enumerate().for_each(|(index, value)| inside(self, &index.to_string(), value));
+                items
+                    .iter()
+                    .enumerate()
+                    .for_each(|(index, value)| inside(self, &index.to_string(), value));
             }
             // A list of numbers or words is one leaf: one that grew by an entry differs in one leaf.
             leaf => {
@@ -179,7 +230,11 @@ impl Catalogue {
 }
 
 /// Calls `differs` with each path whose values are not the same in two lists that are in the order of paths.
-fn merge(one: &[(usize, usize)], other: &[(usize, usize)], mut differs: impl FnMut(usize, Option<usize>, Option<usize>)) {
+fn merge(
+    one: &[(usize, usize)],
+    other: &[(usize, usize)],
+    mut differs: impl FnMut(usize, Option<usize>, Option<usize>),
+) {
     let (mut left, mut right) = (one.iter().peekable(), other.iter().peekable());
     loop {
         let order = match (left.peek(), right.peek()) {
@@ -188,8 +243,16 @@ fn merge(one: &[(usize, usize)], other: &[(usize, usize)], mut differs: impl FnM
             (None, Some(_)) => Ordering::Greater,
             (Some((one, _)), Some((other, _))) => one.cmp(other),
         };
-        let first = if order == Ordering::Greater { None } else { left.next() };
-        let second = if order == Ordering::Less { None } else { right.next() };
+        let first = if order == Ordering::Greater {
+            None
+        } else {
+            left.next()
+        };
+        let second = if order == Ordering::Less {
+            None
+        } else {
+            right.next()
+        };
         let value = |leaf: Option<&(usize, usize)>| leaf.map(|(_, value)| *value);
         if let Some((path, _)) = first.or(second).filter(|_| value(first) != value(second)) {
             differs(*path, value(first), value(second));

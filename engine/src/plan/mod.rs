@@ -23,11 +23,11 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The kind of device that trials run on.
 const DEVICE: &str = "cpu";
 
-/// The trials of a study: what its entries of `prepare` run, then environments, agents, settings and seeds, in the order of the study, then
-/// its plays.
+/// The trials of a study: what its entries of `prepare` run, then environments, agents, settings and seeds,
+/// in the order of the study, then its plays.
 ///
-/// Two trials may have the same id: where a sweep does not reach an agent (a protocol's training budget and an agent that
-/// does not learn), its trials stand once in each setting, and the numbers are computed once.
+/// Two trials may have the same id: where a sweep does not reach an agent (a protocol's training budget and
+/// an agent that does not learn), its trials stand once in each setting, and the numbers are computed once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// Name of the study.
@@ -38,7 +38,8 @@ pub struct Plan {
     pub trials: Vec<Trial>,
 }
 
-/// How many seeds combinations of environment, agent and setting have; those that are not named have the first look's.
+/// How many seeds combinations of environment, agent and setting have; those that are not named have the
+/// first look's.
 pub type Wanted = BTreeMap<CellName, u32>;
 
 impl Study {
@@ -48,15 +49,23 @@ impl Study {
         self.plan_with(&Wanted::new())
     }
 
-    /// The trials where some combinations have come to a later look. Those of a look follow those of the one before, so that a
-    /// plan that grows keeps the order of what it had.
+    /// The trials where some combinations have come to a later look. Those of a look follow those of the one
+    /// before, so that a plan that grows keeps the order of what it had.
     #[must_use]
     pub fn plan_with(&self, wanted: &Wanted) -> Plan {
         let mut plan = self.plan_of_all_seeds();
         let Some(design) = &self.design else { return plan };
-        let look = |trial: &Trial| design.looks().partition_point(|most| trial.key.seed >= u64::from(*most));
+        let look = |trial: &Trial| {
+            design
+                .looks()
+                .partition_point(|most| trial.key.seed >= u64::from(*most))
+        };
         let seeds = |trial: &Trial| {
-            let cell = (trial.environment.clone(), trial.agent.clone(), trial.setting.clone());
+            let cell = (
+                trial.environment.clone(),
+                trial.agent.clone(),
+                trial.setting.clone(),
+            );
             wanted.get(&cell).copied().unwrap_or(design.looks()[0])
         };
         plan.keep(|trial| trial.purpose != Purpose::Prepared && trial.key.seed < u64::from(seeds(trial)));
@@ -70,14 +79,28 @@ impl Study {
         for &index in &self.order {
             of_cells[index] = self.trials_of(index, &seeds, &of_cells);
         }
-        let plays: Vec<Trial> = self.plays.iter().flat_map(|play| cross_play::trials(self, play, &of_cells)).collect();
+        let plays: Vec<Trial> = self
+            .plays
+            .iter()
+            .flat_map(|play| cross_play::trials(self, play, &of_cells))
+            .collect();
         let n_combinations = self.cells.len() - self.prepared.len();
         let prepared = of_cells.split_off(n_combinations);
-        let trials = prepared.into_iter().chain(of_cells).flatten().chain(plays).collect();
-        Plan { study: self.name.clone(), title: self.title.clone(), trials }
+        let trials = prepared
+            .into_iter()
+            .chain(of_cells)
+            .flatten()
+            .chain(plays)
+            .collect();
+        Plan {
+            study: self.name.clone(),
+            title: self.title.clone(),
+            trials,
+        }
     }
 
-    /// The seeds that each cell runs: those of the study, and for an entry of `prepare` those that something takes.
+    /// The seeds that each cell runs: those of the study, and for an entry of `prepare` those that something
+    /// takes.
     fn seeds_of_cells(&self) -> Vec<Vec<u64>> {
         let mut taken: Vec<BTreeSet<u64>> = vec![BTreeSet::new(); self.cells.len()];
         let mut seeds = vec![Vec::new(); self.cells.len()];
@@ -94,7 +117,8 @@ impl Study {
         seeds
     }
 
-    /// The trials of a cell, once those are there that it takes from. Parts that take nothing are hashed once, not once per seed.
+    /// The trials of a cell, once those are there that it takes from. Parts that take nothing are hashed
+    /// once, not once per seed.
     fn trials_of(&self, index: usize, seeds: &[Vec<u64>], of_cells: &[Vec<Trial>]) -> Vec<Trial> {
         let cell = &self.cells[index];
         let (environment, agent) = self.names(cell);
@@ -107,11 +131,20 @@ impl Study {
             let key = self.key(cell, seed, &source);
             let id = if cell.sources.is_empty() {
                 let [environment, agent, protocol] = &cell.parts;
-                trial_id([&environment.id, &agent.id, &protocol.id], seed, self.numerics, DEVICE)
+                trial_id(
+                    [&environment.id, &agent.id, &protocol.id],
+                    seed,
+                    self.numerics,
+                    DEVICE,
+                )
             } else {
                 key.id()
             };
-            let purpose = if cell.pair().is_some() { Purpose::Cell } else { Purpose::Prepared };
+            let purpose = if cell.pair().is_some() {
+                Purpose::Cell
+            } else {
+                Purpose::Prepared
+            };
             Trial {
                 id,
                 environment: environment.clone(),
@@ -127,7 +160,9 @@ impl Study {
 
     fn names(&self, cell: &Cell) -> (String, String) {
         match cell.place {
-            Place::Combination(environment, agent) => (self.environments[environment].clone(), self.agents[agent].clone()),
+            Place::Combination(environment, agent) => {
+                (self.environments[environment].clone(), self.agents[agent].clone())
+            }
             Place::Prepared(index) => (self.prepared[index].clone(), cell.parts[1].part.plugin.clone()),
         }
     }
@@ -137,30 +172,58 @@ impl Study {
             let mut part = cell.parts[place].part.clone();
             for it in cell.sources.iter().filter(|it| it.part == place) {
                 let trial = source(it.cell, it.seed_for(seed)).id.clone();
-                part.products.insert(it.pointer.clone(), Taken { trial, kind: it.kind });
+                part.products
+                    .insert(it.pointer.clone(), Taken { trial, kind: it.kind });
             }
             part
         };
-        let agent = match cell.sources.iter().find(|it| it.part == 1).filter(|_| cell.is_policy()) {
+        let agent = match cell
+            .sources
+            .iter()
+            .find(|it| it.part == 1)
+            .filter(|_| cell.is_policy())
+        {
             Some(it) => policy_of(source(it.cell, it.seed_for(seed))),
             None => Seating::Agent(part(1)),
         };
         let (environment, protocol) = (part(0), part(2));
-        TrialKey { environment, agent, protocol, seed, numerics: self.numerics, device: DEVICE.into() }
+        TrialKey {
+            environment,
+            agent,
+            protocol,
+            seed,
+            numerics: self.numerics,
+            device: DEVICE.into(),
+        }
     }
 }
 
 /// The policy that a trial left, in all seats.
 fn policy_of(trial: &Trial) -> Seating {
-    let agent = trial.key.agent.agent().cloned().unwrap_or_else(|| Part::new("", 0, serde_json::Value::Null));
-    let member = Member { seats: Vec::new(), agent, trial: Some(trial.id.clone()) };
-    Seating::Cast(Cast { roles: BTreeMap::from([(String::from("all"), member)]) })
+    let agent = trial
+        .key
+        .agent
+        .agent()
+        .cloned()
+        .unwrap_or_else(|| Part::new("", 0, serde_json::Value::Null));
+    let member = Member {
+        seats: Vec::new(),
+        agent,
+        trial: Some(trial.id.clone()),
+    };
+    Seating::Cast(Cast {
+        roles: BTreeMap::from([(String::from("all"), member)]),
+    })
 }
 
 impl Plan {
     /// Keeps the trials that are wanted, and those that they take from, through any number of steps.
     pub fn keep(&mut self, wanted: impl Fn(&Trial) -> bool) {
-        let by_id: BTreeMap<&str, &Trial> = self.trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
+        let by_id: BTreeMap<&str, &Trial> = self
+            .trials
+            .iter()
+            .map(|trial| (trial.id.as_str(), trial))
+            .collect();
         let mut open: Vec<&Trial> = self.trials.iter().filter(|trial| wanted(trial)).collect();
         let mut kept: BTreeSet<String> = BTreeSet::new();
         let mut sources: BTreeSet<String> = BTreeSet::new();
@@ -174,6 +237,7 @@ impl Plan {
             }
         }
         // Two combinations may share a trial; one that is not wanted does not come in by the other.
-        self.trials.retain(|trial| wanted(trial) || sources.contains(&trial.id));
+        self.trials
+            .retain(|trial| wanted(trial) || sources.contains(&trial.id));
     }
 }

@@ -1,8 +1,9 @@
 //! Why a trial is new: what sets it apart from the nearest trial in the store.
 //!
-//! The nearest stored trial is the one with the fewest differing leaves: values of the configs of environment, agent and
-//! protocol, plugins and their versions, numerics version, device and seed. Names of a study take no part in it. Seeds are not
-//! searched: what is compared are combinations of parts, each with its seeds.
+//! The nearest stored trial is the one with the fewest differing leaves: values of the configs of
+//! environment, agent and protocol, plugins and their versions, numerics version, device and seed. Names of a
+//! study take no part in it. Seeds are not searched: what is compared are combinations of parts, each with
+//! its seeds.
 
 use super::leaves::{Catalogue, Difference, PartIndex};
 use crate::{
@@ -12,7 +13,8 @@ use crate::{
 };
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// Comparisons of combinations in one search, over all cells; a search that would need more looks at a part of the store only.
+/// Comparisons of combinations in one search, over all cells; a search that would need more looks at a part
+/// of the store only.
 const MOST_COMPARISONS: usize = 4_000_000;
 
 /// A stored combination of parts.
@@ -64,7 +66,8 @@ pub struct Novelty {
     pub reason: Reason,
 }
 
-/// Why each trial that is not done is not done, by cell and reason, in the order of the plan; those of cross-play are left out.
+/// Why each trial that is not done is not done, by cell and reason, in the order of the plan; those of
+/// cross-play are left out.
 ///
 /// `ends` has one entry per trial.
 #[must_use]
@@ -75,10 +78,18 @@ pub fn novelties(trials: &[Trial], ends: &[Option<TrialEnd>], stored: &[StoredCe
         // What plays a policy is new because the policy is.
         .filter(|(trial, _)| !matches!(trial.purpose, Purpose::Play(_)))
         .collect();
-    let new: HashMap<&str, &Trial> = pending.iter().map(|(trial, _)| (trial.id.as_str(), *trial)).collect();
-    let cells: Vec<_> = pending.chunk_by(|(one, _), (other, _)| names(one) == names(other)).collect();
+    let new: HashMap<&str, &Trial> = pending
+        .iter()
+        .map(|(trial, _)| (trial.id.as_str(), *trial))
+        .collect();
+    let cells: Vec<_> = pending
+        .chunk_by(|(one, _), (other, _)| names(one) == names(other))
+        .collect();
     let mut search = Search::new(stored, cells.len());
-    cells.into_iter().flat_map(|cell| of_cell(cell, &new, &mut search)).collect()
+    cells
+        .into_iter()
+        .flat_map(|cell| of_cell(cell, &new, &mut search))
+        .collect()
 }
 
 fn names(trial: &Trial) -> (&str, &str, &str) {
@@ -88,7 +99,11 @@ fn names(trial: &Trial) -> (&str, &str, &str) {
 /// The entries that a trial takes from and that are new themselves.
 fn new_sources(trial: &Trial, new: &HashMap<&str, &Trial>) -> BTreeSet<String> {
     let taken = trial.key.taken_by_name();
-    taken.iter().filter_map(|taken| new.get(taken.trial.as_str())).map(|source| entry(source)).collect()
+    taken
+        .iter()
+        .filter_map(|taken| new.get(taken.trial.as_str()))
+        .map(|source| entry(source))
+        .collect()
 }
 
 fn entry(trial: &Trial) -> String {
@@ -98,7 +113,11 @@ fn entry(trial: &Trial) -> String {
     }
 }
 
-fn of_cell(cell: &[(&Trial, Option<EndState>)], new: &HashMap<&str, &Trial>, search: &mut Search) -> Vec<Novelty> {
+fn of_cell(
+    cell: &[(&Trial, Option<EndState>)],
+    new: &HashMap<&str, &Trial>,
+    search: &mut Search,
+) -> Vec<Novelty> {
     let mut reasons: Vec<(Reason, Vec<u64>)> = Vec::new();
     let mut add = |reason: Reason, seed: u64| match reasons.iter_mut().find(|(known, _)| *known == reason) {
         Some((_, seeds)) => seeds.push(seed),
@@ -117,7 +136,11 @@ fn of_cell(cell: &[(&Trial, Option<EndState>)], new: &HashMap<&str, &Trial>, sea
     }
     let first = cell[0].0;
     reasons.extend(search.reasons(&first.key, &absent));
-    let (environment, agent, setting) = (first.environment.clone(), first.agent.clone(), first.setting.clone());
+    let (environment, agent, setting) = (
+        first.environment.clone(),
+        first.agent.clone(),
+        first.setting.clone(),
+    );
     let named = |(reason, seeds)| Novelty {
         environment: environment.clone(),
         agent: agent.clone(),
@@ -154,7 +177,10 @@ impl Search {
         let mut ordered: Vec<&StoredCell> = stored.iter().collect();
         ordered.sort_by_cached_key(|cell| serde_json::to_string(&cell.key).unwrap_or_default());
         for cell in ordered {
-            combinations.entry(catalogue.combination(&cell.key)).or_default().extend(&cell.seeds);
+            combinations
+                .entry(catalogue.combination(&cell.key))
+                .or_default()
+                .extend(&cell.seeds);
         }
         let stored: Vec<_> = combinations.into_iter().collect();
         let (mut by_combination, mut by_two_parts) = (HashMap::new(), HashMap::<_, Vec<usize>>::new());
@@ -164,7 +190,13 @@ impl Search {
                 by_two_parts.entry(pair).or_default().push(index);
             }
         }
-        Self { catalogue, stored, by_combination, by_two_parts, most: (MOST_COMPARISONS / n_cells.max(1)).max(16) }
+        Self {
+            catalogue,
+            stored,
+            by_combination,
+            by_two_parts,
+            most: (MOST_COMPARISONS / n_cells.max(1)).max(16),
+        }
     }
 
     /// Why these seeds of a combination are not stored.
@@ -174,19 +206,40 @@ impl Search {
         }
         let planned = self.catalogue.combination(key);
         if let Some(&same) = self.by_combination.get(&planned) {
-            return vec![(Reason::NewSeed { stored: self.stored[same].1.clone() }, seeds.to_vec())];
+            return vec![(
+                Reason::NewSeed {
+                    stored: self.stored[same].1.clone(),
+                },
+                seeds.to_vec(),
+            )];
         }
         let nearest = self.nearest(&planned, seeds);
-        let Some(&first) = nearest.first() else { return vec![(Reason::NothingLikeIt, seeds.to_vec())] };
+        let Some(&first) = nearest.first() else {
+            return vec![(Reason::NothingLikeIt, seeds.to_vec())];
+        };
         let mut by_stored: BTreeMap<(bool, usize), Vec<u64>> = BTreeMap::new();
         for &seed in seeds {
-            let with_seed = nearest.iter().copied().find(|&index| self.stored[index].1.contains(&seed));
-            by_stored.entry((with_seed.is_none(), with_seed.unwrap_or(first))).or_default().push(seed);
+            let with_seed = nearest
+                .iter()
+                .copied()
+                .find(|&index| self.stored[index].1.contains(&seed));
+            by_stored
+                .entry((with_seed.is_none(), with_seed.unwrap_or(first)))
+                .or_default()
+                .push(seed);
         }
         let changed = |((new_seed, index), seeds): ((bool, usize), Vec<u64>)| {
             let (stored, known) = &self.stored[index];
-            let differences = self.catalogue.differences(&stored.as_tuple(), &planned.as_tuple());
-            (Reason::Changed { differences, new_seed: new_seed.then(|| known.clone()) }, seeds)
+            let differences = self
+                .catalogue
+                .differences(&stored.as_tuple(), &planned.as_tuple());
+            (
+                Reason::Changed {
+                    differences,
+                    new_seed: new_seed.then(|| known.clone()),
+                },
+                seeds,
+            )
         };
         let mut reasons: Vec<_> = by_stored.into_iter().map(changed).collect();
         reasons.sort_by_key(|(_, seeds)| seeds.first().copied());
@@ -195,7 +248,12 @@ impl Search {
 
     /// The stored combinations with the fewest differing leaves; none where nothing is like it.
     fn nearest(&self, planned: &Combination, seeds: &[u64]) -> Vec<usize> {
-        let related = planned.pairs().into_iter().filter_map(|pair| self.by_two_parts.get(&pair)).flatten().copied();
+        let related = planned
+            .pairs()
+            .into_iter()
+            .filter_map(|pair| self.by_two_parts.get(&pair))
+            .flatten()
+            .copied();
         let (mut least, mut nearest) = (usize::MAX, Vec::new());
         for index in related.chain(0..self.stored.len()).take(self.most) {
             let (stored, known) = &self.stored[index];
@@ -210,7 +268,11 @@ impl Search {
                 break;
             }
         }
-        nearest.retain(|&index| self.catalogue.same_plugins(&self.stored[index].0.parts, &planned.parts) >= 2);
+        nearest.retain(|&index| {
+            self.catalogue
+                .same_plugins(&self.stored[index].0.parts, &planned.parts)
+                >= 2
+        });
         nearest
     }
 
@@ -230,7 +292,11 @@ impl Search {
 impl Combination {
     fn pairs(&self) -> [(PartIndex, PartIndex, usize); 3] {
         let [environment, agent, protocol] = self.parts;
-        [(environment, agent, 2), (environment, protocol, 1), (agent, protocol, 0)]
+        [
+            (environment, agent, 2),
+            (environment, protocol, 1),
+            (agent, protocol, 0),
+        ]
     }
 
     fn as_tuple(&self) -> ([PartIndex; 3], u32, &str) {
@@ -245,6 +311,10 @@ impl Catalogue {
             Seating::Cast(cast) => Part::new(POLICY, 0, serde_json::json!(cast)),
         };
         let parts = [&key.environment, &agent, &key.protocol].map(|part| self.index(part));
-        Combination { parts, numerics: key.numerics, device: key.device.clone() }
+        Combination {
+            parts,
+            numerics: key.numerics,
+            device: key.device.clone(),
+        }
     }
 }

@@ -14,7 +14,11 @@ use std::collections::BTreeSet;
 fn key() -> TrialKey {
     TrialKey {
         environment: Part::new("battery", 1, json!({"cells": 4, "start": {"charge": 0.9}})),
-        agent: Seating::Agent(Part::new("dirichlet_sac", 1, json!({"widths": [64, 64], "learning_rate": 0.001}))),
+        agent: Seating::Agent(Part::new(
+            "dirichlet_sac",
+            1,
+            json!({"widths": [64, 64], "learning_rate": 0.001}),
+        )),
         protocol: Part::new("train_evaluate", 1, json!({"steps": 60000, "episodes": 50})),
         seed: 0,
         numerics: 1,
@@ -30,7 +34,10 @@ fn agent(key: &mut TrialKey) -> &mut Part {
 }
 
 fn stored(key: TrialKey, seeds: &[u64]) -> StoredCell {
-    StoredCell { key, seeds: seeds.iter().copied().collect() }
+    StoredCell {
+        key,
+        seeds: seeds.iter().copied().collect(),
+    }
 }
 
 fn planned(key: &TrialKey, seeds: std::ops::Range<u64>) -> Vec<Trial> {
@@ -53,7 +60,10 @@ fn planned(key: &TrialKey, seeds: std::ops::Range<u64>) -> Vec<Trial> {
 fn reasons(key: &TrialKey, seeds: std::ops::Range<u64>, stored: &[StoredCell]) -> Vec<String> {
     let trials = planned(key, seeds);
     let line = |it: &Novelty| format!("{}: {}", seed_ranges(&it.seeds), it.reason);
-    novelties(&trials, &vec![None; trials.len()], stored).iter().map(line).collect()
+    novelties(&trials, &vec![None; trials.len()], stored)
+        .iter()
+        .map(line)
+        .collect()
 }
 
 fn edited(part: fn(&mut TrialKey) -> &mut Part, pointer: &str, value: Value) -> TrialKey {
@@ -68,18 +78,40 @@ fn each_kind_of_change_is_named() {
     let known = [stored(key(), &[0, 1, 2])];
     let one = |key: &TrialKey| reasons(key, 0..1, &known).join("\n");
     assert_eq!(reasons(&key(), 3..5, &known), ["3-4: new seed (stored: 0-2)"]);
-    assert_eq!(one(&edited(|key| &mut key.protocol, "/steps", json!(240_000))), "0: protocol.steps: 60000 -> 240000");
-    assert_eq!(one(&edited(|key| &mut key.environment, "/cells", json!(8))), "0: environment battery.cells: 4 -> 8");
     assert_eq!(
-        one(&edited(|key| &mut key.environment, "/start/charge", json!("full"))),
+        one(&edited(|key| &mut key.protocol, "/steps", json!(240_000))),
+        "0: protocol.steps: 60000 -> 240000"
+    );
+    assert_eq!(
+        one(&edited(|key| &mut key.environment, "/cells", json!(8))),
+        "0: environment battery.cells: 4 -> 8"
+    );
+    assert_eq!(
+        one(&edited(
+            |key| &mut key.environment,
+            "/start/charge",
+            json!("full")
+        )),
         "0: environment battery.start.charge: 0.9 -> full"
     );
-    assert_eq!(one(&edited(agent, "/widths", json!([64, 64, 64]))), "0: agent dirichlet_sac.widths: [64,64] -> [64,64,64]");
+    assert_eq!(
+        one(&edited(agent, "/widths", json!([64, 64, 64]))),
+        "0: agent dirichlet_sac.widths: [64,64] -> [64,64,64]"
+    );
     let mut raised = key();
     agent(&mut raised).version = 2;
     assert_eq!(one(&raised), "0: agent version 1 -> 2");
-    assert_eq!(one(&TrialKey { numerics: 2, ..key() }), "0: numerics version 1 -> 2");
-    assert_eq!(one(&TrialKey { device: "gpu".into(), ..key() }), "0: device cpu -> gpu");
+    assert_eq!(
+        one(&TrialKey { numerics: 2, ..key() }),
+        "0: numerics version 1 -> 2"
+    );
+    assert_eq!(
+        one(&TrialKey {
+            device: "gpu".into(),
+            ..key()
+        }),
+        "0: device cpu -> gpu"
+    );
     let mut other = key();
     other.agent = Seating::Agent(Part::new("ddpg", 1, json!({})));
     assert_eq!(one(&other), "0: agent plugin dirichlet_sac -> ddpg");
@@ -93,8 +125,14 @@ fn keys_that_came_or_went_are_named() {
     let known = [stored(key(), &[0])];
     let mut longer = key();
     longer.protocol.config = json!({"steps": 60000, "episodes": 50, "trace": {"every": 5}}).into();
-    assert_eq!(reasons(&longer, 0..1, &known), ["0: protocol.trace.every: absent -> 5"]);
-    assert_eq!(reasons(&key(), 0..1, &[stored(longer, &[0])]), ["0: protocol.trace.every: 5 -> absent"]);
+    assert_eq!(
+        reasons(&longer, 0..1, &known),
+        ["0: protocol.trace.every: absent -> 5"]
+    );
+    assert_eq!(
+        reasons(&key(), 0..1, &[stored(longer, &[0])]),
+        ["0: protocol.trace.every: 5 -> absent"]
+    );
 }
 
 #[test]
@@ -102,12 +140,20 @@ fn the_content_of_a_data_file_counts_and_its_path_does_not() {
     let with = |path: &str, content: &str| {
         let mut key = key();
         key.environment = Part::new("battery", 1, json!({ "demand": { "file": path } }));
-        key.environment.files.insert("/demand/file".into(), content.into());
+        key.environment
+            .files
+            .insert("/demand/file".into(), content.into());
         key
     };
     let known = [stored(with("a.csv", "aa"), &[0])];
-    assert_eq!(reasons(&with("moved/a.csv", "aa"), 1..2, &known), ["1: new seed (stored: 0)"]);
-    assert_eq!(reasons(&with("a.csv", "bb"), 0..1, &known), ["0: environment battery.demand.file.content: aa -> bb"]);
+    assert_eq!(
+        reasons(&with("moved/a.csv", "aa"), 1..2, &known),
+        ["1: new seed (stored: 0)"]
+    );
+    assert_eq!(
+        reasons(&with("a.csv", "bb"), 0..1, &known),
+        ["0: environment battery.demand.file.content: aa -> bb"]
+    );
 }
 
 #[test]
@@ -119,26 +165,47 @@ fn the_nearest_is_the_one_with_the_fewest_differing_leaves() {
     // A seed counts as one leaf: with it the near one still has fewer differences.
     assert_eq!(
         reasons(&key(), 0..3, &known),
-        ["0-1: protocol.episodes: 10 -> 50", "2: protocol.episodes: 10 -> 50, new seed (stored: 0-1)"]
+        [
+            "0-1: protocol.episodes: 10 -> 50",
+            "2: protocol.episodes: 10 -> 50, new seed (stored: 0-1)"
+        ]
     );
     // Among equally near ones, the one that has the seed.
     let other = edited(|key| &mut key.protocol, "/steps", json!(9));
     let near = edited(|key| &mut key.protocol, "/episodes", json!(10));
     let known = [stored(other, &[2]), stored(near, &[0, 1])];
-    assert_eq!(reasons(&key(), 0..3, &known), ["0-1: protocol.episodes: 10 -> 50", "2: protocol.steps: 9 -> 60000"]);
+    assert_eq!(
+        reasons(&key(), 0..3, &known),
+        [
+            "0-1: protocol.episodes: 10 -> 50",
+            "2: protocol.steps: 9 -> 60000"
+        ]
+    );
 }
 
 #[test]
 fn end_states_are_reasons_of_their_own() {
     let trials = planned(&key(), 0..4);
-    let end = |state| Some(TrialEnd { state, reason: String::new(), wall_s: 1.0, digest: String::new() });
+    let end = |state| {
+        Some(TrialEnd {
+            state,
+            reason: String::new(),
+            wall_s: 1.0,
+            digest: String::new(),
+        })
+    };
     let ends = [end(EndState::Ok), end(EndState::Killed), end(EndState::Nan), None];
     let found = novelties(&trials, &ends, &[stored(key(), &[0, 1, 2])]);
     let seeds: Vec<_> = found.iter().map(|it| it.seeds.clone()).collect();
     assert_eq!(seeds, [[1], [2], [3]]);
     assert_eq!(found[0].reason, Reason::Killed);
     assert_eq!(found[1].reason, Reason::Failed(EndState::Nan));
-    assert_eq!(found[2].reason, Reason::NewSeed { stored: BTreeSet::from([0, 1, 2]) });
+    assert_eq!(
+        found[2].reason,
+        Reason::NewSeed {
+            stored: BTreeSet::from([0, 1, 2])
+        }
+    );
 }
 
 #[test]
@@ -159,9 +226,18 @@ fn several() -> Vec<Novelty> {
         reason,
     };
     let trials = planned(&edited(|key| &mut key.protocol, "/steps", json!(240_000)), 0..1);
-    let changed = novelties(&trials, &[None], &[stored(key(), &[0])])[0].reason.clone();
+    let changed = novelties(&trials, &[None], &[stored(key(), &[0])])[0]
+        .reason
+        .clone();
     vec![
-        named("equal", "", &[3, 4], Reason::NewSeed { stored: BTreeSet::from([0, 1, 2]) }),
+        named(
+            "equal",
+            "",
+            &[3, 4],
+            Reason::NewSeed {
+                stored: BTreeSet::from([0, 1, 2]),
+            },
+        ),
         named("dsac", "learning_rate=0.001", &[0, 1, 2, 3, 4], changed),
         named("dsac", "learning_rate=0.01", &[0], Reason::Failed(EndState::Oom)),
         named("dsac", "learning_rate=0.01", &[1], Reason::Killed),
@@ -176,7 +252,10 @@ fn the_printed_reasons() {
 
 #[test]
 fn the_reasons_for_programs() {
-    insta::assert_snapshot!("reasons_as_json", serde_json::to_string_pretty(&to_json(&several())).unwrap());
+    insta::assert_snapshot!(
+        "reasons_as_json",
+        serde_json::to_string_pretty(&to_json(&several())).unwrap()
+    );
 }
 
 #[test]
@@ -190,6 +269,9 @@ fn one_reason_for_all_cells_is_one_line() {
             reason: Reason::NothingLikeIt,
         })
         .collect();
-    assert_eq!(explain(&alike), "  why:\n    each of 12 cells  seeds 0-1  nothing like it is stored");
+    assert_eq!(
+        explain(&alike),
+        "  why:\n    each of 12 cells  seeds 0-1  nothing like it is stored"
+    );
     assert_eq!(explain(&[]), "");
 }

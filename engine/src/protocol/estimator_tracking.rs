@@ -1,7 +1,9 @@
-//! Protocol `estimator_tracking`: let an agent estimate something from more and more samples, and record what it has so far.
+//! Protocol `estimator_tracking`: let an agent estimate something from more and more samples, and record what
+//! it has so far.
 //!
 //! The agent does not improve; its `learn` takes in one-step samples and says its running estimates with
-//! [`Recorder::latest`](crate::Recorder::latest). They are recorded at 1, 2, 4, 8, ... batches and at the end.
+//! [`Recorder::latest`](crate::Recorder::latest). They are recorded at 1, 2, 4, 8, ... batches and at the
+//! end.
 
 use super::{Protocol, Run, evaluation::observe, position::restored};
 use crate::{Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition};
@@ -23,7 +25,10 @@ pub struct EstimatorTracking {
 
 impl Default for EstimatorTracking {
     fn default() -> Self {
-        Self { batches: 1024, batch: 256 }
+        Self {
+            batches: 1024,
+            batch: 256,
+        }
     }
 }
 
@@ -65,10 +70,12 @@ impl Protocol for EstimatorTracking {
         while sampling.batch < self.batches {
             run.checkpoint(|| sampling.save())?;
             let samples = sampling.draw(run, self.batch)?;
-            run.agent.learn(&samples, &mut sampling.learn_rng, &mut run.record)?;
+            run.agent
+                .learn(&samples, &mut sampling.learn_rng, &mut run.record)?;
             sampling.batch += 1;
             if sampling.batch.is_power_of_two() {
-                run.record.record_latest(Phase::Evaluate, sampling.batch * self.batch);
+                run.record
+                    .record_latest(Phase::Evaluate, sampling.batch * self.batch);
                 run.record_updates(Phase::Train, sampling.batch * self.batch);
             }
             (run.progress)(sampling.batch * self.batch, self.total_steps());
@@ -105,7 +112,13 @@ impl Sampling {
         let environment = (run.make_environment)()?;
         let environment_rng = run.streams.environment("train", 0);
         let (act_rng, learn_rng) = (run.streams.agent("act"), run.streams.agent("learn"));
-        Ok(Self { batch: 0, environment, environment_rng, act_rng, learn_rng })
+        Ok(Self {
+            batch: 0,
+            environment,
+            environment_rng,
+            act_rng,
+            learn_rng,
+        })
     }
 
     fn save(&self) -> SavedSampling {
@@ -119,17 +132,35 @@ impl Sampling {
     }
 
     fn restored(run: &mut Run<'_>, saved: SavedSampling) -> Result<Self, Error> {
-        let SavedSampling { batch, environment, environment_rng, act_rng, learn_rng } = saved;
+        let SavedSampling {
+            batch,
+            environment,
+            environment_rng,
+            act_rng,
+            learn_rng,
+        } = saved;
         let environment = match environment {
             Some(snapshot) => restored(run.make_environment, &snapshot)?,
             None => (run.make_environment)()?,
         };
-        Ok(Self { batch, environment, environment_rng, act_rng, learn_rng })
+        Ok(Self {
+            batch,
+            environment,
+            environment_rng,
+            act_rng,
+            learn_rng,
+        })
     }
 
     fn draw(&mut self, run: &mut Run<'_>, samples: u64) -> Result<Vec<Transition>, Error> {
-        let Self { environment, environment_rng, act_rng, .. } = self;
-        // One environment is stepped once from as many starts as there are samples: starts must not depend on each other.
+        let Self {
+            environment,
+            environment_rng,
+            act_rng,
+            ..
+        } = self;
+        // One environment is stepped once from as many starts as there are samples: starts must not depend on
+        // each other.
         let seats = environment.reset(environment_rng)?;
         let start = observe(&*run.agent, &**environment, seats);
         let observations: Vec<Observation> = vec![start; usize::try_from(samples).unwrap_or(usize::MAX)];
@@ -139,7 +170,13 @@ impl Sampling {
             environment.reset(environment_rng)?;
             let step = environment.step(&action, environment_rng)?;
             let next_observation = observe(&*run.agent, &**environment, step.observations);
-            samples.push(Transition { observation, action, rewards: step.rewards, next_observation, end: step.end });
+            samples.push(Transition {
+                observation,
+                action,
+                rewards: step.rewards,
+                next_observation,
+                end: step.end,
+            });
         }
         Ok(samples)
     }

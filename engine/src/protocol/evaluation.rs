@@ -5,7 +5,8 @@ use super::{
     position::{Blocks, Position, restored},
 };
 use crate::{
-    End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, dataset, results::EPISODE_LENGTH,
+    End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, dataset,
+    results::EPISODE_LENGTH,
 };
 use serde::Serialize;
 use serde_json::Value;
@@ -25,29 +26,51 @@ pub struct Measurement {
     episodes: u64,
     /// How many of them, from the first, are recorded step by step.
     traced: u64,
-    /// Names the random streams of its episodes. Measurements of one name have the same episodes, whoever plays them.
+    /// Names the random streams of its episodes. Measurements of one name have the same episodes, whoever
+    /// plays them.
     stream: String,
     /// How the agent acts.
     mode: Mode,
 }
 
 impl Measurement {
-    /// The measurement number `index`, from 0, of those during learning. Each has episodes of its own, so that a curve does not
-    /// rest on the luck of one set of starts.
+    /// The measurement number `index`, from 0, of those during learning. Each has episodes of its own, so
+    /// that a curve does not rest on the luck of one set of starts.
     #[must_use]
     pub fn while_learning(index: u64, step: u64, episodes: u64) -> Self {
-        Self { phase: Phase::Evaluate, step, episodes, traced: 0, stream: format!("evaluate {index}"), mode: Mode::Evaluate }
+        Self {
+            phase: Phase::Evaluate,
+            step,
+            episodes,
+            traced: 0,
+            stream: format!("evaluate {index}"),
+            mode: Mode::Evaluate,
+        }
     }
 
     /// The measurement at the end, the first `traced` of its episodes recorded step by step.
     #[must_use]
     pub fn at_the_end(step: u64, episodes: u64, traced: u64) -> Self {
-        Self { phase: Phase::Final, step, episodes, traced, stream: "final".into(), mode: Mode::Evaluate }
+        Self {
+            phase: Phase::Final,
+            step,
+            episodes,
+            traced,
+            stream: "final".into(),
+            mode: Mode::Evaluate,
+        }
     }
 
     /// Episodes to be learned from, on streams of their own: none is met again where agents are measured.
     pub(super) fn to_gather(episodes: u64, mode: Mode) -> Self {
-        Self { phase: Phase::Final, step: 0, episodes, traced: 0, stream: "gather".into(), mode }
+        Self {
+            phase: Phase::Final,
+            step: 0,
+            episodes,
+            traced: 0,
+            stream: "gather".into(),
+            mode,
+        }
     }
 }
 
@@ -76,11 +99,12 @@ struct Gathered {
 /// Whole episodes of the first seat that are kept, by number.
 pub(super) type Kept = RefCell<BTreeMap<u64, dataset::Episode>>;
 
-/// Runs the episodes and records return, length, the environment's metrics and those of the agent's decisions of each.
+/// Runs the episodes and records return, length, the environment's metrics and those of the agent's decisions
+/// of each.
 ///
-/// Episode `k` of a measurement starts and goes on with the same random numbers for every agent. Before every block of episodes
-/// the trial can be stopped: `learning` says what learning needs then, and the [`Position`] of the checkpoint gives the `blocks`
-/// to continue from; `None` begins the measurement.
+/// Episode `k` of a measurement starts and goes on with the same random numbers for every agent. Before every
+/// block of episodes the trial can be stopped: `learning` says what learning needs then, and the [`Position`]
+/// of the checkpoint gives the `blocks` to continue from; `None` begins the measurement.
 ///
 /// # Errors
 /// [`Error::Stopped`] between two blocks, and whatever the environment or the agent reports.
@@ -101,13 +125,28 @@ pub(super) fn measure_and_keep<L: Serialize>(
     learning: impl Fn() -> Option<L>,
     kept: Option<&Kept>,
 ) -> Result<(), Error> {
-    let begin = || Blocks { first: 0, rng: run.streams.agent(&format!("{} {}", what.phase.name(), what.step)), pool: Vec::new() };
-    let Blocks { mut first, mut rng, pool } = blocks.unwrap_or_else(begin);
+    let begin = || Blocks {
+        first: 0,
+        rng: run.streams.agent(&format!("{} {}", what.phase.name(), what.step)),
+        pool: Vec::new(),
+    };
+    let Blocks {
+        mut first,
+        mut rng,
+        pool,
+    } = blocks.unwrap_or_else(begin);
     let rows = what.episodes.min(ROWS as u64);
     let mut pool = open_pool(run, rows, &pool)?;
     while first < what.episodes {
-        let blocks = || Blocks { first, rng: rng.clone(), pool: snapshots(first, &pool) };
-        run.checkpoint(|| Position { learning: learning(), measuring: Some(blocks()) })?;
+        let blocks = || Blocks {
+            first,
+            rng: rng.clone(),
+            pool: snapshots(first, &pool),
+        };
+        run.checkpoint(|| Position {
+            learning: learning(),
+            measuring: Some(blocks()),
+        })?;
         let mut active = Vec::with_capacity(pool.len());
         for (slot, index) in (first..what.episodes.min(first + rows)).enumerate() {
             if let Some(environment) = pool[slot].take() {
@@ -124,14 +163,21 @@ pub(super) fn measure_and_keep<L: Serialize>(
     Ok(())
 }
 
-/// Measures an agent that does not learn, each time that one which learns is measured: nothing else happens to it. `episodes` are
-/// those of all measurements together, for progress. To be called before anything else: it goes on from a checkpoint by itself.
+/// Measures an agent that does not learn, each time that one which learns is measured: nothing else happens
+/// to it. `episodes` are those of all measurements together, for progress. To be called before anything else:
+/// it goes on from a checkpoint by itself.
 ///
 /// # Errors
 /// As [`measure`].
-pub fn measure_alone(run: &mut Run<'_>, measurements: impl Iterator<Item = Measurement>, episodes: u64) -> Result<(), Error> {
+pub fn measure_alone(
+    run: &mut Run<'_>,
+    measurements: impl Iterator<Item = Measurement>,
+    episodes: u64,
+) -> Result<(), Error> {
     let position: Option<Position<usize>> = run.resume()?;
-    let (first, mut blocks) = position.map_or((0, None), |position| (position.learning.unwrap_or(0), position.measuring));
+    let (first, mut blocks) = position.map_or((0, None), |position| {
+        (position.learning.unwrap_or(0), position.measuring)
+    });
     let mut done = 0;
     for (place, what) in measurements.enumerate() {
         done += what.episodes;
@@ -143,31 +189,51 @@ pub fn measure_alone(run: &mut Run<'_>, measurements: impl Iterator<Item = Measu
     Ok(())
 }
 
-/// Measures again as at the end of a trial that made `step` training steps, until the block of episodes with `episode` is done.
+/// Measures again as at the end of a trial that made `step` training steps, until the block of episodes with
+/// `episode` is done.
 pub(crate) fn replay(run: &mut Run<'_>, step: u64, episodes: u64, episode: u64) -> Result<(), Error> {
     let until = (episode / ROWS as u64 + 1) * ROWS as u64;
-    measure(run, &Measurement::at_the_end(step, episodes.min(until), 0), None, || None::<()>)
+    measure(
+        run,
+        &Measurement::at_the_end(step, episodes.min(until), 0),
+        None,
+        || None::<()>,
+    )
 }
 
 /// Environments, each free while it plays no episode.
 type Pool = Vec<Option<Box<dyn Environment>>>;
 
-/// Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one that wears wears the same way whatever
-/// the other slots do.
+/// Slot r plays episodes r, r + rows, r + 2 rows, ...: environments are made once, and one that wears wears
+/// the same way whatever the other slots do.
 fn open_pool(run: &Run<'_>, rows: u64, snapshots: &[Value]) -> Result<Pool, Error> {
     if snapshots.is_empty() {
         return (0..rows).map(|_| (run.make_environment)().map(Some)).collect();
     }
     if snapshots.len() as u64 != rows {
         let problem = format!("{} environments stored, {rows} needed", snapshots.len());
-        return Err(Error::Checkpoint { what: "a measurement", problem });
+        return Err(Error::Checkpoint {
+            what: "a measurement",
+            problem,
+        });
     }
-    snapshots.iter().map(|snapshot| restored(run.make_environment, snapshot).map(Some)).collect()
+    snapshots
+        .iter()
+        .map(|snapshot| restored(run.make_environment, snapshot).map(Some))
+        .collect()
 }
 
-/// What the environments went through so far: nothing before the first block. Between blocks all of them are free.
+/// What the environments went through so far: nothing before the first block. Between blocks all of them are
+/// free.
 fn snapshots(first: u64, pool: &Pool) -> Vec<Value> {
-    if first == 0 { Vec::new() } else { pool.iter().flatten().map(|environment| environment.snapshot()).collect() }
+    if first == 0 {
+        Vec::new()
+    } else {
+        pool.iter()
+            .flatten()
+            .map(|environment| environment.snapshot())
+            .collect()
+    }
 }
 
 fn start(
@@ -180,14 +246,29 @@ fn start(
     let mut rng = run.streams.environment(&what.stream, index);
     let seats = environment.reset(&mut rng)?;
     let observation = observe(&*run.agent, &*environment, seats);
-    let (returns, info) = (vec![0.0; environment.seats().len()], vec![0.0; environment.metrics().len()]);
+    let (returns, info) = (
+        vec![0.0; environment.seats().len()],
+        vec![0.0; environment.metrics().len()],
+    );
     let (decisions, assessed) = (0, Vec::new());
-    let episode = Episode { slot, index, environment, rng, observation, decisions, returns, info, assessed, gathered: None };
+    let episode = Episode {
+        slot,
+        index,
+        environment,
+        rng,
+        observation,
+        decisions,
+        returns,
+        info,
+        assessed,
+        gathered: None,
+    };
     trace(run, what, &episode);
     Ok(episode)
 }
 
-/// Steps every active episode once; gives back those that go on and puts the environments of the others back in the pool.
+/// Steps every active episode once; gives back those that go on and puts the environments of the others back
+/// in the pool.
 fn advance(
     run: &mut Run<'_>,
     what: &Measurement,
@@ -200,13 +281,21 @@ fn advance(
     let actions = run.agent.act(&observations, what.mode, rng)?;
     for (episode, values) in active.iter_mut().zip(run.agent.assess(&observations, &actions)?) {
         episode.assessed.resize(values.len(), 0.0);
-        episode.assessed.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+        episode
+            .assessed
+            .iter_mut()
+            .zip(values)
+            .for_each(|(sum, value)| *sum += value);
     }
     let mut going_on = Vec::with_capacity(active.len());
     for (mut episode, action) in active.into_iter().zip(actions) {
         let step = episode.environment.step(&action, &mut episode.rng)?;
         episode.decisions += 1;
-        episode.returns.iter_mut().zip(&step.rewards).for_each(|(sum, reward)| *sum += reward);
+        episode
+            .returns
+            .iter_mut()
+            .zip(&step.rewards)
+            .for_each(|(sum, reward)| *sum += reward);
         accumulate(&mut episode.info, episode.environment.metrics(), &step.info);
         if let Some(gathered) = &mut episode.gathered {
             gathered.take(&mut episode.observation, action, &step.rewards);
@@ -218,7 +307,8 @@ fn advance(
             Some(end) => {
                 finish(run, what, &episode);
                 if let (Some(kept), Some(gathered)) = (kept, episode.gathered.take()) {
-                    kept.borrow_mut().insert(episode.index, gathered.whole(&mut episode.observation, end));
+                    kept.borrow_mut()
+                        .insert(episode.index, gathered.whole(&mut episode.observation, end));
                 }
                 pool[episode.slot] = Some(episode.environment);
             }
@@ -237,14 +327,27 @@ impl Gathered {
 
     fn whole(mut self, last: &mut Observation, end: End) -> dataset::Episode {
         self.observations.push(std::mem::take(&mut last.seats[0]));
-        let Self { observations, actions, rewards } = self;
-        dataset::Episode { observations, actions, rewards, end }
+        let Self {
+            observations,
+            actions,
+            rewards,
+        } = self;
+        dataset::Episode {
+            observations,
+            actions,
+            rewards,
+            end,
+        }
     }
 }
 
 /// What an agent is shown when its seats see `seats`: with the environment's full state where it reads that.
 pub fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<f64>>) -> Observation {
-    let state = if agent.reads_state() { environment.state() } else { Vec::new() };
+    let state = if agent.reads_state() {
+        environment.state()
+    } else {
+        Vec::new()
+    };
     Observation { seats, state }
 }
 
@@ -259,20 +362,36 @@ fn accumulate(sums: &mut [f64], metrics: &[Metric], info: &[f64]) {
 
 fn finish(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     let Episode { index, decisions, .. } = *episode;
-    #[allow(clippy::cast_precision_loss, reason = "an episode has far fewer than 2^52 decisions")]
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "an episode has far fewer than 2^52 decisions"
+    )]
     let length = decisions as f64;
     for (seat, value) in episode.returns.iter().enumerate() {
-        run.record.add(what.phase, what.step, index, seat, "return", *value);
+        run.record
+            .add(what.phase, what.step, index, seat, "return", *value);
     }
-    run.record.add(what.phase, what.step, index, 0, EPISODE_LENGTH, length);
+    run.record
+        .add(what.phase, what.step, index, 0, EPISODE_LENGTH, length);
     for (metric, value) in episode.environment.metrics().iter().zip(&episode.info) {
-        let value = if metric.per_episode == PerEpisode::Mean { value / length } else { *value };
-        run.record.add(what.phase, what.step, index, 0, &metric.name, value);
+        let value = if metric.per_episode == PerEpisode::Mean {
+            value / length
+        } else {
+            *value
+        };
+        run.record
+            .add(what.phase, what.step, index, 0, &metric.name, value);
     }
     let n_seats = episode.returns.len();
-    for (metric, sums) in run.agent.decision_metrics().iter().zip(episode.assessed.chunks(n_seats)) {
+    for (metric, sums) in run
+        .agent
+        .decision_metrics()
+        .iter()
+        .zip(episode.assessed.chunks(n_seats))
+    {
         for (seat, sum) in sums.iter().enumerate() {
-            run.record.add(what.phase, what.step, index, seat, &metric.name, sum / length);
+            run.record
+                .add(what.phase, what.step, index, seat, &metric.name, sum / length);
         }
     }
 }
@@ -285,14 +404,23 @@ fn trace(run: &mut Run<'_>, what: &Measurement, episode: &Episode) {
     for (channel, value) in channels.iter().zip(episode.environment.trace()) {
         // There is no value yet, as of an action before the first decision.
         if !value.is_nan() {
-            run.record.add(Phase::Trace, episode.decisions, episode.index, 0, &channel.name, value);
+            run.record.add(
+                Phase::Trace,
+                episode.decisions,
+                episode.index,
+                0,
+                &channel.name,
+                value,
+            );
         }
     }
 }
 
 /// Traces the environment's reward surface, where it has one: a grid point per episode, all at step 0.
 pub(super) fn trace_reward_surface(run: &mut Run<'_>) -> Result<(), Error> {
-    let Some(surface) = (run.make_environment)()?.reward_surface() else { return Ok(()) };
+    let Some(surface) = (run.make_environment)()?.reward_surface() else {
+        return Ok(());
+    };
     for (index, point) in (0..).zip(&surface.points) {
         for (name, value) in surface.names.iter().zip(point) {
             run.record.add(Phase::Trace, 0, index, 0, name, *value);

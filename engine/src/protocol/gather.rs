@@ -40,7 +40,10 @@ pub enum GatherMode {
 
 impl Default for Gather {
     fn default() -> Self {
-        Self { episodes: 200, mode: GatherMode::default() }
+        Self {
+            episodes: 200,
+            mode: GatherMode::default(),
+        }
     }
 }
 
@@ -89,13 +92,15 @@ impl Protocol for Gather {
         let interface = (run.make_environment)()?.interface();
         self.accepts(&interface)?;
         let position: Option<Position<Vec<Episode>>> = run.resume()?;
-        let (before, blocks) = position.map_or((None, None), |position| (position.learning, position.measuring));
+        let (before, blocks) =
+            position.map_or((None, None), |position| (position.learning, position.measuring));
         let kept: Kept = RefCell::new((0..).zip(before.unwrap_or_default()).collect());
         // Between blocks all episodes before the next one have ended.
         let so_far = || Some(kept.borrow().values().cloned().collect::<Vec<Episode>>());
         measure_and_keep(run, &self.episodes_to_keep(), blocks, so_far, Some(&kept))?;
         (run.progress)(self.episodes, self.episodes);
-        run.folder.map_or(Ok(()), |folder| write(folder, &interface, &kept.borrow()))
+        run.folder
+            .map_or(Ok(()), |folder| write(folder, &interface, &kept.borrow()))
     }
 }
 

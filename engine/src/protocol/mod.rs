@@ -1,8 +1,8 @@
 //! What a protocol is: how one trial runs; and the protocols that fit any environment.
 //!
-//! A protocol of another crate implements [`Protocol`] and is registered like any other plugin. What these here are made of is
-//! open to it: [`measure`] runs a [`Measurement`], [`measure_alone`] those of an agent that does not learn, [`observe`] makes an
-//! observation, and a [`Position`] says where to go on.
+//! A protocol of another crate implements [`Protocol`] and is registered like any other plugin. What these
+//! here are made of is open to it: [`measure`] runs a [`Measurement`], [`measure_alone`] those of an agent
+//! that does not learn, [`observe`] makes an observation, and a [`Position`] says where to go on.
 
 mod estimator_tracking;
 mod evaluation;
@@ -17,8 +17,8 @@ mod tests;
 mod train_evaluate;
 
 use crate::{
-    Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder, Registry, random::Streams,
-    results::UPDATES, trial::Part,
+    Agent, Environment, Error, Interface, Keeper, Metric, Phase, ProductKind, Recorder, Registry,
+    random::Streams, results::UPDATES, trial::Part,
 };
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::Path;
@@ -72,13 +72,17 @@ pub struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// What the protocol gave to [`checkpoint`](Self::checkpoint) in a process that is gone; agent and record are then as they
-    /// were. `None` where the trial begins. To be called once, before anything else.
+    /// What the protocol gave to [`checkpoint`](Self::checkpoint) in a process that is gone; agent and record
+    /// are then as they were. `None` where the trial begins. To be called once, before anything else.
     ///
     /// # Errors
-    /// [`Error::Checkpoint`] where it does not fit; [`TrialKey::run`](crate::trial::TrialKey::run) then starts over.
+    /// [`Error::Checkpoint`] where it does not fit; [`TrialKey::run`](crate::trial::TrialKey::run) then
+    /// starts over.
     pub fn resume<S: DeserializeOwned>(&mut self) -> Result<Option<S>, Error> {
-        let state = self.keeper.load(&mut *self.agent, &mut self.record).map_err(Error::of_store)?;
+        let state = self
+            .keeper
+            .load(&mut *self.agent, &mut self.record)
+            .map_err(Error::of_store)?;
         state.map(serde_json::from_value).transpose().map_err(misfit)
     }
 
@@ -90,25 +94,35 @@ impl Run<'_> {
         }
     }
 
-    /// A point at which the trial can continue: where a save is due, `state` says all that the protocol needs besides agent and
-    /// record. Numbers that may not be finite belong into a field with [`exact`](crate::checkpoint::exact).
+    /// A point at which the trial can continue: where a save is due, `state` says all that the protocol needs
+    /// besides agent and record. Numbers that may not be finite belong into a field with
+    /// [`exact`](crate::checkpoint::exact).
     ///
     /// # Errors
-    /// [`Error::Stopped`] where the trial is asked to stop, [`Error::NotFinite`] where something was recorded that is no number,
-    /// and where a file cannot be written.
+    /// [`Error::Stopped`] where the trial is asked to stop, [`Error::NotFinite`] where something was recorded
+    /// that is no number, and where a file cannot be written.
     pub fn checkpoint<S: Serialize>(&mut self, state: impl FnOnce() -> S) -> Result<(), Error> {
         self.record.all_finite()?;
         if !self.keeper.due() {
             return self.keeper.note(&self.record).map_err(Error::of_store);
         }
         let state = serde_json::to_value(state()).map_err(misfit)?;
-        self.keeper.save(state, &*self.agent, &mut self.record).map_err(Error::of_store)?;
-        if self.keeper.stopping() { Err(Error::Stopped) } else { Ok(()) }
+        self.keeper
+            .save(state, &*self.agent, &mut self.record)
+            .map_err(Error::of_store)?;
+        if self.keeper.stopping() {
+            Err(Error::Stopped)
+        } else {
+            Ok(())
+        }
     }
 }
 
 fn misfit(source: serde_json::Error) -> Error {
-    Error::Checkpoint { what: "the protocol", problem: source.to_string() }
+    Error::Checkpoint {
+        what: "the protocol",
+        problem: source.to_string(),
+    }
 }
 
 /// For keys that are written only where they are false.
@@ -132,14 +146,14 @@ pub trait Protocol: Send + Sync {
         false
     }
 
-    /// True where agents are given transitions of datasets that others gathered, in batches, after they were told
-    /// of all of them.
+    /// True where agents are given transitions of datasets that others gathered, in batches, after they were
+    /// told of all of them.
     fn gives_datasets(&self) -> bool {
         false
     }
 
-    /// Whether a trial in an environment with this interface can run, before it does: `check` asks with specimens
-    /// for products.
+    /// Whether a trial in an environment with this interface can run, before it does: `check` asks with
+    /// specimens for products.
     ///
     /// # Errors
     /// What does not fit, as [`run`](Self::run) would say it.
@@ -152,7 +166,8 @@ pub trait Protocol: Send + Sync {
         Vec::new()
     }
 
-    /// Writes what a trial of this protocol would leave, but empty: `check` builds from it those that take it.
+    /// Writes what a trial of this protocol would leave, but empty: `check` builds from it those that take
+    /// it.
     ///
     /// # Errors
     /// Where a file cannot be written.
@@ -166,9 +181,11 @@ pub trait Protocol: Send + Sync {
     /// Transitions that the agent is given to learn from, in all.
     fn experience(&self) -> u64;
 
-    /// Runs the trial, from its start or from what [`Run::resume`] gives; the numbers are the same either way.
+    /// Runs the trial, from its start or from what [`Run::resume`] gives; the numbers are the same either
+    /// way.
     ///
     /// # Errors
-    /// [`Error::Stopped`] and [`Error::NotFinite`] out of [`Run::checkpoint`], and whatever the environment or the agent reports.
+    /// [`Error::Stopped`] and [`Error::NotFinite`] out of [`Run::checkpoint`], and whatever the environment
+    /// or the agent reports.
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error>;
 }

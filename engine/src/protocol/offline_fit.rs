@@ -10,7 +10,10 @@ use super::{
     evaluation::{self, Measurement, measure, measure_alone},
     position::{Blocks, Position},
 };
-use crate::{Config, Error, Interface, Metric, Phase, Product, Registry, Rng, agent::Transition, dataset::Dataset, product};
+use crate::{
+    Config, Error, Interface, Metric, Phase, Product, Registry, Rng, agent::Transition, dataset::Dataset,
+    product,
+};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -67,7 +70,8 @@ pub(super) fn register(registry: &mut Registry) {
     registry.protocol(
         "offline_fit",
         1,
-        "Learn from datasets that other trials gathered, without the simulator; measure whole episodes now and then and at the end.",
+        "Learn from datasets that other trials gathered, without the simulator; measure whole episodes now \
+         and then and at the end.",
         without_training,
         |config| Ok(Box::new(checked(config)?)),
     );
@@ -75,15 +79,30 @@ pub(super) fn register(registry: &mut Registry) {
 
 /// What is left for an agent that does not learn: the measurements, at the same steps.
 fn without_training(config: OfflineFit) -> OfflineFit {
-    let alone = OfflineFit { datasets: Vec::new(), batch: 1, train: false, ..config };
-    if alone.n_measurements() > 0 { alone } else { OfflineFit { steps: 0, evaluate_every: 0, episodes: 0, ..alone } }
+    let alone = OfflineFit {
+        datasets: Vec::new(),
+        batch: 1,
+        train: false,
+        ..config
+    };
+    if alone.n_measurements() > 0 {
+        alone
+    } else {
+        OfflineFit {
+            steps: 0,
+            evaluate_every: 0,
+            episodes: 0,
+            ..alone
+        }
+    }
 }
 
 fn checked(config: OfflineFit) -> Result<OfflineFit, Error> {
     if !config.train || config.steps == 0 || !config.datasets.is_empty() {
         return Ok(config);
     }
-    let problem = "there is none to learn from; write `datasets: [{ from: NAME }]` with NAME an entry of `prepare` whose protocol \
+    let problem = "there is none to learn from; write `datasets: [{ from: NAME }]` with NAME an entry of \
+                   `prepare` whose protocol \
                    is `gather`";
     Err(Error::config("datasets", problem))
 }
@@ -102,11 +121,19 @@ impl Protocol for OfflineFit {
     }
 
     fn total_steps(&self) -> u64 {
-        if self.train { self.steps } else { self.episodes_in_all() }
+        if self.train {
+            self.steps
+        } else {
+            self.episodes_in_all()
+        }
     }
 
     fn experience(&self) -> u64 {
-        if self.train { self.steps.saturating_mul(self.batch) } else { 0 }
+        if self.train {
+            self.steps.saturating_mul(self.batch)
+        } else {
+            0
+        }
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
@@ -114,11 +141,17 @@ impl Protocol for OfflineFit {
             let blocks = self.fit_and_measure(run)?;
             measure(run, &self.last(), blocks, || None::<Fit>)?;
         } else {
-            let all = (0..self.n_measurements()).map(|index| self.measurement(index)).chain([self.last()]);
+            let all = (0..self.n_measurements())
+                .map(|index| self.measurement(index))
+                .chain([self.last()]);
             measure_alone(run, all, self.episodes_in_all())?;
         }
         run.record_updates(Phase::Final, self.steps);
-        if self.trace_episodes > 0 { evaluation::trace_reward_surface(run) } else { Ok(()) }
+        if self.trace_episodes > 0 {
+            evaluation::trace_reward_surface(run)
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -134,14 +167,20 @@ impl OfflineFit {
                 self.measure_when_due(run, &fit, None)?;
                 self.fit(run, fit, &transitions)?;
             }
-            Some(Position { learning: Some(fit), measuring }) => {
+            Some(Position {
+                learning: Some(fit),
+                measuring,
+            }) => {
                 let transitions = self.transitions(run)?;
                 if measuring.is_some() {
                     self.measure_when_due(run, &fit, measuring)?;
                 }
                 self.fit(run, fit, &transitions)?;
             }
-            Some(Position { learning: None, measuring }) => return Ok(measuring),
+            Some(Position {
+                learning: None,
+                measuring,
+            }) => return Ok(measuring),
         }
         Ok(None)
     }
@@ -151,7 +190,10 @@ impl OfflineFit {
         let datasets = self.read(&(run.make_environment)()?.interface())?;
         let transitions: Vec<Transition> = datasets.iter().flat_map(Dataset::transitions).collect();
         if transitions.is_empty() {
-            return Err(Error::config("datasets", "they hold no decision to learn from: nothing was gathered"));
+            return Err(Error::config(
+                "datasets",
+                "they hold no decision to learn from: nothing was gathered",
+            ));
         }
         Ok(transitions)
     }
@@ -172,12 +214,20 @@ impl OfflineFit {
 
     /// Measurements before the final one: before the first batch, and after every `evaluate_every`.
     fn n_measurements(&self) -> u64 {
-        if self.steps == 0 { 0 } else { self.steps.checked_div(self.evaluate_every).map_or(0, |count| count + 1) }
+        if self.steps == 0 {
+            0
+        } else {
+            self.steps
+                .checked_div(self.evaluate_every)
+                .map_or(0, |count| count + 1)
+        }
     }
 
     /// Episodes of all measurements.
     fn episodes_in_all(&self) -> u64 {
-        self.n_measurements().saturating_mul(self.episodes).saturating_add(self.final_episodes)
+        self.n_measurements()
+            .saturating_mul(self.episodes)
+            .saturating_add(self.final_episodes)
     }
 
     fn measurement(&self, index: u64) -> Measurement {
@@ -190,7 +240,10 @@ impl OfflineFit {
 
     fn fit(&self, run: &mut Run<'_>, mut fit: Fit, transitions: &[Transition]) -> Result<(), Error> {
         while fit.step < self.steps {
-            run.checkpoint(|| Position { learning: Some(&fit), measuring: None })?;
+            run.checkpoint(|| Position {
+                learning: Some(&fit),
+                measuring: None,
+            })?;
             let batch = fit.draw(transitions, self.batch);
             run.agent.learn(&batch, &mut fit.learn_rng, &mut run.record)?;
             fit.step += 1;
@@ -208,7 +261,12 @@ impl OfflineFit {
             run.record.flush_means(fit.step);
             run.record_updates(Phase::Train, fit.step);
         }
-        measure(run, &self.measurement(fit.step / self.evaluate_every), blocks, || Some(fit))
+        measure(
+            run,
+            &self.measurement(fit.step / self.evaluate_every),
+            blocks,
+            || Some(fit),
+        )
     }
 }
 
@@ -223,11 +281,17 @@ struct Fit {
 
 impl Fit {
     fn start(run: &Run<'_>) -> Self {
-        Self { step: 0, batch_rng: run.streams.agent("batches"), learn_rng: run.streams.agent("learn") }
+        Self {
+            step: 0,
+            batch_rng: run.streams.agent("batches"),
+            learn_rng: run.streams.agent("learn"),
+        }
     }
 
     /// Transitions drawn uniformly with replacement.
     fn draw(&mut self, transitions: &[Transition], count: u64) -> Vec<Transition> {
-        (0..count).map(|_| transitions[self.batch_rng.random_range(0..transitions.len())].clone()).collect()
+        (0..count)
+            .map(|_| transitions[self.batch_rng.random_range(0..transitions.len())].clone())
+            .collect()
     }
 }

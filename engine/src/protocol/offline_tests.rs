@@ -2,8 +2,9 @@
 //! over when it leaves them.
 
 use crate::{
-    Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Keeper, Metric, Mode, NoKeeper, Observation,
-    Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates, UseOfDatasets,
+    Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Keeper, Metric, Mode,
+    NoKeeper, Observation, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates,
+    UseOfDatasets,
     cast::Seating,
     dataset::{Dataset, DatasetWriter, Episode},
     product::{ProductKind, Taken, named_in},
@@ -59,8 +60,17 @@ impl Environment for Walk {
         STEPS.set(STEPS.get() + 1);
         self.place += actions[0][0] + rng.random_range(-0.4..0.4);
         self.steps += 1;
-        let end = if self.place.abs() > 1.0 { Some(End::Terminated) } else { (self.steps == 6).then_some(End::Truncated) };
-        Ok(Step { observations: vec![vec![self.place]], rewards: vec![self.place], info: vec![self.place], end })
+        let end = if self.place.abs() > 1.0 {
+            Some(End::Terminated)
+        } else {
+            (self.steps == 6).then_some(End::Truncated)
+        };
+        Ok(Step {
+            observations: vec![vec![self.place]],
+            rewards: vec![self.place],
+            info: vec![self.place],
+            end,
+        })
     }
     fn trace_channels(&self) -> Vec<Channel> {
         Vec::new()
@@ -79,13 +89,22 @@ impl Environment for Walk {
 
 fn seat(name: &str) -> Seat {
     let force = Channel::new("force", "").within(-1.0, 1.0);
-    Seat { name: name.into(), observation: Space::Box(vec![Channel::new("place", "m")]), action: Space::Box(vec![force]) }
+    Seat {
+        name: name.into(),
+        observation: Space::Box(vec![Channel::new("place", "m")]),
+        action: Space::Box(vec![force]),
+    }
 }
 
 fn walk(config: WalkConfig) -> Result<Box<dyn Environment>, Error> {
     let seats = (0..config.seats).map(|at| seat(&at.to_string())).collect();
     let metrics = vec![Metric::new("travelled", "m", "sum of all places")];
-    Ok(Box::new(Walk { seats, metrics, place: 0.0, steps: 0 }))
+    Ok(Box::new(Walk {
+        seats,
+        metrics,
+        place: 0.0,
+        steps: 0,
+    }))
 }
 
 #[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
@@ -106,11 +125,21 @@ struct Walker {
 
 impl Agent for Walker {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let force = |rng: &mut Rng| if mode == Mode::Train { rng.random_range(-0.5..0.5) } else { 0.125 };
+        let force = |rng: &mut Rng| {
+            if mode == Mode::Train {
+                rng.random_range(-0.5..0.5)
+            } else {
+                0.125
+            }
+        };
         Ok(observations.iter().map(|_| vec![vec![force(rng)]]).collect())
     }
     fn survey(&mut self, transitions: &[Transition]) -> Result<(), Error> {
-        assert_eq!((self.told_of, self.batches), (0, 0), "it is told once, before the first batch");
+        assert_eq!(
+            (self.told_of, self.batches),
+            (0, 0),
+            "it is told once, before the first batch"
+        );
         self.told_of = transitions.len();
         Ok(())
     }
@@ -118,16 +147,22 @@ impl Agent for Walker {
         assert!(self.learns && self.told_of > 0);
         self.read += batch.len() as u64;
         self.batches += 1;
-        batch.iter().for_each(|transition| record.mean("reward_read", transition.rewards[0]));
+        batch
+            .iter()
+            .for_each(|transition| record.mean("reward_read", transition.rewards[0]));
         record.mean("drawn", rng.random());
         record.mean("simulated", STEPS.get() as f64);
         Ok(())
     }
     fn updates(&self) -> Option<Updates> {
-        self.learns.then_some(Updates { made: self.batches, first_after: 1 })
+        self.learns.then_some(Updates {
+            made: self.batches,
+            first_after: 1,
+        })
     }
     fn save(&self, dir: &Path) -> Result<(), Error> {
-        fs::write(dir.join("walker.json"), serde_json::to_string(self).unwrap()).map_err(Error::file("write", dir))
+        fs::write(dir.join("walker.json"), serde_json::to_string(self).unwrap())
+            .map_err(Error::file("write", dir))
     }
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         *self = serde_json::from_slice(&fs::read(dir.join("walker.json")).unwrap()).unwrap();
@@ -139,9 +174,24 @@ fn registry() -> Registry {
     let mut registry = Registry::default();
     super::register(&mut registry);
     registry.environment("walk", 1, "A walk.", walk);
-    registry.agent("rule", 1, "Pushes.", AgentTraits::default(), |_: NoConfig, _: &Interface, _| Ok(Box::new(Walker::default())));
-    let traits = AgentTraits { learns: true, datasets: UseOfDatasets::Only, ..AgentTraits::default() };
-    registry.agent("reader", 1, "Reads.", traits, |_: NoConfig, _, _| Ok(Box::new(Walker { learns: true, ..Walker::default() })));
+    registry.agent(
+        "rule",
+        1,
+        "Pushes.",
+        AgentTraits::default(),
+        |_: NoConfig, _: &Interface, _| Ok(Box::new(Walker::default())),
+    );
+    let traits = AgentTraits {
+        learns: true,
+        datasets: UseOfDatasets::Only,
+        ..AgentTraits::default()
+    };
+    registry.agent("reader", 1, "Reads.", traits, |_: NoConfig, _, _| {
+        Ok(Box::new(Walker {
+            learns: true,
+            ..Walker::default()
+        }))
+    });
     registry
 }
 
@@ -155,10 +205,26 @@ fn key(agent: &str, protocol: (&str, Value)) -> TrialKey {
     }
     let mut protocol = Part::new(protocol.0, 1, config);
     for (at, (kind, reference)) in named_in(&protocol.config) {
-        protocol.products.insert(at, Taken { trial: reference.from, kind });
+        protocol.products.insert(
+            at,
+            Taken {
+                trial: reference.from,
+                kind,
+            },
+        );
     }
-    let (environment, agent) = (Part::new("walk", 1, json!({})), Seating::Agent(Part::new(agent, 1, json!({}))));
-    TrialKey { environment, agent, protocol, seed: 3, numerics: 1, device: "cpu".into() }
+    let (environment, agent) = (
+        Part::new("walk", 1, json!({})),
+        Seating::Agent(Part::new(agent, 1, json!({}))),
+    );
+    TrialKey {
+        environment,
+        agent,
+        protocol,
+        seed: 3,
+        numerics: 1,
+        device: "cpu".into(),
+    }
 }
 
 /// Runs a trial that leaves what it leaves in `folder` and finds the products of trial `x` in `products/x`.
@@ -176,29 +242,54 @@ fn gather(episodes: u64, mode: &str, trial: &Path) -> (Recorder, Dataset) {
 
 /// Values of a metric in a phase, in the order of steps and episodes.
 fn values(record: &Recorder, phase: Phase, metric: &str) -> Vec<f64> {
-    let named = |row: &&crate::recorder::Row| row.phase == phase && record.names()[usize::from(row.metric)] == metric;
-    let rows = record.rows().iter().filter(named).map(|row| ((row.step, row.episode), row.value.to_bits()));
-    rows.collect::<BTreeMap<_, _>>().into_values().map(f64::from_bits).collect()
+    let named =
+        |row: &&crate::recorder::Row| row.phase == phase && record.names()[usize::from(row.metric)] == metric;
+    let rows = record
+        .rows()
+        .iter()
+        .filter(named)
+        .map(|row| ((row.step, row.episode), row.value.to_bits()));
+    rows.collect::<BTreeMap<_, _>>()
+        .into_values()
+        .map(f64::from_bits)
+        .collect()
 }
 
 #[test]
 fn what_is_gathered_is_what_was_recorded() {
     let trial = tempfile::tempdir().unwrap();
     let (record, dataset) = gather(300, "train", trial.path());
-    assert_eq!((dataset.episodes.len(), dataset.interface.seats.clone()), (300, vec![seat("0")]));
+    assert_eq!(
+        (dataset.episodes.len(), dataset.interface.seats.clone()),
+        (300, vec![seat("0")])
+    );
     let rewards = |episode: &Episode| episode.rewards.iter().fold(0.0, |sum, reward| sum + reward);
-    let (returns, lengths): (Vec<f64>, Vec<f64>) =
-        dataset.episodes.iter().map(|episode| (rewards(episode), episode.actions.len() as f64)).unzip();
+    let (returns, lengths): (Vec<f64>, Vec<f64>) = dataset
+        .episodes
+        .iter()
+        .map(|episode| (rewards(episode), episode.actions.len() as f64))
+        .unzip();
     assert_eq!(values(&record, Phase::Final, "return"), returns);
     assert_eq!(values(&record, Phase::Final, "travelled"), returns);
     assert_eq!(values(&record, Phase::Final, "episode_length"), lengths);
     for episode in &dataset.episodes {
-        assert_eq!(episode.observations[1..].concat(), episode.rewards, "the reward is the place that is seen next");
+        assert_eq!(
+            episode.observations[1..].concat(),
+            episode.rewards,
+            "the reward is the place that is seen next"
+        );
         let left = episode.rewards.last().unwrap().abs() > 1.0;
         assert_eq!(episode.end, if left { End::Terminated } else { End::Truncated });
     }
-    let actions =
-        |mode| gather(3, mode, trial.path()).1.episodes.into_iter().flat_map(|it| it.actions).flatten().collect::<Vec<_>>();
+    let actions = |mode| {
+        gather(3, mode, trial.path())
+            .1
+            .episodes
+            .into_iter()
+            .flat_map(|it| it.actions)
+            .flatten()
+            .collect::<Vec<_>>()
+    };
     assert!(actions("evaluate").iter().all(|force| *force == 0.125));
     assert!(actions("train").iter().all(|force| *force != 0.125));
 }
@@ -234,7 +325,9 @@ impl Keeper for Stopping {
         Ok(())
     }
     fn load(&mut self, agent: &mut dyn Agent, record: &mut Recorder) -> Result<Option<Value>, Error> {
-        let Some((state, folder, kept)) = &self.saved else { return Ok(None) };
+        let Some((state, folder, kept)) = &self.saved else {
+            return Ok(None);
+        };
         agent.load(folder.path())?;
         *record = kept.clone();
         Ok(Some(serde_json::from_str(&state.to_string()).unwrap()))
@@ -246,9 +339,15 @@ impl Keeper for Stopping {
 
 /// What a trial records and leaves.
 fn outcome(record: &Recorder, folder: &Path) -> (String, Option<Dataset>) {
-    let rows: Vec<_> =
-        record.rows().iter().map(|row| (row.phase, row.step, row.episode, row.metric, row.value.to_bits())).collect();
-    (format!("{:?} {rows:?}", record.names()), Dataset::read(folder).ok())
+    let rows: Vec<_> = record
+        .rows()
+        .iter()
+        .map(|row| (row.phase, row.step, row.episode, row.metric, row.value.to_bits()))
+        .collect();
+    (
+        format!("{:?} {rows:?}", record.names()),
+        Dataset::read(folder).ok(),
+    )
 }
 
 /// Stops the trial at every opportunity to save, one after the other, and goes on in another folder; gives
@@ -256,18 +355,36 @@ fn outcome(record: &Recorder, folder: &Path) -> (String, Option<Dataset>) {
 fn assert_resumes(key: &TrialKey, products: &Path) -> u64 {
     let folder = || tempfile::tempdir().unwrap();
     let whole_folder = folder();
-    let mut never = Stopping { at: 0, seen: 0, saved: None };
+    let mut never = Stopping {
+        at: 0,
+        seen: 0,
+        saved: None,
+    };
     STEPS.set(0);
     let record = run(key, products, whole_folder.path(), &mut never).unwrap();
     let whole = outcome(&record, whole_folder.path());
     for at in 1..=never.seen {
-        let mut keeper = Stopping { at, seen: 0, saved: None };
+        let mut keeper = Stopping {
+            at,
+            seen: 0,
+            saved: None,
+        };
         STEPS.set(0);
-        assert!(matches!(run(key, products, folder().path(), &mut keeper), Err(Error::Stopped)), "{at}");
+        assert!(
+            matches!(
+                run(key, products, folder().path(), &mut keeper),
+                Err(Error::Stopped)
+            ),
+            "{at}"
+        );
         keeper.at = 0;
         let second = folder();
         let record = run(key, products, second.path(), &mut keeper).unwrap();
-        assert!(outcome(&record, second.path()) == whole, "stopped at {at} of {}", never.seen);
+        assert!(
+            outcome(&record, second.path()) == whole,
+            "stopped at {at} of {}",
+            never.seen
+        );
     }
     never.seen
 }
@@ -275,7 +392,10 @@ fn assert_resumes(key: &TrialKey, products: &Path) -> u64 {
 #[test]
 fn gathering_that_was_stopped_leaves_the_same_dataset() {
     let products = tempfile::tempdir().unwrap();
-    let opportunities = assert_resumes(&key("rule", ("gather", json!({ "episodes": 260 }))), products.path());
+    let opportunities = assert_resumes(
+        &key("rule", ("gather", json!({ "episodes": 260 }))),
+        products.path(),
+    );
     assert_eq!(opportunities, 2, "before each block of 256 episodes");
 }
 
@@ -290,10 +410,14 @@ fn products() -> tempfile::TempDir {
 
 fn fit(changed: Value) -> (&'static str, Value) {
     let mut config = json!({
-        "datasets": [{ "from": "few" }, { "from": "more" }], "steps": 8, "batch": 4, "evaluate_every": 4, "episodes": 3,
+        "datasets": [{ "from": "few" }, { "from": "more" }], "steps": 8, "batch": 4, "evaluate_every": 4,
+        "episodes": 3,
         "final_episodes": 260,
     });
-    config.as_object_mut().unwrap().extend(changed.as_object().unwrap().clone());
+    config
+        .as_object_mut()
+        .unwrap()
+        .extend(changed.as_object().unwrap().clone());
     ("offline_fit", config)
 }
 
@@ -302,18 +426,40 @@ fn batches_come_from_all_datasets_and_nothing_is_simulated_for_them() {
     let products = products();
     let folder = tempfile::tempdir().unwrap();
     let of = |name: &str| {
-        Dataset::read(&products.path().join(name)).unwrap().transitions().map(|it| it.rewards[0]).collect::<Vec<_>>()
+        Dataset::read(&products.path().join(name))
+            .unwrap()
+            .transitions()
+            .map(|it| it.rewards[0])
+            .collect::<Vec<_>>()
     };
     let (few, more) = (of("few"), of("more"));
     let total = few.len() + more.len();
     // Batches of one, so that the mean of a batch is a reward.
-    let key = key("reader", fit(json!({ "steps": 200, "batch": 1, "evaluate_every": 1, "episodes": 0, "final_episodes": 1 })));
+    let key = key(
+        "reader",
+        fit(json!({ "steps": 200, "batch": 1, "evaluate_every": 1, "episodes": 0, "final_episodes": 1 })),
+    );
     let record = run(&key, products.path(), folder.path(), &mut NoKeeper).unwrap();
     let seen = values(&record, Phase::Train, "reward_read");
     assert_eq!(seen.len(), 200);
-    assert!(seen.iter().all(|reward| few.contains(reward) || more.contains(reward)));
-    assert!(few.iter().chain(&more).filter(|reward| seen.contains(reward)).count() * 10 >= total * 9, "nearly all were drawn");
-    assert!(values(&record, Phase::Train, "simulated").iter().all(|steps| *steps == 0.0));
+    assert!(
+        seen.iter()
+            .all(|reward| few.contains(reward) || more.contains(reward))
+    );
+    assert!(
+        few.iter()
+            .chain(&more)
+            .filter(|reward| seen.contains(reward))
+            .count()
+            * 10
+            >= total * 9,
+        "nearly all were drawn"
+    );
+    assert!(
+        values(&record, Phase::Train, "simulated")
+            .iter()
+            .all(|steps| *steps == 0.0)
+    );
     assert_eq!(values(&record, Phase::Final, UPDATES), [200.0]);
 }
 
@@ -322,10 +468,17 @@ fn agents_meet_the_same_episodes_under_both_protocols() {
     let products = products();
     let folder = tempfile::tempdir().unwrap();
     let measured = |agent: &str, protocol: (&str, Value)| {
-        let record = run(&key(agent, protocol), products.path(), folder.path(), &mut NoKeeper).unwrap();
+        let record = run(
+            &key(agent, protocol),
+            products.path(),
+            folder.path(),
+            &mut NoKeeper,
+        )
+        .unwrap();
         [Phase::Evaluate, Phase::Final].map(|phase| values(&record, phase, "return"))
     };
-    let simulated = json!({ "steps": 8, "environments": 1, "evaluate_every": 4, "episodes": 3, "final_episodes": 260 });
+    let simulated =
+        json!({ "steps": 8, "environments": 1, "evaluate_every": 4, "episodes": 3, "final_episodes": 260 });
     let rule = measured("rule", ("train_evaluate", simulated));
     assert_eq!(rule[0].len(), 9);
     assert_eq!(measured("rule", fit(json!({}))), rule);
@@ -335,8 +488,14 @@ fn agents_meet_the_same_episodes_under_both_protocols() {
 #[test]
 fn learning_that_was_stopped_ends_with_the_same_bits() {
     let products = products();
-    assert_eq!(assert_resumes(&key("reader", fit(json!({}))), products.path()), 8 + 3 + 2);
-    assert_eq!(assert_resumes(&key("rule", fit(json!({}))), products.path()), 3 + 2);
+    assert_eq!(
+        assert_resumes(&key("reader", fit(json!({}))), products.path()),
+        8 + 3 + 2
+    );
+    assert_eq!(
+        assert_resumes(&key("rule", fit(json!({}))), products.path()),
+        3 + 2
+    );
 }
 
 #[test]
@@ -346,8 +505,17 @@ fn an_agent_that_does_not_learn_takes_no_dataset() {
     assert_ne!(id(json!({})), id(json!({ "steps": 12 })));
     assert!(key("rule", fit(json!({}))).taken().is_empty());
     let taken = key("reader", fit(json!({}))).taken();
-    assert_eq!(taken, ["few", "more"].map(|trial| Taken { trial: trial.into(), kind: ProductKind::Dataset }));
-    assert_eq!(id(json!({ "steps": 0 })), id(json!({ "steps": 12, "evaluate_every": 0 })));
+    assert_eq!(
+        taken,
+        ["few", "more"].map(|trial| Taken {
+            trial: trial.into(),
+            kind: ProductKind::Dataset
+        })
+    );
+    assert_eq!(
+        id(json!({ "steps": 0 })),
+        id(json!({ "steps": 12, "evaluate_every": 0 }))
+    );
 }
 
 fn refusal(key: &TrialKey, products: &Path) -> String {
@@ -359,24 +527,58 @@ fn refusal(key: &TrialKey, products: &Path) -> String {
 fn what_cannot_be_learned_from_is_refused_with_what_to_do() {
     let products = products();
     let none = refusal(&key("reader", fit(json!({ "datasets": [] }))), products.path());
-    assert!(none.contains("write `datasets: [{ from: NAME }]`") && none.contains("`gather`"), "{none}");
-    let interface = Interface { seats: vec![seat("0")], state: Vec::new() };
+    assert!(
+        none.contains("write `datasets: [{ from: NAME }]`") && none.contains("`gather`"),
+        "{none}"
+    );
+    let interface = Interface {
+        seats: vec![seat("0")],
+        state: Vec::new(),
+    };
     Dataset::write_empty(&products.path().join("few"), &interface).unwrap();
     let empty = key("reader", fit(json!({ "datasets": [{ "from": "few" }] })));
     let registry = registry();
-    let protocol = empty.protocol.loaded(&|taken| Ok(products.path().join(&taken.trial))).unwrap();
-    assert!((registry.protocols["offline_fit"].build)(&protocol).is_ok(), "a specimen is empty");
+    let protocol = empty
+        .protocol
+        .loaded(&|taken| Ok(products.path().join(&taken.trial)))
+        .unwrap();
+    assert!(
+        (registry.protocols["offline_fit"].build)(&protocol).is_ok(),
+        "a specimen is empty"
+    );
     let text = refusal(&empty, products.path());
-    assert!(text.contains("`datasets`: they hold no decision to learn from"), "{text}");
-    assert_eq!(refusal(&key("reader", fit(json!({}))), products.path()), "ran", "another one holds enough");
+    assert!(
+        text.contains("`datasets`: they hold no decision to learn from"),
+        "{text}"
+    );
+    assert_eq!(
+        refusal(&key("reader", fit(json!({}))), products.path()),
+        "ran",
+        "another one holds enough"
+    );
     let mut other = interface.clone();
     other.seats[0].observation = Space::Box(vec![Channel::new("speed", "m/s")]);
-    DatasetWriter::create(&products.path().join("more"), &other).unwrap().finish().unwrap();
+    DatasetWriter::create(&products.path().join("more"), &other)
+        .unwrap()
+        .finish()
+        .unwrap();
     let text = refusal(&key("reader", fit(json!({}))), products.path());
-    assert!(text.contains("entry 1 of the observation is `speed` in m/s there and `place` in m here"), "{text}");
-    assert!(text.starts_with("`datasets.1`: `more` cannot be learned from here"), "{text}");
-    let missing = refusal(&key("reader", fit(json!({ "datasets": [{ "from": "nowhere" }] }))), products.path());
-    assert!(missing.contains("cannot read") && missing.contains("nowhere"), "{missing}");
+    assert!(
+        text.contains("entry 1 of the observation is `speed` in m/s there and `place` in m here"),
+        "{text}"
+    );
+    assert!(
+        text.starts_with("`datasets.1`: `more` cannot be learned from here"),
+        "{text}"
+    );
+    let missing = refusal(
+        &key("reader", fit(json!({ "datasets": [{ "from": "nowhere" }] }))),
+        products.path(),
+    );
+    assert!(
+        missing.contains("cannot read") && missing.contains("nowhere"),
+        "{missing}"
+    );
 }
 
 #[test]
@@ -384,7 +586,10 @@ fn several_seats_are_not_gathered() {
     let folder = tempfile::tempdir().unwrap();
     let mut several = key("rule", ("gather", json!({ "episodes": 2 })));
     several.environment.config = json!({ "seats": 2 }).into();
-    assert_eq!(refusal(&several, folder.path()), "a dataset holds what one seat saw and did; this environment has 2 seats");
+    assert_eq!(
+        refusal(&several, folder.path()),
+        "a dataset holds what one seat saw and did; this environment has 2 seats"
+    );
 }
 
 #[test]
@@ -394,7 +599,16 @@ fn the_specimen_of_what_is_gathered_is_an_empty_dataset() {
     let entry = &registry.protocols["gather"];
     let protocol = (entry.build)(&entry.about.defaults).unwrap();
     assert_eq!(protocol.leaves(), [ProductKind::Dataset]);
-    let interface = Interface { seats: vec![seat("0")], state: Vec::new() };
+    let interface = Interface {
+        seats: vec![seat("0")],
+        state: Vec::new(),
+    };
     protocol.write_specimen(&interface, folder.path()).unwrap();
-    assert_eq!(Dataset::read_for(folder.path(), &interface).unwrap(), Dataset { interface, episodes: Vec::new() });
+    assert_eq!(
+        Dataset::read_for(folder.path(), &interface).unwrap(),
+        Dataset {
+            interface,
+            episodes: Vec::new()
+        }
+    );
 }

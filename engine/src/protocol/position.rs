@@ -1,8 +1,8 @@
 //! Where a protocol that learns and measures stands, so that it can continue.
 //!
-//! A protocol gives a [`Position`] to [`Run::checkpoint`](super::Run::checkpoint) wherever it can go on, and gets the last
-//! one back from [`Run::resume`](super::Run::resume) in another process. [`measure`](super::measure) gives its own between
-//! two blocks of episodes.
+//! A protocol gives a [`Position`] to [`Run::checkpoint`](super::Run::checkpoint) wherever it can go on, and
+//! gets the last one back from [`Run::resume`](super::Run::resume) in another process.
+//! [`measure`](super::measure) gives its own between two blocks of episodes.
 
 use crate::{Environment, Error, Rng};
 use serde::{Deserialize, Serialize};

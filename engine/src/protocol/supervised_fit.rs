@@ -1,7 +1,7 @@
 //! Protocol `supervised_fit`: fit a policy to examples whose answer the environment knows.
 //!
-//! One example is one episode start: the observation is the input, the full state the target. Every batch is drawn anew;
-//! measurements are on examples of their own.
+//! One example is one episode start: the observation is the input, the full state the target. Every batch is
+//! drawn anew; measurements are on examples of their own.
 
 use super::{
     Protocol, Run,
@@ -39,7 +39,14 @@ pub struct SupervisedFit {
 
 impl Default for SupervisedFit {
     fn default() -> Self {
-        Self { steps: 2_000, batch: 64, evaluate_every: 50, examples: 1_000, final_examples: 10_000, train: true }
+        Self {
+            steps: 2_000,
+            batch: 64,
+            evaluate_every: 50,
+            examples: 1_000,
+            final_examples: 10_000,
+            train: true,
+        }
     }
 }
 
@@ -58,8 +65,20 @@ pub(super) fn register(registry: &mut Registry) {
 
 /// What is left for an agent that does not learn: the measurements, at the same steps.
 fn without_training(config: SupervisedFit) -> SupervisedFit {
-    let alone = SupervisedFit { batch: 1, train: false, ..config };
-    if alone.evaluate_every > 0 { alone } else { SupervisedFit { steps: 0, examples: 0, ..alone } }
+    let alone = SupervisedFit {
+        batch: 1,
+        train: false,
+        ..config
+    };
+    if alone.evaluate_every > 0 {
+        alone
+    } else {
+        SupervisedFit {
+            steps: 0,
+            examples: 0,
+            ..alone
+        }
+    }
 }
 
 impl Protocol for SupervisedFit {
@@ -72,11 +91,19 @@ impl Protocol for SupervisedFit {
     }
 
     fn total_steps(&self) -> u64 {
-        if self.train { self.steps } else { self.examples_in_all() }
+        if self.train {
+            self.steps
+        } else {
+            self.examples_in_all()
+        }
     }
 
     fn experience(&self) -> u64 {
-        if self.train { self.steps.saturating_mul(self.batch) } else { 0 }
+        if self.train {
+            self.steps.saturating_mul(self.batch)
+        } else {
+            0
+        }
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
@@ -84,7 +111,9 @@ impl Protocol for SupervisedFit {
             let blocks = self.fit_and_measure(run)?;
             measure(run, &self.last(), blocks, || None::<SavedFit>)?;
         } else {
-            let all = (0..self.n_measurements()).map(|index| self.measurement(index)).chain([self.last()]);
+            let all = (0..self.n_measurements())
+                .map(|index| self.measurement(index))
+                .chain([self.last()]);
             measure_alone(run, all, self.examples_in_all())?;
         }
         run.record_updates(Phase::Final, self.steps);
@@ -101,26 +130,36 @@ impl SupervisedFit {
                 self.measure_when_due(run, &fit, None)?;
                 self.fit(run, fit)?;
             }
-            Some(Position { learning: Some(saved), measuring }) => {
+            Some(Position {
+                learning: Some(saved),
+                measuring,
+            }) => {
                 let fit = Fit::restored(run, saved)?;
                 if measuring.is_some() {
                     self.measure_when_due(run, &fit, measuring)?;
                 }
                 self.fit(run, fit)?;
             }
-            Some(Position { learning: None, measuring }) => return Ok(measuring),
+            Some(Position {
+                learning: None,
+                measuring,
+            }) => return Ok(measuring),
         }
         Ok(None)
     }
 
     /// Measurements before the final one: before the first batch, and after every `evaluate_every`.
     fn n_measurements(&self) -> u64 {
-        self.steps.checked_div(self.evaluate_every).map_or(0, |count| count + 1)
+        self.steps
+            .checked_div(self.evaluate_every)
+            .map_or(0, |count| count + 1)
     }
 
     /// Examples of all measurements.
     fn examples_in_all(&self) -> u64 {
-        self.n_measurements().saturating_mul(self.examples).saturating_add(self.final_examples)
+        self.n_measurements()
+            .saturating_mul(self.examples)
+            .saturating_add(self.final_examples)
     }
 
     fn measurement(&self, index: u64) -> Measurement {
@@ -133,8 +172,13 @@ impl SupervisedFit {
 
     fn fit(&self, run: &mut Run<'_>, mut fit: Fit) -> Result<(), Error> {
         while fit.step < self.steps {
-            run.checkpoint(|| Position { learning: Some(fit.save()), measuring: None })?;
-            let batch = (0..self.batch).map(|_| fit.draw(run)).collect::<Result<Vec<_>, _>>()?;
+            run.checkpoint(|| Position {
+                learning: Some(fit.save()),
+                measuring: None,
+            })?;
+            let batch = (0..self.batch)
+                .map(|_| fit.draw(run))
+                .collect::<Result<Vec<_>, _>>()?;
             run.agent.learn(&batch, &mut fit.learn_rng, &mut run.record)?;
             fit.step += 1;
             (run.progress)(fit.step, self.steps);
@@ -151,7 +195,12 @@ impl SupervisedFit {
             run.record.flush_means(fit.step);
             run.record_updates(Phase::Train, fit.step);
         }
-        measure(run, &self.measurement(fit.step / self.evaluate_every), blocks, || Some(fit.save()))
+        measure(
+            run,
+            &self.measurement(fit.step / self.evaluate_every),
+            blocks,
+            || Some(fit.save()),
+        )
     }
 }
 
@@ -178,7 +227,12 @@ impl Fit {
     fn start(run: &mut Run<'_>) -> Result<Self, Error> {
         let environment = (run.make_environment)()?;
         let (examples_rng, learn_rng) = (run.streams.environment("train", 0), run.streams.agent("learn"));
-        Ok(Self { step: 0, environment, examples_rng, learn_rng })
+        Ok(Self {
+            step: 0,
+            environment,
+            examples_rng,
+            learn_rng,
+        })
     }
 
     fn save(&self) -> SavedFit {
@@ -191,12 +245,22 @@ impl Fit {
     }
 
     fn restored(run: &mut Run<'_>, saved: SavedFit) -> Result<Self, Error> {
-        let SavedFit { step, environment, examples_rng, learn_rng } = saved;
+        let SavedFit {
+            step,
+            environment,
+            examples_rng,
+            learn_rng,
+        } = saved;
         let environment = match environment {
             Some(snapshot) => restored(run.make_environment, &snapshot)?,
             None => (run.make_environment)()?,
         };
-        Ok(Self { step, environment, examples_rng, learn_rng })
+        Ok(Self {
+            step,
+            environment,
+            examples_rng,
+            learn_rng,
+        })
     }
 
     /// One example: a start and its answer.

@@ -1,8 +1,9 @@
 //! What trials measure, on dice: an episode shows the number that it began with, whoever plays it.
 
 use crate::{
-    Action, Agent, AgentTraits, Channel, Config, DataFile, End, Environment, Error, Interface, Metric, Mode, NoKeeper,
-    Observation, PerEpisode, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates,
+    Action, Agent, AgentTraits, Channel, Config, DataFile, End, Environment, Error, Interface, Metric, Mode,
+    NoKeeper, Observation, PerEpisode, Phase, Recorder, Registry, Rng, Seat, Space, Step, Transition,
+    Updates,
     cast::Seating,
     data_file::hash_of,
     results::UPDATES,
@@ -47,7 +48,12 @@ impl Environment for Dice {
     }
     fn step(&mut self, actions: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
         let end = Some(End::Terminated);
-        Ok(Step { observations: vec![vec![self.start]], rewards: vec![actions[0][0]], info: vec![self.start], end })
+        Ok(Step {
+            observations: vec![vec![self.start]],
+            rewards: vec![actions[0][0]],
+            info: vec![self.start],
+            end,
+        })
     }
     fn trace_channels(&self) -> Vec<Channel> {
         vec![Channel::new("nothing_yet", "")]
@@ -66,12 +72,25 @@ impl Environment for Dice {
 
 fn dice(config: DiceConfig) -> Result<Box<dyn Environment>, Error> {
     let named = !config.file.path().as_os_str().is_empty();
-    let added = if named { config.file.text()?.trim().parse().unwrap() } else { 0.0 };
+    let added = if named {
+        config.file.text()?.trim().parse().unwrap()
+    } else {
+        0.0
+    };
     let channel = || Space::Box(vec![Channel::new("number", "")]);
-    let seat = Seat { name: String::new(), observation: channel(), action: channel() };
+    let seat = Seat {
+        name: String::new(),
+        observation: channel(),
+        action: channel(),
+    };
     let metrics = vec![Metric::new("start", "", "the number").per_episode(PerEpisode::Last)];
     let added = if config.broken { f64::NAN } else { added };
-    Ok(Box::new(Dice { seats: vec![seat], metrics, added, start: 0.0 }))
+    Ok(Box::new(Dice {
+        seats: vec![seat],
+        metrics,
+        added,
+        start: 0.0,
+    }))
 }
 
 /// Says any number; where it learns, counts how often it was asked to.
@@ -102,7 +121,10 @@ impl Agent for Guess {
         Ok(())
     }
     fn updates(&self) -> Option<Updates> {
-        self.learns.then_some(Updates { made: self.n_updates, first_after: 1 })
+        self.learns.then_some(Updates {
+            made: self.n_updates,
+            first_after: 1,
+        })
     }
 }
 
@@ -110,13 +132,37 @@ fn registry() -> Registry {
     let mut registry = Registry::default();
     super::register(&mut registry);
     registry.environment("dice", 1, "One throw.", dice);
-    let traits = |learns| AgentTraits { learns, learns_from_examples: learns, ..AgentTraits::default() };
-    registry.agent("rule", 1, "Guesses.", traits(false), |_: GuessConfig, _: &Interface, _| {
-        Ok(Box::new(Guess { learns: false, n_updates: 0, loss: 0.0 }))
-    });
-    registry.agent("learner", 1, "Guesses as well.", traits(true), |config: GuessConfig, _, _| {
-        Ok(Box::new(Guess { learns: true, n_updates: 0, loss: if config.diverges { f64::NAN } else { 1.0 } }))
-    });
+    let traits = |learns| AgentTraits {
+        learns,
+        learns_from_examples: learns,
+        ..AgentTraits::default()
+    };
+    registry.agent(
+        "rule",
+        1,
+        "Guesses.",
+        traits(false),
+        |_: GuessConfig, _: &Interface, _| {
+            Ok(Box::new(Guess {
+                learns: false,
+                n_updates: 0,
+                loss: 0.0,
+            }))
+        },
+    );
+    registry.agent(
+        "learner",
+        1,
+        "Guesses as well.",
+        traits(true),
+        |config: GuessConfig, _, _| {
+            Ok(Box::new(Guess {
+                learns: true,
+                n_updates: 0,
+                loss: if config.diverges { f64::NAN } else { 1.0 },
+            }))
+        },
+    );
     registry
 }
 
@@ -144,18 +190,28 @@ fn run(key: &TrialKey) -> Result<Recorder, Error> {
 
 /// Step, episode and value of what was recorded of a metric in a phase.
 fn rows(record: &Recorder, phase: Phase, metric: &str) -> Vec<(u64, u64, f64)> {
-    let named = |row: &&crate::recorder::Row| row.phase == phase && record.names()[usize::from(row.metric)] == metric;
-    record.rows().iter().filter(named).map(|row| (row.step, row.episode, row.value)).collect()
+    let named =
+        |row: &&crate::recorder::Row| row.phase == phase && record.names()[usize::from(row.metric)] == metric;
+    record
+        .rows()
+        .iter()
+        .filter(named)
+        .map(|row| (row.step, row.episode, row.value))
+        .collect()
 }
 
 fn budgets() -> Vec<(&'static str, Value)> {
     let train = |steps: u64, environments: u64, every: u64| {
-        let config =
-            json!({ "steps": steps, "environments": environments, "evaluate_every": every, "episodes": 3, "final_episodes": 5 });
+        let config = json!({ "steps": steps, "environments": environments, "evaluate_every": every,
+            "episodes": 3, "final_episodes": 5 });
         ("train_evaluate", config)
     };
     let fit = |steps: u64, every: u64| {
-        ("supervised_fit", json!({ "steps": steps, "batch": 2, "evaluate_every": every, "examples": 3, "final_examples": 5 }))
+        (
+            "supervised_fit",
+            json!({ "steps": steps, "batch": 2, "evaluate_every": every, "examples": 3,
+                "final_examples": 5 }),
+        )
     };
     vec![
         train(100, 10, 20),
@@ -177,15 +233,22 @@ fn budgets() -> Vec<(&'static str, Value)> {
 #[test]
 fn agents_that_do_not_learn_are_measured_when_learners_are_and_on_the_same_episodes() {
     for budget in budgets() {
-        let [rule, learner] = ["rule", "learner"].map(|agent| run(&key((agent, json!({})), budget.clone())).unwrap());
+        let [rule, learner] =
+            ["rule", "learner"].map(|agent| run(&key((agent, json!({})), budget.clone())).unwrap());
         let starts = |record: &Recorder| rows(record, Phase::Evaluate, "start");
         assert_eq!(starts(&rule), starts(&learner), "{budget:?}");
         let [of_rule, of_learner] = [&rule, &learner].map(|record| rows(record, Phase::Final, "start"));
         let values = |rows: &[(u64, u64, f64)]| rows.iter().map(|row| row.2).collect::<Vec<_>>();
         assert_eq!(values(&of_rule), values(&of_learner), "{budget:?}");
-        assert!(starts(&rule).is_empty() || of_rule == of_learner, "the last step is that of the learners: {budget:?}");
+        assert!(
+            starts(&rule).is_empty() || of_rule == of_learner,
+            "the last step is that of the learners: {budget:?}"
+        );
         // What the agent draws is its own.
-        assert!(starts(&rule).is_empty() || rows(&rule, Phase::Evaluate, "return") != rows(&learner, Phase::Evaluate, "return"));
+        assert!(
+            starts(&rule).is_empty()
+                || rows(&rule, Phase::Evaluate, "return") != rows(&learner, Phase::Evaluate, "return")
+        );
     }
 }
 
@@ -198,12 +261,24 @@ fn what_an_agent_that_does_not_learn_is_not_measured_by_is_no_part_of_its_trial(
     assert_eq!(id(100, 10, 20), id(100, 1, 20));
     assert_eq!(id(100, 10, 0), id(5_000, 1, 0));
     assert_ne!(id(100, 10, 20), id(200, 10, 20));
-    assert_ne!(id(100, 64, 128), id(100, 1, 128), "64 environments take 128 steps, which is a measurement more");
+    assert_ne!(
+        id(100, 64, 128),
+        id(100, 1, 128),
+        "64 environments take 128 steps, which is a measurement more"
+    );
     let cost = |agent: &str, protocol: (&str, Value)| {
         let part = key((agent, json!({})), protocol).protocol;
-        (registry().protocols[part.plugin.as_str()].build)(&part.config).unwrap().total_steps()
+        (registry().protocols[part.plugin.as_str()].build)(&part.config)
+            .unwrap()
+            .total_steps()
     };
-    assert_eq!(budgets()[..1].iter().map(|budget| cost("rule", budget.clone())).collect::<Vec<_>>(), [6 * 3 + 5]);
+    assert_eq!(
+        budgets()[..1]
+            .iter()
+            .map(|budget| cost("rule", budget.clone()))
+            .collect::<Vec<_>>(),
+        [6 * 3 + 5]
+    );
     assert_eq!(cost("learner", budgets()[0].clone()), 100);
 }
 
@@ -212,21 +287,37 @@ fn studies_do_not_say_whether_an_agent_learns() {
     for (protocol, _) in [&budgets()[0], &budgets()[9]] {
         let study = |key: &str| {
             let text = format!(
-                "study: x\nenvironments: {{ e: {{ dice: {{}} }} }}\nagents: {{ a: {{ rule: {{}} }} }}\nprotocol: {{ {protocol}: {{ {key} }} }}\n"
+                "study: x\nenvironments: {{ e: {{ dice: {{}} }} }}\nagents: {{ a: {{ rule: {{}} }} \
+                 }}\nprotocol: {{ {protocol}: {{ {key} }} }}\n"
             );
-            spec::load_text(&text, "x.yaml", Path::new(""), &registry(), &spec::Options::default())
+            spec::load_text(
+                &text,
+                "x.yaml",
+                Path::new(""),
+                &registry(),
+                &spec::Options::default(),
+            )
         };
         assert!(study("steps: 10").is_ok());
-        assert_eq!(study("train: false").unwrap_err()[0].message, "unknown key `train`");
+        assert_eq!(
+            study("train: false").unwrap_err()[0].message,
+            "unknown key `train`"
+        );
     }
 }
 
 #[test]
 fn every_measurement_has_episodes_of_its_own() {
-    let budget = json!({ "steps": 70, "environments": 1, "evaluate_every": 10, "episodes": 10, "final_episodes": 10 });
+    let budget =
+        json!({ "steps": 70, "environments": 1, "evaluate_every": 10, "episodes": 10, "final_episodes": 10 });
     let record = run(&key(("learner", json!({})), ("train_evaluate", budget))).unwrap();
     let measured = rows(&record, Phase::Evaluate, "start");
-    let distinct = |rows: &[(u64, u64, f64)]| rows.iter().map(|row| row.2.to_bits()).collect::<BTreeSet<_>>().len();
+    let distinct = |rows: &[(u64, u64, f64)]| {
+        rows.iter()
+            .map(|row| row.2.to_bits())
+            .collect::<BTreeSet<_>>()
+            .len()
+    };
     assert_eq!((measured.len(), distinct(&measured)), (80, 80));
     let all = [measured, rows(&record, Phase::Final, "start")].concat();
     assert_eq!(distinct(&all), 90);
@@ -235,10 +326,13 @@ fn every_measurement_has_episodes_of_its_own() {
 #[test]
 fn equal_measurements_of_other_schedules_have_equal_episodes() {
     let starts = |every: u64| {
-        let budget =
-            json!({ "steps": 2 * every, "environments": 1, "evaluate_every": every, "episodes": 4, "final_episodes": 1 });
+        let budget = json!({ "steps": 2 * every, "environments": 1, "evaluate_every": every, "episodes": 4,
+            "final_episodes": 1 });
         let record = run(&key(("rule", json!({})), ("train_evaluate", budget))).unwrap();
-        rows(&record, Phase::Evaluate, "start").into_iter().map(|row| row.2).collect::<Vec<_>>()
+        rows(&record, Phase::Evaluate, "start")
+            .into_iter()
+            .map(|row| row.2)
+            .collect::<Vec<_>>()
     };
     assert_eq!(starts(10), starts(25));
 }
@@ -247,18 +341,32 @@ fn equal_measurements_of_other_schedules_have_equal_episodes() {
 fn updates_are_recorded_at_every_measurement_and_once_at_the_end() {
     let budgets = [
         (
-            ("train_evaluate", json!({ "steps": 40, "environments": 4, "evaluate_every": 20 })),
+            (
+                "train_evaluate",
+                json!({ "steps": 40, "environments": 4, "evaluate_every": 20 }),
+            ),
             vec![(0, 0), (20, 5), (40, 10)],
             (40, 10),
         ),
-        (("supervised_fit", json!({ "steps": 6, "evaluate_every": 3 })), vec![(0, 0), (3, 3), (6, 6)], (6, 6)),
-        (("estimator_tracking", json!({ "batches": 5, "batch": 3 })), vec![(3, 1), (6, 2), (12, 4)], (15, 5)),
+        (
+            ("supervised_fit", json!({ "steps": 6, "evaluate_every": 3 })),
+            vec![(0, 0), (3, 3), (6, 6)],
+            (6, 6),
+        ),
+        (
+            ("estimator_tracking", json!({ "batches": 5, "batch": 3 })),
+            vec![(3, 1), (6, 2), (12, 4)],
+            (15, 5),
+        ),
     ];
     for (protocol, train, last) in budgets {
         let record = run(&key(("learner", json!({})), protocol)).unwrap();
         #[allow(clippy::cast_precision_loss, reason = "a handful of updates")]
         let row = |(step, updates): (u64, u64)| (step, 0, updates as f64);
-        assert_eq!(rows(&record, Phase::Train, UPDATES), train.into_iter().map(row).collect::<Vec<_>>());
+        assert_eq!(
+            rows(&record, Phase::Train, UPDATES),
+            train.into_iter().map(row).collect::<Vec<_>>()
+        );
         assert_eq!(rows(&record, Phase::Final, UPDATES), [row(last)]);
         assert!(rows(&record, Phase::Evaluate, UPDATES).is_empty());
     }
@@ -276,14 +384,28 @@ fn a_trial_that_records_no_number_says_which_and_when() {
         Err(error @ Error::NotFinite { .. }) => error.to_string(),
         other => panic!("{other:?}"),
     };
-    let train = || ("train_evaluate", json!({ "steps": 40, "environments": 4, "evaluate_every": 20 }));
+    let train = || {
+        (
+            "train_evaluate",
+            json!({ "steps": 40, "environments": 4, "evaluate_every": 20 }),
+        )
+    };
     let diverging = |protocol| key(("learner", json!({ "diverges": true })), protocol);
-    assert_eq!(reason(&diverging(train())), "loss (phase train) is not finite at step 20: NaN");
+    assert_eq!(
+        reason(&diverging(train())),
+        "loss (phase train) is not finite at step 20: NaN"
+    );
     let tracking = ("estimator_tracking", json!({ "batches": 4, "batch": 3 }));
-    assert_eq!(reason(&diverging(tracking)), "estimate (phase evaluate) is not finite at step 3: NaN");
+    assert_eq!(
+        reason(&diverging(tracking)),
+        "estimate (phase evaluate) is not finite at step 3: NaN"
+    );
     for (protocol, step) in [
         (train(), "start (phase evaluate) is not finite at step 0: NaN"),
-        (("train_evaluate", json!({ "steps": 0 })), "start (phase final) is not finite at step 0: NaN"),
+        (
+            ("train_evaluate", json!({ "steps": 0 })),
+            "start (phase final) is not finite at step 0: NaN",
+        ),
     ] {
         let mut broken = key(("rule", json!({})), protocol);
         broken.environment.config = json!({ "broken": true }).into();
@@ -296,7 +418,9 @@ fn with_file(path: &Path, content: &str) -> TrialKey {
     std::fs::write(path, content).unwrap();
     let mut key = key(("rule", json!({})), budgets_of_rule());
     key.environment.config = json!({ "file": path }).into();
-    key.environment.files.insert("/file".into(), hash_of(path).unwrap());
+    key.environment
+        .files
+        .insert("/file".into(), hash_of(path).unwrap());
     key
 }
 

@@ -1,4 +1,5 @@
-//! Protocol `train_evaluate`: learn for a number of environment steps, measuring now and then and thoroughly at the end.
+//! Protocol `train_evaluate`: learn for a number of environment steps, measuring now and then and thoroughly
+//! at the end.
 
 use super::{
     Protocol, Run,
@@ -6,8 +7,8 @@ use super::{
     position::{Blocks, Position, restored},
 };
 use crate::{
-    Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition, checkpoint::exact,
-    trial::Part,
+    Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition,
+    checkpoint::exact, trial::Part,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -31,8 +32,8 @@ pub struct TrainEvaluate {
     /// Episodes of the final measurement.
     #[schemars(range(min = 1))]
     pub final_episodes: u64,
-    /// How many of the final episodes are recorded step by step, for trajectory figures; above 0, the surface of the reward is
-    /// recorded too where the environment has one.
+    /// How many of the final episodes are recorded step by step, for trajectory figures; above 0, the surface
+    /// of the reward is recorded too where the environment has one.
     pub trace_episodes: u64,
     /// False where the agent does not learn: measurements alone. No study writes it.
     #[schemars(skip)]
@@ -61,8 +62,12 @@ const VERSION: u32 = 2;
 
 /// The final measurement alone, as part of a trial's key.
 pub(super) fn measuring(episodes: u64) -> Part {
-    let alone =
-        without_training(TrainEvaluate { steps: 0, final_episodes: episodes, trace_episodes: 0, ..TrainEvaluate::default() });
+    let alone = without_training(TrainEvaluate {
+        steps: 0,
+        final_episodes: episodes,
+        trace_episodes: 0,
+        ..TrainEvaluate::default()
+    });
     Part::new(NAME, VERSION, json!(alone))
 }
 
@@ -79,12 +84,26 @@ pub(super) fn register(registry: &mut Registry) {
 
 /// What is left for an agent that does not learn: the measurements, at the same steps.
 fn without_training(config: TrainEvaluate) -> TrainEvaluate {
-    let environments = if config.is_measured_as_with_one_environment() { 1 } else { config.environments };
-    let alone = TrainEvaluate { environments, train: false, ..config };
+    let environments = if config.is_measured_as_with_one_environment() {
+        1
+    } else {
+        config.environments
+    };
+    let alone = TrainEvaluate {
+        environments,
+        train: false,
+        ..config
+    };
     if alone.n_measurements() > 0 {
         alone
     } else {
-        TrainEvaluate { steps: 0, environments: 1, evaluate_every: 0, episodes: 0, ..alone }
+        TrainEvaluate {
+            steps: 0,
+            environments: 1,
+            evaluate_every: 0,
+            episodes: 0,
+            ..alone
+        }
     }
 }
 
@@ -100,7 +119,11 @@ impl Protocol for TrainEvaluate {
     }
 
     fn total_steps(&self) -> u64 {
-        if self.train { self.steps } else { self.episodes_in_all() }
+        if self.train {
+            self.steps
+        } else {
+            self.episodes_in_all()
+        }
     }
 
     fn experience(&self) -> u64 {
@@ -113,11 +136,17 @@ impl Protocol for TrainEvaluate {
             (run.progress)(self.steps, self.steps);
             measure(run, &self.last(), blocks, || None::<SavedLearning>)?;
         } else {
-            let all = (0..self.n_measurements()).map(|place| self.measurement(place * self.stride())).chain([self.last()]);
+            let all = (0..self.n_measurements())
+                .map(|place| self.measurement(place * self.stride()))
+                .chain([self.last()]);
             measure_alone(run, all, self.episodes_in_all())?;
         }
         run.record_updates(Phase::Final, self.steps);
-        if self.trace_episodes > 0 { evaluation::trace_reward_surface(run) } else { Ok(()) }
+        if self.trace_episodes > 0 {
+            evaluation::trace_reward_surface(run)
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -131,36 +160,51 @@ impl TrainEvaluate {
                 self.measure_when_due(run, &learning, None)?;
                 self.learn(run, learning)?;
             }
-            Some(Position { learning: Some(saved), measuring }) => {
+            Some(Position {
+                learning: Some(saved),
+                measuring,
+            }) => {
                 let learning = Learning::restored(run, saved)?;
                 if measuring.is_some() {
                     self.measure_when_due(run, &learning, measuring)?;
                 }
                 self.learn(run, learning)?;
             }
-            Some(Position { learning: None, measuring }) => return Ok(measuring),
+            Some(Position {
+                learning: None,
+                measuring,
+            }) => return Ok(measuring),
         }
         Ok(None)
     }
 
     /// Environment steps that learning takes: the last ones are taken by all environments too.
     fn steps_taken(&self) -> u64 {
-        self.steps.div_ceil(self.environments).saturating_mul(self.environments)
+        self.steps
+            .div_ceil(self.environments)
+            .saturating_mul(self.environments)
     }
 
-    /// Steps between two measurements: several multiples of `evaluate_every` that are passed at once are one measurement.
+    /// Steps between two measurements: several multiples of `evaluate_every` that are passed at once are one
+    /// measurement.
     fn stride(&self) -> u64 {
         self.evaluate_every.max(self.environments)
     }
 
     /// Measurements before the final one, one of them before the first step.
     fn n_measurements(&self) -> u64 {
-        if self.steps == 0 || self.evaluate_every == 0 { 0 } else { self.steps_taken() / self.stride() + 1 }
+        if self.steps == 0 || self.evaluate_every == 0 {
+            0
+        } else {
+            self.steps_taken() / self.stride() + 1
+        }
     }
 
     /// Episodes of all measurements.
     fn episodes_in_all(&self) -> u64 {
-        self.n_measurements().saturating_mul(self.episodes).saturating_add(self.final_episodes)
+        self.n_measurements()
+            .saturating_mul(self.episodes)
+            .saturating_add(self.final_episodes)
     }
 
     /// True where it would be measured at the same steps if environments were stepped one by one.
@@ -182,7 +226,10 @@ impl TrainEvaluate {
 
     fn learn(&self, run: &mut Run<'_>, mut learning: Learning) -> Result<(), Error> {
         while learning.step < self.steps {
-            run.checkpoint(|| Position { learning: Some(learning.save()), measuring: None })?;
+            run.checkpoint(|| Position {
+                learning: Some(learning.save()),
+                measuring: None,
+            })?;
             learning.advance(run)?;
             (run.progress)(learning.step.min(self.steps), self.steps);
             self.measure_when_due(run, &learning, None)?;
@@ -190,10 +237,17 @@ impl TrainEvaluate {
         Ok(())
     }
 
-    /// Measures where a multiple of `evaluate_every` was passed with the last step (and before the first step).
-    fn measure_when_due(&self, run: &mut Run<'_>, learning: &Learning, blocks: Option<Blocks>) -> Result<(), Error> {
+    /// Measures where a multiple of `evaluate_every` was passed with the last step (and before the first
+    /// step).
+    fn measure_when_due(
+        &self,
+        run: &mut Run<'_>,
+        learning: &Learning,
+        blocks: Option<Blocks>,
+    ) -> Result<(), Error> {
         let Learning { step, before, .. } = *learning;
-        let due = self.evaluate_every > 0 && (step == 0 || step / self.evaluate_every > before / self.evaluate_every);
+        let due = self.evaluate_every > 0
+            && (step == 0 || step / self.evaluate_every > before / self.evaluate_every);
         if !due {
             return Ok(());
         }
@@ -249,9 +303,17 @@ struct SavedSlot {
 
 impl Learning {
     fn start(run: &mut Run<'_>, environments: u64) -> Result<Self, Error> {
-        let slots = (0..environments).map(|index| Slot::open(run, index)).collect::<Result<Vec<_>, _>>()?;
+        let slots = (0..environments)
+            .map(|index| Slot::open(run, index))
+            .collect::<Result<Vec<_>, _>>()?;
         let (act_rng, learn_rng) = (run.streams.agent("act"), run.streams.agent("learn"));
-        Ok(Self { step: 0, before: 0, slots, act_rng, learn_rng })
+        Ok(Self {
+            step: 0,
+            before: 0,
+            slots,
+            act_rng,
+            learn_rng,
+        })
     }
 
     fn save(&self) -> SavedLearning {
@@ -265,9 +327,24 @@ impl Learning {
     }
 
     fn restored(run: &mut Run<'_>, saved: SavedLearning) -> Result<Self, Error> {
-        let SavedLearning { step, before, slots, act_rng, learn_rng } = saved;
-        let slots = slots.into_iter().map(|slot| Slot::restored(run, slot)).collect::<Result<Vec<_>, _>>()?;
-        Ok(Self { step, before, slots, act_rng, learn_rng })
+        let SavedLearning {
+            step,
+            before,
+            slots,
+            act_rng,
+            learn_rng,
+        } = saved;
+        let slots = slots
+            .into_iter()
+            .map(|slot| Slot::restored(run, slot))
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(Self {
+            step,
+            before,
+            slots,
+            act_rng,
+            learn_rng,
+        })
     }
 
     /// Steps every environment once and lets the agent learn from it.
@@ -275,7 +352,8 @@ impl Learning {
         let transitions = act_in_all(run, &mut self.slots, &mut self.act_rng)?;
         self.before = self.step;
         self.step += transitions.len() as u64;
-        run.agent.learn(&transitions, &mut self.learn_rng, &mut run.record)
+        run.agent
+            .learn(&transitions, &mut self.learn_rng, &mut run.record)
     }
 }
 
@@ -285,7 +363,12 @@ impl Slot {
         let mut rng = run.streams.environment("train", index);
         let seats = environment.reset(&mut rng)?;
         let observation = observe(&*run.agent, &*environment, seats);
-        Ok(Self { environment, rng, observation, episode_return: 0.0 })
+        Ok(Self {
+            environment,
+            rng,
+            observation,
+            episode_return: 0.0,
+        })
     }
 
     fn save(&self) -> SavedSlot {
@@ -299,9 +382,20 @@ impl Slot {
     }
 
     fn restored(run: &Run<'_>, saved: SavedSlot) -> Result<Self, Error> {
-        let SavedSlot { environment, rng, seats, state, episode_return } = saved;
+        let SavedSlot {
+            environment,
+            rng,
+            seats,
+            state,
+            episode_return,
+        } = saved;
         let environment = restored(run.make_environment, &environment)?;
-        Ok(Self { environment, rng, observation: Observation { seats, state }, episode_return })
+        Ok(Self {
+            environment,
+            rng,
+            observation: Observation { seats, state },
+            episode_return,
+        })
     }
 }
 
@@ -315,13 +409,20 @@ fn act_in_all(run: &mut Run<'_>, slots: &mut [Slot], rng: &mut Rng) -> Result<Ve
         let next_observation = observe(&*run.agent, &*slot.environment, step.observations);
         slot.episode_return += step.rewards.iter().sum::<f64>();
         if step.end.is_some() {
-            run.record.mean("training_return", std::mem::take(&mut slot.episode_return));
+            run.record
+                .mean("training_return", std::mem::take(&mut slot.episode_return));
             let seats = slot.environment.reset(&mut slot.rng)?;
             slot.observation = observe(&*run.agent, &*slot.environment, seats);
         } else {
             slot.observation = next_observation.clone();
         }
-        transitions.push(Transition { observation, action, rewards: step.rewards, next_observation, end: step.end });
+        transitions.push(Transition {
+            observation,
+            action,
+            rewards: step.rewards,
+            next_observation,
+            end: step.end,
+        });
     }
     Ok(transitions)
 }

@@ -42,19 +42,38 @@ pub(super) struct Cost {
 /// The budget of every agent in every environment; `None` where the study has no trial.
 pub(super) fn sheet(study: &StudyInfo, results: &Results) -> Option<Sheet> {
     let budgets = budgets(results);
-    let several = budgets.iter().any(|budget| budget.environment != budgets[0].environment);
-    let head = HEAD.into_iter().skip(usize::from(!several)).map(String::from).collect();
-    let rows = budgets.iter().map(|budget| budget.row(study).split_off(usize::from(!several))).collect();
+    let several = budgets
+        .iter()
+        .any(|budget| budget.environment != budgets[0].environment);
+    let head = HEAD
+        .into_iter()
+        .skip(usize::from(!several))
+        .map(String::from)
+        .collect();
+    let rows = budgets
+        .iter()
+        .map(|budget| budget.row(study).split_off(usize::from(!several)))
+        .collect();
     let notes = notes(&budgets, results);
-    (!budgets.is_empty()).then(|| Sheet { title: String::new(), head, words: 1 + usize::from(several), rows, notes })
+    (!budgets.is_empty()).then(|| Sheet {
+        title: String::new(),
+        head,
+        words: 1 + usize::from(several),
+        rows,
+        notes,
+    })
 }
 
 /// A sentence for every agent that learns and made no update, per environment.
 pub(super) fn untrained(results: &Results) -> Vec<String> {
     let sentence = |budget: &Budget<'_>| {
         let (none, of) = (budget.untrained(), budget.ok().count());
-        (none > 0)
-            .then(|| format!("`{}` in `{}`: 0 updates in {none} of {of} trials: not trained.", budget.agent, budget.environment))
+        (none > 0).then(|| {
+            format!(
+                "`{}` in `{}`: 0 updates in {none} of {of} trials: not trained.",
+                budget.agent, budget.environment
+            )
+        })
     };
     budgets(results).iter().filter_map(sentence).collect()
 }
@@ -69,7 +88,10 @@ impl Cost {
     fn of<'a>(trials: impl Iterator<Item = &'a TrialResult>) -> Self {
         let ended = trials.filter_map(|trial| Some((trial.trial.id.as_str(), trial.end.as_ref()?.wall_s)));
         let seconds: BTreeMap<&str, f64> = ended.collect();
-        Self { seconds: seconds.values().sum(), trials: seconds.len() }
+        Self {
+            seconds: seconds.values().sum(),
+            trials: seconds.len(),
+        }
     }
 
     fn mean(self) -> Option<f64> {
@@ -105,7 +127,11 @@ fn budgets(results: &Results) -> Vec<Budget<'_>> {
         let environment = trial.trial.environment.as_str();
         let place = *places.entry((environment, agent)).or_insert(budgets.len());
         if place == budgets.len() {
-            budgets.push(Budget { environment, agent, trials: Vec::new() });
+            budgets.push(Budget {
+                environment,
+                agent,
+                trials: Vec::new(),
+            });
         }
         budgets[place].trials.push(trial);
     }
@@ -115,11 +141,19 @@ fn budgets(results: &Results) -> Vec<Budget<'_>> {
 impl Budget<'_> {
     fn row(&self, study: &StudyInfo) -> Vec<Entry> {
         let cost = Cost::of(self.trials.iter().copied());
-        let mut row = vec![Entry::plain(self.environment), Entry::plain(self.agent), self.count()];
+        let mut row = vec![
+            Entry::plain(self.environment),
+            Entry::plain(self.agent),
+            self.count(),
+        ];
         row.extend([self.steps(study.learners.contains(self.agent)), self.updates()]);
         row.extend([Phase::Evaluate, Phase::Final].map(|phase| Entry::plain(self.episodes(phase))));
         row.push(Entry::plain(cost.mean().map_or(NONE.into(), duration)));
-        row.push(Entry::plain(if cost.trials > 0 { duration(cost.seconds) } else { NONE.into() }));
+        row.push(Entry::plain(if cost.trials > 0 {
+            duration(cost.seconds)
+        } else {
+            NONE.into()
+        }));
         row
     }
 
@@ -129,7 +163,11 @@ impl Budget<'_> {
 
     fn count(&self) -> Entry {
         let (ok, all) = (self.ok().count(), self.trials.len());
-        Entry::plain(if ok == all { all.to_string() } else { format!("{ok} of {all} ok") })
+        Entry::plain(if ok == all {
+            all.to_string()
+        } else {
+            format!("{ok} of {all} ok")
+        })
     }
 
     /// Trials that ended well and whose agent learns, but made no update.
@@ -140,7 +178,14 @@ impl Budget<'_> {
     /// Steps that the agent learned from: those done when the last measurement was made.
     fn steps(&self, learns: bool) -> Entry {
         let learning = self.ok().filter(|trial| learns || trial.updates().is_some());
-        let last = |trial: &TrialResult| trial.rows.iter().filter(|row| row.phase == Phase::Final).map(|row| row.step).max();
+        let last = |trial: &TrialResult| {
+            trial
+                .rows
+                .iter()
+                .filter(|row| row.phase == Phase::Final)
+                .map(|row| row.step)
+                .max()
+        };
         #[allow(clippy::cast_precision_loss, reason = "a budget is far below 2^52 steps")]
         let steps = learning.filter_map(last).map(|steps| steps as f64);
         Entry::plain(range(steps))
@@ -150,7 +195,10 @@ impl Budget<'_> {
         let text = range(self.ok().filter_map(TrialResult::updates));
         match self.untrained() {
             0 => Entry::plain(text),
-            _ => Entry { text: format!("{text}: not trained"), tone: Tone::Alarm },
+            _ => Entry {
+                text: format!("{text}: not trained"),
+                tone: Tone::Alarm,
+            },
         }
     }
 
@@ -159,11 +207,21 @@ impl Budget<'_> {
         let counted: Vec<(usize, usize)> = self.ok().map(|trial| measured(trial, phase)).collect();
         let same = counted.windows(2).all(|pair| pair[0] == pair[1]);
         match counted.first() {
-            Some((measurements, episodes)) if same && *measurements > 1 && episodes.is_multiple_of(*measurements) => {
+            Some((measurements, episodes))
+                if same && *measurements > 1 && episodes.is_multiple_of(*measurements) =>
+            {
                 format!("{measurements} × {}", episodes / measurements)
             }
-            #[allow(clippy::cast_precision_loss, reason = "a trial has far fewer than 2^52 episodes")]
-            _ => range(counted.iter().map(|(_, episodes)| *episodes as f64).filter(|episodes| *episodes > 0.0)),
+            #[allow(
+                clippy::cast_precision_loss,
+                reason = "a trial has far fewer than 2^52 episodes"
+            )]
+            _ => range(
+                counted
+                    .iter()
+                    .map(|(_, episodes)| *episodes as f64)
+                    .filter(|episodes| *episodes > 0.0),
+            ),
         }
     }
 }
@@ -182,7 +240,9 @@ fn measured(trial: &TrialResult, phase: Phase) -> (usize, usize) {
 /// The smallest and the largest of whole numbers, or the one that all of them are.
 fn range(numbers: impl Iterator<Item = f64>) -> String {
     let ends = numbers.fold(None, |ends: Option<(f64, f64)>, number| {
-        Some(ends.map_or((number, number), |(low, high)| (low.min(number), high.max(number))))
+        Some(ends.map_or((number, number), |(low, high)| {
+            (low.min(number), high.max(number))
+        }))
     });
     match ends {
         None => NONE.into(),
@@ -196,15 +256,18 @@ fn notes(budgets: &[Budget<'_>], results: &Results) -> Vec<String> {
     let over = if settings { "seeds and settings" } else { "seeds" };
     let mut notes = untrained(results);
     notes.push(format!(
-        "Steps are those that an agent learned from (examples, where it was given examples); episodes are measured ones, in \
-         measurements × episodes where there were several. Ranges are over {over}. Agents that do not learn record no number of \
+        "Steps are those that an agent learned from (examples, where it was given examples); episodes are \
+         measured ones, in \
+         measurements × episodes where there were several. Ranges are over {over}. Agents that do not learn \
+         record no number of \
          updates."
     ));
     if budgets.iter().any(|budget| budget.agent == "all casts") {
         notes.push("Casts of a play are policies that other trials trained.".into());
     }
     notes.push(format!(
-        "All trials together: {}. Times are wall-clock times of trials, each on one core; of a trial that was interrupted it is \
+        "All trials together: {}. Times are wall-clock times of trials, each on one core; of a trial that \
+         was interrupted it is \
          the time since it last went on.",
         cost(results).sentence()
     ));
@@ -222,7 +285,9 @@ mod tests {
 
     fn learner(seed: u64, setting: &str, steps: u64, updates: f64) -> TrialResult {
         let mut rows: Rows = vec![(Phase::Final, steps, 0, UPDATES, updates)];
-        rows.extend((0..3).flat_map(|k| (0..2).map(move |episode| (Phase::Evaluate, 10 * k, episode, EPISODE_LENGTH, 5.0))));
+        rows.extend((0..3).flat_map(|k| {
+            (0..2).map(move |episode| (Phase::Evaluate, 10 * k, episode, EPISODE_LENGTH, 5.0))
+        }));
         rows.extend((0..8).map(|episode| (Phase::Final, steps, episode, EPISODE_LENGTH, 5.0)));
         let mut result = trial("tank", "learner", setting, seed, &rows);
         result.trial.id = format!("{seed}-{setting}");
@@ -240,11 +305,31 @@ mod tests {
 
     #[test]
     fn budgets_are_ranges_over_seeds() {
-        let rule = trial("tank", "rule", "", 0, &vec![(Phase::Final, 0, 0, EPISODE_LENGTH, 5.0)]);
+        let rule = trial(
+            "tank",
+            "rule",
+            "",
+            0,
+            &vec![(Phase::Final, 0, 0, EPISODE_LENGTH, 5.0)],
+        );
         let failed = ended(learner(2, "", 20, 3.0), EndState::Oom, "too large");
-        let results = Results::of(vec![learner(0, "", 20, 3.0), learner(1, "", 20, 4.0), failed, rule]);
+        let results = Results::of(vec![
+            learner(0, "", 20, 3.0),
+            learner(1, "", 20, 4.0),
+            failed,
+            rule,
+        ]);
         let expected = [
-            ["learner", "2 of 3 ok", "20", "3–4", "3 × 2", "8", "1.0 s", "3.0 s"],
+            [
+                "learner",
+                "2 of 3 ok",
+                "20",
+                "3–4",
+                "3 × 2",
+                "8",
+                "1.0 s",
+                "3.0 s",
+            ],
             ["rule", "1", "–", "–", "–", "1", "1.0 s", "1.0 s"],
         ];
         assert_eq!(texts(&results), expected);
@@ -254,8 +339,17 @@ mod tests {
 
     #[test]
     fn learners_that_record_no_number_of_updates_still_have_their_steps() {
-        let results = Results::of(vec![trial("tank", "estimator", "", 0, &vec![(Phase::Final, 512, 0, "bias", 0.1)])]);
-        let study = StudyInfo { learners: ["estimator".to_owned()].into(), ..StudyInfo::default() };
+        let results = Results::of(vec![trial(
+            "tank",
+            "estimator",
+            "",
+            0,
+            &vec![(Phase::Final, 512, 0, "bias", 0.1)],
+        )]);
+        let study = StudyInfo {
+            learners: ["estimator".to_owned()].into(),
+            ..StudyInfo::default()
+        };
         let row = sheet(&study, &results).unwrap().rows.remove(0);
         assert_eq!([row[2].text.as_str(), row[3].text.as_str()], ["512", "–"]);
     }
@@ -264,29 +358,55 @@ mod tests {
     fn agents_without_updates_are_flagged() {
         let results = Results::of(vec![learner(0, "", 20, 0.0), learner(1, "", 20, 4.0)]);
         let row = &sheet(&StudyInfo::default(), &results).unwrap().rows[0];
-        assert_eq!(row[3], Entry { text: "0–4: not trained".into(), tone: Tone::Alarm });
-        assert_eq!(untrained(&results), ["`learner` in `tank`: 0 updates in 1 of 2 trials: not trained."]);
+        assert_eq!(
+            row[3],
+            Entry {
+                text: "0–4: not trained".into(),
+                tone: Tone::Alarm
+            }
+        );
+        assert_eq!(
+            untrained(&results),
+            ["`learner` in `tank`: 0 updates in 1 of 2 trials: not trained."]
+        );
     }
 
     #[test]
     fn what_was_computed_once_costs_once_and_settings_make_ranges() {
         let mut shared = learner(0, "rate=0.1", 20, 3.0);
         shared.trial.setting = "rate=0.2".into();
-        let results = Results::of(vec![learner(0, "rate=0.1", 20, 3.0), shared, learner(0, "rate=0.3", 40, 6.0)]);
-        assert_eq!(texts(&results), [["learner", "3", "20–40", "3–6", "3 × 2", "8", "1.0 s", "2.0 s"]]);
+        let results = Results::of(vec![
+            learner(0, "rate=0.1", 20, 3.0),
+            shared,
+            learner(0, "rate=0.3", 40, 6.0),
+        ]);
+        assert_eq!(
+            texts(&results),
+            [["learner", "3", "20–40", "3–6", "3 × 2", "8", "1.0 s", "2.0 s"]]
+        );
         assert!(sheet(&StudyInfo::default(), &results).unwrap().notes[0].contains("seeds and settings"));
     }
 
     #[test]
     fn the_casts_of_a_play_are_one_row_and_nothing_is_none() {
-        let results = Results::of(vec![encounter("a", "a", 0, 1.0), encounter("a", "b", 0, 1.0), learner(0, "", 20, 3.0)]);
+        let results = Results::of(vec![
+            encounter("a", "a", 0, 1.0),
+            encounter("a", "b", 0, 1.0),
+            learner(0, "", 20, 3.0),
+        ]);
         let rows = texts(&results);
-        assert_eq!((rows[0][0].as_str(), rows[0][1].as_str(), rows[0][2].as_str()), ("pursuit", "all casts", "2"));
+        assert_eq!(
+            (rows[0][0].as_str(), rows[0][1].as_str(), rows[0][2].as_str()),
+            ("pursuit", "all casts", "2")
+        );
         assert_eq!(sheet(&StudyInfo::default(), &Results::default()), None);
     }
 
     #[test]
     fn times_have_the_unit_that_suits_them() {
-        assert_eq!([0.04, 9.97, 89.0, 90.0, 5399.0, 5400.0].map(duration), ["0.0 s", "10 s", "89 s", "2 min", "90 min", "1.5 h"]);
+        assert_eq!(
+            [0.04, 9.97, 89.0, 90.0, 5399.0, 5400.0].map(duration),
+            ["0.0 s", "10 s", "89 s", "2 min", "90 min", "1.5 h"]
+        );
     }
 }

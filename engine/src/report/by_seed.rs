@@ -15,8 +15,14 @@ pub(super) fn csv(grid: &Grid) -> Result<String, Error> {
     let mut lines = vec![["row", "column", "seed", "value"].map(String::from).to_vec()];
     for (row, cells) in grid.rows.iter().zip(&grid.cells) {
         for (column, cell) in grid.columns.iter().zip(cells) {
-            let line =
-                |(seed, value): &(u64, f64)| vec![row.name.clone(), column.name.clone(), seed.to_string(), value.to_string()];
+            let line = |(seed, value): &(u64, f64)| {
+                vec![
+                    row.name.clone(),
+                    column.name.clone(),
+                    seed.to_string(),
+                    value.to_string(),
+                ]
+            };
             lines.extend(cell.seeds.iter().map(line));
         }
     }
@@ -30,16 +36,39 @@ pub(super) fn count(grid: &Grid) -> usize {
 
 /// A row per cell, a column per seed.
 pub(super) fn sheet(grid: &Grid) -> Sheet {
-    let seeds: BTreeSet<u64> = grid.cells.iter().flatten().flat_map(|cell| cell.seeds.iter().map(|(seed, _)| *seed)).collect();
-    let head = std::iter::once("cell".into()).chain(seeds.iter().map(|seed| format!("seed {seed}"))).collect();
+    let seeds: BTreeSet<u64> = grid
+        .cells
+        .iter()
+        .flatten()
+        .flat_map(|cell| cell.seeds.iter().map(|(seed, _)| *seed))
+        .collect();
+    let head = std::iter::once("cell".into())
+        .chain(seeds.iter().map(|seed| format!("seed {seed}")))
+        .collect();
     let row = |(place, cell): (String, &Cell)| {
         let values: BTreeMap<u64, f64> = cell.seeds.iter().copied().collect();
-        let value = |seed: &u64| values.get(seed).map_or(NONE.into(), |value| grid.format.write(*value));
-        std::iter::once(place).chain(seeds.iter().map(value)).map(Entry::plain).collect()
+        let value = |seed: &u64| {
+            values
+                .get(seed)
+                .map_or(NONE.into(), |value| grid.format.write(*value))
+        };
+        std::iter::once(place)
+            .chain(seeds.iter().map(value))
+            .map(Entry::plain)
+            .collect()
     };
     // Cells that no trial belongs to have nothing to show.
-    let rows = grid.places().filter(|(_, cell)| cell.planned > 0).map(row).collect();
-    Sheet { head, words: 1, rows, ..Sheet::default() }
+    let rows = grid
+        .places()
+        .filter(|(_, cell)| cell.planned > 0)
+        .map(row)
+        .collect();
+    Sheet {
+        head,
+        words: 1,
+        rows,
+        ..Sheet::default()
+    }
 }
 
 #[cfg(test)]
@@ -68,7 +97,10 @@ mod tests {
         assert_eq!(text.lines().count(), 1 + count(&grid));
         assert_eq!(count(&grid), 5 + 5 + 5 + 3);
         let (seed, value) = grid.cells[1][0].seeds[4];
-        assert!(text.contains(&format!("eight_cells,dsac,{seed},{value}\n")), "{text}");
+        assert!(
+            text.contains(&format!("eight_cells,dsac,{seed},{value}\n")),
+            "{text}"
+        );
     }
 
     #[test]

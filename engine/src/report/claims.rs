@@ -26,15 +26,28 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     };
     let rows: Vec<_> = contents.claims.iter().map(row).collect();
     let head = HEAD.map(String::from).to_vec();
-    (!rows.is_empty()).then(|| Sheet { title: String::new(), head, words: HEAD.len(), rows, notes: notes(contents) })
+    (!rows.is_empty()).then(|| Sheet {
+        title: String::new(),
+        head,
+        words: HEAD.len(),
+        rows,
+        notes: notes(contents),
+    })
 }
 
-/// What many claims share and is said once, under them: with how many seeds no permutation test could decide anything, and
-/// that times are of the machine.
+/// What many claims share and is said once, under them: with how many seeds no permutation test could decide
+/// anything, and that times are of the machine.
 pub(super) fn notes(contents: &Contents) -> Vec<String> {
     let note = |claim: &ClaimVerdict| Some(format!("{}: {}.", claim.size(), claim.permutation?.note(0.05)?));
-    let claims = contents.claims.iter().filter_map(|line| line.verdict.as_ref().ok());
-    let mut notes: Vec<String> = claims.filter_map(note).collect::<BTreeSet<_>>().into_iter().collect();
+    let claims = contents
+        .claims
+        .iter()
+        .filter_map(|line| line.verdict.as_ref().ok());
+    let mut notes: Vec<String> = claims
+        .filter_map(note)
+        .collect::<BTreeSet<_>>()
+        .into_iter()
+        .collect();
     let of_times = contents.claims.iter().any(|line| names_times(&line.spec));
     notes.extend(of_times.then(|| TIMES_ARE_OF_THE_MACHINE.to_owned()));
     notes

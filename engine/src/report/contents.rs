@@ -7,7 +7,8 @@ use crate::{
     results::{CellName, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times},
     spec::ClaimSpec,
     statistics::{
-        Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Seeds, Statement, Verdict, claim, evaluate, holm, verdict,
+        Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Seeds, Statement, Verdict, claim, evaluate,
+        holm, verdict,
     },
     table::{self, Axis, Grid, NumberFormat, Scope, TableSpec, unplanned_look_in_words, untrained_in_words},
 };
@@ -17,7 +18,8 @@ use std::collections::BTreeSet;
 /// The word for a claim that cannot be read.
 pub const UNREAD: &str = "NOT READ";
 
-/// Everything that a report shows, in the order of the study. What could not be made holds the reason in its place.
+/// Everything that a report shows, in the order of the study. What could not be made holds the reason in its
+/// place.
 #[derive(Debug, Clone, Default)]
 pub struct Contents {
     /// Tables by name.
@@ -61,13 +63,27 @@ impl Contents {
     /// Computes all tables, figures and claims of a study.
     #[must_use]
     pub fn of(study: &StudyInfo, results: &Results) -> Self {
-        let context = figure::Context { results, agents: &study.agents, units: &study.units };
+        let context = figure::Context {
+            results,
+            agents: &study.agents,
+            units: &study.units,
+        };
         let chart = |spec| match figure::build(spec, context) {
-            Ok(chart) => Ok(Chart { notes: with_times(spec, chart.notes), ..chart }),
+            Ok(chart) => Ok(Chart {
+                notes: with_times(spec, chart.notes),
+                ..chart
+            }),
             Err(error) => Err(error.to_string()),
         };
-        let figures = study.figures.iter().map(|(name, spec)| (name.clone(), chart(spec))).collect();
-        Self { figures, ..Self::judged(study, results) }
+        let figures = study
+            .figures
+            .iter()
+            .map(|(name, spec)| (name.clone(), chart(spec)))
+            .collect();
+        Self {
+            figures,
+            ..Self::judged(study, results)
+        }
     }
 
     /// Computes tables and claims alone: all that is judged.
@@ -75,30 +91,57 @@ impl Contents {
     pub fn judged(study: &StudyInfo, results: &Results) -> Self {
         let grid = |spec: &TableSpec| make_table(spec, study, results).map_err(|error| error.to_string());
         let mut contents = Self {
-            tables: study.tables.iter().map(|(name, spec)| (name.clone(), grid(spec))).collect(),
+            tables: study
+                .tables
+                .iter()
+                .map(|(name, spec)| (name.clone(), grid(spec)))
+                .collect(),
             figures: Vec::new(),
-            claims: study.claims.iter().flat_map(|spec| claim_lines(spec, study, results)).collect(),
+            claims: study
+                .claims
+                .iter()
+                .flat_map(|spec| claim_lines(spec, study, results))
+                .collect(),
         };
         contents.adjust();
         contents
     }
 
-    /// Takes the judged values of the study together, and its claims together (Holm). What was thought of after results were
-    /// seen is in neither family.
+    /// Takes the judged values of the study together, and its claims together (Holm). What was thought of
+    /// after results were seen is in neither family.
     fn adjust(&mut self) {
-        let grids = self.tables.iter_mut().filter_map(|(_, grid)| grid.as_mut().ok()).filter(|grid| !grid.exploratory);
-        let mut judgements: Vec<_> =
-            grids.flat_map(|grid| grid.cells.iter_mut().flatten()).filter_map(|cell| cell.judgement.as_mut()).collect();
+        let grids = self
+            .tables
+            .iter_mut()
+            .filter_map(|(_, grid)| grid.as_mut().ok())
+            .filter(|grid| !grid.exploratory);
+        let mut judgements: Vec<_> = grids
+            .flat_map(|grid| grid.cells.iter_mut().flatten())
+            .filter_map(|cell| cell.judgement.as_mut())
+            .collect();
         judgements.retain(|judgement| judgement.statement.is_some());
-        let family: Vec<&Statement> = judgements.iter().filter_map(|judgement| judgement.statement.as_ref()).collect();
+        let family: Vec<&Statement> = judgements
+            .iter()
+            .filter_map(|judgement| judgement.statement.as_ref())
+            .collect();
         let outcomes = holm(&family);
-        judgements.iter_mut().zip(outcomes).for_each(|(judgement, outcome)| judgement.adjusted = Some(Verdict::of(outcome)));
+        judgements
+            .iter_mut()
+            .zip(outcomes)
+            .for_each(|(judgement, outcome)| judgement.adjusted = Some(Verdict::of(outcome)));
         let lines = self.claims.iter_mut().filter(|line| !line.spec.exploratory);
-        let mut claims: Vec<&mut ClaimVerdict> = lines.filter_map(|line| line.verdict.as_mut().ok()).collect();
+        let mut claims: Vec<&mut ClaimVerdict> =
+            lines.filter_map(|line| line.verdict.as_mut().ok()).collect();
         claims.retain(|claim| claim.statement.is_some() && claim.verdict.is_judged());
-        let family: Vec<&Statement> = claims.iter().filter_map(|claim| claim.statement.as_ref()).collect();
+        let family: Vec<&Statement> = claims
+            .iter()
+            .filter_map(|claim| claim.statement.as_ref())
+            .collect();
         let outcomes = holm(&family);
-        claims.iter_mut().zip(outcomes).for_each(|(claim, outcome)| claim.adjusted = Some(ClaimOutcome::of(outcome)));
+        claims
+            .iter_mut()
+            .zip(outcomes)
+            .for_each(|(claim, outcome)| claim.adjusted = Some(ClaimOutcome::of(outcome)));
     }
 
     /// How many published values have each verdict, those of exploratory tables apart.
@@ -107,7 +150,8 @@ impl Contents {
         count_verdicts(self.cells(exploratory).filter_map(table::Cell::verdict))
     }
 
-    /// The same where all judged values are taken together (Holm); what is not judged, or not yet, keeps its verdict.
+    /// The same where all judged values are taken together (Holm); what is not judged, or not yet, keeps its
+    /// verdict.
     #[must_use]
     pub fn verdicts_together(&self) -> Counts {
         let judgements = self.cells(false).filter_map(|cell| cell.judgement.as_ref());
@@ -120,38 +164,63 @@ impl Contents {
         count_outcomes(self.lines(exploratory).map(ClaimLine::word))
     }
 
-    /// The same where all claims are taken together (Holm); what is not judged, or not yet, keeps its outcome.
+    /// The same where all claims are taken together (Holm); what is not judged, or not yet, keeps its
+    /// outcome.
     #[must_use]
     pub fn outcomes_together(&self) -> Counts {
-        count_outcomes(self.lines(false).map(|line| line.together().map_or(line.word(), ClaimOutcome::word)))
+        count_outcomes(
+            self.lines(false)
+                .map(|line| line.together().map_or(line.word(), ClaimOutcome::word)),
+        )
     }
 
     /// True where a published value differs or a claim is refuted.
     #[must_use]
     pub fn contradicts(&self) -> bool {
-        let refuted = |line: &ClaimLine| matches!(&line.verdict, Ok(claim) if claim.verdict == ClaimOutcome::Refuted);
-        self.cells(false).any(|cell| cell.verdict() == Some(Verdict::Differs)) || self.lines(false).any(refuted)
+        let refuted =
+            |line: &ClaimLine| matches!(&line.verdict, Ok(claim) if claim.verdict == ClaimOutcome::Refuted);
+        self.cells(false)
+            .any(|cell| cell.verdict() == Some(Verdict::Differs))
+            || self.lines(false).any(refuted)
     }
 
     /// What is judged and still open, apart from what is exploratory.
     #[must_use]
     pub fn open(&self) -> Vec<Open<'_>> {
-        let is_open =
-            |verdict: Verdict, complete| verdict == Verdict::Inconclusive || verdict == Verdict::NotRun && complete == 0;
-        let cells = self.cells(false).filter(|cell| cell.verdict().is_some_and(|it| is_open(it, cell.looks.complete)));
-        let cells = cells.map(|cell| Open { rests_on: &cell.rests_on, complete: cell.looks.complete });
-        let is_open = |line: &&ClaimLine| matches!(&line.verdict, Ok(claim) if claim.verdict == ClaimOutcome::Inconclusive);
+        let is_open = |verdict: Verdict, complete| {
+            verdict == Verdict::Inconclusive || verdict == Verdict::NotRun && complete == 0
+        };
+        let cells = self
+            .cells(false)
+            .filter(|cell| cell.verdict().is_some_and(|it| is_open(it, cell.looks.complete)));
+        let cells = cells.map(|cell| Open {
+            rests_on: &cell.rests_on,
+            complete: cell.looks.complete,
+        });
+        let is_open = |line: &&ClaimLine| {
+            matches!(&line.verdict,
+            Ok(claim) if claim.verdict == ClaimOutcome::Inconclusive)
+        };
         let lines = self.lines(false).filter(is_open);
-        cells.chain(lines.map(|line| Open { rests_on: &line.rests_on, complete: line.looks.complete })).collect()
+        cells
+            .chain(lines.map(|line| Open {
+                rests_on: &line.rests_on,
+                complete: line.looks.complete,
+            }))
+            .collect()
     }
 
     fn cells(&self, exploratory: bool) -> impl Iterator<Item = &table::Cell> {
         let grids = self.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
-        grids.filter(move |grid| grid.exploratory == exploratory).flat_map(|grid| grid.cells.iter().flatten())
+        grids
+            .filter(move |grid| grid.exploratory == exploratory)
+            .flat_map(|grid| grid.cells.iter().flatten())
     }
 
     fn lines(&self, exploratory: bool) -> impl Iterator<Item = &ClaimLine> {
-        self.claims.iter().filter(move |line| line.spec.exploratory == exploratory)
+        self.claims
+            .iter()
+            .filter(move |line| line.spec.exploratory == exploratory)
     }
 }
 
@@ -160,13 +229,18 @@ fn count_verdicts(verdicts: impl Iterator<Item = Verdict>) -> Counts {
 }
 
 fn count_outcomes(words: impl Iterator<Item = &'static str>) -> Counts {
-    count(&[&ClaimOutcome::ALL.map(ClaimOutcome::word)[..], &[UNREAD]].concat(), words)
+    count(
+        &[&ClaimOutcome::ALL.map(ClaimOutcome::word)[..], &[UNREAD]].concat(),
+        words,
+    )
 }
 
 /// How often each word of a list occurs, in the order of the list.
 fn count(list: &[&'static str], words: impl Iterator<Item = &'static str>) -> Counts {
     let words: Vec<&str> = words.collect();
-    let counted = list.iter().map(|word| (*word, words.iter().filter(|it| *it == word).count()));
+    let counted = list
+        .iter()
+        .map(|word| (*word, words.iter().filter(|it| *it == word).count()));
     counted.filter(|(_, n)| *n > 0).collect()
 }
 
@@ -180,7 +254,12 @@ fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<
     let mut grid = table::build(spec, results)?;
     grid.notes = with_times(spec, grid.notes);
     if let Some(metric) = spec.kind.metric_of_unit() {
-        grid.unit = study.units.get(metric).filter(|unit| *unit != "1").cloned().unwrap_or_default();
+        grid.unit = study
+            .units
+            .get(metric)
+            .filter(|unit| *unit != "1")
+            .cloned()
+            .unwrap_or_default();
     }
     Ok(grid)
 }
@@ -189,31 +268,48 @@ impl ClaimLine {
     /// The word of the verdict.
     #[must_use]
     pub fn word(&self) -> &'static str {
-        self.verdict.as_ref().map_or(UNREAD, |verdict| verdict.verdict.word())
+        self.verdict
+            .as_ref()
+            .map_or(UNREAD, |verdict| verdict.verdict.word())
     }
 
-    /// The verdict that all claims of the study have together (Holm), where it is another than that of the claim alone.
+    /// The verdict that all claims of the study have together (Holm), where it is another than that of the
+    /// claim alone.
     #[must_use]
     pub fn together(&self) -> Option<ClaimOutcome> {
-        self.verdict.as_ref().ok().and_then(|claim| claim.adjusted.filter(|adjusted| *adjusted != claim.verdict))
+        self.verdict
+            .as_ref()
+            .ok()
+            .and_then(|claim| claim.adjusted.filter(|adjusted| *adjusted != claim.verdict))
     }
 
     /// The verdict, and the one that all claims of the study have together where it is another.
     #[must_use]
     pub fn verdict_in_words(&self) -> String {
-        self.together().map_or(self.word().into(), |outcome| format!("{} (Holm: {outcome})", self.word()))
+        self.together().map_or(self.word().into(), |outcome| {
+            format!("{} (Holm: {outcome})", self.word())
+        })
     }
 
-    /// The difference between the sides with its interval and the number of seeds; empty where nothing has run.
+    /// The difference between the sides with its interval and the number of seeds; empty where nothing has
+    /// run.
     #[must_use]
     pub fn numbers(&self) -> String {
-        let Ok(verdict) = &self.verdict else { return String::new() };
-        let Some(difference) = verdict.difference else { return String::new() };
+        let Ok(verdict) = &self.verdict else {
+            return String::new();
+        };
+        let Some(difference) = verdict.difference else {
+            return String::new();
+        };
         let ends = verdict.interval.map(|interval| [interval.low, interval.high]);
         let format = NumberFormat::fitting(ends.into_iter().flatten().chain([difference]));
         let interval = verdict.interval.map_or(String::new(), |interval| {
             let percent = (1000.0 * interval.level).round() / 10.0;
-            format!(" [{}, {}] at {percent} %", format.write(interval.low), format.write(interval.high))
+            format!(
+                " [{}, {}] at {percent} %",
+                format.write(interval.low),
+                format.write(interval.high)
+            )
         });
         format!("{}{interval}, {}", format.write(difference), verdict.size())
     }
@@ -221,48 +317,83 @@ impl ClaimLine {
     /// What the reader must know besides.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
-        let exploratory = self.spec.exploratory.then(|| "exploratory: thought of after results were seen".to_owned());
-        let calibrated = self.spec.calibrated_on.as_ref().map(|on| format!("calibrated: {on}"));
+        let exploratory = self
+            .spec
+            .exploratory
+            .then(|| "exploratory: thought of after results were seen".to_owned());
+        let calibrated = self
+            .spec
+            .calibrated_on
+            .as_ref()
+            .map(|on| format!("calibrated: {on}"));
         let why = (!self.spec.why.is_empty()).then(|| self.spec.why.clone());
         let unplanned = self.seen_at.map(unplanned_look_in_words);
         let found = match &self.verdict {
             Err(reason) => vec![reason.clone()],
             Ok(claim) => notes_of(claim),
         };
-        found.into_iter().chain([unplanned, exploratory, calibrated, why].into_iter().flatten()).collect()
+        found
+            .into_iter()
+            .chain([unplanned, exploratory, calibrated, why].into_iter().flatten())
+            .collect()
     }
 }
 
 fn notes_of(claim: &ClaimVerdict) -> Vec<String> {
     let open = claim.verdict == ClaimOutcome::Inconclusive;
-    let stage = claim.stage.filter(|_| claim.verdict.is_judged()).map(|stage| stage.phrase(open));
-    let more = claim.more_seeds.filter(|_| open).map(verdict::more_seeds_in_words);
+    let stage = claim
+        .stage
+        .filter(|_| claim.verdict.is_judged())
+        .map(|stage| stage.phrase(open));
+    let more = claim
+        .more_seeds
+        .filter(|_| open)
+        .map(verdict::more_seeds_in_words);
     claim.notes.iter().cloned().chain(stage).chain(more).collect()
 }
 
 fn claim_lines(spec: &ClaimSpec, study: &StudyInfo, results: &Results) -> Vec<ClaimLine> {
     let line = |place: String, verdict| {
         let (looks, rests_on) = (Seeds::default(), BTreeSet::new());
-        ClaimLine { spec: spec.clone(), place, verdict, seen_at: None, looks, rests_on }
+        ClaimLine {
+            spec: spec.clone(),
+            place,
+            verdict,
+            seen_at: None,
+            looks,
+            rests_on,
+        }
     };
     let claim = match claim::parse(&spec.claim) {
         Ok(claim) => claim,
         Err(error) => return vec![line(String::new(), Err(error.to_string()))],
     };
     let held = |scope: &Scope<'_>, setting: Option<&str>, place: String| {
-        let trials: Vec<&TrialResult> =
-            claim.operands().into_iter().flat_map(|operand| trials_behind(scope, results, operand, setting)).collect();
+        let trials: Vec<&TrialResult> = claim
+            .operands()
+            .into_iter()
+            .flat_map(|operand| trials_behind(scope, results, operand, setting))
+            .collect();
         let looks = results.seeds_of(&trials);
         let verdict = hold(&claim, spec, &trials, &looks, &|operand| match operand.within {
             Some(_) => in_play(results, operand),
             None => values(scope, operand, setting),
         });
-        ClaimLine { looks, rests_on: trials.iter().map(|trial| trial.cell()).collect(), ..line(place, Ok(verdict)) }
+        ClaimLine {
+            looks,
+            rests_on: trials.iter().map(|trial| trial.cell()).collect(),
+            ..line(place, Ok(verdict))
+        }
     };
-    let all = Scope { trials: results.trials.iter().collect() };
+    let all = Scope {
+        trials: results.trials.iter().collect(),
+    };
     if claim.operands().iter().all(|operand| operand.within.is_some()) {
-        let plays: BTreeSet<&str> =
-            claim.operands().into_iter().filter_map(|it| Some(it.within.as_ref()?.play.as_str())).collect();
+        let plays: BTreeSet<&str> = claim
+            .operands()
+            .into_iter()
+            .filter_map(|it| Some(it.within.as_ref()?.play.as_str()))
+            .collect();
         return vec![held(&all, None, plays.into_iter().collect::<Vec<_>>().join(", "))];
     }
     let environments = match claim.environment.as_ref().or(spec.environment.as_ref()) {
@@ -272,7 +403,9 @@ fn claim_lines(spec: &ClaimSpec, study: &StudyInfo, results: &Results) -> Vec<Cl
     let in_environment = |environment: &String| {
         let scope = all.at(Axis::Environment, environment);
         let line = |setting: Option<String>| {
-            let place = setting.as_ref().map_or(environment.clone(), |setting| format!("{environment}, {setting}"));
+            let place = setting
+                .as_ref()
+                .map_or(environment.clone(), |setting| format!("{environment}, {setting}"));
             held(&scope, setting.as_deref(), place)
         };
         settings(&claim, &scope).into_iter().map(line).collect::<Vec<_>>()
@@ -289,20 +422,38 @@ fn hold(
     values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
 ) -> ClaimVerdict {
     let verdict = evaluate(claim, values, looks);
-    let untrained: BTreeSet<&str> =
-        trials.iter().filter(|trial| trial.updates() == Some(0.0)).map(|trial| trial.trial.agent.as_str()).collect();
+    let untrained: BTreeSet<&str> = trials
+        .iter()
+        .filter(|trial| trial.updates() == Some(0.0))
+        .map(|trial| trial.trial.agent.as_str())
+        .collect();
     if !untrained.is_empty() {
         let notes = vec![untrained_in_words(untrained.into_iter())];
-        return ClaimVerdict { verdict: ClaimOutcome::NotTrained, permutation: None, statement: None, notes, ..verdict };
+        return ClaimVerdict {
+            verdict: ClaimOutcome::NotTrained,
+            permutation: None,
+            statement: None,
+            notes,
+            ..verdict
+        };
     }
     if spec.calibrated_on.is_some() && verdict.verdict.is_judged() {
-        return ClaimVerdict { verdict: ClaimOutcome::Calibrated, statement: None, ..verdict };
+        return ClaimVerdict {
+            verdict: ClaimOutcome::Calibrated,
+            statement: None,
+            ..verdict
+        };
     }
     verdict
 }
 
 /// The trials that an operand is measured in, whether they have run or not.
-fn trials_behind<'r>(scope: &Scope<'r>, results: &'r Results, operand: &Operand, setting: Option<&str>) -> Vec<&'r TrialResult> {
+fn trials_behind<'r>(
+    scope: &Scope<'r>,
+    results: &'r Results,
+    operand: &Operand,
+    setting: Option<&str>,
+) -> Vec<&'r TrialResult> {
     match &operand.within {
         Some(within) => Encounters::of(results, &within.play).trials(&[(&within.role, &operand.agent)]),
         None => of_setting(scope, operand, setting).trials,
@@ -318,29 +469,52 @@ fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Option<&str>) -
     }
 }
 
-/// The settings that a claim is held against one by one: those of its agents that have several. Settings are never pooled.
+/// The settings that a claim is held against one by one: those of its agents that have several. Settings are
+/// never pooled.
 fn settings(claim: &Claim, scope: &Scope<'_>) -> Vec<Option<String>> {
     let mut settings: Vec<Option<String>> = Vec::new();
     for operand in claim.operands() {
         let own = scope.at(Axis::Agent, &operand.agent).names(Axis::Setting, &[]);
-        let new = own.iter().filter(|_| own.len() > 1).cloned().map(Some).filter(|setting| !settings.contains(setting));
+        let new = own
+            .iter()
+            .filter(|_| own.len() > 1)
+            .cloned()
+            .map(Some)
+            .filter(|setting| !settings.contains(setting));
         settings.extend(new.collect::<Vec<_>>());
     }
     if settings.is_empty() { vec![None] } else { settings }
 }
 
-/// One value per seed of an agent in a role of a play: the mean over its trained opponents; `None` where there is none.
+/// One value per seed of an agent in a role of a play: the mean over its trained opponents; `None` where
+/// there is none.
 fn in_play(results: &Results, operand: &Operand) -> Option<Vec<(u64, f64)>> {
-    let within = operand.within.as_ref().filter(|_| operand.aggregate == Aggregate::Final)?;
+    let within = operand
+        .within
+        .as_ref()
+        .filter(|_| operand.aggregate == Aggregate::Final)?;
     let encounters = Encounters::of(results, &within.play);
-    let values: Vec<_> = encounters.by_seed(&[(&within.role, &operand.agent)], &operand.metric).into_iter().collect();
+    let values: Vec<_> = encounters
+        .by_seed(&[(&within.role, &operand.agent)], &operand.metric)
+        .into_iter()
+        .collect();
     (!values.is_empty()).then_some(values)
 }
 
 /// One value per seed of an operand, of the setting where its agent has several; `None` where there is none.
 fn values(scope: &Scope<'_>, operand: &Operand, setting: Option<&str>) -> Option<Vec<(u64, f64)>> {
     let scope = of_setting(scope, operand, setting);
-    let value = |trial: &&TrialResult| Some((trial.trial.key.seed, operand.aggregate.of_trial(trial, &operand.metric)?));
-    let values: Vec<(u64, f64)> = scope.trials.iter().filter(|trial| trial.is_ok()).filter_map(value).collect();
+    let value = |trial: &&TrialResult| {
+        Some((
+            trial.trial.key.seed,
+            operand.aggregate.of_trial(trial, &operand.metric)?,
+        ))
+    };
+    let values: Vec<(u64, f64)> = scope
+        .trials
+        .iter()
+        .filter(|trial| trial.is_ok())
+        .filter_map(value)
+        .collect();
     (!values.is_empty()).then_some(values)
 }

@@ -1,4 +1,5 @@
-//! What was set: keys of configs that differ between the agents (environments, protocols) of a study, or from the default.
+//! What was set: keys of configs that differ between the agents (environments, protocols) of a study, or from
+//! the default.
 
 use super::{
     StudyInfo,
@@ -44,13 +45,20 @@ struct Plugin<'a> {
     users: Vec<User<'a>>,
 }
 
-/// A table for every plugin whose configs differ from each other or from its default: agents, protocols, environments.
+/// A table for every plugin whose configs differ from each other or from its default: agents, protocols,
+/// environments.
 pub(super) fn sheets(study: &StudyInfo, results: &Results) -> Vec<Sheet> {
     let of_kind = |kind: Kind| {
         let plugins = plugins(kind, study, results);
-        plugins.iter().filter_map(|plugin| sheet(kind, plugin, study)).collect::<Vec<_>>()
+        plugins
+            .iter()
+            .filter_map(|plugin| sheet(kind, plugin, study))
+            .collect::<Vec<_>>()
     };
-    [Kind::Agent, Kind::Protocol, Kind::Environment].into_iter().flat_map(of_kind).collect()
+    [Kind::Agent, Kind::Protocol, Kind::Environment]
+        .into_iter()
+        .flat_map(of_kind)
+        .collect()
 }
 
 impl Kind {
@@ -73,7 +81,11 @@ impl Kind {
 
     /// Protocols are told apart by the agents that they were given.
     fn user(self, trial: &TrialResult) -> &str {
-        if self == Kind::Environment { &trial.trial.environment } else { &trial.trial.agent }
+        if self == Kind::Environment {
+            &trial.trial.environment
+        } else {
+            &trial.trial.agent
+        }
     }
 }
 
@@ -84,14 +96,32 @@ fn plugins<'a>(kind: Kind, study: &StudyInfo, results: &'a Results) -> Vec<Plugi
     let mut plugins: Vec<Plugin<'a>> = Vec::new();
     // The trials of a plan share their configs, and neighbours mostly have the same one.
     let mut last: Option<(&str, &str, &str, &Arc<Value>)> = None;
-    for trial in results.trials.iter().filter(|trial| trial.trial.purpose == Purpose::Cell && (all || learns(trial))) {
+    for trial in results
+        .trials
+        .iter()
+        .filter(|trial| trial.trial.purpose == Purpose::Cell && (all || learns(trial)))
+    {
         let Some(part) = kind.part(trial) else { continue };
-        let place = (kind.user(trial), trial.trial.environment.as_str(), trial.trial.setting.as_str(), &part.config);
+        let place = (
+            kind.user(trial),
+            trial.trial.environment.as_str(),
+            trial.trial.setting.as_str(),
+            &part.config,
+        );
         let same = |(user, environment, setting, config): (&str, &str, &str, &Arc<Value>)| {
             (user, environment, setting) == (place.0, place.1, place.2) && Arc::ptr_eq(config, place.3)
         };
         if !last.is_some_and(same) {
-            note(&mut plugins, &part.plugin, place.0, Variant { environment: place.1, setting: place.2, config: shown(part) });
+            note(
+                &mut plugins,
+                &part.plugin,
+                place.0,
+                Variant {
+                    environment: place.1,
+                    setting: place.2,
+                    config: shown(part),
+                },
+            );
         }
         last = Some(place);
     }
@@ -99,14 +129,23 @@ fn plugins<'a>(kind: Kind, study: &StudyInfo, results: &'a Results) -> Vec<Plugi
 }
 
 fn note<'a>(plugins: &mut Vec<Plugin<'a>>, plugin: &'a str, user: &'a str, variant: Variant<'a>) {
-    let at = plugins.iter().position(|known| known.name == plugin).unwrap_or_else(|| {
-        plugins.push(Plugin { name: plugin, users: Vec::new() });
-        plugins.len() - 1
-    });
+    let at = plugins
+        .iter()
+        .position(|known| known.name == plugin)
+        .unwrap_or_else(|| {
+            plugins.push(Plugin {
+                name: plugin,
+                users: Vec::new(),
+            });
+            plugins.len() - 1
+        });
     let users = &mut plugins[at].users;
     match users.iter_mut().find(|known| known.name == user) {
         Some(known) => known.variants.push(variant),
-        None => users.push(User { name: user, variants: vec![variant] }),
+        None => users.push(User {
+            name: user,
+            variants: vec![variant],
+        }),
     }
 }
 
@@ -115,8 +154,14 @@ fn shown(part: &Part) -> Value {
     let mut config = (*part.config).clone();
     for (pointer, content) in &part.files {
         if let Some(path) = config.pointer_mut(pointer) {
-            let file = path.as_str().and_then(|text| Path::new(text).file_name()?.to_str()).unwrap_or_default();
-            *path = Value::String(format!("{file} (content {})", content.get(..8).unwrap_or(content)));
+            let file = path
+                .as_str()
+                .and_then(|text| Path::new(text).file_name()?.to_str())
+                .unwrap_or_default();
+            *path = Value::String(format!(
+                "{file} (content {})",
+                content.get(..8).unwrap_or(content)
+            ));
         }
     }
     config
@@ -124,26 +169,52 @@ fn shown(part: &Part) -> Value {
 
 fn sheet(kind: Kind, plugin: &Plugin<'_>, study: &StudyInfo) -> Option<Sheet> {
     let default = study.defaults.get(&format!("{} {}", kind.name(), plugin.name));
-    let configs = plugin.users.iter().flat_map(|user| user.variants.iter().map(|variant| &variant.config));
+    let configs = plugin
+        .users
+        .iter()
+        .flat_map(|user| user.variants.iter().map(|variant| &variant.config));
     let mut paths = Vec::new();
-    differing(&mut Vec::new(), &configs.chain(default).map(Some).collect::<Vec<_>>(), &mut paths);
-    let normal: Vec<String> = paths.iter().map(|path| word(default.and_then(|config| at(config, path)))).collect();
+    differing(
+        &mut Vec::new(),
+        &configs.chain(default).map(Some).collect::<Vec<_>>(),
+        &mut paths,
+    );
+    let normal: Vec<String> = paths
+        .iter()
+        .map(|path| word(default.and_then(|config| at(config, path))))
+        .collect();
     let columns = columns(plugin, &paths);
     let mut head = vec!["key".to_owned()];
     head.extend(default.map(|_| "default".into()));
     head.extend(columns.iter().map(|(names, _)| names.join(", ")));
     let row = |(index, path): (usize, &Vec<&str>)| {
         let mut row = vec![Entry::plain(path.join("."))];
-        row.extend(default.map(|_| Entry { text: normal[index].clone(), tone: Tone::Quiet }));
+        row.extend(default.map(|_| Entry {
+            text: normal[index].clone(),
+            tone: Tone::Quiet,
+        }));
         row.extend(columns.iter().map(|(_, texts)| {
-            let tone = if default.is_some() && texts[index] == normal[index] { Tone::Quiet } else { Tone::Plain };
-            Entry { text: texts[index].clone(), tone }
+            let tone = if default.is_some() && texts[index] == normal[index] {
+                Tone::Quiet
+            } else {
+                Tone::Plain
+            };
+            Entry {
+                text: texts[index].clone(),
+                tone,
+            }
         }));
         row
     };
     let rows: Vec<_> = paths.iter().enumerate().map(row).collect();
     let title = format!("{} `{}`", kind.name(), plugin.name);
-    (!rows.is_empty()).then(|| Sheet { title, words: head.len(), head, rows, notes: Vec::new() })
+    (!rows.is_empty()).then(|| Sheet {
+        title,
+        words: head.len(),
+        head,
+        rows,
+        notes: Vec::new(),
+    })
 }
 
 /// Users with the values of the keys; those that have all in common stand together.
@@ -164,15 +235,25 @@ fn differing<'a>(path: &mut Vec<&'a str>, values: &[Option<&'a Value>], found: &
     if values.windows(2).all(|pair| pair[0] == pair[1]) {
         return;
     }
-    let maps: Option<Vec<&'a Map<String, Value>>> = values.iter().map(|value| value.and_then(Value::as_object)).collect();
+    let maps: Option<Vec<&'a Map<String, Value>>> = values
+        .iter()
+        .map(|value| value.and_then(Value::as_object))
+        .collect();
     let Some(maps) = maps else {
         found.push(path.clone());
         return;
     };
-    let keys: BTreeSet<&'a str> = maps.iter().flat_map(|map| map.keys().map(String::as_str)).collect();
+    let keys: BTreeSet<&'a str> = maps
+        .iter()
+        .flat_map(|map| map.keys().map(String::as_str))
+        .collect();
     for key in keys {
         path.push(key);
-        differing(path, &maps.iter().map(|map| map.get(key)).collect::<Vec<_>>(), found);
+        differing(
+            path,
+            &maps.iter().map(|map| map.get(key)).collect::<Vec<_>>(),
+            found,
+        );
         path.pop();
     }
 }
@@ -182,8 +263,8 @@ fn at<'a>(config: &'a Value, path: &[&str]) -> Option<&'a Value> {
 }
 
 impl User<'_> {
-    /// The value of a key; where it has several, all of them with the environments that they belong to, or in the order of
-    /// settings.
+    /// The value of a key; where it has several, all of them with the environments that they belong to, or in
+    /// the order of settings.
     fn text(&self, path: &[&str]) -> String {
         let mut places: Vec<(String, BTreeSet<&str>)> = Vec::new();
         for variant in &self.variants {
@@ -195,7 +276,10 @@ impl User<'_> {
         }
         let environments: BTreeSet<&str> = self.variants.iter().map(|variant| variant.environment).collect();
         let by_environment = places.iter().map(|(_, own)| own.len()).sum::<usize>() == environments.len();
-        let settings = self.variants.iter().any(|variant| variant.setting != self.variants[0].setting);
+        let settings = self
+            .variants
+            .iter()
+            .any(|variant| variant.setting != self.variants[0].setting);
         match places.as_slice() {
             [(text, _)] => text.clone(),
             several if by_environment => {
@@ -204,16 +288,31 @@ impl User<'_> {
                 };
                 several.iter().map(word).collect::<Vec<_>>().join("; ")
             }
-            several => format!("{}{}", some_of(several), if settings { ", by setting" } else { "" }),
+            several => format!(
+                "{}{}",
+                some_of(several),
+                if settings { ", by setting" } else { "" }
+            ),
         }
     }
 }
 
 fn some_of(values: &[(String, BTreeSet<&str>)]) -> String {
-    let words = |values: &[(String, BTreeSet<&str>)]| values.iter().map(|(text, _)| text.as_str()).collect::<Vec<_>>().join(", ");
+    let words = |values: &[(String, BTreeSet<&str>)]| {
+        values
+            .iter()
+            .map(|(text, _)| text.as_str())
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
     match values {
         [first @ .., last] if values.len() > MOST_VALUES => {
-            format!("{}, …, {} ({} values)", words(&first[..MOST_VALUES - 2]), last.0, values.len())
+            format!(
+                "{}, …, {} ({} values)",
+                words(&first[..MOST_VALUES - 2]),
+                last.0,
+                values.len()
+            )
         }
         _ => words(values),
     }
@@ -227,7 +326,11 @@ fn word(value: Option<&Value>) -> String {
         Some(value) => value.to_string(),
     };
     let short: String = text.chars().take(MOST_CHARACTERS).collect();
-    if short.len() < text.len() { short + "…" } else { text }
+    if short.len() < text.len() {
+        short + "…"
+    } else {
+        text
+    }
 }
 
 #[cfg(test)]
@@ -238,14 +341,21 @@ mod tests {
 
     fn made(environment: &str, agent: &str, setting: &str, config: Value, steps: u64) -> TrialResult {
         let mut result = trial(environment, agent, setting, 0, &Vec::new());
-        result.trial.key.agent = Seating::Agent(Part::new(if agent == "rule" { "split" } else { "sac" }, 1, config));
+        result.trial.key.agent = Seating::Agent(Part::new(
+            if agent == "rule" { "split" } else { "sac" },
+            1,
+            config,
+        ));
         result.trial.key.protocol = Part::new("train", 1, json!({"steps": steps, "episodes": 5}));
         result
     }
 
     fn study() -> StudyInfo {
         let defaults = [
-            ("agent sac", json!({"rate": 0.1, "network": {"width": 8, "deep": false}, "start": "full"})),
+            (
+                "agent sac",
+                json!({"rate": 0.1, "network": {"width": 8, "deep": false}, "start": "full"}),
+            ),
             ("agent split", json!({})),
             ("protocol train", json!({"steps": 100, "episodes": 5})),
         ];
@@ -261,7 +371,11 @@ mod tests {
     }
 
     fn texts(sheet: &Sheet) -> Vec<Vec<&str>> {
-        sheet.rows.iter().map(|row| row.iter().map(|entry| entry.text.as_str()).collect()).collect()
+        sheet
+            .rows
+            .iter()
+            .map(|row| row.iter().map(|entry| entry.text.as_str()).collect())
+            .collect()
     }
 
     #[test]
@@ -273,12 +387,25 @@ mod tests {
             made("tank", "rule", "", json!({}), 0),
         ];
         let sheets = sheets(&study(), &Results::of(trials));
-        assert_eq!(sheets.len(), 1, "the protocol of agents that learn has its defaults, and the rule has no key");
-        assert_eq!((sheets[0].title.as_str(), sheets[0].head.join("/").as_str()), ("agent `sac`", "key/default/one/two"));
-        let expected = [["rate", "0.1", "0.1", "0.5"], ["start", "full", "{\"range\":[1,2]}", "full"]];
+        assert_eq!(
+            sheets.len(),
+            1,
+            "the protocol of agents that learn has its defaults, and the rule has no key"
+        );
+        assert_eq!(
+            (sheets[0].title.as_str(), sheets[0].head.join("/").as_str()),
+            ("agent `sac`", "key/default/one/two")
+        );
+        let expected = [
+            ["rate", "0.1", "0.1", "0.5"],
+            ["start", "full", "{\"range\":[1,2]}", "full"],
+        ];
         assert_eq!(texts(&sheets[0]), expected);
         assert_eq!(
-            sheets[0].rows[0].iter().map(|entry| entry.tone).collect::<Vec<_>>()[1..],
+            sheets[0].rows[0]
+                .iter()
+                .map(|entry| entry.tone)
+                .collect::<Vec<_>>()[1..],
             [Tone::Quiet, Tone::Quiet, Tone::Plain]
         );
     }
@@ -289,22 +416,48 @@ mod tests {
             made("pond", "one", "", config(0.1, 8, json!("full")), 100),
             made("tank", "one", "", config(0.1, 16, json!("full")), 200),
         ];
-        let rates = (1..=8).map(|k| made("tank", "two", &format!("rate={k}"), config(f64::from(k), 8, json!("full")), 100));
+        let rates = (1..=8).map(|k| {
+            made(
+                "tank",
+                "two",
+                &format!("rate={k}"),
+                config(f64::from(k), 8, json!("full")),
+                100,
+            )
+        });
         trials.extend(rates);
         let sheets = sheets(&study(), &Results::of(trials));
         let expected = [
             ["network.width", "8", "8 (pond); 16 (tank)", "8"],
-            ["rate", "0.1", "0.1", "1.0, 2.0, 3.0, 4.0, …, 8.0 (8 values), by setting"],
+            [
+                "rate",
+                "0.1",
+                "0.1",
+                "1.0, 2.0, 3.0, 4.0, …, 8.0 (8 values), by setting",
+            ],
         ];
         assert_eq!(texts(&sheets[0]), expected);
-        assert_eq!(texts(&sheets[1]), [["steps", "100", "100 (pond); 200 (tank)", "100"]]);
+        assert_eq!(
+            texts(&sheets[1]),
+            [["steps", "100", "100 (pond); 200 (tank)", "100"]]
+        );
     }
 
     #[test]
     fn alike_users_share_a_column_and_without_defaults_only_differences_count() {
-        let trials = ["one", "two", "three"]
-            .map(|agent| made("tank", agent, "", config(0.7, 8, json!("full")), if agent == "two" { 300 } else { 50 }));
-        let study = StudyInfo { learners: ["one", "two", "three"].map(String::from).into(), ..StudyInfo::default() };
+        let trials = ["one", "two", "three"].map(|agent| {
+            made(
+                "tank",
+                agent,
+                "",
+                config(0.7, 8, json!("full")),
+                if agent == "two" { 300 } else { 50 },
+            )
+        });
+        let study = StudyInfo {
+            learners: ["one", "two", "three"].map(String::from).into(),
+            ..StudyInfo::default()
+        };
         let sheets = sheets(&study, &Results::of(trials.into()));
         assert_eq!(sheets.len(), 1);
         assert_eq!(
@@ -315,12 +468,26 @@ mod tests {
 
     #[test]
     fn data_files_are_known_by_their_content() {
-        let mut one = made("tank", "one", "", json!({"load": {"file": "/far/away/load.csv"}}), 100);
-        let Seating::Agent(agent) = &mut one.trial.key.agent else { unreachable!("these trials have agents") };
+        let mut one = made(
+            "tank",
+            "one",
+            "",
+            json!({"load": {"file": "/far/away/load.csv"}}),
+            100,
+        );
+        let Seating::Agent(agent) = &mut one.trial.key.agent else {
+            unreachable!("these trials have agents")
+        };
         agent.files.insert("/load/file".into(), "0123456789abcdef".into());
         let two = made("tank", "two", "", json!({"load": {"file": "other.csv"}}), 100);
-        let study = StudyInfo { defaults: std::collections::BTreeMap::new(), ..study() };
+        let study = StudyInfo {
+            defaults: std::collections::BTreeMap::new(),
+            ..study()
+        };
         let sheets = sheets(&study, &Results::of(vec![one, two]));
-        assert_eq!(texts(&sheets[0]), [["load.file", "load.csv (content 01234567)", "other.csv"]]);
+        assert_eq!(
+            texts(&sheets[0]),
+            [["load.file", "load.csv (content 01234567)", "other.csv"]]
+        );
     }
 }

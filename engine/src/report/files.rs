@@ -5,17 +5,20 @@ use std::{fs, path::Path};
 
 /// Writes a file and the folder it lies in.
 pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    write_with(path, |temporary| fs::write(temporary, bytes).map_err(Error::file("write", temporary)))
+    write_with(path, |temporary| {
+        fs::write(temporary, bytes).map_err(Error::file("write", temporary))
+    })
 }
 
-/// Lets `fill` write a temporary file beside `path` and renames it. Its name ends as that of `path` does, since a writer may
-/// choose its format by the ending.
+/// Lets `fill` write a temporary file beside `path` and renames it. Its name ends as that of `path` does,
+/// since a writer may choose its format by the ending.
 pub(super) fn write_with(path: &Path, fill: impl FnOnce(&Path) -> Result<(), Error>) -> Result<(), Error> {
     let dir = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(dir).map_err(Error::file("create", dir))?;
     let file_name = path.file_name().unwrap_or_default().to_string_lossy();
     let temporary = dir.join(format!(".{}-{file_name}", std::process::id()));
-    let filled = fill(&temporary).and_then(|()| fs::rename(&temporary, path).map_err(Error::file("write", path)));
+    let filled =
+        fill(&temporary).and_then(|()| fs::rename(&temporary, path).map_err(Error::file("write", path)));
     if filled.is_err() {
         // The first error is the one to report; what is left over is hidden and harmless.
         let _ = fs::remove_file(&temporary);

@@ -10,8 +10,8 @@ pub(super) struct Line {
     pub(super) words: Counts,
 }
 
-/// Published values and claims, taken together (Holm) and one by one where that differs, and what is exploratory; what does not
-/// occur is left out.
+/// Published values and claims, taken together (Holm) and one by one where that differs, and what is
+/// exploratory; what does not occur is left out.
 pub(super) fn lines(contents: &Contents) -> Vec<Line> {
     let published = Families {
         alone: contents.verdicts(false),
@@ -23,7 +23,11 @@ pub(super) fn lines(contents: &Contents) -> Vec<Line> {
         together: contents.outcomes_together(),
         exploratory: contents.outcomes(true),
     };
-    published.lines("Published values").into_iter().chain(claims.lines("Claims")).collect()
+    published
+        .lines("Published values")
+        .into_iter()
+        .chain(claims.lines("Claims"))
+        .collect()
 }
 
 /// The same things, counted in three ways.
@@ -37,12 +41,25 @@ impl Families {
     /// Together first, one by one only where that is another.
     fn lines(self, what: &str) -> Vec<Line> {
         let differs = self.together != self.alone;
-        let named = if differs { format!("{what}, all together (Holm)") } else { what.to_owned() };
-        let mut lines = vec![Line { what: named, words: self.together }];
+        let named = if differs {
+            format!("{what}, all together (Holm)")
+        } else {
+            what.to_owned()
+        };
+        let mut lines = vec![Line {
+            what: named,
+            words: self.together,
+        }];
         if differs {
-            lines.push(Line { what: format!("{what}, one by one"), words: self.alone });
+            lines.push(Line {
+                what: format!("{what}, one by one"),
+                words: self.alone,
+            });
         }
-        lines.push(Line { what: format!("{what}, exploratory"), words: self.exploratory });
+        lines.push(Line {
+            what: format!("{what}, exploratory"),
+            words: self.exploratory,
+        });
         lines.retain(|line| !line.words.is_empty());
         lines
     }

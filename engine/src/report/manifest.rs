@@ -1,5 +1,6 @@
-//! `manifest.json` of a folder of results: which study file they are of, and which files a report wrote. With it the next report
-//! takes away what it does not write any more, such as a table that was renamed, and nothing else.
+//! `manifest.json` of a folder of results: which study file they are of, and which files a report wrote. With
+//! it the next report takes away what it does not write any more, such as a table that was renamed, and
+//! nothing else.
 
 use super::files;
 use crate::{Error, store};
@@ -50,13 +51,27 @@ impl Manifest {
     ///
     /// # Errors
     /// [`Error::File`] where one of the files cannot be read.
-    pub fn of(folder: &Path, study: &str, spec: String, options: Vec<String>, written: &[PathBuf]) -> Result<Self, Error> {
+    pub fn of(
+        folder: &Path,
+        study: &str,
+        spec: String,
+        options: Vec<String>,
+        written: &[PathBuf],
+    ) -> Result<Self, Error> {
         let mut files = BTreeMap::new();
         for path in written {
             let name = path.strip_prefix(folder).unwrap_or(path).display().to_string();
-            files.insert(name, store::digest(&fs::read(path).map_err(Error::file("read", path))?));
+            files.insert(
+                name,
+                store::digest(&fs::read(path).map_err(Error::file("read", path))?),
+            );
         }
-        Ok(Self { study: study.into(), spec, options, files })
+        Ok(Self {
+            study: study.into(),
+            spec,
+            options,
+            files,
+        })
     }
 
     /// Takes the place of the folder's manifest, and removes the files that only the earlier one lists.
@@ -66,17 +81,26 @@ impl Manifest {
     pub fn settle(&self, folder: &Path) -> Result<Replaced, Error> {
         let replaced = match Self::read(folder) {
             Some(earlier) => self.remove_others(folder, &earlier)?,
-            None => Replaced { unknown: self.unknown(folder), ..Replaced::default() },
+            None => Replaced {
+                unknown: self.unknown(folder),
+                ..Replaced::default()
+            },
         };
         let path = folder.join(NAME);
-        let text = serde_json::to_string_pretty(self).map_err(std::io::Error::from).map_err(Error::file("write", &path))?;
+        let text = serde_json::to_string_pretty(self)
+            .map_err(std::io::Error::from)
+            .map_err(Error::file("write", &path))?;
         files::write(&path, (text + "\n").as_bytes())?;
         Ok(replaced)
     }
 
     fn remove_others(&self, folder: &Path, earlier: &Self) -> Result<Replaced, Error> {
         let mut replaced = Replaced::default();
-        for (name, digest) in earlier.files.iter().filter(|(name, _)| !self.files.contains_key(*name)) {
+        for (name, digest) in earlier
+            .files
+            .iter()
+            .filter(|(name, _)| !self.files.contains_key(*name))
+        {
             let path = folder.join(name);
             match own_file(folder, name) {
                 Some(bytes) if store::digest(&bytes) == *digest => {
@@ -95,16 +119,22 @@ impl Manifest {
             let entries = fs::read_dir(folder.join(name)).into_iter().flatten().flatten();
             entries.map(move |entry| format!("{name}/{}", entry.file_name().to_string_lossy()))
         };
-        let mut unknown: Vec<String> =
-            FOLDERS.into_iter().flat_map(entries).filter(|name| !self.files.contains_key(name)).collect();
+        let mut unknown: Vec<String> = FOLDERS
+            .into_iter()
+            .flat_map(entries)
+            .filter(|name| !self.files.contains_key(name))
+            .collect();
         unknown.sort_unstable();
         unknown
     }
 }
 
-/// What a file inside the folder holds; `None` where the name leads out of it or to something else than a file.
+/// What a file inside the folder holds; `None` where the name leads out of it or to something else than a
+/// file.
 fn own_file(folder: &Path, name: &str) -> Option<Vec<u8>> {
-    let inside = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+    let inside = Path::new(name)
+        .components()
+        .all(|part| matches!(part, Component::Normal(_)));
     let mut way = folder.to_owned();
     for part in Path::new(name).components().filter(|_| inside) {
         way.push(part);
@@ -135,14 +165,28 @@ mod tests {
     fn a_report_removes_what_an_earlier_one_wrote_and_nothing_else() {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path();
-        report(folder, &["report.md", "tables/old.md", "tables/edited.md", "tables/kept.md"]);
+        report(
+            folder,
+            &["report.md", "tables/old.md", "tables/edited.md", "tables/kept.md"],
+        );
         fs::write(folder.join("tables/edited.md"), "by hand").unwrap();
         fs::write(folder.join("tables/mine.md"), "by hand").unwrap();
         let replaced = report(folder, &["report.md", "tables/kept.md", "tables/new.md"]);
-        assert_eq!((replaced.removed, replaced.changed), (vec!["tables/old.md".to_owned()], vec!["tables/edited.md".to_owned()]));
+        assert_eq!(
+            (replaced.removed, replaced.changed),
+            (
+                vec!["tables/old.md".to_owned()],
+                vec!["tables/edited.md".to_owned()]
+            )
+        );
         assert_eq!(replaced.unknown, [""; 0]);
         let there = |name: &str| folder.join(name).exists();
-        assert!(!there("tables/old.md") && there("tables/edited.md") && there("tables/mine.md") && there("tables/new.md"));
+        assert!(
+            !there("tables/old.md")
+                && there("tables/edited.md")
+                && there("tables/mine.md")
+                && there("tables/new.md")
+        );
     }
 
     #[test]
@@ -151,7 +195,13 @@ mod tests {
         files::write(&dir.path().join("figures/old.svg"), b"old").unwrap();
         files::write(&dir.path().join("notes.txt"), b"mine").unwrap();
         let replaced = report(dir.path(), &["figures/new.svg"]);
-        assert_eq!(replaced, Replaced { unknown: vec!["figures/old.svg".into()], ..Replaced::default() });
+        assert_eq!(
+            replaced,
+            Replaced {
+                unknown: vec!["figures/old.svg".into()],
+                ..Replaced::default()
+            }
+        );
         assert!(dir.path().join("figures/old.svg").exists());
     }
 
@@ -163,8 +213,14 @@ mod tests {
         fs::create_dir(&folder).unwrap();
         std::os::unix::fs::symlink(dir.path(), folder.join("tables")).unwrap();
         let names = ["../mine.md", "tables/mine.md", outside.to_str().unwrap()];
-        let files = names.into_iter().map(|name| (name.to_owned(), store::digest(b"mine"))).collect();
-        let manifest = Manifest { files, ..Manifest::default() };
+        let files = names
+            .into_iter()
+            .map(|name| (name.to_owned(), store::digest(b"mine")))
+            .collect();
+        let manifest = Manifest {
+            files,
+            ..Manifest::default()
+        };
         fs::write(folder.join(NAME), serde_json::to_vec(&manifest).unwrap()).unwrap();
         assert_eq!(report(&folder, &["report.md"]).removed, [""; 0]);
         assert!(outside.exists());

@@ -11,46 +11,95 @@ use crate::{
 /// The whole report.
 pub(super) fn report(parts: &Parts<'_>) -> String {
     let study = parts.study;
-    let mut blocks =
-        vec![format!("# {}", escape(title(parts))), format!("Study `{}`. {}", study.name, prose::markdown(&study.source))];
-    blocks.extend(study.asked_with().map(|options| format!("**Computed {}.**", escape(&options))));
+    let mut blocks = vec![
+        format!("# {}", escape(title(parts))),
+        format!("Study `{}`. {}", study.name, prose::markdown(&study.source)),
+    ];
+    blocks.extend(
+        study
+            .asked_with()
+            .map(|options| format!("**Computed {}.**", escape(&options))),
+    );
     blocks.extend(parts.head.iter().map(counts));
     let sections = [
         ("Tables", tables(parts)),
         ("Figures", figures(parts)),
         ("Claims", parts.claims.iter().map(Sheet::markdown).collect()),
-        ("Departures", study.departures.iter().map(|departure| format!("- {}", prose::markdown(departure))).collect()),
-        ("Stages", stages::sheet(&study.stages).iter().map(Sheet::markdown).collect()),
+        (
+            "Departures",
+            study
+                .departures
+                .iter()
+                .map(|departure| format!("- {}", prose::markdown(departure)))
+                .collect(),
+        ),
+        (
+            "Stages",
+            stages::sheet(&study.stages).iter().map(Sheet::markdown).collect(),
+        ),
         ("Budgets", parts.budgets.iter().map(Sheet::markdown).collect()),
         ("Settings that differ", settings(parts)),
         ("Values by seed", by_seed(parts)),
         ("What was run", runs(parts)),
-        ("Profiles", study.profiles.iter().map(|it| format!("- {}: {}", escape(it.name()), it.sentence())).collect()),
-        ("Provenance", provenance(parts).into_iter().map(|(what, value)| format!("- {what}: {}", escape(&value))).collect()),
+        (
+            "Profiles",
+            study
+                .profiles
+                .iter()
+                .map(|it| format!("- {}: {}", escape(it.name()), it.sentence()))
+                .collect(),
+        ),
+        (
+            "Provenance",
+            provenance(parts)
+                .into_iter()
+                .map(|(what, value)| format!("- {what}: {}", escape(&value)))
+                .collect(),
+        ),
     ];
-    blocks.extend(sections.into_iter().filter_map(|(heading, items)| section(heading, &items)));
+    blocks.extend(
+        sections
+            .into_iter()
+            .filter_map(|(heading, items)| section(heading, &items)),
+    );
     blocks.join("\n\n") + "\n"
 }
 
 /// The title, or the name of a study without one.
 pub(super) fn title<'a>(parts: &Parts<'a>) -> &'a str {
-    if parts.study.title.is_empty() { &parts.study.name } else { &parts.study.title }
+    if parts.study.title.is_empty() {
+        &parts.study.name
+    } else {
+        &parts.study.title
+    }
 }
 
 fn section(heading: &str, items: &[String]) -> Option<String> {
-    let joint = if items.iter().all(|item| item.starts_with("- ")) { "\n" } else { "\n\n" };
+    let joint = if items.iter().all(|item| item.starts_with("- ")) {
+        "\n"
+    } else {
+        "\n\n"
+    };
     (!items.is_empty()).then(|| format!("## {heading}\n\n{}", items.join(joint)))
 }
 
 fn counts(counts: &head::Line) -> String {
-    let words: Vec<String> = counts.words.iter().map(|(word, n)| format!("**{n} {word}**")).collect();
+    let words: Vec<String> = counts
+        .words
+        .iter()
+        .map(|(word, n)| format!("**{n} {word}**"))
+        .collect();
     format!("{}: {}", counts.what, words.join(", "))
 }
 
 fn tables(parts: &Parts<'_>) -> Vec<String> {
     let table = |(name, grid): &(String, Result<Grid, String>)| match grid {
         Ok(grid) => format!("### {}\n\n{}", escape(name), markdown(grid).trim_end()),
-        Err(reason) => format!("### {}\n\nCould not be made: {}", escape(name), prose::markdown(reason)),
+        Err(reason) => format!(
+            "### {}\n\nCould not be made: {}",
+            escape(name),
+            prose::markdown(reason)
+        ),
     };
     parts.contents.tables.iter().map(table).collect()
 }
@@ -68,16 +117,32 @@ fn figures(parts: &Parts<'_>) -> Vec<String> {
             }
             Err(reason) => format!("Could not be drawn: {}", prose::markdown(reason)),
         };
-        let caption = if spec.caption.is_empty() { String::new() } else { format!("{}\n\n", prose::markdown(&spec.caption)) };
+        let caption = if spec.caption.is_empty() {
+            String::new()
+        } else {
+            format!("{}\n\n", prose::markdown(&spec.caption))
+        };
         format!("### {}\n\n{caption}{body}", escape(name))
     };
-    parts.contents.figures.iter().zip(&parts.study.figures).map(figure).collect()
+    parts
+        .contents
+        .figures
+        .iter()
+        .zip(&parts.study.figures)
+        .map(figure)
+        .collect()
 }
 
 fn settings(parts: &Parts<'_>) -> Vec<String> {
-    let text = if parts.settings.is_empty() { NO_SETTINGS } else { SETTINGS };
+    let text = if parts.settings.is_empty() {
+        NO_SETTINGS
+    } else {
+        SETTINGS
+    };
     let text = format!("{text} The complete configs are in [resolved.yaml](resolved.yaml).");
-    std::iter::once(text).chain(parts.settings.iter().map(Sheet::markdown)).collect()
+    std::iter::once(text)
+        .chain(parts.settings.iter().map(Sheet::markdown))
+        .collect()
 }
 
 /// What stands above the settings that differ.
@@ -88,7 +153,14 @@ pub(super) const NO_SETTINGS: &str = "None: every plugin has its defaults.";
 
 fn by_seed(parts: &Parts<'_>) -> Vec<String> {
     let made = parts.contents.tables.iter().filter(|(_, grid)| grid.is_ok());
-    made.map(|(name, _)| format!("- {}: [{1}]({1})", escape(name), format_args!("tables/{}", files::by_seed(name)))).collect()
+    made.map(|(name, _)| {
+        format!(
+            "- {}: [{1}]({1})",
+            escape(name),
+            format_args!("tables/{}", files::by_seed(name))
+        )
+    })
+    .collect()
 }
 
 fn runs(parts: &Parts<'_>) -> Vec<String> {
@@ -110,7 +182,9 @@ pub(super) fn end_states(parts: &Parts<'_>) -> String {
         *counts.entry(trial.end.as_ref().map(|end| end.state)).or_default() += 1;
     }
     let not_run = counts.remove(&None);
-    let ended = counts.into_iter().filter_map(|(state, n)| state.map(|state| format!("{n} {}", state.name())));
+    let ended = counts
+        .into_iter()
+        .filter_map(|(state, n)| state.map(|state| format!("{n} {}", state.name())));
     let words: Vec<String> = ended.chain(not_run.map(|n| format!("{n} not run"))).collect();
     format!("{} trials: {}", all(parts).count(), words.join(", "))
 }
@@ -118,16 +192,27 @@ pub(super) fn end_states(parts: &Parts<'_>) -> String {
 /// A failed trial in one line.
 pub(super) fn failure(trial: &TrialResult) -> String {
     let (key, end) = (&trial.trial, trial.end.as_ref());
-    let setting = if key.setting.is_empty() { String::new() } else { format!(", {}", key.setting) };
+    let setting = if key.setting.is_empty() {
+        String::new()
+    } else {
+        format!(", {}", key.setting)
+    };
     let state = end.map_or("", |end| end.state.name());
     let reason = end.map_or("", |end| &end.reason);
-    format!("{}, {}{setting}, seed {}: {state}: {reason}", key.environment, key.agent, key.key.seed)
+    format!(
+        "{}, {}{setting}, seed {}: {state}: {reason}",
+        key.environment, key.agent, key.key.seed
+    )
 }
 
 /// What made the results, by name.
 pub(super) fn provenance(parts: &Parts<'_>) -> Vec<(&'static str, String)> {
     let provenance = parts.provenance;
-    let plugins: Vec<String> = provenance.plugins.iter().map(|(name, version)| format!("{name} {version}")).collect();
+    let plugins: Vec<String> = provenance
+        .plugins
+        .iter()
+        .map(|(name, version)| format!("{name} {version}"))
+        .collect();
     let seeds: Vec<String> = provenance.seeds.iter().map(ToString::to_string).collect();
     let entries = [
         ("program", Some(provenance.program.clone())),
@@ -141,5 +226,8 @@ pub(super) fn provenance(parts: &Parts<'_>) -> Vec<(&'static str, String)> {
         ("operating system", Some(provenance.operating_system.clone())),
         ("date", provenance.date.clone()),
     ];
-    entries.into_iter().filter_map(|(what, value)| Some((what, value.filter(|value| !value.is_empty())?))).collect()
+    entries
+        .into_iter()
+        .filter_map(|(what, value)| Some((what, value.filter(|value| !value.is_empty())?)))
+        .collect()
 }

@@ -1,7 +1,8 @@
-//! The report of a study: tables, figures and claims with what they rest on, as files and as one self-contained page.
+//! The report of a study: tables, figures and claims with what they rest on, as files and as one
+//! self-contained page.
 //!
-//! Everything is a function of what is passed in: no clock, no random number and no version control is read here, so that
-//! the same results give the same bytes.
+//! Everything is a function of what is passed in: no clock, no random number and no version control is read
+//! here, so that the same results give the same bytes.
 
 mod budgets;
 mod by_seed;
@@ -35,7 +36,9 @@ pub use profiles::{ProfileState, ProfileTrials};
 pub use stages::{Stage, Take};
 pub use summary::summary;
 
-use crate::{Build, Error, figure, figure::FigureSpec, results::Results, spec::ClaimSpec, table, table::TableSpec};
+use crate::{
+    Build, Error, figure, figure::FigureSpec, results::Results, spec::ClaimSpec, table, table::TableSpec,
+};
 use serde_json::Value;
 use sheet::Sheet;
 use std::{
@@ -76,7 +79,8 @@ pub struct StudyInfo {
     pub profiles: Vec<ProfileState>,
     /// When its trials ended, where the store knows.
     pub ended: Option<Period>,
-    /// Options of the command line that make the results differ from the study as it is written, as `--set dsac.discount=0.9`.
+    /// Options of the command line that make the results differ from the study as it is written, as `--set
+    /// dsac.discount=0.9`.
     pub options: Vec<String>,
 }
 
@@ -92,7 +96,8 @@ impl StudyInfo {
 pub struct Provenance {
     /// The source code of the program that made the report, where it knows.
     pub build: Option<Build>,
-    /// The source code of the programs that computed the trials, where they said it, each with the number of its trials.
+    /// The source code of the programs that computed the trials, where they said it, each with the number of
+    /// its trials.
     pub builds: Vec<(Option<Build>, usize)>,
     /// The program and its version.
     pub program: String,
@@ -121,11 +126,12 @@ pub struct ReportPaths {
     pub files: Vec<PathBuf>,
 }
 
-/// Writes `tables/`, `figures/`, `report.md` and `index.html` into a folder. Each file appears whole or not at all.
+/// Writes `tables/`, `figures/`, `report.md` and `index.html` into a folder. Each file appears whole or not
+/// at all.
 ///
 /// # Errors
-/// [`Error::File`] where a file cannot be written, [`Error::Render`] where a drawing is refused. A table or figure that could
-/// not be made is no error here: the report says why.
+/// [`Error::File`] where a file cannot be written, [`Error::Render`] where a drawing is refused. A table or
+/// figure that could not be made is no error here: the report says why.
 pub fn write(
     dir: &Path,
     study: &StudyInfo,
@@ -161,7 +167,11 @@ pub fn write(
     let (markdown, page) = (dir.join("report.md"), dir.join("index.html"));
     files::write(&markdown, markdown::report(&parts).as_bytes())?;
     files::write(&page, page::page(&parts).as_bytes())?;
-    Ok(ReportPaths { page, markdown, files })
+    Ok(ReportPaths {
+        page,
+        markdown,
+        files,
+    })
 }
 
 /// What the renderers of the report read.
@@ -185,7 +195,10 @@ fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5
         (files::name(name, "md"), table::markdown(grid)),
         (files::name(name, "tex"), table::latex(grid, name)),
         (files::name(name, "csv"), table::csv(grid)?),
-        (files::name(name, "html"), page::document(&table::escape_html(name), &table::html(grid))),
+        (
+            files::name(name, "html"),
+            page::document(&table::escape_html(name), &table::html(grid)),
+        ),
         (files::by_seed(name), by_seed::csv(grid)?),
     ];
     let paths = texts.each_ref().map(|(file, _)| dir.join(file));

@@ -33,10 +33,16 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
     let link = |(heading, _): &&(&str, String)| format!("<a href=\"#{}\">{heading}</a>\n", anchor(heading));
     let links: String = present.iter().map(link).collect();
     let section = |(heading, body): &&(&str, String)| {
-        format!("<section id=\"{}\">\n<h2>{heading}</h2>\n{body}</section>\n", anchor(heading))
+        format!(
+            "<section id=\"{}\">\n<h2>{heading}</h2>\n{body}</section>\n",
+            anchor(heading)
+        )
     };
     let sections: String = present.iter().map(section).collect();
-    document(&title, &format!("{}<nav>\n{links}</nav>\n{sections}", header(parts, &title)))
+    document(
+        &title,
+        &format!("{}<nav>\n{links}</nav>\n{sections}", header(parts, &title)),
+    )
 }
 
 /// The id of a section, which no table or figure has.
@@ -59,10 +65,15 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
     let options = parts.study.asked_with().map_or_else(String::new, note);
     let chips = |counts: &head::Line| {
         let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word, word));
-        format!("<div><h2>{}</h2><ul>{}</ul></div>\n", counts.what, counts.words.iter().map(chip).collect::<String>())
+        format!(
+            "<div><h2>{}</h2><ul>{}</ul></div>\n",
+            counts.what,
+            counts.words.iter().map(chip).collect::<String>()
+        )
     };
     format!(
-        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n{options}<div class=\"summary\">\n{}\
+        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n{options}<div \
+         class=\"summary\">\n{}\
          <div><h2>Trials</h2><p>{}</p></div>\n<div><h2>Time</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },
@@ -75,54 +86,102 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
 fn tables(parts: &Parts<'_>) -> String {
     let table = |(name, grid): &(String, Result<Grid, String>)| {
         let body = match grid {
-            Ok(grid) => format!("<div class=\"wide\">\n{}</div>\n{}", html(grid), links("tables", name, &["csv", "tex", "md"])),
-            Err(reason) => format!("<p class=\"problem\">Could not be made: {}</p>\n", prose::html(reason)),
+            Ok(grid) => format!(
+                "<div class=\"wide\">\n{}</div>\n{}",
+                html(grid),
+                links("tables", name, &["csv", "tex", "md"])
+            ),
+            Err(reason) => format!(
+                "<p class=\"problem\">Could not be made: {}</p>\n",
+                prose::html(reason)
+            ),
         };
-        format!("<article id=\"{}\">\n<h3>{}</h3>\n{body}</article>\n", files::slug(name), escape(name))
+        format!(
+            "<article id=\"{}\">\n<h3>{}</h3>\n{body}</article>\n",
+            files::slug(name),
+            escape(name)
+        )
     };
     parts.contents.tables.iter().map(table).collect()
 }
 
 fn figures(parts: &Parts<'_>) -> String {
     let pairs = parts.contents.figures.iter().zip(&parts.study.figures);
-    pairs.map(|((name, chart), (_, spec))| figure(parts, name, chart, spec)).collect()
+    pairs
+        .map(|((name, chart), (_, spec))| figure(parts, name, chart, spec))
+        .collect()
 }
 
 fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &FigureSpec) -> String {
     let body = match (chart, parts.drawings.get(name)) {
         (Ok(chart), Some(svg)) => {
             // A caption is a sentence, with or without its full stop.
-            let stop = if spec.caption.is_empty() || spec.caption.ends_with(['.', '!', '?']) { "" } else { "." };
+            let stop = if spec.caption.is_empty() || spec.caption.ends_with(['.', '!', '?']) {
+                ""
+            } else {
+                "."
+            };
             let caption = prose::html(&format!("{}{stop} {}", spec.caption, chart.notes.join(" ")));
             let width = if chart.columns > 1 { "double" } else { "single" };
-            let drawing = inline(svg, if spec.caption.is_empty() { name } else { &spec.caption });
+            let drawing = inline(
+                svg,
+                if spec.caption.is_empty() {
+                    name
+                } else {
+                    &spec.caption
+                },
+            );
             format!(
                 "<figure class=\"{width}\">\n{drawing}<figcaption>{}</figcaption>\n</figure>\n{}",
                 caption.trim(),
                 links("figures", name, &["svg", "png", "csv"])
             )
         }
-        (Err(reason), _) => format!("<p class=\"problem\">Could not be drawn: {}</p>\n", prose::html(reason)),
+        (Err(reason), _) => format!(
+            "<p class=\"problem\">Could not be drawn: {}</p>\n",
+            prose::html(reason)
+        ),
         (Ok(_), None) => String::new(),
     };
-    format!("<article id=\"{}\">\n<h3>{}</h3>\n{body}</article>\n", files::slug(name), escape(name))
+    format!(
+        "<article id=\"{}\">\n<h3>{}</h3>\n{body}</article>\n",
+        files::slug(name),
+        escape(name)
+    )
 }
 
 /// A drawing that fills its column, with a name for readers who cannot see it.
 fn inline(svg: &str, label: &str) -> String {
     let sized = svg.find(" viewBox").map_or(svg, |start| &svg[start..]);
-    format!("<svg role=\"img\" aria-label=\"{}\" stroke-linejoin=\"round\"{sized}", escape(label))
+    format!(
+        "<svg role=\"img\" aria-label=\"{}\" stroke-linejoin=\"round\"{sized}",
+        escape(label)
+    )
 }
 
 fn links(folder: &str, name: &str, extensions: &[&str]) -> String {
-    let link = |extension: &&str| format!("<a href=\"{folder}/{}\">{extension}</a>", files::name(name, extension));
-    format!("<p class=\"links\">{}</p>\n", extensions.iter().map(link).collect::<Vec<_>>().join(" · "))
+    let link = |extension: &&str| {
+        format!(
+            "<a href=\"{folder}/{}\">{extension}</a>",
+            files::name(name, extension)
+        )
+    };
+    format!(
+        "<p class=\"links\">{}</p>\n",
+        extensions.iter().map(link).collect::<Vec<_>>().join(" · ")
+    )
 }
 
 /// What the trials take from each other, drawn and as a table.
 fn graph(parts: &Parts<'_>) -> String {
     let stages = &parts.study.stages;
-    let sheet = |sheet: Sheet| format!("<figure class=\"double\">\n{}</figure>\n{}", stages::drawing(stages), sheet.html());
+    let sheet = |sheet: Sheet| {
+        format!(
+            "<figure class=\"double\">\n{}</figure>\n{}",
+            stages::drawing(stages),
+            sheet.html()
+        )
+    };
     stages::sheet(stages).map_or_else(String::new, sheet)
 }
 
@@ -130,7 +189,13 @@ fn list(items: &[String]) -> String {
     if items.is_empty() {
         return String::new();
     }
-    format!("<ul>\n{}</ul>\n", items.iter().map(|item| format!("<li>{}</li>\n", prose::html(item))).collect::<String>())
+    format!(
+        "<ul>\n{}</ul>\n",
+        items
+            .iter()
+            .map(|item| format!("<li>{}</li>\n", prose::html(item)))
+            .collect::<String>()
+    )
 }
 
 fn settings(parts: &Parts<'_>) -> String {
@@ -141,7 +206,11 @@ fn settings(parts: &Parts<'_>) -> String {
 }
 
 fn values_by_seed(parts: &Parts<'_>) -> String {
-    let made = parts.contents.tables.iter().filter_map(|(name, grid)| Some((name, grid.as_ref().ok()?)));
+    let made = parts
+        .contents
+        .tables
+        .iter()
+        .filter_map(|(name, grid)| Some((name, grid.as_ref().ok()?)));
     let table = |(name, grid): (&String, &Grid)| {
         let file = files::by_seed(name);
         format!(
@@ -157,11 +226,21 @@ fn values_by_seed(parts: &Parts<'_>) -> String {
 
 fn runs(parts: &Parts<'_>) -> String {
     let failed = all(parts).filter(|trial| trial.end.is_some() && !trial.is_ok());
-    format!("<p>{}.</p>\n{}", escape(&end_states(parts)), list(&failed.map(failure).collect::<Vec<_>>()))
+    format!(
+        "<p>{}.</p>\n{}",
+        escape(&end_states(parts)),
+        list(&failed.map(failure).collect::<Vec<_>>())
+    )
 }
 
 fn profiles(parts: &Parts<'_>) -> String {
-    definitions(parts.study.profiles.iter().map(|profile| (profile.name(), profile.sentence())))
+    definitions(
+        parts
+            .study
+            .profiles
+            .iter()
+            .map(|profile| (profile.name(), profile.sentence())),
+    )
 }
 
 fn entries(parts: &Parts<'_>) -> String {
@@ -169,7 +248,12 @@ fn entries(parts: &Parts<'_>) -> String {
 }
 
 fn definitions<'a>(entries: impl Iterator<Item = (&'a str, String)>) -> String {
-    let entry = |(what, value): (&str, String)| format!("<dt>{}</dt><dd>{}</dd>\n", escape(what), escape(&value));
+    let entry =
+        |(what, value): (&str, String)| format!("<dt>{}</dt><dd>{}</dd>\n", escape(what), escape(&value));
     let entries: String = entries.map(entry).collect();
-    if entries.is_empty() { entries } else { format!("<dl>\n{entries}</dl>\n") }
+    if entries.is_empty() {
+        entries
+    } else {
+        format!("<dl>\n{entries}</dl>\n")
+    }
 }

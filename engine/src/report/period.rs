@@ -22,15 +22,33 @@ impl Period {
         // Dates of this form are in the order of their texts.
         known.sort_unstable();
         let (first, last) = (known.first()?.to_string(), known.last()?.to_string());
-        Some(Self { first, last, dated: known.len(), trials: all.len() })
+        Some(Self {
+            first,
+            last,
+            dated: known.len(),
+            trials: all.len(),
+        })
     }
 
     /// The period in words.
     #[must_use]
     pub fn sentence(&self) -> String {
-        let Self { first, last, dated, trials } = self;
-        let part = if dated < trials { format!(" (known of {dated} of {trials} trials)") } else { String::new() };
-        if first == last { format!("{first}{part}") } else { format!("the first {first}, the last {last}{part}") }
+        let Self {
+            first,
+            last,
+            dated,
+            trials,
+        } = self;
+        let part = if dated < trials {
+            format!(" (known of {dated} of {trials} trials)")
+        } else {
+            String::new()
+        };
+        if first == last {
+            format!("{first}{part}")
+        } else {
+            format!("the first {first}, the last {last}{part}")
+        }
     }
 }
 
@@ -42,7 +60,10 @@ mod tests {
     fn the_first_and_the_last_date_count_and_unknown_ones_are_told() {
         let dates = ["2025-01-03T10:00:00Z", "2024-12-31T23:59:59Z"].map(|date| Some(date.to_owned()));
         let period = Period::of(dates.clone().into_iter()).unwrap();
-        assert_eq!(period.sentence(), "the first 2024-12-31T23:59:59Z, the last 2025-01-03T10:00:00Z");
+        assert_eq!(
+            period.sentence(),
+            "the first 2024-12-31T23:59:59Z, the last 2025-01-03T10:00:00Z"
+        );
         let period = Period::of([dates[0].clone(), None].into_iter()).unwrap();
         assert_eq!(period.sentence(), "2025-01-03T10:00:00Z (known of 1 of 2 trials)");
         assert_eq!(Period::of([None, None].into_iter()), None);

@@ -34,9 +34,20 @@ impl ProfileState {
     /// What is stored of it, without its name.
     #[must_use]
     pub fn sentence(&self) -> String {
-        let Some(trials) = self.trials else { return "the study is refused with it".into() };
-        let ProfileTrials { planned, ok, failed, own } = trials;
-        let failures = if failed == 0 { String::new() } else { format!(", {failed} failed") };
+        let Some(trials) = self.trials else {
+            return "the study is refused with it".into();
+        };
+        let ProfileTrials {
+            planned,
+            ok,
+            failed,
+            own,
+        } = trials;
+        let failures = if failed == 0 {
+            String::new()
+        } else {
+            format!(", {failed} failed")
+        };
         let stored = if ok == planned {
             format!("all {planned} trials are stored")
         } else {
@@ -57,20 +68,48 @@ mod tests {
     use super::*;
 
     fn sentence(planned: usize, ok: usize, failed: usize, own: usize) -> String {
-        let trials = Some(ProfileTrials { planned, ok, failed, own });
-        ProfileState { name: Some("paper".into()), this_report: false, trials }.sentence()
+        let trials = Some(ProfileTrials {
+            planned,
+            ok,
+            failed,
+            own,
+        });
+        ProfileState {
+            name: Some("paper".into()),
+            this_report: false,
+            trials,
+        }
+        .sentence()
     }
 
     #[test]
     fn what_never_ran_is_told_from_what_ran_in_part() {
         assert_eq!(sentence(45, 0, 0, 0), "0 of 45 trials are stored: never run");
-        assert_eq!(sentence(45, 9, 0, 0), "9 of 45 trials are stored, all of them shared with other profiles: never run itself");
+        assert_eq!(
+            sentence(45, 9, 0, 0),
+            "9 of 45 trials are stored, all of them shared with other profiles: never run itself"
+        );
         assert_eq!(sentence(45, 9, 2, 2), "9 of 45 trials are stored, 2 failed");
         assert_eq!(sentence(45, 45, 0, 0), "all 45 trials are stored");
-        let refused = ProfileState { name: Some("paper".into()), ..ProfileState::default() };
+        let refused = ProfileState {
+            name: Some("paper".into()),
+            ..ProfileState::default()
+        };
         assert_eq!(refused.sentence(), "the study is refused with it");
-        let trials = Some(ProfileTrials { planned: 3, ok: 3, failed: 0, own: 3 });
-        let this = ProfileState { name: None, this_report: true, trials };
-        assert_eq!((this.name(), this.sentence().as_str()), ("default", "all 3 trials are stored: this report"));
+        let trials = Some(ProfileTrials {
+            planned: 3,
+            ok: 3,
+            failed: 0,
+            own: 3,
+        });
+        let this = ProfileState {
+            name: None,
+            this_report: true,
+            trials,
+        };
+        assert_eq!(
+            (this.name(), this.sentence().as_str()),
+            ("default", "all 3 trials are stored: this report")
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! A table about the study itself, of words and numbers that are written already; one renderer each for Markdown and the page.
+//! A table about the study itself, of words and numbers that are written already; one renderer each for
+//! Markdown and the page.
 
 use crate::table::{escape_html, escape_markdown, markdown_row, prose, verdict_word};
 
@@ -43,7 +44,8 @@ pub(super) enum Tone {
     Code,
     /// A verdict, in the colour of this word.
     Verdict(&'static str),
-    /// Sentences with names between backticks; on a narrow page the rows of a table with such entries become lists.
+    /// Sentences with names between backticks; on a narrow page the rows of a table with such entries become
+    /// lists.
     Sentence,
 }
 
@@ -55,7 +57,10 @@ impl Entry {
 
     /// An entry of any kind.
     pub(super) fn of(tone: Tone, text: impl Into<String>) -> Self {
-        Self { text: text.into(), tone }
+        Self {
+            text: text.into(),
+            tone,
+        }
     }
 }
 
@@ -65,43 +70,92 @@ impl Sheet {
         let rule = |column: usize| if column < self.words { "---" } else { "--:" };
         let mut lines = vec![
             markdown_row(self.head.iter().map(|cell| escape_markdown(cell))),
-            format!("|{}|", (0..self.head.len()).map(rule).collect::<Vec<_>>().join("|")),
+            format!(
+                "|{}|",
+                (0..self.head.len()).map(rule).collect::<Vec<_>>().join("|")
+            ),
         ];
-        lines.extend(self.rows.iter().map(|row| markdown_row(row.iter().map(Entry::markdown))));
+        lines.extend(
+            self.rows
+                .iter()
+                .map(|row| markdown_row(row.iter().map(Entry::markdown))),
+        );
         let title = (!self.title.is_empty()).then(|| format!("### {}", prose::markdown(&self.title)));
         let notes = self.notes.iter().map(|note| prose::markdown(note));
-        title.into_iter().chain([lines.join("\n")]).chain(notes).collect::<Vec<_>>().join("\n\n")
+        title
+            .into_iter()
+            .chain([lines.join("\n")])
+            .chain(notes)
+            .collect::<Vec<_>>()
+            .join("\n\n")
     }
 
     /// The sheet in HTML.
     pub(super) fn html(&self) -> String {
-        let title = if self.title.is_empty() { String::new() } else { format!("<h3>{}</h3>\n", prose::html(&self.title)) };
-        let notes: String = self.notes.iter().map(|note| format!("<p>{}</p>\n", prose::html(note))).collect();
-        let notes = if notes.is_empty() { notes } else { format!("<div class=\"notes\">\n{notes}</div>\n") };
+        let title = if self.title.is_empty() {
+            String::new()
+        } else {
+            format!("<h3>{}</h3>\n", prose::html(&self.title))
+        };
+        let notes: String = self
+            .notes
+            .iter()
+            .map(|note| format!("<p>{}</p>\n", prose::html(note)))
+            .collect();
+        let notes = if notes.is_empty() {
+            notes
+        } else {
+            format!("<div class=\"notes\">\n{notes}</div>\n")
+        };
         let table = if self.is_text() {
             format!("<table class=\"text\">\n{}</table>\n", self.lines())
         } else {
-            format!("<div class=\"wide\">\n<table>\n{}</table>\n</div>\n", self.lines())
+            format!(
+                "<div class=\"wide\">\n<table>\n{}</table>\n</div>\n",
+                self.lines()
+            )
         };
         format!("<article>\n{title}{table}{notes}</article>\n")
     }
 
     fn is_text(&self) -> bool {
-        self.rows.iter().flatten().any(|entry| entry.tone == Tone::Sentence)
+        self.rows
+            .iter()
+            .flatten()
+            .any(|entry| entry.tone == Tone::Sentence)
     }
 
     fn lines(&self) -> String {
-        let class = |column: usize| if column < self.words { "" } else { " class=\"value\"" };
-        let heading = |(column, cell): (usize, &String)| format!("<th scope=\"col\"{}>{}</th>", class(column), escape_html(cell));
+        let class = |column: usize| {
+            if column < self.words {
+                ""
+            } else {
+                " class=\"value\""
+            }
+        };
+        let heading = |(column, cell): (usize, &String)| {
+            format!("<th scope=\"col\"{}>{}</th>", class(column), escape_html(cell))
+        };
         let head: String = self.head.iter().enumerate().map(heading).collect();
         // In a list each entry stands behind its heading.
         let named = |column: usize| format!(" data-heading=\"{}\"", escape_html(&self.head[column]));
-        let name = |column: usize| if self.is_text() { named(column) } else { String::new() };
+        let name = |column: usize| {
+            if self.is_text() {
+                named(column)
+            } else {
+                String::new()
+            }
+        };
         let cell = |(column, entry): (usize, &Entry)| match column {
             0 => format!("<th scope=\"row\"{}>{}</th>", name(0), entry.html()),
             _ => format!("<td{}{}>{}</td>", class(column), name(column), entry.html()),
         };
-        let row = |row: &Vec<Entry>| format!("<tr>{}</tr>\n", row.iter().enumerate().map(cell).collect::<String>());
+        let row = |row: &Vec<Entry>| {
+            format!(
+                "<tr>{}</tr>\n",
+                row.iter().enumerate().map(cell).collect::<String>()
+            )
+        };
         let rows: String = self.rows.iter().map(row).collect();
         format!("<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n")
     }

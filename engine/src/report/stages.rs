@@ -29,20 +29,45 @@ pub struct Take {
 
 /// The entries that take something or leave something that is taken.
 fn connected(stages: &[Stage]) -> Vec<&Stage> {
-    let leaves = |name: &str| stages.iter().flat_map(|stage| &stage.takes).any(|take| take.from == name);
-    stages.iter().filter(|stage| !stage.takes.is_empty() || leaves(&stage.name)).collect()
+    let leaves = |name: &str| {
+        stages
+            .iter()
+            .flat_map(|stage| &stage.takes)
+            .any(|take| take.from == name)
+    };
+    stages
+        .iter()
+        .filter(|stage| !stage.takes.is_empty() || leaves(&stage.name))
+        .collect()
 }
 
 /// The graph as a sheet; `None` where no entry takes anything.
 pub(super) fn sheet(stages: &[Stage]) -> Option<Sheet> {
     let row = |stage: &&Stage| {
-        let takes: Vec<String> = stage.takes.iter().map(|take| format!("{} of {}", take.product, take.from)).collect();
-        let takes = if takes.is_empty() { NONE.into() } else { takes.join(", ") };
-        vec![Entry::plain(stage.name.as_str()), Entry::plain(takes), Entry::plain(stage.trials.to_string())]
+        let takes: Vec<String> = stage
+            .takes
+            .iter()
+            .map(|take| format!("{} of {}", take.product, take.from))
+            .collect();
+        let takes = if takes.is_empty() {
+            NONE.into()
+        } else {
+            takes.join(", ")
+        };
+        vec![
+            Entry::plain(stage.name.as_str()),
+            Entry::plain(takes),
+            Entry::plain(stage.trials.to_string()),
+        ]
     };
     let rows: Vec<Vec<Entry>> = connected(stages).iter().map(row).collect();
     let head = ["entry", "takes", "trials"].map(String::from).into();
-    (!rows.is_empty()).then(|| Sheet { head, words: 2, rows, ..Sheet::default() })
+    (!rows.is_empty()).then(|| Sheet {
+        head,
+        words: 2,
+        rows,
+        ..Sheet::default()
+    })
 }
 
 /// Sizes of the drawing, in pixels of the page.
@@ -52,7 +77,8 @@ const GAP: usize = 96;
 const LETTER: usize = 8;
 const MARGIN: usize = 6;
 
-/// The graph as a drawing: a box per entry, those that take behind those that leave; empty where no entry takes anything.
+/// The graph as a drawing: a box per entry, those that take behind those that leave; empty where no entry
+/// takes anything.
 pub(super) fn drawing(stages: &[Stage]) -> String {
     let places = Places::of(stages);
     if places.boxes.is_empty() {
@@ -60,7 +86,12 @@ pub(super) fn drawing(stages: &[Stage]) -> String {
     }
     let mut body = String::new();
     for at in &places.boxes {
-        let from = |take: &Take| places.boxes.iter().find(|other| other.stage.name == take.from && other.x != at.x);
+        let from = |take: &Take| {
+            places
+                .boxes
+                .iter()
+                .find(|other| other.stage.name == take.from && other.x != at.x)
+        };
         body.extend(at.stage.takes.iter().filter_map(from).map(|from| arrow(from, at)));
         body += &products(at);
     }
@@ -68,8 +99,10 @@ pub(super) fn drawing(stages: &[Stage]) -> String {
     let (width, height) = places.size;
     format!(
         "<svg class=\"graph\" role=\"img\" aria-label=\"What the trials of this study take from each other\" \
-         viewBox=\"0 0 {width} {height}\" style=\"max-width: {width}px\">\n<defs><marker id=\"tip\" viewBox=\"0 0 8 8\" refX=\"8\" refY=\"4\" \
-         markerWidth=\"7\" markerHeight=\"7\" orient=\"auto\"><path class=\"tip\" d=\"M0 0L8 4L0 8z\"/></marker></defs>\n{body}</svg>\n"
+         viewBox=\"0 0 {width} {height}\" style=\"max-width: {width}px\">\n<defs><marker id=\"tip\" \
+         viewBox=\"0 0 8 8\" refX=\"8\" refY=\"4\" \
+         markerWidth=\"7\" markerHeight=\"7\" orient=\"auto\"><path class=\"tip\" d=\"M0 0L8 4L0 \
+         8z\"/></marker></defs>\n{body}</svg>\n"
     )
 }
 
@@ -93,14 +126,30 @@ impl<'a> Places<'a> {
         let deepest = shown.iter().map(|stage| stage.depth).max().unwrap_or(0);
         let (mut boxes, mut x, mut rows) = (Vec::new(), MARGIN, 0);
         for depth in 0..=deepest {
-            let column: Vec<&Stage> = shown.iter().copied().filter(|stage| stage.depth == depth).collect();
-            let longest = column.iter().map(|stage| stage.name.chars().count().max(9)).max().unwrap_or(0);
+            let column: Vec<&Stage> = shown
+                .iter()
+                .copied()
+                .filter(|stage| stage.depth == depth)
+                .collect();
+            let longest = column
+                .iter()
+                .map(|stage| stage.name.chars().count().max(9))
+                .max()
+                .unwrap_or(0);
             let width = longest * LETTER + 20;
-            boxes.extend(column.iter().enumerate().map(|(row, stage)| Box { stage, x, y: MARGIN + row * ROW, width }));
+            boxes.extend(column.iter().enumerate().map(|(row, stage)| Box {
+                stage,
+                x,
+                y: MARGIN + row * ROW,
+                width,
+            }));
             rows = rows.max(column.len());
             x += width + GAP;
         }
-        Self { boxes, size: (x - GAP + MARGIN, rows * ROW + MARGIN) }
+        Self {
+            boxes,
+            size: (x - GAP + MARGIN, rows * ROW + MARGIN),
+        }
     }
 }
 
@@ -110,9 +159,21 @@ fn rectangle(at: &Box<'_>) -> String {
     let noun = if trials == 1 { "trial" } else { "trials" };
     let mut out = String::new();
     // Writing into a text cannot fail.
-    let _ = writeln!(out, "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{BOX_HEIGHT}\" rx=\"5\"/>");
-    let _ = writeln!(out, "<text x=\"{middle}\" y=\"{}\">{}</text>", y + 17, escape(&stage.name));
-    let _ = writeln!(out, "<text class=\"small\" x=\"{middle}\" y=\"{}\">{trials} {noun}</text>", y + 32);
+    let _ = writeln!(
+        out,
+        "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{BOX_HEIGHT}\" rx=\"5\"/>"
+    );
+    let _ = writeln!(
+        out,
+        "<text x=\"{middle}\" y=\"{}\">{}</text>",
+        y + 17,
+        escape(&stage.name)
+    );
+    let _ = writeln!(
+        out,
+        "<text class=\"small\" x=\"{middle}\" y=\"{}\">{trials} {noun}</text>",
+        y + 32
+    );
     out
 }
 
@@ -121,7 +182,10 @@ fn products(at: &Box<'_>) -> String {
     let words: BTreeSet<&str> = at.stage.takes.iter().map(|take| take.product.as_str()).collect();
     let words = words.into_iter().collect::<Vec<_>>().join(", ");
     let (x, y) = (at.x.saturating_sub(12), at.y + BOX_HEIGHT / 2 - 6);
-    format!("<text class=\"small end\" x=\"{x}\" y=\"{y}\">{}</text>\n", escape(&words))
+    format!(
+        "<text class=\"small end\" x=\"{x}\" y=\"{y}\">{}</text>\n",
+        escape(&words)
+    )
 }
 
 fn arrow(from: &Box<'_>, to: &Box<'_>) -> String {
@@ -140,7 +204,13 @@ mod tests {
             name: name.into(),
             trials,
             depth,
-            takes: takes.iter().map(|(product, from)| Take { from: (*from).into(), product: (*product).into() }).collect(),
+            takes: takes
+                .iter()
+                .map(|(product, from)| Take {
+                    from: (*from).into(),
+                    product: (*product).into(),
+                })
+                .collect(),
         };
         vec![
             stage("rules", 1, 0, &[]),
@@ -154,9 +224,16 @@ mod tests {
     #[test]
     fn the_graph_leaves_out_what_stands_alone() {
         let sheet = sheet(&stages()).unwrap();
-        let text: Vec<Vec<&str>> = sheet.rows.iter().map(|row| row.iter().map(|entry| entry.text.as_str()).collect()).collect();
+        let text: Vec<Vec<&str>> = sheet
+            .rows
+            .iter()
+            .map(|row| row.iter().map(|entry| entry.text.as_str()).collect())
+            .collect();
         assert_eq!(text[2], ["gathered", "policy of half", "3"]);
-        assert_eq!((text.len(), text[0][1], text[3][1]), (4, NONE, "dataset of gathered, dataset of rules"));
+        assert_eq!(
+            (text.len(), text[0][1], text[3][1]),
+            (4, NONE, "dataset of gathered, dataset of rules")
+        );
         assert!(super::sheet(&stages()[..1]).is_none() && drawing(&stages()[..2]).is_empty());
     }
 
@@ -165,9 +242,16 @@ mod tests {
         let stages = stages();
         let places = Places::of(&stages);
         let at = |name: &str| places.boxes.iter().find(|it| it.stage.name == name).unwrap();
-        assert!(at("clone").x > at("gathered").x + at("gathered").width && at("gathered").x > at("half").x + at("half").width);
+        assert!(
+            at("clone").x > at("gathered").x + at("gathered").width
+                && at("gathered").x > at("half").x + at("half").width
+        );
         assert!(at("half").y >= at("rules").y + BOX_HEIGHT);
         let svg = drawing(&stages);
-        assert_eq!((svg.matches("<rect").count(), svg.matches("marker-end").count()), (4, 3), "{svg}");
+        assert_eq!(
+            (svg.matches("<rect").count(), svg.matches("marker-end").count()),
+            (4, 3),
+            "{svg}"
+        );
     }
 }

@@ -7,19 +7,39 @@ use crate::{
 };
 use std::path::Path;
 
-/// Tables, claims, what was not trained, profiles, counts of verdicts and the path of the page, as plain text of at most `width`
-/// characters a line.
+/// Tables, claims, what was not trained, profiles, counts of verdicts and the path of the page, as plain text
+/// of at most `width` characters a line.
 #[must_use]
-pub fn summary(study: &StudyInfo, results: &Results, contents: &Contents, page: &Path, width: usize) -> String {
-    let mut parts = vec![wrap(if study.title.is_empty() { &study.name } else { &study.title }, width)];
-    parts.extend(study.asked_with().map(|options| wrap(&format!("Computed {options}."), width)));
+pub fn summary(
+    study: &StudyInfo,
+    results: &Results,
+    contents: &Contents,
+    page: &Path,
+    width: usize,
+) -> String {
+    let mut parts = vec![wrap(
+        if study.title.is_empty() {
+            &study.name
+        } else {
+            &study.title
+        },
+        width,
+    )];
+    parts.extend(
+        study
+            .asked_with()
+            .map(|options| wrap(&format!("Computed {options}."), width)),
+    );
     for (name, grid) in &contents.tables {
         parts.push(match grid {
             Ok(grid) => format!("{name}\n{}", terminal(grid, width).trim_end()),
             Err(reason) => wrap(&format!("{name}: could not be made: {reason}"), width),
         });
     }
-    let failed = contents.figures.iter().filter_map(|(name, chart)| chart.as_ref().err().map(|reason| (name, reason)));
+    let failed = contents
+        .figures
+        .iter()
+        .filter_map(|(name, chart)| chart.as_ref().err().map(|reason| (name, reason)));
     parts.extend(failed.map(|(name, reason)| wrap(&format!("{name}: could not be drawn: {reason}"), width)));
     if !contents.claims.is_empty() {
         parts.push(verdicts(contents, width));
@@ -27,7 +47,12 @@ pub fn summary(study: &StudyInfo, results: &Results, contents: &Contents, page: 
     let mut last: Vec<String> = budgets::untrained(results);
     last.extend(counts(contents));
     last.push(format!("Time: {}", budgets::cost(results).sentence()));
-    last.extend(study.profiles.iter().map(|it| format!("Profile {}: {}", it.name(), it.sentence())));
+    last.extend(
+        study
+            .profiles
+            .iter()
+            .map(|it| format!("Profile {}: {}", it.name(), it.sentence())),
+    );
     let mut last: Vec<String> = last.iter().map(|line| wrap(line, width)).collect();
     last.push(format!("Report: {}", page.display()));
     parts.push(last.join("\n"));
@@ -42,19 +67,43 @@ fn verdicts(contents: &Contents, width: usize) -> String {
             format!(" in {}", line.place)
         };
         let numbers = line.numbers();
-        let numbers = if numbers.is_empty() { String::new() } else { format!(": difference {numbers}") };
-        let together = line.together().map(|outcome| format!("all claims together (Holm): {outcome}"));
-        let notes: String = line.notes().into_iter().chain(together).map(|note| format!("; {note}")).collect();
-        let text = wrap(&format!("{}{place}{numbers}{notes}", line.spec.claim), width.saturating_sub(14).max(20));
+        let numbers = if numbers.is_empty() {
+            String::new()
+        } else {
+            format!(": difference {numbers}")
+        };
+        let together = line
+            .together()
+            .map(|outcome| format!("all claims together (Holm): {outcome}"));
+        let notes: String = line
+            .notes()
+            .into_iter()
+            .chain(together)
+            .map(|note| format!("; {note}"))
+            .collect();
+        let text = wrap(
+            &format!("{}{place}{numbers}{notes}", line.spec.claim),
+            width.saturating_sub(14).max(20),
+        );
         format!("{:<12}  {}", line.word(), text.replace('\n', "\n              "))
     };
     let notes = claims::notes(contents).into_iter().map(|note| wrap(&note, width));
-    contents.claims.iter().map(line).chain(notes).collect::<Vec<_>>().join("\n")
+    contents
+        .claims
+        .iter()
+        .map(line)
+        .chain(notes)
+        .collect::<Vec<_>>()
+        .join("\n")
 }
 
 fn counts(contents: &Contents) -> Vec<String> {
     let line = |counts: &head::Line| {
-        let words: Vec<String> = counts.words.iter().map(|(word, n)| format!("{n} {word}")).collect();
+        let words: Vec<String> = counts
+            .words
+            .iter()
+            .map(|(word, n)| format!("{n} {word}"))
+            .collect();
         format!("{}: {}", counts.what, words.join(", "))
     };
     head::lines(contents).iter().map(line).collect()

@@ -49,14 +49,22 @@ pub(crate) fn trial(environment: &str, agent: &str, setting: &str, seed: u64, ro
         value,
     };
     let rows = rows.iter().map(row).collect();
-    TrialResult { trial, end: Some(end(EndState::Ok, "")), names, rows }
+    TrialResult {
+        trial,
+        end: Some(end(EndState::Ok, "")),
+        names,
+        rows,
+    }
 }
 
 /// The point that these `key=value` words stand for.
 fn point(words: &str) -> Setting {
     let pair = |word: &str| {
         let (key, value) = word.split_once('=').unwrap();
-        (key.to_owned(), serde_json::from_str(value).unwrap_or_else(|_| value.into()))
+        (
+            key.to_owned(),
+            serde_json::from_str(value).unwrap_or_else(|_| value.into()),
+        )
     };
     Setting::new(words.split_whitespace().map(pair).collect())
 }
@@ -69,13 +77,19 @@ pub(crate) fn ended(mut trial: TrialResult, state: EndState, reason: &str) -> Tr
 }
 
 fn end(state: EndState, reason: &str) -> TrialEnd {
-    TrialEnd { state, reason: reason.into(), wall_s: 1.0, digest: String::new() }
+    TrialEnd {
+        state,
+        reason: reason.into(),
+        wall_s: 1.0,
+        digest: String::new(),
+    }
 }
 
 /// A number in -1..1 that looks random and is a function of its arguments.
 pub(crate) fn noise(a: u64, b: u64, c: u64) -> f64 {
-    let mut x =
-        a.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ b.wrapping_mul(0xbf58_476d_1ce4_e5b9) ^ c.wrapping_mul(0x94d0_49bb_1331_11eb);
+    let mut x = a.wrapping_mul(0x9e37_79b9_7f4a_7c15)
+        ^ b.wrapping_mul(0xbf58_476d_1ce4_e5b9)
+        ^ c.wrapping_mul(0x94d0_49bb_1331_11eb);
     for _ in 0..3 {
         x ^= x >> 31;
         x = x.wrapping_mul(0xd6e8_feb8_6659_fd93);
@@ -86,7 +100,8 @@ pub(crate) fn noise(a: u64, b: u64, c: u64) -> f64 {
 /// Agents of [`study`], in its order.
 pub(crate) const AGENTS: [&str; 4] = ["equal", "dsac", "ddpg", "bound"];
 
-/// Two environments, four agents (two of which learn), five seeds; one trial of `ddpg` ran out of memory and one has not run.
+/// Two environments, four agents (two of which learn), five seeds; one trial of `ddpg` ran out of memory and
+/// one has not run.
 pub(crate) fn study() -> Results {
     let mut trials = Vec::new();
     for (place, environment) in ["four_cells", "eight_cells"].into_iter().enumerate() {
@@ -103,8 +118,17 @@ fn one(environment: &str, place: u64, agent: &str, index: u64, seed: u64) -> Tri
     let top = [10.0, 11.6, 11.1, 12.4][index as usize] * (1.0 + place as f64);
     let common = 0.3 * noise(place, 9, seed);
     let last = top + common + 0.12 * noise(place, index, seed) * f64::from(u8::from(index != 0));
-    let mut rows: Rows =
-        (0..4).map(|episode| (Phase::Final, 60_000, episode, "cycle_length", last + 0.1 * (episode as f64 - 1.5))).collect();
+    let mut rows: Rows = (0..4)
+        .map(|episode| {
+            (
+                Phase::Final,
+                60_000,
+                episode,
+                "cycle_length",
+                last + 0.1 * (episode as f64 - 1.5),
+            )
+        })
+        .collect();
     if index == 1 || index == 2 {
         rows.push((Phase::Final, 60_000, 0, UPDATES, 3_750.0));
         for step in (0..=60_000).step_by(2000) {
@@ -117,7 +141,11 @@ fn one(environment: &str, place: u64, agent: &str, index: u64, seed: u64) -> Tri
     let trial = trial(environment, agent, "", seed, &rows);
     match (place, agent, seed) {
         (1, "ddpg", 3) => ended(trial, EndState::Oom, "used 3.1 GiB of 3.0 GiB <allowed>"),
-        (1, "ddpg", 4) => TrialResult { end: None, rows: Vec::new(), ..trial },
+        (1, "ddpg", 4) => TrialResult {
+            end: None,
+            rows: Vec::new(),
+            ..trial
+        },
         _ => trial,
     }
 }
@@ -136,6 +164,12 @@ fn trace(rows: &mut Rows, index: u64, seed: u64) {
                 4.1 - 0.75 * hour + spread * hour - 0.02 * noise(step, cell as u64, seed).abs(),
             ));
         }
-        rows.push((Phase::Trace, step, 0, "load", 30.0 + 12.0 * (hour * 9.0).sin() + 3.0 * noise(step, 77, seed)));
+        rows.push((
+            Phase::Trace,
+            step,
+            0,
+            "load",
+            30.0 + 12.0 * (hour * 9.0).sin() + 3.0 * noise(step, 77, seed),
+        ));
     }
 }

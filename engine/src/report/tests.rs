@@ -28,7 +28,11 @@ fn results() -> Results {
     let mut results = recorded();
     for result in &mut results.trials {
         let key = &mut result.trial.key;
-        key.environment = Part::new("battery", 1, json!({"cells": if result.trial.environment == "four_cells" { 4 } else { 8 }}));
+        key.environment = Part::new(
+            "battery",
+            1,
+            json!({"cells": if result.trial.environment == "four_cells" { 4 } else { 8 }}),
+        );
         key.agent = Seating::Agent(agent(&result.trial.agent));
         key.protocol = Part::new("train_evaluate", 1, json!({"steps": 60_000, "final_episodes": 4}));
         if result.is_ok() {
@@ -40,8 +44,14 @@ fn results() -> Results {
 
 fn agent(name: &str) -> Part {
     let (plugin, config) = match name {
-        "dsac" => ("actor_critic", json!({"width": 256, "rate": 0.0003, "policy": "dirichlet"})),
-        "ddpg" => ("actor_critic", json!({"width": 64, "rate": 0.0003, "policy": "softmax"})),
+        "dsac" => (
+            "actor_critic",
+            json!({"width": 256, "rate": 0.0003, "policy": "dirichlet"}),
+        ),
+        "ddpg" => (
+            "actor_critic",
+            json!({"width": 64, "rate": 0.0003, "policy": "softmax"}),
+        ),
         other => (other, json!({})),
     };
     Part::new(plugin, 1, config)
@@ -51,15 +61,30 @@ fn record_lengths(result: &mut TrialResult) {
     let metric = u16::try_from(result.names.len()).unwrap();
     result.names.push(EPISODE_LENGTH.into());
     let measured = |row: &&Row| [Phase::Evaluate, Phase::Final].contains(&row.phase) && row.metric == 0;
-    let lengths: Vec<Row> = result.rows.iter().filter(measured).map(|row| Row { metric, value: 600.0, ..*row }).collect();
+    let lengths: Vec<Row> = result
+        .rows
+        .iter()
+        .filter(measured)
+        .map(|row| Row {
+            metric,
+            value: 600.0,
+            ..*row
+        })
+        .collect();
     result.rows.extend(lengths);
 }
 
 fn defaults() -> BTreeMap<String, Value> {
     let configs = [
-        ("agent actor_critic", json!({"width": 256, "rate": 0.001, "policy": "dirichlet"})),
+        (
+            "agent actor_critic",
+            json!({"width": 256, "rate": 0.001, "policy": "dirichlet"}),
+        ),
         ("environment battery", json!({"cells": 4})),
-        ("protocol train_evaluate", json!({"steps": 60_000, "final_episodes": 1000})),
+        (
+            "protocol train_evaluate",
+            json!({"steps": 60_000, "final_episodes": 1000}),
+        ),
     ];
     configs.map(|(name, config)| (name.to_owned(), config)).into()
 }
@@ -68,19 +93,32 @@ fn profiles() -> Vec<ProfileState> {
     let state = |name: &str, this_report, [planned, ok, failed, own]: [usize; 4]| ProfileState {
         name: (!name.is_empty()).then(|| name.to_owned()),
         this_report,
-        trials: Some(ProfileTrials { planned, ok, failed, own }),
+        trials: Some(ProfileTrials {
+            planned,
+            ok,
+            failed,
+            own,
+        }),
     };
-    vec![state("", false, [40, 20, 0, 0]), state("smoke", true, [40, 38, 1, 19]), state("paper", false, [200, 0, 0, 0])]
+    vec![
+        state("", false, [40, 20, 0, 0]),
+        state("smoke", true, [40, 38, 1, 19]),
+        state("paper", false, [200, 0, 0, 0]),
+    ]
 }
 
 fn improvement() -> TableSpec {
-    let published = [("four_cells", 15.2), ("eight_cells", 15.9)].map(|(row, value)| (row.to_owned(), Published::Value(value)));
+    let published = [("four_cells", 15.2), ("eight_cells", 15.9)]
+        .map(|(row, value)| (row.to_owned(), Published::Value(value)));
     let of = Improvement(Comparison {
         rows: Axis::Environment,
         value: "cycle_length".into(),
         relative_to: Some("equal".into()),
         agents: vec!["dsac".into(), "ddpg".into()],
-        labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into()), ("ddpg".into(), "DDPG".into())]),
+        labels: BTreeMap::from([
+            ("dsac".into(), "Dirichlet SAC".into()),
+            ("ddpg".into(), "DDPG".into()),
+        ]),
         ..Comparison::default()
     });
     TableSpec {
@@ -92,19 +130,37 @@ fn improvement() -> TableSpec {
 }
 
 fn info() -> StudyInfo {
-    let comparison = Comparison { value: "cycle_length".into(), ..Comparison::default() };
-    let curve = LearningCurve { metric: "cycle_length".into(), ..LearningCurve::default() };
-    let trajectory =
-        Trajectory { channels: vec!["voltage".into(), "load".into()], threshold: Some(3.2), ..Trajectory::default() };
-    let bars = Comparison { rows: Axis::Environment, value: "cycle_length".into(), ..Comparison::default() };
-    let of_nobody = Comparison { agents: vec!["nobody".into()], ..Comparison::default() };
+    let comparison = Comparison {
+        value: "cycle_length".into(),
+        ..Comparison::default()
+    };
+    let curve = LearningCurve {
+        metric: "cycle_length".into(),
+        ..LearningCurve::default()
+    };
+    let trajectory = Trajectory {
+        channels: vec!["voltage".into(), "load".into()],
+        threshold: Some(3.2),
+        ..Trajectory::default()
+    };
+    let bars = Comparison {
+        rows: Axis::Environment,
+        value: "cycle_length".into(),
+        ..Comparison::default()
+    };
+    let of_nobody = Comparison {
+        agents: vec!["nobody".into()],
+        ..Comparison::default()
+    };
     StudyInfo {
         name: "table-3.2".into(),
         stages: Vec::new(),
         title: "Average improvement of the working cycle <with & without> learning".into(),
         source: "thesis, table 3.2".into(),
         departures: vec![
-            "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives none.".into(),
+            "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives \
+             none."
+                .into(),
         ],
         tables: vec![
             ("table-3.2".into(), improvement()),
@@ -112,13 +168,35 @@ fn info() -> StudyInfo {
             ("empty".into(), TableSpec::of(of_nobody)),
         ],
         figures: vec![
-            ("learning-curve".into(), FigureSpec { caption: "Cycle length while learning.".into(), ..FigureSpec::of(curve) }),
-            ("voltages".into(), FigureSpec { caption: "One discharge.".into(), ..FigureSpec::of(trajectory) }),
+            (
+                "learning-curve".into(),
+                FigureSpec {
+                    caption: "Cycle length while \
+                                                             learning."
+                        .into(),
+                    ..FigureSpec::of(curve)
+                },
+            ),
+            (
+                "voltages".into(),
+                FigureSpec {
+                    caption: "One \
+                                                       discharge."
+                        .into(),
+                    ..FigureSpec::of(trajectory)
+                },
+            ),
             ("bars".into(), FigureSpec::of(Bars { of: bars })),
         ],
         claims: vec![
             claim("dsac.cycle_length > equal.cycle_length"),
-            ClaimSpec { environment: Some("four_cells".into()), ..claim("ddpg.cycle_length > dsac.cycle_length") },
+            ClaimSpec {
+                environment: Some("four_cells".into()),
+                ..claim(
+                    "ddpg.cycle_length > \
+                                                                         dsac.cycle_length",
+                )
+            },
             claim("dsac.cycle_length ~ bound.cycle_length in eight_cells"),
             claim("dsac.cycle_length >"),
         ],
@@ -127,14 +205,28 @@ fn info() -> StudyInfo {
         learners: BTreeSet::from(["dsac".into(), "ddpg".into()]),
         defaults: defaults(),
         profiles: profiles(),
-        ended: Period::of([Some("2025-01-03T10:00:00Z".into()), Some("2025-01-04T08:30:00Z".into()), None].into_iter()),
-        units: BTreeMap::from([("cycle_length".into(), "h".into()), ("voltage".into(), "V".into()), ("load".into(), "W".into())]),
+        ended: Period::of(
+            [
+                Some("2025-01-03T10:00:00Z".into()),
+                Some("2025-01-04T08:30:00Z".into()),
+                None,
+            ]
+            .into_iter(),
+        ),
+        units: BTreeMap::from([
+            ("cycle_length".into(), "h".into()),
+            ("voltage".into(), "V".into()),
+            ("load".into(), "W".into()),
+        ]),
         options: vec!["--set dsac.discount=0.9".into(), "--seeds 5".into()],
     }
 }
 
 fn claim(text: &str) -> ClaimSpec {
-    ClaimSpec { claim: text.into(), ..ClaimSpec::default() }
+    ClaimSpec {
+        claim: text.into(),
+        ..ClaimSpec::default()
+    }
 }
 
 fn provenance() -> Provenance {
@@ -156,11 +248,20 @@ fn written(dir: &Path) -> BTreeMap<String, Vec<u8>> {
     let contents = Contents::of(&info, &results);
     let paths = write(dir, &info, &results, &contents, &provenance()).unwrap();
     let all = paths.files.iter().chain([&paths.page, &paths.markdown]);
-    all.map(|path| (path.strip_prefix(dir).unwrap().display().to_string(), fs::read(path).unwrap())).collect()
+    all.map(|path| {
+        (
+            path.strip_prefix(dir).unwrap().display().to_string(),
+            fs::read(path).unwrap(),
+        )
+    })
+    .collect()
 }
 
 #[test]
-#[expect(clippy::disallowed_methods, reason = "whoever looks at the report says where it goes")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "whoever looks at the report says where it goes"
+)]
 fn a_report_is_the_same_bytes_each_time_and_loads_nothing() {
     let dirs = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     // `REPORT=DIR` keeps the report, to be looked at.
@@ -170,18 +271,23 @@ fn a_report_is_the_same_bytes_each_time_and_loads_nothing() {
     let names: Vec<&str> = one.keys().map(String::as_str).collect();
     insta::assert_snapshot!("files", names.join("\n"));
     insta::assert_snapshot!("report", String::from_utf8(one["report.md"].clone()).unwrap());
-    insta::assert_snapshot!("seeds", String::from_utf8(one["tables/lengths-seeds.csv"].clone()).unwrap());
+    insta::assert_snapshot!(
+        "seeds",
+        String::from_utf8(one["tables/lengths-seeds.csv"].clone()).unwrap()
+    );
     let page = String::from_utf8(one["index.html"].clone()).unwrap();
     assert!(!page.contains("<with & without>") && page.contains("&lt;with &amp; without&gt;"));
     assert!(page.contains("used 3.1 GiB of 3.0 GiB &lt;allowed&gt;"));
     let outside = page.replace("http://www.w3.org/2000/svg", "");
-    assert!(["http:", "https:", "<script", "<link", "url(", "@import", "src="].iter().all(|word| !outside.contains(word)));
     assert!(
-        fs::read_dir(dirs[1].path().join("figures")).unwrap().all(|entry| !entry
+        ["http:", "https:", "<script", "<link", "url(", "@import", "src="]
+            .iter()
+            .all(|word| !outside.contains(word))
+    );
+    assert!(
+        fs::read_dir(dirs[1].path().join("figures"))
             .unwrap()
-            .file_name()
-            .to_string_lossy()
-            .starts_with('.'))
+            .all(|entry| !entry.unwrap().file_name().to_string_lossy().starts_with('.'))
     );
 }
 
@@ -189,7 +295,10 @@ fn a_report_is_the_same_bytes_each_time_and_loads_nothing() {
 fn verdicts_and_claims_are_counted() {
     let contents = Contents::of(&info(), &results());
     assert_eq!(contents.verdicts(false).iter().map(|(_, n)| n).sum::<usize>(), 4);
-    assert_eq!(contents.outcomes(false), [("SUPPORTED", 2), ("REFUTED", 2), ("NOT READ", 1)]);
+    assert_eq!(
+        contents.outcomes(false),
+        [("SUPPORTED", 2), ("REFUTED", 2), ("NOT READ", 1)]
+    );
     assert!(contents.contradicts());
     assert_eq!(contents.claims[0].word(), "SUPPORTED");
     assert_eq!(contents.claims[2].word(), "REFUTED");
@@ -200,12 +309,17 @@ fn verdicts_and_claims_are_counted() {
 fn a_report_of_nothing_says_so() {
     let contents = Contents::of(&info(), &Results::default());
     assert!(
-        contents.tables.iter().all(|(_, table)| table.is_err()) && contents.figures.iter().all(|(_, figure)| figure.is_err())
+        contents.tables.iter().all(|(_, table)| table.is_err())
+            && contents.figures.iter().all(|(_, figure)| figure.is_err())
     );
     assert_eq!(contents.outcomes(false)[0], ("NOT RUN", 4));
     let dir = tempfile::tempdir().unwrap();
     let paths = write(dir.path(), &info(), &Results::default(), &contents, &provenance()).unwrap();
-    assert!(fs::read_to_string(paths.page).unwrap().contains("no trial of the study belongs to it"));
+    assert!(
+        fs::read_to_string(paths.page)
+            .unwrap()
+            .contains("no trial of the study belongs to it")
+    );
 }
 
 #[test]
@@ -213,45 +327,98 @@ fn the_summary_for_a_terminal() {
     let info = info();
     let results = results();
     let contents = Contents::of(&info, &results);
-    insta::assert_snapshot!(summary(&info, &results, &contents, Path::new("results/table-3.2/index.html"), 100));
+    insta::assert_snapshot!(summary(
+        &info,
+        &results,
+        &contents,
+        Path::new("results/table-3.2/index.html"),
+        100
+    ));
 }
 
 #[test]
 fn the_sections_of_the_page_stand_in_their_order() {
     let dir = tempfile::tempdir().unwrap();
     let page = String::from_utf8(written(dir.path())["index.html"].clone()).unwrap();
-    let sections: Vec<&str> = page.split("<section id=\"").skip(1).filter_map(|text| text.split('"').next()).collect();
-    let names = ["tables", "figures", "claims", "departures", "budgets", "settings-that-differ", "values-by-seed"];
-    let names = names.into_iter().chain(["what-was-run", "profiles", "provenance"]).map(|name| format!("section-{name}"));
+    let sections: Vec<&str> = page
+        .split("<section id=\"")
+        .skip(1)
+        .filter_map(|text| text.split('"').next())
+        .collect();
+    let names = [
+        "tables",
+        "figures",
+        "claims",
+        "departures",
+        "budgets",
+        "settings-that-differ",
+        "values-by-seed",
+    ];
+    let names = names
+        .into_iter()
+        .chain(["what-was-run", "profiles", "provenance"])
+        .map(|name| format!("section-{name}"));
     assert!(names.eq(sections.iter().map(ToString::to_string)), "{sections:?}");
-    assert!(sections.iter().all(|section| page.contains(&format!("<a href=\"#{section}\">"))));
+    assert!(
+        sections
+            .iter()
+            .all(|section| page.contains(&format!("<a href=\"#{section}\">")))
+    );
     assert!(page.contains("The load profile of <code>four_cells</code>"));
-    assert!(page.contains("<summary>lengths: 38 values</summary>") && page.contains("href=\"tables/lengths-seeds.csv\""));
+    assert!(
+        page.contains("<summary>lengths: 38 values</summary>")
+            && page.contains("href=\"tables/lengths-seeds.csv\"")
+    );
     assert!(page.contains("<dt>paper</dt><dd>0 of 200 trials are stored: never run</dd>"));
 }
 
 #[test]
 fn an_agent_that_made_no_update_is_flagged_everywhere() {
     let (info, mut results) = (info(), results());
-    for result in results.trials.iter_mut().filter(|result| result.trial.agent == "dsac") {
+    for result in results
+        .trials
+        .iter_mut()
+        .filter(|result| result.trial.agent == "dsac")
+    {
         let updates = result.names.iter().position(|name| name == UPDATES).unwrap();
-        result.rows.iter_mut().filter(|row| usize::from(row.metric) == updates).for_each(|row| row.value = 0.0);
+        result
+            .rows
+            .iter_mut()
+            .filter(|row| usize::from(row.metric) == updates)
+            .for_each(|row| row.value = 0.0);
     }
     let contents = Contents::of(&info, &results);
     let dir = tempfile::tempdir().unwrap();
     let paths = write(dir.path(), &info, &results, &contents, &provenance()).unwrap();
-    assert!(fs::read_to_string(paths.page).unwrap().contains("<b class=\"problem\">0: not trained</b>"));
+    assert!(
+        fs::read_to_string(paths.page)
+            .unwrap()
+            .contains("<b class=\"problem\">0: not trained</b>")
+    );
     let sentence = "`dsac` in `eight_cells`: 0 updates in 5 of 5 trials: not trained.";
     assert!(fs::read_to_string(paths.markdown).unwrap().contains(sentence));
     assert!(summary(&info, &results, &contents, dir.path(), 100).contains(sentence));
 }
 
-/// Five seeds of `dsac` and `equal` in one environment, with these differences, and what else `change` does to the trials.
-fn two_agents(differences: [f64; 5], change: impl Fn(&mut Vec<(Phase, u64, u64, &'static str, f64)>, u64)) -> Results {
+/// Five seeds of `dsac` and `equal` in one environment, with these differences, and what else `change` does
+/// to the trials.
+fn two_agents(
+    differences: [f64; 5],
+    change: impl Fn(&mut Vec<(Phase, u64, u64, &'static str, f64)>, u64),
+) -> Results {
     let mut trials = Vec::new();
     for (seed, difference) in (0..).zip(differences) {
-        trials.push(trial("four_cells", "equal", "", seed, &vec![(Phase::Final, 1, 0, "cycle_length", 10.0)]));
-        let mut rows = vec![(Phase::Final, 9, 0, "cycle_length", 10.0 + difference), (Phase::Final, 9, 0, UPDATES, 40.0)];
+        trials.push(trial(
+            "four_cells",
+            "equal",
+            "",
+            seed,
+            &vec![(Phase::Final, 1, 0, "cycle_length", 10.0)],
+        ));
+        let mut rows = vec![
+            (Phase::Final, 9, 0, "cycle_length", 10.0 + difference),
+            (Phase::Final, 9, 0, UPDATES, 40.0),
+        ];
         change(&mut rows, seed);
         trials.push(trial("four_cells", "dsac", "", seed, &rows));
     }
@@ -259,13 +426,26 @@ fn two_agents(differences: [f64; 5], change: impl Fn(&mut Vec<(Phase, u64, u64, 
 }
 
 fn one_environment(claims: Vec<ClaimSpec>, table: TableSpec) -> StudyInfo {
-    StudyInfo { environments: vec!["four_cells".into()], tables: vec![("t".into(), table)], claims, ..info() }
+    StudyInfo {
+        environments: vec!["four_cells".into()],
+        tables: vec![("t".into(), table)],
+        claims,
+        ..info()
+    }
 }
 
 fn published(value: f64) -> TableSpec {
-    let comparison = Comparison { value: "cycle_length".into(), agents: vec!["dsac".into()], ..Comparison::default() };
+    let comparison = Comparison {
+        value: "cycle_length".into(),
+        agents: vec!["dsac".into()],
+        ..Comparison::default()
+    };
     let published = BTreeMap::from([("dsac".into(), Published::Value(value))]);
-    TableSpec { published, margin: Some(Margin::Absolute(1.0)), ..TableSpec::of(comparison) }
+    TableSpec {
+        published,
+        margin: Some(Margin::Absolute(1.0)),
+        ..TableSpec::of(comparison)
+    }
 }
 
 const CLEAR: [f64; 5] = [1.0, 1.1, 0.9, 1.05, 0.95];
@@ -273,30 +453,57 @@ const CLEAR: [f64; 5] = [1.0, 1.1, 0.9, 1.05, 0.95];
 #[test]
 fn what_made_no_update_is_not_judged() {
     let untrained = two_agents(CLEAR, |rows, _| rows[1].4 = 0.0);
-    let contents =
-        Contents::of(&one_environment(vec![claim("dsac.cycle_length > equal.cycle_length")], published(11.0)), &untrained);
-    assert_eq!((contents.verdicts(false), contents.outcomes(false)), (vec![("NOT TRAINED", 1)], vec![("NOT TRAINED", 1)]));
+    let contents = Contents::of(
+        &one_environment(
+            vec![claim("dsac.cycle_length > equal.cycle_length")],
+            published(11.0),
+        ),
+        &untrained,
+    );
+    assert_eq!(
+        (contents.verdicts(false), contents.outcomes(false)),
+        (vec![("NOT TRAINED", 1)], vec![("NOT TRAINED", 1)])
+    );
     let grid = contents.tables[0].1.as_ref().unwrap();
     assert!(
-        grid.footnotes(Intervals::InBrackets).iter().any(|note| note == "dsac: 0 updates: dsac was not trained."),
+        grid.footnotes(Intervals::InBrackets)
+            .iter()
+            .any(|note| note == "dsac: 0 updates: dsac was not trained."),
         "{:?}",
         grid.footnotes(Intervals::InBrackets)
     );
     assert_eq!(contents.claims[0].notes(), ["0 updates: dsac was not trained"]);
     let trained = two_agents(CLEAR, |_, _| {});
-    let contents =
-        Contents::of(&one_environment(vec![claim("dsac.cycle_length > equal.cycle_length")], published(11.0)), &trained);
-    assert_eq!((contents.verdicts(false), contents.outcomes(false)), (vec![("REPRODUCED", 1)], vec![("SUPPORTED", 1)]));
+    let contents = Contents::of(
+        &one_environment(
+            vec![claim("dsac.cycle_length > equal.cycle_length")],
+            published(11.0),
+        ),
+        &trained,
+    );
+    assert_eq!(
+        (contents.verdicts(false), contents.outcomes(false)),
+        (vec![("REPRODUCED", 1)], vec![("SUPPORTED", 1)])
+    );
 }
 
 #[test]
 fn what_was_used_to_choose_a_setting_is_never_reproduced() {
     let results = two_agents(CLEAR, |_, _| {});
     let on = || Some("the load was chosen by it".to_owned());
-    let calibrated = ClaimSpec { calibrated_on: on(), ..claim("dsac.cycle_length > equal.cycle_length") };
-    let table = TableSpec { calibrated_on: on(), ..published(11.0) };
+    let calibrated = ClaimSpec {
+        calibrated_on: on(),
+        ..claim("dsac.cycle_length > equal.cycle_length")
+    };
+    let table = TableSpec {
+        calibrated_on: on(),
+        ..published(11.0)
+    };
     let contents = Contents::of(&one_environment(vec![calibrated], table), &results);
-    assert_eq!((contents.verdicts(false), contents.outcomes(false)), (vec![("CALIBRATED", 1)], vec![("CALIBRATED", 1)]));
+    assert_eq!(
+        (contents.verdicts(false), contents.outcomes(false)),
+        (vec![("CALIBRATED", 1)], vec![("CALIBRATED", 1)])
+    );
     assert!(
         contents.tables[0]
             .1
@@ -312,14 +519,28 @@ fn what_was_used_to_choose_a_setting_is_never_reproduced() {
 #[test]
 fn what_was_thought_of_later_is_counted_apart_and_asks_for_no_seeds() {
     let results = two_agents([1.0, -1.0, 0.5, -0.5, 0.1], |_, _| {});
-    let exploratory = ClaimSpec { exploratory: true, ..claim("dsac.cycle_length > equal.cycle_length") };
-    let table = TableSpec { exploratory: true, ..published(11.0) };
+    let exploratory = ClaimSpec {
+        exploratory: true,
+        ..claim("dsac.cycle_length > equal.cycle_length")
+    };
+    let table = TableSpec {
+        exploratory: true,
+        ..published(11.0)
+    };
     let contents = Contents::of(&one_environment(vec![exploratory], table), &results);
     assert!(contents.verdicts(false).is_empty() && contents.outcomes(false).is_empty());
-    assert_eq!((contents.verdicts(true), contents.outcomes(true)), (vec![("INCONCLUSIVE", 1)], vec![("INCONCLUSIVE", 1)]));
+    assert_eq!(
+        (contents.verdicts(true), contents.outcomes(true)),
+        (vec![("INCONCLUSIVE", 1)], vec![("INCONCLUSIVE", 1)])
+    );
     assert_eq!(head::lines(&contents).len(), 2);
     assert!(contents.open().is_empty());
-    assert!(contents.claims[0].notes().iter().any(|note| note.starts_with("exploratory: ")));
+    assert!(
+        contents.claims[0]
+            .notes()
+            .iter()
+            .any(|note| note.starts_with("exploratory: "))
+    );
 }
 
 #[test]
@@ -331,44 +552,89 @@ fn an_agent_beside_itself_is_not_judged() {
         agents: vec!["equal".into(), "dsac".into()],
         ..Comparison::default()
     };
-    let values = [("equal".into(), Published::Value(1.0)), ("dsac".into(), Published::Value(1.1))];
-    let table = TableSpec { published: BTreeMap::from(values), ..TableSpec::of(comparison) };
+    let values = [
+        ("equal".into(), Published::Value(1.0)),
+        ("dsac".into(), Published::Value(1.1)),
+    ];
+    let table = TableSpec {
+        published: BTreeMap::from(values),
+        ..TableSpec::of(comparison)
+    };
     let contents = Contents::of(&one_environment(Vec::new(), table), &two_agents(CLEAR, |_, _| {}));
     assert_eq!(contents.verdicts(false), [("REPRODUCED", 1), ("NOT JUDGED", 1)]);
     assert_eq!(contents.verdicts_together(), contents.verdicts(false));
 }
 
-/// Twelve claims of which each alone has a one-sided p of about 0.01: none stands when they are taken together.
+/// Twelve claims of which each alone has a one-sided p of about 0.01: none stands when they are taken
+/// together.
 #[test]
 fn many_claims_together_are_held_to_more() {
     let results = two_agents([1.0, 0.2, 0.6, 1.6, 0.4], |_, _| {});
-    let alone = Contents::of(&one_environment(vec![claim("dsac.cycle_length > 10")], published(99.0)), &results);
-    assert_eq!((alone.outcomes(false), alone.outcomes_together()), (vec![("SUPPORTED", 1)], vec![("SUPPORTED", 1)]));
-    let claims = (0..12).map(|index| claim(&format!("dsac.cycle_length > {}", 10.0 - 1e-6 * f64::from(index)))).collect();
+    let alone = Contents::of(
+        &one_environment(vec![claim("dsac.cycle_length > 10")], published(99.0)),
+        &results,
+    );
+    assert_eq!(
+        (alone.outcomes(false), alone.outcomes_together()),
+        (vec![("SUPPORTED", 1)], vec![("SUPPORTED", 1)])
+    );
+    let claims = (0..12)
+        .map(|index| claim(&format!("dsac.cycle_length > {}", 10.0 - 1e-6 * f64::from(index))))
+        .collect();
     let contents = Contents::of(&one_environment(claims, published(99.0)), &results);
-    assert_eq!((contents.outcomes(false), contents.outcomes_together()), (vec![("SUPPORTED", 12)], vec![("INCONCLUSIVE", 12)]));
-    assert_eq!(contents.claims[0].verdict_in_words(), "SUPPORTED (Holm: INCONCLUSIVE)");
+    assert_eq!(
+        (contents.outcomes(false), contents.outcomes_together()),
+        (vec![("SUPPORTED", 12)], vec![("INCONCLUSIVE", 12)])
+    );
+    assert_eq!(
+        contents.claims[0].verdict_in_words(),
+        "SUPPORTED (Holm: INCONCLUSIVE)"
+    );
     let head: Vec<String> = head::lines(&contents).into_iter().map(|line| line.what).collect();
-    assert_eq!(head, ["Published values", "Claims, all together (Holm)", "Claims, one by one"]);
+    assert_eq!(
+        head,
+        [
+            "Published values",
+            "Claims, all together (Holm)",
+            "Claims, one by one"
+        ]
+    );
 }
 
 #[test]
 fn open_statements_ask_for_the_next_look() {
     let mut results = two_agents([1.0, -0.8, 0.6, 1.6, -0.4], |_, _| {});
     results.design = Some(Design::new(vec![5, 10]));
-    let claims = vec![claim("dsac.cycle_length > equal.cycle_length"), claim("dsac.cycle_length < 50")];
+    let claims = vec![
+        claim("dsac.cycle_length > equal.cycle_length"),
+        claim("dsac.cycle_length < 50"),
+    ];
     let study = one_environment(claims, published(10.5));
     let contents = Contents::judged(&study, &results);
     let open = contents.open();
-    assert_eq!((open.len(), open[0].complete, open[0].rests_on.len(), open[1].rests_on.len()), (2, 1, 1, 2));
+    assert_eq!(
+        (
+            open.len(),
+            open[0].complete,
+            open[0].rests_on.len(),
+            open[1].rests_on.len()
+        ),
+        (2, 1, 1, 2)
+    );
     // A look is complete when every trial of it has ended, however it ended.
     results.trials[0].end = None;
     let contents = Contents::judged(&study, &results);
-    assert_eq!(contents.open().iter().map(|it| it.complete).collect::<Vec<_>>(), [1, 0]);
+    assert_eq!(
+        contents.open().iter().map(|it| it.complete).collect::<Vec<_>>(),
+        [1, 0]
+    );
     // A claim without a complete look is open, alone and together with the others.
     assert_eq!(
         (contents.outcomes(false), contents.outcomes_together()),
-        (vec![("SUPPORTED", 1), ("INCONCLUSIVE", 1)], vec![("SUPPORTED", 1), ("INCONCLUSIVE", 1)])
+        (
+            vec![("SUPPORTED", 1), ("INCONCLUSIVE", 1)],
+            vec![("SUPPORTED", 1), ("INCONCLUSIVE", 1)]
+        )
     );
     results.trials[0] = ended(results.trials[1].clone(), EndState::Oom, "x");
     results.trials[0].trial.agent = "equal".into();

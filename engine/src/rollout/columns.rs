@@ -13,12 +13,25 @@ pub(super) struct Columns {
 impl Columns {
     /// The columns of an environment's rollouts.
     pub(super) fn of(environment: &dyn Environment) -> Self {
-        let trace: Vec<String> = environment.trace_channels().into_iter().map(|channel| channel.name).collect();
+        let trace: Vec<String> = environment
+            .trace_channels()
+            .into_iter()
+            .map(|channel| channel.name)
+            .collect();
         let mut actions = action_names(environment.seats());
         actions.retain(|(name, _)| !trace.contains(name));
-        let mut rewards: Vec<String> = environment.seats().iter().map(|seat| of_seat(&seat.name, "reward")).collect();
+        let mut rewards: Vec<String> = environment
+            .seats()
+            .iter()
+            .map(|seat| of_seat(&seat.name, "reward"))
+            .collect();
         rewards.retain(|name| !trace.contains(name));
-        Self { trace, actions, rewards, observations: observation_names(environment.seats()) }
+        Self {
+            trace,
+            actions,
+            rewards,
+            observations: observation_names(environment.seats()),
+        }
     }
 
     /// Their names.
@@ -45,10 +58,19 @@ impl Columns {
         let mut row = vec![decision.to_string()];
         row.extend(environment.trace().into_iter().map(cell));
         row.extend(
-            self.actions.iter().map(|(_, (seat, entry))| done.map_or(String::new(), |(action, _)| cell(action[*seat][*entry]))),
+            self.actions.iter().map(|(_, (seat, entry))| {
+                done.map_or(String::new(), |(action, _)| cell(action[*seat][*entry]))
+            }),
         );
-        row.extend((0..self.rewards.len()).map(|seat| done.map_or(String::new(), |(_, step)| cell(step.rewards[seat]))));
-        row.extend(self.observations.iter().map(|(_, (seat, entry))| cell(seats[*seat][*entry])));
+        row.extend(
+            (0..self.rewards.len())
+                .map(|seat| done.map_or(String::new(), |(_, step)| cell(step.rewards[seat]))),
+        );
+        row.extend(
+            self.observations
+                .iter()
+                .map(|(_, (seat, entry))| cell(seats[*seat][*entry])),
+        );
         row.push(end_word(done.and_then(|(_, step)| step.end)).into());
         row
     }
@@ -78,17 +100,26 @@ fn observation_names(seats: &[Seat]) -> Vec<(String, (usize, usize))> {
     let named = seats.iter().enumerate().filter(|(_, seat)| !seat.name.is_empty());
     let entries = |(index, seat): (usize, &Seat)| {
         let name = seat.name.clone();
-        (0..seat.observation.len()).map(move |entry| (of_seat(&name, &format!("obs_{entry}")), (index, entry)))
+        (0..seat.observation.len())
+            .map(move |entry| (of_seat(&name, &format!("obs_{entry}")), (index, entry)))
     };
     named.flat_map(entries).collect()
 }
 
 fn of_seat(seat: &str, name: &str) -> String {
-    if seat.is_empty() { name.into() } else { format!("{seat}.{name}") }
+    if seat.is_empty() {
+        name.into()
+    } else {
+        format!("{seat}.{name}")
+    }
 }
 
 fn cell(value: f64) -> String {
-    if value.is_nan() { String::new() } else { format!("{value}") }
+    if value.is_nan() {
+        String::new()
+    } else {
+        format!("{value}")
+    }
 }
 
 fn end_word(end: Option<End>) -> &'static str {

@@ -4,16 +4,25 @@ use super::columns::{action_names, blank_action};
 use crate::{Action, Error, Seat};
 use std::{collections::BTreeMap, path::Path};
 
-/// Reads actions for the seats of an environment from a CSV file whose columns are the action channels, in any order.
+/// Reads actions for the seats of an environment from a CSV file whose columns are the action channels, in
+/// any order.
 ///
 /// # Errors
-/// [`Error::Input`] with file, line and column for a column that is missing, unknown or there twice, a line of another length and
-/// a cell that is no number; [`Error::File`] where the file cannot be read.
+/// [`Error::Input`] with file, line and column for a column that is missing, unknown or there twice, a line
+/// of another length and a cell that is no number; [`Error::File`] where the file cannot be read.
 pub fn read_actions(seats: &[Seat], path: &Path) -> Result<Vec<Action>, Error> {
     let mut reader = csv::Reader::from_path(path).map_err(|source| unreadable(path, source))?;
-    let header = reader.headers().map_err(|source| unreadable(path, source))?.clone();
+    let header = reader
+        .headers()
+        .map_err(|source| unreadable(path, source))?
+        .clone();
     let places: BTreeMap<String, (usize, usize)> = action_names(seats).into_iter().collect();
-    let known = |name: &str| places.get(name).copied().ok_or_else(|| unknown_column(path, name, &places));
+    let known = |name: &str| {
+        places
+            .get(name)
+            .copied()
+            .ok_or_else(|| unknown_column(path, name, &places))
+    };
     let columns = header.iter().map(known).collect::<Result<Vec<_>, _>>()?;
     for (name, place) in &places {
         let problem = match columns.iter().filter(|column| *column == place).count() {
@@ -21,10 +30,21 @@ pub fn read_actions(seats: &[Seat], path: &Path) -> Result<Vec<Action>, Error> {
             1 => continue,
             _ => format!("column `{name}` is there twice"),
         };
-        return Err(Error::Input { path: path.into(), line: Some(1), column: None, problem });
+        return Err(Error::Input {
+            path: path.into(),
+            line: Some(1),
+            column: None,
+            problem,
+        });
     }
     let row = |record: Result<csv::StringRecord, csv::Error>| {
-        parse_row(seats, &columns, &record.map_err(|source| unreadable(path, source))?, &header, path)
+        parse_row(
+            seats,
+            &columns,
+            &record.map_err(|source| unreadable(path, source))?,
+            &header,
+            path,
+        )
     };
     reader.records().map(row).collect()
 }
@@ -52,18 +72,30 @@ fn parse_row(
 fn unknown_column(path: &Path, name: &str, places: &BTreeMap<String, (usize, usize)>) -> Error {
     let known = places.keys().cloned().collect::<Vec<_>>().join(", ");
     let problem = format!("this is no action of the environment; its actions: {known}");
-    Error::Input { path: path.into(), line: Some(1), column: Some(name.into()), problem }
+    Error::Input {
+        path: path.into(),
+        line: Some(1),
+        column: Some(name.into()),
+        problem,
+    }
 }
 
 fn unreadable(path: &Path, source: csv::Error) -> Error {
     let line = source.position().map(csv::Position::line);
     let problem = match source.into_kind() {
         csv::ErrorKind::Io(source) => return Error::file("read", path)(source),
-        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => format!("{len} cells in place of {expected_len}"),
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => format!("{len} cells in place of {expected_len}"),
         csv::ErrorKind::Utf8 { .. } => "this is no UTF-8 text".into(),
         other => format!("{other:?}"),
     };
-    Error::Input { path: path.into(), line, column: None, problem }
+    Error::Input {
+        path: path.into(),
+        line,
+        column: None,
+        problem,
+    }
 }
 
 #[cfg(test)]
@@ -76,29 +108,55 @@ mod tests {
         let path = folder.path().join("weights.csv");
         std::fs::write(&path, bytes).unwrap();
         let action = Space::Simplex(vec!["weight_1".into(), "weight_2".into()]);
-        let seats = [Seat { name: String::new(), observation: Space::Box(Vec::new()), action }];
+        let seats = [Seat {
+            name: String::new(),
+            observation: Space::Box(Vec::new()),
+            action,
+        }];
         let folder = format!("{}/", folder.path().display());
         read_actions(&seats, &path).map_err(|error| error.to_string().replace(&folder, ""))
     }
 
     #[test]
     fn columns_may_stand_in_any_order() {
-        assert_eq!(read(b"weight_2,weight_1\n0.25, 0.75\n1,0\n").unwrap(), [[[0.75, 0.25]], [[0.0, 1.0]]]);
+        assert_eq!(
+            read(b"weight_2,weight_1\n0.25, 0.75\n1,0\n").unwrap(),
+            [[[0.75, 0.25]], [[0.0, 1.0]]]
+        );
     }
 
     #[test]
     fn what_is_wrong_is_said_with_its_place() {
         for (text, message) in [
-            (&b"weight_1\n1\n"[..], "`weights.csv`, line 1: column `weight_2` is missing"),
-            (b"weight_1,weight_2,weight_1\n1,0,0\n", "`weights.csv`, line 1: column `weight_1` is there twice"),
+            (
+                &b"weight_1\n1\n"[..],
+                "`weights.csv`, line 1: column `weight_2` is missing",
+            ),
+            (
+                b"weight_1,weight_2,weight_1\n1,0,0\n",
+                "`weights.csv`, line 1: column `weight_1` is there twice",
+            ),
             (
                 b"weight_1,share_2\n1,0\n",
-                "`weights.csv`, line 1, column `share_2`: this is no action of the environment; its actions: weight_1, weight_2",
+                "`weights.csv`, line 1, column `share_2`: this is no action of the environment; its \
+                 actions: weight_1, weight_2",
             ),
-            (b"weight_1,weight_2\n1,0\n0.5,x\n", "`weights.csv`, line 3, column `weight_2`: `x` is no number"),
-            (b"weight_1,weight_2\nNaN,0\n", "`weights.csv`, line 2, column `weight_1`: `NaN` is no number"),
-            (b"weight_1,weight_2\n1,0\n1\n", "`weights.csv`, line 3: 1 cells in place of 2"),
-            (b"weight_1,weight_2\n1,\xff\n", "`weights.csv`, line 2: this is no UTF-8 text"),
+            (
+                b"weight_1,weight_2\n1,0\n0.5,x\n",
+                "`weights.csv`, line 3, column `weight_2`: `x` is no number",
+            ),
+            (
+                b"weight_1,weight_2\nNaN,0\n",
+                "`weights.csv`, line 2, column `weight_1`: `NaN` is no number",
+            ),
+            (
+                b"weight_1,weight_2\n1,0\n1\n",
+                "`weights.csv`, line 3: 1 cells in place of 2",
+            ),
+            (
+                b"weight_1,weight_2\n1,\xff\n",
+                "`weights.csv`, line 2: this is no UTF-8 text",
+            ),
         ] {
             assert_eq!(read(text).unwrap_err(), message);
         }

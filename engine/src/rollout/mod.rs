@@ -1,9 +1,10 @@
-//! Drives one environment with given actions, a registered agent or the policy of a stored trial and writes what happened, a row
-//! per decision.
+//! Drives one environment with given actions, a registered agent or the policy of a stored trial and writes
+//! what happened, a row per decision.
 //!
-//! Columns: `decision`, the environment's trace channels, the action channels that the trace does not hold already,
-//! `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start. Where seats have names, a seat's
-//! columns carry its name in front, as in `agent_0.reward`, and what it observed follows the rewards, as `agent_0.obs_0`, ...
+//! Columns: `decision`, the environment's trace channels, the action channels that the trace does not hold
+//! already, `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start. Where
+//! seats have names, a seat's columns carry its name in front, as in `agent_0.reward`, and what it observed
+//! follows the rewards, as `agent_0.obs_0`, ...
 
 mod columns;
 mod given;
@@ -50,7 +51,11 @@ pub fn write(rows: &[Vec<String>], out: &Path) -> Result<u64, Error> {
 ///
 /// # Errors
 /// What the environment reports.
-pub fn rows(environment: &mut dyn Environment, mut actions: Actions<'_>, seed: u64) -> Result<Vec<Vec<String>>, Error> {
+pub fn rows(
+    environment: &mut dyn Environment,
+    mut actions: Actions<'_>,
+    seed: u64,
+) -> Result<Vec<Vec<String>>, Error> {
     let columns = Columns::of(environment);
     let mut rng = random::stream(&["rollout", "environment", &seed.to_string()]);
     let mut agent_rng = random::stream(&["rollout", "agent", &seed.to_string()]);
@@ -64,11 +69,19 @@ pub fn rows(environment: &mut dyn Environment, mut actions: Actions<'_>, seed: u
             },
             Actions::Agent { decisions, .. } if decision > *decisions => break,
             Actions::Agent { agent, .. } => {
-                let state = if agent.reads_state() { environment.state() } else { Vec::new() };
-                agent.act(&[Observation { seats, state }], Mode::Evaluate, &mut agent_rng)?.swap_remove(0)
+                let state = if agent.reads_state() {
+                    environment.state()
+                } else {
+                    Vec::new()
+                };
+                agent
+                    .act(&[Observation { seats, state }], Mode::Evaluate, &mut agent_rng)?
+                    .swap_remove(0)
             }
         };
-        let step = environment.step(&action, &mut rng).map_err(|error| of_decision(error, decision))?;
+        let step = environment
+            .step(&action, &mut rng)
+            .map_err(|error| of_decision(error, decision))?;
         rows.push(columns.row(environment, &step.observations, decision, Some((&action, &step))));
         if step.end.is_some() {
             break;
@@ -81,7 +94,9 @@ pub fn rows(environment: &mut dyn Environment, mut actions: Actions<'_>, seed: u
 /// An action that is refused, with the number of its decision.
 fn of_decision(error: Error, decision: u64) -> Error {
     match error {
-        Error::Action { problem } => Error::Action { problem: format!("decision {decision}: {problem}") },
+        Error::Action { problem } => Error::Action {
+            problem: format!("decision {decision}: {problem}"),
+        },
         other => other,
     }
 }

@@ -1,11 +1,13 @@
 //! An episode of a stored trial's final measurement, played again as it was scored.
 //!
-//! The measurement itself runs again, all episodes of a block side by side, since a network rounds differently for another number
-//! of rows; one environment is watched. So the actions are those that were scored, to the bit, on the same kind of processor.
+//! The measurement itself runs again, all episodes of a block side by side, since a network rounds
+//! differently for another number of rows; one environment is watched. So the actions are those that were
+//! scored, to the bit, on the same kind of processor.
 
 use super::columns::Columns;
 use crate::{
-    Agent, Channel, Environment, Error, Interface, Metric, NoKeeper, Phase, Recorder, Registry, RewardSurface, Rng, Seat, Step,
+    Agent, Channel, Environment, Error, Interface, Metric, NoKeeper, Phase, Recorder, Registry,
+    RewardSurface, Rng, Seat, Step,
     cast::{Seating, take_up},
     product::FindProduct,
     protocol::{Run, replay_measurement},
@@ -18,27 +20,51 @@ use std::sync::mpsc::{Sender, channel};
 /// Header and rows of episode `episode` of the final measurement of a trial.
 ///
 /// # Errors
-/// [`Error::Source`] where the trial measured no such episode, was made by other versions of its plugins or left no policy that
-/// can be used.
-pub fn replay(trial: &TrialResult, episode: u64, registry: &Registry, find: FindProduct<'_>) -> Result<Vec<Vec<String>>, Error> {
+/// [`Error::Source`] where the trial measured no such episode, was made by other versions of its plugins or
+/// left no policy that can be used.
+pub fn replay(
+    trial: &TrialResult,
+    episode: u64,
+    registry: &Registry,
+    find: FindProduct<'_>,
+) -> Result<Vec<Vec<String>>, Error> {
     let key = &trial.trial.key;
-    let unusable = |problem: String| Error::Source { trial: key.id(), problem };
-    let (step, episodes) = measured(trial).ok_or_else(|| unusable("it measured no episodes at its end; give `--seed`".into()))?;
+    let unusable = |problem: String| Error::Source {
+        trial: key.id(),
+        problem,
+    };
+    let (step, episodes) = measured(trial)
+        .ok_or_else(|| unusable("it measured no episodes at its end; give `--seed`".into()))?;
     if episode >= episodes {
-        return Err(unusable(format!("its final measurement has the episodes 0 to {}", episodes - 1)));
+        return Err(unusable(format!(
+            "its final measurement has the episodes 0 to {}",
+            episodes - 1
+        )));
     }
     if let Some(other) = other_version(key, registry) {
-        return Err(unusable(format!("{other}: what was scored cannot be played again; give `--seed` for a new episode")));
+        return Err(unusable(format!(
+            "{other}: what was scored cannot be played again; give `--seed` for a new episode"
+        )));
     }
     let entry = registry.environments.get(key.environment.plugin.as_str());
-    let entry = entry.ok_or_else(|| unusable(format!("the environment `{}` is not registered", key.environment.plugin)))?;
+    let entry = entry.ok_or_else(|| {
+        unusable(format!(
+            "the environment `{}` is not registered",
+            key.environment.plugin
+        ))
+    })?;
     let streams = Streams::new(&key.id(), &key.environment_id(), key.seed);
     let (sender, rows) = channel();
     let start = streams.environment(Phase::Final.name(), episode);
     let config = key.environment.loaded(find)?;
     let make_environment = || -> Result<Box<dyn Environment>, Error> {
         let inner = (entry.build)(&config)?;
-        Ok(Box::new(Watched { inner, start: start.clone(), watched: None, sender: sender.clone() }))
+        Ok(Box::new(Watched {
+            inner,
+            start: start.clone(),
+            watched: None,
+            sender: sender.clone(),
+        }))
     };
     let agent = trained_agent(key, registry, &make_environment()?.interface(), &streams, find)?;
     let record = Recorder::default();
@@ -58,7 +84,8 @@ pub fn replay(trial: &TrialResult, episode: u64, registry: &Registry, find: Find
 /// The agent as a trial left it: built anew, with the acknowledged policy where it learns.
 ///
 /// # Errors
-/// [`Error::Source`] where the policy is missing, damaged or of another form, and what the agent's constructor says.
+/// [`Error::Source`] where the policy is missing, damaged or of another form, and what the agent's
+/// constructor says.
 pub fn trained_agent(
     key: &TrialKey,
     registry: &Registry,
@@ -68,7 +95,10 @@ pub fn trained_agent(
 ) -> Result<Box<dyn Agent>, Error> {
     let mut agent = key.build_agent(registry, interface, streams, find)?;
     if let Seating::Agent(part) = &key.agent
-        && registry.agents.get(part.plugin.as_str()).is_some_and(|entry| entry.learns)
+        && registry
+            .agents
+            .get(part.plugin.as_str())
+            .is_some_and(|entry| entry.learns)
     {
         take_up(&mut *agent, &part.plugin, &key.id(), find)?;
     }
@@ -85,15 +115,40 @@ fn measured(trial: &TrialResult) -> Option<(u64, u64)> {
 fn other_version(key: &TrialKey, registry: &Registry) -> Option<String> {
     let (environment, protocol) = (&key.environment, &key.protocol);
     let parts = [
-        (environment, registry.environments.get(environment.plugin.as_str()).map(|entry| entry.about.version)),
-        (protocol, registry.protocols.get(protocol.plugin.as_str()).map(|entry| entry.about.version)),
+        (
+            environment,
+            registry
+                .environments
+                .get(environment.plugin.as_str())
+                .map(|entry| entry.about.version),
+        ),
+        (
+            protocol,
+            registry
+                .protocols
+                .get(protocol.plugin.as_str())
+                .map(|entry| entry.about.version),
+        ),
     ];
     let agents = key.agent.parts().into_iter();
-    let agents = agents.map(|agent| (agent, registry.agents.get(agent.plugin.as_str()).map(|entry| entry.about.version)));
-    let other =
-        parts.into_iter().chain(agents).find_map(|(part, now)| now.filter(|now| *now != part.version).map(|now| (part, now)));
+    let agents = agents.map(|agent| {
+        (
+            agent,
+            registry
+                .agents
+                .get(agent.plugin.as_str())
+                .map(|entry| entry.about.version),
+        )
+    });
+    let other = parts
+        .into_iter()
+        .chain(agents)
+        .find_map(|(part, now)| now.filter(|now| *now != part.version).map(|now| (part, now)));
     if let Some((part, now)) = other {
-        return Some(format!("it was made by version {} of `{}`, this program has {now}", part.version, part.plugin));
+        return Some(format!(
+            "it was made by version {} of `{}`, this program has {now}",
+            part.version, part.plugin
+        ));
     }
     let (then, now) = (key.numerics, registry.numerics_version);
     (then != now).then(|| format!("it was made by version {then} of the numerics, this program has {now}"))
@@ -139,7 +194,12 @@ impl Environment for Watched {
         let step = self.inner.step(actions, rng)?;
         if let Some((columns, decision)) = &mut self.watched {
             *decision += 1;
-            let row = columns.row(&*self.inner, &step.observations, *decision, Some((actions, &step)));
+            let row = columns.row(
+                &*self.inner,
+                &step.observations,
+                *decision,
+                Some((actions, &step)),
+            );
             self.send(row);
         }
         Ok(step)

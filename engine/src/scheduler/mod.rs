@@ -1,10 +1,11 @@
 //! Runs what is missing: trials in worker processes, one single-threaded trial per process at a time.
 //!
-//! One thread per worker slot owns one child process and takes trials from a common queue; a trial is begun only under its
-//! lease, so that several programs can work on one store. The child runs the trial, writes it to the store and says how it
-//! ended; a child that dies is replaced, and only its trial is affected. One watching thread renews the leases, holds the
-//! limits of time and memory, and passes on the wish to stop. Everything that happens reaches the caller as an [`Event`]
-//! on one channel, so there is one owner of what is shown.
+//! One thread per worker slot owns one child process and takes trials from a common queue; a trial is begun
+//! only under its lease, so that several programs can work on one store. The child runs the trial, writes it
+//! to the store and says how it ended; a child that dies is replaced, and only its trial is affected. One
+//! watching thread renews the leases, holds the limits of time and memory, and passes on the wish to stop.
+//! Everything that happens reaches the caller as an [`Event`] on one channel, so there is one owner of what
+//! is shown.
 
 mod process;
 mod queue;
@@ -95,14 +96,16 @@ pub enum Event {
         /// Who has that one.
         owner: Owner,
     },
-    /// A trial is blocked: one from which it takes has not ended `ok`, or left nothing that can be used. It stays missing.
+    /// A trial is blocked: one from which it takes has not ended `ok`, or left nothing that can be used. It
+    /// stays missing.
     Unready {
         /// Index into the list of tasks.
         trial: usize,
         /// Which trial lacks, and why.
         reason: String,
     },
-    /// A trial was given up because the run is being stopped; it stays missing and continues from its checkpoint.
+    /// A trial was given up because the run is being stopped; it stays missing and continues from its
+    /// checkpoint.
     Stopped {
         /// Worker slot.
         slot: usize,
@@ -123,7 +126,8 @@ pub struct Task<'a> {
     pub trial: &'a Trial,
     /// Its steps.
     pub cost: u64,
-    /// Seconds per step that trials of its agent took before; `None` where none is stored. Long paths start first.
+    /// Seconds per step that trials of its agent took before; `None` where none is stored. Long paths start
+    /// first.
     pub pace_s: Option<f64>,
     /// What it may use.
     pub limits: Arc<Limits>,
@@ -157,11 +161,17 @@ pub struct Workers {
 /// The order in which trials run cannot reach a result.
 ///
 /// # Errors
-/// [`Error::Worker`] where no worker process can be started; [`Error::File`] where the store cannot be written: the tasks
-/// that are left stay missing.
-pub fn run(tasks: &[Task<'_>], store: &Store, workers: &Workers, events: &Sender<Event>) -> Result<(), Error> {
-    let program =
-        std::env::current_exe().map_err(|source| Error::Worker { problem: format!("cannot find this program: {source}") })?;
+/// [`Error::Worker`] where no worker process can be started; [`Error::File`] where the store cannot be
+/// written: the tasks that are left stay missing.
+pub fn run(
+    tasks: &[Task<'_>],
+    store: &Store,
+    workers: &Workers,
+    events: &Sender<Event>,
+) -> Result<(), Error> {
+    let program = std::env::current_exe().map_err(|source| Error::Worker {
+        problem: format!("cannot find this program: {source}"),
+    })?;
     let leases = Leases::open(store, workers.lease_expiry)?;
     let (halt, watching) = (AtomicBool::new(false), AtomicBool::new(true));
     let queue = Queue::new(tasks);
@@ -170,15 +180,31 @@ pub fn run(tasks: &[Task<'_>], store: &Store, workers: &Workers, events: &Sender
     std::thread::scope(|scope| {
         let slots: Vec<_> = (0..count)
             .map(|number| {
-                let shared =
-                    slot::Shared { program: &program, tasks, store, leases: &leases, workers, queue: &queue, halt: &halt };
+                let shared = slot::Shared {
+                    program: &program,
+                    tasks,
+                    store,
+                    leases: &leases,
+                    workers,
+                    queue: &queue,
+                    halt: &halt,
+                };
                 let mut slot = slot::Slot::new(number, shared, &children[number], events);
                 scope.spawn(move || slot.work())
             })
             .collect();
-        let watch = watch::Watch { children: &children, leases: &leases, stop: &workers.stop, halt: &halt, on: &watching };
+        let watch = watch::Watch {
+            children: &children,
+            leases: &leases,
+            stop: &workers.stop,
+            halt: &halt,
+            on: &watching,
+        };
         let watcher = scope.spawn(move || watch.run(workers.heartbeat));
-        let outcome = slots.into_iter().map(|slot| slot.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+        let outcome = slots.into_iter().map(|slot| {
+            slot.join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        });
         let outcome = outcome.fold(Ok(()), Result::and);
         watching.store(false, Ordering::SeqCst);
         watcher.thread().unpark();

@@ -38,24 +38,39 @@ impl Shared {
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
-            .map_err(|source| Error::Worker { problem: format!("cannot start `{}`: {source}", program.display()) })?;
+            .map_err(|source| Error::Worker {
+                problem: format!("cannot start `{}`: {source}", program.display()),
+            })?;
         let (Some(requests), Some(replies)) = (child.stdin.take(), child.stdout.take()) else {
-            return Err(Error::Worker { problem: "its pipes are missing".into() });
+            return Err(Error::Worker {
+                problem: "its pipes are missing".into(),
+            });
         };
-        *self.lock() = Some(Process { child, requests, busy: None });
+        *self.lock() = Some(Process {
+            child,
+            requests,
+            busy: None,
+        });
         Ok(BufReader::new(replies))
     }
 
-    /// Sends a message; the process is busy with a trial from now on. A process that is gone shows when its answer is read.
+    /// Sends a message; the process is busy with a trial from now on. A process that is gone shows when its
+    /// answer is read.
     pub(super) fn begin(&self, message: &str, limits: &Arc<Limits>) {
         if let Some(process) = self.lock().as_mut() {
             let _ = writeln!(process.requests, "{message}");
             let limits = Arc::clone(limits);
-            process.busy = Some(Busy { since: super::queue::now(), limits, told_to_stop: false, exceeded: None });
+            process.busy = Some(Busy {
+                since: super::queue::now(),
+                limits,
+                told_to_stop: false,
+                exceeded: None,
+            });
         }
     }
 
-    /// The process has answered; false where it can serve no more, because it was ended for a limit in that moment.
+    /// The process has answered; false where it can serve no more, because it was ended for a limit in that
+    /// moment.
     pub(super) fn end(&self) -> bool {
         let doomed = match self.lock().as_mut() {
             Some(process) => process.busy.take().is_none_or(|busy| busy.exceeded.is_some()),
@@ -81,7 +96,10 @@ impl Shared {
 
     /// Lets an idle process leave: the end of its input tells it to.
     pub(super) fn dismiss(&self) {
-        if let Some(Process { mut child, requests, .. }) = self.lock().take() {
+        if let Some(Process {
+            mut child, requests, ..
+        }) = self.lock().take()
+        {
             drop(requests);
             let _ = child.wait();
         }
@@ -89,7 +107,11 @@ impl Shared {
 
     /// Tells a busy process, once, to save a checkpoint and stop.
     pub(super) fn ask_to_stop(&self) {
-        if let Some(Process { requests, busy: Some(busy), .. }) = self.lock().as_mut()
+        if let Some(Process {
+            requests,
+            busy: Some(busy),
+            ..
+        }) = self.lock().as_mut()
             && !std::mem::replace(&mut busy.told_to_stop, true)
             && let Ok(text) = serde_json::to_string(&Message::Stop)
         {
@@ -99,7 +121,11 @@ impl Shared {
 
     /// Ends a process that is over a limit.
     pub(super) fn hold_limits(&self) {
-        if let Some(Process { child, busy: Some(busy), .. }) = self.lock().as_mut()
+        if let Some(Process {
+            child,
+            busy: Some(busy),
+            ..
+        }) = self.lock().as_mut()
             && busy.exceeded.is_none()
         {
             busy.exceeded = exceeded(&busy.limits, busy.since.elapsed(), child.id());
@@ -117,12 +143,23 @@ impl Shared {
 
 fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(EndState, String)> {
     if let Some(limit) = limits.wall_time().filter(|limit| elapsed > *limit) {
-        return Some((EndState::Timeout, format!("it took longer than the limit of {} s", limit.as_secs_f64())));
+        return Some((
+            EndState::Timeout,
+            format!("it took longer than the limit of {} s", limit.as_secs_f64()),
+        ));
     }
     let (limit, held) = (limits.memory_bytes()?, resident_bytes(pid)?);
     let megabytes = |bytes: u64| bytes / 1_000_000;
-    (held > limit)
-        .then(|| (EndState::Oom, format!("it held {} MB of memory, above the limit of {} MB", megabytes(held), megabytes(limit))))
+    (held > limit).then(|| {
+        (
+            EndState::Oom,
+            format!(
+                "it held {} MB of memory, above the limit of {} MB",
+                megabytes(held),
+                megabytes(limit)
+            ),
+        )
+    })
 }
 
 /// Memory that a process holds: resident and swapped out.

@@ -1,5 +1,6 @@
-//! Which trial is next: of those whose sources have ended, the one that begins the longest remaining path of trials that take from each
-//! other; then those whose retry is due and those that other programs may have left.
+//! Which trial is next: of those whose sources have ended, the one that begins the longest remaining path of
+//! trials that take from each other; then those whose retry is due and those that other programs may have
+//! left.
 
 use super::Task;
 use crate::results::TrialEnd;
@@ -52,7 +53,8 @@ struct State<'a> {
     /// How many of a task's sources this program has still to run, or is running.
     awaited: Vec<usize>,
     later: Vec<Later>,
-    /// Trials that some slot works on: one of them may come back as a retry, or be what another one waits for.
+    /// Trials that some slot works on: one of them may come back as a retry, or be what another one waits
+    /// for.
     busy: usize,
 }
 
@@ -64,20 +66,44 @@ struct Later {
 impl<'a> Queue<'a> {
     /// All tasks; each trial is a task once.
     pub(super) fn new(tasks: &'a [Task<'a>]) -> Self {
-        let by_id: HashMap<&str, usize> = tasks.iter().enumerate().map(|(index, task)| (task.trial.id.as_str(), index)).collect();
+        let by_id: HashMap<&str, usize> = tasks
+            .iter()
+            .enumerate()
+            .map(|(index, task)| (task.trial.id.as_str(), index))
+            .collect();
         let mut takers: HashMap<&'a str, Vec<usize>> = HashMap::new();
         let mut awaited = vec![0; tasks.len()];
         for (index, task) in tasks.iter().enumerate() {
             for source in task.after.iter().filter_map(|id| by_id.get(id.as_str())) {
-                takers.entry(tasks[*source].trial.id.as_str()).or_default().push(index);
+                takers
+                    .entry(tasks[*source].trial.id.as_str())
+                    .or_default()
+                    .push(index);
                 awaited[index] += 1;
             }
         }
-        let paces = tasks.iter().filter_map(|task| Some((task.trial.agent.as_str(), task.pace_s?))).collect();
+        let paces = tasks
+            .iter()
+            .filter_map(|task| Some((task.trial.agent.as_str(), task.pace_s?)))
+            .collect();
         let paths = longest_paths(tasks, &takers, &paces);
-        let ready = (0..tasks.len()).filter(|&index| awaited[index] == 0).map(|index| (Reverse(paths[index]), index)).collect();
-        let state = State { paces, paths, ready, awaited, later: Vec::new(), busy: 0 };
-        Self { tasks, takers, state: Mutex::new(state) }
+        let ready = (0..tasks.len())
+            .filter(|&index| awaited[index] == 0)
+            .map(|index| (Reverse(paths[index]), index))
+            .collect();
+        let state = State {
+            paces,
+            paths,
+            ready,
+            awaited,
+            later: Vec::new(),
+            busy: 0,
+        };
+        Self {
+            tasks,
+            takers,
+            state: Mutex::new(state),
+        }
     }
 
     /// A trial took this long: once for each agent, the order of what is left is made anew from it.
@@ -90,7 +116,10 @@ impl<'a> Queue<'a> {
         state.paces.insert(&trial.agent, wall_s / steps(*cost));
         state.paths = longest_paths(self.tasks, &self.takers, &state.paces);
         let ready: Vec<usize> = state.ready.iter().map(|(_, task)| *task).collect();
-        state.ready = ready.into_iter().map(|task| (Reverse(state.paths[task]), task)).collect();
+        state.ready = ready
+            .into_iter()
+            .map(|task| (Reverse(state.paths[task]), task))
+            .collect();
     }
 
     /// The next trial; whoever gets one says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
@@ -104,7 +133,11 @@ impl<'a> Queue<'a> {
         }
         if let Some((_, task)) = state.ready.pop_first() {
             state.busy += 1;
-            return Next::Try(Turn { task, attempt: 1, before: self.tasks[task].before.clone() });
+            return Next::Try(Turn {
+                task,
+                attempt: 1,
+                before: self.tasks[task].before.clone(),
+            });
         }
         match state.later.iter().map(|later| later.due).min() {
             Some(due) => Next::Wait(due.saturating_duration_since(now)),
@@ -130,7 +163,10 @@ impl<'a> Queue<'a> {
     pub(super) fn retry(&self, turn: Turn, wait: Duration) {
         let mut state = self.lock();
         state.busy -= 1;
-        state.later.push(Later { due: now() + wait, turn });
+        state.later.push(Later {
+            due: now() + wait,
+            turn,
+        });
     }
 
     /// The trial cannot begin yet: another program has it, or has what it takes.
@@ -144,16 +180,28 @@ impl<'a> Queue<'a> {
     }
 }
 
-#[expect(clippy::cast_precision_loss, reason = "an estimate; even a trial without steps takes its time")]
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "an estimate; even a trial without steps takes its time"
+)]
 fn steps(cost: u64) -> f64 {
     cost as f64 + 1.0
 }
 
-/// Microseconds of the longest path that begins with each task. A plan has no circles, so that every path ends. An agent of which nothing is
-/// known counts as the slowest known one: it begins early, so that it becomes known.
-fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: &HashMap<&str, f64>) -> Vec<u64> {
+/// Microseconds of the longest path that begins with each task. A plan has no circles, so that every path
+/// ends. An agent of which nothing is known counts as the slowest known one: it begins early, so that it
+/// becomes known.
+fn longest_paths(
+    tasks: &[Task<'_>],
+    takers: &HashMap<&str, Vec<usize>>,
+    paces: &HashMap<&str, f64>,
+) -> Vec<u64> {
     let slowest = paces.values().copied().fold(1e-6, f64::max);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a duration, saturating")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a duration, saturating"
+    )]
     let microseconds = |task: &Task<'_>| {
         let pace = paces.get(task.trial.agent.as_str()).copied().unwrap_or(slowest);
         (steps(task.cost) * pace * 1e6).ceil() as u64
@@ -161,8 +209,14 @@ fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: 
     let mut paths: Vec<Option<u64>> = vec![None; tasks.len()];
     let mut open: Vec<usize> = (0..tasks.len()).collect();
     while let Some(&index) = open.last() {
-        let below = takers.get(tasks[index].trial.id.as_str()).map_or(&[][..], Vec::as_slice);
-        let unknown: Vec<usize> = below.iter().copied().filter(|taker| paths[*taker].is_none()).collect();
+        let below = takers
+            .get(tasks[index].trial.id.as_str())
+            .map_or(&[][..], Vec::as_slice);
+        let unknown: Vec<usize> = below
+            .iter()
+            .copied()
+            .filter(|taker| paths[*taker].is_none())
+            .collect();
         if paths[index].is_some() || unknown.is_empty() {
             let longest = below.iter().filter_map(|taker| paths[*taker]).max().unwrap_or(0);
             paths[index].get_or_insert(longest.saturating_add(microseconds(&tasks[index])));
@@ -174,7 +228,10 @@ fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: 
     paths.into_iter().map(Option::unwrap_or_default).collect()
 }
 
-#[expect(clippy::disallowed_methods, reason = "it decides when a trial runs, which reaches no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "it decides when a trial runs, which reaches no result"
+)]
 pub(super) fn now() -> Instant {
     Instant::now()
 }
@@ -191,14 +248,36 @@ mod tests {
     fn trial(id: &str) -> Trial {
         let part = || Part::new("x", 1, serde_json::Value::Null);
         let (environment, agent, protocol) = (part(), Seating::Agent(part()), part());
-        let key = TrialKey { environment, agent, protocol, seed: 0, numerics: 1, device: "cpu".into() };
+        let key = TrialKey {
+            environment,
+            agent,
+            protocol,
+            seed: 0,
+            numerics: 1,
+            device: "cpu".into(),
+        };
         let (environment, agent, setting) = ("e".into(), "a".into(), String::new());
-        Trial { id: id.into(), environment, agent, setting, point: Setting::default(), purpose: Purpose::Cell, key }
+        Trial {
+            id: id.into(),
+            environment,
+            agent,
+            setting,
+            point: Setting::default(),
+            purpose: Purpose::Cell,
+            key,
+        }
     }
 
     fn task<'a>(trial: &'a Trial, cost: u64, after: &[&str]) -> Task<'a> {
         let after = after.iter().map(ToString::to_string).collect();
-        Task { trial, cost, pace_s: None, limits: Default::default(), before: None, after }
+        Task {
+            trial,
+            cost,
+            pace_s: None,
+            limits: Default::default(),
+            before: None,
+            after,
+        }
     }
 
     fn next(queue: &Queue<'_>) -> Option<usize> {
@@ -220,9 +299,15 @@ mod tests {
             task(last, 60, &["taker"]),
         ];
         let queue = Queue::new(&tasks);
-        assert_eq!([next(&queue), next(&queue), next(&queue), next(&queue)], [Some(2), Some(0), Some(1), None]);
+        assert_eq!(
+            [next(&queue), next(&queue), next(&queue), next(&queue)],
+            [Some(2), Some(0), Some(1), None]
+        );
         queue.done("source");
-        assert!(matches!(queue.next(), Next::Wait(_)), "what is running may be waited for");
+        assert!(
+            matches!(queue.next(), Next::Wait(_)),
+            "what is running may be waited for"
+        );
         queue.done("short");
         assert_eq!([next(&queue), next(&queue)], [Some(3), None]);
         queue.done("long");
@@ -239,7 +324,13 @@ mod tests {
         let tasks: Vec<Task<'_>> = trials
             .iter()
             .enumerate()
-            .map(|(index, it)| task(it, 1, &after(index).iter().map(String::as_str).collect::<Vec<_>>()))
+            .map(|(index, it)| {
+                task(
+                    it,
+                    1,
+                    &after(index).iter().map(String::as_str).collect::<Vec<_>>(),
+                )
+            })
             .collect();
         let queue = Queue::new(&tasks);
         let paths = queue.lock().paths.clone();
@@ -249,15 +340,28 @@ mod tests {
     #[test]
     fn what_is_known_of_an_agents_pace_orders_the_rest() {
         let mut trials = ["fast", "slow", "fast again", "slow again"].map(trial);
-        trials.iter_mut().for_each(|trial| trial.agent = trial.id.split(' ').next().unwrap_or_default().into());
+        trials
+            .iter_mut()
+            .for_each(|trial| trial.agent = trial.id.split(' ').next().unwrap_or_default().into());
         let [fast, slow, fast_again, slow_again] = &trials;
-        let known = Task { pace_s: Some(0.001), ..task(fast, 999, &[]) };
-        let tasks = [known, task(slow, 99, &[]), task(fast_again, 499, &[]), task(slow_again, 99, &[])];
+        let known = Task {
+            pace_s: Some(0.001),
+            ..task(fast, 999, &[])
+        };
+        let tasks = [
+            known,
+            task(slow, 99, &[]),
+            task(fast_again, 499, &[]),
+            task(slow_again, 99, &[]),
+        ];
         let queue = Queue::new(&tasks);
         // As slow as the slowest known one, 100 steps take less than 500 of the known agent.
         assert_eq!([next(&queue), next(&queue)], [Some(0), Some(2)]);
         let queue = Queue::new(&tasks);
         queue.note_pace(1, 50.0);
-        assert_eq!([next(&queue), next(&queue), next(&queue)], [Some(1), Some(3), Some(0)]);
+        assert_eq!(
+            [next(&queue), next(&queue), next(&queue)],
+            [Some(1), Some(3), Some(0)]
+        );
     }
 }

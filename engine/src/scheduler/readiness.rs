@@ -23,13 +23,24 @@ pub(super) fn readiness(after: &[String], store: &Store) -> Readiness {
         // In this order: what ends between the two looks is seen to have ended.
         let (owner, end) = (store.running(source), store.end(source));
         match (end, owner) {
-            (Ok(Some(TrialEnd { state: EndState::Ok, .. })), _) => {}
+            (
+                Ok(Some(TrialEnd {
+                    state: EndState::Ok, ..
+                })),
+                _,
+            ) => {}
             (Ok(Some(end)), None) if !is_missing(Some(&end)) => {
-                let reason = if end.reason.is_empty() { String::new() } else { format!(": {}", end.reason) };
+                let reason = if end.reason.is_empty() {
+                    String::new()
+                } else {
+                    format!(": {}", end.reason)
+                };
                 return Readiness::Unready(format!("trial {source} ended as {}{reason}", end.state.name()));
             }
             (_, Some(owner)) => answer = Readiness::Elsewhere(source.clone(), owner),
-            (Err(error), None) => return Readiness::Unready(format!("trial {source} cannot be read: {error}")),
+            (Err(error), None) => {
+                return Readiness::Unready(format!("trial {source} cannot be read: {error}"));
+            }
             (Ok(_), None) => return Readiness::Unready(format!("trial {source} has not run")),
         }
     }
@@ -39,7 +50,13 @@ pub(super) fn readiness(after: &[String], store: &Store) -> Readiness {
 /// True where every trial from which one takes has ended `ok`.
 #[must_use]
 pub fn is_ready(after: &[String], store: &Store) -> bool {
-    after.iter().all(|source| store.end(source).ok().flatten().is_some_and(|end| end.state == EndState::Ok))
+    after.iter().all(|source| {
+        store
+            .end(source)
+            .ok()
+            .flatten()
+            .is_some_and(|end| end.state == EndState::Ok)
+    })
 }
 
 #[cfg(test)]
@@ -54,9 +71,24 @@ mod tests {
     fn trial(seed: u64) -> Trial {
         let part = || Part::new("x", 1, serde_json::Value::Null);
         let agent = Seating::Agent(part());
-        let key = TrialKey { environment: part(), agent, protocol: part(), seed, numerics: 1, device: "cpu".into() };
+        let key = TrialKey {
+            environment: part(),
+            agent,
+            protocol: part(),
+            seed,
+            numerics: 1,
+            device: "cpu".into(),
+        };
         let (environment, agent, setting) = ("e".into(), "a".into(), String::new());
-        Trial { id: key.id(), environment, agent, setting, point: Setting::default(), purpose: Purpose::Cell, key }
+        Trial {
+            id: key.id(),
+            environment,
+            agent,
+            setting,
+            point: Setting::default(),
+            purpose: Purpose::Cell,
+            key,
+        }
     }
 
     #[test]
@@ -66,7 +98,12 @@ mod tests {
         let trials: Vec<Trial> = (0..4).map(trial).collect();
         let ids: Vec<String> = trials.iter().map(|trial| trial.id.clone()).collect();
         for (trial, state) in trials.iter().zip([EndState::Ok, EndState::Nan, EndState::Killed]) {
-            let end = TrialEnd { state, reason: "told".into(), wall_s: 0.0, digest: String::new() };
+            let end = TrialEnd {
+                state,
+                reason: "told".into(),
+                wall_s: 0.0,
+                digest: String::new(),
+            };
             store.acknowledge(trial, &end).unwrap();
         }
         let of = |wanted: &[usize]| {
@@ -75,8 +112,14 @@ mod tests {
         };
         assert_eq!(of(&[0]), Readiness::Ready);
         assert_eq!(of(&[]), Readiness::Ready);
-        assert_eq!(of(&[0, 2]), Readiness::Unready(format!("trial {} has not run", ids[2])));
-        assert_eq!(of(&[0, 1]), Readiness::Unready(format!("trial {} ended as nan: told", ids[1])));
+        assert_eq!(
+            of(&[0, 2]),
+            Readiness::Unready(format!("trial {} has not run", ids[2]))
+        );
+        assert_eq!(
+            of(&[0, 1]),
+            Readiness::Unready(format!("trial {} ended as nan: told", ids[1]))
+        );
         assert!(is_ready(&ids[..1], &store) && !is_ready(&ids, &store));
     }
 }

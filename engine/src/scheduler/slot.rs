@@ -54,8 +54,19 @@ enum Attempt {
 
 impl<'a> Slot<'a> {
     /// A slot without a process yet.
-    pub(super) fn new(number: usize, all: Shared<'a>, process: &'a process::Shared, events: &'a Sender<Event>) -> Self {
-        Self { number, all, process, replies: None, events }
+    pub(super) fn new(
+        number: usize,
+        all: Shared<'a>,
+        process: &'a process::Shared,
+        events: &'a Sender<Event>,
+    ) -> Self {
+        Self {
+            number,
+            all,
+            process,
+            replies: None,
+            events,
+        }
     }
 
     /// Works until nothing is left or the run is stopped.
@@ -65,10 +76,14 @@ impl<'a> Slot<'a> {
                 Next::Try(turn) => {
                     let id = &self.all.tasks[turn.task].trial.id;
                     if let Err(error) = self.take(turn) {
-                        // What cannot be written now cannot be written by the other slots either: nothing new begins.
+                        // What cannot be written now cannot be written by the other slots either: nothing new
+                        // begins.
                         self.all.halt.store(true, Ordering::SeqCst);
                         self.all.queue.done(id);
-                        self.tell(Event::Broken { slot: self.number, problem: error.to_string() });
+                        self.tell(Event::Broken {
+                            slot: self.number,
+                            problem: error.to_string(),
+                        });
                         self.process.dismiss();
                         return Err(error);
                     }
@@ -91,7 +106,11 @@ impl<'a> Slot<'a> {
         match readiness(&task.after, self.all.store) {
             Readiness::Ready => return self.claim(turn),
             Readiness::Elsewhere(source, owner) if self.all.workers.wait_for_others => {
-                self.tell(Event::Awaits { trial: index, source, owner });
+                self.tell(Event::Awaits {
+                    trial: index,
+                    source,
+                    owner,
+                });
                 self.all.queue.held(turn);
             }
             Readiness::Elsewhere(source, owner) => {
@@ -114,7 +133,10 @@ impl<'a> Slot<'a> {
         match self.all.leases.claim(&task.trial.id)? {
             Claim::Held(_) if !self.all.workers.wait_for_others => self.all.queue.done(&task.trial.id),
             Claim::Held(owner) => {
-                self.tell(Event::Held { trial: turn.task, owner });
+                self.tell(Event::Held {
+                    trial: turn.task,
+                    owner,
+                });
                 self.all.queue.held(turn);
             }
             Claim::Mine => {
@@ -134,7 +156,10 @@ impl<'a> Slot<'a> {
             self.all.queue.done(&task.trial.id);
             return Ok(());
         }
-        self.tell(Event::Started { slot: self.number, trial: index });
+        self.tell(Event::Started {
+            slot: self.number,
+            trial: index,
+        });
         match self.attempt(task, &turn)? {
             Attempt::Stopped => {
                 self.tell(Event::Stopped { slot: self.number });
@@ -151,8 +176,20 @@ impl<'a> Slot<'a> {
         let index = turn.task;
         match self.all.tasks[index].limits.retry_after(end.state, turn.attempt) {
             Some(wait) if !self.stopping() => {
-                self.tell(Event::Retried { slot: self.number, trial: index, end: end.clone(), wait });
-                self.all.queue.retry(Turn { attempt: turn.attempt + 1, before: Some(end), ..turn }, wait);
+                self.tell(Event::Retried {
+                    slot: self.number,
+                    trial: index,
+                    end: end.clone(),
+                    wait,
+                });
+                self.all.queue.retry(
+                    Turn {
+                        attempt: turn.attempt + 1,
+                        before: Some(end),
+                        ..turn
+                    },
+                    wait,
+                );
             }
             _ => {
                 if self.all.workers.fail_fast && end.state != EndState::Ok {
@@ -161,7 +198,11 @@ impl<'a> Slot<'a> {
                 if end.state == EndState::Ok {
                     self.all.queue.note_pace(index, end.wall_s);
                 }
-                self.tell(Event::Ended { slot: self.number, trial: index, end });
+                self.tell(Event::Ended {
+                    slot: self.number,
+                    trial: index,
+                    end,
+                });
                 self.all.queue.done(&self.all.tasks[index].trial.id);
             }
         }
@@ -174,8 +215,10 @@ impl<'a> Slot<'a> {
             store: self.all.store.root().to_path_buf(),
             checkpoint_every_s: self.all.workers.checkpoint_every.as_secs_f64(),
         };
-        let line = serde_json::to_string(&Message::Run(Box::new(request)))
-            .map_err(|source| Error::Worker { problem: source.to_string() })?;
+        let line =
+            serde_json::to_string(&Message::Run(Box::new(request))).map_err(|source| Error::Worker {
+                problem: source.to_string(),
+            })?;
         let mut replies = match self.replies.take() {
             Some(replies) => replies,
             None => self.process.start(self.all.program)?,
@@ -207,7 +250,11 @@ impl<'a> Slot<'a> {
                 return None;
             }
             match serde_json::from_str(&line) {
-                Ok(Reply::Progress { done, total }) => self.tell(Event::Progress { slot: self.number, done, total }),
+                Ok(Reply::Progress { done, total }) => self.tell(Event::Progress {
+                    slot: self.number,
+                    done,
+                    total,
+                }),
                 Ok(last) => return Some(last),
                 // Whatever else a plugin prints on standard output is not for us.
                 Err(_) => {}
@@ -222,7 +269,12 @@ impl<'a> Slot<'a> {
             return Ok(Attempt::Stopped);
         }
         let (state, reason) = exceeded.unwrap_or_else(|| explain(status));
-        let end = TrialEnd { state, reason, wall_s, digest: String::new() };
+        let end = TrialEnd {
+            state,
+            reason,
+            wall_s,
+            digest: String::new(),
+        };
         // The process may have stored its trial and died before it could say so.
         if let Some(stored) = self.new_end(task, turn) {
             return Ok(Attempt::Ended(stored));
@@ -251,7 +303,13 @@ fn explain(status: Option<ExitStatus>) -> (EndState, String) {
     match (status.signal(), status.code()) {
         // SIGABRT is how a Rust program that cannot unwind ends itself.
         (Some(6), _) => (EndState::Panicked, "the worker process aborted".into()),
-        (Some(signal), _) => (EndState::Killed, format!("the worker process was ended by signal {signal}")),
-        (None, code) => (EndState::Killed, format!("the worker process left with exit code {}", code.unwrap_or(-1))),
+        (Some(signal), _) => (
+            EndState::Killed,
+            format!("the worker process was ended by signal {signal}"),
+        ),
+        (None, code) => (
+            EndState::Killed,
+            format!("the worker process left with exit code {}", code.unwrap_or(-1)),
+        ),
     }
 }

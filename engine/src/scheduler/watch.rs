@@ -7,7 +7,8 @@ use std::{
     time::Duration,
 };
 
-/// Time between two looks at the processes: a process that takes memory as fast as it can gets some 50 MB in it.
+/// Time between two looks at the processes: a process that takes memory as fast as it can gets some 50 MB in
+/// it.
 const PERIOD: Duration = Duration::from_millis(20);
 
 /// What is watched.
@@ -35,7 +36,8 @@ impl Watch<'_> {
             }
             if renewed.elapsed() >= heartbeat {
                 renewed = super::queue::now();
-                // A store that cannot be written now shows at the next trial; until then the leases only look older.
+                // A store that cannot be written now shows at the next trial; until then the leases only look
+                // older.
                 let _ = self.leases.beat();
             }
             std::thread::park_timeout(PERIOD);

@@ -72,12 +72,16 @@ pub enum Reply {
 
 /// Answers requests until the input ends.
 ///
-/// The end of the input while a trial runs means that the program that asked is gone: the process leaves at once, so that
-/// whoever takes the trial over has it alone.
+/// The end of the input while a trial runs means that the program that asked is gone: the process leaves at
+/// once, so that whoever takes the trial over has it alone.
 ///
 /// # Errors
 /// Where the other side is gone.
-pub fn serve(registry: &Registry, input: impl BufRead + Send + 'static, mut replies: impl Write) -> Result<(), Error> {
+pub fn serve(
+    registry: &Registry,
+    input: impl BufRead + Send + 'static,
+    mut replies: impl Write,
+) -> Result<(), Error> {
     let stop = Arc::new(AtomicBool::new(false));
     ignore_signals()?;
     let (sender, requests) = mpsc::channel();
@@ -119,8 +123,11 @@ fn listen(input: impl BufRead, stop: &AtomicBool, requests: &mpsc::Sender<Reques
 fn ignore_signals() -> Result<(), Error> {
     use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
     for signal in [SIGINT, SIGTERM, SIGUSR1] {
-        signal_hook::flag::register(signal, Arc::new(AtomicBool::new(false)))
-            .map_err(|source| Error::Worker { problem: format!("cannot listen for signals: {source}") })?;
+        signal_hook::flag::register(signal, Arc::new(AtomicBool::new(false))).map_err(|source| {
+            Error::Worker {
+                problem: format!("cannot listen for signals: {source}"),
+            }
+        })?;
     }
     Ok(())
 }
@@ -129,15 +136,28 @@ fn run(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: 
     match attempt(registry, request, stop, replies) {
         Ok(end) => Reply::Ended { end },
         Err(Error::Stopped) => Reply::Stopped,
-        Err(error @ Error::Source { .. }) => Reply::Unready { reason: error.to_string() },
+        Err(error @ Error::Source { .. }) => Reply::Unready {
+            reason: error.to_string(),
+        },
         Err(Error::Store { problem }) => Reply::StoreRefused { problem },
-        Err(error) => Reply::StoreRefused { problem: error.to_string() },
+        Err(error) => Reply::StoreRefused {
+            problem: error.to_string(),
+        },
     }
 }
 
-/// Runs the trial and stores how it ended; an error is about the store or a product in it, or says that the trial was stopped.
-fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: &mut impl Write) -> Result<TrialEnd, Error> {
-    let (store, trial) = (Store::at(&request.store).by(registry.build.clone()), &request.trial);
+/// Runs the trial and stores how it ended; an error is about the store or a product in it, or says that the
+/// trial was stopped.
+fn attempt(
+    registry: &Registry,
+    request: &Request,
+    stop: &Arc<AtomicBool>,
+    replies: &mut impl Write,
+) -> Result<TrialEnd, Error> {
+    let (store, trial) = (
+        Store::at(&request.store).by(registry.build.clone()),
+        &request.trial,
+    );
     let mut told = now();
     let mut progress = |done, total| {
         if told.elapsed() > Duration::from_millis(200) {
@@ -151,7 +171,13 @@ fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, repli
     let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
     let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop));
     let outcome = catch_unwind(AssertUnwindSafe(|| {
-        trial.key.run_after(registry, &|taken| store.product(taken), Some(&folder), &mut progress, &mut keeper)
+        trial.key.run_after(
+            registry,
+            &|taken| store.product(taken),
+            Some(&folder),
+            &mut progress,
+            &mut keeper,
+        )
     }));
     let wall_s = keeper.wall_s();
     let (state, reason) = match outcome {
@@ -165,7 +191,12 @@ fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, repli
         Ok(Err(error)) => (EndState::Failed, error.to_string()),
         Err(panic) => (EndState::Panicked, message(&*panic)),
     };
-    let end = TrialEnd { state, reason: one_line(&reason), wall_s, digest: String::new() };
+    let end = TrialEnd {
+        state,
+        reason: one_line(&reason),
+        wall_s,
+        digest: String::new(),
+    };
     store.acknowledge(trial, &end)?;
     // It would fail again from its checkpoint; once its cause is mended it has to run from the start.
     RunningTrial::discard(&folder)?;
@@ -175,19 +206,25 @@ fn attempt(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, repli
 fn say(replies: &mut impl Write, reply: &Reply) -> Result<(), Error> {
     let broken = |problem: String| Error::Worker { problem };
     let line = serde_json::to_string(reply).map_err(|source| broken(source.to_string()))?;
-    writeln!(replies, "{line}").and_then(|()| replies.flush()).map_err(|source| broken(source.to_string()))
+    writeln!(replies, "{line}")
+        .and_then(|()| replies.flush())
+        .map_err(|source| broken(source.to_string()))
 }
 
 fn message(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".into())
+    text.or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "a panic without a message".into())
 }
 
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-#[expect(clippy::disallowed_methods, reason = "wall time is reported, it reaches no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "wall time is reported, it reaches no result"
+)]
 fn now() -> Instant {
     Instant::now()
 }

@@ -1,8 +1,9 @@
 //! Holds a document against a JSON Schema and says what is wrong in a person's words.
 //!
-//! It reads what schemars writes for plain structs and enums: `type`, `properties`, `required`, `additionalProperties`,
-//! `enum`, `const`, `oneOf` and `anyOf`, `$ref` into `$defs`, limits of numbers and lists. Besides these it knows `x-unit`
-//! (shown with ranges), `x-kind` (what the keys or words of a place are: `agent plugin`, `preset`) and two patterns of names.
+//! It reads what schemars writes for plain structs and enums: `type`, `properties`, `required`,
+//! `additionalProperties`, `enum`, `const`, `oneOf` and `anyOf`, `$ref` into `$defs`, limits of numbers and
+//! lists. Besides these it knows `x-unit` (shown with ranges), `x-kind` (what the keys or words of a place
+//! are: `agent plugin`, `preset`) and two patterns of names.
 
 mod view;
 
@@ -33,12 +34,24 @@ pub struct At {
 
 impl At {
     fn below(&self, key: Span, name: &str) -> Self {
-        let path = if self.path.is_empty() { name.into() } else { format!("{}.{name}", self.path) };
-        Self { key, name: name.into(), path }
+        let path = if self.path.is_empty() {
+            name.into()
+        } else {
+            format!("{}.{name}", self.path)
+        };
+        Self {
+            key,
+            name: name.into(),
+            path,
+        }
     }
 
     fn in_words(&self) -> String {
-        if self.name.is_empty() { "the study".into() } else { format!("`{}`", self.name) }
+        if self.name.is_empty() {
+            "the study".into()
+        } else {
+            format!("`{}`", self.name)
+        }
     }
 }
 
@@ -53,7 +66,10 @@ impl<'a> Checker<'a> {
     /// A checker for documents of these sources.
     #[must_use]
     pub fn new(sources: &'a Sources) -> Self {
-        Self { sources, found: Vec::new() }
+        Self {
+            sources,
+            found: Vec::new(),
+        }
     }
 
     /// Checks `node` against `schema`.
@@ -67,7 +83,8 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Several alternatives have the type of the value: words and variants are taken together, so that the message names all.
+    /// Several alternatives have the type of the value: words and variants are taken together, so that the
+    /// message names all.
     fn choose(&mut self, node: &Node, at: &At, places: &[&View<'_>], outer: &View<'_>) {
         if node.as_str().is_some() && places.iter().all(|place| !place.words().is_empty()) {
             let words: Vec<&str> = places.iter().flat_map(|place| place.words()).collect();
@@ -91,14 +108,23 @@ impl<'a> Checker<'a> {
         let names: Vec<&str> = places.iter().filter_map(|place| place.variant()).collect();
         let [entry] = node.entries() else {
             let found: Vec<&str> = node.entries().iter().map(|entry| entry.key.as_str()).collect();
-            let message = format!("{} takes exactly one of {}, found {}", at.in_words(), quoted(&names), quoted(&found));
+            let message = format!(
+                "{} takes exactly one of {}, found {}",
+                at.in_words(),
+                quoted(&names),
+                quoted(&found)
+            );
             return self.found.push(self.sources.error(at.key, &at.path, message));
         };
         match places.iter().find(|place| place.variant() == Some(&entry.key)) {
             Some(place) => self.mapping(node, at, place),
             None => {
                 let message = format!("unknown key `{}`", entry.key);
-                let error = self.sources.error(entry.key_span, &at.below(entry.key_span, &entry.key).path, message);
+                let error = self.sources.error(
+                    entry.key_span,
+                    &at.below(entry.key_span, &entry.key).path,
+                    message,
+                );
                 self.found.push(error.help(suggest(&entry.key, names)));
             }
         }
@@ -108,12 +134,27 @@ impl<'a> Checker<'a> {
         match &node.kind {
             Kind::Mapping(_) => self.mapping(node, at, place),
             Kind::Sequence(items) => self.list(items, at, place),
-            Kind::Scalar(Scalar { value: Value::Number(_), text, .. }) => self.number(node, text, at, place, outer),
-            Kind::Scalar(Scalar { value: Value::String(text), .. }) => {
+            Kind::Scalar(Scalar {
+                value: Value::Number(_),
+                text,
+                ..
+            }) => self.number(node, text, at, place, outer),
+            Kind::Scalar(Scalar {
+                value: Value::String(text),
+                ..
+            }) => {
                 if !place.words().is_empty() {
                     self.word(node, at, &place.words(), outer);
-                } else if let Some(problem) = place.get("pattern").and_then(Value::as_str).and_then(|it| mismatch(it, text)) {
-                    let error = self.sources.error(node.span, &at.path, format!("`{text}` cannot be a name: {problem}"));
+                } else if let Some(problem) = place
+                    .get("pattern")
+                    .and_then(Value::as_str)
+                    .and_then(|it| mismatch(it, text))
+                {
+                    let error = self.sources.error(
+                        node.span,
+                        &at.path,
+                        format!("`{text}` cannot be a name: {problem}"),
+                    );
                     self.found.push(error.about(outer.facts()));
                 }
             }
@@ -128,21 +169,44 @@ impl<'a> Checker<'a> {
             match place.property(&entry.key) {
                 Some(schema) => self.check(&entry.value, &below, &schema),
                 None => {
-                    let error = self.sources.error(entry.key_span, &below.path, format!("unknown {kind} `{}`", entry.key));
-                    self.found.push(error.help(suggest(&entry.key, place.property_names())));
+                    let error = self.sources.error(
+                        entry.key_span,
+                        &below.path,
+                        format!("unknown {kind} `{}`", entry.key),
+                    );
+                    self.found
+                        .push(error.help(suggest(&entry.key, place.property_names())));
                 }
             }
             self.key_name(&entry.key, &below, place);
         }
         self.size(node, at, place, kind);
-        let required = place.get("required").and_then(Value::as_array).map_or_else(Vec::new, Clone::clone);
-        for key in required.iter().filter_map(Value::as_str).filter(|key| node.get(key).is_none()) {
+        let required = place
+            .get("required")
+            .and_then(Value::as_array)
+            .map_or_else(Vec::new, Clone::clone);
+        for key in required
+            .iter()
+            .filter_map(Value::as_str)
+            .filter(|key| node.get(key).is_none())
+        {
             let missing = place.property(key);
-            let written = node.entries().iter().map(|entry| entry.key.as_str()).collect::<Vec<_>>();
-            let error = self.sources.error(at.key, &at.path, format!("`{key}` is missing in {}", at.in_words()));
-            let error = error.about(missing.map_or_else(String::new, |schema| format!("{key}: {}", schema.facts())));
+            let written = node
+                .entries()
+                .iter()
+                .map(|entry| entry.key.as_str())
+                .collect::<Vec<_>>();
+            let error = self.sources.error(
+                at.key,
+                &at.path,
+                format!("`{key}` is missing in {}", at.in_words()),
+            );
+            let error =
+                error.about(missing.map_or_else(String::new, |schema| format!("{key}: {}", schema.facts())));
             // A required key that was mistyped is reported as unknown already.
-            let mistyped = written.iter().any(|name| place.property(name).is_none() && nearest(name, &[key]).is_some());
+            let mistyped = written
+                .iter()
+                .any(|name| place.property(name).is_none() && nearest(name, &[key]).is_some());
             if !mistyped {
                 self.found.push(error);
             }
@@ -150,16 +214,26 @@ impl<'a> Checker<'a> {
     }
 
     fn key_name(&mut self, key: &str, at: &At, place: &View<'_>) {
-        let pattern = place.get("propertyNames").and_then(|names| names.get("pattern")).and_then(Value::as_str);
+        let pattern = place
+            .get("propertyNames")
+            .and_then(|names| names.get("pattern"))
+            .and_then(Value::as_str);
         if let Some(problem) = pattern.and_then(|pattern| mismatch(pattern, key)) {
-            self.found.push(self.sources.error(at.key, &at.path, format!("`{key}` cannot be a name: {problem}")));
+            self.found.push(self.sources.error(
+                at.key,
+                &at.path,
+                format!("`{key}` cannot be a name: {problem}"),
+            ));
         }
     }
 
     fn size(&mut self, node: &Node, at: &At, place: &View<'_>, kind: &str) {
         let keys: Vec<&str> = node.entries().iter().map(|entry| entry.key.as_str()).collect();
         let limit = |keyword| place.get(keyword).and_then(Value::as_u64);
-        let (least, most) = (limit("minProperties").unwrap_or(0), limit("maxProperties").unwrap_or(u64::MAX));
+        let (least, most) = (
+            limit("minProperties").unwrap_or(0),
+            limit("maxProperties").unwrap_or(u64::MAX),
+        );
         if (keys.len() as u64) < least {
             let known = place.property_names();
             self.found.push(if known.is_empty() {
@@ -167,12 +241,19 @@ impl<'a> Checker<'a> {
                     .error(at.key, &at.path, format!("{} is empty", at.in_words()))
                     .help("write `NAME: { PLUGIN: { ... } }`")
             } else {
-                let error = self.sources.error(at.key, &at.path, format!("{} names no {kind}", at.in_words()));
+                let error =
+                    self.sources
+                        .error(at.key, &at.path, format!("{} names no {kind}", at.in_words()));
                 error.help(format!("known: {}", quoted(&known)))
             });
         } else if keys.len() as u64 > most {
             let second = node.entries()[usize::try_from(most).unwrap_or(0)].key_span;
-            let message = format!("{} names {} {kind}s, {}; exactly one is wanted", at.in_words(), keys.len(), quoted(&keys));
+            let message = format!(
+                "{} names {} {kind}s, {}; exactly one is wanted",
+                at.in_words(),
+                keys.len(),
+                quoted(&keys)
+            );
             let error = self.sources.error(second, &at.path, message);
             self.found.push(error.help("give each a name of its own"));
         }
@@ -186,17 +267,23 @@ impl<'a> Checker<'a> {
                 (0, 1) => format!("{} is an empty list", at.in_words()),
                 _ => format!("{} has {count} items, but needs at least {least}", at.in_words()),
             };
-            self.found.push(self.sources.error(at.key, &at.path, message).about(place.facts()));
+            self.found
+                .push(self.sources.error(at.key, &at.path, message).about(place.facts()));
         }
         if let Some(most) = limit("maxItems").filter(|most| count > *most) {
             let message = format!("{} has {count} items, but takes at most {most}", at.in_words());
-            self.found.push(self.sources.error(at.key, &at.path, message).about(place.facts()));
+            self.found
+                .push(self.sources.error(at.key, &at.path, message).about(place.facts()));
         }
         for (index, item) in items.iter().enumerate() {
             if let Some(schema) = place.item(index) {
                 self.check(
                     item,
-                    &At { key: item.span, name: format!("{}[{index}]", at.name), path: format!("{}[{index}]", at.path) },
+                    &At {
+                        key: item.span,
+                        name: format!("{}[{index}]", at.name),
+                        path: format!("{}[{index}]", at.path),
+                    },
                     &schema,
                 );
             }
@@ -211,27 +298,46 @@ impl<'a> Checker<'a> {
         for item in items {
             let text = item.to_value().to_string();
             if let Some(first) = seen.insert(text.clone(), item.span) {
-                let error = self.sources.error(item.span, &at.path, format!("{} has {text} twice", at.in_words()));
-                self.found.push(error.note("it is given first here", self.sources.place(first)));
+                let error =
+                    self.sources
+                        .error(item.span, &at.path, format!("{} has {text} twice", at.in_words()));
+                self.found
+                    .push(error.note("it is given first here", self.sources.place(first)));
             }
         }
     }
 
     fn number(&mut self, node: &Node, text: &str, at: &At, place: &View<'_>, outer: &View<'_>) {
-        let Kind::Scalar(Scalar { value: Value::Number(number), .. }) = &node.kind else { return };
+        let Kind::Scalar(Scalar {
+            value: Value::Number(number),
+            ..
+        }) = &node.kind
+        else {
+            return;
+        };
         let value = number.as_f64().unwrap_or(f64::NAN);
         let broken = [
             place.number("minimum").is_some_and(|limit| value < limit),
-            place.number("exclusiveMinimum").is_some_and(|limit| value <= limit),
+            place
+                .number("exclusiveMinimum")
+                .is_some_and(|limit| value <= limit),
             place.number("maximum").is_some_and(|limit| value > limit),
-            place.number("exclusiveMaximum").is_some_and(|limit| value >= limit),
-            place.number("multipleOf").is_some_and(|step| (value / step - (value / step).round()).abs() > 1e-9),
+            place
+                .number("exclusiveMaximum")
+                .is_some_and(|limit| value >= limit),
+            place
+                .number("multipleOf")
+                .is_some_and(|step| (value / step - (value / step).round()).abs() > 1e-9),
         ];
         if broken.contains(&true) {
             let unit = outer.get("x-unit").and_then(Value::as_str).unwrap_or_default();
             let range = format!("{} {unit}", place.range());
             let message = format!("{} is {text}, but must be {}", at.in_words(), range.trim_end());
-            self.found.push(self.sources.error(node.span, &at.path, message).about(outer.facts()));
+            self.found.push(
+                self.sources
+                    .error(node.span, &at.path, message)
+                    .about(outer.facts()),
+            );
         }
     }
 
@@ -240,17 +346,38 @@ impl<'a> Checker<'a> {
         if words.contains(&text) {
             return;
         }
-        if let Some(variant) = outer.alternatives().into_iter().find(|place| place.variant() == Some(text)) {
-            let inner = variant.property(text).map_or_else(Vec::new, |inner| inner.property_names());
-            let keys = inner.iter().map(|key| format!("{key}: ...")).collect::<Vec<_>>().join(", ");
-            let error = self.sources.error(node.span, &at.path, format!("{} cannot be `{text}` alone", at.in_words()));
-            return self.found.push(error.about(outer.sentence()).help(format!("write `{text}: {{ {keys} }}`")));
+        if let Some(variant) = outer
+            .alternatives()
+            .into_iter()
+            .find(|place| place.variant() == Some(text))
+        {
+            let inner = variant
+                .property(text)
+                .map_or_else(Vec::new, |inner| inner.property_names());
+            let keys = inner
+                .iter()
+                .map(|key| format!("{key}: ..."))
+                .collect::<Vec<_>>()
+                .join(", ");
+            let error = self.sources.error(
+                node.span,
+                &at.path,
+                format!("{} cannot be `{text}` alone", at.in_words()),
+            );
+            return self.found.push(
+                error
+                    .about(outer.sentence())
+                    .help(format!("write `{text}: {{ {keys} }}`")),
+            );
         }
         let message = match outer.get("x-kind").and_then(Value::as_str) {
             Some(kind) => format!("unknown {kind} `{text}`"),
             None => format!("{} cannot be `{text}`", at.in_words()),
         };
-        let error = self.sources.error(node.span, &at.path, message).about(outer.sentence());
+        let error = self
+            .sources
+            .error(node.span, &at.path, message)
+            .about(outer.sentence());
         self.found.push(error.help(suggest(text, words.iter().copied())));
     }
 
@@ -260,7 +387,11 @@ impl<'a> Checker<'a> {
             _ => None,
         };
         let nothing = scalar.is_some_and(|scalar| scalar.value.is_null());
-        let span = if scalar.is_none() || nothing { at.key } else { node.span };
+        let span = if scalar.is_none() || nothing {
+            at.key
+        } else {
+            node.span
+        };
         let expected = schema.expected();
         let message = if nothing {
             format!("{} has no value; expected {expected}", at.in_words())
@@ -289,9 +420,16 @@ fn advice(scalar: &Scalar, schema: &View<'_>) -> Option<String> {
     let number = || crate::document::plain_number(&scalar.text.replace(['_', ',', ' '], ""));
     match &scalar.value {
         Value::Null if wants("object") => Some("write `{}` for a mapping without keys".into()),
-        Value::String(_) if wants("boolean") && ["yes", "on", "y"].contains(&lower.as_str()) => Some("write `true`".into()),
-        Value::String(_) if wants("boolean") && ["no", "off", "n"].contains(&lower.as_str()) => Some("write `false`".into()),
-        Value::String(_) if (wants("number") || wants("integer")) && lower.trim_start_matches(['+', '-']).starts_with(".inf") => {
+        Value::String(_) if wants("boolean") && ["yes", "on", "y"].contains(&lower.as_str()) => {
+            Some("write `true`".into())
+        }
+        Value::String(_) if wants("boolean") && ["no", "off", "n"].contains(&lower.as_str()) => {
+            Some("write `false`".into())
+        }
+        Value::String(_)
+            if (wants("number") || wants("integer"))
+                && lower.trim_start_matches(['+', '-']).starts_with(".inf") =>
+        {
             Some("the number must be finite".into())
         }
         Value::String(text) if wants("number") || wants("integer") => match number() {
@@ -300,13 +438,27 @@ fn advice(scalar: &Scalar, schema: &View<'_>) -> Option<String> {
             None => None,
         },
         Value::Number(value) if wants("integer") => {
-            let whole = value.as_f64().filter(|value| value.fract() == 0.0 && value.abs() < 9.0e15);
+            let whole = value
+                .as_f64()
+                .filter(|value| value.fract() == 0.0 && value.abs() < 9.0e15);
             whole.map(|value| format!("write {value:.0}"))
         }
-        Value::Number(_) | Value::Bool(_) if wants("string") => Some(format!("write '{}' with quotes", scalar.text)),
-        _ if schema.as_struct().is_some_and(|fields| !fields.property_names().is_empty()) => {
-            let names = schema.as_struct().map(|fields| fields.property_names()).unwrap_or_default();
-            Some(format!("for example `{{ {}: ... }}`; keys: {}", names[0], quoted(&names)))
+        Value::Number(_) | Value::Bool(_) if wants("string") => {
+            Some(format!("write '{}' with quotes", scalar.text))
+        }
+        _ if schema
+            .as_struct()
+            .is_some_and(|fields| !fields.property_names().is_empty()) =>
+        {
+            let names = schema
+                .as_struct()
+                .map(|fields| fields.property_names())
+                .unwrap_or_default();
+            Some(format!(
+                "for example `{{ {}: ... }}`; keys: {}",
+                names[0],
+                quoted(&names)
+            ))
         }
         _ if wants("array") && !wants("object") => Some(format!("write [{}]", scalar.text)),
         _ => None,
@@ -318,7 +470,9 @@ fn mismatch(pattern: &str, text: &str) -> Option<&'static str> {
     match pattern {
         SLUG => {
             let fits = text.starts_with(|first: char| first.is_ascii_alphanumeric())
-                && text.chars().all(|letter| legal("._-", letter) && !letter.is_ascii_uppercase());
+                && text
+                    .chars()
+                    .all(|letter| legal("._-", letter) && !letter.is_ascii_uppercase());
             (!fits).then_some("use small letters, digits, `-`, `_` and `.`, and begin with a letter or digit")
         }
         NAME => {

@@ -16,7 +16,11 @@ impl<'a> View<'a> {
     pub fn new(root: &'a Value, schema: &'a Value) -> Self {
         let mut layers = vec![schema];
         // A reference to itself ends here; no schema of ours nests references deeper.
-        while let Some(next) = layers.last().and_then(|last| referenced(root, last)).filter(|_| layers.len() < 16) {
+        while let Some(next) = layers
+            .last()
+            .and_then(|last| referenced(root, last))
+            .filter(|_| layers.len() < 16)
+        {
             layers.push(next);
         }
         Self { root, layers }
@@ -31,7 +35,9 @@ impl<'a> View<'a> {
     /// Names of the properties.
     #[must_use]
     pub fn property_names(&self) -> Vec<&'a str> {
-        self.get("properties").and_then(Value::as_object).map_or_else(Vec::new, |map| map.keys().map(String::as_str).collect())
+        self.get("properties")
+            .and_then(Value::as_object)
+            .map_or_else(Vec::new, |map| map.keys().map(String::as_str).collect())
     }
 
     /// The schema of the values under a key; `None` where the key is not allowed.
@@ -52,16 +58,24 @@ impl<'a> View<'a> {
     #[must_use]
     pub fn item(&self, index: usize) -> Option<View<'a>> {
         let listed = self.get("prefixItems").and_then(|items| items.get(index));
-        listed.or_else(|| self.get("items")).map(|schema| View::new(self.root, schema))
+        listed
+            .or_else(|| self.get("items"))
+            .map(|schema| View::new(self.root, schema))
     }
 
     /// The schemas one of which a value must fit; the schema itself where there is no choice.
     #[must_use]
     pub fn alternatives(&self) -> Vec<View<'a>> {
-        let choice = self.get("oneOf").or_else(|| self.get("anyOf")).and_then(Value::as_array);
+        let choice = self
+            .get("oneOf")
+            .or_else(|| self.get("anyOf"))
+            .and_then(Value::as_array);
         match choice {
             None => vec![self.clone()],
-            Some(list) => list.iter().flat_map(|schema| View::new(self.root, schema).alternatives()).collect(),
+            Some(list) => list
+                .iter()
+                .flat_map(|schema| View::new(self.root, schema).alternatives())
+                .collect(),
         }
     }
 
@@ -73,7 +87,10 @@ impl<'a> View<'a> {
         let mut here = self.clone();
         for (index, key) in keys.iter().enumerate() {
             let places = here.alternatives();
-            let Some(next) = places.iter().find_map(|place| place.property(key).filter(|_| place.is_mapping())) else {
+            let Some(next) = places
+                .iter()
+                .find_map(|place| place.property(key).filter(|_| place.is_mapping()))
+            else {
                 return Err((index, places.iter().flat_map(View::property_names).collect()));
             };
             here = next;
@@ -85,7 +102,11 @@ impl<'a> View<'a> {
     #[must_use]
     pub fn is_integer(&self) -> bool {
         let places = self.alternatives();
-        let types: Vec<&str> = places.iter().flat_map(View::types).filter(|name| *name != "null").collect();
+        let types: Vec<&str> = places
+            .iter()
+            .flat_map(View::types)
+            .filter(|name| *name != "null")
+            .collect();
         !types.is_empty() && types.iter().all(|name| *name == "integer")
     }
 
@@ -116,8 +137,15 @@ impl<'a> View<'a> {
 
     /// The words of an `enum` or `const`.
     pub(super) fn words(&self) -> Vec<&'a str> {
-        let listed = self.get("enum").and_then(Value::as_array).map_or_else(Vec::new, |list| list.iter().collect());
-        listed.into_iter().chain(self.get("const")).filter_map(Value::as_str).collect()
+        let listed = self
+            .get("enum")
+            .and_then(Value::as_array)
+            .map_or_else(Vec::new, |list| list.iter().collect());
+        listed
+            .into_iter()
+            .chain(self.get("const"))
+            .filter_map(Value::as_str)
+            .collect()
     }
 
     /// The name of an enum's variant that is written as a mapping with one key.
@@ -142,22 +170,35 @@ impl<'a> View<'a> {
     /// First sentence of the description.
     #[must_use]
     pub fn sentence(&self) -> String {
-        let text = self.get("description").and_then(Value::as_str).unwrap_or_default().replace('\n', " ");
-        let end = text.find(". ").map_or(text.trim_end_matches('.').len(), |index| index);
+        let text = self
+            .get("description")
+            .and_then(Value::as_str)
+            .unwrap_or_default()
+            .replace('\n', " ");
+        let end = text
+            .find(". ")
+            .map_or(text.trim_end_matches('.').len(), |index| index);
         text[..end].to_string()
     }
 
     /// The range of a number in words: `from 0 to 1`; empty where every number is allowed.
     #[must_use]
     pub fn range(&self) -> String {
-        let limit = |keyword: &str, word: &str| self.number(keyword).map(|value| format!("{word} {}", short(value)));
+        let limit = |keyword: &str, word: &str| {
+            self.number(keyword)
+                .map(|value| format!("{word} {}", short(value)))
+        };
         if let (Some(low), Some(high)) = (self.number("minimum"), self.number("maximum")) {
             return format!("from {} to {}", short(low), short(high));
         }
         let low = limit("minimum", "at least").or_else(|| limit("exclusiveMinimum", "above"));
         let high = limit("maximum", "at most").or_else(|| limit("exclusiveMaximum", "below"));
         let multiple = limit("multipleOf", "a multiple of");
-        [low, high, multiple].into_iter().flatten().collect::<Vec<_>>().join(" and ")
+        [low, high, multiple]
+            .into_iter()
+            .flatten()
+            .collect::<Vec<_>>()
+            .join(" and ")
     }
 
     /// What a value must be, in words: `an integer at least 1`, `one of ...`.
@@ -167,22 +208,38 @@ impl<'a> View<'a> {
         let mut parts: Vec<String> = Vec::new();
         let words: Vec<&str> = places.iter().flat_map(View::words).collect();
         if !words.is_empty() {
-            parts.push(format!("{}{}", if words.len() > 1 { "one of " } else { "" }, quoted(&words)));
+            parts.push(format!(
+                "{}{}",
+                if words.len() > 1 { "one of " } else { "" },
+                quoted(&words)
+            ));
         }
         let variants: Vec<&str> = places.iter().filter_map(View::variant).collect();
         if !variants.is_empty() {
             parts.push(format!("a mapping with one of the keys {}", quoted(&variants)));
         }
-        for place in places.iter().filter(|place| place.words().is_empty() && place.variant().is_none()) {
+        for place in places
+            .iter()
+            .filter(|place| place.words().is_empty() && place.variant().is_none())
+        {
             let types = place.types().into_iter().filter(|name| *name != "null");
-            parts.extend(types.map(|name| if name == "array" { place.list_in_words() } else { type_in_words(name).to_string() }));
+            parts.extend(types.map(|name| {
+                if name == "array" {
+                    place.list_in_words()
+                } else {
+                    type_in_words(name).to_string()
+                }
+            }));
         }
         parts.dedup();
         parts.join(" or ")
     }
 
     fn list_in_words(&self) -> String {
-        let types = self.get("items").map(|items| View::new(self.root, items).types()).unwrap_or_default();
+        let types = self
+            .get("items")
+            .map(|items| View::new(self.root, items).types())
+            .unwrap_or_default();
         let plural = |name| match name {
             "integer" => "a list of integers",
             "number" => "a list of numbers",
@@ -195,11 +252,18 @@ impl<'a> View<'a> {
     /// What a key means: first sentence, range, unit.
     #[must_use]
     pub fn facts(&self) -> String {
-        let unit = self.get("x-unit").and_then(Value::as_str).filter(|unit| !unit.is_empty());
+        let unit = self
+            .get("x-unit")
+            .and_then(Value::as_str)
+            .filter(|unit| !unit.is_empty());
         let places = self.alternatives();
         let range = places.iter().map(View::range).find(|range| !range.is_empty());
         let number = self.is_integer().then(|| "integer".to_string());
-        let kind = [number, range, unit.map(|unit| format!("in {unit}"))].into_iter().flatten().collect::<Vec<_>>().join(", ");
+        let kind = [number, range, unit.map(|unit| format!("in {unit}"))]
+            .into_iter()
+            .flatten()
+            .collect::<Vec<_>>()
+            .join(", ");
         match (self.sentence(), kind) {
             (sentence, kind) if kind.is_empty() => sentence,
             (sentence, kind) if sentence.is_empty() => kind,
@@ -241,9 +305,17 @@ fn type_in_words(name: &str) -> &str {
 
 /// Names in backquotes, joined by commas.
 pub fn quoted(names: &[&str]) -> String {
-    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+    names
+        .iter()
+        .map(|name| format!("`{name}`"))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 fn short(value: f64) -> String {
-    if value.abs() >= 1e-4 && value.abs() < 1e15 || value == 0.0 { format!("{value}") } else { format!("{value:e}") }
+    if value.abs() >= 1e-4 && value.abs() < 1e15 || value == 0.0 {
+        format!("{value}")
+    } else {
+        format!("{value:e}")
+    }
 }

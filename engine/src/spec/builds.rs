@@ -1,5 +1,5 @@
-//! Builds what the cells name: a plugin may refuse a config for reasons that no schema can say, and only the built
-//! environment and protocol know what trials record.
+//! Builds what the cells name: a plugin may refuse a config for reasons that no schema can say, and only the
+//! built environment and protocol know what trials record.
 
 use super::{
     cells::{Cell, Resolved, Sections},
@@ -165,8 +165,18 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
 
 /// Names of what an environment traces.
 fn traced(environment: &dyn Environment) -> BTreeSet<String> {
-    let channels = environment.trace_channels().into_iter().map(|channel| channel.name);
-    channels.chain(environment.reward_surface().into_iter().flat_map(|surface| surface.names)).collect()
+    let channels = environment
+        .trace_channels()
+        .into_iter()
+        .map(|channel| channel.name);
+    channels
+        .chain(
+            environment
+                .reward_surface()
+                .into_iter()
+                .flat_map(|surface| surface.names),
+        )
+        .collect()
 }
 
 fn address(part: &Arc<Resolved>) -> usize {
@@ -177,12 +187,26 @@ fn address(part: &Arc<Resolved>) -> usize {
 fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Metric], world: &mut World) {
     let environment = facts.metrics.iter().filter(|_| measures.of_environment);
     let added = [wall_time_metric()];
-    world.record(pair, measures.metrics.iter().chain(environment).chain(of_agent).chain(&added));
+    world.record(
+        pair,
+        measures
+            .metrics
+            .iter()
+            .chain(environment)
+            .chain(of_agent)
+            .chain(&added),
+    );
     let traced = world.traced.entry(pair.0).or_default();
     traced.extend(facts.traced.iter().cloned());
     world.units.extend(facts.units.clone());
     // A protocol that measures no episodes of an environment traces what it measures.
-    traced.extend(measures.metrics.iter().filter(|_| !measures.of_environment).map(|metric| metric.name.clone()));
+    traced.extend(
+        measures
+            .metrics
+            .iter()
+            .filter(|_| !measures.of_environment)
+            .map(|metric| metric.name.clone()),
+    );
 }
 
 pub(super) struct Builder<'a> {
@@ -192,7 +216,8 @@ pub(super) struct Builder<'a> {
     /// By id; `None` where the build failed and was reported.
     environments: BTreeMap<String, Option<Facts>>,
     protocols: BTreeMap<String, Option<Measures>>,
-    /// What a built agent asks for before it learns, by the addresses of environment and agent: equal parts of cells are one.
+    /// What a built agent asks for before it learns, by the addresses of environment and agent: equal parts
+    /// of cells are one.
     agents: BTreeMap<(usize, usize), u64>,
     /// Environments and agents, each with the variants of environment and protocol that were noted.
     recorded: BTreeSet<(usize, usize, usize, usize)>,
@@ -215,9 +240,10 @@ impl Builder<'_> {
         self.environment(cell)?;
         self.protocol(cell)?;
         let first = cell.pair().is_none_or(|pair| !world.recorded.contains_key(&pair));
-        let (Some(Some(facts)), Some(Some(measures))) =
-            (self.environments.get(&environment.id), self.protocols.get(&protocol.id))
-        else {
+        let (Some(Some(facts)), Some(Some(measures))) = (
+            self.environments.get(&environment.id),
+            self.protocols.get(&protocol.id),
+        ) else {
             return Ok(());
         };
         let (interface, steps, experience) = (facts.interface.clone(), measures.steps, measures.experience);
@@ -227,8 +253,14 @@ impl Builder<'_> {
         if let Some(why) = entry.and_then(|entry| measures.gives_another(entry)) {
             return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin, why)));
         }
-        if self.accepted.insert((environment.id.clone(), protocol.id.clone())) {
-            measures.protocol.accepts(&interface).map_err(|error| Box::new(self.refused(protocol, &error)))?;
+        if self
+            .accepted
+            .insert((environment.id.clone(), protocol.id.clone()))
+        {
+            measures
+                .protocol
+                .accepts(&interface)
+                .map_err(|error| Box::new(self.refused(protocol, &error)))?;
         }
         let addresses = (address(environment), address(agent));
         self.extra += usize::from(!first);
@@ -237,7 +269,10 @@ impl Builder<'_> {
             self.agents.insert(addresses, 1);
             if first || self.extra <= MOST_SETTINGS_BUILT {
                 let built = self.agent(cell, &interface)?;
-                self.agents.insert(addresses, built.updates().map_or(0, |updates| updates.first_after).max(1));
+                self.agents.insert(
+                    addresses,
+                    built.updates().map_or(0, |updates| updates.first_after).max(1),
+                );
                 if let Some(pair) = cell.pair().filter(|_| entry.is_none()) {
                     self.note(cell, pair, &built.decision_metrics(), world);
                 }
@@ -245,13 +280,20 @@ impl Builder<'_> {
         }
         if let (Some(pair), Some(entry)) = (cell.pair(), entry) {
             let updates = learns.then(|| [updates_metric(), time_per_update_metric()]);
-            let of_agent: Vec<Metric> = entry.metrics.iter().cloned().chain(updates.into_iter().flatten()).collect();
+            let of_agent: Vec<Metric> = entry
+                .metrics
+                .iter()
+                .cloned()
+                .chain(updates.into_iter().flatten())
+                .collect();
             self.note(cell, pair, &of_agent, world);
         }
         let learns_after = self.agents[&addresses];
         let is_useless = learns && learns_after > experience;
         if is_useless && self.warned.insert((agent.given.target, learns_after, steps)) {
-            world.warnings.push(self.learns_nothing(agent, learns_after, steps));
+            world
+                .warnings
+                .push(self.learns_nothing(agent, learns_after, steps));
         }
         Ok(())
     }
@@ -259,9 +301,14 @@ impl Builder<'_> {
     /// Notes, once for each variant of environment and protocol, what the trials of a pair record.
     fn note(&mut self, cell: &Cell, pair: (usize, usize), of_agent: &[Metric], world: &mut World) {
         let [environment, _, protocol] = &cell.parts;
-        let known = (self.environments.get(&environment.id), self.protocols.get(&protocol.id));
+        let known = (
+            self.environments.get(&environment.id),
+            self.protocols.get(&protocol.id),
+        );
         if let (Some(Some(facts)), Some(Some(measures))) = known
-            && self.recorded.insert((pair.0, pair.1, address(environment), address(protocol)))
+            && self
+                .recorded
+                .insert((pair.0, pair.1, address(environment), address(protocol)))
         {
             note(pair, facts, measures, of_agent, world);
         }
@@ -274,9 +321,13 @@ impl Builder<'_> {
         }
         let agent = &cell.parts[1];
         let build = &self.sections.registry.agents[agent.part.plugin.as_str()].build;
-        let built = self.config(cell, 1).and_then(|config| build(&config, interface, &mut random::stream(&["check"])));
+        let built = self
+            .config(cell, 1)
+            .and_then(|config| build(&config, interface, &mut random::stream(&["check"])));
         built.map_err(|error| {
-            let place = cell.pair().map(|pair| self.sections.written.environments[pair.0].name_span);
+            let place = cell
+                .pair()
+                .map(|pair| self.sections.written.environments[pair.0].name_span);
             let place = place.filter(|_| matches!(error, Error::Mismatch { .. }));
             let diagnostic = self.refused(agent, &error);
             Box::new(match place {
@@ -288,22 +339,36 @@ impl Builder<'_> {
 
     fn learns_nothing(&self, agent: &Resolved, learns_after: u64, steps: u64) -> Diagnostic {
         let named = self.sections.written.part(agent.given.target);
-        let (name, span) = named.map_or_else(Default::default, |named| (named.name.as_str(), named.name_span));
+        let (name, span) =
+            named.map_or_else(Default::default, |named| (named.name.as_str(), named.name_span));
         let (why, instead) = match learns_after {
-            u64::MAX => ("it never learns with these settings".to_owned(), "let it update, or "),
+            u64::MAX => (
+                "it never learns with these settings".to_owned(),
+                "let it update, or ",
+            ),
             _ => {
-                let why = format!("it learns from step {learns_after} on, and the protocol ends after {steps} steps");
-                (why, "give the protocol more steps, let the agent learn from an earlier one, or ")
+                let why = format!(
+                    "it learns from step {learns_after} on, and the protocol ends after {steps} steps"
+                );
+                (
+                    why,
+                    "give the protocol more steps, let the agent learn from an earlier one, or ",
+                )
             }
         };
         let message = format!("`{name}` makes no update: {why}");
         let help = format!("{instead}call its results those of an agent that was not trained");
-        self.sections.sources.warning(span, &format!("agents.{name}"), message).help(help)
+        self.sections
+            .sources
+            .warning(span, &format!("agents.{name}"), message)
+            .help(help)
     }
 
     fn learns_otherwise(&self, agent: &Resolved, protocol: &str, given: Given) -> Diagnostic {
         let (sections, target) = (self.sections, agent.given.target);
-        let (at, span) = sections.plugin(target).map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
+        let (at, span) = sections
+            .plugin(target)
+            .map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
         let named = sections.written.part(target).map_or("", |named| &named.name);
         let (why, help) = match given {
             Given::Examples => (
@@ -319,15 +384,26 @@ impl Builder<'_> {
                 "the protocol `offline_fit` gives it what trials with the protocol `gather` left".into(),
             ),
         };
-        sections.sources.error(span, &at, format!("the agent `{named}` learns {why}")).help(help)
+        sections
+            .sources
+            .error(span, &at, format!("the agent `{named}` learns {why}"))
+            .help(help)
     }
 
     /// What to do with an agent that learns from its own decisions, and which agents to use instead.
     fn decisions_or(&self, given: &str, learns_from_it: &dyn Fn(&AgentEntry) -> bool) -> String {
-        let others = self.sections.registry.agents.iter().filter(|(_, entry)| entry.learns && learns_from_it(entry));
+        let others = self
+            .sections
+            .registry
+            .agents
+            .iter()
+            .filter(|(_, entry)| entry.learns && learns_from_it(entry));
         let others: Vec<String> = others.map(|(name, _)| format!("`{name}`")).collect();
-        let instead =
-            if others.is_empty() { String::new() } else { format!("; agents that learn from {given}: {}", others.join(", ")) };
+        let instead = if others.is_empty() {
+            String::new()
+        } else {
+            format!("; agents that learn from {given}: {}", others.join(", "))
+        };
         format!("the protocol `train_evaluate` gives it decisions{instead}")
     }
 
@@ -340,12 +416,18 @@ impl Builder<'_> {
         let built = self.config(cell, 0).and_then(|config| (entry.build)(&config));
         let facts = built.as_ref().ok().map(|environment| Facts {
             traced: traced(&**environment),
-            units: environment.trace_channels().into_iter().map(|channel| (channel.name, channel.unit)).collect(),
+            units: environment
+                .trace_channels()
+                .into_iter()
+                .map(|channel| (channel.name, channel.unit))
+                .collect(),
             metrics: environment.metrics().to_vec(),
             interface: environment.interface(),
         });
         self.environments.insert(resolved.id.clone(), facts);
-        built.map(drop).map_err(|error| Box::new(self.refused(resolved, &error)))
+        built
+            .map(drop)
+            .map_err(|error| Box::new(self.refused(resolved, &error)))
     }
 
     fn protocol(&mut self, cell: &Cell) -> Outcome<()> {
@@ -365,7 +447,13 @@ impl Builder<'_> {
 
     /// The seats of the environment of a cell, where it could be built.
     pub(super) fn interface(&self, cell: &Cell) -> Option<Interface> {
-        Some(self.environments.get(&cell.parts[0].id)?.as_ref()?.interface.clone())
+        Some(
+            self.environments
+                .get(&cell.parts[0].id)?
+                .as_ref()?
+                .interface
+                .clone(),
+        )
     }
 
     /// A refusal, placed at the key that the plugin names where the study gives it.
@@ -377,8 +465,14 @@ impl Builder<'_> {
             Error::Config { key, problem } => {
                 let given = locate(&sections.assigned(&resolved.given), key);
                 let span = given.unwrap_or(plugin_span);
-                let error = sections.sources.error(span, &format!("{at}.{key}"), format!("`{key}`: {problem}"));
-                let default = resolved.part.config.pointer(&format!("/{}", key.replace('.', "/")));
+                let error =
+                    sections
+                        .sources
+                        .error(span, &format!("{at}.{key}"), format!("`{key}`: {problem}"));
+                let default = resolved
+                    .part
+                    .config
+                    .pointer(&format!("/{}", key.replace('.', "/")));
                 match default.filter(|_| given.is_none()) {
                     Some(value) => error.help(format!("`{key}` is not given here; its value is {value}")),
                     None => error,
@@ -386,8 +480,16 @@ impl Builder<'_> {
             }
             Error::Mismatch { problem, .. } => {
                 let named = sections.written.part(target).map_or("", |named| &named.name);
-                let what = if matches!(target, Target::Agent(_)) { "agent" } else { "part" };
-                sections.sources.error(plugin_span, &at, format!("the {what} `{named}` cannot be used here: {problem}"))
+                let what = if matches!(target, Target::Agent(_)) {
+                    "agent"
+                } else {
+                    "part"
+                };
+                sections.sources.error(
+                    plugin_span,
+                    &at,
+                    format!("the {what} `{named}` cannot be used here: {problem}"),
+                )
             }
             other => sections.sources.error(plugin_span, &at, other.to_string()),
         }

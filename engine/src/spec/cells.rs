@@ -1,5 +1,5 @@
-//! The cells of a study: each combination of environment, agent and setting that is not left out, and each entry of `prepare`, with its
-//! resolved parts.
+//! The cells of a study: each combination of environment, agent and setting that is not left out, and each
+//! entry of `prepare`, with its resolved parts.
 
 use super::{
     config::{self, Files, Plugin},
@@ -109,15 +109,24 @@ pub struct Sections<'a> {
 }
 
 impl Sections<'_> {
-    /// All cells: combinations in the order of environments, agents and points, then the entries of `prepare`.
+    /// All cells: combinations in the order of environments, agents and points, then the entries of
+    /// `prepare`.
     ///
     /// # Errors
     /// Configs that a plugin refuses, and names in `prepare` that the study does not have.
     pub fn cells(&self) -> Result<Vec<Cell>, Vec<Diagnostic>> {
         let (mut cells, mut found) = (Vec::new(), Vec::new());
-        let mut known = Known { sections: self, files: Files::new(self.folder), parts: BTreeMap::new() };
+        let mut known = Known {
+            sections: self,
+            files: Files::new(self.folder),
+            parts: BTreeMap::new(),
+        };
         for (environment, agent) in self.pairs() {
-            let targets = [Target::Environment(environment), Target::Agent(agent), Target::Protocol];
+            let targets = [
+                Target::Environment(environment),
+                Target::Agent(agent),
+                Target::Protocol,
+            ];
             for points in self.points(&targets) {
                 match known.cell(environment, agent, &points) {
                     Ok(cell) => cells.push(cell),
@@ -126,7 +135,10 @@ impl Sections<'_> {
             }
         }
         for (index, entry) in self.written.prepared.iter().enumerate() {
-            match self.parts_of(index, entry).and_then(|targets| known.prepared(index, targets)) {
+            match self
+                .parts_of(index, entry)
+                .and_then(|targets| known.prepared(index, targets))
+            {
                 Ok(cell) => cells.push(cell),
                 Err(errors) => found.extend(errors),
             }
@@ -136,16 +148,27 @@ impl Sections<'_> {
 
     /// Where the parts of an entry of `prepare` are written.
     fn parts_of(&self, index: usize, entry: &Prepared) -> Result<[Target; 3], Vec<Diagnostic>> {
-        let target =
-            |kind: PartKind, chosen: &Chosen, known: &[super::written::Named], of_study: fn(usize) -> Target| match chosen {
-                Chosen::Own(_) => Ok(Target::Prepared(index, kind)),
-                Chosen::OfStudy(name, span) => {
-                    let found = known.iter().position(|it| it.name == *name).map(of_study);
-                    found.ok_or_else(|| self.no_such(entry, kind, name, *span, known))
-                }
-            };
-        let protocol = if entry.protocol.is_some() { Target::Prepared(index, PartKind::Protocol) } else { Target::Protocol };
-        let environment = target(PartKind::Environment, &entry.environment, &self.written.environments, Target::Environment);
+        let target = |kind: PartKind,
+                      chosen: &Chosen,
+                      known: &[super::written::Named],
+                      of_study: fn(usize) -> Target| match chosen {
+            Chosen::Own(_) => Ok(Target::Prepared(index, kind)),
+            Chosen::OfStudy(name, span) => {
+                let found = known.iter().position(|it| it.name == *name).map(of_study);
+                found.ok_or_else(|| self.no_such(entry, kind, name, *span, known))
+            }
+        };
+        let protocol = if entry.protocol.is_some() {
+            Target::Prepared(index, PartKind::Protocol)
+        } else {
+            Target::Protocol
+        };
+        let environment = target(
+            PartKind::Environment,
+            &entry.environment,
+            &self.written.environments,
+            Target::Environment,
+        );
         let agent = target(PartKind::Agent, &entry.agent, &self.written.agents, Target::Agent);
         match (environment, agent) {
             (Ok(environment), Ok(agent)) => Ok([environment, agent, protocol]),
@@ -153,9 +176,18 @@ impl Sections<'_> {
         }
     }
 
-    fn no_such(&self, entry: &Prepared, kind: PartKind, name: &str, span: Span, known: &[super::written::Named]) -> Diagnostic {
+    fn no_such(
+        &self,
+        entry: &Prepared,
+        kind: PartKind,
+        name: &str,
+        span: Span,
+        known: &[super::written::Named],
+    ) -> Diagnostic {
         let at = format!("prepare.{}.{}", entry.name, kind.name());
-        let error = self.sources.error(span, &at, format!("no {} is named `{name}`", kind.name()));
+        let error = self
+            .sources
+            .error(span, &at, format!("no {} is named `{name}`", kind.name()));
         error.help(suggest(name, known.iter().map(|it| it.name.as_str())))
     }
 
@@ -163,27 +195,45 @@ impl Sections<'_> {
     #[must_use]
     pub fn count(&self) -> u64 {
         let points = |(environment, agent): (usize, usize)| {
-            let targets = [Target::Environment(environment), Target::Agent(agent), Target::Protocol];
-            let relevant = self.dimensions.iter().filter(|dimension| dimension.concerns(&targets));
-            relevant.fold(1u64, |count, dimension| count.saturating_mul(dimension.n_points() as u64))
+            let targets = [
+                Target::Environment(environment),
+                Target::Agent(agent),
+                Target::Protocol,
+            ];
+            let relevant = self
+                .dimensions
+                .iter()
+                .filter(|dimension| dimension.concerns(&targets));
+            relevant.fold(1u64, |count, dimension| {
+                count.saturating_mul(dimension.n_points() as u64)
+            })
         };
-        self.pairs().map(points).fold(self.written.prepared.len() as u64, u64::saturating_add)
+        self.pairs()
+            .map(points)
+            .fold(self.written.prepared.len() as u64, u64::saturating_add)
     }
 
     /// Environments and agents that meet.
     pub fn pairs(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         let agents = self.written.agents.len();
-        let all =
-            (0..self.written.environments.len()).flat_map(move |environment| (0..agents).map(move |agent| (environment, agent)));
+        let all = (0..self.written.environments.len())
+            .flat_map(move |environment| (0..agents).map(move |agent| (environment, agent)));
         all.filter(|(environment, agent)| !self.excluded.iter().any(|it| it.matches(*environment, *agent)))
     }
 
-    /// Every combination of points of the dimensions that concern these targets; the first dimension changes slowest.
+    /// Every combination of points of the dimensions that concern these targets; the first dimension changes
+    /// slowest.
     fn points(&self, targets: &[Target]) -> Vec<Vec<(usize, usize)>> {
         let mut points = vec![Vec::new()];
-        for (index, dimension) in self.dimensions.iter().enumerate().filter(|(_, it)| it.concerns(targets)) {
+        for (index, dimension) in self
+            .dimensions
+            .iter()
+            .enumerate()
+            .filter(|(_, it)| it.concerns(targets))
+        {
             let longer = |head: Vec<(usize, usize)>| {
-                (0..dimension.n_points()).map(move |point| head.iter().copied().chain([(index, point)]).collect())
+                (0..dimension.n_points())
+                    .map(move |point| head.iter().copied().chain([(index, point)]).collect())
             };
             points = points.into_iter().flat_map(longer).collect();
         }
@@ -193,15 +243,25 @@ impl Sections<'_> {
     /// The config of a part with overrides and swept values written into it.
     #[must_use]
     pub fn assigned(&self, given: &Given) -> Node {
-        let mut config =
-            self.written.part(given.target).map_or_else(|| Node::empty_mapping(Default::default()), |it| it.config.clone());
+        let mut config = self
+            .written
+            .part(given.target)
+            .map_or_else(|| Node::empty_mapping(Default::default()), |it| it.config.clone());
         for index in &given.overrides {
-            for (_, path, value) in self.overrides[*index].set.iter().filter(|(_, path, _)| path.target == given.target) {
+            for (_, path, value) in self.overrides[*index]
+                .set
+                .iter()
+                .filter(|(_, path, _)| path.target == given.target)
+            {
                 path.assign(&mut config, value);
             }
         }
         for (index, point) in &given.points {
-            for key in self.dimensions[*index].keys.iter().filter(|key| key.path.target == given.target) {
+            for key in self.dimensions[*index]
+                .keys
+                .iter()
+                .filter(|key| key.path.target == given.target)
+            {
                 key.path.assign(&mut config, &key.values[*point]);
             }
         }
@@ -210,14 +270,26 @@ impl Sections<'_> {
 
     /// The point of the sweep. A key is written with its last word, or as a whole where that is not unique.
     fn setting(&self, targets: &[Target], points: &[(usize, usize)]) -> Setting {
-        let keys = points.iter().flat_map(|(index, point)| self.dimensions[*index].keys.iter().map(move |key| (key, *point)));
-        let keys: Vec<_> = keys.filter(|(key, _)| targets.contains(&key.path.target)).collect();
+        let keys = points
+            .iter()
+            .flat_map(|(index, point)| self.dimensions[*index].keys.iter().map(move |key| (key, *point)));
+        let keys: Vec<_> = keys
+            .filter(|(key, _)| targets.contains(&key.path.target))
+            .collect();
         let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_string();
         let name = |text: &str| {
-            let unique = keys.iter().filter(|(key, _)| last(&key.text) == last(text)).count() == 1;
+            let unique = keys
+                .iter()
+                .filter(|(key, _)| last(&key.text) == last(text))
+                .count()
+                == 1;
             if unique { last(text) } else { text.to_string() }
         };
-        Setting::new(keys.iter().map(|(key, point)| (name(&key.text), key.values[*point].to_value())).collect())
+        Setting::new(
+            keys.iter()
+                .map(|(key, point)| (name(&key.text), key.values[*point].to_value()))
+                .collect(),
+        )
     }
 
     /// The plugin of a part.
@@ -233,11 +305,21 @@ impl Sections<'_> {
         };
         let about = match kind {
             PartKind::Environment => &self.registry.environments.get(named.plugin.as_str())?.about,
-            PartKind::Agent => cast::agents(self.registry).find(|(name, _)| *name == named.plugin)?.1,
+            PartKind::Agent => {
+                cast::agents(self.registry)
+                    .find(|(name, _)| *name == named.plugin)?
+                    .1
+            }
             PartKind::Protocol => &self.registry.protocols.get(named.plugin.as_str())?.about,
         };
         let schema = path::config_schema(View::new(self.schema, self.schema), target, &named.plugin)?;
-        Some(Plugin { name: &named.plugin, about, schema, at: format!("{at}.{}", named.plugin), span: named.plugin_span })
+        Some(Plugin {
+            name: &named.plugin,
+            about,
+            schema,
+            at: format!("{at}.{}", named.plugin),
+            span: named.plugin_span,
+        })
     }
 }
 
@@ -251,21 +333,48 @@ struct Known<'a> {
 }
 
 impl Known<'_> {
-    fn cell(&mut self, environment: usize, agent: usize, points: &[(usize, usize)]) -> Result<Cell, Vec<Diagnostic>> {
-        let targets = [Target::Environment(environment), Target::Agent(agent), Target::Protocol];
+    fn cell(
+        &mut self,
+        environment: usize,
+        agent: usize,
+        points: &[(usize, usize)],
+    ) -> Result<Cell, Vec<Diagnostic>> {
+        let targets = [
+            Target::Environment(environment),
+            Target::Agent(agent),
+            Target::Protocol,
+        ];
         let parts = self.parts(targets, (environment, agent), points)?;
         let point = self.sections.setting(&targets, points);
         let (place, setting) = (Place::Combination(environment, agent), point.to_string());
-        Ok(Cell { place, setting, point, parts, sources: Vec::new() })
+        Ok(Cell {
+            place,
+            setting,
+            point,
+            parts,
+            sources: Vec::new(),
+        })
     }
 
-    /// An entry of `prepare`. Overrides that select no environment and no agent, or those that it takes from the study, apply to it too.
+    /// An entry of `prepare`. Overrides that select no environment and no agent, or those that it takes from
+    /// the study, apply to it too.
     fn prepared(&mut self, index: usize, targets: [Target; 3]) -> Result<Cell, Vec<Diagnostic>> {
-        let swept = self.sections.dimensions.iter().flat_map(|it| &it.keys).find(|key| targets.contains(&key.path.target));
+        let swept = self
+            .sections
+            .dimensions
+            .iter()
+            .flat_map(|it| &it.keys)
+            .find(|key| targets.contains(&key.path.target));
         if let Some(key) = swept {
             let entry = &self.sections.written.prepared[index];
-            let message = format!("`{}` is swept, so that the entry `{}` would have several settings", key.text, entry.name);
-            let error = self.sections.sources.error(entry.name_span, &format!("prepare.{}", entry.name), message);
+            let message = format!(
+                "`{}` is swept, so that the entry `{}` would have several settings",
+                key.text, entry.name
+            );
+            let error =
+                self.sections
+                    .sources
+                    .error(entry.name_span, &format!("prepare.{}", entry.name), message);
             return Err(vec![error.help("write the part that is meant into the entry")]);
         }
         let index_of = |target| match target {
@@ -274,7 +383,13 @@ impl Known<'_> {
         };
         let parts = self.parts(targets, (index_of(targets[0]), index_of(targets[1])), &[])?;
         let (setting, point) = (String::new(), Setting::default());
-        Ok(Cell { place: Place::Prepared(index), setting, point, parts, sources: Vec::new() })
+        Ok(Cell {
+            place: Place::Prepared(index),
+            setting,
+            point,
+            parts,
+            sources: Vec::new(),
+        })
     }
 
     fn parts(
@@ -284,15 +399,29 @@ impl Known<'_> {
         points: &[(usize, usize)],
     ) -> Result<[Arc<Resolved>; 3], Vec<Diagnostic>> {
         let plugin = self.sections.written.plugin(targets[1]);
-        let learns = self.sections.registry.agents.get(plugin).is_some_and(|entry| entry.learns);
+        let learns = self
+            .sections
+            .registry
+            .agents
+            .get(plugin)
+            .is_some_and(|entry| entry.learns);
         let [one, two, three] = [0, 1, 2].map(|place| {
             let target = targets[place];
             let overrides = self.sections.overrides.iter().enumerate();
             let applies = |it: &Override<'_>| it.selection.matches(environment, agent) && it.concerns(target);
-            let overrides = overrides.filter(|(_, it)| applies(it)).map(|(index, _)| index).collect();
-            let concerned = |(index, _): &&(usize, usize)| self.sections.dimensions[*index].concerns(&[target]);
+            let overrides = overrides
+                .filter(|(_, it)| applies(it))
+                .map(|(index, _)| index)
+                .collect();
+            let concerned =
+                |(index, _): &&(usize, usize)| self.sections.dimensions[*index].concerns(&[target]);
             let points = points.iter().filter(concerned).copied().collect();
-            self.part(Given { target, overrides, points, training: learns || place < 2 })
+            self.part(Given {
+                target,
+                overrides,
+                points,
+                training: learns || place < 2,
+            })
         });
         Ok([one?, two?, three?])
     }
@@ -308,7 +437,9 @@ impl Known<'_> {
 
     fn resolve(&mut self, given: Given) -> Outcome {
         let config = self.sections.assigned(&given);
-        let Some(plugin) = self.sections.plugin(given.target) else { return Err(Vec::new()) };
+        let Some(plugin) = self.sections.plugin(given.target) else {
+            return Err(Vec::new());
+        };
         let mut part = config::resolve(&plugin, &config, &mut self.files, self.sections.sources)?;
         if !given.training {
             let entry = &self.sections.registry.protocols[plugin.name];
@@ -318,6 +449,10 @@ impl Known<'_> {
             })?;
             part.config = Arc::new(config);
         }
-        Ok(Arc::new(Resolved { id: part.id(), part, given }))
+        Ok(Arc::new(Resolved {
+            id: part.id(),
+            part,
+            given,
+        }))
     }
 }

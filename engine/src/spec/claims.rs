@@ -18,7 +18,8 @@ pub struct ClaimSpec {
     /// Why its margin or factor is what it is; empty where absent.
     #[serde(default)]
     pub why: String,
-    /// What was chosen with the claim in view; that it holds then says nothing, and its verdict is CALIBRATED.
+    /// What was chosen with the claim in view; that it holds then says nothing, and its verdict is
+    /// CALIBRATED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
     /// True where it was thought of after results were seen; its verdict is counted apart.

@@ -1,4 +1,5 @@
-//! From the keys that a study gives to a plugin's complete config: defaults, then the preset, then the study's own keys.
+//! From the keys that a study gives to a plugin's complete config: defaults, then the preset, then the
+//! study's own keys.
 
 use crate::{
     data_file::hash_of,
@@ -38,7 +39,10 @@ impl<'a> Files<'a> {
     /// Files named relative to the folder of the study.
     #[must_use]
     pub fn new(folder: &'a Path) -> Self {
-        Self { folder, hashes: BTreeMap::new() }
+        Self {
+            folder,
+            hashes: BTreeMap::new(),
+        }
     }
 
     fn hash(&mut self, path: &Path) -> Option<String> {
@@ -53,31 +57,62 @@ impl<'a> Files<'a> {
 ///
 /// # Errors
 /// What the plugin refuses, and data files that do not exist.
-pub fn resolve(plugin: &Plugin<'_>, config: &Node, files: &mut Files<'_>, sources: &Sources) -> Result<Part, Vec<Diagnostic>> {
+pub fn resolve(
+    plugin: &Plugin<'_>,
+    config: &Node,
+    files: &mut Files<'_>,
+    sources: &Sources,
+) -> Result<Part, Vec<Diagnostic>> {
     let mut found = Vec::new();
     missing_files(config, &plugin.at, files, sources, &mut found);
     if !found.is_empty() {
         return Err(found);
     }
     let merged = merged(plugin.about, config);
-    let mut config = (plugin.about.resolve)(&merged).map_err(|error| refused(plugin, config, &error, sources))?;
+    let mut config =
+        (plugin.about.resolve)(&merged).map_err(|error| refused(plugin, config, &error, sources))?;
     let mut hashes = BTreeMap::new();
     let absent = name_files(&mut config, "", files, &mut hashes);
     if let Some((pointer, path)) = absent {
         let key = pointer.trim_start_matches('/').replace('/', ".");
-        let message = format!("the data file `{}` that `{key}` names by default does not exist", path.display());
-        return Err(vec![sources.error(plugin.span, &plugin.at, message).help(format!("give `{key}` in the study"))]);
+        let message = format!(
+            "the data file `{}` that `{key}` names by default does not exist",
+            path.display()
+        );
+        return Err(vec![
+            sources
+                .error(plugin.span, &plugin.at, message)
+                .help(format!("give `{key}` in the study")),
+        ]);
     }
-    Ok(Part { files: hashes, ..Part::new(plugin.name, plugin.about.version, config) })
+    Ok(Part {
+        files: hashes,
+        ..Part::new(plugin.name, plugin.about.version, config)
+    })
 }
 
 /// Why a config does not fit its plugin: what the schema says of it, or else what the plugin's reader says.
-fn refused(plugin: &Plugin<'_>, config: &Node, error: &serde_json::Error, sources: &Sources) -> Vec<Diagnostic> {
+fn refused(
+    plugin: &Plugin<'_>,
+    config: &Node,
+    error: &serde_json::Error,
+    sources: &Sources,
+) -> Vec<Diagnostic> {
     let mut checker = Checker::new(sources);
-    checker.check(config, &At { key: plugin.span, name: plugin.name.into(), path: plugin.at.clone() }, &plugin.schema);
+    checker.check(
+        config,
+        &At {
+            key: plugin.span,
+            name: plugin.name.into(),
+            path: plugin.at.clone(),
+        },
+        &plugin.schema,
+    );
     if checker.found.is_empty() {
         let message = format!("`{}` does not take this config: {error}", plugin.name);
-        checker.found.push(sources.error(plugin.span, &plugin.at, message));
+        checker
+            .found
+            .push(sources.error(plugin.span, &plugin.at, message));
     }
     checker.found
 }
@@ -98,14 +133,22 @@ fn merged(about: &About, config: &Node) -> Value {
     value
 }
 
-/// Lays `over` on `value`. Mappings with fixed keys are merged key by key; everything else (an enum's variant, a list, a map
-/// of free names) is replaced as a whole.
+/// Lays `over` on `value`. Mappings with fixed keys are merged key by key; everything else (an enum's
+/// variant, a list, a map of free names) is replaced as a whole.
 fn merge(value: &mut Value, over: Value, schema: Option<&View<'_>>) {
-    let fields = if value.is_object() && over.is_object() { schema.and_then(View::as_struct) } else { None };
+    let fields = if value.is_object() && over.is_object() {
+        schema.and_then(View::as_struct)
+    } else {
+        None
+    };
     match (value, over, fields) {
         (Value::Object(base), Value::Object(over), Some(fields)) => {
             for (key, item) in over {
-                merge(base.entry(key.clone()).or_insert(Value::Null), item, fields.property(&key).as_ref());
+                merge(
+                    base.entry(key.clone()).or_insert(Value::Null),
+                    item,
+                    fields.property(&key).as_ref(),
+                );
             }
         }
         (value, over, _) => *value = over,
@@ -113,18 +156,37 @@ fn merge(value: &mut Value, over: Value, schema: Option<&View<'_>>) {
 }
 
 /// Strings under the key `file` that name no file.
-fn missing_files(config: &Node, at: &str, files: &mut Files<'_>, sources: &Sources, found: &mut Vec<Diagnostic>) {
+fn missing_files(
+    config: &Node,
+    at: &str,
+    files: &mut Files<'_>,
+    sources: &Sources,
+    found: &mut Vec<Diagnostic>,
+) {
     match &config.kind {
-        Kind::Sequence(items) => items.iter().for_each(|item| missing_files(item, at, files, sources, found)),
+        Kind::Sequence(items) => items
+            .iter()
+            .for_each(|item| missing_files(item, at, files, sources, found)),
         Kind::Mapping(entries) => {
             for entry in entries {
                 let below = format!("{at}.{}", entry.key);
-                match entry.value.as_str().filter(|text| entry.key == "file" && !text.is_empty()) {
+                match entry
+                    .value
+                    .as_str()
+                    .filter(|text| entry.key == "file" && !text.is_empty())
+                {
                     Some(text) => {
                         let path = files.folder.join(text);
                         if files.hash(&path).is_none() {
-                            let error = sources.error(entry.value.span, &below, format!("there is no data file `{text}`"));
-                            let help = format!("files are sought from the folder of the study: `{}`", path.display());
+                            let error = sources.error(
+                                entry.value.span,
+                                &below,
+                                format!("there is no data file `{text}`"),
+                            );
+                            let help = format!(
+                                "files are sought from the folder of the study: `{}`",
+                                path.display()
+                            );
                             found.push(error.help(help));
                         }
                     }
@@ -136,8 +198,8 @@ fn missing_files(config: &Node, at: &str, files: &mut Files<'_>, sources: &Sourc
     }
 }
 
-/// Makes the paths under `file` usable from the current folder and notes the hash of what they hold, by JSON pointer.
-/// Returns the first that does not exist.
+/// Makes the paths under `file` usable from the current folder and notes the hash of what they hold, by JSON
+/// pointer. Returns the first that does not exist.
 fn name_files(
     value: &mut Value,
     at: &str,
@@ -149,7 +211,9 @@ fn name_files(
         Value::Object(map) => map.iter_mut().find_map(|(key, item)| match item {
             Value::String(text) if key == "file" && !text.is_empty() => {
                 let path = files.folder.join(&*text);
-                let Some(hash) = files.hash(&path) else { return Some((below(key), path)) };
+                let Some(hash) = files.hash(&path) else {
+                    return Some((below(key), path));
+                };
                 *text = path.display().to_string();
                 hashes.insert(below(key), hash);
                 None
@@ -157,14 +221,16 @@ fn name_files(
             Value::Object(_) | Value::Array(_) => name_files(item, &below(key), files, hashes),
             _ => None,
         }),
-        Value::Array(items) => {
-            items.iter_mut().enumerate().find_map(|(index, item)| name_files(item, &below(&index.to_string()), files, hashes))
-        }
+        Value::Array(items) => items
+            .iter_mut()
+            .enumerate()
+            .find_map(|(index, item)| name_files(item, &below(&index.to_string()), files, hashes)),
         _ => None,
     }
 }
 
-/// Span of the value at a dotted key, or of the deepest part of it that is written; `None` where nothing of it is.
+/// Span of the value at a dotted key, or of the deepest part of it that is written; `None` where nothing of
+/// it is.
 #[must_use]
 pub fn locate(config: &Node, key: &str) -> Option<Span> {
     let (mut here, mut span) = (config, None);
@@ -174,7 +240,11 @@ pub fn locate(config: &Node, key: &str) -> Option<Span> {
             continue;
         }
         let Some(entry) = here.entry(word) else { break };
-        span = Some(if matches!(entry.value.kind, Kind::Scalar(_)) { entry.value.span } else { entry.key_span });
+        span = Some(if matches!(entry.value.kind, Kind::Scalar(_)) {
+            entry.value.span
+        } else {
+            entry.key_span
+        });
         here = &entry.value;
     }
     span

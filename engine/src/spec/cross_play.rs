@@ -59,7 +59,11 @@ impl Play {
     pub fn combinations(&self) -> Vec<Vec<&Player>> {
         let mut all: Vec<Vec<&Player>> = vec![Vec::new()];
         for _ in &self.roles {
-            let longer = |head: Vec<_>| self.players.iter().map(move |player| [head.clone(), vec![player]].concat());
+            let longer = |head: Vec<_>| {
+                self.players
+                    .iter()
+                    .map(move |player| [head.clone(), vec![player]].concat())
+            };
             all = all.into_iter().flat_map(longer).collect();
         }
         all
@@ -70,10 +74,20 @@ impl Play {
 ///
 /// # Errors
 /// Names that do not exist, seats without exactly one role, agents that cannot be set against each other.
-pub(super) fn resolve(sections: &Sections<'_>, cells: &[Cell], n_seeds: usize) -> Result<Vec<Play>, Vec<Diagnostic>> {
+pub(super) fn resolve(
+    sections: &Sections<'_>,
+    cells: &[Cell],
+    n_seeds: usize,
+) -> Result<Vec<Play>, Vec<Diagnostic>> {
     let (mut plays, mut found) = (Vec::new(), Vec::new());
     for named in &sections.written.plays {
-        let mut reader = Reader { sections, cells, named, at: format!("cross_play.{}", named.name), found: Vec::new() };
+        let mut reader = Reader {
+            sections,
+            cells,
+            named,
+            at: format!("cross_play.{}", named.name),
+            found: Vec::new(),
+        };
         let play = reader.play(n_seeds);
         match play.filter(|_| reader.found.is_empty()) {
             Some(play) => plays.push(play),
@@ -97,32 +111,74 @@ impl Reader<'_> {
         let players = self.players(environment);
         let first = players.first()?.cell;
         self.trained_alike(&players);
-        let environment_config =
-            self.named.config.get("environment_config").cloned().unwrap_or_else(|| Node::empty_mapping(self.named.name_span));
+        let environment_config = self
+            .named
+            .config
+            .get("environment_config")
+            .cloned()
+            .unwrap_or_else(|| Node::empty_mapping(self.named.name_span));
         let (arena, built) = self.arena(first, &environment_config)?;
         let seats: Vec<String> = built.seats().iter().map(|seat| seat.name.clone()).collect();
         let roles = self.roles(&seats);
         self.too_many(players.len(), roles.len(), n_seeds);
-        let episodes = self.named.config.get("episodes").and_then(|node| node.to_value().as_u64()).unwrap_or(EPISODES);
+        let episodes = self
+            .named
+            .config
+            .get("episodes")
+            .and_then(|node| node.to_value().as_u64())
+            .unwrap_or(EPISODES);
         let protocol = protocol::measuring(episodes);
-        let metrics = protocol::measured().into_iter().chain(built.metrics().iter().cloned()).map(|metric| metric.name).collect();
-        let (name, environment) = (self.named.name.clone(), self.sections.written.environments[environment].name.clone());
-        Some(Play { name, environment, roles, players, metrics, arena, episodes, protocol, environment_config })
+        let metrics = protocol::measured()
+            .into_iter()
+            .chain(built.metrics().iter().cloned())
+            .map(|metric| metric.name)
+            .collect();
+        let (name, environment) = (
+            self.named.name.clone(),
+            self.sections.written.environments[environment].name.clone(),
+        );
+        Some(Play {
+            name,
+            environment,
+            roles,
+            players,
+            metrics,
+            arena,
+            episodes,
+            protocol,
+            environment_config,
+        })
     }
 
     fn say(&mut self, span: Span, key: &str, message: impl Into<String>, help: impl Into<String>) {
-        let at = if key.is_empty() { self.at.clone() } else { format!("{}.{key}", self.at) };
+        let at = if key.is_empty() {
+            self.at.clone()
+        } else {
+            format!("{}.{key}", self.at)
+        };
         let (error, help) = (self.sections.sources.error(span, &at, message), help.into());
-        self.found.push(if help.is_empty() { error } else { error.help(help) });
+        self.found
+            .push(if help.is_empty() { error } else { error.help(help) });
     }
 
     fn environment(&mut self) -> Option<usize> {
         let node = self.named.config.get("environment")?;
         let name = node.as_str()?;
-        let known: Vec<&str> = self.sections.written.environments.iter().map(|it| it.name.as_str()).collect();
+        let known: Vec<&str> = self
+            .sections
+            .written
+            .environments
+            .iter()
+            .map(|it| it.name.as_str())
+            .collect();
         let index = known.iter().position(|it| *it == name);
         if index.is_none() {
-            self.say(node.span, "environment", format!("no environment is named `{name}`"), suggest(name, known));
+            self.say(
+                node.span,
+                "environment",
+                format!("no environment is named `{name}`"),
+                suggest(name, known),
+            );
         }
         index
     }
@@ -136,19 +192,41 @@ impl Reader<'_> {
         };
         let listed = self.named.config.entry("agents");
         let span = listed.map_or(self.named.name_span, |entry| entry.key_span);
-        let here = |index: &usize| self.cells.iter().any(|cell| cell.pair() == Some((environment, *index)));
-        let all = || (0..agents.len()).filter(|index| learns(*index) && here(index)).map(|index| (index, span)).collect();
+        let here = |index: &usize| {
+            self.cells
+                .iter()
+                .any(|cell| cell.pair() == Some((environment, *index)))
+        };
+        let all = || {
+            (0..agents.len())
+                .filter(|index| learns(*index) && here(index))
+                .map(|index| (index, span))
+                .collect()
+        };
         let chosen: Vec<(usize, Span)> = listed.map_or_else(all, |entry| self.listed(entry.value.items()));
         let mut players: Vec<Player> = Vec::new();
         for (index, span) in chosen {
             if let Some(cell) = self.only_cell(environment, index, span) {
                 let name = self.sections.written.agents[index].name.clone();
-                players.push(Player { name, learns: self.cells[cell].parts[2].given.training, cell });
+                players.push(Player {
+                    name,
+                    learns: self.cells[cell].parts[2].given.training,
+                    cell,
+                });
             }
         }
         if players.len() < 2 && self.found.is_empty() {
-            let message = format!("`{}` needs at least two agents that meet, and has {}", self.named.name, players.len());
-            self.say(span, "agents", message, "without `agents`, all agents play that learn in this environment");
+            let message = format!(
+                "`{}` needs at least two agents that meet, and has {}",
+                self.named.name,
+                players.len()
+            );
+            self.say(
+                span,
+                "agents",
+                message,
+                "without `agents`, all agents play that learn in this environment",
+            );
         }
         players
     }
@@ -157,11 +235,27 @@ impl Reader<'_> {
         let mut indices: Vec<(usize, Span)> = Vec::new();
         for item in items {
             let Some(name) = item.as_str() else { continue };
-            let known: Vec<&str> = self.sections.written.agents.iter().map(|it| it.name.as_str()).collect();
+            let known: Vec<&str> = self
+                .sections
+                .written
+                .agents
+                .iter()
+                .map(|it| it.name.as_str())
+                .collect();
             match known.iter().position(|it| *it == name) {
-                None => self.say(item.span, "agents", format!("no agent is named `{name}`"), suggest(name, known)),
+                None => self.say(
+                    item.span,
+                    "agents",
+                    format!("no agent is named `{name}`"),
+                    suggest(name, known),
+                ),
                 Some(index) if indices.iter().any(|(other, _)| *other == index) => {
-                    self.say(item.span, "agents", format!("`{name}` is listed twice"), "remove one of the two");
+                    self.say(
+                        item.span,
+                        "agents",
+                        format!("`{name}` is listed twice"),
+                        "remove one of the two",
+                    );
                 }
                 Some(index) => indices.push((index, item.span)),
             }
@@ -172,17 +266,36 @@ impl Reader<'_> {
     /// The one cell that trains an agent here.
     fn only_cell(&mut self, environment: usize, agent: usize, span: Span) -> Option<usize> {
         let is_here = |(_, cell): &(usize, &Cell)| cell.pair() == Some((environment, agent));
-        let found: Vec<usize> = self.cells.iter().enumerate().filter(is_here).map(|(index, _)| index).collect();
+        let found: Vec<usize> = self
+            .cells
+            .iter()
+            .enumerate()
+            .filter(is_here)
+            .map(|(index, _)| index)
+            .collect();
         let name = &self.sections.written.agents[agent].name;
         match found.as_slice() {
             [one] => return Some(*one),
             [] => {
                 let message = format!("no trial feeds the agent `{name}` here");
-                self.say(span, "agents", message, "`exclude` leaves out its combination with this environment");
+                self.say(
+                    span,
+                    "agents",
+                    message,
+                    "`exclude` leaves out its combination with this environment",
+                );
             }
             several => {
-                let message = format!("`{name}` has {} settings here, and each would be another player", several.len());
-                self.say(span, "agents", message, "give each setting a name of its own under `agents` instead of a sweep");
+                let message = format!(
+                    "`{name}` has {} settings here, and each would be another player",
+                    several.len()
+                );
+                self.say(
+                    span,
+                    "agents",
+                    message,
+                    "give each setting a name of its own under `agents` instead of a sweep",
+                );
             }
         }
         None
@@ -190,11 +303,24 @@ impl Reader<'_> {
 
     /// Agents of different environments cannot meet.
     fn trained_alike(&mut self, players: &[Player]) {
-        let Some((first, others)) = players.split_first() else { return };
+        let Some((first, others)) = players.split_first() else {
+            return;
+        };
         let environment = |player: &Player| self.cells[player.cell].parts[0].id.clone();
-        if let Some(other) = others.iter().find(|other| environment(other) != environment(first)) {
-            let message = format!("`{}` and `{}` are trained in different variants of the environment", first.name, other.name);
-            self.say(self.named.name_span, "", message, "an override sets its keys for one of them");
+        if let Some(other) = others
+            .iter()
+            .find(|other| environment(other) != environment(first))
+        {
+            let message = format!(
+                "`{}` and `{}` are trained in different variants of the environment",
+                first.name, other.name
+            );
+            self.say(
+                self.named.name_span,
+                "",
+                message,
+                "an override sets its keys for one of them",
+            );
         }
     }
 
@@ -204,7 +330,15 @@ impl Reader<'_> {
         let plugin = self.sections.plugin(given.target)?;
         let at = format!("{}.environment_config", self.at);
         let mut checker = Checker::new(self.sections.sources);
-        checker.check(over, &At { key: over.span, name: "environment_config".into(), path: at }, &plugin.schema);
+        checker.check(
+            over,
+            &At {
+                key: over.span,
+                name: "environment_config".into(),
+                path: at,
+            },
+            &plugin.schema,
+        );
         if !checker.found.is_empty() {
             self.found.extend(checker.found);
             return None;
@@ -213,7 +347,13 @@ impl Reader<'_> {
         for entry in over.entries() {
             let (config_schema, keys) = (plugin.schema.clone(), vec![entry.key.clone()]);
             let schema = config_schema.property(&entry.key)?;
-            let path = KeyPath { target: given.target, keys, config: config_schema, schema, span: entry.key_span };
+            let path = KeyPath {
+                target: given.target,
+                keys,
+                config: config_schema,
+                schema,
+                span: entry.key_span,
+            };
             path.assign(&mut config, &entry.value);
         }
         let mut files = Files::new(self.sections.folder);
@@ -221,13 +361,24 @@ impl Reader<'_> {
         let part = resolved.map_err(|errors| self.found.extend(errors)).ok()?;
         let build = &self.sections.registry.environments[part.plugin.as_str()].build;
         match (build(&part.config), build(&self.cells[cell].parts[0].part.config)) {
-            (Ok(arena), Ok(trained)) if arena.interface() == trained.interface() => return Some((part, arena)),
+            (Ok(arena), Ok(trained)) if arena.interface() == trained.interface() => {
+                return Some((part, arena));
+            }
             (Ok(_), _) => {
                 let message = "this changes what the seats see or do, so that no agent fits them any more";
-                self.say(self.span_of("environment_config"), "environment_config", message, "");
+                self.say(
+                    self.span_of("environment_config"),
+                    "environment_config",
+                    message,
+                    "",
+                );
             }
             (Err(error), _) => {
-                let key = if let crate::Error::Config { key, .. } = &error { key.as_str() } else { "" };
+                let key = if let crate::Error::Config { key, .. } = &error {
+                    key.as_str()
+                } else {
+                    ""
+                };
                 let span = locate(over, key).unwrap_or_else(|| self.span_of("environment_config"));
                 self.say(span, "environment_config", error.to_string(), "");
             }
@@ -236,7 +387,10 @@ impl Reader<'_> {
     }
 
     fn span_of(&self, key: &str) -> Span {
-        self.named.config.entry(key).map_or(self.named.name_span, |entry| entry.key_span)
+        self.named
+            .config
+            .entry(key)
+            .map_or(self.named.name_span, |entry| entry.key_span)
     }
 
     /// Roles with their seats; every seat has one.
@@ -250,34 +404,77 @@ impl Reader<'_> {
                 let at = format!("roles.{}", role.key);
                 if !seats.iter().any(|known| known == seat) {
                     let help = suggest(seat, seats.iter().map(String::as_str));
-                    self.say(item.span, &at, format!("the environment has no seat `{seat}`"), help);
+                    self.say(
+                        item.span,
+                        &at,
+                        format!("the environment has no seat `{seat}`"),
+                        help,
+                    );
                 } else if let Some((_, other)) = taken.iter().find(|(known, _)| *known == seat) {
-                    self.say(item.span, &at, format!("`{seat}` has a role already: `{other}`"), "every seat has one role");
+                    self.say(
+                        item.span,
+                        &at,
+                        format!("`{seat}` has a role already: `{other}`"),
+                        "every seat has one role",
+                    );
                 } else {
                     taken.push((seat, &role.key));
                 }
             }
-            let own = seats.iter().filter(|seat| taken.contains(&(seat.as_str(), &role.key))).cloned().collect();
+            let own = seats
+                .iter()
+                .filter(|seat| taken.contains(&(seat.as_str(), &role.key)))
+                .cloned()
+                .collect();
             roles.push((role.key.clone(), own));
         }
-        let left: Vec<String> = seats.iter().filter(|seat| !taken.iter().any(|(known, _)| known == seat)).cloned().collect();
+        let left: Vec<String> = seats
+            .iter()
+            .filter(|seat| !taken.iter().any(|(known, _)| known == seat))
+            .cloned()
+            .collect();
         if !left.is_empty() && self.found.is_empty() {
-            let left = left.iter().map(|seat| format!("`{seat}`")).collect::<Vec<_>>().join(", ");
-            self.say(self.span_of("roles"), "roles", format!("no role for {left}"), "every seat of the environment has one role");
+            let left = left
+                .iter()
+                .map(|seat| format!("`{seat}`"))
+                .collect::<Vec<_>>()
+                .join(", ");
+            self.say(
+                self.span_of("roles"),
+                "roles",
+                format!("no role for {left}"),
+                "every seat of the environment has one role",
+            );
         }
         if roles.len() < 2 && self.found.is_empty() {
             let help = "agents that play all seats together are what their own trials measure";
-            self.say(self.span_of("roles"), "roles", "agents meet only where there are at least two roles", help);
+            self.say(
+                self.span_of("roles"),
+                "roles",
+                "agents meet only where there are at least two roles",
+                help,
+            );
         }
         roles.sort();
         roles
     }
 
     fn too_many(&mut self, players: usize, roles: usize, n_seeds: usize) {
-        let combinations = u32::try_from(roles).ok().and_then(|roles| (players as u64).checked_pow(roles));
-        if combinations.and_then(|count| count.checked_mul(n_seeds as u64)).is_none_or(|trials| trials > MOST_TRIALS) {
-            let message = format!("{players} agents in {roles} roles make too many trials: at most {MOST_TRIALS}");
-            self.say(self.named.name_span, "", message, "list fewer `agents`, or put seats into the same role");
+        let combinations = u32::try_from(roles)
+            .ok()
+            .and_then(|roles| (players as u64).checked_pow(roles));
+        if combinations
+            .and_then(|count| count.checked_mul(n_seeds as u64))
+            .is_none_or(|trials| trials > MOST_TRIALS)
+        {
+            let message =
+                format!("{players} agents in {roles} roles make too many trials: at most {MOST_TRIALS}");
+            self.say(
+                self.named.name_span,
+                "",
+                message,
+                "list fewer `agents`, or put seats into the same role",
+            );
         }
     }
 }

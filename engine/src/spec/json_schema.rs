@@ -10,19 +10,35 @@ use serde_json::{Map, Value, json};
 /// are named.
 #[must_use]
 pub fn json_schema(registry: &Registry) -> Value {
-    let mut schema = SchemaGenerator::default().into_root_schema_for::<Sections>().to_value();
+    let mut schema = SchemaGenerator::default()
+        .into_root_schema_for::<Sections>()
+        .to_value();
     let mut definitions = match schema["$defs"].take() {
         Value::Object(definitions) => definitions,
         _ => Map::new(),
     };
-    let environments = registry.environments.iter().map(|(name, entry)| (*name, &entry.about));
-    let environment = choice("environment plugin", environments, "environment", &mut definitions);
+    let environments = registry
+        .environments
+        .iter()
+        .map(|(name, entry)| (*name, &entry.about));
+    let environment = choice(
+        "environment plugin",
+        environments,
+        "environment",
+        &mut definitions,
+    );
     let agent = choice("agent plugin", cast::agents(registry), "agent", &mut definitions);
-    let protocols = registry.protocols.iter().map(|(name, entry)| (*name, &entry.about));
+    let protocols = registry
+        .protocols
+        .iter()
+        .map(|(name, entry)| (*name, &entry.about));
     let protocol = choice("protocol plugin", protocols, "protocol", &mut definitions);
     let chosen = [
         ("prepare", prepare(&environment, &agent, &protocol)),
-        ("environments", named("Environments by name, one plugin each.", environment)),
+        (
+            "environments",
+            named("Environments by name, one plugin each.", environment),
+        ),
         ("agents", named("Agents by name, one plugin each.", agent)),
         ("protocol", described("How each trial runs.", protocol)),
     ];
@@ -57,7 +73,10 @@ fn choice<'a>(
     let properties: Map<String, Value> = plugins
         .map(|(name, about)| {
             let schema = with_presets(about);
-            (name.to_string(), embed(schema, &format!("{prefix}.{name}"), definitions))
+            (
+                name.to_string(),
+                embed(schema, &format!("{prefix}.{name}"), definitions),
+            )
         })
         .collect();
     json!({
@@ -77,7 +96,8 @@ pub(super) fn with_presets(about: &About) -> Value {
     if !about.presets.is_empty() {
         let names: Vec<&str> = about.presets.iter().map(|preset| preset.name).collect();
         let description = "Named setting to begin from; keys given beside it win.";
-        schema["properties"]["preset"] = json!({ "description": description, "enum": names, "x-kind": "preset" });
+        schema["properties"]["preset"] =
+            json!({ "description": description, "enum": names, "x-kind": "preset" });
     }
     schema
 }
@@ -104,8 +124,12 @@ fn rename(schema: &mut Value, prefix: &str) {
         Value::Object(map) => {
             for (key, value) in map {
                 match value {
-                    Value::String(target) if key == "$ref" && target == "#" => *target = format!("#/$defs/{prefix}"),
-                    Value::String(target) if key == "$ref" => *target = target.replace("#/$defs/", &format!("#/$defs/{prefix}.")),
+                    Value::String(target) if key == "$ref" && target == "#" => {
+                        *target = format!("#/$defs/{prefix}")
+                    }
+                    Value::String(target) if key == "$ref" => {
+                        *target = target.replace("#/$defs/", &format!("#/$defs/{prefix}."))
+                    }
                     other => rename(other, prefix),
                 }
             }
@@ -121,7 +145,8 @@ fn prepare(environment: &Value, agent: &Value, protocol: &Value) -> Value {
         json!({ "description": description, "anyOf": [{ "type": "string" }, own] })
     };
     json!({
-        "description": "Trials that leave something for others, by name: `{ from: NAME }` takes it.", "type": "object",
+        "description": "Trials that leave something for others, by name: `{ from: NAME }` takes \
+                        it.", "type": "object",
         "propertyNames": { "pattern": NAME },
         "additionalProperties": {
             "type": "object", "additionalProperties": false, "required": ["environment", "agent"],

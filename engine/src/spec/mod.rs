@@ -1,5 +1,5 @@
-//! Studies: from one YAML file to everything that is asked for, checked so far that no name, metric, key or range can be
-//! wrong.
+//! Studies: from one YAML file to everything that is asked for, checked so far that no name, metric, key or
+//! range can be wrong.
 //!
 //! | file | what it does |
 //! |---|---|
@@ -99,7 +99,8 @@ pub struct Study {
     pub agents: Vec<String>,
     /// All seeds that it may use.
     pub seeds: Vec<u64>,
-    /// The looks at which seeds are added until all that is judged is decided; `None` where their number is fixed.
+    /// The looks at which seeds are added until all that is judged is decided; `None` where their number is
+    /// fixed.
     pub design: Option<Design>,
     /// What counts as a success of a seed.
     pub success: Option<Success>,
@@ -119,7 +120,8 @@ pub struct Study {
     pub limits: Limits,
     /// What can be run and is probably not meant, sorted by position.
     pub warnings: Vec<Diagnostic>,
-    /// Everything that its trials record, by name; where parts share a name, the first of protocol, environments and agents.
+    /// Everything that its trials record, by name; where parts share a name, the first of protocol,
+    /// environments and agents.
     pub metrics: Vec<Metric>,
     /// Names of the entries of `prepare`, in order.
     pub prepared: Vec<String>,
@@ -146,11 +148,24 @@ pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study
     let unreadable = |error: std::io::Error| {
         let mut sources = Sources::default();
         let source = sources.add_file(&name, "");
-        vec![sources.error(Span { source, ..Span::default() }, "", format!("cannot read the study: {error}"))]
+        vec![sources.error(
+            Span {
+                source,
+                ..Span::default()
+            },
+            "",
+            format!("cannot read the study: {error}"),
+        )]
     };
     let bytes = std::fs::read(path).map_err(unreadable)?;
     let text = document::decode(&name, &bytes)?;
-    load_text(&text, &name, path.parent().unwrap_or(Path::new("")), registry, options)
+    load_text(
+        &text,
+        &name,
+        path.parent().unwrap_or(Path::new("")),
+        registry,
+        options,
+    )
 }
 
 /// Checks the study in a text. Messages call it `name`; data files are sought from `folder`.
@@ -174,10 +189,15 @@ pub fn load_text(
     let (fixed, errors) = settings::apply(&root, &mut written, &schema, &mut sources, options);
     found.extend(errors);
     let mut keep = |errors: Vec<Diagnostic>| found.extend(errors);
-    let dimensions = sweep::read(&root, &written, &schema, &sources, &fixed).map_err(&mut keep).unwrap_or_default();
-    let overrides =
-        overrides::read(&root, &written, &schema, &sources, &dimensions, &fixed).map_err(&mut keep).unwrap_or_default();
-    let excluded = overrides::read_exclude(&root, &written, &sources).map_err(&mut keep).unwrap_or_default();
+    let dimensions = sweep::read(&root, &written, &schema, &sources, &fixed)
+        .map_err(&mut keep)
+        .unwrap_or_default();
+    let overrides = overrides::read(&root, &written, &schema, &sources, &dimensions, &fixed)
+        .map_err(&mut keep)
+        .unwrap_or_default();
+    let excluded = overrides::read_exclude(&root, &written, &sources)
+        .map_err(&mut keep)
+        .unwrap_or_default();
     if found.iter().any(blocks_trials) {
         return Err(in_order(found));
     }
@@ -191,32 +211,54 @@ pub fn load_text(
         dimensions: &dimensions,
         excluded: &excluded,
     };
-    finish(&root, &sections, found).map(|study| Study { profile: options.profile.clone(), ..study })
+    finish(&root, &sections, found).map(|study| Study {
+        profile: options.profile.clone(),
+        ..study
+    })
 }
 
 /// The second half of loading: cells are made and built, and what is asked of them is checked.
-fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Result<Study, Vec<Diagnostic>> {
+fn finish(
+    root: &Node,
+    sections: &Sections<'_>,
+    mut found: Vec<Diagnostic>,
+) -> Result<Study, Vec<Diagnostic>> {
     let with = |mut found: Vec<Diagnostic>, more: Vec<Diagnostic>| {
         found.extend(more);
         in_order(found)
     };
-    let plan = SeedPlan::read(sections.written.seeds.as_ref(), sections.sources).map_err(|errors| with(found.clone(), errors))?;
+    let plan = SeedPlan::read(sections.written.seeds.as_ref(), sections.sources)
+        .map_err(|errors| with(found.clone(), errors))?;
     if let Some(error) = too_many(root, sections, plan.seeds.len()) {
         return Err(with(found, vec![error]));
     }
-    let success: Option<Success> = root.get("success").and_then(|node| serde_json::from_value(node.to_value()).ok());
+    let success: Option<Success> = root
+        .get("success")
+        .and_then(|node| serde_json::from_value(node.to_value()).ok());
     let mut cells = sections.cells().map_err(|errors| with(found.clone(), errors))?;
-    let order = taking::link(sections, &mut cells, &plan.seeds).map_err(|errors| with(found.clone(), errors))?;
+    let order =
+        taking::link(sections, &mut cells, &plan.seeds).map_err(|errors| with(found.clone(), errors))?;
     let certain = &plan.seeds[..plan.certain()];
     let mut world = builds::build(sections, &cells, certain).map_err(|errors| with(found.clone(), errors))?;
-    found.extend(names::success(root, success.as_ref(), &mut world, sections.sources));
-    world.plays = cross_play::resolve(sections, &cells, plan.seeds.len()).map_err(|errors| with(found.clone(), errors))?;
+    found.extend(names::success(
+        root,
+        success.as_ref(),
+        &mut world,
+        sections.sources,
+    ));
+    world.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
+        .map_err(|errors| with(found.clone(), errors))?;
     let asked = names::Asked::read(root, &world, sections.sources, sections.folder);
     found.extend(asked.found);
     if !found.is_empty() {
         return Err(in_order(found));
     }
-    let text = |key: &str| root.get(key).and_then(Node::as_str).unwrap_or_default().to_string();
+    let text = |key: &str| {
+        root.get(key)
+            .and_then(Node::as_str)
+            .unwrap_or_default()
+            .to_string()
+    };
     Ok(Study {
         name: text("study"),
         title: text("title"),
@@ -236,16 +278,29 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
         design: plan.design,
         success,
         profile: None,
-        profiles: root.get("profiles").map_or(&[][..], Node::entries).iter().map(|entry| entry.key.clone()).collect(),
+        profiles: root
+            .get("profiles")
+            .map_or(&[][..], Node::entries)
+            .iter()
+            .map(|entry| entry.key.clone())
+            .collect(),
         tables: asked.tables,
         figures: asked.figures,
         claims: asked.claims,
         // The section was held against its schema before.
-        limits: root.get("limits").and_then(|node| serde_json::from_value(node.to_value()).ok()).unwrap_or_default(),
+        limits: root
+            .get("limits")
+            .and_then(|node| serde_json::from_value(node.to_value()).ok())
+            .unwrap_or_default(),
         warnings: world.warnings,
         metrics: world.metrics,
         units: world.units,
-        prepared: sections.written.prepared.iter().map(|entry| entry.name.clone()).collect(),
+        prepared: sections
+            .written
+            .prepared
+            .iter()
+            .map(|entry| entry.name.clone())
+            .collect(),
         cells,
         order,
         numerics: sections.registry.numerics_version,
@@ -255,14 +310,35 @@ fn finish(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> R
 
 fn check_structure(root: &Node, schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
     let mut checker = Checker::new(sources);
-    let start = Span { length: 1, ..root.span };
-    checker.check(root, &At { key: start, name: String::new(), path: String::new() }, &View::new(schema, schema));
+    let start = Span {
+        length: 1,
+        ..root.span
+    };
+    checker.check(
+        root,
+        &At {
+            key: start,
+            name: String::new(),
+            path: String::new(),
+        },
+        &View::new(schema, schema),
+    );
     checker.found
 }
 
-/// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide others.
+/// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide
+/// others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
-    const SHOWN: [&str; 8] = ["title", "source", "departures", "success", "tables", "figures", "claims", "limits"];
+    const SHOWN: [&str; 8] = [
+        "title",
+        "source",
+        "departures",
+        "success",
+        "tables",
+        "figures",
+        "claims",
+        "limits",
+    ];
     let first = diagnostic.path.split(['.', '[']).next().unwrap_or_default();
     !SHOWN.contains(&first)
 }
@@ -272,12 +348,25 @@ fn too_many(root: &Node, sections: &Sections<'_>, n_seeds: usize) -> Option<Diag
     if trials <= MOST_TRIALS {
         return None;
     }
-    let section = if sections.dimensions.is_empty() { "seeds" } else { "sweep" };
+    let section = if sections.dimensions.is_empty() {
+        "seeds"
+    } else {
+        "sweep"
+    };
     let span = root.entry(section).map_or(root.span, |entry| entry.key_span);
-    let count = if trials == u64::MAX { "far too many".into() } else { trials.to_string() };
-    let error =
-        sections.sources.error(span, section, format!("this makes {count} trials, but a study has at most {MOST_TRIALS}"));
-    Some(error.help("every `grid` key multiplies the trials; use `zip`, or sample with `random` or `latin_hypercube`"))
+    let count = if trials == u64::MAX {
+        "far too many".into()
+    } else {
+        trials.to_string()
+    };
+    let error = sections.sources.error(
+        span,
+        section,
+        format!("this makes {count} trials, but a study has at most {MOST_TRIALS}"),
+    );
+    Some(error.help(
+        "every `grid` key multiplies the trials; use `zip`, or sample with `random` or `latin_hypercube`",
+    ))
 }
 
 #[cfg(test)]

@@ -31,7 +31,8 @@ impl Override<'_> {
 /// Reads the section `overrides`; keys that a profile or `--set` fixed are left out.
 ///
 /// # Errors
-/// Names and paths that do not exist, values that do not fit, values that apply nowhere or that a sweep sets as well.
+/// Names and paths that do not exist, values that do not fit, values that apply nowhere or that a sweep sets
+/// as well.
 pub fn read<'a>(
     root: &Node,
     written: &Written,
@@ -41,7 +42,12 @@ pub fn read<'a>(
     fixed: &[KeyPath<'_>],
 ) -> Result<Vec<Override<'a>>, Vec<Diagnostic>> {
     let (mut overrides, mut found) = (Vec::new(), Vec::new());
-    for (index, item) in root.get("overrides").map_or(&[][..], Node::items).iter().enumerate() {
+    for (index, item) in root
+        .get("overrides")
+        .map_or(&[][..], Node::items)
+        .iter()
+        .enumerate()
+    {
         let at = format!("overrides[{index}]");
         let selection = Selection::read(item, &at, written, sources).unwrap_or_else(|errors| {
             found.extend(errors);
@@ -62,7 +68,11 @@ pub fn read<'a>(
         }
         overrides.push(Override { selection, set });
     }
-    if found.is_empty() { Ok(overrides) } else { Err(found) }
+    if found.is_empty() {
+        Ok(overrides)
+    } else {
+        Err(found)
+    }
 }
 
 fn useless(
@@ -78,15 +88,26 @@ fn useless(
         Target::Environment(index) => selection.environment.is_some_and(|it| it != index),
         Target::Agent(index) => selection.agent.is_some_and(|it| it != index),
         Target::Protocol => false,
-        Target::Play(_) => return Some(error("a play is no part of these combinations, so an override cannot set it".into())),
+        Target::Play(_) => {
+            return Some(error(
+                "a play is no part of these combinations, so an override cannot set it".into(),
+            ));
+        }
         Target::Prepared(..) => {
-            let message = "an entry of `prepare` is no part of these combinations, so an override cannot set it";
+            let message =
+                "an entry of `prepare` is no part of these combinations, so an override cannot set it";
             return Some(error(message.into()).help("write the value into the entry"));
         }
-        Target::Seeds => return Some(error("seeds are the same for all combinations, so an override cannot set them".into())),
+        Target::Seeds => {
+            return Some(error(
+                "seeds are the same for all combinations, so an override cannot set them".into(),
+            ));
+        }
     };
     if elsewhere {
-        return Some(error(format!("`{text}` belongs to another part than this override selects, so it would never apply")));
+        return Some(error(format!(
+            "`{text}` belongs to another part than this override selects, so it would never apply"
+        )));
     }
     if path.is_preset() {
         let help = "give the preset a name of its own under `environments` or `agents`";
@@ -95,27 +116,51 @@ fn useless(
     let mut swept = dimensions.iter().flat_map(|dimension| &dimension.keys);
     let other = swept.find(|key| key.path.overlaps(path))?;
     let error = error(format!("`{text}` is overridden and swept"));
-    Some(error.note("it is swept here", sources.place(other.path.span)).help("leave one of the two out"))
+    Some(
+        error
+            .note("it is swept here", sources.place(other.path.span))
+            .help("leave one of the two out"),
+    )
 }
 
 /// Reads the section `exclude`.
 ///
 /// # Errors
 /// Names that do not exist, and sections that leave nothing.
-pub fn read_exclude(root: &Node, written: &Written, sources: &Sources) -> Result<Vec<Selection>, Vec<Diagnostic>> {
+pub fn read_exclude(
+    root: &Node,
+    written: &Written,
+    sources: &Sources,
+) -> Result<Vec<Selection>, Vec<Diagnostic>> {
     let (mut selections, mut found) = (Vec::new(), Vec::new());
     let section = root.entry("exclude");
-    for (index, item) in section.map_or(&[][..], |entry| entry.value.items()).iter().enumerate() {
+    for (index, item) in section
+        .map_or(&[][..], |entry| entry.value.items())
+        .iter()
+        .enumerate()
+    {
         match Selection::read(item, &format!("exclude[{index}]"), written, sources) {
             Ok(selection) => selections.push(selection),
             Err(errors) => found.extend(errors),
         }
     }
-    let left_out = |environment, agent| selections.iter().any(|it: &Selection| it.matches(environment, agent));
+    let left_out = |environment, agent| {
+        selections
+            .iter()
+            .any(|it: &Selection| it.matches(environment, agent))
+    };
     let (environments, agents) = (written.environments.len(), written.agents.len());
     let nothing = (0..environments).all(|environment| (0..agents).all(|agent| left_out(environment, agent)));
     if let Some(entry) = section.filter(|_| nothing && found.is_empty() && environments * agents > 0) {
-        found.push(sources.error(entry.key_span, "exclude", "every combination is left out, so there is no trial"));
+        found.push(sources.error(
+            entry.key_span,
+            "exclude",
+            "every combination is left out, so there is no trial",
+        ));
     }
-    if found.is_empty() { Ok(selections) } else { Err(found) }
+    if found.is_empty() {
+        Ok(selections)
+    } else {
+        Err(found)
+    }
 }

@@ -43,8 +43,8 @@ pub struct KeyPath<'a> {
 /// Finds the key that `text` names.
 ///
 /// # Errors
-/// Where it does not exist: the part that is unknown, with the nearest known one. Nothing where the plugin itself is
-/// unknown, which the check against the schema says.
+/// Where it does not exist: the part that is unknown, with the nearest known one. Nothing where the plugin
+/// itself is unknown, which the check against the schema says.
 pub fn find<'a>(
     text: &str,
     span: Span,
@@ -57,12 +57,26 @@ pub fn find<'a>(
     let study = View::new(schema, schema);
     let fail = |index: usize, message: String, known: Vec<&str>| {
         let before: usize = words[..index].iter().map(|word| word.chars().count() + 1).sum();
-        let span = Span { column: span.column + before, length: words[index].chars().count(), ..span };
-        Err(vec![sources.error(span, at, message).help(suggest(words[index], known))])
+        let span = Span {
+            column: span.column + before,
+            length: words[index].chars().count(),
+            ..span
+        };
+        Err(vec![
+            sources
+                .error(span, at, message)
+                .help(suggest(words[index], known)),
+        ])
     };
     if text == "seeds" {
         let schema = study.property("seeds").unwrap_or(study);
-        return Ok(KeyPath { target: Target::Seeds, keys: vec![], config: schema.clone(), schema, span });
+        return Ok(KeyPath {
+            target: Target::Seeds,
+            keys: vec![],
+            config: schema.clone(),
+            schema,
+            span,
+        });
     }
     let Some((target, used)) = begin(&words, written) else {
         if words.len() > 1 && words[0] == "cross_play" {
@@ -74,7 +88,11 @@ pub fn find<'a>(
         }
         let index = usize::from(words.len() > 1 && ["environments", "agents"].contains(&words[0]));
         let known = written.names().into_iter().chain(["protocol", "seeds"]);
-        return fail(index, format!("no environment or agent is named `{}`", words[index]), known.collect());
+        return fail(
+            index,
+            format!("no environment or agent is named `{}`", words[index]),
+            known.collect(),
+        );
     };
     let plugin = written.plugin(target);
     let config = config_schema(study, target, plugin).ok_or_else(Vec::new)?;
@@ -82,26 +100,48 @@ pub fn find<'a>(
     let first = used + usize::from(named_twice);
     let keys: Vec<String> = words[first..].iter().map(ToString::to_string).collect();
     if keys.is_empty() {
-        let example = format!("{}.{}", words[used - 1], config.property_names().first().unwrap_or(&"key"));
+        let example = format!(
+            "{}.{}",
+            words[used - 1],
+            config.property_names().first().unwrap_or(&"key")
+        );
         let error = sources.error(span, at, format!("`{text}` names no key"));
         return Err(vec![error.help(format!("write a key behind it: `{example}`"))]);
     }
     match config.descend(&keys) {
-        Ok(schema) => Ok(KeyPath { target, keys, config, schema, span }),
+        Ok(schema) => Ok(KeyPath {
+            target,
+            keys,
+            config,
+            schema,
+            span,
+        }),
         Err((0, known)) => fail(first, format!("`{plugin}` has no key `{}`", keys[0]), known),
         Err((index, known)) => {
             let owner = keys[..index].join(".");
-            fail(first + index, format!("`{owner}` of `{plugin}` has no key `{}`", keys[index]), known)
+            fail(
+                first + index,
+                format!("`{owner}` of `{plugin}` has no key `{}`", keys[index]),
+                known,
+            )
         }
     }
 }
 
 /// Why a path that begins with `prepare` names nothing.
-fn nothing_prepared(words: &[&str], span: Span, at: &str, written: &Written, sources: &Sources) -> Diagnostic {
+fn nothing_prepared(
+    words: &[&str],
+    span: Span,
+    at: &str,
+    written: &Written,
+    sources: &Sources,
+) -> Diagnostic {
     let name = words.get(1).copied().unwrap_or_default();
     let Some(entry) = written.prepared.iter().find(|entry| entry.name == name) else {
         let known = written.prepared.iter().map(|entry| entry.name.as_str());
-        return sources.error(span, at, format!("no entry of `prepare` is named `{name}`")).help(suggest(name, known));
+        return sources
+            .error(span, at, format!("no entry of `prepare` is named `{name}`"))
+            .help(suggest(name, known));
     };
     let part = words.get(2).copied().unwrap_or_default();
     let message = format!("`{part}` is no part that is written in the entry `{name}` of `prepare`");
@@ -117,19 +157,35 @@ fn nothing_prepared(words: &[&str], span: Span, at: &str, written: &Written, sou
 
 /// What the first words name, and how many they are.
 fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
-    let environment = |name: &str| written.environments.iter().position(|it| it.name == name).map(Target::Environment);
-    let agent = |name: &str| written.agents.iter().position(|it| it.name == name).map(Target::Agent);
+    let environment = |name: &str| {
+        written
+            .environments
+            .iter()
+            .position(|it| it.name == name)
+            .map(Target::Environment)
+    };
+    let agent = |name: &str| {
+        written
+            .agents
+            .iter()
+            .position(|it| it.name == name)
+            .map(Target::Agent)
+    };
     match words {
         ["protocol", ..] => Some((Target::Protocol, 1)),
         ["cross_play", name, ..] => Some((super::cross_play::target(&written.plays, name)?, 2)),
         ["prepare", name, part, ..] => {
             let index = written.prepared.iter().position(|entry| entry.name == *name)?;
             let kind = PartKind::ALL.into_iter().find(|kind| kind.name() == *part)?;
-            written.prepared[index].own(kind).map(|_| (Target::Prepared(index, kind), 3))
+            written.prepared[index]
+                .own(kind)
+                .map(|_| (Target::Prepared(index, kind), 3))
         }
         ["environments", name, ..] => environment(name).map(|target| (target, 2)),
         ["agents", name, ..] => agent(name).map(|target| (target, 2)),
-        [name, ..] => environment(name).or_else(|| agent(name)).map(|target| (target, 1)),
+        [name, ..] => environment(name)
+            .or_else(|| agent(name))
+            .map(|target| (target, 1)),
         [] => None,
     }
 }
@@ -140,8 +196,12 @@ pub fn config_schema<'a>(study: View<'a>, target: Target, plugin: &str) -> Optio
         Target::Environment(_) | Target::Prepared(_, PartKind::Environment) => {
             study.property("environments")?.property("any")?.property(plugin)
         }
-        Target::Agent(_) | Target::Prepared(_, PartKind::Agent) => study.property("agents")?.property("any")?.property(plugin),
-        Target::Protocol | Target::Prepared(_, PartKind::Protocol) => study.property("protocol")?.property(plugin),
+        Target::Agent(_) | Target::Prepared(_, PartKind::Agent) => {
+            study.property("agents")?.property("any")?.property(plugin)
+        }
+        Target::Protocol | Target::Prepared(_, PartKind::Protocol) => {
+            study.property("protocol")?.property(plugin)
+        }
         Target::Play(_) => study.property("cross_play")?.property("any"),
         Target::Seeds => None,
     }
@@ -153,7 +213,15 @@ impl KeyPath<'_> {
     pub fn check(&self, value: &Node, at: &str, sources: &Sources) -> Vec<Diagnostic> {
         let mut checker = Checker::new(sources);
         let name = self.keys.last().map_or("seeds", String::as_str).into();
-        checker.check(value, &At { key: self.span, name, path: at.into() }, &self.schema);
+        checker.check(
+            value,
+            &At {
+                key: self.span,
+                name,
+                path: at.into(),
+            },
+            &self.schema,
+        );
         checker.found
     }
 
@@ -171,17 +239,31 @@ impl KeyPath<'_> {
     /// True where both name the same key, or one a key inside the other.
     #[must_use]
     pub fn overlaps(&self, other: &KeyPath<'_>) -> bool {
-        self.target == other.target && self.keys.iter().zip(&other.keys).all(|(mine, theirs)| mine == theirs)
+        self.target == other.target
+            && self
+                .keys
+                .iter()
+                .zip(&other.keys)
+                .all(|(mine, theirs)| mine == theirs)
     }
 }
 
-/// Writes a value at `keys` below `node`. A mapping with fixed keys is written key by key, so that its other keys stay; a
-/// variant of an enum takes the place of another variant.
+/// Writes a value at `keys` below `node`. A mapping with fixed keys is written key by key, so that its other
+/// keys stay; a variant of an enum takes the place of another variant.
 fn assign(node: &mut Node, schema: &View<'_>, keys: &[String], span: Span, value: &Node) {
     let Some((first, rest)) = keys.split_first() else {
-        match schema.as_struct().filter(|_| matches!(value.kind, Kind::Mapping(_))) {
+        match schema
+            .as_struct()
+            .filter(|_| matches!(value.kind, Kind::Mapping(_)))
+        {
             Some(_) => value.entries().iter().for_each(|entry| {
-                assign(node, schema, std::slice::from_ref(&entry.key), entry.key_span, &entry.value);
+                assign(
+                    node,
+                    schema,
+                    std::slice::from_ref(&entry.key),
+                    entry.key_span,
+                    &entry.value,
+                );
             }),
             None => *node = value.clone(),
         }

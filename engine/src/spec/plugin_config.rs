@@ -10,7 +10,8 @@ use crate::{
 };
 use std::path::Path;
 
-/// Reads, checks and completes the config of the plugin `name` in a YAML file; the defaults where there is no file.
+/// Reads, checks and completes the config of the plugin `name` in a YAML file; the defaults where there is no
+/// file.
 ///
 /// # Errors
 /// Everything that is wrong with it, sorted by position.
@@ -24,13 +25,30 @@ pub fn load_config(name: &str, about: &About, path: Option<&Path>) -> Result<Par
     let root = document::parse(&sources, source, &text).map_err(in_order)?;
     let schema = with_presets(about);
     let mut checker = Checker::new(&sources);
-    let start = Span { length: 1, ..root.span };
-    checker.check(&root, &At { key: start, name: name.into(), path: String::new() }, &View::new(&schema, &schema));
+    let start = Span {
+        length: 1,
+        ..root.span
+    };
+    checker.check(
+        &root,
+        &At {
+            key: start,
+            name: name.into(),
+            path: String::new(),
+        },
+        &View::new(&schema, &schema),
+    );
     if !checker.found.is_empty() {
         return Err(in_order(checker.found));
     }
     let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));
-    let plugin = config::Plugin { name, about, schema: View::new(&schema, &schema), at: String::new(), span: start };
+    let plugin = config::Plugin {
+        name,
+        about,
+        schema: View::new(&schema, &schema),
+        at: String::new(),
+        span: start,
+    };
     config::resolve(&plugin, &root, &mut config::Files::new(folder), &sources)
 }
 
@@ -39,7 +57,14 @@ fn read(path: &Path) -> Result<String, Vec<Diagnostic>> {
     let bytes = std::fs::read(path).map_err(|error| {
         let mut sources = Sources::default();
         let source = sources.add_file(&name, "");
-        vec![sources.error(Span { source, ..Span::default() }, "", format!("cannot read the config: {error}"))]
+        vec![sources.error(
+            Span {
+                source,
+                ..Span::default()
+            },
+            "",
+            format!("cannot read the config: {error}"),
+        )]
     })?;
     document::decode(&name, &bytes)
 }

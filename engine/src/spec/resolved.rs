@@ -22,27 +22,54 @@ use serde_json::{Map, Value, json};
 use serde_saphyr::FlowSeq;
 use std::{collections::BTreeMap, path::Path};
 
-/// The study as YAML with every default written out, to be stored in `folder`: data files are named relative to it.
+/// The study as YAML with every default written out, to be stored in `folder`: data files are named relative
+/// to it.
 ///
-/// The chosen profile and the options of the command line are part of it; profiles and presets are not. It loads to the
-/// same trials, and other readers find the same values in it.
+/// The chosen profile and the options of the command line are part of it; profiles and presets are not. It
+/// loads to the same trials, and other readers find the same values in it.
 ///
 /// # Errors
 /// [`Error::Render`] where a value has no form in YAML.
 pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
-    let texts = [("study", &study.name), ("title", &study.title), ("source", &study.source)];
-    let mut sections: Vec<(String, Section)> = texts.map(|(key, text)| (key.into(), Section::Plain(json!(text)))).into();
+    let texts = [
+        ("study", &study.name),
+        ("title", &study.title),
+        ("source", &study.source),
+    ];
+    let mut sections: Vec<(String, Section)> = texts
+        .map(|(key, text)| (key.into(), Section::Plain(json!(text))))
+        .into();
     sections.push(("departures".into(), Section::Plain(json!(study.departures))));
-    // In the resolved configs files are named from the current folder, in sweeps and overrides from the study's.
+    // In the resolved configs files are named from the current folder, in sweeps and overrides from the
+    // study's.
     let relocated = study.resolved.iter().map(|(key, section)| {
-        let from =
-            if ["sweep", "overrides", "cross_play"].contains(&key.as_str()) { study.folder.as_path() } else { Path::new("") };
-        (key.clone(), section.clone().map(|key, value| relocate(value, key, from, folder)))
+        let from = if ["sweep", "overrides", "cross_play"].contains(&key.as_str()) {
+            study.folder.as_path()
+        } else {
+            Path::new("")
+        };
+        (
+            key.clone(),
+            section
+                .clone()
+                .map(|key, value| relocate(value, key, from, folder)),
+        )
     });
     sections.extend(relocated);
-    let tables = study.tables.iter().map(|(name, spec)| (name.clone(), given(json!(table_from(spec, folder))))).collect();
-    let figures = study.figures.iter().map(|(name, spec)| (name.clone(), given(json!(files_from(spec, folder))))).collect();
-    sections.extend([("tables".to_string(), Section::Named(tables)), ("figures".to_string(), Section::Named(figures))]);
+    let tables = study
+        .tables
+        .iter()
+        .map(|(name, spec)| (name.clone(), given(json!(table_from(spec, folder)))))
+        .collect();
+    let figures = study
+        .figures
+        .iter()
+        .map(|(name, spec)| (name.clone(), given(json!(files_from(spec, folder)))))
+        .collect();
+    sections.extend([
+        ("tables".to_string(), Section::Named(tables)),
+        ("figures".to_string(), Section::Named(figures)),
+    ]);
     sections.push(("claims".into(), Section::Plain(given(json!(study.claims)))));
     if study.limits != Limits::default() {
         sections.push(("limits".into(), Section::Plain(json!(study.limits))));
@@ -77,22 +104,36 @@ impl Section {
 }
 
 /// The sections that trials are made of, in the order of a study, with all defaults.
-pub fn sections(root: &Node, sections: &Sections<'_>, plan: &SeedPlan, plays: &[Play]) -> Vec<(String, Section)> {
+pub fn sections(
+    root: &Node,
+    sections: &Sections<'_>,
+    plan: &SeedPlan,
+    plays: &[Play],
+) -> Vec<(String, Section)> {
     let mut files = config::Files::new(sections.folder);
     let mut full = |target, named: &Named| {
         let plugin = sections.plugin(target);
-        let part = plugin.and_then(|plugin| config::resolve(&plugin, &named.config, &mut files, sections.sources).ok());
+        let part = plugin
+            .and_then(|plugin| config::resolve(&plugin, &named.config, &mut files, sections.sources).ok());
         // A config that is complete only with a sweep or an override stays as it is written.
-        json!({ named.plugin.clone(): part.map_or_else(|| named.config.to_value(), |part| (*part.config).clone()) })
+        json!({ named.plugin.clone(): part.map_or_else(|| named.config.to_value(),
+            |part| (*part.config).clone()) })
     };
     let mut parts = |list: &[Named], target: fn(usize) -> Target| {
-        let pairs = list.iter().enumerate().map(|(index, named)| (named.name.clone(), full(target(index), named)));
+        let pairs = list
+            .iter()
+            .enumerate()
+            .map(|(index, named)| (named.name.clone(), full(target(index), named)));
         Section::Named(pairs.collect())
     };
     let environments = parts(&sections.written.environments, Target::Environment);
     let agents = parts(&sections.written.agents, Target::Agent);
     let protocol = full(Target::Protocol, &sections.written.protocol);
-    let counted = plan.seeds.iter().enumerate().all(|(index, seed)| index as u64 == *seed);
+    let counted = plan
+        .seeds
+        .iter()
+        .enumerate()
+        .all(|(index, seed)| index as u64 == *seed);
     let seeds = match &plan.design {
         Some(design) => json!({ "min": design.looks()[0], "max": design.most(), "looks": design.looks() }),
         None if counted => json!(plan.seeds.len()),
@@ -113,11 +154,16 @@ pub fn sections(root: &Node, sections: &Sections<'_>, plan: &SeedPlan, plays: &[
     }
     if !sections.written.prepared.is_empty() {
         let entries = sections.written.prepared.iter().enumerate();
-        let entries = entries.map(|(index, entry)| (entry.name.clone(), prepared(index, entry, &mut full))).collect();
+        let entries = entries
+            .map(|(index, entry)| (entry.name.clone(), prepared(index, entry, &mut full)))
+            .collect();
         all.push(("prepare".into(), Section::Named(entries)));
     }
     if !plays.is_empty() {
-        all.push(("cross_play".into(), Section::Named(plays.iter().map(|it| (it.name.clone(), play(it))).collect())));
+        all.push((
+            "cross_play".into(),
+            Section::Named(plays.iter().map(|it| (it.name.clone(), play(it))).collect()),
+        ));
     }
     all
 }
@@ -127,7 +173,8 @@ fn prepared(index: usize, entry: &Prepared, full: &mut impl FnMut(Target, &Named
     let mut value = Map::new();
     for kind in PartKind::ALL {
         let chosen = match (kind, &entry.environment, &entry.agent) {
-            (PartKind::Environment, Chosen::OfStudy(name, _), _) | (PartKind::Agent, _, Chosen::OfStudy(name, _)) => json!(name),
+            (PartKind::Environment, Chosen::OfStudy(name, _), _)
+            | (PartKind::Agent, _, Chosen::OfStudy(name, _)) => json!(name),
             _ => match entry.own(kind) {
                 Some(named) => full(Target::Prepared(index, kind), named),
                 None => continue,
@@ -139,7 +186,11 @@ fn prepared(index: usize, entry: &Prepared, full: &mut impl FnMut(Target, &Named
 }
 
 fn play(play: &Play) -> Value {
-    let roles: Map<String, Value> = play.roles.iter().map(|(role, seats)| (role.clone(), json!(seats))).collect();
+    let roles: Map<String, Value> = play
+        .roles
+        .iter()
+        .map(|(role, seats)| (role.clone(), json!(seats)))
+        .collect();
     let agents: Vec<&str> = play.players.iter().map(|player| player.name.as_str()).collect();
     json!({
         "environment": play.environment, "roles": roles, "agents": agents, "episodes": play.episodes,
@@ -153,16 +204,32 @@ fn sweep(root: &Node, sections: &Sections<'_>) -> Section {
         let mut keys = sections.dimensions.iter().flat_map(|dimension| &dimension.keys);
         keys.any(|key| key.text == entry.key)
     };
-    let entries = root.get("sweep").map_or(&[][..], Node::entries).iter().filter(kept);
-    Section::Named(entries.map(|entry| (entry.key.clone(), entry.value.to_value())).collect())
+    let entries = root
+        .get("sweep")
+        .map_or(&[][..], Node::entries)
+        .iter()
+        .filter(kept);
+    Section::Named(
+        entries
+            .map(|entry| (entry.key.clone(), entry.value.to_value()))
+            .collect(),
+    )
 }
 
 /// The overrides without keys that a profile or an option fixed.
 fn overrides(root: &Node, sections: &Sections<'_>) -> Value {
-    let items = root.get("overrides").map_or(&[][..], Node::items).iter().zip(sections.overrides);
+    let items = root
+        .get("overrides")
+        .map_or(&[][..], Node::items)
+        .iter()
+        .zip(sections.overrides);
     let written = items.map(|(item, kept)| {
         let mut value = item.to_value();
-        value["set"] = kept.set.iter().map(|(text, _, node)| (text.clone(), node.to_value())).collect();
+        value["set"] = kept
+            .set
+            .iter()
+            .map(|(text, _, node)| (text.clone(), node.to_value()))
+            .collect();
         value
     });
     written.collect()
@@ -183,14 +250,18 @@ fn given(value: Value) -> Value {
 /// The same table with the files of its published curves named relative to `folder`.
 fn table_from(spec: &TableSpec, folder: &Path) -> TableSpec {
     let mut spec = spec.clone();
-    spec.published_curves.iter_mut().for_each(|curve| curve.file = way(folder, &curve.file));
+    spec.published_curves
+        .iter_mut()
+        .for_each(|curve| curve.file = way(folder, &curve.file));
     spec
 }
 
 /// The same figure with the files of its published curves named relative to `folder`.
 fn files_from(spec: &FigureSpec, folder: &Path) -> FigureSpec {
     let mut spec = spec.clone();
-    spec.published_curves_mut().iter_mut().for_each(|curve| curve.file = way(folder, &curve.file));
+    spec.published_curves_mut()
+        .iter_mut()
+        .for_each(|curve| curve.file = way(folder, &curve.file));
     spec
 }
 
@@ -198,13 +269,28 @@ fn files_from(spec: &FigureSpec, folder: &Path) -> FigureSpec {
 fn relocate(value: Value, key: &str, from: &Path, folder: &Path) -> Value {
     let is_file = key == "file" || key.ends_with(".file");
     match value {
-        Value::String(text) if is_file && !text.is_empty() => json!(way(folder, &from.join(text)).display().to_string()),
-        Value::Array(items) => Value::Array(items.into_iter().map(|item| relocate(item, key, from, folder)).collect()),
+        Value::String(text) if is_file && !text.is_empty() => {
+            json!(way(folder, &from.join(text)).display().to_string())
+        }
+        Value::Array(items) => Value::Array(
+            items
+                .into_iter()
+                .map(|item| relocate(item, key, from, folder))
+                .collect(),
+        ),
         Value::Object(map) => {
             // The generators of a sweep stand between the key and its values.
-            let name = |inner: &str| if is_file { key.to_string() } else { inner.to_string() };
+            let name = |inner: &str| {
+                if is_file {
+                    key.to_string()
+                } else {
+                    inner.to_string()
+                }
+            };
             Value::Object(
-                map.into_iter().map(|(inner, value)| (inner.clone(), relocate(value, &name(&inner), from, folder))).collect(),
+                map.into_iter()
+                    .map(|(inner, value)| (inner.clone(), relocate(value, &name(&inner), from, folder)))
+                    .collect(),
             )
         }
         other => other,
@@ -214,8 +300,10 @@ fn relocate(value: Value, key: &str, from: &Path, folder: &Path) -> Value {
 /// The text of a document with these sections.
 fn text(sections: &[(String, Section)]) -> Result<String, Error> {
     let options = serde_saphyr::ser_options! { compact_list_indent: false, prefer_block_scalars: false };
-    let refused =
-        |source: serde_saphyr::ser_error::Error| Error::Render { what: "resolved study".into(), problem: source.to_string() };
+    let refused = |source: serde_saphyr::ser_error::Error| Error::Render {
+        what: "resolved study".into(),
+        problem: source.to_string(),
+    };
     serde_saphyr::to_string_with_options(&Document(sections), options).map_err(refused)
 }
 
@@ -232,7 +320,9 @@ impl Serialize for Section {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
             Section::Plain(value) => Sorted(value).serialize(serializer),
-            Section::Named(pairs) => serializer.collect_map(pairs.iter().map(|(name, value)| (name, Sorted(value)))),
+            Section::Named(pairs) => {
+                serializer.collect_map(pairs.iter().map(|(name, value)| (name, Sorted(value))))
+            }
         }
     }
 }
@@ -244,7 +334,8 @@ impl Serialize for Sorted<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self.0 {
             Value::Object(map) => {
-                let pairs: BTreeMap<&String, Sorted<'_>> = map.iter().map(|(key, value)| (key, Sorted(value))).collect();
+                let pairs: BTreeMap<&String, Sorted<'_>> =
+                    map.iter().map(|(key, value)| (key, Sorted(value))).collect();
                 serializer.collect_map(pairs)
             }
             Value::Array(items) if items.iter().all(is_word) => FlowSeq(items).serialize(serializer),

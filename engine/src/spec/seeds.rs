@@ -50,7 +50,10 @@ enum Looks {
     /// Their number.
     Number(#[schemars(range(min = 2, max = MOST_LOOKS))] u64),
     /// The number of seeds at each.
-    Listed(#[schemars(length(min = 2, max = MOST_LOOKS), inner(range(min = FEWEST_SEEDS, max = MOST_IN_DESIGN)))] Vec<u64>),
+    Listed(
+        #[schemars(length(min = 2, max = MOST_LOOKS), inner(range(min = FEWEST_SEEDS, max = MOST_IN_DESIGN)))]
+         Vec<u64>,
+    ),
 }
 
 /// The seeds of a study.
@@ -68,7 +71,12 @@ impl SeedPlan {
     /// # Errors
     /// Looks that contradict each other or the limits.
     pub fn read(written: Option<&Node>, sources: &Sources) -> Result<Self, Vec<Diagnostic>> {
-        let Some(node) = written else { return Ok(Self { seeds: vec![0], design: None }) };
+        let Some(node) = written else {
+            return Ok(Self {
+                seeds: vec![0],
+                design: None,
+            });
+        };
         let fixed = |seeds| Ok(Self { seeds, design: None });
         match serde_json::from_value(node.to_value()) {
             Ok(SeedsText::Designed(written)) => {
@@ -77,7 +85,10 @@ impl SeedPlan {
                     vec![sources.error(place, &format!("seeds.{key}"), message).help(help)]
                 })?;
                 let most = looks.last().copied().unwrap_or(1);
-                Ok(Self { seeds: (0..u64::from(most)).collect(), design: Some(Design::new(looks)) })
+                Ok(Self {
+                    seeds: (0..u64::from(most)).collect(),
+                    design: Some(Design::new(looks)),
+                })
             }
             Ok(SeedsText::Listed(list)) => fixed(list),
             Ok(SeedsText::Count(count)) => fixed((0..count).collect()),
@@ -89,7 +100,9 @@ impl SeedPlan {
     /// Number of seeds that every combination has whatever the results are.
     #[must_use]
     pub fn certain(&self) -> usize {
-        self.design.as_ref().map_or(self.seeds.len(), |design| design.looks()[0] as usize)
+        self.design
+            .as_ref()
+            .map_or(self.seeds.len(), |design| design.looks()[0] as usize)
     }
 }
 
@@ -100,7 +113,11 @@ fn looks(written: &DesignText) -> Result<Vec<u32>, Wrong> {
     let (least, most) = (written.min, written.max);
     if least >= most {
         let message = format!("`min` is {least} and `max` is {most}, so there is nothing to add");
-        return Err(("max", message, "write a larger `max`, or a plain number of seeds".into()));
+        return Err((
+            "max",
+            message,
+            "write a larger `max`, or a plain number of seeds".into(),
+        ));
     }
     let looks = match &written.looks {
         Some(Looks::Listed(list)) => list.clone(),
@@ -109,13 +126,30 @@ fn looks(written: &DesignText) -> Result<Vec<u32>, Wrong> {
     };
     if looks.windows(2).any(|pair| pair[0] >= pair[1]) {
         let message = format!("looks must rise, but these are {}", listed(&looks));
-        return Err(("looks", message, format!("there are at most {} looks from {least} to {most}", most - least + 1)));
+        return Err((
+            "looks",
+            message,
+            format!(
+                "there are at most {} looks from {least} to {most}",
+                most - least + 1
+            ),
+        ));
     }
     if looks.first() != Some(&least) || looks.last() != Some(&most) {
-        let message = format!("the looks {} do not begin with `min`, {least}, and end with `max`, {most}", listed(&looks));
-        return Err(("looks", message, "write the number of looks, as in `looks: 4`, to have them spread evenly".into()));
+        let message = format!(
+            "the looks {} do not begin with `min`, {least}, and end with `max`, {most}",
+            listed(&looks)
+        );
+        return Err((
+            "looks",
+            message,
+            "write the number of looks, as in `looks: 4`, to have them spread evenly".into(),
+        ));
     }
-    Ok(looks.into_iter().map(|look| u32::try_from(look).unwrap_or(u32::MAX)).collect())
+    Ok(looks
+        .into_iter()
+        .map(|look| u32::try_from(look).unwrap_or(u32::MAX))
+        .collect())
 }
 
 fn listed(looks: &[u64]) -> String {
@@ -125,7 +159,9 @@ fn listed(looks: &[u64]) -> String {
 /// So many looks from the least to the most seeds, at equal distances as far as whole numbers allow.
 fn evenly(least: u64, most: u64, looks: u64) -> Vec<u64> {
     let steps = looks.max(2) - 1;
-    (0..=steps).map(|step| least + (step * (most - least) + steps / 2) / steps).collect()
+    (0..=steps)
+        .map(|step| least + (step * (most - least) + steps / 2) / steps)
+        .collect()
 }
 
 #[cfg(test)]
@@ -139,19 +175,48 @@ mod tests {
 
     #[test]
     fn looks_are_spread_evenly_or_listed() {
-        assert_eq!(read(json!({ "min": 5, "max": 30, "looks": 6 })).unwrap(), [5, 10, 15, 20, 25, 30]);
-        assert_eq!(read(json!({ "min": 3, "max": 10, "looks": 3 })).unwrap(), [3, 7, 10]);
+        assert_eq!(
+            read(json!({ "min": 5, "max": 30, "looks": 6 })).unwrap(),
+            [5, 10, 15, 20, 25, 30]
+        );
+        assert_eq!(
+            read(json!({ "min": 3, "max": 10, "looks": 3 })).unwrap(),
+            [3, 7, 10]
+        );
         assert_eq!(read(json!({ "min": 5, "max": 20 })).unwrap(), [5, 10, 15, 20]);
         assert_eq!(read(json!({ "min": 3, "max": 4 })).unwrap(), [3, 4]);
-        assert_eq!(read(json!({ "min": 3, "max": 1000 })).unwrap().len(), 50, "as many as may be listed");
-        assert_eq!(read(json!({ "min": 3, "max": 30, "looks": [3, 5, 8, 30] })).unwrap(), [3, 5, 8, 30]);
+        assert_eq!(
+            read(json!({ "min": 3, "max": 1000 })).unwrap().len(),
+            50,
+            "as many as may be listed"
+        );
+        assert_eq!(
+            read(json!({ "min": 3, "max": 30, "looks": [3, 5, 8, 30] })).unwrap(),
+            [3, 5, 8, 30]
+        );
     }
 
     #[test]
     fn designs_that_contradict_themselves_are_refused() {
-        assert!(read(json!({ "min": 5, "max": 5 })).unwrap_err().contains("nothing to add"));
-        assert!(read(json!({ "min": 3, "max": 5, "looks": 9 })).unwrap_err().contains("must rise"));
-        assert!(read(json!({ "min": 3, "max": 9, "looks": [3, 7, 5, 9] })).unwrap_err().contains("3, 7, 5, 9"));
-        assert!(read(json!({ "min": 3, "max": 9, "looks": [4, 9] })).unwrap_err().contains("do not begin"));
+        assert!(
+            read(json!({ "min": 5, "max": 5 }))
+                .unwrap_err()
+                .contains("nothing to add")
+        );
+        assert!(
+            read(json!({ "min": 3, "max": 5, "looks": 9 }))
+                .unwrap_err()
+                .contains("must rise")
+        );
+        assert!(
+            read(json!({ "min": 3, "max": 9, "looks": [3, 7, 5, 9] }))
+                .unwrap_err()
+                .contains("3, 7, 5, 9")
+        );
+        assert!(
+            read(json!({ "min": 3, "max": 9, "looks": [4, 9] }))
+                .unwrap_err()
+                .contains("do not begin")
+        );
     }
 }

@@ -70,12 +70,20 @@ fn unknown_profile(options: &Options, profiles: &[Entry], sources: &mut Sources)
         return None;
     }
     let source = sources.add_option(&format!("--profile {wanted}"));
-    let span = Span { source, line: 1, column: 11, length: wanted.chars().count() };
+    let span = Span {
+        source,
+        line: 1,
+        column: 11,
+        length: wanted.chars().count(),
+    };
     let error = sources.error(span, "", format!("the study has no profile `{wanted}`"));
     Some(if profiles.is_empty() {
         error.help("it has none at all: write them under `profiles`")
     } else {
-        error.help(suggest(wanted, profiles.iter().map(|profile| profile.key.as_str())))
+        error.help(suggest(
+            wanted,
+            profiles.iter().map(|profile| profile.key.as_str()),
+        ))
     })
 }
 
@@ -86,17 +94,28 @@ fn option<'a>(
     sources: &mut Sources,
 ) -> Result<(KeyPath<'a>, Node), Vec<Diagnostic>> {
     let source = sources.add_option(&format!("--set {set}"));
-    let word = |column: usize, text: &str| Span { source, line: 1, column, length: text.chars().count().max(1) };
+    let word = |column: usize, text: &str| Span {
+        source,
+        line: 1,
+        column,
+        length: text.chars().count().max(1),
+    };
     let (key, text) = match set.split_once('=') {
         Some((key, text)) if !text.trim().is_empty() => (key.trim(), text),
         _ => {
             let error = sources.error(word(7, set), "", "`--set` takes a path and a value");
-            return Err(vec![error.help("write `--set PATH=VALUE`, for example `--set protocol.steps=1000`")]);
+            return Err(vec![error.help(
+                "write `--set PATH=VALUE`, for example `--set protocol.steps=1000`",
+            )]);
         }
     };
     let before = 7 + set.split('=').next().map_or(0, |key| key.chars().count()) + 1;
     let value = document::parse_from(sources, word(before, text), text)?;
-    let entry = Entry { key: key.into(), key_span: word(7, key), value };
+    let entry = Entry {
+        key: key.into(),
+        key_span: word(7, key),
+        value,
+    };
     let path = value_at(&entry, key, written, schema, sources)?;
     Ok((path, entry.value))
 }
@@ -104,7 +123,12 @@ fn option<'a>(
 fn seeds_option(seeds: u64, written: &mut Written, schema: &Value, sources: &mut Sources) -> Vec<Diagnostic> {
     let text = seeds.to_string();
     let source = sources.add_option(&format!("--seeds {text}"));
-    let span = Span { source, line: 1, column: 9, length: text.len() };
+    let span = Span {
+        source,
+        line: 1,
+        column: 9,
+        length: text.len(),
+    };
     let value = Node::scalar(span, json!(seeds));
     match path::find("seeds", span, "seeds", written, schema, sources) {
         Ok(path) => {

@@ -1,5 +1,6 @@
-//! What cells would leave for others, made by agents as they begin: `check` builds from it what takes it, so that a product of the wrong
-//! kind or shape is refused before anything runs, by the code that will read the real one.
+//! What cells would leave for others, made by agents as they begin: `check` builds from it what takes it, so
+//! that a product of the wrong kind or shape is refused before anything runs, by the code that will read the
+//! real one.
 
 use super::{
     builds::Builder,
@@ -40,7 +41,9 @@ impl Builder<'_> {
     /// A cell that does not leave what is taken from it.
     pub(super) fn sources_are_there(&mut self, cell: &Cell) -> Result<bool, Box<Diagnostic>> {
         for source in &cell.sources {
-            let Some(folder) = self.specimen(source.cell) else { return Ok(false) };
+            let Some(folder) = self.specimen(source.cell) else {
+                return Ok(false);
+            };
             if !source.kind.lies_in(&folder) {
                 return Err(Box::new(self.leaves_another(cell, source, &folder)));
             }
@@ -82,28 +85,50 @@ impl Builder<'_> {
         let of_part = cell.sources.iter().filter(|source| source.part == part);
         let folders: BTreeMap<&Taken, &PathBuf> = of_part
             .filter_map(|source| {
-                Some((resolved.products.get(&source.pointer)?, self.specimens.folders.get(&source.cell)?.as_ref()?))
+                Some((
+                    resolved.products.get(&source.pointer)?,
+                    self.specimens.folders.get(&source.cell)?.as_ref()?,
+                ))
             })
             .collect();
         let find = |taken: &Taken| {
             let found = folders.get(taken).map(|folder| (*folder).clone());
-            found.ok_or_else(|| Error::Source { trial: taken.trial.clone(), problem: "no specimen of it was made".into() })
+            found.ok_or_else(|| Error::Source {
+                trial: taken.trial.clone(),
+                problem: "no specimen of it was made".into(),
+            })
         };
         Ok(resolved.loaded(&find)?.into_owned())
     }
 
     /// The agent whose policy a cell measures, with the specimen of the policy taken up.
-    pub(super) fn policy(&mut self, cell: &Cell, interface: &Interface) -> Result<Box<dyn Agent>, Box<Diagnostic>> {
+    pub(super) fn policy(
+        &mut self,
+        cell: &Cell,
+        interface: &Interface,
+    ) -> Result<Box<dyn Agent>, Box<Diagnostic>> {
         let unusable = |builder: &Self, source: &Source, problem: String| {
             let name = taking::name(builder.sections, &builder.cells[source.cell]);
-            Box::new(builder.at(cell, source, format!("the policy of `{name}` cannot be used here: {problem}")))
+            Box::new(builder.at(
+                cell,
+                source,
+                format!("the policy of `{name}` cannot be used here: {problem}"),
+            ))
         };
         // A policy names its source in one place, which was found before.
         let Some(source) = cell.sources.iter().find(|source| source.part == 1) else {
-            return Err(Box::new(self.sections.sources.error(Default::default(), "agents", "this policy has no source")));
+            return Err(Box::new(self.sections.sources.error(
+                Default::default(),
+                "agents",
+                "this policy has no source",
+            )));
         };
         let trained = &self.cells[source.cell];
-        let entry = self.sections.registry.agents.get(trained.parts[1].part.plugin.as_str());
+        let entry = self
+            .sections
+            .registry
+            .agents
+            .get(trained.parts[1].part.plugin.as_str());
         let Some(entry) = entry.filter(|entry| entry.learns) else {
             return Err(unusable(
                 self,
@@ -111,26 +136,47 @@ impl Builder<'_> {
                 "it was not trained there; name the trial that trains it, or use the rule itself".into(),
             ));
         };
-        let built = self.config(trained, 1).and_then(|config| (entry.build)(&config, interface, &mut random::stream(&["check"])));
+        let built = self
+            .config(trained, 1)
+            .and_then(|config| (entry.build)(&config, interface, &mut random::stream(&["check"])));
         let mut agent = built.map_err(|error| unusable(self, source, error.to_string()))?;
         let folder = self.specimen(source.cell).unwrap_or_default();
         match agent.import(&folder) {
             Ok(true) => Ok(agent),
-            Ok(false) => Err(unusable(self, source, "this agent takes up no stored policy".into())),
+            Ok(false) => Err(unusable(
+                self,
+                source,
+                "this agent takes up no stored policy".into(),
+            )),
             Err(error) => Err(unusable(self, source, error.to_string())),
         }
     }
 
     fn leaves_another(&self, cell: &Cell, source: &Source, folder: &Path) -> Diagnostic {
         let name = taking::name(self.sections, &self.cells[source.cell]);
-        let left: Vec<&str> = ProductKind::ALL.into_iter().filter(|kind| kind.lies_in(folder)).map(ProductKind::name).collect();
-        let left = if left.is_empty() { "nothing for others".into() } else { left.join(" and ") };
+        let left: Vec<&str> = ProductKind::ALL
+            .into_iter()
+            .filter(|kind| kind.lies_in(folder))
+            .map(ProductKind::name)
+            .collect();
+        let left = if left.is_empty() {
+            "nothing for others".into()
+        } else {
+            left.join(" and ")
+        };
         let help = match source.kind {
             ProductKind::Policy | ProductKind::Networks => "take it from an entry whose agent learns",
-            ProductKind::Dataset => "take it from an entry of `prepare` whose protocol gathers one, as `gather` does",
+            ProductKind::Dataset => {
+                "take it from an entry of `prepare` whose protocol gathers one, as `gather` does"
+            }
             ProductKind::Choice => "take it from an entry that searches",
         };
-        self.at(cell, source, format!("`{name}` leaves {left}, and a {} is taken here", source.kind)).help(help)
+        self.at(
+            cell,
+            source,
+            format!("`{name}` leaves {left}, and a {} is taken here", source.kind),
+        )
+        .help(help)
     }
 
     /// A mistake about what a cell takes, at the place where it is named.

@@ -1,7 +1,8 @@
 //! Sweeps: from generators to the points of each dimension.
 //!
-//! Every `grid` key is a dimension of its own; all `zip` keys are one dimension, and all sampled keys are one. Samples come
-//! from a stream named by the key alone, so more samples keep the earlier ones (but for `latin_hypercube`, whose slices move).
+//! Every `grid` key is a dimension of its own; all `zip` keys are one dimension, and all sampled keys are
+//! one. Samples come from a stream named by the key alone, so more samples keep the earlier ones (but for
+//! `latin_hypercube`, whose slices move).
 
 use super::{
     path::{self, KeyPath, Target},
@@ -125,9 +126,15 @@ pub fn read<'a>(
     sources: &Sources,
     fixed: &[KeyPath<'_>],
 ) -> Result<Vec<Dimension<'a>>, Vec<Diagnostic>> {
-    let (mut dimensions, mut groups, mut found) = (Vec::<Dimension<'a>>::new(), Vec::<(&str, usize)>::new(), Vec::new());
+    let (mut dimensions, mut groups, mut found) = (
+        Vec::<Dimension<'a>>::new(),
+        Vec::<(&str, usize)>::new(),
+        Vec::new(),
+    );
     for entry in root.get("sweep").map_or(&[][..], Node::entries) {
-        let [generator] = entry.value.entries() else { continue };
+        let [generator] = entry.value.entries() else {
+            continue;
+        };
         let key = match swept_key(entry, generator, written, schema, sources) {
             Ok(key) if fixed.iter().any(|fixed| fixed.overlaps(&key.path)) => continue,
             Ok(key) => key,
@@ -141,7 +148,10 @@ pub fn read<'a>(
             "zip" => Some("zip"),
             _ => Some("samples"),
         };
-        match group.and_then(|group| groups.iter().find(|(name, _)| *name == group)).copied() {
+        match group
+            .and_then(|group| groups.iter().find(|(name, _)| *name == group))
+            .copied()
+        {
             Some((name, index)) => {
                 found.extend(unequal(&dimensions[index].keys[0], &key, name, sources));
                 dimensions[index].keys.push(key);
@@ -153,7 +163,11 @@ pub fn read<'a>(
         }
     }
     found.extend(swept_twice(&dimensions, sources));
-    if found.is_empty() { Ok(dimensions) } else { Err(found) }
+    if found.is_empty() {
+        Ok(dimensions)
+    } else {
+        Err(found)
+    }
 }
 
 fn swept_key<'a>(
@@ -166,53 +180,118 @@ fn swept_key<'a>(
     let at = format!("sweep.{}", entry.key);
     let path = path::find(&entry.key, entry.key_span, &at, written, schema, sources)?;
     if path.target == Target::Seeds {
-        let error = sources.error(entry.key_span, &at, "seeds cannot be swept: a seed is a replicate, not a setting");
-        return Err(vec![error.help("write `seeds: N` or a list of seeds at the top level")]);
+        let error = sources.error(
+            entry.key_span,
+            &at,
+            "seeds cannot be swept: a seed is a replicate, not a setting",
+        );
+        return Err(vec![
+            error.help("write `seeds: N` or a list of seeds at the top level"),
+        ]);
     }
     if matches!(path.target, Target::Play(_)) {
         let error = sources.error(entry.key_span, &at, "a play cannot be swept");
         return Err(vec![error.help("write a second play under `cross_play`")]);
     }
     if matches!(path.target, Target::Prepared(..)) {
-        let error = sources.error(entry.key_span, &at, "what an entry of `prepare` is made of cannot be swept");
-        return Err(vec![error.help("give each value an entry of its own, and sweep or override which one is taken")]);
+        let error = sources.error(
+            entry.key_span,
+            &at,
+            "what an entry of `prepare` is made of cannot be swept",
+        );
+        return Err(vec![error.help(
+            "give each value an entry of its own, and sweep or override which one is taken",
+        )]);
     }
     if path.is_preset() {
         let error = sources.error(entry.key_span, &at, "a preset cannot be swept");
-        return Err(vec![error.help("give each preset a name of its own under `environments` or `agents`")]);
+        return Err(vec![error.help(
+            "give each preset a name of its own under `environments` or `agents`",
+        )]);
     }
     let values = values(generator, &path, &at, sources).map_err(|error| vec![*error])?;
-    let wrong: Vec<Diagnostic> = values.iter().flat_map(|value| path.check(value, &at, sources)).take(1).collect();
-    if wrong.is_empty() { Ok(SweptKey { path, text: entry.key.clone(), values }) } else { Err(wrong) }
+    let wrong: Vec<Diagnostic> = values
+        .iter()
+        .flat_map(|value| path.check(value, &at, sources))
+        .take(1)
+        .collect();
+    if wrong.is_empty() {
+        Ok(SweptKey {
+            path,
+            text: entry.key.clone(),
+            values,
+        })
+    } else {
+        Err(wrong)
+    }
 }
 
-fn values(generator: &Entry, path: &KeyPath<'_>, at: &str, sources: &Sources) -> Result<Vec<Node>, Box<Diagnostic>> {
+fn values(
+    generator: &Entry,
+    path: &KeyPath<'_>,
+    at: &str,
+    sources: &Sources,
+) -> Result<Vec<Node>, Box<Diagnostic>> {
     // What the check against the schema refused has no values.
-    let Ok(read) = serde_json::from_value(json!({ generator.key.as_str(): generator.value.to_value() })) else {
+    let Ok(read) = serde_json::from_value(json!({ generator.key.as_str(): generator.value.to_value() }))
+    else {
         return Ok(vec![]);
     };
     let (low, high, count, log) = match read {
         Generator::Grid(_) | Generator::Zip(_) => return Ok(generator.value.items().to_vec()),
         Generator::Random(Samples { low, high, samples }) => (low, high, samples, false),
         Generator::LogUniform(Samples { low, high, samples }) => (low, high, samples, true),
-        Generator::LatinHypercube(SlicedSamples { low, high, samples, log }) => (low, high, samples, log),
+        Generator::LatinHypercube(SlicedSamples {
+            low,
+            high,
+            samples,
+            log,
+        }) => (low, high, samples, log),
     };
-    let span = |key: &str| generator.value.get(key).map_or(generator.key_span, |node| node.span);
-    let fail =
-        |key: &str, message: String| Err(Box::new(sources.error(span(key), &format!("{at}.{}.{key}", generator.key), message)));
+    let span = |key: &str| {
+        generator
+            .value
+            .get(key)
+            .map_or(generator.key_span, |node| node.span)
+    };
+    let fail = |key: &str, message: String| {
+        Err(Box::new(sources.error(
+            span(key),
+            &format!("{at}.{}.{key}", generator.key),
+            message,
+        )))
+    };
     if low >= high {
-        return fail("high", format!("`high` is {high}, but must be above `low`, which is {low}"));
+        return fail(
+            "high",
+            format!("`high` is {high}, but must be above `low`, which is {low}"),
+        );
     }
     if path.schema.is_integer() && low.ceil() > high.floor() {
         return fail("low", format!("no integer lies between {low} and {high}"));
     }
     if log && low <= 0.0 {
-        return fail("low", format!("`low` is {low}, but the logarithm is spread only over numbers above 0"));
+        return fail(
+            "low",
+            format!("`low` is {low}, but the logarithm is spread only over numbers above 0"),
+        );
     }
-    let range = Range { low, high, log, integer: path.schema.is_integer() };
+    let range = Range {
+        low,
+        high,
+        log,
+        integer: path.schema.is_integer(),
+    };
     let name = path.name();
-    let drawn = if generator.key == "latin_hypercube" { slices(&name, count) } else { independent(&name, &generator.key, count) };
-    Ok(drawn.into_iter().map(|share| Node::scalar(generator.key_span, range.at(share))).collect())
+    let drawn = if generator.key == "latin_hypercube" {
+        slices(&name, count)
+    } else {
+        independent(&name, &generator.key, count)
+    };
+    Ok(drawn
+        .into_iter()
+        .map(|share| Node::scalar(generator.key_span, range.at(share)))
+        .collect())
 }
 
 impl KeyPath<'_> {
@@ -239,7 +318,10 @@ fn slices(name: &str, count: usize) -> Vec<f64> {
     let mut order: Vec<usize> = (0..count).collect();
     order.shuffle(&mut rng);
     #[allow(clippy::cast_precision_loss, reason = "a number of samples is far below 2^52")]
-    order.into_iter().map(|slice| (slice as f64 + rng.random::<f64>()) / count as f64).collect()
+    order
+        .into_iter()
+        .map(|slice| (slice as f64 + rng.random::<f64>()) / count as f64)
+        .collect()
 }
 
 struct Range {
@@ -254,8 +336,15 @@ impl Range {
     fn at(&self, share: f64) -> Value {
         if self.integer {
             let (low, high) = (self.low.ceil(), self.high.floor());
-            let value = if self.log { self.between(share, low, high + 1.0) } else { low + share * (high + 1.0 - low) };
-            #[allow(clippy::cast_possible_truncation, reason = "limits of an integer key are integers of moderate size")]
+            let value = if self.log {
+                self.between(share, low, high + 1.0)
+            } else {
+                low + share * (high + 1.0 - low)
+            };
+            #[allow(
+                clippy::cast_possible_truncation,
+                reason = "limits of an integer key are integers of moderate size"
+            )]
             return json!(value.floor().clamp(low, high) as i64);
         }
         let value = self.between(share, self.low, self.high);
@@ -264,7 +353,11 @@ impl Range {
     }
 
     fn between(&self, share: f64, low: f64, high: f64) -> f64 {
-        if self.log { (low.ln() + share * (high.ln() - low.ln())).exp() } else { low + share * (high - low) }
+        if self.log {
+            (low.ln() + share * (high.ln() - low.ln())).exp()
+        } else {
+            low + share * (high - low)
+        }
     }
 }
 
@@ -274,9 +367,16 @@ fn unequal(first: &SweptKey<'_>, key: &SweptKey<'_>, group: &str, sources: &Sour
         return None;
     }
     let what = if group == "zip" { "values" } else { "samples" };
-    let message = format!("`{}` has {mine} {what}, but `{}` has {theirs}", key.text, first.text);
+    let message = format!(
+        "`{}` has {mine} {what}, but `{}` has {theirs}",
+        key.text, first.text
+    );
     let error = sources.error(key.path.span, &format!("sweep.{}", key.text), message);
-    let rule = if group == "zip" { "`zip` keys go together, one by one" } else { "sampled keys share their sample index" };
+    let rule = if group == "zip" {
+        "`zip` keys go together, one by one"
+    } else {
+        "sampled keys share their sample index"
+    };
     Some(
         error
             .help(format!("{rule}: give all the same number of {what}"))
@@ -303,13 +403,22 @@ mod tests {
 
     #[test]
     fn more_samples_keep_the_earlier_ones() {
-        assert_eq!(independent("agent.lr", "random", 8)[..], independent("agent.lr", "random", 20)[..8]);
-        assert_ne!(independent("agent.lr", "random", 8), independent("agent.tau", "random", 8));
+        assert_eq!(
+            independent("agent.lr", "random", 8)[..],
+            independent("agent.lr", "random", 20)[..8]
+        );
+        assert_ne!(
+            independent("agent.lr", "random", 8),
+            independent("agent.tau", "random", 8)
+        );
     }
 
     #[test]
     fn a_latin_hypercube_has_one_sample_in_each_slice() {
-        let mut slices: Vec<usize> = slices("agent.lr", 50).into_iter().map(|share| (share * 50.0) as usize).collect();
+        let mut slices: Vec<usize> = slices("agent.lr", 50)
+            .into_iter()
+            .map(|share| (share * 50.0) as usize)
+            .collect();
         assert_ne!(slices, (0..50).collect::<Vec<_>>(), "the order is random");
         slices.sort_unstable();
         assert_eq!(slices, (0..50).collect::<Vec<_>>());
@@ -317,16 +426,30 @@ mod tests {
 
     #[test]
     fn ranges_are_kept_and_integers_reach_both_ends() {
-        let integers = Range { low: 2.0, high: 4.0, log: false, integer: true };
-        assert_eq!([0.0, 0.34, 0.999_999].map(|share| integers.at(share)), [json!(2), json!(3), json!(4)]);
-        let log = Range { low: 1e-5, high: 1e-1, log: true, integer: false };
+        let integers = Range {
+            low: 2.0,
+            high: 4.0,
+            log: false,
+            integer: true,
+        };
+        assert_eq!(
+            [0.0, 0.34, 0.999_999].map(|share| integers.at(share)),
+            [json!(2), json!(3), json!(4)]
+        );
+        let log = Range {
+            low: 1e-5,
+            high: 1e-1,
+            log: true,
+            integer: false,
+        };
         assert_eq!(log.at(0.5), json!(1e-3));
         assert_eq!(log.at(0.0), json!(1e-5));
     }
 
     proptest::proptest! {
         #[test]
-        fn samples_stay_inside(low in 1e-9f64..10.0, width in 1e-9f64..10.0, share in 0.0f64..1.0, log: bool, integer: bool) {
+        fn samples_stay_inside(low in 1e-9f64..10.0, width in 1e-9f64..10.0, share in 0.0f64..1.0, log: bool,
+            integer: bool) {
             let range = Range { low: low.ceil(), high: low.ceil() + width.ceil(), log, integer };
             let value = range.at(share).as_f64().unwrap();
             proptest::prop_assert!(value >= range.low && value <= range.high);

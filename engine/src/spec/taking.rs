@@ -1,4 +1,5 @@
-//! What cells take from each other: the entries that configs name by `{ from: NAME }`, found among the cells of the study.
+//! What cells take from each other: the entries that configs name by `{ from: NAME }`, found among the cells
+//! of the study.
 
 use super::{
     cells::{Cell, Place, Resolved, Sections},
@@ -39,11 +40,21 @@ impl Source {
 ///
 /// # Errors
 /// Names that do not exist or mean several cells, seeds that do not run, cells that need themselves.
-pub fn link(sections: &Sections<'_>, cells: &mut [Cell], seeds: &[u64]) -> Result<Vec<usize>, Vec<Diagnostic>> {
+pub fn link(
+    sections: &Sections<'_>,
+    cells: &mut [Cell],
+    seeds: &[u64],
+) -> Result<Vec<usize>, Vec<Diagnostic>> {
     let mut found = Vec::new();
     let mut all: Vec<Vec<Source>> = Vec::with_capacity(cells.len());
     for index in 0..cells.len() {
-        let mut reader = Reader { sections, cells, seeds, cell: &cells[index], found: Vec::new() };
+        let mut reader = Reader {
+            sections,
+            cells,
+            seeds,
+            cell: &cells[index],
+            found: Vec::new(),
+        };
         all.push(reader.sources());
         found.extend(reader.found);
     }
@@ -54,19 +65,35 @@ pub fn link(sections: &Sections<'_>, cells: &mut [Cell], seeds: &[u64]) -> Resul
         cell.sources = sources;
         for place in 0..cell.parts.len() {
             if cell.sources.iter().any(|source| source.part == place) {
-                cell.parts[place] = told_apart(&cell.parts[place], cell.sources.iter().filter(|source| source.part == place));
+                cell.parts[place] = told_apart(
+                    &cell.parts[place],
+                    cell.sources.iter().filter(|source| source.part == place),
+                );
             }
         }
     }
     in_order(sections, cells)
 }
 
-/// The part with what it takes named by cells: two parts with one config are two where they take from different cells.
+/// The part with what it takes named by cells: two parts with one config are two where they take from
+/// different cells.
 fn told_apart<'a>(resolved: &Resolved, sources: impl Iterator<Item = &'a Source>) -> Arc<Resolved> {
-    let named = |source: &Source| Taken { trial: format!("cell {} seed {:?}", source.cell, source.seed), kind: source.kind };
-    let products = sources.map(|source| (source.pointer.clone(), named(source))).collect();
-    let part = Part { products, ..resolved.part.clone() };
-    Arc::new(Resolved { id: part.id(), part, given: resolved.given.clone() })
+    let named = |source: &Source| Taken {
+        trial: format!("cell {} seed {:?}", source.cell, source.seed),
+        kind: source.kind,
+    };
+    let products = sources
+        .map(|source| (source.pointer.clone(), named(source)))
+        .collect();
+    let part = Part {
+        products,
+        ..resolved.part.clone()
+    };
+    Arc::new(Resolved {
+        id: part.id(),
+        part,
+        given: resolved.given.clone(),
+    })
 }
 
 struct Reader<'a> {
@@ -83,9 +110,19 @@ impl Reader<'_> {
         for part in 0..self.cell.parts.len() {
             let config = Arc::clone(&self.cell.parts[part].part.config);
             for (pointer, (kind, reference)) in named_in(&config) {
-                let place = Named { part, pointer: &pointer, reference: &reference };
+                let place = Named {
+                    part,
+                    pointer: &pointer,
+                    reference: &reference,
+                };
                 if let Some(cell) = self.cell_of(&place).filter(|cell| self.has_seed(&place, *cell)) {
-                    sources.push(Source { part, pointer, kind, cell, seed: reference.seed });
+                    sources.push(Source {
+                        part,
+                        pointer,
+                        kind,
+                        cell,
+                        seed: reference.seed,
+                    });
                 }
             }
         }
@@ -93,7 +130,9 @@ impl Reader<'_> {
     }
 
     fn cell_of(&mut self, named: &Named<'_>) -> Option<usize> {
-        let Reference { from, environment, .. } = named.reference;
+        let Reference {
+            from, environment, ..
+        } = named.reference;
         let written = self.sections.written;
         if let Some(entry) = written.prepared.iter().position(|entry| entry.name == *from) {
             if environment.is_some() {
@@ -101,13 +140,24 @@ impl Reader<'_> {
                 self.say(named, "environment", message, "leave `environment` out");
                 return None;
             }
-            return self.cells.iter().position(|cell| cell.place == Place::Prepared(entry));
+            return self
+                .cells
+                .iter()
+                .position(|cell| cell.place == Place::Prepared(entry));
         }
         let Some(agent) = written.agents.iter().position(|it| it.name == *from) else {
-            let known =
-                written.prepared.iter().map(|it| it.name.as_str()).chain(written.agents.iter().map(|it| it.name.as_str()));
+            let known = written
+                .prepared
+                .iter()
+                .map(|it| it.name.as_str())
+                .chain(written.agents.iter().map(|it| it.name.as_str()));
             let help = suggest(from, known);
-            self.say(named, "from", format!("no entry of `prepare` and no agent is named `{from}`"), help);
+            self.say(
+                named,
+                "from",
+                format!("no entry of `prepare` and no agent is named `{from}`"),
+                help,
+            );
             return None;
         };
         let environment = self.environment(named, environment.as_deref())?;
@@ -127,7 +177,10 @@ impl Reader<'_> {
                 self.say(
                     named,
                     "from",
-                    format!("`{}` was trained in an environment that is not said", named.reference.from),
+                    format!(
+                        "`{}` was trained in an environment that is not said",
+                        named.reference.from
+                    ),
                     help,
                 );
             }
@@ -136,25 +189,44 @@ impl Reader<'_> {
         let found = known.iter().position(|it| it.name == name);
         if found.is_none() {
             let help = suggest(name, known.iter().map(|it| it.name.as_str()));
-            self.say(named, "environment", format!("no environment is named `{name}`"), help);
+            self.say(
+                named,
+                "environment",
+                format!("no environment is named `{name}`"),
+                help,
+            );
         }
         found
     }
 
     fn only_cell(&mut self, named: &Named<'_>, environment: usize, agent: usize) -> Option<usize> {
         let pair = Some((environment, agent));
-        let found: Vec<usize> = (0..self.cells.len()).filter(|index| self.cells[*index].pair() == pair).collect();
+        let found: Vec<usize> = (0..self.cells.len())
+            .filter(|index| self.cells[*index].pair() == pair)
+            .collect();
         let written = self.sections.written;
-        let (place, agent) = (&written.environments[environment].name, &written.agents[agent].name);
+        let (place, agent) = (
+            &written.environments[environment].name,
+            &written.agents[agent].name,
+        );
         match found.as_slice() {
             [one] => return Some(*one),
             [] => {
-                let message = format!("no trial runs `{agent}` in `{place}`, so that nothing can be taken from there");
+                let message =
+                    format!("no trial runs `{agent}` in `{place}`, so that nothing can be taken from there");
                 self.say(named, "from", message, "`exclude` leaves out this combination");
             }
             several => {
-                let message = format!("`{agent}` has {} settings in `{place}`, and each leaves something else", several.len());
-                self.say(named, "from", message, "give each setting a name of its own under `agents` instead of a sweep");
+                let message = format!(
+                    "`{agent}` has {} settings in `{place}`, and each leaves something else",
+                    several.len()
+                );
+                self.say(
+                    named,
+                    "from",
+                    message,
+                    "give each setting a name of its own under `agents` instead of a sweep",
+                );
             }
         }
         None
@@ -162,12 +234,19 @@ impl Reader<'_> {
 
     /// A combination runs the seeds of the study; an entry of `prepare` runs those that are asked for.
     fn has_seed(&mut self, named: &Named<'_>, cell: usize) -> bool {
-        let Some(seed) = named.reference.seed.filter(|seed| !self.seeds.contains(seed)) else { return true };
+        let Some(seed) = named.reference.seed.filter(|seed| !self.seeds.contains(seed)) else {
+            return true;
+        };
         if self.cells[cell].pair().is_none() {
             return true;
         }
         let message = format!("the study does not run seed {seed} of `{}`", named.reference.from);
-        self.say(named, "seed", message, "take one of its `seeds`, or leave `seed` out: seed k then takes from seed k");
+        self.say(
+            named,
+            "seed",
+            message,
+            "take one of its `seeds`, or leave `seed` out: seed k then takes from seed k",
+        );
         false
     }
 
@@ -192,24 +271,51 @@ struct Named<'a> {
 
 /// Where a key of a product is written, and its dotted path.
 pub fn place(sections: &Sections<'_>, part: &Resolved, pointer: &str, key: &str) -> (Span, String) {
-    let dotted = |words: &[&str]| words.iter().filter(|word| !word.is_empty()).copied().collect::<Vec<_>>().join(".");
+    let dotted = |words: &[&str]| {
+        words
+            .iter()
+            .filter(|word| !word.is_empty())
+            .copied()
+            .collect::<Vec<_>>()
+            .join(".")
+    };
     let below = pointer.trim_start_matches('/').replace('/', ".");
     let given = sections.assigned(&part.given);
-    let (at, plugin) = sections.plugin(part.given.target).map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
-    (locate(&given, &dotted(&[&below, key])).unwrap_or(plugin), dotted(&[&at, &below, key]))
+    let (at, plugin) = sections
+        .plugin(part.given.target)
+        .map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
+    (
+        locate(&given, &dotted(&[&below, key])).unwrap_or(plugin),
+        dotted(&[&at, &below, key]),
+    )
 }
 
 /// Cells in an order in which each comes after those that it takes from.
 fn in_order(sections: &Sections<'_>, cells: &[Cell]) -> Result<Vec<usize>, Vec<Diagnostic>> {
-    let mut order = Order { cells, done: vec![false; cells.len()], way: Vec::new(), order: Vec::with_capacity(cells.len()) };
+    let mut order = Order {
+        cells,
+        done: vec![false; cells.len()],
+        way: Vec::new(),
+        order: Vec::with_capacity(cells.len()),
+    };
     for index in 0..cells.len() {
         if let Err((cell, source)) = order.visit(index) {
             let source = &cells[cell].sources[source];
             let (span, at) = place(sections, &cells[cell].parts[source.part], &source.pointer, "from");
-            let way: Vec<String> = order.way.iter().map(|index| format!("`{}`", name(sections, &cells[*index]))).collect();
-            let message = format!("this makes a circle: {} takes from itself", way.join(" takes from "));
+            let way: Vec<String> = order
+                .way
+                .iter()
+                .map(|index| format!("`{}`", name(sections, &cells[*index])))
+                .collect();
+            let message = format!(
+                "this makes a circle: {} takes from itself",
+                way.join(" takes from ")
+            );
             return Err(vec![
-                sections.sources.error(span, &at, message).help("a trial can take only from trials that end before it begins"),
+                sections
+                    .sources
+                    .error(span, &at, message)
+                    .help("a trial can take only from trials that end before it begins"),
             ]);
         }
     }
@@ -225,7 +331,8 @@ struct Order<'a> {
 }
 
 impl Order<'_> {
-    /// Appends a cell after its sources; the cell and its source by which a circle closes, with `way` left at the circle.
+    /// Appends a cell after its sources; the cell and its source by which a circle closes, with `way` left at
+    /// the circle.
     fn visit(&mut self, index: usize) -> Result<(), (usize, usize)> {
         if self.done[index] {
             return Ok(());
@@ -252,7 +359,10 @@ pub fn name(sections: &Sections<'_>, cell: &Cell) -> String {
     match cell.place {
         Place::Prepared(index) => written.prepared[index].name.clone(),
         Place::Combination(environment, agent) => {
-            format!("{} in {}", written.agents[agent].name, written.environments[environment].name)
+            format!(
+                "{} in {}",
+                written.agents[agent].name, written.environments[environment].name
+            )
         }
     }
 }

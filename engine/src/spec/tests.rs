@@ -32,8 +32,12 @@ fn options(bytes: &[u8]) -> Options {
 }
 
 fn files(folder: &str) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(Path::new(SPECS).join(folder)).unwrap().map(|entry| entry.unwrap().path());
-    let mut files: Vec<PathBuf> = entries.filter(|path| path.extension().is_some_and(|end| end == "yaml")).collect();
+    let entries = std::fs::read_dir(Path::new(SPECS).join(folder))
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
+    let mut files: Vec<PathBuf> = entries
+        .filter(|path| path.extension().is_some_and(|end| end == "yaml"))
+        .collect();
     files.sort();
     files
 }
@@ -59,10 +63,20 @@ fn every_mistake_has_its_message() {
     let files = files("invalid");
     assert!(files.len() >= 36, "{} mistakes", files.len());
     for path in files {
-        let Err(found) = load_file(&path) else { panic!("{} passes the check", path.display()) };
-        snapshot("invalid/messages", &path, &crate::diagnostic::render(&found, false));
+        let Err(found) = load_file(&path) else {
+            panic!("{} passes the check", path.display())
+        };
+        snapshot(
+            "invalid/messages",
+            &path,
+            &crate::diagnostic::render(&found, false),
+        );
         for diagnostic in found {
-            assert!(!diagnostic.place.file.is_empty(), "{} has a message without a place", path.display());
+            assert!(
+                !diagnostic.place.file.is_empty(),
+                "{} has a message without a place",
+                path.display()
+            );
         }
     }
 }
@@ -72,13 +86,24 @@ fn what_is_probably_not_meant_has_its_warning_and_fails_nothing() {
     let warned = files("warned");
     assert!(warned.len() >= 2);
     for path in warned {
-        let study = load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        let study =
+            load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
         assert!(!study.warnings.is_empty(), "{} warns of nothing", path.display());
-        snapshot("warned/messages", &path, &crate::diagnostic::render(&study.warnings, false));
+        snapshot(
+            "warned/messages",
+            &path,
+            &crate::diagnostic::render(&study.warnings, false),
+        );
     }
     for path in files("valid") {
-        let study = load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
-        assert!(study.warnings.is_empty(), "{}: {}", path.display(), crate::diagnostic::render(&study.warnings, false));
+        let study =
+            load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        assert!(
+            study.warnings.is_empty(),
+            "{}: {}",
+            path.display(),
+            crate::diagnostic::render(&study.warnings, false)
+        );
     }
 }
 
@@ -87,32 +112,53 @@ fn right_studies_resolve_and_their_resolved_form_makes_the_same_trials() {
     let files = files("valid");
     assert!(files.len() >= 4);
     for path in files {
-        let study = load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        let study =
+            load_file(&path).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
         let resolved = resolved_yaml(&study, Path::new(SPECS)).unwrap();
-        let again = read(&resolved).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
+        let again =
+            read(&resolved).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
         assert_eq!(ids(&study), ids(&again), "{}", path.display());
-        assert_eq!((&study.tables, &study.figures, &study.claims), (&again.tables, &again.figures, &again.claims));
-        assert_eq!(resolved, resolved_yaml(&again, Path::new(SPECS)).unwrap(), "resolving twice changes nothing");
+        assert_eq!(
+            (&study.tables, &study.figures, &study.claims),
+            (&again.tables, &again.figures, &again.claims)
+        );
+        assert_eq!(
+            resolved,
+            resolved_yaml(&again, Path::new(SPECS)).unwrap(),
+            "resolving twice changes nothing"
+        );
         let trials = study.plan().trials;
-        let lines =
-            trials.iter().map(|it| format!("# {} / {} / {} / seed {}\n", it.environment, it.agent, it.setting, it.key.seed));
+        let lines = trials.iter().map(|it| {
+            format!(
+                "# {} / {} / {} / seed {}\n",
+                it.environment, it.agent, it.setting, it.key.seed
+            )
+        });
         snapshot("valid/resolved", &path, &(resolved + &lines.collect::<String>()));
     }
 }
 
-const HEAD: &str = "study: walk\nenvironments: { short: { corridor: { cells: 5 } }, long: { corridor: { cells: 20 } } }\n\
-    agents: { right: { walker: { direction: right } }, learner: { q_learning: {} } }\nprotocol: { train_evaluate: { steps: 1000 } }\n";
+const HEAD: &str = "study: walk\nenvironments: { short: { corridor: { cells: 5 } }, long: { corridor: { \
+                    cells: 20 } } }\n\
+    agents: { right: { walker: { direction: right } }, learner: { q_learning: {} } }\nprotocol: { \
+    train_evaluate: { steps: 1000 } }\n";
 
 fn with(rest: &str) -> Study {
-    read(&format!("{HEAD}{rest}")).unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)))
+    read(&format!("{HEAD}{rest}"))
+        .unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)))
 }
 
 #[test]
 fn a_sweep_multiplies_only_the_trials_of_its_owner() {
-    let study = with("seeds: 3\nsweep: { learner.learning_rate: { grid: [0.1, 0.2] }, long.slip: { grid: [0.0, 0.1] } }");
+    let study = with(
+        "seeds: 3\nsweep: { learner.learning_rate: { grid: [0.1, 0.2] }, long.slip: { grid: [0.0, 0.1] } }",
+    );
     let trials = study.plan().trials;
     let count = |environment: &str, agent: &str| {
-        trials.iter().filter(|trial| trial.environment == environment && trial.agent == agent).count()
+        trials
+            .iter()
+            .filter(|trial| trial.environment == environment && trial.agent == agent)
+            .count()
     };
     assert_eq!(count("short", "right"), 3);
     assert_eq!(count("short", "learner"), 6);
@@ -127,15 +173,29 @@ fn trial_ids_are_those_of_their_keys_and_forget_names() {
     for trial in study.plan().trials {
         assert_eq!(trial.id, trial.key.id());
     }
-    let renamed = read(&HEAD.replace("learner:", "other:").replace("study: walk", "study: stroll")).unwrap();
+    let renamed = read(
+        &HEAD
+            .replace("learner:", "other:")
+            .replace("study: walk", "study: stroll"),
+    )
+    .unwrap();
     assert_eq!(ids(&with("")), ids(&renamed));
 }
 
 #[test]
 fn agents_that_do_not_learn_do_not_depend_on_the_training_budget() {
-    let (short, long) = (with(""), read(&HEAD.replace("steps: 1000", "steps: 5000")).unwrap());
+    let (short, long) = (
+        with(""),
+        read(&HEAD.replace("steps: 1000", "steps: 5000")).unwrap(),
+    );
     let of = |study: &Study, agent: &str| {
-        study.plan().trials.into_iter().filter(|trial| trial.agent == agent).map(|trial| trial.id).collect::<Vec<_>>()
+        study
+            .plan()
+            .trials
+            .into_iter()
+            .filter(|trial| trial.agent == agent)
+            .map(|trial| trial.id)
+            .collect::<Vec<_>>()
     };
     assert_eq!(of(&short, "right"), of(&long, "right"));
     assert_ne!(of(&short, "learner"), of(&long, "learner"));
@@ -143,24 +203,44 @@ fn agents_that_do_not_learn_do_not_depend_on_the_training_budget() {
 
 #[test]
 fn presets_and_nested_defaults_are_laid_in_order() {
-    let text =
-        HEAD.replace("cells: 5", "preset: thesis, slip: 0.2").replace("q_learning: {}", "q_learning: { network: { depth: 3 } }");
+    let text = HEAD
+        .replace("cells: 5", "preset: thesis, slip: 0.2")
+        .replace("q_learning: {}", "q_learning: { network: { depth: 3 } }");
     let trials = read(&text).unwrap().plan().trials;
     let environment = &trials[0].key.environment.config;
-    assert_eq!((&environment["cells"], &environment["slip"]), (&json!(50), &json!(0.2)));
+    assert_eq!(
+        (&environment["cells"], &environment["slip"]),
+        (&json!(50), &json!(0.2))
+    );
     assert!(environment.get("preset").is_none());
-    let agent = &trials.iter().find(|trial| trial.agent == "learner").unwrap().key.agent.agent().unwrap().config;
-    assert_eq!(agent["network"], json!({ "width": 256, "depth": 3 }), "the width is the agent's default, not the network's");
+    let agent = &trials
+        .iter()
+        .find(|trial| trial.agent == "learner")
+        .unwrap()
+        .key
+        .agent
+        .agent()
+        .unwrap()
+        .config;
+    assert_eq!(
+        agent["network"],
+        json!({ "width": 256, "depth": 3 }),
+        "the width is the agent's default, not the network's"
+    );
 }
 
 #[test]
 fn options_come_after_the_profile_and_take_keys_out_of_the_sweep() {
     let text = format!(
-        "{HEAD}sweep: {{ learner.discount: {{ grid: [0.9, 0.99] }} }}\nprofiles: {{ smoke: {{ protocol.steps: 100, seeds: 4 }} }}"
+        "{HEAD}sweep: {{ learner.discount: {{ grid: [0.9, 0.99] }} }}\nprofiles: {{ smoke: {{ \
+         protocol.steps: 100, seeds: 4 }} }}"
     );
     let options = Options {
         profile: Some("smoke".into()),
-        sets: vec!["learner.discount=0.5".into(), "agents.learner.q_learning.network.width=8".into()],
+        sets: vec![
+            "learner.discount=0.5".into(),
+            "agents.learner.q_learning.network.width=8".into(),
+        ],
         seeds: Some(2),
     };
     let study = load_text(&text, "a.yaml", Path::new(""), &toys(), &options).unwrap();
@@ -169,19 +249,38 @@ fn options_come_after_the_profile_and_take_keys_out_of_the_sweep() {
     assert_eq!(trials.len(), 2 * 2 * 2);
     let learner = &trials.iter().find(|trial| trial.agent == "learner").unwrap().key;
     assert_eq!(
-        (&learner.agent.agent().unwrap().config["discount"], &learner.protocol.config["steps"]),
+        (
+            &learner.agent.agent().unwrap().config["discount"],
+            &learner.protocol.config["steps"]
+        ),
         (&json!(0.5), &json!(100))
     );
-    assert_eq!(learner.agent.agent().unwrap().config["network"]["width"], json!(8));
+    assert_eq!(
+        learner.agent.agent().unwrap().config["network"]["width"],
+        json!(8)
+    );
 }
 
 #[test]
 fn overrides_hold_for_their_combinations_only() {
-    let study = with("overrides: [{ environment: long, set: { protocol.steps: 2000, learner.discount: 0.5 } }]");
-    for trial in study.plan().trials.iter().filter(|trial| trial.agent == "learner") {
-        let expected = if trial.environment == "long" { (json!(2000), json!(0.5)) } else { (json!(1000), json!(0.99)) };
+    let study =
+        with("overrides: [{ environment: long, set: { protocol.steps: 2000, learner.discount: 0.5 } }]");
+    for trial in study
+        .plan()
+        .trials
+        .iter()
+        .filter(|trial| trial.agent == "learner")
+    {
+        let expected = if trial.environment == "long" {
+            (json!(2000), json!(0.5))
+        } else {
+            (json!(1000), json!(0.99))
+        };
         assert_eq!(
-            (&trial.key.protocol.config["steps"], &trial.key.agent.agent().unwrap().config["discount"]),
+            (
+                &trial.key.protocol.config["steps"],
+                &trial.key.agent.agent().unwrap().config["discount"]
+            ),
             (&expected.0, &expected.1)
         );
     }
@@ -189,15 +288,28 @@ fn overrides_hold_for_their_combinations_only() {
 
 #[test]
 fn zipped_keys_go_together_and_samplers_share_their_index() {
-    let zip = with("sweep: { learner.discount: { zip: [0.9, 0.99] }, learner.learning_rate: { zip: [0.1, 0.2] } }");
+    let zip =
+        with("sweep: { learner.discount: { zip: [0.9, 0.99] }, learner.learning_rate: { zip: [0.1, 0.2] } }");
     let settings: BTreeSet<String> = zip.plan().trials.into_iter().map(|trial| trial.setting).collect();
-    assert_eq!(settings, ["", "discount=0.9 learning_rate=0.1", "discount=0.99 learning_rate=0.2"].map(String::from).into());
+    assert_eq!(
+        settings,
+        [
+            "",
+            "discount=0.9 learning_rate=0.1",
+            "discount=0.99 learning_rate=0.2"
+        ]
+        .map(String::from)
+        .into()
+    );
     let sampled = with(
         "sweep: { learner.discount: { random: { low: 0, high: 1, samples: 7 } }, \
          learner.network.width: { log_uniform: { low: 8, high: 512, samples: 7 } } }",
     );
     let trials = sampled.plan().trials;
-    assert_eq!(trials.iter().filter(|trial| trial.agent == "learner").count(), 2 * 7);
+    assert_eq!(
+        trials.iter().filter(|trial| trial.agent == "learner").count(),
+        2 * 7
+    );
     assert!(
         trials
             .iter()
@@ -212,12 +324,23 @@ fn what_a_data_file_holds_is_hashed_and_its_path_is_not() {
     let text = HEAD.replace("cells: 5", "cells: 5, terrain: { file: heights.csv }");
     let plan = |dir: &Path, content: &str| {
         std::fs::write(dir.join("heights.csv"), content).unwrap();
-        load_text(&text, "a.yaml", dir, &toys(), &Options::default()).unwrap().plan().trials[0].clone()
+        load_text(&text, "a.yaml", dir, &toys(), &Options::default())
+            .unwrap()
+            .plan()
+            .trials[0]
+            .clone()
     };
-    let (first, elsewhere, changed) = (plan(one.path(), "1\n"), plan(two.path(), "1\n"), plan(two.path(), "2\n"));
+    let (first, elsewhere, changed) = (
+        plan(one.path(), "1\n"),
+        plan(two.path(), "1\n"),
+        plan(two.path(), "2\n"),
+    );
     assert_eq!(first.id, elsewhere.id);
     assert_ne!(first.id, changed.id);
-    assert_eq!(first.key.environment.config["terrain"]["file"], json!(one.path().join("heights.csv").display().to_string()));
+    assert_eq!(
+        first.key.environment.config["terrain"]["file"],
+        json!(one.path().join("heights.csv").display().to_string())
+    );
     assert_eq!(first.id, first.key.id());
 }
 
@@ -227,7 +350,8 @@ fn a_hundred_thousand_trials_are_planned() {
     assert_eq!(seeds.plan().trials.len(), 100_000);
     let grid: Vec<f64> = (1..=250).map(|index| f64::from(index) / 1000.0).collect();
     let settings = with(&format!(
-        "exclude: [{{ agent: right }}, {{ environment: short }}]\nsweep: {{ learner.discount: {{ grid: {grid:?} }}, learner.learning_rate: {{ grid: {:?} }} }}",
+        "exclude: [{{ agent: right }}, {{ environment: short }}]\nsweep: {{ learner.discount: {{ grid: \
+         {grid:?} }}, learner.learning_rate: {{ grid: {:?} }} }}",
         &grid[..80]
     ));
     assert_eq!(settings.plan().trials.len(), 20_000);
@@ -238,11 +362,29 @@ fn the_schema_names_all_plugins_and_describe_tells_of_them() {
     let registry = toys();
     let schema = json_schema(&registry);
     let learner = &schema["$defs"]["agent.q_learning"];
-    assert_eq!(learner["properties"]["learning_rate"]["exclusiveMinimum"], json!(0.0));
-    assert_eq!(learner["properties"]["network"]["$ref"], json!("#/$defs/agent.q_learning.Network"));
-    assert_eq!(schema["$defs"]["agent.q_learning.Network"]["properties"]["width"]["minimum"], json!(1));
-    insta::assert_snapshot!("describe", ["corridor", "q_learning"].map(|name| describe(&registry, name).unwrap()).join("\n"));
-    assert!(describe(&registry, "coridor").unwrap_err().contains("did you mean `corridor`?"));
+    assert_eq!(
+        learner["properties"]["learning_rate"]["exclusiveMinimum"],
+        json!(0.0)
+    );
+    assert_eq!(
+        learner["properties"]["network"]["$ref"],
+        json!("#/$defs/agent.q_learning.Network")
+    );
+    assert_eq!(
+        schema["$defs"]["agent.q_learning.Network"]["properties"]["width"]["minimum"],
+        json!(1)
+    );
+    insta::assert_snapshot!(
+        "describe",
+        ["corridor", "q_learning"]
+            .map(|name| describe(&registry, name).unwrap())
+            .join("\n")
+    );
+    assert!(
+        describe(&registry, "coridor")
+            .unwrap_err()
+            .contains("did you mean `corridor`?")
+    );
 }
 
 #[test]
@@ -250,39 +392,75 @@ fn mistakes_have_a_form_for_programs() {
     let found = read(&HEAD.replace("cells: 5", "cels: 5")).unwrap_err();
     let json = crate::diagnostic::to_json(&found);
     assert_eq!(json[0]["path"], json!("environments.short.corridor.cels"));
-    assert_eq!((&json[0]["place"]["line"], &json[0]["place"]["length"]), (&json!(2), &json!(4)));
+    assert_eq!(
+        (&json[0]["place"]["line"], &json[0]["place"]["length"]),
+        (&json!(2), &json!(4))
+    );
 }
 
 #[test]
 fn an_override_of_a_mapping_keeps_its_other_keys() {
     let text = HEAD.replace("q_learning: {}", "q_learning: { network: { depth: 5 } }");
-    let study = read(&format!("{text}overrides: [{{ set: {{ learner.network: {{ width: 8 }} }} }}]")).unwrap();
+    let study = read(&format!(
+        "{text}overrides: [{{ set: {{ learner.network: {{ width: 8 }} }} }}]"
+    ))
+    .unwrap();
     let trials = study.plan().trials;
     let learner = trials.iter().find(|trial| trial.agent == "learner").unwrap();
-    assert_eq!(learner.key.agent.agent().unwrap().config["network"], json!({ "width": 8, "depth": 5 }));
-    assert_eq!(ids(&study), ids(&read(&resolved_yaml(&study, Path::new(SPECS)).unwrap()).unwrap()));
+    assert_eq!(
+        learner.key.agent.agent().unwrap().config["network"],
+        json!({ "width": 8, "depth": 5 })
+    );
+    assert_eq!(
+        ids(&study),
+        ids(&read(&resolved_yaml(&study, Path::new(SPECS)).unwrap()).unwrap())
+    );
 }
 
 #[test]
 fn a_swept_variant_takes_the_place_of_the_written_one() {
     let text = HEAD.replace("cells: 5", "cells: 5, start: random");
-    let study = read(&format!("{text}sweep: {{ short.start.fixed.cell: {{ grid: [1, 2] }} }}")).unwrap();
-    let starts: BTreeSet<String> =
-        study.plan().trials.iter().map(|trial| trial.key.environment.config["start"].to_string()).collect();
+    let study = read(&format!(
+        "{text}sweep: {{ short.start.fixed.cell: {{ grid: [1, 2] }} }}"
+    ))
+    .unwrap();
+    let starts: BTreeSet<String> = study
+        .plan()
+        .trials
+        .iter()
+        .map(|trial| trial.key.environment.config["start"].to_string())
+        .collect();
     assert_eq!(
         starts,
-        [r#"{"fixed":{"cell":0}}"#, r#"{"fixed":{"cell":1}}"#, r#"{"fixed":{"cell":2}}"#].map(String::from).into()
+        [
+            r#"{"fixed":{"cell":0}}"#,
+            r#"{"fixed":{"cell":1}}"#,
+            r#"{"fixed":{"cell":2}}"#
+        ]
+        .map(String::from)
+        .into()
     );
-    assert_eq!(ids(&study), ids(&read(&resolved_yaml(&study, Path::new(SPECS)).unwrap()).unwrap()));
+    assert_eq!(
+        ids(&study),
+        ids(&read(&resolved_yaml(&study, Path::new(SPECS)).unwrap()).unwrap())
+    );
 }
 
 #[test]
 fn every_setting_is_built_and_refused_where_it_is_written() {
-    let Err(found) = read(&format!("{HEAD}sweep: {{ short.start.fixed.cell: {{ grid: [1, 5] }} }}")) else {
+    let Err(found) = read(&format!(
+        "{HEAD}sweep: {{ short.start.fixed.cell: {{ grid: [1, 5] }} }}"
+    )) else {
         panic!("cell 5 of cells 0 to 4")
     };
     assert_eq!(found.len(), 1);
-    assert_eq!((found[0].place.line, found[0].place.text.chars().nth(found[0].place.column - 1)), (5, Some('5')));
+    assert_eq!(
+        (
+            found[0].place.line,
+            found[0].place.text.chars().nth(found[0].place.column - 1)
+        ),
+        (5, Some('5'))
+    );
 }
 
 #[test]
@@ -295,12 +473,25 @@ fn the_resolved_study_can_be_stored_in_another_folder() {
     std::fs::write(study_dir.join("two.csv"), "2").unwrap();
     let text = HEAD.replace("cells: 5", "cells: 5, terrain: { file: one.csv }");
     let sweep = "sweep: { short.terrain.file: { grid: [one.csv, two.csv] } }";
-    let study = load_text(&format!("{text}{sweep}"), "a.yaml", &study_dir, &toys(), &Options::default()).unwrap();
+    let study = load_text(
+        &format!("{text}{sweep}"),
+        "a.yaml",
+        &study_dir,
+        &toys(),
+        &Options::default(),
+    )
+    .unwrap();
     let path = results.join("resolved.yaml");
     std::fs::write(&path, resolved_yaml(&study, &results).unwrap()).unwrap();
     let stored = std::fs::read_to_string(&path).unwrap();
-    assert!(stored.contains("grid: [../../experiments/one.csv, ../../experiments/two.csv]"), "{stored}");
-    assert_eq!(ids(&study), ids(&load(&path, &toys(), &Options::default()).unwrap()));
+    assert!(
+        stored.contains("grid: [../../experiments/one.csv, ../../experiments/two.csv]"),
+        "{stored}"
+    );
+    assert_eq!(
+        ids(&study),
+        ids(&load(&path, &toys(), &Options::default()).unwrap())
+    );
 }
 
 #[test]
@@ -312,13 +503,25 @@ fn published_curves_are_found_from_the_study_and_from_its_results() {
     std::fs::write(study_dir.join("curves/one.csv"), "step,value\n10,1\n20,3\n").unwrap();
     let figure = "figures: { curve: { learning_curve: { environments: [short], published: \
                   [{ label: One, file: curves/one.csv, step: step, value: value }] } } }";
-    let study = load_text(&format!("{HEAD}{figure}"), "a.yaml", &study_dir, &toys(), &Options::default()).unwrap();
+    let study = load_text(
+        &format!("{HEAD}{figure}"),
+        "a.yaml",
+        &study_dir,
+        &toys(),
+        &Options::default(),
+    )
+    .unwrap();
     let path = results.join("resolved.yaml");
     let resolved = resolved_yaml(&study, &results).unwrap();
-    assert!(resolved.contains("file: ../../experiments/curves/one.csv"), "{resolved}");
+    assert!(
+        resolved.contains("file: ../../experiments/curves/one.csv"),
+        "{resolved}"
+    );
     std::fs::write(&path, resolved).unwrap();
     for study in [study, load(&path, &toys(), &Options::default()).unwrap()] {
-        let FigureKind::LearningCurve(kind) = &study.figures[0].1.kind else { panic!("{:?}", study.figures) };
+        let FigureKind::LearningCurve(kind) = &study.figures[0].1.kind else {
+            panic!("{:?}", study.figures)
+        };
         let curve = &kind.published[0];
         assert_eq!(curve.runs().unwrap()[0].points, [(10, 1.0), (20, 3.0)]);
     }
@@ -336,10 +539,12 @@ fn material() -> String {
 }
 
 proptest::proptest! {
-    #![proptest_config(proptest::prelude::ProptestConfig { cases: 300, failure_persistence: None, ..Default::default() })]
+    #![proptest_config(proptest::prelude::ProptestConfig { cases: 300, failure_persistence: None,
+        ..Default::default() })]
 
     #[test]
-    fn no_broken_study_makes_the_check_panic(at in 0usize..1600, length in 0usize..12, word in "[a-z0-9:{}\\[\\],. \n'\"-]{0,6}") {
+    fn no_broken_study_makes_the_check_panic(at in 0usize..1600, length in 0usize..12,
+        word in "[a-z0-9:{}\\[\\],. \n'\"-]{0,6}") {
         let text = material();
         let at = text.char_indices().map(|(index, _)| index).nth(at % text.chars().count()).unwrap();
         let end = (at + length..=text.len()).find(|end| text.is_char_boundary(*end)).unwrap_or(text.len());

@@ -1,8 +1,8 @@
 //! Toy plugins for tests: a corridor, an agent that always walks the same way, one that learns, a protocol.
 
 use crate::{
-    Action, Agent, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation, Protocol, Registry, Rng, Seat,
-    Space, Step, Updates,
+    Action, Agent, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation, Protocol,
+    Registry, Rng, Seat, Space, Step, Updates,
     registry::{AgentTraits, Config, Preset},
 };
 use schemars::JsonSchema;
@@ -80,8 +80,16 @@ impl Config for CorridorConfig {
     fn presets() -> Vec<Preset> {
         let values = json!({ "cells": 50, "slip": 0.1 });
         vec![
-            Preset { name: "thesis", about: "as printed", values },
-            Preset { name: "released_code", about: "as in the code", values: json!({ "cells": 51 }) },
+            Preset {
+                name: "thesis",
+                about: "as printed",
+                values,
+            },
+            Preset {
+                name: "released_code",
+                about: "as in the code",
+                values: json!({ "cells": 51 }),
+            },
         ]
     }
 }
@@ -102,7 +110,12 @@ impl Environment for Corridor {
         Ok(vec![vec![0.0]])
     }
     fn step(&mut self, _: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
-        Ok(Step { observations: vec![vec![0.0]], rewards: vec![0.0], info: vec![0.0], end: None })
+        Ok(Step {
+            observations: vec![vec![0.0]],
+            rewards: vec![0.0],
+            info: vec![0.0],
+            end: None,
+        })
     }
     fn trace_channels(&self) -> Vec<Channel> {
         vec![Channel::new("height_1", "m"), Channel::new("height_2", "m")]
@@ -122,7 +135,10 @@ fn corridor(config: CorridorConfig) -> Result<Box<dyn Environment>, Error> {
     if let Start::Fixed { cell } | Start::Around { cell, .. } = config.start
         && cell >= config.cells
     {
-        return Err(Error::config("start.fixed.cell", format!("is {cell}, but the cells are 0 to {}", config.cells - 1)));
+        return Err(Error::config(
+            "start.fixed.cell",
+            format!("is {cell}, but the cells are 0 to {}", config.cells - 1),
+        ));
     }
     let seat = |index: usize| Seat {
         name: format!("walker_{index}"),
@@ -130,7 +146,10 @@ fn corridor(config: CorridorConfig) -> Result<Box<dyn Environment>, Error> {
         action: Space::Discrete(vec!["left".into(), "right".into()]),
     };
     let metrics = vec![Metric::new("distance", "m", "way that was walked")];
-    Ok(Box::new(Corridor { seats: (0..config.walkers).map(seat).collect(), metrics }))
+    Ok(Box::new(Corridor {
+        seats: (0..config.walkers).map(seat).collect(),
+        metrics,
+    }))
 }
 
 /// Always the same way.
@@ -188,7 +207,12 @@ impl Default for Network {
 
 impl Default for LearnerConfig {
     fn default() -> Self {
-        Self { learning_rate: 0.1, discount: 0.99, layers: vec![64], network: Network { width: 256, depth: 2 } }
+        Self {
+            learning_rate: 0.1,
+            discount: 0.99,
+            layers: vec![64],
+            network: Network { width: 256, depth: 2 },
+        }
     }
 }
 
@@ -210,14 +234,20 @@ impl Agent for Learner {
         self.0.act(rows, mode, rng)
     }
     fn updates(&self) -> Option<Updates> {
-        Some(Updates { made: 0, first_after: 50 })
+        Some(Updates {
+            made: 0,
+            first_after: 50,
+        })
     }
 }
 
 fn learner(_: LearnerConfig, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     if interface.seats.len() != 1 {
         let problem = format!("it plays one seat, but there are {}", interface.seats.len());
-        return Err(Error::Mismatch { agent: "learner", problem });
+        return Err(Error::Mismatch {
+            agent: "learner",
+            problem,
+        });
     }
     Ok(Box::new(Learner(Idle)))
 }
@@ -238,7 +268,11 @@ struct TrainConfig {
 
 impl Default for TrainConfig {
     fn default() -> Self {
-        Self { steps: 1000, evaluate_every: 100, episodes: 10 }
+        Self {
+            steps: 1000,
+            evaluate_every: 100,
+            episodes: 10,
+        }
     }
 }
 
@@ -248,7 +282,10 @@ struct Train(u64);
 
 impl Protocol for Train {
     fn metrics(&self) -> Vec<Metric> {
-        vec![Metric::new("return", "", "sum of rewards"), Metric::new("length", "", "steps of an episode")]
+        vec![
+            Metric::new("return", "", "sum of rewards"),
+            Metric::new("length", "", "steps of an episode"),
+        ]
     }
     fn total_steps(&self) -> u64 {
         self.0
@@ -263,7 +300,10 @@ impl Protocol for Train {
 
 fn train(config: TrainConfig) -> Result<Box<dyn Protocol>, Error> {
     if config.steps > 0 && !config.steps.is_multiple_of(config.evaluate_every) {
-        let problem = format!("is {}, which does not divide the {} steps", config.evaluate_every, config.steps);
+        let problem = format!(
+            "is {}, which does not divide the {} steps",
+            config.evaluate_every, config.steps
+        );
         return Err(Error::config("evaluate_every", problem));
     }
     Ok(Box::new(Train(config.steps)))
@@ -271,9 +311,18 @@ fn train(config: TrainConfig) -> Result<Box<dyn Protocol>, Error> {
 
 /// A registry of the toys.
 pub(crate) fn toys() -> Registry {
-    let mut registry = Registry { numerics_version: 1, ..Registry::default() };
+    let mut registry = Registry {
+        numerics_version: 1,
+        ..Registry::default()
+    };
     registry.environment("corridor", 1, "A walk between two walls.", corridor);
-    registry.agent("walker", 1, "Always the same way.", AgentTraits::default(), |_: WalkerConfig, _, _| Ok(Box::new(Idle)));
+    registry.agent(
+        "walker",
+        1,
+        "Always the same way.",
+        AgentTraits::default(),
+        |_: WalkerConfig, _, _| Ok(Box::new(Idle)),
+    );
     let traits = AgentTraits {
         learns: true,
         metrics: vec![Metric::new("loss", "", "squared error").lower_is_better()],
@@ -281,6 +330,12 @@ pub(crate) fn toys() -> Registry {
     };
     registry.agent("q_learning", 3, "Learns the value of each step.", traits, learner);
     let without_training = |config| TrainConfig { steps: 0, ..config };
-    registry.protocol("train_evaluate", 1, "Trains and measures.", without_training, train);
+    registry.protocol(
+        "train_evaluate",
+        1,
+        "Trains and measures.",
+        without_training,
+        train,
+    );
     registry
 }

@@ -1,4 +1,5 @@
-//! Ways from folders to files, by their names alone: they hold wherever the folder and the file are moved together.
+//! Ways from folders to files, by their names alone: they hold wherever the folder and the file are moved
+//! together.
 
 use std::{
     ffi::OsString,
@@ -41,7 +42,13 @@ mod tests {
     fn a_way_leads_back_to_its_file() {
         let (folder, file) = (Path::new("results/small"), Path::new("experiments/small.yaml"));
         assert_eq!(way(folder, file), Path::new("../../experiments/small.yaml"));
-        assert_eq!(along(folder, &way(folder, file)), std::path::absolute(file).unwrap());
-        assert_eq!(way(Path::new("a"), Path::new("./b/../small.yaml")), Path::new("../small.yaml"));
+        assert_eq!(
+            along(folder, &way(folder, file)),
+            std::path::absolute(file).unwrap()
+        );
+        assert_eq!(
+            way(Path::new("a"), Path::new("./b/../small.yaml")),
+            Path::new("../small.yaml")
+        );
     }
 }

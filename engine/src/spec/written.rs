@@ -84,7 +84,9 @@ impl Prepared {
 
     fn own_mut(&mut self, kind: PartKind) -> Option<&mut Named> {
         match (kind, &mut self.environment, &mut self.agent) {
-            (PartKind::Environment, Chosen::Own(named), _) | (PartKind::Agent, _, Chosen::Own(named)) => Some(named),
+            (PartKind::Environment, Chosen::Own(named), _) | (PartKind::Agent, _, Chosen::Own(named)) => {
+                Some(named)
+            }
             (PartKind::Protocol, ..) => self.protocol.as_mut(),
             _ => None,
         }
@@ -123,7 +125,10 @@ impl Written {
     /// Reads what can be read; what cannot was reported by the check against the schema.
     #[must_use]
     pub fn read(root: &Node) -> Self {
-        let section = |key: &str| root.get(key).map_or_else(Vec::new, |node| node.entries().iter().map(named).collect());
+        let section = |key: &str| {
+            root.get(key)
+                .map_or_else(Vec::new, |node| node.entries().iter().map(named).collect())
+        };
         let nothing = Named {
             name: "protocol".into(),
             name_span: root.span,
@@ -135,8 +140,12 @@ impl Written {
             environments: section("environments"),
             agents: section("agents"),
             protocol: root.entry("protocol").map(named).unwrap_or(nothing),
-            plays: root.get("cross_play").map_or_else(Vec::new, |node| node.entries().iter().map(play).collect()),
-            prepared: root.get("prepare").map_or_else(Vec::new, |node| node.entries().iter().map(prepared).collect()),
+            plays: root
+                .get("cross_play")
+                .map_or_else(Vec::new, |node| node.entries().iter().map(play).collect()),
+            prepared: root
+                .get("prepare")
+                .map_or_else(Vec::new, |node| node.entries().iter().map(prepared).collect()),
             seeds: root.get("seeds").cloned(),
         }
     }
@@ -144,7 +153,11 @@ impl Written {
     /// Names of the environments and agents.
     #[must_use]
     pub fn names(&self) -> Vec<&str> {
-        self.environments.iter().chain(&self.agents).map(|named| named.name.as_str()).collect()
+        self.environments
+            .iter()
+            .chain(&self.agents)
+            .map(|named| named.name.as_str())
+            .collect()
     }
 
     /// The plugin of a target; empty for the seeds.
@@ -174,46 +187,91 @@ impl Written {
             Target::Protocol => path.assign(&mut self.protocol.config, &value),
             Target::Play(index) => path.assign(&mut self.plays[index].config, &value),
             Target::Prepared(index, kind) => {
-                self.prepared[index].own_mut(kind).into_iter().for_each(|named| path.assign(&mut named.config, &value));
+                self.prepared[index]
+                    .own_mut(kind)
+                    .into_iter()
+                    .for_each(|named| path.assign(&mut named.config, &value));
             }
             Target::Seeds => self.seeds = Some(value),
         }
     }
 
-    /// Names that are taken by something else: an environment and an agent of one name, or a word that begins paths.
+    /// Names that are taken by something else: an environment and an agent of one name, or a word that begins
+    /// paths.
     #[must_use]
     pub fn name_clashes(&self, sources: &Sources) -> Vec<Diagnostic> {
         let mut found = Vec::new();
         for agent in &self.agents {
-            if let Some(other) = self.environments.iter().find(|environment| environment.name == agent.name) {
+            if let Some(other) = self
+                .environments
+                .iter()
+                .find(|environment| environment.name == agent.name)
+            {
                 let message = format!("`{}` names an environment and an agent", agent.name);
                 let error = sources.error(agent.name_span, &format!("agents.{}", agent.name), message);
                 let note = ("the environment is named here", sources.place(other.name_span));
-                found.push(error.note(note.0, note.1).help("rename one of the two: dotted paths begin with the name"));
+                found.push(
+                    error
+                        .note(note.0, note.1)
+                        .help("rename one of the two: dotted paths begin with the name"),
+                );
             }
         }
         for play in &self.plays {
-            if let Some(other) = self.environments.iter().chain(&self.agents).find(|other| other.name == play.name) {
+            if let Some(other) = self
+                .environments
+                .iter()
+                .chain(&self.agents)
+                .find(|other| other.name == play.name)
+            {
                 let message = format!("`{}` names a play and something else", play.name);
                 let error = sources.error(play.name_span, &format!("cross_play.{}", play.name), message);
                 let help = "rename one of the two: tables, claims and `--only` speak of them by name";
-                found.push(error.note("the other one is named here", sources.place(other.name_span)).help(help));
+                found.push(
+                    error
+                        .note("the other one is named here", sources.place(other.name_span))
+                        .help(help),
+                );
             }
         }
         for entry in &self.prepared {
-            if let Some(other) =
-                self.environments.iter().chain(&self.agents).chain(&self.plays).find(|other| other.name == entry.name)
+            if let Some(other) = self
+                .environments
+                .iter()
+                .chain(&self.agents)
+                .chain(&self.plays)
+                .find(|other| other.name == entry.name)
             {
                 let message = format!("`{}` names an entry of `prepare` and something else", entry.name);
                 let error = sources.error(entry.name_span, &format!("prepare.{}", entry.name), message);
                 let help = "rename one of the two: `from` and `--only` speak of them by name";
-                found.push(error.note("the other one is named here", sources.place(other.name_span)).help(help));
+                found.push(
+                    error
+                        .note("the other one is named here", sources.place(other.name_span))
+                        .help(help),
+                );
             }
         }
         for named in self.environments.iter().chain(&self.agents) {
-            if ["protocol", "seeds", "environments", "agents", "cross_play", "prepare"].contains(&named.name.as_str()) {
-                let message = format!("`{}` cannot be a name: dotted paths begin with this word", named.name);
-                found.push(sources.error(named.name_span, &named.name, message).help("choose another name"));
+            if [
+                "protocol",
+                "seeds",
+                "environments",
+                "agents",
+                "cross_play",
+                "prepare",
+            ]
+            .contains(&named.name.as_str())
+            {
+                let message = format!(
+                    "`{}` cannot be a name: dotted paths begin with this word",
+                    named.name
+                );
+                found.push(
+                    sources
+                        .error(named.name_span, &named.name, message)
+                        .help("choose another name"),
+                );
             }
         }
         found
@@ -223,7 +281,13 @@ impl Written {
 /// A play, which has no plugin.
 fn play(entry: &Entry) -> Named {
     let (name, name_span) = (entry.key.clone(), entry.key_span);
-    Named { name, name_span, plugin: "cross_play".into(), plugin_span: name_span, config: entry.value.clone() }
+    Named {
+        name,
+        name_span,
+        plugin: "cross_play".into(),
+        plugin_span: name_span,
+        config: entry.value.clone(),
+    }
 }
 
 /// An entry of `prepare`. What it lacks is reported elsewhere.
@@ -233,23 +297,45 @@ fn prepared(entry: &Entry) -> Prepared {
     let chosen = |kind: PartKind| match part(kind) {
         Some(part) => match part.value.as_str() {
             Some(name) => Chosen::OfStudy(name.into(), part.value.span),
-            None => Chosen::Own(Named { name: name.clone(), ..named(part) }),
+            None => Chosen::Own(Named {
+                name: name.clone(),
+                ..named(part)
+            }),
         },
         None => Chosen::OfStudy(String::new(), name_span),
     };
     let (environment, agent) = (chosen(PartKind::Environment), chosen(PartKind::Agent));
-    let protocol = part(PartKind::Protocol).map(|entry| Named { name: name.clone(), ..named(entry) });
-    Prepared { name, name_span, environment, agent, protocol }
+    let protocol = part(PartKind::Protocol).map(|entry| Named {
+        name: name.clone(),
+        ..named(entry)
+    });
+    Prepared {
+        name,
+        name_span,
+        environment,
+        agent,
+        protocol,
+    }
 }
 
 /// A named part. Where it has not exactly one plugin, which is reported elsewhere, the name alone is known.
 fn named(entry: &Entry) -> Named {
     let (name, name_span) = (entry.key.clone(), entry.key_span);
     match entry.value.entries() {
-        [plugin] => {
-            Named { name, name_span, plugin: plugin.key.clone(), plugin_span: plugin.key_span, config: plugin.value.clone() }
-        }
-        _ => Named { name, name_span, plugin: String::new(), plugin_span: name_span, config: Node::empty_mapping(name_span) },
+        [plugin] => Named {
+            name,
+            name_span,
+            plugin: plugin.key.clone(),
+            plugin_span: plugin.key_span,
+            config: plugin.value.clone(),
+        },
+        _ => Named {
+            name,
+            name_span,
+            plugin: String::new(),
+            plugin_span: name_span,
+            config: Node::empty_mapping(name_span),
+        },
     }
 }
 
@@ -267,20 +353,36 @@ impl Selection {
     ///
     /// # Errors
     /// Names that the study does not have.
-    pub fn read(node: &Node, at: &str, written: &Written, sources: &Sources) -> Result<Self, Vec<Diagnostic>> {
+    pub fn read(
+        node: &Node,
+        at: &str,
+        written: &Written,
+        sources: &Sources,
+    ) -> Result<Self, Vec<Diagnostic>> {
         let mut found = Vec::new();
         let mut index = |key: &str, known: &[Named]| {
             let value = node.get(key)?;
             let name = value.as_str()?;
             let index = known.iter().position(|named| named.name == name);
             if index.is_none() {
-                let error = sources.error(value.span, &format!("{at}.{key}"), format!("no {key} is named `{name}`"));
+                let error = sources.error(
+                    value.span,
+                    &format!("{at}.{key}"),
+                    format!("no {key} is named `{name}`"),
+                );
                 found.push(error.help(suggest(name, known.iter().map(|named| named.name.as_str()))));
             }
             index
         };
-        let (environment, agent) = (index("environment", &written.environments), index("agent", &written.agents));
-        if found.is_empty() { Ok(Self { environment, agent }) } else { Err(found) }
+        let (environment, agent) = (
+            index("environment", &written.environments),
+            index("agent", &written.agents),
+        );
+        if found.is_empty() {
+            Ok(Self { environment, agent })
+        } else {
+            Err(found)
+        }
     }
 
     /// True where the combination is meant.

@@ -1,10 +1,11 @@
 //! Shares of seeds that succeed: exact bounds of one share, and the interval of the difference of two.
 //!
-//! The bounds of one share are those of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404): the lower one is the
-//! probability of success with which at least as many successes would occur in the share `nominal` of all samples. They hold
-//! their level whatever the truth, and mostly more than that, since counts come in steps. The difference of two independent
-//! shares has Newcombe's hybrid score interval (1998, Statistics in Medicine 17, 873-890, method 10), which
-//! is approximate but stays inside -1 to 1 and is of use where a share is 0 or 1.
+//! The bounds of one share are those of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404): the lower
+//! one is the probability of success with which at least as many successes would occur in the share `nominal`
+//! of all samples. They hold their level whatever the truth, and mostly more than that, since counts come in
+//! steps. The difference of two independent shares has Newcombe's hybrid score interval (1998, Statistics in
+//! Medicine 17, 873-890, method 10), which is approximate but stays inside -1 to 1 and is of use where a
+//! share is 0 or 1.
 //!
 //! Bounds have a relative error below 1e-11 up to ten thousand seeds.
 
@@ -24,7 +25,10 @@ impl Share {
     /// Counts one outcome per seed.
     #[must_use]
     pub fn of(outcomes: impl IntoIterator<Item = bool>) -> Self {
-        let count = |share: Self, success| Self { successes: share.successes + u32::from(success), n: share.n + 1 };
+        let count = |share: Self, success| Self {
+            successes: share.successes + u32::from(success),
+            n: share.n + 1,
+        };
         outcomes.into_iter().fold(Self { successes: 0, n: 0 }, count)
     }
 
@@ -45,15 +49,23 @@ impl Share {
         // So many halvings that even a bound far below the share has all digits of a float.
         for _ in 0..80 {
             let middle = f64::midpoint(low, high);
-            if self.at_least(middle, choices) < nominal { low = middle } else { high = middle }
+            if self.at_least(middle, choices) < nominal {
+                low = middle
+            } else {
+                high = middle
+            }
         }
         f64::midpoint(low, high)
     }
 
-    /// The exact upper bound at the one-sided level `nominal`, between 0 and one half; 1 where every seed succeeded.
+    /// The exact upper bound at the one-sided level `nominal`, between 0 and one half; 1 where every seed
+    /// succeeded.
     #[must_use]
     pub fn upper_bound(self, nominal: f64) -> f64 {
-        let failures = Self { successes: self.n - self.successes, n: self.n };
+        let failures = Self {
+            successes: self.n - self.successes,
+            n: self.n,
+        };
         1.0 - failures.lower_bound(nominal)
     }
 
@@ -61,7 +73,11 @@ impl Share {
     #[must_use]
     pub fn interval(self, level: f64) -> Option<Interval> {
         let nominal = (1.0 - level) / 2.0;
-        (self.n > 0).then(|| Interval { low: self.lower_bound(nominal), high: self.upper_bound(nominal), level })
+        (self.n > 0).then(|| Interval {
+            low: self.lower_bound(nominal),
+            high: self.upper_bound(nominal),
+            level,
+        })
     }
 
     /// Newcombe's interval of this share less `other`, of other seeds; `None` where either has no seed.
@@ -71,7 +87,11 @@ impl Share {
         let [(low, high), (other_low, other_high)] = [self, other].map(|share| share.score_bounds(level));
         let below = (self.value() - low).hypot(other_high - other.value());
         let above = (high - self.value()).hypot(other.value() - other_low);
-        (self.n > 0 && other.n > 0).then_some(Interval { low: difference - below, high: difference + above, level })
+        (self.n > 0 && other.n > 0).then_some(Interval {
+            low: difference - below,
+            high: difference + above,
+            level,
+        })
     }
 
     /// The ends of Wilson's score interval.
@@ -83,7 +103,8 @@ impl Share {
         ((middle - half).max(0.0), (middle + half).min(1.0))
     }
 
-    /// Probability of at least as many successes, each of probability `p`, at most the share itself: the terms fall.
+    /// Probability of at least as many successes, each of probability `p`, at most the share itself: the
+    /// terms fall.
     fn at_least(self, p: f64, ln_choices: f64) -> f64 {
         let (n, k) = (f64::from(self.n), f64::from(self.successes));
         let first = (ln_choices + k * p.ln() + (n - k) * (-p).ln_1p()).exp();
@@ -103,7 +124,9 @@ impl Share {
 /// Logarithm of the number of ways to choose `k` of `n`.
 fn ln_choices(n: u32, k: u32) -> f64 {
     let fewer = k.min(n - k);
-    (0..fewer).map(|i| (f64::from(n - i) / f64::from(i + 1)).ln()).sum()
+    (0..fewer)
+        .map(|i| (f64::from(n - i) / f64::from(i + 1)).ln())
+        .sum()
 }
 
 #[cfg(test)]
@@ -118,8 +141,16 @@ mod tests {
 
     #[test]
     fn bounds_agree_with_scipy() {
-        for case in sequential_reference()["binomial"]["bounds"].as_array().unwrap().iter().map(numbers) {
-            let share = Share { successes: case[0] as u32, n: case[1] as u32 };
+        for case in sequential_reference()["binomial"]["bounds"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(numbers)
+        {
+            let share = Share {
+                successes: case[0] as u32,
+                n: case[1] as u32,
+            };
             assert_relative(share.lower_bound(case[2]), case[3]);
             assert_relative(share.upper_bound(case[2]), case[4]);
             let interval = share.interval(1.0 - 2.0 * case[2]).unwrap();
@@ -130,8 +161,16 @@ mod tests {
 
     #[test]
     fn differences_agree_with_statsmodels() {
-        for case in sequential_reference()["binomial"]["differences"].as_array().unwrap().iter().map(numbers) {
-            let [left, right] = [0, 2].map(|at| Share { successes: case[at] as u32, n: case[at + 1] as u32 });
+        for case in sequential_reference()["binomial"]["differences"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(numbers)
+        {
+            let [left, right] = [0, 2].map(|at| Share {
+                successes: case[at] as u32,
+                n: case[at + 1] as u32,
+            });
             let interval = left.interval_of_difference(right, case[4]).unwrap();
             assert_close(interval.low, case[5], 1e-12);
             assert_close(interval.high, case[6], 1e-12);
@@ -143,22 +182,38 @@ mod tests {
     fn the_published_example() {
         let (left, right) = (Share { successes: 56, n: 70 }, Share { successes: 48, n: 80 });
         let interval = left.interval_of_difference(right, 0.95).unwrap();
-        assert_eq!((format!("{:.4}", interval.low), format!("{:.4}", interval.high)), ("0.0524".into(), "0.3339".into()));
+        assert_eq!(
+            (format!("{:.4}", interval.low), format!("{:.4}", interval.high)),
+            ("0.0524".into(), "0.3339".into())
+        );
     }
 
     #[test]
     fn by_hand() {
         let share = Share::of([true, false, true, true]);
         assert_eq!((share, share.value()), (Share { successes: 3, n: 4 }, 0.75));
-        assert_eq!((Share { successes: 0, n: 4 }.lower_bound(0.05), Share { successes: 4, n: 4 }.upper_bound(0.05)), (0.0, 1.0));
+        assert_eq!(
+            (
+                Share { successes: 0, n: 4 }.lower_bound(0.05),
+                Share { successes: 4, n: 4 }.upper_bound(0.05)
+            ),
+            (0.0, 1.0)
+        );
         // All of n succeed with probability p^n.
         assert_relative(Share { successes: 5, n: 5 }.lower_bound(0.05), 0.05_f64.powf(0.2));
-        assert_eq!((Share::of([]).interval(0.9), Share::of([]).interval_of_difference(share, 0.9)), (None, None));
+        assert_eq!(
+            (
+                Share::of([]).interval(0.9),
+                Share::of([]).interval_of_difference(share, 0.9)
+            ),
+            (None, None)
+        );
         assert_eq!(share.interval_of_difference(Share::of([]), 0.9), None);
     }
 
     proptest! {
-        /// Whatever the truth, the bound exceeds it in no more than the share `nominal` of samples: summed over all counts.
+        /// Whatever the truth, the bound exceeds it in no more than the share `nominal` of samples: summed
+        /// over all counts.
         #[test]
         fn bounds_hold_their_level(
             n in 1_u32..40,
@@ -171,7 +226,8 @@ mod tests {
                 (ln_choices(n, successes) + succeed * truth.ln() + fail * (-truth).ln_1p()).exp()
             };
             let missed = |bound: fn(Share, f64) -> f64, beyond: fn(f64, f64) -> bool| -> f64 {
-                (0..=n).filter(|&k| beyond(bound(Share { successes: k, n }, nominal), truth)).map(probability).sum()
+                (0..=n).filter(|&k| beyond(bound(Share { successes: k, n }, nominal),
+                    truth)).map(probability).sum()
             };
             prop_assert!(missed(Share::lower_bound, |bound, truth| bound > truth) <= nominal + 1e-12);
             prop_assert!(missed(Share::upper_bound, |bound, truth| bound < truth) <= nominal + 1e-12);

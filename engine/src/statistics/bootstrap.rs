@@ -1,14 +1,16 @@
-//! Stratified bootstrap intervals: the strata are tasks (environments), and within each task its seeds are resampled.
+//! Stratified bootstrap intervals: the strata are tasks (environments), and within each task its seeds are
+//! resampled.
 //!
-//! Agarwal et al. 2021, "Deep Reinforcement Learning at the Edge of the Statistical Precipice", arXiv:2108.13264, section
-//! 4.1. Their scores have the shape runs x tasks; here `tasks[k]` holds the seeds of task `k`, so that axes cannot be
-//! swapped and tasks may have unequal numbers of seeds. Intervals are percentiles of the resampled statistic.
+//! Agarwal et al. 2021, "Deep Reinforcement Learning at the Edge of the Statistical Precipice",
+//! arXiv:2108.13264, section 4.1. Their scores have the shape runs x tasks; here `tasks[k]` holds the seeds
+//! of task `k`, so that axes cannot be swapped and tasks may have unequal numbers of seeds. Intervals are
+//! percentiles of the resampled statistic.
 //!
-//! Indices come from the stream named `["statistics", "bootstrap"]`, opened anew for every interval: an interval is a
-//! function of its scores only.
+//! Indices come from the stream named `["statistics", "bootstrap"]`, opened anew for every interval: an
+//! interval is a function of its scores only.
 //!
-//! Percentile intervals are too narrow for few seeds (for the mean of 5 seeds of one task about 84 % instead of 95 %);
-//! the Student-t interval of [`MeanEstimate`](super::MeanEstimate) is the one for a single cell.
+//! Percentile intervals are too narrow for few seeds (for the mean of 5 seeds of one task about 84 % instead
+//! of 95 %); the Student-t interval of [`MeanEstimate`](super::MeanEstimate) is the one for a single cell.
 
 use super::{
     Interval,
@@ -28,26 +30,35 @@ pub struct Bootstrap {
 
 impl Bootstrap {
     /// 95 % with 50 000 resamples, for tables.
-    pub const TABLE: Self = Self { resamples: 50_000, level: 0.95 };
+    pub const TABLE: Self = Self {
+        resamples: 50_000,
+        level: 0.95,
+    };
     /// 95 % with 2000 resamples, for each point of a curve.
-    pub const CURVE: Self = Self { resamples: 2000, level: 0.95 };
+    pub const CURVE: Self = Self {
+        resamples: 2000,
+        level: 0.95,
+    };
 
-    /// The interval of `statistic` over a suite of tasks; `None` where there is no task, a task has fewer than two seeds
-    /// or the statistic is not finite.
+    /// The interval of `statistic` over a suite of tasks; `None` where there is no task, a task has fewer
+    /// than two seeds or the statistic is not finite.
     #[must_use]
     pub fn stratified(self, tasks: &[Vec<f64>], statistic: impl Fn(&[Vec<f64>]) -> f64) -> Option<Interval> {
         self.independent([tasks], |[tasks]| statistic(tasks))
     }
 
-    /// The interval of `statistic` over several suites (agents) that are resampled independently of each other; `None` as
-    /// in [`Bootstrap::stratified`].
+    /// The interval of `statistic` over several suites (agents) that are resampled independently of each
+    /// other; `None` as in [`Bootstrap::stratified`].
     #[must_use]
     pub fn independent<const SUITES: usize>(
         self,
         suites: [&[Vec<f64>]; SUITES],
         statistic: impl Fn([&[Vec<f64>]; SUITES]) -> f64,
     ) -> Option<Interval> {
-        if suites.iter().any(|tasks| tasks.is_empty() || tasks.iter().any(|seeds| seeds.len() < 2)) {
+        if suites
+            .iter()
+            .any(|tasks| tasks.is_empty() || tasks.iter().any(|seeds| seeds.len() < 2))
+        {
             return None;
         }
         // Sorted, so that the order of the seeds cannot reach the interval.
@@ -55,7 +66,10 @@ impl Bootstrap {
         let mut resampled = originals.clone();
         let mut rng = stream(&["statistics", "bootstrap"]);
         let mut draw = || {
-            resampled.iter_mut().zip(&originals).for_each(|(to, from)| resample(from, to, &mut rng));
+            resampled
+                .iter_mut()
+                .zip(&originals)
+                .for_each(|(to, from)| resample(from, to, &mut rng));
             statistic(resampled.each_ref().map(Vec::as_slice))
         };
         let statistics: Vec<f64> = (0..self.resamples.clamp(2000, 50_000)).map(|_| draw()).collect();
@@ -66,19 +80,24 @@ impl Bootstrap {
 /// Fills every task of `to` with seeds of the same task of `from`, drawn with replacement.
 fn resample(from: &[Vec<f64>], to: &mut [Vec<f64>], rng: &mut Rng) {
     for (source, target) in from.iter().zip(to) {
-        target.iter_mut().for_each(|value| *value = source[below(source.len(), rng)]);
+        target
+            .iter_mut()
+            .for_each(|value| *value = source[below(source.len(), rng)]);
     }
 }
 
-/// A uniform index below `n`, from the upper bits of one draw. Its bias is below `n / 2^32`; in contrast with a library's
-/// method it cannot change with the library's version.
+/// A uniform index below `n`, from the upper bits of one draw. Its bias is below `n / 2^32`; in contrast with
+/// a library's method it cannot change with the library's version.
 pub(super) fn below(n: usize, rng: &mut Rng) -> usize {
     ((u64::from(rng.next_u32()) * n as u64) >> 32) as usize
 }
 
 fn percentile_interval(statistics: &[f64], level: f64) -> Option<Interval> {
     let sorted = sorted(statistics);
-    let (low, high) = (quantile_of_sorted(&sorted, 0.5 - level / 2.0), quantile_of_sorted(&sorted, 0.5 + level / 2.0));
+    let (low, high) = (
+        quantile_of_sorted(&sorted, 0.5 - level / 2.0),
+        quantile_of_sorted(&sorted, 0.5 + level / 2.0),
+    );
     (low.is_finite() && high.is_finite()).then_some(Interval { low, high, level })
 }
 
@@ -90,7 +109,8 @@ mod tests {
         tests::{assert_close, numbers, reference},
     };
 
-    /// rliable resamples with other random numbers; the ends of 50 000 resamples agree to about 1 % of the width.
+    /// rliable resamples with other random numbers; the ends of 50 000 resamples agree to about 1 % of the
+    /// width.
     #[test]
     fn intervals_agree_with_rliable() {
         let suite = &reference()["suite"];
@@ -109,7 +129,12 @@ mod tests {
     fn two_seeds_by_hand() {
         let tasks = [vec![0.0, 1.0]];
         let ends = |level| {
-            let interval = Bootstrap { resamples: 20_000, level }.stratified(&tasks, suite_mean).unwrap();
+            let interval = Bootstrap {
+                resamples: 20_000,
+                level,
+            }
+            .stratified(&tasks, suite_mean)
+            .unwrap();
             (interval.low, interval.high)
         };
         assert_eq!((ends(0.95), ends(0.4)), ((0.0, 1.0), (0.5, 0.5)));
@@ -134,8 +159,14 @@ mod tests {
     #[test]
     fn too_few_seeds_have_no_interval() {
         assert_eq!(Bootstrap::CURVE.stratified(&[], suite_mean), None);
-        assert_eq!(Bootstrap::CURVE.stratified(&[vec![1.0, 2.0], vec![3.0]], suite_mean), None);
-        assert_eq!(Bootstrap::CURVE.stratified(&[vec![1.0, f64::NAN]], suite_mean), None);
+        assert_eq!(
+            Bootstrap::CURVE.stratified(&[vec![1.0, 2.0], vec![3.0]], suite_mean),
+            None
+        );
+        assert_eq!(
+            Bootstrap::CURVE.stratified(&[vec![1.0, f64::NAN]], suite_mean),
+            None
+        );
     }
 
     /// The share of intervals of a mean of three tasks with 10 seeds each that contain the truth.
@@ -143,11 +174,22 @@ mod tests {
     fn intervals_cover_the_truth() {
         let mut rng = stream(&["test", "bootstrap coverage"]);
         // The mean of twelve uniform numbers is nearly normal around 1/2.
-        let mut score = || mean(&(0..12).map(|_| f64::from(rng.next_u32()) / 2f64.powi(32)).collect::<Vec<_>>());
+        let mut score = || {
+            mean(
+                &(0..12)
+                    .map(|_| f64::from(rng.next_u32()) / 2f64.powi(32))
+                    .collect::<Vec<_>>(),
+            )
+        };
         let mut covered = 0;
         for _ in 0..300 {
             let tasks: Vec<Vec<f64>> = (0..3).map(|_| (0..10).map(|_| score()).collect()).collect();
-            covered += u32::from(Bootstrap::CURVE.stratified(&tasks, suite_mean).unwrap().contains(0.5));
+            covered += u32::from(
+                Bootstrap::CURVE
+                    .stratified(&tasks, suite_mean)
+                    .unwrap()
+                    .contains(0.5),
+            );
         }
         // Nominal 285; percentile intervals of 10 seeds cover about 92 %, 277, with a standard error of 5.
         assert!((262..=292).contains(&covered), "{covered}");

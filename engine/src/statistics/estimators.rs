@@ -1,7 +1,7 @@
 //! Point estimates of one value per seed, and of a suite of tasks with several seeds each.
 //!
-//! All of them return NaN where there are too few values, and none depends on the order of the values: sums run over
-//! the sorted values.
+//! All of them return NaN where there are too few values, and none depends on the order of the values: sums
+//! run over the sorted values.
 
 /// `values` in ascending order.
 pub(super) fn sorted(values: &[f64]) -> Vec<f64> {
@@ -16,9 +16,12 @@ pub fn mean(values: &[f64]) -> f64 {
     mean_of_sorted(&sorted(values))
 }
 
-/// Deviations from the first value are summed, so that equal values have no rounding error and a variance of exactly 0.
+/// Deviations from the first value are summed, so that equal values have no rounding error and a variance of
+/// exactly 0.
 fn mean_of_sorted(sorted: &[f64]) -> f64 {
-    let Some(&first) = sorted.first() else { return f64::NAN };
+    let Some(&first) = sorted.first() else {
+        return f64::NAN;
+    };
     first + sorted.iter().map(|value| value - first).sum::<f64>() / count(sorted.len())
 }
 
@@ -65,7 +68,8 @@ pub fn iqm(values: &[f64]) -> f64 {
     mean_of_sorted(&sorted[cut..sorted.len() - cut])
 }
 
-/// Quantile at `probability` (0 to 1) with linear interpolation between order statistics (type 7 of Hyndman and Fan).
+/// Quantile at `probability` (0 to 1) with linear interpolation between order statistics (type 7 of Hyndman
+/// and Fan).
 #[must_use]
 pub fn quantile(values: &[f64], probability: f64) -> f64 {
     quantile_of_sorted(&sorted(values), probability)
@@ -73,7 +77,9 @@ pub fn quantile(values: &[f64], probability: f64) -> f64 {
 
 /// [`quantile`] of values that are in ascending order already.
 pub(super) fn quantile_of_sorted(sorted: &[f64], probability: f64) -> f64 {
-    let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+    let Some(last) = sorted.len().checked_sub(1) else {
+        return f64::NAN;
+    };
     let position = probability.clamp(0.0, 1.0) * count(last);
     // Below 2^53, since it is at most the number of values.
     let below = position.floor() as usize;
@@ -81,7 +87,8 @@ pub(super) fn quantile_of_sorted(sorted: &[f64], probability: f64) -> f64 {
     sorted[below] + (position - position.floor()) * (sorted[above] - sorted[below])
 }
 
-/// Mean over tasks of the mean over seeds; `tasks` holds the seeds of one task per entry, possibly of unequal number.
+/// Mean over tasks of the mean over seeds; `tasks` holds the seeds of one task per entry, possibly of unequal
+/// number.
 #[must_use]
 pub fn suite_mean(tasks: &[Vec<f64>]) -> f64 {
     mean(&task_means(tasks))
@@ -99,19 +106,21 @@ pub fn suite_iqm(tasks: &[Vec<f64>]) -> f64 {
     iqm(&tasks.concat())
 }
 
-/// Mean over tasks of how much the seeds of a task lie below `target` on average, where what lies above counts as `target`
-/// (Agarwal et al. 2021, arXiv:2108.13264, section 4.3); shape as in [`suite_mean`].
+/// Mean over tasks of how much the seeds of a task lie below `target` on average, where what lies above
+/// counts as `target` (Agarwal et al. 2021, arXiv:2108.13264, section 4.3); shape as in [`suite_mean`].
 #[must_use]
 pub fn suite_optimality_gap(tasks: &[Vec<f64>], target: f64) -> f64 {
-    let capped = |seeds: &Vec<f64>| target - mean(&seeds.iter().map(|score| score.min(target)).collect::<Vec<_>>());
+    let capped =
+        |seeds: &Vec<f64>| target - mean(&seeds.iter().map(|score| score.min(target)).collect::<Vec<_>>());
     mean(&tasks.iter().map(capped).collect::<Vec<_>>())
 }
 
-/// Mean over tasks of the share of seeds above `score`, a point of the performance profile (the same, section 4.2); shape as in
-/// [`suite_mean`].
+/// Mean over tasks of the share of seeds above `score`, a point of the performance profile (the same, section
+/// 4.2); shape as in [`suite_mean`].
 #[must_use]
 pub fn suite_share_above(tasks: &[Vec<f64>], score: f64) -> f64 {
-    let share = |seeds: &Vec<f64>| count(seeds.iter().filter(|value| **value > score).count()) / count(seeds.len());
+    let share =
+        |seeds: &Vec<f64>| count(seeds.iter().filter(|value| **value > score).count()) / count(seeds.len());
     mean(&tasks.iter().map(share).collect::<Vec<_>>())
 }
 
@@ -159,7 +168,10 @@ mod tests {
         // The first task misses 1 by 0.5 and 0, what it gains above counts nothing; the second by 1 and 2.
         let tasks = [vec![0.5, 3.0], vec![0.0, -1.0]];
         assert_eq!(suite_optimality_gap(&tasks, 1.0), 0.875);
-        assert_eq!((suite_share_above(&tasks, 0.5), suite_share_above(&tasks, -1.0)), (0.25, 0.75));
+        assert_eq!(
+            (suite_share_above(&tasks, 0.5), suite_share_above(&tasks, -1.0)),
+            (0.25, 0.75)
+        );
         assert!(suite_optimality_gap(&[], 1.0).is_nan() && suite_share_above(&[], 1.0).is_nan());
     }
 

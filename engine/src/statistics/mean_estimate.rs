@@ -11,10 +11,12 @@ use serde::{Deserialize, Serialize};
 /// No verdict asks for more seeds than this in all.
 pub const MOST_SEEDS: u32 = 1000;
 
-/// The mean of one sample, or the difference between the means of two independent samples, with what its interval needs.
+/// The mean of one sample, or the difference between the means of two independent samples, with what its
+/// interval needs.
 ///
-/// The standard error is `sqrt(sum of s^2 / n)` over the samples and the degrees of freedom are those of Welch and
-/// Satterthwaite, `(sum of s^2 / n)^2 / sum of (s^2 / n)^2 / (n - 1)`: for one sample the familiar `n - 1`.
+/// The standard error is `sqrt(sum of s^2 / n)` over the samples and the degrees of freedom are those of
+/// Welch and Satterthwaite, `(sum of s^2 / n)^2 / sum of (s^2 / n)^2 / (n - 1)`: for one sample the familiar
+/// `n - 1`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeanEstimate {
     /// The mean or the difference of means.
@@ -32,10 +34,15 @@ struct Sample {
 
 impl Sample {
     fn of(values: &[f64]) -> Self {
-        Self { n: values.len(), variance: variance(values), grows: true }
+        Self {
+            n: values.len(),
+            variance: variance(values),
+            grows: true,
+        }
     }
 
-    /// The squared standard error of its mean if it had `more` seeds more, where it can grow, and that number less one.
+    /// The squared standard error of its mean if it had `more` seeds more, where it can grow, and that number
+    /// less one.
     fn error_with(&self, more: u32) -> (f64, f64) {
         let n = count(self.n) + if self.grows { f64::from(more) } else { 0.0 };
         (self.variance / n, n - 1.0)
@@ -57,21 +64,34 @@ impl MeanEstimate {
     /// The mean of one value per seed.
     #[must_use]
     pub fn of(values: &[f64]) -> Self {
-        Self { value: mean(values), samples: vec![Sample::of(values)] }
+        Self {
+            value: mean(values),
+            samples: vec![Sample::of(values)],
+        }
     }
 
     /// `mean(left) - mean(right)` of samples that share nothing (Welch 1947).
     #[must_use]
     pub fn difference(left: &[f64], right: &[f64]) -> Self {
-        Self { value: mean(left) - mean(right), samples: vec![Sample::of(left), Sample::of(right)] }
+        Self {
+            value: mean(left) - mean(right),
+            samples: vec![Sample::of(left), Sample::of(right)],
+        }
     }
 
-    /// `mean(values)` less a mean that was published with its spread (Welch 1947). More seeds change our sample only, so that
-    /// the interval never becomes narrower than the published spread allows.
+    /// `mean(values)` less a mean that was published with its spread (Welch 1947). More seeds change our
+    /// sample only, so that the interval never becomes narrower than the published spread allows.
     #[must_use]
     pub fn against_published(values: &[f64], published: PublishedMean) -> Self {
-        let theirs = Sample { n: published.n as usize, variance: published.sd.powi(2), grows: false };
-        Self { value: mean(values) - published.value, samples: vec![Sample::of(values), theirs] }
+        let theirs = Sample {
+            n: published.n as usize,
+            variance: published.sd.powi(2),
+            grows: false,
+        };
+        Self {
+            value: mean(values) - published.value,
+            samples: vec![Sample::of(values), theirs],
+        }
     }
 
     /// Seeds in the smaller sample, published ones not counted.
@@ -90,11 +110,16 @@ impl MeanEstimate {
         self.samples.iter().all(|sample| sample.variance == 0.0)
     }
 
-    /// The Student-t interval at `level`; `None` where a sample has fewer than two seeds or a value is not finite.
+    /// The Student-t interval at `level`; `None` where a sample has fewer than two seeds or a value is not
+    /// finite.
     #[must_use]
     pub fn interval(&self, level: f64) -> Option<Interval> {
         let half = self.half_width(level, 0);
-        let interval = Interval { low: self.value - half, high: self.value + half, level };
+        let interval = Interval {
+            low: self.value - half,
+            high: self.value + half,
+            level,
+        };
         (half.is_finite() && self.value.is_finite()).then_some(interval)
     }
 
@@ -125,19 +150,32 @@ impl MeanEstimate {
         if self.has_no_spread() {
             return 0.0;
         }
-        student_t::quantile(0.5 + level / 2.0, self.degrees_of_freedom_with(more)) * self.standard_error_with(more)
+        student_t::quantile(0.5 + level / 2.0, self.degrees_of_freedom_with(more))
+            * self.standard_error_with(more)
     }
 
     fn standard_error_with(&self, more: u32) -> f64 {
-        self.samples.iter().map(|sample| sample.error_with(more).0).sum::<f64>().sqrt()
+        self.samples
+            .iter()
+            .map(|sample| sample.error_with(more).0)
+            .sum::<f64>()
+            .sqrt()
     }
 
-    /// About how many more seeds make the interval clear the edges of `room` with probability `wanted`, each of its ends being
-    /// a bound at the one-sided level `nominal`, if the true value and spread are the estimated ones; `None` where more than
-    /// [`MOST_SEEDS`] in all would be needed, and where the spread is not known.
+    /// About how many more seeds make the interval clear the edges of `room` with probability `wanted`, each
+    /// of its ends being a bound at the one-sided level `nominal`, if the true value and spread are the
+    /// estimated ones; `None` where more than [`MOST_SEEDS`] in all would be needed, and where the spread is
+    /// not known.
     #[must_use]
     pub fn more_seeds_for_power(&self, room: Room, nominal: f64, wanted: f64) -> Option<u32> {
-        let power_with = |more| power(room, self.standard_error_with(more), self.degrees_of_freedom_with(more), nominal);
+        let power_with = |more| {
+            power(
+                room,
+                self.standard_error_with(more),
+                self.degrees_of_freedom_with(more),
+                nominal,
+            )
+        };
         fewest(1, self.most_more(), |more| power_with(more) >= wanted)
     }
 
@@ -159,7 +197,11 @@ mod tests {
         for case in reference()["unpaired"].as_array().unwrap() {
             let estimate = MeanEstimate::difference(&numbers(&case["left"]), &numbers(&case["right"]));
             let (interval, ends) = (estimate.interval(0.95).unwrap(), numbers(&case["interval_95"]));
-            assert_close(estimate.degrees_of_freedom(), case["degrees_of_freedom"].as_f64().unwrap(), 1e-12);
+            assert_close(
+                estimate.degrees_of_freedom(),
+                case["degrees_of_freedom"].as_f64().unwrap(),
+                1e-12,
+            );
             assert_close(interval.low, ends[0], 1e-11);
             assert_close(interval.high, ends[1], 1e-11);
         }
@@ -179,11 +221,23 @@ mod tests {
         let more = |distance: f64| estimate.more_seeds_for_power(Room::to_edge(distance), 0.025, POWER);
         // One more seed raises the power, and one fewer does not reach it.
         let enough = more(1.1).unwrap();
-        let power_of =
-            |more| power(Room::to_edge(1.1), estimate.standard_error_with(more), estimate.degrees_of_freedom_with(more), 0.025);
-        assert!(power_of(enough) >= POWER && power_of(enough - 1) < POWER, "{enough}");
+        let power_of = |more| {
+            power(
+                Room::to_edge(1.1),
+                estimate.standard_error_with(more),
+                estimate.degrees_of_freedom_with(more),
+                0.025,
+            )
+        };
+        assert!(
+            power_of(enough) >= POWER && power_of(enough - 1) < POWER,
+            "{enough}"
+        );
         assert_eq!((more(0.0), more(0.01)), (None, None));
-        assert_eq!(MeanEstimate::of(&[1.0]).more_seeds_for_power(Room::to_edge(1.0), 0.025, POWER), None);
+        assert_eq!(
+            MeanEstimate::of(&[1.0]).more_seeds_for_power(Room::to_edge(1.0), 0.025, POWER),
+            None
+        );
     }
 
     /// The interval at the level 1 - p ends at 0.
@@ -191,39 +245,73 @@ mod tests {
     fn published_means_agree_with_scipy() {
         for case in sequential_reference()["published"].as_array().unwrap() {
             let number = |key: &str| case[key].as_f64().unwrap();
-            let published = PublishedMean { value: number("value"), sd: number("sd"), n: number("n") as u32 };
+            let published = PublishedMean {
+                value: number("value"),
+                sd: number("sd"),
+                n: number("n") as u32,
+            };
             let estimate = MeanEstimate::against_published(&numbers(&case["values"]), published);
             assert_eq!(estimate.n(), numbers(&case["values"]).len());
             let interval = estimate.interval_one_sided(number("p") / 2.0).unwrap();
-            let end = if estimate.value > 0.0 { interval.low } else { interval.high };
+            let end = if estimate.value > 0.0 {
+                interval.low
+            } else {
+                interval.high
+            };
             assert!(end.abs() < 1e-9 * estimate.value.abs(), "{end} in {case}");
-            assert!(!estimate.interval(1.0 - number("p") * 1.001).unwrap().contains(0.0));
+            assert!(
+                !estimate
+                    .interval(1.0 - number("p") * 1.001)
+                    .unwrap()
+                    .contains(0.0)
+            );
         }
     }
 
-    /// No number of our seeds makes up for a published mean of wide spread; without spread it is a known value.
+    /// No number of our seeds makes up for a published mean of wide spread; without spread it is a known
+    /// value.
     #[test]
     fn published_samples_do_not_grow() {
-        let (ours, published) = ([9.0, 10.0, 11.0], PublishedMean { value: 9.0, sd: 4.0, n: 4 });
+        let (ours, published) = (
+            [9.0, 10.0, 11.0],
+            PublishedMean {
+                value: 9.0,
+                sd: 4.0,
+                n: 4,
+            },
+        );
         let wide = MeanEstimate::against_published(&ours, published);
         assert_eq!(wide.more_seeds_for_power(Room::to_edge(1.0), 0.05, POWER), None);
         let known = MeanEstimate::against_published(&ours, PublishedMean { sd: 0.0, ..published });
         let alone = MeanEstimate::of(&[0.0, 1.0, 2.0]);
-        assert_eq!((known.value, known.interval(0.9)), (alone.value, alone.interval(0.9)));
-        assert_eq!(MeanEstimate::against_published(&ours, PublishedMean { n: 1, ..published }).interval(0.9), None);
+        assert_eq!(
+            (known.value, known.interval(0.9)),
+            (alone.value, alone.interval(0.9))
+        );
+        assert_eq!(
+            MeanEstimate::against_published(&ours, PublishedMean { n: 1, ..published }).interval(0.9),
+            None
+        );
     }
 
-    /// Standard deviation 1, distance 1: by statsmodels a power of 0.8 at 5 % one-sided takes 7.73 seeds in all.
+    /// Standard deviation 1, distance 1: by statsmodels a power of 0.8 at 5 % one-sided takes 7.73 seeds in
+    /// all.
     #[test]
     fn seeds_for_power_in_one_sample_and_two() {
         let one = MeanEstimate::of(&[9.0, 10.0, 11.0]);
         assert_eq!(one.more_seeds_for_power(Room::to_edge(1.0), 0.05, 0.8), Some(5));
         // Both edges at one standard deviation: simulated power 0.795 with 10 in all, 0.850 with 11.
-        assert_eq!(one.more_seeds_for_power(Room::in_band(10.0, 9.0, 11.0), 0.05, 0.8), Some(8));
+        assert_eq!(
+            one.more_seeds_for_power(Room::in_band(10.0, 9.0, 11.0), 0.05, 0.8),
+            Some(8)
+        );
         let two = MeanEstimate::difference(&[9.0, 10.0, 11.0], &[9.0, 10.0, 11.0]);
         // Two samples: statsmodels asks for 13.10 in each.
         assert_eq!(two.more_seeds_for_power(Room::to_edge(1.0), 0.05, 0.8), Some(11));
-        assert_eq!(MeanEstimate::of(&[1.0]).more_seeds_for_power(Room::to_edge(1.0), 0.05, 0.8), None);
+        assert_eq!(
+            MeanEstimate::of(&[1.0]).more_seeds_for_power(Room::to_edge(1.0), 0.05, 0.8),
+            None
+        );
     }
 
     #[test]

@@ -1,10 +1,11 @@
-//! Statistics over seeds: estimates with intervals, comparisons, and verdicts on published values and on claims.
+//! Statistics over seeds: estimates with intervals, comparisons, and verdicts on published values and on
+//! claims.
 //!
-//! Everything here is a pure function of plain numbers: the same numbers give the same result, whatever the order of the
-//! seeds. What resamples or permutes at random draws from a stream with a fixed name.
+//! Everything here is a pure function of plain numbers: the same numbers give the same result, whatever the
+//! order of the seeds. What resamples or permutes at random draws from a stream with a fixed name.
 //!
-//! A **seed** is a replicate; an episode never is. One seed gives one number (its mean over episodes) before anything of
-//! this module sees it. A seed that occurs twice counts once, with the mean of its values.
+//! A **seed** is a replicate; an episode never is. One seed gives one number (its mean over episodes) before
+//! anything of this module sees it. A seed that occurs twice counts once, with the mean of its values.
 
 pub mod binomial;
 pub mod bootstrap;
@@ -101,19 +102,30 @@ mod tests {
 
     /// A list of numbers of the reference values.
     pub(super) fn numbers(value: &serde_json::Value) -> Vec<f64> {
-        value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+        value
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|number| number.as_f64().unwrap())
+            .collect()
     }
 
     /// Two independent standard normal numbers (Box and Muller).
     pub(super) fn normal_pair(rng: &mut crate::random::Rng) -> [f64; 2] {
         let mut uniform = || (rng.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
-        let (radius, angle) = ((-2.0 * (1.0 - uniform()).ln()).sqrt(), std::f64::consts::TAU * uniform());
+        let (radius, angle) = (
+            (-2.0 * (1.0 - uniform()).ln()).sqrt(),
+            std::f64::consts::TAU * uniform(),
+        );
         [radius * angle.cos(), radius * angle.sin()]
     }
 
     /// Panics unless both numbers agree to `tolerance`, relative to the larger of 1 and their size.
     pub(super) fn assert_close(left: f64, right: f64, tolerance: f64) {
-        assert!((left - right).abs() <= tolerance * right.abs().max(1.0), "{left} is not {right}");
+        assert!(
+            (left - right).abs() <= tolerance * right.abs().max(1.0),
+            "{left} is not {right}"
+        );
     }
 
     #[test]
@@ -147,7 +159,8 @@ mod tests {
         }
 
         #[test]
-        fn the_order_of_the_seeds_does_not_matter(values in prop::collection::vec(-1e3..1e3, 1..20), turn in 0_usize..20) {
+        fn the_order_of_the_seeds_does_not_matter(values in prop::collection::vec(-1e3..1e3, 1..20),
+            turn in 0_usize..20) {
             let mut turned = values.clone();
             turned.rotate_left(turn % values.len());
             turned.reverse();

@@ -1,14 +1,15 @@
 //! The standard normal distribution: density, cumulative probability, upper tail and quantile.
 //!
 //! The upper tail is one half less the series of Abramowitz and Stegun 26.2.11 up to 3, and their continued
-//! fraction 26.2.14 beyond. The quantile starts at their rational approximation 26.2.23 (error below 4.5e-4) and
-//! takes steps of Halley, each of which about triples the number of right digits. Relative errors are below 1e-13 out to
-//! eight standard deviations, also in the tail, and below 1e-12 as far as the tail has all digits of a float (37); quantiles
-//! near 0 have an absolute error below 1e-16.
+//! fraction 26.2.14 beyond. The quantile starts at their rational approximation 26.2.23 (error below 4.5e-4)
+//! and takes steps of Halley, each of which about triples the number of right digits. Relative errors are
+//! below 1e-13 out to eight standard deviations, also in the tail, and below 1e-12 as far as the tail has all
+//! digits of a float (37); quantiles near 0 have an absolute error below 1e-16.
 
 use std::f64::consts::TAU;
 
-/// Up to here the series is used; the difference it makes there is still a thousandth, and loses three digits.
+/// Up to here the series is used; the difference it makes there is still a thousandth, and loses three
+/// digits.
 const SERIES_ENDS: f64 = 3.0;
 /// Terms of the continued fraction: enough at [`SERIES_ENDS`], where it is slowest.
 const FRACTION_TERMS: u32 = 80;
@@ -33,7 +34,10 @@ pub fn upper_tail(x: f64) -> f64 {
     } else if x < SERIES_ENDS {
         0.5 - density(x) * series(x)
     } else {
-        density(x) / (1..=FRACTION_TERMS).rev().fold(x, |below, term| x + f64::from(term) / below)
+        density(x)
+            / (1..=FRACTION_TERMS)
+                .rev()
+                .fold(x, |below, term| x + f64::from(term) / below)
     }
 }
 
@@ -83,12 +87,20 @@ mod tests {
 
     fn assert_relative(left: f64, right: f64, what: f64) {
         let tolerance = if what.abs() < 8.0 { 1e-13 } else { 1e-12 };
-        assert!((left - right).abs() <= tolerance * right.abs(), "{left} is not {right} at {what}");
+        assert!(
+            (left - right).abs() <= tolerance * right.abs(),
+            "{left} is not {right} at {what}"
+        );
     }
 
     #[test]
     fn tails_agree_with_scipy() {
-        for case in sequential_reference()["normal"]["upper_tail"].as_array().unwrap().iter().map(numbers) {
+        for case in sequential_reference()["normal"]["upper_tail"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(numbers)
+        {
             assert_relative(upper_tail(case[0]), case[1], case[0]);
             assert_relative(cdf(-case[0]), case[1], case[0]);
         }
@@ -96,7 +108,12 @@ mod tests {
 
     #[test]
     fn quantiles_agree_with_scipy() {
-        for case in sequential_reference()["normal"]["quantile"].as_array().unwrap().iter().map(numbers) {
+        for case in sequential_reference()["normal"]["quantile"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(numbers)
+        {
             let error = (quantile(case[0]) - case[1]).abs();
             assert!(error <= 1e-13 * case[1].abs() + 1e-16, "{error} at {case:?}");
         }
@@ -104,8 +121,14 @@ mod tests {
 
     #[test]
     fn ends_and_nonsense() {
-        assert_eq!((quantile(0.0), quantile(0.5), quantile(1.0)), (f64::NEG_INFINITY, 0.0, f64::INFINITY));
-        assert_eq!((cdf(f64::NEG_INFINITY), cdf(0.0), cdf(f64::INFINITY)), (0.0, 0.5, 1.0));
+        assert_eq!(
+            (quantile(0.0), quantile(0.5), quantile(1.0)),
+            (f64::NEG_INFINITY, 0.0, f64::INFINITY)
+        );
+        assert_eq!(
+            (cdf(f64::NEG_INFINITY), cdf(0.0), cdf(f64::INFINITY)),
+            (0.0, 0.5, 1.0)
+        );
         assert!(quantile(-0.1).is_nan() && quantile(f64::NAN).is_nan() && cdf(f64::NAN).is_nan());
     }
 

@@ -1,22 +1,25 @@
-//! How many seeds a study needs: the power of Student-t intervals, and the number of seeds that gives a wanted power.
+//! How many seeds a study needs: the power of Student-t intervals, and the number of seeds that gives a
+//! wanted power.
 //!
-//! An interval decides where it clears the edges it is laid against: one edge for a direction or a difference, both edges of
-//! a band for equivalence. If the truth is what was estimated, the chance of that after n seeds is
-//! `E[Phi(above - t U) - Phi(t U - below)]`, with the distances in standard errors, `t` the quantile of the interval and
-//! `U = s / sigma` the ratio of the spread that will be seen to the true one, a chi variable over the root of its degrees of
-//! freedom. For one edge this is the noncentral t distribution, for two it is the exact power of the two one-sided tests
-//! (Phillips 1990, doi:10.1007/BF01063556); for two samples of unequal spread the degrees of freedom are approximate.
-//! The integral over `U` is done numerically, with an error below 1e-9 for two and more degrees of freedom.
+//! An interval decides where it clears the edges it is laid against: one edge for a direction or a
+//! difference, both edges of a band for equivalence. If the truth is what was estimated, the chance of that
+//! after n seeds is `E[Phi(above - t U) - Phi(t U - below)]`, with the distances in standard errors, `t` the
+//! quantile of the interval and `U = s / sigma` the ratio of the spread that will be seen to the true one, a
+//! chi variable over the root of its degrees of freedom. For one edge this is the noncentral t distribution,
+//! for two it is the exact power of the two one-sided tests (Phillips 1990, doi:10.1007/BF01063556); for two
+//! samples of unequal spread the degrees of freedom are approximate. The integral over `U` is done
+//! numerically, with an error below 1e-9 for two and more degrees of freedom.
 //!
-//! A number of seeds that rests on an estimated mean and spread is an estimate itself: it says what would suffice if both
-//! were right.
+//! A number of seeds that rests on an estimated mean and spread is an estimate itself: it says what would
+//! suffice if both were right.
 
 use super::{normal, quadrature, student_t};
 
 /// The power that is asked for where nothing else is.
 pub const POWER: f64 = 0.8;
 
-/// Distances from an estimate to the edges that the ends of its interval must not reach; infinite where there is no edge.
+/// Distances from an estimate to the edges that the ends of its interval must not reach; infinite where there
+/// is no edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Room {
     /// Distance to the edge below; negative where the estimate lies beyond it.
@@ -29,25 +32,35 @@ impl Room {
     /// A single edge at `distance`, on whichever side.
     #[must_use]
     pub fn to_edge(distance: f64) -> Self {
-        Self { below: f64::INFINITY, above: distance }
+        Self {
+            below: f64::INFINITY,
+            above: distance,
+        }
     }
 
     /// The room of an estimate between both edges of a band.
     #[must_use]
     pub fn in_band(value: f64, low: f64, high: f64) -> Self {
-        Self { below: value - low, above: high - value }
+        Self {
+            below: value - low,
+            above: high - value,
+        }
     }
 
     /// The same distances in other units.
     fn in_units_of(self, unit: f64) -> Self {
-        Self { below: self.below / unit, above: self.above / unit }
+        Self {
+            below: self.below / unit,
+            above: self.above / unit,
+        }
     }
 }
 
-/// Probability that an interval clears the edges, each of its ends being a bound at the one-sided level `nominal`.
+/// Probability that an interval clears the edges, each of its ends being a bound at the one-sided level
+/// `nominal`.
 ///
-/// `room` belongs to the true value and is counted in `error`, the true standard error. NaN unless `degrees_of_freedom >= 1`
-/// and `0 < nominal < 1/2`.
+/// `room` belongs to the true value and is counted in `error`, the true standard error. NaN unless
+/// `degrees_of_freedom >= 1` and `0 < nominal < 1/2`.
 #[must_use]
 pub fn power(room: Room, error: f64, degrees_of_freedom: f64, nominal: f64) -> f64 {
     let t = student_t::quantile(1.0 - nominal, degrees_of_freedom);
@@ -62,24 +75,34 @@ pub fn power(room: Room, error: f64, degrees_of_freedom: f64, nominal: f64) -> f
     spread.integral(largest, 1.0 / t, clear) / spread.integral(f64::INFINITY, f64::INFINITY, |_| 1.0)
 }
 
-/// The smallest number of seeds after which the interval of a mean clears one edge with probability `wanted`, if the true
-/// mean lies at `distance` from it and the true standard deviation is `sd`; `None` where more than `most` would be needed.
+/// The smallest number of seeds after which the interval of a mean clears one edge with probability `wanted`,
+/// if the true mean lies at `distance` from it and the true standard deviation is `sd`; `None` where more
+/// than `most` would be needed.
 ///
-/// This is the number for a direction and for a value that differs. It is an estimate where `distance` and `sd` are.
+/// This is the number for a direction and for a value that differs. It is an estimate where `distance` and
+/// `sd` are.
 #[must_use]
 pub fn seeds_for_power(distance: f64, sd: f64, alpha_one_sided: f64, wanted: f64, most: u32) -> Option<u32> {
     seeds_for_room(Room::to_edge(distance), sd, alpha_one_sided, wanted, most)
 }
 
-/// As [`seeds_for_power`], for an interval that must clear every edge of `room`: with [`Room::in_band`] the number for
-/// equivalence.
+/// As [`seeds_for_power`], for an interval that must clear every edge of `room`: with [`Room::in_band`] the
+/// number for equivalence.
 #[must_use]
 pub fn seeds_for_room(room: Room, sd: f64, alpha_one_sided: f64, wanted: f64, most: u32) -> Option<u32> {
-    let power_with = |n: u32| power(room, sd / f64::from(n).sqrt(), f64::from(n) - 1.0, alpha_one_sided);
+    let power_with = |n: u32| {
+        power(
+            room,
+            sd / f64::from(n).sqrt(),
+            f64::from(n) - 1.0,
+            alpha_one_sided,
+        )
+    };
     fewest(2, most, |n| power_with(n) >= wanted)
 }
 
-/// The smallest number from `least` to `most` that is enough, where every larger one is too; found by halving.
+/// The smallest number from `least` to `most` that is enough, where every larger one is too; found by
+/// halving.
 pub(super) fn fewest(least: u32, most: u32, enough: impl Fn(u32) -> bool) -> Option<u32> {
     if least > most || !enough(most) {
         return None;
@@ -87,7 +110,11 @@ pub(super) fn fewest(least: u32, most: u32, enough: impl Fn(u32) -> bool) -> Opt
     let (mut low, mut high) = (least, most);
     while low < high {
         let middle = low.midpoint(high);
-        if enough(middle) { high = middle } else { low = middle + 1 }
+        if enough(middle) {
+            high = middle
+        } else {
+            low = middle + 1
+        }
     }
     Some(high)
 }
@@ -101,8 +128,8 @@ struct SpreadRatio {
 }
 
 impl SpreadRatio {
-    /// Integral of the density times `function` up to `largest`, but for a constant factor. `function` changes over lengths
-    /// of `scale`.
+    /// Integral of the density times `function` up to `largest`, but for a constant factor. `function`
+    /// changes over lengths of `scale`.
     fn integral(&self, largest: f64, scale: f64, function: impl Fn(f64) -> f64) -> f64 {
         let sd = (2.0 * self.degrees_of_freedom).sqrt().recip();
         let (low, high) = ((1.0 - FARTHEST * sd).max(0.0), (1.0 + FARTHEST * sd).min(largest));
@@ -129,16 +156,34 @@ mod tests {
     /// Distance, standard deviation, n, level, power.
     #[test]
     fn one_edge_agrees_with_the_noncentral_t_distribution_of_scipy() {
-        for case in sequential_reference()["power"]["one_edge"].as_array().unwrap().iter().map(numbers) {
-            let found = power(Room::to_edge(case[0]), case[1] / case[2].sqrt(), case[2] - 1.0, case[3]);
+        for case in sequential_reference()["power"]["one_edge"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(numbers)
+        {
+            let found = power(
+                Room::to_edge(case[0]),
+                case[1] / case[2].sqrt(),
+                case[2] - 1.0,
+                case[3],
+            );
             assert!((found - case[4]).abs() < 1e-9, "{found} at {case:?}");
         }
     }
 
     #[test]
     fn two_edges_agree_with_scipy() {
-        for case in sequential_reference()["power"]["two_edges"].as_array().unwrap().iter().map(numbers) {
-            let room = Room { below: case[0], above: case[1] };
+        for case in sequential_reference()["power"]["two_edges"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(numbers)
+        {
+            let room = Room {
+                below: case[0],
+                above: case[1],
+            };
             let found = power(room, case[2] / case[3].sqrt(), case[3] - 1.0, case[4]);
             assert!((found - case[5]).abs() < 1e-9, "{found} at {case:?}");
         }
@@ -146,7 +191,12 @@ mod tests {
 
     #[test]
     fn numbers_of_seeds_agree_with_statsmodels() {
-        for case in sequential_reference()["power"]["seeds"].as_array().unwrap().iter().map(numbers) {
+        for case in sequential_reference()["power"]["seeds"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(numbers)
+        {
             // statsmodels gives a fraction of a seed.
             let seeds = seeds_for_power(case[0], case[1], case[2], case[3], 5000);
             assert_eq!(seeds, Some(case[4].ceil() as u32), "{case:?}");
@@ -161,10 +211,14 @@ mod tests {
         assert_eq!(seeds_for_power(1.0, f64::NAN, 0.05, 0.8, 1000), None);
         assert_eq!(seeds_for_power(1.0, 0.0, 0.05, 0.8, 1000), Some(2));
         assert_eq!(seeds_for_power(1.0, 1.0, 0.05, 0.8, 1), None);
-        assert_eq!(seeds_for_room(Room::in_band(12.0, 9.0, 11.0), 1.0, 0.05, 0.8, 1000), None);
+        assert_eq!(
+            seeds_for_room(Room::in_band(12.0, 9.0, 11.0), 1.0, 0.05, 0.8, 1000),
+            None
+        );
     }
 
-    /// The share of simulated studies that end REPRODUCED with the number of seeds asked for and with one fewer.
+    /// The share of simulated studies that end REPRODUCED with the number of seeds asked for and with one
+    /// fewer.
     #[test]
     fn the_number_for_equivalence_is_right_in_four_of_five_studies() {
         let (low, high) = (-1.0, 1.4);
@@ -172,7 +226,10 @@ mod tests {
         let mut rng = crate::random::stream(&["test", "power of equivalence"]);
         let mut inside = [0_u32; 2];
         for _ in 0..20_000 {
-            let draws: Vec<f64> = (0..n.div_ceil(2)).flat_map(|_| normal_pair(&mut rng)).take(n).collect();
+            let draws: Vec<f64> = (0..n.div_ceil(2))
+                .flat_map(|_| normal_pair(&mut rng))
+                .take(n)
+                .collect();
             for (fewer, count) in inside.iter_mut().enumerate() {
                 let interval = MeanEstimate::of(&draws[fewer..]).interval(0.9).unwrap();
                 *count += u32::from(low <= interval.low && interval.high <= high);
@@ -185,7 +242,10 @@ mod tests {
         assert!(exact[0] >= POWER && exact[1] < POWER, "{exact:?}");
         // The standard error of a share is 0.0028.
         for (count, exact) in inside.into_iter().zip(exact) {
-            assert!((f64::from(count) / 20_000.0 - exact).abs() < 0.01, "{count} {exact}");
+            assert!(
+                (f64::from(count) / 20_000.0 - exact).abs() < 0.01,
+                "{count} {exact}"
+            );
         }
     }
 
@@ -201,7 +261,8 @@ mod tests {
         #[test]
         fn the_number_is_the_smallest(distance in 0.2..3.0, nominal in 0.01..0.1) {
             let n = seeds_for_power(distance, 1.0, nominal, POWER, 1000).unwrap();
-            let of = |n: u32| power(Room::to_edge(distance), f64::from(n).sqrt().recip(), f64::from(n) - 1.0, nominal);
+            let of = |n: u32| power(Room::to_edge(distance), f64::from(n).sqrt().recip(), f64::from(n) - 1.0,
+                nominal);
             prop_assert!(of(n) >= POWER && (n == 2 || of(n - 1) < POWER));
         }
     }

@@ -1,14 +1,16 @@
 //! Group-sequential levels: how much each of several planned looks at a growing number of seeds may ask for.
 //!
-//! Who tests at 5 % after 5 seeds, after 10 and so on errs far more often than in 5 % of all studies. A [`Design`] names its
-//! looks before the first seed and spends the error step by step, by the function of Pocock's type of Lan and DeMets
-//! (1983, doi:10.1093/biomet/70.3.659), `alpha(t) = alpha ln(1 + (e - 1) t)` with `t = n / most`. At every look an interval
-//! at the look's nominal level may be laid against any edge, whatever was seen before (repeated confidence intervals,
-//! Jennison and Turnbull 1989, Journal of the Royal Statistical Society B 51, 305-361).
+//! Who tests at 5 % after 5 seeds, after 10 and so on errs far more often than in 5 % of all studies. A
+//! [`Design`] names its looks before the first seed and spends the error step by step, by the function of
+//! Pocock's type of Lan and DeMets (1983, doi:10.1093/biomet/70.3.659), `alpha(t) = alpha ln(1 + (e - 1) t)`
+//! with `t = n / most`. At every look an interval at the look's nominal level may be laid against any edge,
+//! whatever was seen before (repeated confidence intervals, Jennison and Turnbull 1989, Journal of the Royal
+//! Statistical Society B 51, 305-361).
 //!
-//! The boundaries follow from the recursive integration of Armitage, McPherson and Rowe (1969, doi:10.2307/2343787) for
-//! normal increments. Levels have a relative error below 1e-7. They hold for normal data of known spread; by way of
-//! Student's t, a nominal level p becomes the quantile `t(1 - p, n - 1)`, they hold closely for few seeds too.
+//! The boundaries follow from the recursive integration of Armitage, McPherson and Rowe (1969,
+//! doi:10.2307/2343787) for normal increments. Levels have a relative error below 1e-7. They hold for normal
+//! data of known spread; by way of Student's t, a nominal level p becomes the quantile `t(1 - p, n - 1)`,
+//! they hold closely for few seeds too.
 //!
 //! | equation | here                                                              |
 //! |----------|-------------------------------------------------------------------|
@@ -65,7 +67,10 @@ impl TryFrom<Vec<u32>> for Design {
             _ => (),
         }
         match looks.windows(2).find(|pair| pair[0] >= pair[1]) {
-            Some(pair) => Err(DesignError::NotRising { look: pair[0], next: pair[1] }),
+            Some(pair) => Err(DesignError::NotRising {
+                look: pair[0],
+                next: pair[1],
+            }),
             None => Ok(Self { looks }),
         }
     }
@@ -82,8 +87,8 @@ impl Design {
     ///
     /// # Panics
     ///
-    /// Without a look, where looks do not rise and where the first of several has fewer than two seeds; `try_from` is for
-    /// numbers that are not known to be right.
+    /// Without a look, where looks do not rise and where the first of several has fewer than two seeds;
+    /// `try_from` is for numbers that are not known to be right.
     #[must_use]
     pub fn new(looks: Vec<u32>) -> Self {
         match Self::try_from(looks) {
@@ -110,15 +115,24 @@ impl Design {
         self.looks.last().copied().unwrap_or_default()
     }
 
-    /// One-sided nominal level of each look, such that the probability of crossing at any look up to the k-th is the spent
-    /// `alpha(t_k)`; the only look of a fixed design has `alpha` itself. NaN unless `alpha` lies between 0 and 1.
+    /// One-sided nominal level of each look, such that the probability of crossing at any look up to the k-th
+    /// is the spent `alpha(t_k)`; the only look of a fixed design has `alpha` itself. NaN unless `alpha` lies
+    /// between 0 and 1.
     #[must_use]
     pub fn nominal_levels(&self, alpha: f64) -> Vec<f64> {
         if self.looks.len() == 1 || !(alpha > 0.0 && alpha < 1.0) {
-            let level = if alpha > 0.0 && alpha < 1.0 { alpha } else { f64::NAN };
+            let level = if alpha > 0.0 && alpha < 1.0 {
+                alpha
+            } else {
+                f64::NAN
+            };
             return vec![level; self.looks.len()];
         }
-        let times: Vec<f64> = self.looks.iter().map(|&n| f64::from(n) / f64::from(self.most())).collect();
+        let times: Vec<f64> = self
+            .looks
+            .iter()
+            .map(|&n| f64::from(n) / f64::from(self.most()))
+            .collect();
         let mut paths = Paths::at_start();
         let mut level_of = |(k, &time): (usize, &f64)| {
             let boundary = paths.boundary(time, alpha);
@@ -136,8 +150,8 @@ fn spent(alpha: f64, time: f64) -> f64 {
     alpha * ((E - 1.0) * time).ln_1p()
 }
 
-/// The paths that have crossed at no look so far: the density of `Z` on the rising points of a quadrature, times their
-/// weights.
+/// The paths that have crossed at no look so far: the density of `Z` on the rising points of a quadrature,
+/// times their weights.
 struct Paths {
     time: f64,
     points: Vec<(f64, f64)>,
@@ -146,14 +160,18 @@ struct Paths {
 impl Paths {
     /// Every path, at 0.
     fn at_start() -> Self {
-        Self { time: 0.0, points: vec![(0.0, 1.0)] }
+        Self {
+            time: 0.0,
+            points: vec![(0.0, 1.0)],
+        }
     }
 
-    /// What `Z` must reach at `time` so that, of all paths, the share that does so for the first time is what may be spent
-    /// between the looks.
+    /// What `Z` must reach at `time` so that, of all paths, the share that does so for the first time is what
+    /// may be spent between the looks.
     fn boundary(&self, time: f64, alpha: f64) -> f64 {
         let newly = spent(alpha, time) - spent(alpha, self.time);
-        // Among the paths that are high enough now are all that cross now, and not all of them cross for the first time.
+        // Among the paths that are high enough now are all that cross now, and not all of them cross for the
+        // first time.
         let (mut low, mut high) = (-normal::quantile(spent(alpha, time)), -normal::quantile(newly));
         let mut boundary = low;
         // The share is convex, so that Newton's method from below neither overshoots nor needs ten steps.
@@ -165,7 +183,11 @@ impl Paths {
                 high = boundary;
             }
             let newton = boundary + excess / self.density(time, boundary);
-            let next = if newton > low && newton < high { newton } else { f64::midpoint(low, high) };
+            let next = if newton > low && newton < high {
+                newton
+            } else {
+                f64::midpoint(low, high)
+            };
             if (next - boundary).abs() < 1e-12 {
                 return next;
             }
@@ -176,31 +198,47 @@ impl Paths {
 
     /// Share of all paths that have not crossed so far and have `Z >= boundary` at `time`.
     fn crossing(&self, time: f64, boundary: f64) -> f64 {
-        let too_low = self.points.partition_point(|(place, _)| self.increment(*place, time, boundary) > FARTHEST);
-        let crossing = |(place, weight): &(f64, f64)| weight * normal::upper_tail(self.increment(*place, time, boundary));
+        let too_low = self
+            .points
+            .partition_point(|(place, _)| self.increment(*place, time, boundary) > FARTHEST);
+        let crossing = |(place, weight): &(f64, f64)| {
+            weight * normal::upper_tail(self.increment(*place, time, boundary))
+        };
         self.points[too_low..].iter().map(crossing).sum()
     }
 
     /// Density of `Z = value` at `time` among paths that have not crossed so far.
     fn density(&self, time: f64, value: f64) -> f64 {
-        let too_low = self.points.partition_point(|(place, _)| self.increment(*place, time, value) > FARTHEST);
-        let near = self.points[too_low..].iter().map(|(place, weight)| (self.increment(*place, time, value), weight));
-        let sum: f64 = near.take_while(|(step, _)| *step > -FARTHEST).map(|(step, weight)| weight * normal::density(step)).sum();
+        let too_low = self
+            .points
+            .partition_point(|(place, _)| self.increment(*place, time, value) > FARTHEST);
+        let near = self.points[too_low..]
+            .iter()
+            .map(|(place, weight)| (self.increment(*place, time, value), weight));
+        let sum: f64 = near
+            .take_while(|(step, _)| *step > -FARTHEST)
+            .map(|(step, weight)| weight * normal::density(step))
+            .sum();
         (time / (time - self.time)).sqrt() * sum
     }
 
-    /// The increment of `S` that leads from `Z = place` now to `Z = value` at `time`, in its standard deviations.
+    /// The increment of `S` that leads from `Z = place` now to `Z = value` at `time`, in its standard
+    /// deviations.
     fn increment(&self, place: f64, time: f64, value: f64) -> f64 {
         (value * time.sqrt() - place * self.time.sqrt()) / (time - self.time).sqrt()
     }
 
-    /// The paths that do not reach `boundary` at `time` either. `next` is the time of the look after it: the panels are at
-    /// most as wide as two standard deviations of the increments before and after, in units of `Z`.
+    /// The paths that do not reach `boundary` at `time` either. `next` is the time of the look after it: the
+    /// panels are at most as wide as two standard deviations of the increments before and after, in units of
+    /// `Z`.
     fn below(&self, boundary: f64, time: f64, next: f64) -> Self {
         let shortest = (next - time).min(time - self.time);
         let widest = 2.0 * (shortest / time).sqrt();
         let point = |(place, weight)| (place, weight * self.density(time, place));
-        Self { time, points: quadrature::points(LOWEST, boundary, widest).map(point).collect() }
+        Self {
+            time,
+            points: quadrature::points(LOWEST, boundary, widest).map(point).collect(),
+        }
     }
 }
 
@@ -224,7 +262,10 @@ mod tests {
         for case in &cases {
             let levels = Design::new(looks(&case["looks"])).nominal_levels(case["alpha"].as_f64().unwrap());
             for (level, expected) in levels.iter().zip(numbers(&case["levels"])) {
-                assert!((level - expected).abs() < 2e-8, "{level} is not {expected} in {case}");
+                assert!(
+                    (level - expected).abs() < 2e-8,
+                    "{level} is not {expected} in {case}"
+                );
             }
         }
         assert_eq!(cases.len(), 17);
@@ -236,7 +277,10 @@ mod tests {
         for case in sequential_reference()["spending"].as_array().unwrap() {
             let levels = Design::new(looks(&case["looks"])).nominal_levels(case["alpha"].as_f64().unwrap());
             for (level, expected) in levels.iter().zip(numbers(&case["levels"])) {
-                assert!((level / expected - 1.0).abs() < 1e-7, "{level} is not {expected} in {case}");
+                assert!(
+                    (level / expected - 1.0).abs() < 1e-7,
+                    "{level} is not {expected} in {case}"
+                );
             }
         }
     }
@@ -244,7 +288,10 @@ mod tests {
     #[test]
     fn one_look_is_not_divided() {
         assert_eq!(Design::fixed(5).nominal_levels(0.05), [0.05]);
-        assert_eq!((Design::fixed(5).most(), Design::fixed(5)), (5, Design::new(vec![5])));
+        assert_eq!(
+            (Design::fixed(5).most(), Design::fixed(5)),
+            (5, Design::new(vec![5]))
+        );
         assert_eq!(Design::new(vec![5, 10]).nominal_levels(f64::NAN).len(), 2);
         assert!(Design::fixed(5).nominal_levels(1.0)[0].is_nan());
     }
@@ -263,7 +310,9 @@ mod tests {
         let design = Design::new(vec![5, 10, 30]);
         assert_eq!(serde_json::to_string(&design).unwrap(), "[5,10,30]");
         assert_eq!(serde_json::from_str::<Design>("[5,10,30]").unwrap(), design);
-        let error = serde_json::from_str::<Design>("[5,10,8]").unwrap_err().to_string();
+        let error = serde_json::from_str::<Design>("[5,10,8]")
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("8 does not follow 10"), "{error}");
     }
 
@@ -300,13 +349,18 @@ mod tests {
             squares += draw * draw;
             (sum / n, ((squares - sum * sum / n) / (n - 1.0)).sqrt())
         };
-        (0..n / 2).flat_map(|_| normal_pair(rng)).enumerate().map(&mut next).collect()
+        (0..n / 2)
+            .flat_map(|_| normal_pair(rng))
+            .enumerate()
+            .map(&mut next)
+            .collect()
     }
 
     const LOOKS: [u32; 6] = [5, 10, 15, 20, 25, 30];
 
-    /// How often a rule calls a value reproduced whose truth lies exactly at the edge of the band, with margins of half a
-    /// standard deviation, one and two, and the mean number of seeds where the truth is the published value, margin one.
+    /// How often a rule calls a value reproduced whose truth lies exactly at the edge of the band, with
+    /// margins of half a standard deviation, one and two, and the mean number of seeds where the truth is the
+    /// published value, margin one.
     fn operating_characteristics(levels: &[f64]) -> ([f64; 3], f64) {
         let (rule, runs) = (rule(levels), 60_000);
         let mut rng = crate::random::stream(&["test", "sequential equivalence"]);
@@ -318,13 +372,20 @@ mod tests {
             }
             seeds += decide(&rule, &moments, -1.0, 1.0).1;
         }
-        (reproduced.map(|count| f64::from(count) / f64::from(runs)), seeds as f64 / f64::from(runs))
+        (
+            reproduced.map(|count| f64::from(count) / f64::from(runs)),
+            seeds as f64 / f64::from(runs),
+        )
     }
 
     fn assert_characteristics(levels: &[f64], sizes: [f64; 3], seeds: f64) {
         let found = operating_characteristics(levels);
         // The standard error of a share is at most 0.0015.
-        let close = found.0.iter().zip(sizes).all(|(found, size)| (found - size).abs() < 0.004);
+        let close = found
+            .0
+            .iter()
+            .zip(sizes)
+            .all(|(found, size)| (found - size).abs() < 0.004);
         assert!(close && (found.1 - seeds).abs() < 0.1, "{found:?}");
     }
 
@@ -341,8 +402,8 @@ mod tests {
     }
 
     proptest! {
-        /// Never more than what may be spent by then, never less than what is spent there, and all of them together more
-        /// than the whole, since crossings at several looks count once.
+        /// Never more than what may be spent by then, never less than what is spent there, and all of them
+        /// together more than the whole, since crossings at several looks count once.
         #[test]
         fn levels_are_bounded(
             looks in prop::collection::btree_set(2_u32..200, 2..8),

@@ -1,13 +1,15 @@
 //! A statement about one number, looked at once or several times as planned, and what the seeds decide of it.
 //!
-//! A published value ("the mean lies within the margin") and a claim ("the difference is above 0") are both statements that a
-//! number lies in a [`Region`]. The interval of the number decides: inside the region the statement holds, outside it fails,
-//! across an edge it is open. Where looks were planned ([`Design`]), the interval of look `k` is the repeated confidence interval
-//! of Jennison and Turnbull (1989, doi:10.1111/j.2517-6161.1989.tb01440.x): its nominal level is that of the look, and the first
-//! look that decides is final, whatever the seeds say that other statements ask for afterwards.
+//! A published value ("the mean lies within the margin") and a claim ("the difference is above 0") are both
+//! statements that a number lies in a [`Region`]. The interval of the number decides: inside the region the
+//! statement holds, outside it fails, across an edge it is open. Where looks were planned ([`Design`]), the
+//! interval of look `k` is the repeated confidence interval of Jennison and Turnbull (1989,
+//! doi:10.1111/j.2517-6161.1989.tb01440.x): its nominal level is that of the look, and the first look that
+//! decides is final, whatever the seeds say that other statements ask for afterwards.
 //!
-//! [`holm`] decides a family of statements together (Holm 1979, doi:10.2307/4615733): with `m` of them, each must be decided at
-//! `alpha / m`, then the rest at `alpha / (m - 1)`, and so on until none is decided any more.
+//! [`holm`] decides a family of statements together (Holm 1979, doi:10.2307/4615733): with `m` of them, each
+//! must be decided at `alpha / m`, then the rest at `alpha / (m - 1)`, and so on until none is decided any
+//! more.
 
 use super::{Interval, MeanEstimate, binomial::Share, power::Room, spending::Design};
 
@@ -46,7 +48,8 @@ impl Evidence {
         }
     }
 
-    /// The interval that errs with probability `nominal` on each side; `None` with too few seeds or a value that is not finite.
+    /// The interval that errs with probability `nominal` on each side; `None` with too few seeds or a value
+    /// that is not finite.
     #[must_use]
     pub fn interval(&self, nominal: f64) -> Option<Interval> {
         let level = 1.0 - 2.0 * nominal;
@@ -73,18 +76,31 @@ impl Region {
     /// Everything from `low` to `high`, ends included.
     #[must_use]
     pub fn between(low: f64, high: f64) -> Self {
-        Self { low, high, closed: true }
+        Self {
+            low,
+            high,
+            closed: true,
+        }
     }
 
     fn holds(&self, Interval { low, high, .. }: Interval) -> bool {
-        if self.closed { self.low <= low && high <= self.high } else { self.low < low && high < self.high }
+        if self.closed {
+            self.low <= low && high <= self.high
+        } else {
+            self.low < low && high < self.high
+        }
     }
 
     fn fails(&self, Interval { low, high, .. }: Interval) -> bool {
-        if self.closed { high < self.low || self.high < low } else { high <= self.low || self.high <= low }
+        if self.closed {
+            high < self.low || self.high < low
+        } else {
+            high <= self.low || self.high <= low
+        }
     }
 
-    /// What an interval around a value must stay clear of to decide: both ends from inside, the nearer one from outside.
+    /// What an interval around a value must stay clear of to decide: both ends from inside, the nearer one
+    /// from outside.
     #[must_use]
     pub fn room(&self, value: f64) -> Room {
         if self.low < value && value < self.high {
@@ -145,14 +161,26 @@ impl Statement {
         self.decide_at(self.alpha)
     }
 
-    /// What the seeds decide where each side may be wrong with probability `alpha`: at the first look that decides.
+    /// What the seeds decide where each side may be wrong with probability `alpha`: at the first look that
+    /// decides.
     #[must_use]
     pub fn decide_at(&self, alpha: f64) -> Decision {
-        let levels = self.design.as_ref().map_or_else(|| vec![alpha], |design| design.nominal_levels(alpha));
-        let mut last = Decision { outcome: Outcome::Open, look: 0, interval: None };
+        let levels = self
+            .design
+            .as_ref()
+            .map_or_else(|| vec![alpha], |design| design.nominal_levels(alpha));
+        let mut last = Decision {
+            outcome: Outcome::Open,
+            look: 0,
+            interval: None,
+        };
         for (index, (look, nominal)) in self.looks.iter().zip(levels).enumerate() {
             let interval = look.evidence.interval(nominal);
-            last = Decision { outcome: look.outcome(interval), look: index, interval };
+            last = Decision {
+                outcome: look.outcome(interval),
+                look: index,
+                interval,
+            };
             if last.outcome != Outcome::Open {
                 break;
             }
@@ -172,12 +200,15 @@ impl Look {
     }
 }
 
-/// The outcomes of a family of statements, so that the probability of any wrong decision among them is that of a single one.
+/// The outcomes of a family of statements, so that the probability of any wrong decision among them is that
+/// of a single one.
 #[must_use]
 pub fn holm(family: &[&Statement]) -> Vec<Outcome> {
     let mut outcomes = vec![Outcome::Open; family.len()];
     loop {
-        let open: Vec<usize> = (0..family.len()).filter(|&index| outcomes[index] == Outcome::Open).collect();
+        let open: Vec<usize> = (0..family.len())
+            .filter(|&index| outcomes[index] == Outcome::Open)
+            .collect();
         let share = |index: usize| family[index].alpha / super::estimators::count(open.len());
         let decided: Vec<(usize, Outcome)> = open
             .iter()
@@ -187,7 +218,9 @@ pub fn holm(family: &[&Statement]) -> Vec<Outcome> {
         if decided.is_empty() {
             return outcomes;
         }
-        decided.into_iter().for_each(|(index, outcome)| outcomes[index] = outcome);
+        decided
+            .into_iter()
+            .for_each(|(index, outcome)| outcomes[index] = outcome);
     }
 }
 
@@ -198,18 +231,33 @@ mod tests {
 
     fn at(values: &[f64], region: Region) -> Look {
         let estimate = MeanEstimate::of(values);
-        Look { deterministic: estimate.has_no_spread(), evidence: Evidence::Mean(estimate), region }
+        Look {
+            deterministic: estimate.has_no_spread(),
+            evidence: Evidence::Mean(estimate),
+            region,
+        }
     }
 
     fn fixed(values: &[f64], region: Region) -> Statement {
-        Statement { looks: vec![at(values, region)], design: None, alpha: 0.05 }
+        Statement {
+            looks: vec![at(values, region)],
+            design: None,
+            alpha: 0.05,
+        }
     }
 
     #[test]
     fn ends_belong_to_a_closed_region_only() {
         let exactly = |region| fixed(&[1.0, 1.0], region).decide().outcome;
         assert_eq!(exactly(Region::between(1.0, 2.0)), Outcome::Holds);
-        assert_eq!(exactly(Region { low: 1.0, high: f64::INFINITY, closed: false }), Outcome::Fails);
+        assert_eq!(
+            exactly(Region {
+                low: 1.0,
+                high: f64::INFINITY,
+                closed: false
+            }),
+            Outcome::Fails
+        );
         assert_eq!(exactly(Region::between(0.0, 0.5)), Outcome::Fails);
     }
 
@@ -219,9 +267,20 @@ mod tests {
         let near = [0.0, 0.1, -0.1, 0.05, -0.05];
         let far = [0.0, 0.1, -0.1, 0.05, -0.05, 30.0, 31.0, 32.0, 33.0, 34.0];
         let design = Some(Design::new(vec![5, 10]));
-        let statement = Statement { looks: vec![at(&near, region), at(&far, region)], design, alpha: 0.05 };
-        assert_eq!((statement.decide().outcome, statement.decide().look), (Outcome::Holds, 0));
-        let only = Statement { looks: vec![at(&far, region)], design: None, alpha: 0.05 };
+        let statement = Statement {
+            looks: vec![at(&near, region), at(&far, region)],
+            design,
+            alpha: 0.05,
+        };
+        assert_eq!(
+            (statement.decide().outcome, statement.decide().look),
+            (Outcome::Holds, 0)
+        );
+        let only = Statement {
+            looks: vec![at(&far, region)],
+            design: None,
+            alpha: 0.05,
+        };
         assert_ne!(only.decide().outcome, Outcome::Holds);
     }
 
@@ -229,9 +288,16 @@ mod tests {
     fn a_planned_look_asks_for_more_than_a_single_one() {
         // Mean 0.8, standard deviation 1 over five seeds: the 90 % interval is 0.8 -+ 0.953.
         let values = [-0.464_911, 0.167_544, 0.8, 1.432_456, 2.064_911];
-        let region = Region { low: -0.2, high: f64::INFINITY, closed: false };
+        let region = Region {
+            low: -0.2,
+            high: f64::INFINITY,
+            closed: false,
+        };
         assert_eq!(fixed(&values, region).decide().outcome, Outcome::Holds);
-        let planned = Statement { design: Some(Design::new(vec![5, 10, 15])), ..fixed(&values, region) };
+        let planned = Statement {
+            design: Some(Design::new(vec![5, 10, 15])),
+            ..fixed(&values, region)
+        };
         assert_eq!(planned.decide().outcome, Outcome::Open);
     }
 
@@ -239,7 +305,10 @@ mod tests {
     fn fewer_than_three_seeds_decide_only_without_spread() {
         let region = Region::between(0.0, 100.0);
         assert_eq!(fixed(&[50.0, 50.1], region).decide().outcome, Outcome::Open);
-        assert_eq!(fixed(&[50.0, 50.1, 50.2], region).decide().outcome, Outcome::Holds);
+        assert_eq!(
+            fixed(&[50.0, 50.1, 50.2], region).decide().outcome,
+            Outcome::Holds
+        );
         assert_eq!(fixed(&[50.0, 50.0], region).decide().outcome, Outcome::Holds);
         assert_eq!(fixed(&[50.0], region).decide().outcome, Outcome::Open);
     }
@@ -252,22 +321,49 @@ mod tests {
             region: Region::between(low, 1.0),
             deterministic: false,
         };
-        let outcome = |low| Statement { looks: vec![share(low)], design: None, alpha: 0.025 }.decide().outcome;
+        let outcome = |low| {
+            Statement {
+                looks: vec![share(low)],
+                design: None,
+                alpha: 0.025,
+            }
+            .decide()
+            .outcome
+        };
         assert_eq!((outcome(0.292), outcome(0.293)), (Outcome::Holds, Outcome::Open));
         let apart = Look {
             evidence: Evidence::Shares(Share { successes: 20, n: 20 }, Share { successes: 0, n: 20 }),
-            region: Region { low: 0.0, high: f64::INFINITY, closed: false },
+            region: Region {
+                low: 0.0,
+                high: f64::INFINITY,
+                closed: false,
+            },
             deterministic: false,
         };
-        assert_eq!(Statement { looks: vec![apart], design: None, alpha: 0.025 }.decide().outcome, Outcome::Holds);
+        assert_eq!(
+            Statement {
+                looks: vec![apart],
+                design: None,
+                alpha: 0.025
+            }
+            .decide()
+            .outcome,
+            Outcome::Holds
+        );
     }
 
-    /// One-sided p values of 0.01, 0.02 and 0.04 for "above 0": Holm's levels are 0.05 / 3, 0.05 / 2 and 0.05.
+    /// One-sided p values of 0.01, 0.02 and 0.04 for "above 0": Holm's levels are 0.05 / 3, 0.05 / 2 and
+    /// 0.05.
     #[test]
     fn holm_steps_down() {
-        let above = Region { low: 0.0, high: f64::INFINITY, closed: false };
+        let above = Region {
+            low: 0.0,
+            high: f64::INFINITY,
+            closed: false,
+        };
         let with_p = |p: f64| {
-            // Two degrees of freedom: values with mean m and standard error 1 reach p where m is the quantile.
+            // Two degrees of freedom: values with mean m and standard error 1 reach p where m is the
+            // quantile.
             let mean = super::super::student_t::quantile(1.0 - p, 2.0);
             let sd = 3f64.sqrt();
             fixed(&[mean - sd, mean, mean + sd], above)
@@ -285,9 +381,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn holm_never_decides_what_a_single_statement_leaves_open(means in prop::collection::vec(-3.0..3.0, 1..8)) {
+        fn holm_never_decides_what_a_single_statement_leaves_open(means in prop::collection::vec(-3.0..3.0,
+            1..8)) {
             let above = Region { low: 0.0, high: f64::INFINITY, closed: false };
-            let family: Vec<Statement> = means.iter().map(|mean| fixed(&[mean - 1.0, *mean, mean + 1.0, mean + 0.5], above)).collect();
+            let family: Vec<Statement> = means.iter().map(|mean| fixed(&[mean - 1.0, *mean, mean + 1.0,
+                mean + 0.5], above)).collect();
             let adjusted = holm(&family.iter().collect::<Vec<_>>());
             for (statement, outcome) in family.iter().zip(adjusted) {
                 prop_assert!(outcome == Outcome::Open || outcome == statement.decide().outcome);

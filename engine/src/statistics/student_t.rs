@@ -1,9 +1,10 @@
-//! Student's t distribution: cumulative probability and quantile for any positive, also fractional, degrees of freedom.
+//! Student's t distribution: cumulative probability and quantile for any positive, also fractional, degrees
+//! of freedom.
 //!
-//! With `x = v / (v + t^2)` the upper tail is half the regularised incomplete beta function `I_x(v / 2, 1 / 2)` (DLMF
-//! 8.17), evaluated by its continued fraction (DLMF 8.17.22) with the modified Lentz algorithm. The relative
-//! error, in the tails too, is below 1e-12 up to a thousand degrees of freedom and grows in proportion to them (1e-11 at
-//! 250 000), by the cancellation in the fraction's first denominators.
+//! With `x = v / (v + t^2)` the upper tail is half the regularised incomplete beta function `I_x(v / 2, 1 /
+//! 2)` (DLMF 8.17), evaluated by its continued fraction (DLMF 8.17.22) with the modified Lentz algorithm. The
+//! relative error, in the tails too, is below 1e-12 up to a thousand degrees of freedom and grows in
+//! proportion to them (1e-11 at 250 000), by the cancellation in the fraction's first denominators.
 //!
 //! | equation   | here                 |
 //! |------------|----------------------|
@@ -34,8 +35,8 @@ pub fn quantile(probability: f64, degrees_of_freedom: f64) -> f64 {
     if probability < 0.5 { -size } else { size }
 }
 
-/// The positive `t` whose upper tail is `tail` (below one half): bracketed by doubling, then Newton's method kept inside
-/// the bracket by bisection.
+/// The positive `t` whose upper tail is `tail` (below one half): bracketed by doubling, then Newton's method
+/// kept inside the bracket by bisection.
 fn upper_quantile(tail: f64, degrees_of_freedom: f64) -> f64 {
     let mut high = 1.0;
     while upper_tail(high, degrees_of_freedom) > tail {
@@ -52,7 +53,11 @@ fn upper_quantile(tail: f64, degrees_of_freedom: f64) -> f64 {
             high = t;
         }
         let newton = t + excess / density(t, degrees_of_freedom);
-        let next = if newton > low && newton < high { newton } else { f64::midpoint(low, high) };
+        let next = if newton > low && newton < high {
+            newton
+        } else {
+            f64::midpoint(low, high)
+        };
         if (next - t).abs() <= 2.0 * f64::EPSILON * t {
             return next;
         }
@@ -86,17 +91,30 @@ fn upper_tail(t: f64, degrees_of_freedom: f64) -> f64 {
     }
 }
 
-/// `Gamma(x + 1/2) / Gamma(x)` for `x > 0`: the recurrence up to 64, then the asymptotic series in `1 / x` (DLMF 5.11.13),
-/// whose first omitted term is below 1e-16 there. It avoids the cancellation of two large logarithms.
+/// `Gamma(x + 1/2) / Gamma(x)` for `x > 0`: the recurrence up to 64, then the asymptotic series in `1 / x`
+/// (DLMF 5.11.13), whose first omitted term is below 1e-16 there. It avoids the cancellation of two large
+/// logarithms.
 fn gamma_ratio(x: f64) -> f64 {
-    const SERIES: [f64; 7] =
-        [1.0, -1.0 / 8.0, 1.0 / 128.0, 5.0 / 1024.0, -21.0 / 32768.0, -399.0 / 262_144.0, 869.0 / 4_194_304.0];
+    const SERIES: [f64; 7] = [
+        1.0,
+        -1.0 / 8.0,
+        1.0 / 128.0,
+        5.0 / 1024.0,
+        -21.0 / 32768.0,
+        -399.0 / 262_144.0,
+        869.0 / 4_194_304.0,
+    ];
     let (mut x, mut factor) = (x, 1.0);
     while x < 64.0 {
         factor *= x / (x + 0.5);
         x += 1.0;
     }
-    factor * x.sqrt() * SERIES.iter().rev().fold(0.0, |sum, coefficient| sum / x + coefficient)
+    factor
+        * x.sqrt()
+        * SERIES
+            .iter()
+            .rev()
+            .fold(0.0, |sum, coefficient| sum / x + coefficient)
 }
 
 /// The continued fraction of the incomplete beta function, DLMF 8.17.22, for `x < (a + 1) / (a + b + 2)`.
@@ -133,7 +151,10 @@ mod tests {
     use proptest::prelude::*;
 
     fn assert_relative(left: f64, right: f64, tolerance: f64, what: &[f64]) {
-        assert!((left - right).abs() <= tolerance * right.abs(), "{left} is not {right} at {what:?}");
+        assert!(
+            (left - right).abs() <= tolerance * right.abs(),
+            "{left} is not {right} at {what:?}"
+        );
     }
 
     fn tolerance(degrees_of_freedom: f64) -> f64 {
@@ -142,14 +163,24 @@ mod tests {
 
     #[test]
     fn the_distribution_agrees_with_scipy() {
-        for case in reference()["student_t"]["cdf"].as_array().unwrap().iter().map(numbers) {
+        for case in reference()["student_t"]["cdf"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(numbers)
+        {
             assert_relative(cdf(case[1], case[0]), case[2], tolerance(case[0]), &case);
         }
     }
 
     #[test]
     fn quantiles_agree_with_scipy() {
-        for case in reference()["student_t"]["quantile"].as_array().unwrap().iter().map(numbers) {
+        for case in reference()["student_t"]["quantile"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(numbers)
+        {
             assert_relative(quantile(case[1], case[0]), case[2], tolerance(case[0]), &case);
         }
     }
@@ -166,14 +197,25 @@ mod tests {
 
     #[test]
     fn ends_and_nonsense() {
-        assert_eq!((quantile(0.0, 4.0), quantile(1.0, 4.0)), (f64::NEG_INFINITY, f64::INFINITY));
-        assert_eq!((quantile(0.5, 4.0), cdf(f64::INFINITY, 3.0), cdf(f64::NEG_INFINITY, 3.0)), (0.0, 1.0, 0.0));
+        assert_eq!(
+            (quantile(0.0, 4.0), quantile(1.0, 4.0)),
+            (f64::NEG_INFINITY, f64::INFINITY)
+        );
+        assert_eq!(
+            (
+                quantile(0.5, 4.0),
+                cdf(f64::INFINITY, 3.0),
+                cdf(f64::NEG_INFINITY, 3.0)
+            ),
+            (0.0, 1.0, 0.0)
+        );
         assert!(quantile(1.5, 4.0).is_nan() && quantile(0.4, 0.0).is_nan() && cdf(1.0, -1.0).is_nan());
     }
 
     proptest! {
         #[test]
-        fn quantile_inverts_the_distribution(probability in 1e-6..0.999_999, degrees_of_freedom in 0.3..5000.0) {
+        fn quantile_inverts_the_distribution(probability in 1e-6..0.999_999,
+            degrees_of_freedom in 0.3..5000.0) {
             let there = cdf(quantile(probability, degrees_of_freedom), degrees_of_freedom);
             prop_assert!((there - probability).abs() < 1e-12, "{there}");
         }

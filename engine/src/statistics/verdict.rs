@@ -1,9 +1,9 @@
 //! Is a published value reproduced? An equivalence test over seeds.
 //!
-//! The two one-sided tests of Schuirmann (1987, doi:10.1007/BF01068419) at 5 % each: the 90 % interval of the mean over
-//! seeds is laid against the band of published value and margin. Inside, the value is reproduced; outside, it differs; across an
-//! edge, the seeds do not tell. A published value with a standard deviation and a number of runs is as uncertain as ours: then the
-//! interval is Welch's, of the difference.
+//! The two one-sided tests of Schuirmann (1987, doi:10.1007/BF01068419) at 5 % each: the 90 % interval of the
+//! mean over seeds is laid against the band of published value and margin. Inside, the value is reproduced;
+//! outside, it differs; across an edge, the seeds do not tell. A published value with a standard deviation
+//! and a number of runs is as uncertain as ours: then the interval is Welch's, of the difference.
 
 use super::{
     Interval, MeanEstimate,
@@ -70,7 +70,10 @@ impl Verdict {
     /// True where the seeds were asked.
     #[must_use]
     pub fn is_judged(self) -> bool {
-        matches!(self, Verdict::Reproduced | Verdict::Differs | Verdict::Inconclusive)
+        matches!(
+            self,
+            Verdict::Reproduced | Verdict::Differs | Verdict::Inconclusive
+        )
     }
 
     /// The verdict on a published value for what the seeds decide.
@@ -105,7 +108,11 @@ impl Reference {
     /// A value with a margin to both sides, in its unit.
     #[must_use]
     pub fn within(value: f64, margin: f64) -> Self {
-        Self { value, runs: None, band: (value - margin, value + margin) }
+        Self {
+            value,
+            runs: None,
+            band: (value - margin, value + margin),
+        }
     }
 }
 
@@ -119,12 +126,18 @@ pub struct Seeds {
 }
 
 impl Seeds {
-    /// The number below which seeds count, for each look that can be decided on; one look at all seeds where their number is fixed.
+    /// The number below which seeds count, for each look that can be decided on; one look at all seeds where
+    /// their number is fixed.
     #[must_use]
     pub fn limits(&self) -> Vec<u64> {
         match &self.design {
             None => vec![u64::MAX],
-            Some(design) => design.looks().iter().take(self.complete).map(|most| u64::from(*most)).collect(),
+            Some(design) => design
+                .looks()
+                .iter()
+                .take(self.complete)
+                .map(|most| u64::from(*most))
+                .collect(),
         }
     }
 }
@@ -147,7 +160,11 @@ impl Stage {
         let design = seeds.design.as_ref()?;
         let look = decision.map_or(0, |decision| decision.look + 1);
         let planned = look.checked_sub(1).map_or(0, |index| design.looks()[index]);
-        Some(Self { look, of: design.looks().len(), seeds: planned })
+        Some(Self {
+            look,
+            of: design.looks().len(),
+            seeds: planned,
+        })
     }
 
     /// The stage as a phrase.
@@ -180,7 +197,8 @@ pub struct Judgement {
     pub reference: Reference,
     /// Where in the design it stands; `None` where the number of seeds is fixed.
     pub stage: Option<Stage>,
-    /// About how many more seeds would decide with a power of 80 %; `None` where that is known to be too many or of no use.
+    /// About how many more seeds would decide with a power of 80 %; `None` where that is known to be too many
+    /// or of no use.
     pub more_seeds: Option<u32>,
     /// What was decided; `None` where nothing could be.
     pub statement: Option<Statement>,
@@ -205,7 +223,8 @@ impl Judgement {
         }
     }
 
-    /// What to do about an inconclusive verdict, or at which look it was passed, in one phrase; empty where nothing is to be said.
+    /// What to do about an inconclusive verdict, or at which look it was passed, in one phrase; empty where
+    /// nothing is to be said.
     #[must_use]
     pub fn note(&self) -> String {
         if !self.verdict.is_judged() {
@@ -223,7 +242,10 @@ impl Judgement {
         match (self.n, self.more_seeds) {
             (n, _) if n < FEWEST_SEEDS => too_few_seeds_in_words(n),
             (_, Some(more)) => more_seeds_in_words(more),
-            (_, None) => "the mean is too near the edge of the margin for an affordable number of seeds to decide".into(),
+            (_, None) => {
+                "the mean is too near the edge of the margin for an affordable number of seeds to decide"
+                    .into()
+            }
         }
     }
 }
@@ -238,7 +260,10 @@ pub fn too_few_seeds_in_words(n: usize) -> String {
 #[must_use]
 pub fn more_seeds_in_words(more: u32) -> String {
     let seeds = if more == 1 { "seed" } else { "seeds" };
-    format!("an estimated {more} more {seeds} would decide with a probability of 80 %, if mean and spread stay as they are")
+    format!(
+        "an estimated {more} more {seeds} would decide with a probability of 80 %, if mean and spread stay \
+         as they are"
+    )
 }
 
 /// The margin where a study gives none: 5 % of the size of the published value.
@@ -249,12 +274,21 @@ pub fn default_margin(published: f64) -> f64 {
 
 /// Compares one reproduced value per seed with a published value.
 ///
-/// `failed` is the number of seeds that did not end well: with no other seed the cell has failed. Where some seeds ended
-/// well the verdict rests on them alone, and the reader must be shown that others are missing. `is_share` says that values are 0
-/// or 1, successes of seeds.
+/// `failed` is the number of seeds that did not end well: with no other seed the cell has failed. Where some
+/// seeds ended well the verdict rests on them alone, and the reader must be shown that others are missing.
+/// `is_share` says that values are 0 or 1, successes of seeds.
 #[must_use]
-pub fn judge(reference: Reference, values: &[(u64, f64)], failed: usize, seeds: &Seeds, is_share: bool) -> Judgement {
-    let blank = |verdict| Judgement { stage: Stage::of(seeds, None), ..Judgement::without(verdict, reference, values) };
+pub fn judge(
+    reference: Reference,
+    values: &[(u64, f64)],
+    failed: usize,
+    seeds: &Seeds,
+    is_share: bool,
+) -> Judgement {
+    let blank = |verdict| Judgement {
+        stage: Stage::of(seeds, None),
+        ..Judgement::without(verdict, reference, values)
+    };
     match values {
         [] if failed == 0 => return blank(Verdict::NotRun),
         [] => return blank(Verdict::Failed),
@@ -262,19 +296,35 @@ pub fn judge(reference: Reference, values: &[(u64, f64)], failed: usize, seeds: 
         _ => {}
     }
     let at = |limit: u64| {
-        let values: Vec<f64> = values.iter().filter(|(seed, _)| *seed < limit).map(|(_, value)| *value).collect();
+        let values: Vec<f64> = values
+            .iter()
+            .filter(|(seed, _)| *seed < limit)
+            .map(|(_, value)| *value)
+            .collect();
         look(&reference, &values, is_share)
     };
     let looks: Vec<Look> = seeds.limits().into_iter().map(at).collect();
     if looks.is_empty() {
         return blank(Verdict::Inconclusive);
     }
-    let statement = Statement { looks, design: seeds.design.clone(), alpha: ALPHA };
+    let statement = Statement {
+        looks,
+        design: seeds.design.clone(),
+        alpha: ALPHA,
+    };
     let decision = statement.decide();
     let taken = &statement.looks[decision.look];
     // Evidence against an uncertain value is the difference from it.
-    let offset = if reference.runs.is_some() && !is_share { reference.value } else { 0.0 };
-    let interval = decision.interval.map(|it| Interval { low: it.low + offset, high: it.high + offset, ..it });
+    let offset = if reference.runs.is_some() && !is_share {
+        reference.value
+    } else {
+        0.0
+    };
+    let interval = decision.interval.map(|it| Interval {
+        low: it.low + offset,
+        high: it.high + offset,
+        ..it
+    });
     Judgement {
         verdict: Verdict::of(decision.outcome),
         adjusted: None,
@@ -294,13 +344,30 @@ fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
     let deterministic = !is_share && MeanEstimate::of(values).has_no_spread();
     let (evidence, region) = match reference.runs {
         _ if is_share => (share_of(values), Region::between(low, high)),
-        None => (Evidence::Mean(MeanEstimate::of(values)), Region::between(low, high)),
+        None => (
+            Evidence::Mean(MeanEstimate::of(values)),
+            Region::between(low, high),
+        ),
         Some((sd, n)) => {
-            let estimate = MeanEstimate::against_published(values, PublishedMean { value: reference.value, sd, n });
-            (Evidence::Mean(estimate), Region::between(low - reference.value, high - reference.value))
+            let estimate = MeanEstimate::against_published(
+                values,
+                PublishedMean {
+                    value: reference.value,
+                    sd,
+                    n,
+                },
+            );
+            (
+                Evidence::Mean(estimate),
+                Region::between(low - reference.value, high - reference.value),
+            )
         }
     };
-    Look { evidence, region, deterministic }
+    Look {
+        evidence,
+        region,
+        deterministic,
+    }
 }
 
 /// Values of 0 and 1 as a share.
@@ -309,7 +376,8 @@ pub fn share_of(values: &[f64]) -> Evidence {
     Evidence::Share(Share::of(values.iter().map(|value| *value > 0.5)))
 }
 
-/// About how many more seeds would decide, with a power of 80 %; at least those that are missing to the fewest.
+/// About how many more seeds would decide, with a power of 80 %; at least those that are missing to the
+/// fewest.
 #[must_use]
 pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
     let missing = u32::try_from(FEWEST_SEEDS.saturating_sub(look.evidence.n())).unwrap_or(0);
@@ -317,7 +385,8 @@ pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
         _ if look.evidence.n() < 2 => Some(missing),
         Evidence::Mean(estimate) => {
             let more = estimate.more_seeds_for_power(look.region.room(estimate.value), alpha, POWER);
-            more.map(|more| more.max(missing)).or((missing > 0).then_some(missing))
+            more.map(|more| more.max(missing))
+                .or((missing > 0).then_some(missing))
         }
         Evidence::Share(_) | Evidence::Shares(..) => None,
     }

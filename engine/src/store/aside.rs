@@ -1,4 +1,5 @@
-//! Sets aside what is wrong: it is moved into a numbered folder of the store, under its own path, and nothing is lost.
+//! Sets aside what is wrong: it is moved into a numbered folder of the store, under its own path, and nothing
+//! is lost.
 
 use super::{
     Claim, Finding, Findings, Leases, Store,
@@ -26,7 +27,8 @@ impl Store {
         ended.par_iter().filter(is_damaged).map(|(id, _)| *id).collect()
     }
 
-    /// Sets aside what is damaged of trials, so that they are missing. Those that another process works on are left to it.
+    /// Sets aside what is damaged of trials, so that they are missing. Those that another process works on
+    /// are left to it.
     ///
     /// # Errors
     /// Where a file cannot be moved.
@@ -38,7 +40,12 @@ impl Store {
         healed.and_then(|found| released.map(|()| found))
     }
 
-    fn heal_under_leases<'a>(&self, ids: &[&'a str], leases: &Leases, mine: &mut Vec<&'a str>) -> Result<Findings, Error> {
+    fn heal_under_leases<'a>(
+        &self,
+        ids: &[&'a str],
+        leases: &Leases,
+        mine: &mut Vec<&'a str>,
+    ) -> Result<Findings, Error> {
         let mut found = Findings::default();
         for id in ids {
             if leases.claim(id)? == Claim::Mine {
@@ -82,7 +89,11 @@ impl Store {
     fn new_folder(&self) -> Result<PathBuf, Error> {
         let all = self.root.join("aside");
         fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
-        let mut number = names(&all)?.iter().filter_map(|name| name.parse::<u64>().ok()).max().unwrap_or(0);
+        let mut number = names(&all)?
+            .iter()
+            .filter_map(|name| name.parse::<u64>().ok())
+            .max()
+            .unwrap_or(0);
         loop {
             number += 1;
             let folder = all.join(number.to_string());

@@ -1,6 +1,7 @@
 //! The boundaries between the steps of writing, where a crash test ends the process.
 //!
-//! The program that people run installs no hook, and nothing from outside can make it: only the test program does.
+//! The program that people run installs no hook, and nothing from outside can make it: only the test program
+//! does.
 
 use std::{path::Path, sync::OnceLock};
 

@@ -5,14 +5,19 @@ use std::time::{SystemTime, UNIX_EPOCH};
 const SECONDS_A_DAY: u64 = 86_400;
 
 /// This moment, to be noted beside a result; nothing that is compared or hashed for identity may hold it.
-#[expect(clippy::disallowed_methods, reason = "the date is noted for readers, it reaches no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the date is noted for readers, it reaches no result"
+)]
 pub(super) fn now() -> String {
     rfc_3339(SystemTime::now())
 }
 
 /// A moment as RFC 3339 writes it, as in `2024-02-29T23:59:59Z`; texts of this form are in the order of time.
 fn rfc_3339(moment: SystemTime) -> String {
-    let seconds = moment.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let seconds = moment
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_secs());
     let ((year, month, day), second) = (date(seconds / SECONDS_A_DAY), seconds % SECONDS_A_DAY);
     let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
     format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z")
@@ -20,8 +25,8 @@ fn rfc_3339(moment: SystemTime) -> String {
 
 /// Year, month and day, from the number of days since 1970-01-01 in the Gregorian calendar.
 ///
-/// Years are counted from the first of March of the year 0, so that a leap day is the last day of its year; 400 years have
-/// 146097 days.
+/// Years are counted from the first of March of the year 0, so that a leap day is the last day of its year;
+/// 400 years have 146097 days.
 fn date(days: u64) -> (u64, u64, u64) {
     let days = days + 719_468;
     let (era, day) = (days / 146_097, days % 146_097);
@@ -30,7 +35,11 @@ fn date(days: u64) -> (u64, u64, u64) {
     // March to July and August to December have 153 days each, in the same order of long and short months.
     let month_from_march = (5 * day_of_year + 2) / 153;
     let day_of_month = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    let month = if month_from_march < 10 {
+        month_from_march + 3
+    } else {
+        month_from_march - 9
+    };
     (year + 400 * era + u64::from(month <= 2), month, day_of_month)
 }
 
@@ -59,7 +68,20 @@ mod tests {
     fn every_day_follows_the_one_before() {
         let lengths = |year: u64| {
             let leap = year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
-            [31, if leap { 29 } else { 28 }, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31]
+            [
+                31,
+                if leap { 29 } else { 28 },
+                31,
+                30,
+                31,
+                30,
+                31,
+                31,
+                30,
+                31,
+                30,
+                31,
+            ]
         };
         let mut expected = (1970, 1, 1);
         for days in 0..200_000 {

@@ -1,7 +1,7 @@
 //! How a trial ended before, kept while it is tried again.
 //!
-//! A trial is tried again by putting its acknowledgement beside its place: it is missing then, whatever becomes of the process
-//! that wanted it, until it has ended anew.
+//! A trial is tried again by putting its acknowledgement beside its place: it is missing then, whatever
+//! becomes of the process that wanted it, until it has ended anew.
 
 use super::{Store, boundary, index::parse, inside, remove, sealed_folder::flush};
 use crate::{Error, results::TrialEnd};
@@ -10,7 +10,8 @@ use std::{fs, path::Path};
 const NAME: &str = "earlier.json";
 
 impl Store {
-    /// Makes a trial that has ended missing, and keeps its end as the earlier one. Only who holds the trial's lease may.
+    /// Makes a trial that has ended missing, and keeps its end as the earlier one. Only who holds the trial's
+    /// lease may.
     ///
     /// # Errors
     /// Where the file cannot be renamed.

@@ -1,6 +1,7 @@
 //! Finds what is wrong in a store and sets it aside; what it held is then missing and runs again.
 //!
-//! The store's folder is never left: no link is followed, and what a trial says of its files is believed only of its own.
+//! The store's folder is never left: no link is followed, and what a trial says of its files is believed only
+//! of its own.
 
 use super::{
     LOOKS, Store, TrialFile,
@@ -102,7 +103,10 @@ impl Store {
 
 /// A store whose own folders are links is another one in truth, and is not touched from here.
 pub(super) fn refuse_links(store: &Store) -> Result<(), Error> {
-    let linked = ["trials", "aside"].map(|name| store.root.join(name)).into_iter().find(|path| is_link(path));
+    let linked = ["trials", "aside"]
+        .map(|name| store.root.join(name))
+        .into_iter()
+        .find(|path| is_link(path));
     let problem = "it is a link, and none is followed: name the store that it leads into".into();
     linked.map_or(Ok(()), |path| Err(Error::Damaged { path, problem }))
 }
@@ -118,7 +122,11 @@ pub(super) struct Check<'a> {
 impl<'a> Check<'a> {
     /// Nothing was looked at yet.
     pub(super) fn new(store: &'a Store) -> Self {
-        Self { store, found: Findings::default(), noted: BTreeSet::new() }
+        Self {
+            store,
+            found: Findings::default(),
+            noted: BTreeSet::new(),
+        }
     }
 
     fn root(&mut self) -> Result<(), Error> {
@@ -139,12 +147,18 @@ impl<'a> Check<'a> {
     fn looks(&mut self, folder: &Path) -> Result<(), Error> {
         let root = self.store.root.join(folder);
         if !is_folder(&root) {
-            self.foreign(folder.to_path_buf(), "verdicts that were seen are kept in a folder");
+            self.foreign(
+                folder.to_path_buf(),
+                "verdicts that were seen are kept in a folder",
+            );
             return Ok(());
         }
         for name in names(&root)? {
             if !name.ends_with(".json") {
-                self.foreign(folder.join(name), "verdicts that were seen are kept in a file per study");
+                self.foreign(
+                    folder.join(name),
+                    "verdicts that were seen are kept in a file per study",
+                );
             }
         }
         Ok(())
@@ -154,15 +168,24 @@ impl<'a> Check<'a> {
         for group in names(&self.store.root.join(trials))? {
             let path = trials.join(&group);
             if !is_hexadecimal(&group, 2) || !is_folder(&self.store.root.join(&path)) {
-                self.foreign(path, "the store groups trials by the first two digits of their ids");
+                self.foreign(
+                    path,
+                    "the store groups trials by the first two digits of their ids",
+                );
                 continue;
             }
             for id in names(&self.store.root.join(&path))? {
                 let path = path.join(&id);
-                if is_hexadecimal(&id, 32) && id.starts_with(&group) && is_folder(&self.store.root.join(&path)) {
+                if is_hexadecimal(&id, 32)
+                    && id.starts_with(&group)
+                    && is_folder(&self.store.root.join(&path))
+                {
                     self.trial(&path, &id)?;
                 } else {
-                    self.foreign(path, "it is not named by a trial's id, or lies in the wrong group");
+                    self.foreign(
+                        path,
+                        "it is not named by a trial's id, or lies in the wrong group",
+                    );
                 }
             }
         }
@@ -176,7 +199,10 @@ impl<'a> Check<'a> {
         }
         let before = self.found.findings.len();
         let acknowledged = self.inspect(folder, id)?;
-        let whole = acknowledged && self.found.findings[before..].iter().all(|finding| finding.trial.is_none());
+        let whole = acknowledged
+            && self.found.findings[before..]
+                .iter()
+                .all(|finding| finding.trial.is_none());
         self.found.whole += usize::from(whole);
         Ok(())
     }
@@ -191,7 +217,12 @@ impl<'a> Check<'a> {
             }
         };
         let acknowledged = self.store.file(id).unwrap_or_else(|error| {
-            self.note(folder.join("trial.json"), Fault::Damaged, &problem(&error), Some(id));
+            self.note(
+                folder.join("trial.json"),
+                Fault::Damaged,
+                &problem(&error),
+                Some(id),
+            );
             None
         });
         let mut expected = vec!["trial.json".to_owned()];
@@ -213,7 +244,12 @@ impl<'a> Check<'a> {
                 self.note(path, Fault::Left, "its writing was never finished", None);
             }
             name if is_result(name) && !is_link(&self.store.root.join(&path)) => {
-                self.note(path, Fault::Orphaned, "the trial was never acknowledged, or without this file", None);
+                self.note(
+                    path,
+                    Fault::Orphaned,
+                    "the trial was never acknowledged, or without this file",
+                    None,
+                );
             }
             _ => self.foreign(path, "a trial has no such file"),
         }
@@ -221,14 +257,20 @@ impl<'a> Check<'a> {
 
     /// The files that an acknowledgement names; where one is not right, the acknowledgement goes with it.
     fn results(&mut self, folder: &Path, id: &str, file: &TrialFile) -> Vec<String> {
-        let metrics = (file.end.state == EndState::Ok).then(|| ("metrics.parquet".to_owned(), file.end.digest.clone()));
+        let metrics =
+            (file.end.state == EndState::Ok).then(|| ("metrics.parquet".to_owned(), file.end.digest.clone()));
         let named: Vec<(String, String)> = metrics.into_iter().chain(file.files.clone()).collect();
         let before = self.found.findings.len();
         for (name, digest) in &named {
             self.result(folder, id, name, digest);
         }
         if self.found.findings.len() > before {
-            self.note(folder.join("trial.json"), Fault::Orphaned, "a file that it acknowledges is damaged", Some(id));
+            self.note(
+                folder.join("trial.json"),
+                Fault::Orphaned,
+                "a file that it acknowledges is damaged",
+                Some(id),
+            );
         }
         named.into_iter().map(|(name, _)| name).collect()
     }
@@ -236,8 +278,18 @@ impl<'a> Check<'a> {
     fn result(&mut self, folder: &Path, id: &str, name: &str, digest: &str) {
         match read_in(&self.store.root.join(folder), name) {
             Ok(Some(bytes)) if hash(&bytes) == digest => {}
-            Ok(Some(_)) => self.note(folder.join(name), Fault::Damaged, "its hash is not the acknowledged one", Some(id)),
-            Ok(None) => self.note(folder.join("trial.json"), Fault::Orphaned, &format!("`{name}`: it is not there"), Some(id)),
+            Ok(Some(_)) => self.note(
+                folder.join(name),
+                Fault::Damaged,
+                "its hash is not the acknowledged one",
+                Some(id),
+            ),
+            Ok(None) => self.note(
+                folder.join("trial.json"),
+                Fault::Orphaned,
+                &format!("`{name}`: it is not there"),
+                Some(id),
+            ),
             // What stands in the way of the file, which may be the folder that it should lie in.
             Err(Error::Damaged { path, problem }) => {
                 let path = path.strip_prefix(&self.store.root).unwrap_or(&path).to_owned();
@@ -260,37 +312,64 @@ impl<'a> Check<'a> {
         } else if is_folder(&running) {
             self.note(folder.join("running"), Fault::Left, "the trial has ended", None);
         } else if running.symlink_metadata().is_ok() {
-            self.foreign(folder.join("running"), "a running trial keeps a folder of this name");
+            self.foreign(
+                folder.join("running"),
+                "a running trial keeps a folder of this name",
+            );
         }
         if earlier.symlink_metadata().is_err() {
             return Ok(());
         }
         if acknowledged.is_some() {
-            self.note(folder.join("earlier.json"), Fault::Left, "the trial has ended since", None);
+            self.note(
+                folder.join("earlier.json"),
+                Fault::Left,
+                "the trial has ended since",
+                None,
+            );
         } else if self.store.earlier(id).is_none() {
-            self.note(folder.join("earlier.json"), Fault::Damaged, "it is not what was acknowledged", None);
+            self.note(
+                folder.join("earlier.json"),
+                Fault::Damaged,
+                "it is not what was acknowledged",
+                None,
+            );
         }
         Ok(())
     }
 
     fn foreign(&mut self, path: PathBuf, problem: &str) {
-        let problem = if is_link(&self.store.root.join(&path)) { NOT_FOLLOWED } else { problem };
+        let problem = if is_link(&self.store.root.join(&path)) {
+            NOT_FOLLOWED
+        } else {
+            problem
+        };
         self.note(path, Fault::Foreign, problem, None);
     }
 
     fn note(&mut self, path: PathBuf, fault: Fault, problem: &str, trial: Option<&str>) {
         if self.noted.insert(path.clone()) {
-            self.found.findings.push(Finding { path, fault, problem: problem.into(), trial: trial.map(Into::into) });
+            self.found.findings.push(Finding {
+                path,
+                fault,
+                problem: problem.into(),
+                trial: trial.map(Into::into),
+            });
         }
     }
 }
 
 fn is_hexadecimal(name: &str, length: usize) -> bool {
-    name.len() == length && name.bytes().all(|byte| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte))
+    name.len() == length
+        && name
+            .bytes()
+            .all(|byte| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte))
 }
 
 fn is_result(name: &str) -> bool {
-    [".parquet", ".safetensors", ".json"].iter().any(|ending| name.ends_with(ending))
+    [".parquet", ".safetensors", ".json"]
+        .iter()
+        .any(|ending| name.ends_with(ending))
 }
 
 fn problem(error: &Error) -> String {

@@ -1,7 +1,8 @@
 //! Reads many trials of a store at once: how they ended, and which there are.
 //!
-//! Of each `trial.json` only what is asked for is parsed: the configs, which are most of it, are skipped. That a file belongs to
-//! the trial in whose folder it lies follows from the ids of its parts, its seed, numerics version and device.
+//! Of each `trial.json` only what is asked for is parsed: the configs, which are most of it, are skipped.
+//! That a file belongs to the trial in whose folder it lies follows from the ids of its parts, its seed,
+//! numerics version and device.
 
 use super::{Store, TRIAL_SCHEMA, inside, names, seal::is_sealed};
 use crate::{
@@ -42,10 +43,14 @@ pub struct StoredTrial {
 impl Store {
     /// How each trial ended, in the order of `trials`; `None` where it has not run.
     ///
-    /// Each entry is what [`Store::end`] says of the trial: an error stands where its file is not what it should be.
+    /// Each entry is what [`Store::end`] says of the trial: an error stands where its file is not what it
+    /// should be.
     #[must_use]
     pub fn ends(&self, trials: &[Trial]) -> Vec<Result<Option<TrialEnd>, Error>> {
-        self.stored_of(trials).into_iter().map(|stored| Ok(stored?.map(|it| it.end))).collect()
+        self.stored_of(trials)
+            .into_iter()
+            .map(|stored| Ok(stored?.map(|it| it.end)))
+            .collect()
     }
 
     /// What is stored of each trial, in the order of `trials`; otherwise as [`Store::ends`].
@@ -56,7 +61,8 @@ impl Store {
             groups.entry(digits(&trial.id)).or_default().push(position);
         }
         let groups: Vec<_> = groups.into_iter().collect();
-        let in_group = |(group, positions): &(&str, Vec<usize>)| self.stored_in_group(group, positions, trials);
+        let in_group =
+            |(group, positions): &(&str, Vec<usize>)| self.stored_in_group(group, positions, trials);
         let found: Vec<_> = groups.par_iter().flat_map_iter(in_group).collect();
         let mut all: Vec<_> = trials.iter().map(|_| Ok(None)).collect();
         for (position, stored) in found {
@@ -81,8 +87,12 @@ impl Store {
         let listed: Option<HashSet<String>> =
             (positions.len() >= LIST_FROM).then(|| names(&folder).unwrap_or_default().into_iter().collect());
         let present = |id: &str| listed.as_ref().is_none_or(|listed| listed.contains(id));
-        let there = positions.iter().filter(|&&position| present(&trials[position].id));
-        there.map(|&position| (position, self.stored(&trials[position].id))).collect()
+        let there = positions
+            .iter()
+            .filter(|&&position| present(&trials[position].id));
+        there
+            .map(|&position| (position, self.stored(&trials[position].id)))
+            .collect()
     }
 
     /// A trial without its configs; `None` where it has not run.
@@ -93,43 +103,71 @@ impl Store {
         Ok(self.acknowledged(id)?.map(|(_, trial)| trial))
     }
 
-    /// The text of a trial's `trial.json`, which is whole and of this trial, with what [`Store::stored`] gives.
+    /// The text of a trial's `trial.json`, which is whole and of this trial, with what [`Store::stored`]
+    /// gives.
     pub(super) fn acknowledged(&self, id: &str) -> Result<Option<(Vec<u8>, StoredTrial)>, Error> {
         let path = self.folder(id).join("trial.json");
-        let Some(text) = inside::read(&path)? else { return Ok(None) };
-        let damaged = |problem: String| Error::Damaged { path: path.clone(), problem };
+        let Some(text) = inside::read(&path)? else {
+            return Ok(None);
+        };
+        let damaged = |problem: String| Error::Damaged {
+            path: path.clone(),
+            problem,
+        };
         let trial = parse(&text).map_err(damaged)?;
-        let own = trial_id(trial.parts.each_ref().map(String::as_str), trial.seed, trial.numerics, &trial.device);
-        if own == id { Ok(Some((text, trial))) } else { Err(damaged(format!("it belongs to trial {own}"))) }
+        let own = trial_id(
+            trial.parts.each_ref().map(String::as_str),
+            trial.seed,
+            trial.numerics,
+            &trial.device,
+        );
+        if own == id {
+            Ok(Some((text, trial)))
+        } else {
+            Err(damaged(format!("it belongs to trial {own}")))
+        }
     }
 
     /// The distinct combinations of parts in the store, each with its seeds.
     ///
-    /// `known` are trials by id that were read already; at most `most` others are read. Files that are not what they should be are
-    /// passed over.
+    /// `known` are trials by id that were read already; at most `most` others are read. Files that are not
+    /// what they should be are passed over.
     #[must_use]
     pub fn cells(&self, known: &[(&str, &StoredTrial)], most: usize) -> Vec<StoredCell> {
         let read: HashSet<&str> = known.iter().map(|(id, _)| *id).collect();
         let mut ids = self.ids();
         ids.retain(|id| !read.contains(id.as_str()));
         ids.truncate(most);
-        let others: Vec<_> = ids.par_iter().filter_map(|id| Some((id.as_str(), self.stored(id).ok()??))).collect();
+        let others: Vec<_> = ids
+            .par_iter()
+            .filter_map(|id| Some((id.as_str(), self.stored(id).ok()??)))
+            .collect();
         let others = others.iter().map(|(id, trial)| (*id, trial));
         let mut cells: BTreeMap<([&str; 3], u32, &str), (&str, BTreeSet<u64>)> = BTreeMap::new();
         for (id, trial) in known.iter().copied().chain(others) {
             let parts = trial.parts.each_ref().map(String::as_str);
-            let cell = cells.entry((parts, trial.numerics, &trial.device)).or_insert_with(|| (id, BTreeSet::new()));
+            let cell = cells
+                .entry((parts, trial.numerics, &trial.device))
+                .or_insert_with(|| (id, BTreeSet::new()));
             cell.1.insert(trial.seed);
         }
         let cells: Vec<_> = cells.into_values().collect();
-        let cell = |(id, seeds)| Some(StoredCell { key: self.file(id).ok()??.key, seeds });
+        let cell = |(id, seeds)| {
+            Some(StoredCell {
+                key: self.file(id).ok()??.key,
+                seeds,
+            })
+        };
         cells.into_par_iter().filter_map(cell).collect()
     }
 
     /// The ids of the trials that have a folder and whose ids begin with `prefix`, in order.
     #[must_use]
     pub fn ids_beginning_with(&self, prefix: &str) -> Vec<String> {
-        self.ids().into_iter().filter(|id| id.starts_with(prefix)).collect()
+        self.ids()
+            .into_iter()
+            .filter(|id| id.starts_with(prefix))
+            .collect()
     }
 
     /// The id of every trial that has a folder, in order.
@@ -137,7 +175,10 @@ impl Store {
         let trials = self.root.join("trials");
         // What cannot be listed holds no trial; `fsck` says what it is.
         let in_folder = |folder: &Path| names(folder).unwrap_or_default();
-        let mut ids: Vec<String> = in_folder(&trials).iter().flat_map(|group| in_folder(&trials.join(group))).collect();
+        let mut ids: Vec<String> = in_folder(&trials)
+            .iter()
+            .flat_map(|group| in_folder(&trials.join(group)))
+            .collect();
         ids.sort_unstable();
         ids
     }
@@ -173,14 +214,40 @@ pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
     let outline: Outline<'_> = serde_json::from_slice(text).map_err(|source| source.to_string())?;
     if !is_sealed(text) {
         let earlier = "it carries no check that holds: an earlier program made it, or it was changed";
-        return Err(if outline.schema < TRIAL_SCHEMA { earlier.into() } else { "its check does not hold".into() });
+        return Err(if outline.schema < TRIAL_SCHEMA {
+            earlier.into()
+        } else {
+            "its check does not hold".into()
+        });
     }
     if outline.schema != TRIAL_SCHEMA {
-        return Err(format!("version {} of its form is not known to this program", outline.schema));
+        return Err(format!(
+            "version {} of its form is not known to this program",
+            outline.schema
+        ));
     }
-    let Outline { parts, key: Replicate { seed, numerics, device }, end, build, ended_at, .. } = outline;
+    let Outline {
+        parts,
+        key: Replicate {
+            seed,
+            numerics,
+            device,
+        },
+        end,
+        build,
+        ended_at,
+        ..
+    } = outline;
     let parts = parts.ok_or("it does not name its parts")?.map(str::to_owned);
-    Ok(StoredTrial { parts, seed, numerics, device, end, ended_at, build })
+    Ok(StoredTrial {
+        parts,
+        seed,
+        numerics,
+        device,
+        end,
+        ended_at,
+        build,
+    })
 }
 
 #[cfg(test)]
@@ -200,7 +267,14 @@ mod tests {
         let part = |plugin: &str| Part::new(plugin, 1, json!({ "cells": cells }));
         let (environment, agent, protocol) = (part("battery"), part("equal"), part("evaluate"));
         let agent = Seating::Agent(agent);
-        let key = TrialKey { environment, agent, protocol, seed, numerics: 1, device: "cpu".into() };
+        let key = TrialKey {
+            environment,
+            agent,
+            protocol,
+            seed,
+            numerics: 1,
+            device: "cpu".into(),
+        };
         Trial {
             id: key.id(),
             environment: "four".into(),
@@ -213,7 +287,12 @@ mod tests {
     }
 
     fn acknowledge(store: &Store, trial: &Trial, state: EndState) {
-        let end = TrialEnd { state, reason: "told".into(), wall_s: 1.0, digest: String::new() };
+        let end = TrialEnd {
+            state,
+            reason: "told".into(),
+            wall_s: 1.0,
+            digest: String::new(),
+        };
         store.acknowledge(trial, &end).unwrap();
     }
 
@@ -222,8 +301,15 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path());
         let trials: Vec<Trial> = (0..500).map(|seed| trial(4, seed)).collect();
-        assert!(store.ends(&trials).into_iter().all(|end| end.unwrap().is_none()), "nothing is stored yet");
-        for (trial, state) in trials.iter().step_by(7).zip([EndState::Ok, EndState::Nan, EndState::Killed].into_iter().cycle()) {
+        assert!(
+            store.ends(&trials).into_iter().all(|end| end.unwrap().is_none()),
+            "nothing is stored yet"
+        );
+        for (trial, state) in trials.iter().step_by(7).zip(
+            [EndState::Ok, EndState::Nan, EndState::Killed]
+                .into_iter()
+                .cycle(),
+        ) {
             acknowledge(&store, trial, state);
         }
         for (trial, end) in trials.iter().zip(store.ends(&trials)) {
@@ -236,7 +322,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path());
         let trials = [trial(4, 1), trial(4, 2), trial(4, 3)];
-        trials.iter().for_each(|trial| acknowledge(&store, trial, EndState::Ok));
+        trials
+            .iter()
+            .for_each(|trial| acknowledge(&store, trial, EndState::Ok));
         let file = |trial: &Trial| store.folder(&trial.id).join("trial.json");
         fs::copy(file(&trials[0]), file(&trials[1])).unwrap();
         fs::write(file(&trials[2]), "{").unwrap();
@@ -254,10 +342,15 @@ mod tests {
         store.finish(&trial, &Recorder::default(), 1.0).unwrap();
         let path = store.folder(&trial.id).join("trial.json");
         let whole = fs::read_to_string(&path).unwrap();
-        for older in [whole.replace("\"schema\":2", "\"schema\":1"), whole.replace(",\"check\":", ",\"checked\":")] {
+        for older in [
+            whole.replace("\"schema\":2", "\"schema\":1"),
+            whole.replace(",\"check\":", ",\"checked\":"),
+        ] {
             assert_ne!(older, whole);
             fs::write(&path, older).unwrap();
-            let Err(Error::Damaged { problem, .. }) = store.stored(&trial.id) else { panic!("it is believed") };
+            let Err(Error::Damaged { problem, .. }) = store.stored(&trial.id) else {
+                panic!("it is believed")
+            };
             assert!(problem.contains("check"), "{problem}");
         }
     }
@@ -266,13 +359,19 @@ mod tests {
     fn files_say_which_program_made_them_and_those_that_do_not_are_read() {
         let folder = tempfile::tempdir().unwrap();
         let build = Build::told("ffa07ec12345", "true");
-        let (silent, telling) = (Store::at(folder.path()), Store::at(folder.path()).by(build.clone()));
+        let (silent, telling) = (
+            Store::at(folder.path()),
+            Store::at(folder.path()).by(build.clone()),
+        );
         acknowledge(&silent, &trial(4, 1), EndState::Ok);
         acknowledge(&telling, &trial(4, 2), EndState::Ok);
         let built = |seed: u64| silent.stored(&trial(4, seed).id).unwrap().unwrap().build;
         assert_eq!((built(1), built(2)), (None, build));
         let text = fs::read_to_string(silent.folder(&trial(4, 1).id).join("trial.json")).unwrap();
-        assert!(!text.contains("\"build\""), "as programs wrote it that knew no builds: {text}");
+        assert!(
+            !text.contains("\"build\""),
+            "as programs wrote it that knew no builds: {text}"
+        );
     }
 
     #[test]
@@ -289,7 +388,11 @@ mod tests {
         assert_eq!(cells[1].seeds, BTreeSet::from([0, 2]));
         assert_eq!(store.cells(&[], 1).len(), 1);
         let read = store.stored(&trial(8, 1).id).unwrap().unwrap();
-        assert_eq!(store.cells(&[(&trial(8, 1).id, &read)], usize::MAX).len(), 2, "what was read is not read again");
+        assert_eq!(
+            store.cells(&[(&trial(8, 1).id, &read)], usize::MAX).len(),
+            2,
+            "what was read is not read again"
+        );
         assert_eq!(store.cells(&[(&trial(8, 1).id, &read)], 0).len(), 1);
     }
 }

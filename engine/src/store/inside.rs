@@ -1,4 +1,5 @@
-//! Reads what lies in a store, and nothing else: no symbolic link is followed, and no name leads out of a trial's folder.
+//! Reads what lies in a store, and nothing else: no symbolic link is followed, and no name leads out of a
+//! trial's folder.
 
 use crate::{Error, ProductKind};
 use std::{
@@ -32,7 +33,11 @@ pub(super) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
 /// As [`read`].
 pub(super) fn read_in(trial: &Path, name: &str) -> Result<Option<Vec<u8>>, Error> {
     let path = trial.join(name);
-    let link = path.ancestors().skip(1).take_while(|folder| *folder != trial).find(|folder| is_link(folder));
+    let link = path
+        .ancestors()
+        .skip(1)
+        .take_while(|folder| *folder != trial)
+        .find(|folder| is_link(folder));
     match link {
         Some(folder) => Err(no_file(folder)),
         None => read(&path),
@@ -41,7 +46,10 @@ pub(super) fn read_in(trial: &Path, name: &str) -> Result<Option<Vec<u8>>, Error
 
 fn no_file(path: &Path) -> Error {
     let problem = "a link, a folder or a pipe has the name of a file; none is followed".into();
-    Error::Damaged { path: path.to_owned(), problem }
+    Error::Damaged {
+        path: path.to_owned(),
+        problem,
+    }
 }
 
 /// True for a folder, and not for a link to one.
@@ -66,12 +74,18 @@ const DEEPEST: usize = 4;
 pub(super) fn is_product(name: &str) -> bool {
     let parts: Vec<&str> = name.split('/').collect();
     let plain = |part: &&str| !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0']);
-    let deepest = if ProductKind::Dataset.has_file(name) { DEEPEST } else { 1 };
-    parts.len() <= deepest + 1 && parts.iter().all(plain) && ProductKind::ALL.iter().any(|kind| kind.has_file(name))
+    let deepest = if ProductKind::Dataset.has_file(name) {
+        DEEPEST
+    } else {
+        1
+    };
+    parts.len() <= deepest + 1
+        && parts.iter().all(plain)
+        && ProductKind::ALL.iter().any(|kind| kind.has_file(name))
 }
 
-/// Paths of all files in a trial's folder and the folders in it, in order. Whatever else is there is one entry: links, folders that
-/// are deeper than any product, and `running`, what a running trial keeps.
+/// Paths of all files in a trial's folder and the folders in it, in order. Whatever else is there is one
+/// entry: links, folders that are deeper than any product, and `running`, what a running trial keeps.
 ///
 /// # Errors
 /// Where a folder cannot be read.
@@ -106,7 +120,10 @@ pub(super) fn contents(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
         if kind.is_dir() {
             found.extend(contents(&entry.path())?);
         } else if !kind.is_file() {
-            return Err(std::io::Error::new(ErrorKind::InvalidData, "it is neither a file nor a folder"));
+            return Err(std::io::Error::new(
+                ErrorKind::InvalidData,
+                "it is neither a file nor a folder",
+            ));
         }
         found.push(entry.path());
     }
@@ -120,7 +137,12 @@ mod tests {
 
     #[test]
     fn products_lie_in_the_trials_folder_or_a_seats_and_datasets_below() {
-        for name in ["policy.safetensors", "agent_3/critic.safetensors", "choice.json", "dataset/data/0/part-0.parquet"] {
+        for name in [
+            "policy.safetensors",
+            "agent_3/critic.safetensors",
+            "choice.json",
+            "dataset/data/0/part-0.parquet",
+        ] {
             assert!(is_product(name), "{name}");
         }
         let others = [
@@ -149,12 +171,24 @@ mod tests {
         symlink(path("seat"), path("linked")).unwrap();
         symlink(path("seat/a.safetensors"), path("a.safetensors")).unwrap();
         symlink("..", path("loop")).unwrap();
-        assert_eq!(read_in(folder.path(), "seat/a.safetensors").unwrap(), Some(b"a".to_vec()));
+        assert_eq!(
+            read_in(folder.path(), "seat/a.safetensors").unwrap(),
+            Some(b"a".to_vec())
+        );
         assert_eq!(read_in(folder.path(), "seat/b.safetensors").unwrap(), None);
         for name in ["linked/a.safetensors", "a.safetensors"] {
-            assert!(matches!(read_in(folder.path(), name), Err(Error::Damaged { .. })), "{name}");
+            assert!(
+                matches!(read_in(folder.path(), name), Err(Error::Damaged { .. })),
+                "{name}"
+            );
         }
-        assert_eq!(files_of(folder.path()).unwrap(), ["a.safetensors", "linked", "loop", "seat/a.safetensors"]);
-        assert!(contents(folder.path()).is_err(), "a folder with links is not what was written");
+        assert_eq!(
+            files_of(folder.path()).unwrap(),
+            ["a.safetensors", "linked", "loop", "seat/a.safetensors"]
+        );
+        assert!(
+            contents(folder.path()).is_err(),
+            "a folder with links is not what was written"
+        );
     }
 }

@@ -1,16 +1,17 @@
 //! Leases: which process computes a trial now.
 //!
 //! ```text
-//! <root>/owners/<token>.json     one file per process: host, boot, process id, start, Slurm job, how long a lease holds
-//! <trial's folder>/lease         a hard link to its owner's file
+//! <root>/owners/<token>.json     one file per process: host, boot, process id, start, Slurm job, how long a
+//! lease holds <trial's folder>/lease         a hard link to its owner's file
 //! ```
 //!
-//! Taking a lease is one link, which fails where the lease exists; nothing half-written can be seen. The owner renews all
-//! its leases at once by touching its own file, because links share the time of change. A lease dies with its owner: at once
-//! where the process can be seen to be gone, from elsewhere when it was not renewed for as long as its owner said that it holds.
-//! No lease has ever to be cleared by hand. Two processes that compute one trial all the same (an owner that was only suspended)
-//! store the same bits, so a lease saves work and is not needed for correctness. Nobody needs to be right about the dead either:
-//! an owner whose file is gone writes it again.
+//! Taking a lease is one link, which fails where the lease exists; nothing half-written can be seen. The
+//! owner renews all its leases at once by touching its own file, because links share the time of change. A
+//! lease dies with its owner: at once where the process can be seen to be gone, from elsewhere when it was
+//! not renewed for as long as its owner said that it holds. No lease has ever to be cleared by hand. Two
+//! processes that compute one trial all the same (an owner that was only suspended) store the same bits, so a
+//! lease saves work and is not needed for correctness. Nobody needs to be right about the dead either: an
+//! owner whose file is gone writes it again.
 
 use super::{Owner, Store, boundary, remove, write_durably};
 use crate::Error;
@@ -24,7 +25,8 @@ use std::{
     time::{Duration, Instant, SystemTime},
 };
 
-/// How far the clock of a machine may be from that of the file system. Only commands that write nothing need to know it.
+/// How far the clock of a machine may be from that of the file system. Only commands that write nothing need
+/// to know it.
 const CLOCKS_DIFFER: Duration = Duration::from_secs(300);
 
 /// The outcome of asking for a trial.
@@ -64,17 +66,26 @@ pub struct Leases {
 }
 
 impl Leases {
-    /// Announces this process to a store. Where nobody can see whether it runs, its leases count as dead when it did not renew
-    /// them for `expiry`.
+    /// Announces this process to a store. Where nobody can see whether it runs, its leases count as dead when
+    /// it did not renew them for `expiry`.
     ///
     /// # Errors
     /// Where the store's folder cannot be written.
     pub fn open(store: &Store, expiry: Duration) -> Result<Self, Error> {
-        let announcement = Announcement { owner: Owner::this_process(), lease_expiry_s: expiry.as_secs_f64() };
+        let announcement = Announcement {
+            owner: Owner::this_process(),
+            lease_expiry_s: expiry.as_secs_f64(),
+        };
         let folder = store.root().join("owners");
         let file = folder.join(format!("{}.json", announcement.owner.token()));
         forget_the_dead(&folder);
-        let leases = Self { store: store.clone(), announcement, file, held: Mutex::default(), ahead: Mutex::default() };
+        let leases = Self {
+            store: store.clone(),
+            announcement,
+            file,
+            held: Mutex::default(),
+            ahead: Mutex::default(),
+        };
         leases.write()?;
         Ok(leases)
     }
@@ -123,7 +134,11 @@ impl Leases {
         let lease = self.store.folder(id).join("lease");
         boundary::pass("before a lease is given back", &lease);
         // A lease that was taken over while this process was suspended belongs to another one.
-        let outcome = if self.is_ours(&lease)? { remove(&lease) } else { Ok(()) };
+        let outcome = if self.is_ours(&lease)? {
+            remove(&lease)
+        } else {
+            Ok(())
+        };
         lock(&self.held).remove(id);
         outcome
     }
@@ -148,14 +163,16 @@ impl Leases {
         OpenOptions::new().write(true).open(&self.file)?.write_all(b"{")
     }
 
-    /// Somebody removed the owner's file. A lease of this process is still a link to it and becomes it again, so that renewing it
-    /// goes on to renew them all.
+    /// Somebody removed the owner's file. A lease of this process is still a link to it and becomes it again,
+    /// so that renewing it goes on to renew them all.
     fn announce_again(&self) -> Result<(), Error> {
         let held = lock(&self.held);
         for id in held.iter().filter(|_| !self.file.exists()) {
             let lease = self.store.folder(id).join("lease");
             if self.is_ours(&lease)? && fs::hard_link(&lease, &self.file).is_ok() {
-                return self.touch().map_err(Error::file("renew the leases by", &self.file));
+                return self
+                    .touch()
+                    .map_err(Error::file("renew the leases by", &self.file));
             }
         }
         if self.file.exists() { Ok(()) } else { self.write() }
@@ -164,13 +181,17 @@ impl Leases {
     fn write(&self) -> Result<(), Error> {
         let folder = self.file.parent().unwrap_or(self.store.root());
         fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
-        let text = serde_json::to_vec(&self.announcement).map_err(|source| Error::Worker { problem: source.to_string() })?;
+        let text = serde_json::to_vec(&self.announcement).map_err(|source| Error::Worker {
+            problem: source.to_string(),
+        })?;
         write_durably(&self.file, &text)
     }
 
     /// The living owner of a lease, `None` where it is dead or gone.
     fn holder(&self, lease: &Path) -> Result<Option<Owner>, Error> {
-        let Some(found) = read(lease)? else { return Ok(None) };
+        let Some(found) = read(lease)? else {
+            return Ok(None);
+        };
         let alive = match found.said.owner.is_alive() {
             Some(alive) => alive,
             None => !self.is_silent(lease, &found)?,
@@ -183,12 +204,14 @@ impl Leases {
         // Both times come from the clock of the file system that holds them.
         self.beat()?;
         let now = modified(&self.file).map_err(Error::file("read", &self.file))?;
-        let silence = now.duration_since(found.renewed).unwrap_or_else(|_| self.silence_seen(lease, found.renewed));
+        let silence = now
+            .duration_since(found.renewed)
+            .unwrap_or_else(|_| self.silence_seen(lease, found.renewed));
         Ok(silence >= found.expiry())
     }
 
-    /// For how long this process has seen a lease unchanged. It counts where a lease was renewed in the future (a clock was set
-    /// back): its age is not known then, but a living owner renews it all the same.
+    /// For how long this process has seen a lease unchanged. It counts where a lease was renewed in the
+    /// future (a clock was set back): its age is not known then, but a living owner renews it all the same.
     fn silence_seen(&self, lease: &Path, renewed: SystemTime) -> Duration {
         let mut ahead = lock(&self.ahead);
         let seen = ahead.entry(lease.to_owned()).or_insert_with(|| (renewed, now()));
@@ -198,14 +221,16 @@ impl Leases {
         seen.1.elapsed()
     }
 
-    /// Removes a lease whose owner is dead. Only who holds `takeover` may, and looks again first: otherwise the lease that
-    /// another process has just taken could be removed.
+    /// Removes a lease whose owner is dead. Only who holds `takeover` may, and looks again first: otherwise
+    /// the lease that another process has just taken could be removed.
     fn remove_dead(&self, folder: &Path, lease: &Path) -> Result<(), Error> {
         let takeover = folder.join("takeover");
         match fs::hard_link(&self.file, &takeover) {
             Ok(()) => {
                 boundary::pass("before a dead lease is removed", lease);
-                let removed = self.holder(lease).and_then(|holder| if holder.is_none() { remove(lease) } else { Ok(()) });
+                let removed = self
+                    .holder(lease)
+                    .and_then(|holder| if holder.is_none() { remove(lease) } else { Ok(()) });
                 remove(&takeover)?;
                 removed
             }
@@ -216,7 +241,9 @@ impl Leases {
                 std::thread::sleep(Duration::from_millis(2));
                 Ok(())
             }
-            Err(source) if source.kind() == ErrorKind::NotFound && !self.file.exists() => self.announce_again(),
+            Err(source) if source.kind() == ErrorKind::NotFound && !self.file.exists() => {
+                self.announce_again()
+            }
             Err(source) => Err(Error::file("link", &takeover)(source)),
         }
     }
@@ -230,8 +257,8 @@ impl Drop for Leases {
 }
 
 impl Store {
-    /// Who computes a trial now, as far as can be told from here: an owner that is known to be dead is left out, and one that
-    /// cannot be seen and has been silent for long.
+    /// Who computes a trial now, as far as can be told from here: an owner that is known to be dead is left
+    /// out, and one that cannot be seen and has been silent for long.
     #[must_use]
     pub fn running(&self, id: &str) -> Option<Owner> {
         let found = read(&self.folder(id).join("lease")).ok()??;
@@ -241,16 +268,22 @@ impl Store {
     /// Processes that announced themselves and may be alive.
     #[must_use]
     pub fn owners(&self) -> Vec<Owner> {
-        let entries = fs::read_dir(self.root().join("owners")).into_iter().flatten().flatten();
+        let entries = fs::read_dir(self.root().join("owners"))
+            .into_iter()
+            .flatten()
+            .flatten();
         let found = entries.filter_map(|entry| read(&entry.path()).ok()?);
-        let mut owners: Vec<Owner> = found.filter(Found::may_be_alive).map(|found| found.said.owner).collect();
+        let mut owners: Vec<Owner> = found
+            .filter(Found::may_be_alive)
+            .map(|found| found.said.owner)
+            .collect();
         owners.sort_by(|a, b| (&a.host, a.pid).cmp(&(&b.host, b.pid)));
         owners
     }
 }
 
-/// Removes files of processes that are gone; their leases keep the content. A process that lives all the same writes its file
-/// again.
+/// Removes files of processes that are gone; their leases keep the content. A process that lives all the same
+/// writes its file again.
 fn forget_the_dead(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let dead = matches!(read(&entry.path()), Ok(Some(found)) if !found.may_be_alive());
@@ -270,13 +303,20 @@ struct Found {
 
 impl Found {
     fn expiry(&self) -> Duration {
-        Duration::try_from_secs_f64(self.said.lease_expiry_s).unwrap_or(Duration::from_secs_f64(usual_expiry_s()))
+        Duration::try_from_secs_f64(self.said.lease_expiry_s)
+            .unwrap_or(Duration::from_secs_f64(usual_expiry_s()))
     }
 
-    /// False where the process is known to be dead, or cannot be seen and was silent for longer than clocks can differ.
+    /// False where the process is known to be dead, or cannot be seen and was silent for longer than clocks
+    /// can differ.
     fn may_be_alive(&self) -> bool {
-        let gap = wall_clock().duration_since(self.renewed).unwrap_or_else(|ahead| ahead.duration());
-        self.said.owner.is_alive().unwrap_or_else(|| gap < self.expiry() + CLOCKS_DIFFER)
+        let gap = wall_clock()
+            .duration_since(self.renewed)
+            .unwrap_or_else(|ahead| ahead.duration());
+        self.said
+            .owner
+            .is_alive()
+            .unwrap_or_else(|| gap < self.expiry() + CLOCKS_DIFFER)
     }
 }
 
@@ -285,7 +325,9 @@ fn read(path: &Path) -> Result<Option<Found>, Error> {
     let read = || -> std::io::Result<(Vec<u8>, SystemTime)> { Ok((fs::read(path)?, modified(path)?)) };
     match read() {
         // A file that holds no owner was damaged; nobody can hold a trial by it.
-        Ok((text, renewed)) => Ok(serde_json::from_slice(&text).ok().map(|said| Found { said, renewed })),
+        Ok((text, renewed)) => Ok(serde_json::from_slice(&text)
+            .ok()
+            .map(|said| Found { said, renewed })),
         Err(source) if source.kind() == ErrorKind::NotFound => Ok(None),
         Err(source) => Err(Error::file("read", path)(source)),
     }
@@ -300,12 +342,18 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-#[expect(clippy::disallowed_methods, reason = "it says how long a lease was silent, which reaches no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "it says how long a lease was silent, which reaches no result"
+)]
 fn now() -> Instant {
     Instant::now()
 }
 
-#[expect(clippy::disallowed_methods, reason = "it says how long a lease was silent, which reaches no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "it says how long a lease was silent, which reaches no result"
+)]
 fn wall_clock() -> SystemTime {
     SystemTime::now()
 }

@@ -7,10 +7,10 @@
 //! | 8 | the first bytes of a BLAKE3 hash over the twelve bytes before and the payload |
 //! | length | payload |
 //!
-//! The payload of frame 0 is the version of this form and the trial's id. That of every other frame is what was new: a count of
-//! names, each with its length in front; a count of rows, each a byte for the phase, then step, episode, seat and index of the
-//! metric, then the eight bytes of the value. Counts and whole numbers are written in seven-bit groups (LEB128), everything else
-//! with the low byte first.
+//! The payload of frame 0 is the version of this form and the trial's id. That of every other frame is what
+//! was new: a count of names, each with its length in front; a count of rows, each a byte for the phase, then
+//! step, episode, seat and index of the metric, then the eight bytes of the value. Counts and whole numbers
+//! are written in seven-bit groups (LEB128), everything else with the low byte first.
 
 use super::MetricsTable;
 use crate::{
@@ -69,7 +69,9 @@ pub struct LogPosition {
 /// # Errors
 /// Where the file cannot be read. Damage is no error: see [`LogContents::end`].
 pub fn read(path: &Path) -> Result<LogContents, Error> {
-    std::fs::read(path).map(|bytes| decode(&bytes)).map_err(Error::file("read", path))
+    std::fs::read(path)
+        .map(|bytes| decode(&bytes))
+        .map_err(Error::file("read", path))
 }
 
 /// A log that is being written.
@@ -96,30 +98,56 @@ impl MetricLog {
         Ok(log)
     }
 
-    /// Continues at a position and gives back what was recorded before it; what follows is cut off. `None` where the log does not
-    /// hold what it held when the position was taken.
+    /// Continues at a position and gives back what was recorded before it; what follows is cut off. `None`
+    /// where the log does not hold what it held when the position was taken.
     ///
     /// # Errors
     /// Where the file cannot be read or written.
-    pub fn resume(path: &Path, trial: &str, position: &LogPosition) -> Result<Option<(Self, MetricsTable)>, Error> {
-        let Ok(bytes) = std::fs::read(path) else { return Ok(None) };
-        let Some(before) = usize::try_from(position.bytes).ok().and_then(|end| bytes.get(..end)) else { return Ok(None) };
+    pub fn resume(
+        path: &Path,
+        trial: &str,
+        position: &LogPosition,
+    ) -> Result<Option<(Self, MetricsTable)>, Error> {
+        let Ok(bytes) = std::fs::read(path) else {
+            return Ok(None);
+        };
+        let Some(before) = usize::try_from(position.bytes)
+            .ok()
+            .and_then(|end| bytes.get(..end))
+        else {
+            return Ok(None);
+        };
         let (contents, frames) = decode_counted(before);
-        let fits = digest(&blake3::hash(before)) == position.digest && contents.end == LogEnd::Whole && contents.trial == trial;
+        let fits = digest(&blake3::hash(before)) == position.digest
+            && contents.end == LogEnd::Whole
+            && contents.trial == trial;
         if !fits {
             return Ok(None);
         }
         let log = Self::at_end(path, before, &contents.table, frames)?;
-        log.file.set_len(position.bytes).map_err(Error::file("cut", path))?;
+        log.file
+            .set_len(position.bytes)
+            .map_err(Error::file("cut", path))?;
         Ok(Some((log, contents.table)))
     }
 
     fn at_end(path: &Path, before: &[u8], table: &MetricsTable, frames: u64) -> Result<Self, Error> {
-        let file = OpenOptions::new().append(true).open(path).map_err(Error::file("open", path))?;
+        let file = OpenOptions::new()
+            .append(true)
+            .open(path)
+            .map_err(Error::file("open", path))?;
         let mut hasher = blake3::Hasher::new();
         hasher.update(before);
         let (names, rows) = (table.names.len(), table.rows.len());
-        Ok(Self { path: path.into(), file, frames, bytes: before.len() as u64, hasher, names, rows })
+        Ok(Self {
+            path: path.into(),
+            file,
+            frames,
+            bytes: before.len() as u64,
+            hasher,
+            names,
+            rows,
+        })
     }
 
     /// Rows that are in the log.
@@ -152,12 +180,17 @@ impl MetricLog {
     /// The end of the log.
     #[must_use]
     pub fn position(&self) -> LogPosition {
-        LogPosition { bytes: self.bytes, digest: digest(&self.hasher.finalize()) }
+        LogPosition {
+            bytes: self.bytes,
+            digest: digest(&self.hasher.finalize()),
+        }
     }
 
     fn write(&mut self, payload: &[u8]) -> Result<(), Error> {
         let frame = frame(self.frames, payload);
-        self.file.write_all(&frame).map_err(Error::file("write", &self.path))?;
+        self.file
+            .write_all(&frame)
+            .map_err(Error::file("write", &self.path))?;
         self.hasher.update(&frame);
         self.frames += 1;
         self.bytes += frame.len() as u64;
@@ -220,10 +253,16 @@ fn decode(bytes: &[u8]) -> LogContents {
 
 /// What a log holds and how many whole frames that takes.
 fn decode_counted(bytes: &[u8]) -> (LogContents, u64) {
-    let mut contents = LogContents { trial: String::new(), table: MetricsTable::default(), end: LogEnd::Whole };
+    let mut contents = LogContents {
+        trial: String::new(),
+        table: MetricsTable::default(),
+        end: LogEnd::Whole,
+    };
     let (mut offset, mut number) = (0, 0);
     while offset < bytes.len() {
-        let payload = frame_at(bytes, offset).filter(|(found, _)| *found == number).map(|(_, payload)| payload);
+        let payload = frame_at(bytes, offset)
+            .filter(|(found, _)| *found == number)
+            .map(|(_, payload)| payload);
         match payload.filter(|payload| contents.take_in(number, payload).is_some()) {
             Some(payload) => (offset, number) = (offset + HEADER + payload.len(), number + 1),
             None => {
@@ -250,7 +289,11 @@ fn frame_at(bytes: &[u8], offset: usize) -> Option<(u64, &[u8])> {
 /// Where frame `number` should begin and does not: whole frames behind that place say that it was there once.
 fn how_it_ends(bytes: &[u8], offset: usize, number: u64) -> LogEnd {
     let is_later = |place| frame_at(bytes, place).is_some_and(|(found, _)| found >= number);
-    if (offset..bytes.len()).any(is_later) { LogEnd::Damaged { offset } } else { LogEnd::Torn { offset } }
+    if (offset..bytes.len()).any(is_later) {
+        LogEnd::Damaged { offset }
+    } else {
+        LogEnd::Torn { offset }
+    }
 }
 
 impl LogContents {
@@ -262,8 +305,12 @@ impl LogContents {
             return Some(());
         }
         let mut payload = Payload(payload);
-        let names = (0..payload.integer()?).map(|_| payload.name()).collect::<Option<Vec<_>>>()?;
-        let rows = (0..payload.integer()?).map(|_| payload.row()).collect::<Option<Vec<_>>>()?;
+        let names = (0..payload.integer()?)
+            .map(|_| payload.name())
+            .collect::<Option<Vec<_>>>()?;
+        let rows = (0..payload.integer()?)
+            .map(|_| payload.row())
+            .collect::<Option<Vec<_>>>()?;
         let known = self.table.names.len() + names.len();
         if !payload.0.is_empty() || rows.iter().any(|row| usize::from(row.metric) >= known) {
             return None;
@@ -304,9 +351,19 @@ impl<'a> Payload<'a> {
     fn row(&mut self) -> Option<Row> {
         let phase = *Phase::ALL.get(usize::from(self.take(1)?[0]))?;
         let (step, episode) = (self.integer()?, self.integer()?);
-        let (seat, metric) = (u16::try_from(self.integer()?).ok()?, u16::try_from(self.integer()?).ok()?);
+        let (seat, metric) = (
+            u16::try_from(self.integer()?).ok()?,
+            u16::try_from(self.integer()?).ok()?,
+        );
         let value = f64::from_bits(u64::from_le_bytes(self.take(8)?.try_into().ok()?));
-        Some(Row { phase, step, episode, seat, metric, value })
+        Some(Row {
+            phase,
+            step,
+            episode,
+            seat,
+            metric,
+            value,
+        })
     }
 }
 
@@ -321,7 +378,14 @@ mod tests {
             let index = record.rows().len() as u64;
             let phase = Phase::ALL[index as usize % 4];
             let value = [0.1, f64::NAN, -0.0, 1e300][index as usize % 4] * index as f64;
-            record.add(phase, index * 1000, index / 3, index as usize % 5, &format!("metric_{}", index / 4), value);
+            record.add(
+                phase,
+                index * 1000,
+                index / 3,
+                index as usize % 5,
+                &format!("metric_{}", index / 4),
+                value,
+            );
         }
     }
 
@@ -336,17 +400,35 @@ mod tests {
     }
 
     fn bits(rows: &[Row]) -> Vec<(Phase, u64, u64, u16, u16, u64)> {
-        rows.iter().map(|row| (row.phase, row.step, row.episode, row.seat, row.metric, row.value.to_bits())).collect()
+        rows.iter()
+            .map(|row| {
+                (
+                    row.phase,
+                    row.step,
+                    row.episode,
+                    row.seat,
+                    row.metric,
+                    row.value.to_bits(),
+                )
+            })
+            .collect()
     }
 
     /// Rows of the frames that lie wholly before `offset`.
     fn rows_before(counts: &[u64], offset: usize) -> usize {
-        let (mut recorder, mut end, mut names) =
-            (Recorder::default(), frame(0, &[VERSION.as_bytes(), b"trial"].concat()).len(), 0);
+        let (mut recorder, mut end, mut names) = (
+            Recorder::default(),
+            frame(0, &[VERSION.as_bytes(), b"trial"].concat()).len(),
+            0,
+        );
         for (number, count) in counts.iter().filter(|count| **count > 0).enumerate() {
             let before = recorder.rows().len();
             record(&mut recorder, *count);
-            end += frame(number as u64 + 1, &encode(&recorder.names()[names..], &recorder.rows()[before..])).len();
+            end += frame(
+                number as u64 + 1,
+                &encode(&recorder.names()[names..], &recorder.rows()[before..]),
+            )
+            .len();
             names = recorder.names().len();
             if end > offset {
                 return before;
@@ -365,15 +447,24 @@ mod tests {
         record(&mut recorder, 4);
         log.append(&recorder).unwrap();
         let (mut log, table) = MetricLog::resume(&path, "trial", &position).unwrap().unwrap();
-        assert_eq!((log.position(), bits(&table.rows)), (position.clone(), bits(&recorder.rows()[..8])));
+        assert_eq!(
+            (log.position(), bits(&table.rows)),
+            (position.clone(), bits(&recorder.rows()[..8]))
+        );
         let mut again = Recorder::resumed(table.names, table.rows, recorder.running().clone());
         record(&mut again, 4);
         log.append(&again).unwrap();
         let contents = read(&path).unwrap();
         assert_eq!((contents.trial.as_str(), contents.end), ("trial", LogEnd::Whole));
-        assert_eq!((bits(&contents.table.rows), contents.table.names.as_slice()), (bits(recorder.rows()), recorder.names()));
+        assert_eq!(
+            (bits(&contents.table.rows), contents.table.names.as_slice()),
+            (bits(recorder.rows()), recorder.names())
+        );
         assert!(MetricLog::resume(&path, "another", &position).unwrap().is_none());
-        let elsewhere = LogPosition { bytes: position.bytes - 1, ..position };
+        let elsewhere = LogPosition {
+            bytes: position.bytes - 1,
+            ..position
+        };
         assert!(MetricLog::resume(&path, "trial", &elsewhere).unwrap().is_none());
     }
 
@@ -383,7 +474,10 @@ mod tests {
         let path = folder.path().join("metrics.log");
         let mut recorder = Recorder::default();
         (0..70_000).for_each(|step| recorder.add(Phase::Final, step, 0, 0, "return", step as f64));
-        MetricLog::create(&path, "trial").unwrap().append(&recorder).unwrap();
+        MetricLog::create(&path, "trial")
+            .unwrap()
+            .append(&recorder)
+            .unwrap();
         let bytes = std::fs::read(&path).unwrap();
         let (contents, frames) = decode_counted(&bytes);
         assert_eq!((frames, bits(&contents.table.rows)), (3, bits(recorder.rows())));
@@ -393,14 +487,16 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(64))]
 
         #[test]
-        fn what_is_cut_off_is_a_torn_end(counts in proptest::collection::vec(0..6u64, 1..6), part in 0.0..1.0f64) {
+        fn what_is_cut_off_is_a_torn_end(counts in proptest::collection::vec(0..6u64, 1..6),
+            part in 0.0..1.0f64) {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("metrics.log");
             let (_, recorder) = written(&path, &counts);
             let mut bytes = std::fs::read(&path).unwrap();
             bytes.truncate((bytes.len() as f64 * part) as usize);
             let contents = decode(&bytes);
-            prop_assert_eq!(bits(&contents.table.rows), bits(&recorder.rows()[..rows_before(&counts, bytes.len())]));
+            prop_assert_eq!(bits(&contents.table.rows), bits(&recorder.rows()[..rows_before(&counts,
+                bytes.len())]));
             let is_damage = matches!(contents.end, LogEnd::Damaged { .. });
             prop_assert!(!is_damage);
         }
@@ -416,13 +512,16 @@ mod tests {
             let original = std::fs::read(&path).unwrap();
             let mut bytes = original.clone();
             flips.iter().for_each(|(part, bit)| bytes[(original.len() as f64 * part) as usize] ^= 1 << bit);
-            let Some(first) = original.iter().zip(&bytes).position(|(one, two)| one != two) else { return Ok(()) };
+            let Some(first) = original.iter().zip(&bytes).position(|(one,
+                two)| one != two) else { return Ok(()) };
             let contents = decode(&bytes);
-            prop_assert_eq!(bits(&contents.table.rows), bits(&recorder.rows()[..rows_before(&counts, first)]));
+            prop_assert_eq!(bits(&contents.table.rows), bits(&recorder.rows()[..rows_before(&counts,
+                first)]));
             prop_assert_ne!(contents.end, LogEnd::Whole);
             let last_change = original.iter().zip(&bytes).rposition(|(one, two)| one != two).unwrap();
             // Where a frame behind the changed ones is whole, the change is known to be no torn end.
-            let changed_to_the_end = rows_before(&counts, last_change) + *counts.last().unwrap() as usize == recorder.rows().len();
+            let changed_to_the_end = rows_before(&counts,
+                last_change) + *counts.last().unwrap() as usize == recorder.rows().len();
             let is_damage = matches!(contents.end, LogEnd::Damaged { .. });
             prop_assert!(changed_to_the_end || is_damage);
             std::fs::write(&path, bytes).unwrap();

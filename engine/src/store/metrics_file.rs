@@ -20,7 +20,8 @@ use crate::{
 };
 use std::path::Path;
 
-/// Version of the columns, for other readers: this program holds a file against its acknowledged hash and knows one form.
+/// Version of the columns, for other readers: this program holds a file against its acknowledged hash and
+/// knows one form.
 pub const SCHEMA_VERSION: u32 = 1;
 
 /// Rows of one or more trials read back.
@@ -32,8 +33,9 @@ pub struct MetricsTable {
     pub rows: Vec<Row>,
 }
 
-/// Writes a study's evaluations as one small file that stands without the store: the mean over the episodes of every measurement,
-/// one row per trial, phase, step and metric, with the names of environment, agent and setting beside the seed.
+/// Writes a study's evaluations as one small file that stands without the store: the mean over the episodes
+/// of every measurement, one row per trial, phase, step and metric, with the names of environment, agent and
+/// setting beside the seed.
 ///
 /// # Errors
 /// Where the file cannot be written.
@@ -43,7 +45,10 @@ pub fn write_results(path: &Path, results: &Results) -> Result<(), Error> {
         for phase in [Phase::Evaluate, Phase::Final] {
             for metric in &result.names {
                 rows.extend(
-                    result.curve(phase, metric).into_iter().map(|(step, value)| (&result.trial, phase, step, metric, value)),
+                    result
+                        .curve(phase, metric)
+                        .into_iter()
+                        .map(|(step, value)| (&result.trial, phase, step, metric, value)),
                 );
             }
         }
@@ -53,7 +58,10 @@ pub fn write_results(path: &Path, results: &Results) -> Result<(), Error> {
         ("environment", text(|row| &row.0.environment)),
         ("agent", text(|row| &row.0.agent)),
         ("setting", text(|row| &row.0.setting)),
-        ("seed", Values::U64(rows.iter().map(|row| row.0.key.seed).collect())),
+        (
+            "seed",
+            Values::U64(rows.iter().map(|row| row.0.key.seed).collect()),
+        ),
         ("phase", text(|row| row.1.name())),
         ("step", Values::U64(rows.iter().map(|row| row.2).collect())),
         ("metric", text(|row| row.3)),
@@ -78,7 +86,10 @@ pub fn read(path: &Path) -> Result<MetricsTable, Error> {
 /// # Errors
 /// Where the rows cannot be encoded.
 pub fn encode(record: &Recorder, trial_id: &str) -> Result<Vec<u8>, Error> {
-    let entries = [("regimen.schema", SCHEMA_VERSION.to_string()), ("regimen.trial", trial_id.to_string())];
+    let entries = [
+        ("regimen.schema", SCHEMA_VERSION.to_string()),
+        ("regimen.trial", trial_id.to_string()),
+    ];
     parquet::encode(Path::new("metrics.parquet"), columns(record), &entries)
 }
 
@@ -86,18 +97,33 @@ fn columns(record: &Recorder) -> Vec<(&str, Values<'_>)> {
     let (rows, names) = (record.rows(), record.names());
     let counts = |value: fn(&Row) -> u32| Values::U32(rows.iter().map(value).collect());
     vec![
-        ("phase", Values::Text(rows.iter().map(|row| row.phase.name()).collect())),
+        (
+            "phase",
+            Values::Text(rows.iter().map(|row| row.phase.name()).collect()),
+        ),
         ("step", Values::U64(rows.iter().map(|row| row.step).collect())),
-        ("episode", counts(|row| u32::try_from(row.episode).unwrap_or(u32::MAX))),
+        (
+            "episode",
+            counts(|row| u32::try_from(row.episode).unwrap_or(u32::MAX)),
+        ),
         ("seat", counts(|row| u32::from(row.seat))),
-        ("metric", Values::Text(rows.iter().map(|row| names[usize::from(row.metric)].as_str()).collect())),
+        (
+            "metric",
+            Values::Text(
+                rows.iter()
+                    .map(|row| names[usize::from(row.metric)].as_str())
+                    .collect(),
+            ),
+        ),
         ("value", Values::F64(rows.iter().map(|row| row.value).collect())),
     ]
 }
 
 pub(super) fn decode(bytes: Vec<u8>, path: &Path) -> Result<MetricsTable, Error> {
-    rows(&Table::decode(bytes, path)?)?
-        .ok_or_else(|| Error::Damaged { path: path.to_path_buf(), problem: "a cell is empty or a phase is unknown".into() })
+    rows(&Table::decode(bytes, path)?)?.ok_or_else(|| Error::Damaged {
+        path: path.to_path_buf(),
+        problem: "a cell is empty or a phase is unknown".into(),
+    })
 }
 
 fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
@@ -105,7 +131,12 @@ fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
     let (phases, metrics) = (read.texts("phase")?, read.texts("metric")?);
     let (steps, episodes) = (read.u64s("step")?, read.u32s("episode")?);
     let (seats, values) = (read.u32s("seat")?, read.f64s("value")?);
-    for (((((phase, step), episode), seat), metric), value) in phases.zip(steps).zip(episodes).zip(seats).zip(metrics).zip(values)
+    for (((((phase, step), episode), seat), metric), value) in phases
+        .zip(steps)
+        .zip(episodes)
+        .zip(seats)
+        .zip(metrics)
+        .zip(values)
     {
         let (Some(phase), Some(step), Some(episode), Some(seat), Some(metric), Some(value)) =
             (phase.and_then(phase_named), step, episode, seat, metric, value)
@@ -114,7 +145,14 @@ fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
         };
         let metric = intern(&mut table.names, metric);
         let seat = u16::try_from(seat).unwrap_or(u16::MAX);
-        table.rows.push(Row { phase, step, episode: u64::from(episode), seat, metric, value });
+        table.rows.push(Row {
+            phase,
+            step,
+            episode: u64::from(episode),
+            seat,
+            metric,
+            value,
+        });
     }
     Ok(Some(table))
 }

@@ -1,16 +1,17 @@
-//! The store: what is on disk of every trial, by the trial's id. It is also the queue: what is missing is what runs.
+//! The store: what is on disk of every trial, by the trial's id. It is also the queue: what is missing is
+//! what runs.
 //!
 //! ```text
 //! <root>/trials/<first two digits>/<id>/metrics.parquet   what an `ok` trial recorded, long form
-//!                                       trial.json        key, end state, digest of metrics.parquet: the acknowledgement
-//!                                       policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
-//!                                       networks.safetensors, dataset/, choice.json   what else it left, see [`ProductKind`](crate::ProductKind)
-//!                                       earlier.json      how it ended before, while it is tried again
-//!                                       running/         while it runs: rows so far and a checkpoint, see [`RunningTrial`]
+//!                                       trial.json        key, end state, digest of metrics.parquet: the
+//! acknowledgement policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
+//! networks.safetensors, dataset/, choice.json   what else it left, see [`ProductKind`](crate::ProductKind)
+//! earlier.json      how it ended before, while it is tried again running/         while it runs: rows so far
+//! and a checkpoint, see [`RunningTrial`]
 //! ```
 //!
-//! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial without it
-//! has not run, whatever else lies in its folder.
+//! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial
+//! without it has not run, whatever else lies in its folder.
 
 mod aside;
 mod boundary;
@@ -32,7 +33,9 @@ pub use boundary::install as install_boundary_hook;
 pub use fsck::{Fault, Finding, Findings};
 pub use index::StoredTrial;
 pub use lease::{Claim, Leases};
-pub use metrics_file::{MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics, write_results};
+pub use metrics_file::{
+    MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics, write_results,
+};
 pub use owner::Owner;
 pub use running::RunningTrial;
 pub use seal::hash as digest;
@@ -70,13 +73,15 @@ pub struct TrialFile {
     pub key: TrialKey,
     /// How the trial ended.
     pub end: TrialEnd,
-    /// When it ended, in UTC as RFC 3339 writes it; absent where the program did not note it. No id and no digest holds it.
+    /// When it ended, in UTC as RFC 3339 writes it; absent where the program did not note it. No id and no
+    /// digest holds it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_at: Option<String>,
     /// The source code of the program that computed it, where it knew. No id holds it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build: Option<Build>,
-    /// Hashes of what the trial left for others, by path inside its folder: a policy, networks, a dataset, a choice.
+    /// Hashes of what the trial left for others, by path inside its folder: a policy, networks, a dataset, a
+    /// choice.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
 }
@@ -86,7 +91,15 @@ impl TrialFile {
     #[must_use]
     pub fn new(trial: &Trial, end: TrialEnd, files: BTreeMap<String, String>) -> Self {
         let parts = Some(trial.key.part_ids());
-        Self { schema: TRIAL_SCHEMA, parts, key: trial.key.clone(), end, ended_at: None, build: None, files }
+        Self {
+            schema: TRIAL_SCHEMA,
+            parts,
+            key: trial.key.clone(),
+            end,
+            ended_at: None,
+            build: None,
+            files,
+        }
     }
 
     /// The text of the file.
@@ -108,7 +121,10 @@ impl Store {
     /// The store under `root`; nothing is created before the first trial ends.
     #[must_use]
     pub fn at(root: impl Into<PathBuf>) -> Self {
-        Self { root: root.into(), build: None }
+        Self {
+            root: root.into(),
+            build: None,
+        }
     }
 
     /// The same store for a program that says which source code it was built from.
@@ -132,7 +148,10 @@ impl Store {
     /// The folder of a trial.
     #[must_use]
     pub fn folder(&self, id: &str) -> PathBuf {
-        self.root.join("trials").join(id.get(..2).unwrap_or("00")).join(id)
+        self.root
+            .join("trials")
+            .join(id.get(..2).unwrap_or("00"))
+            .join(id)
     }
 
     /// How a trial ended, or `None` where it has not run.
@@ -152,7 +171,12 @@ impl Store {
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let bytes = metrics_file::encode(record, &trial.id)?;
         write_durably(&folder.join("metrics.parquet"), &bytes)?;
-        let end = TrialEnd { state: EndState::Ok, reason: String::new(), wall_s, digest: seal::hash(&bytes) };
+        let end = TrialEnd {
+            state: EndState::Ok,
+            reason: String::new(),
+            wall_s,
+            digest: seal::hash(&bytes),
+        };
         self.acknowledge_with(trial, &end, products::exported(&folder)?)?;
         Ok(end)
     }
@@ -165,13 +189,25 @@ impl Store {
         self.acknowledge_with(trial, end, BTreeMap::new())
     }
 
-    fn acknowledge_with(&self, trial: &Trial, end: &TrialEnd, files: BTreeMap<String, String>) -> Result<(), Error> {
+    fn acknowledge_with(
+        &self,
+        trial: &Trial,
+        end: &TrialEnd,
+        files: BTreeMap<String, String>,
+    ) -> Result<(), Error> {
         let folder = self.folder(&trial.id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let (ended_at, build) = (Some(date::now()), self.build.clone());
-        let file = TrialFile { ended_at, build, ..TrialFile::new(trial, end.clone(), files) };
+        let file = TrialFile {
+            ended_at,
+            build,
+            ..TrialFile::new(trial, end.clone(), files)
+        };
         let path = folder.join("trial.json");
-        let text = file.to_bytes().map_err(|source| Error::Damaged { path: path.clone(), problem: source.to_string() })?;
+        let text = file.to_bytes().map_err(|source| Error::Damaged {
+            path: path.clone(),
+            problem: source.to_string(),
+        })?;
         write_durably(&path, &text)?;
         earlier::forget(&folder)
     }
@@ -182,15 +218,22 @@ impl Store {
     /// [`Error::Damaged`] where the file is not what was written, or is of another trial.
     pub fn file(&self, id: &str) -> Result<Option<TrialFile>, Error> {
         let path = self.folder(id).join("trial.json");
-        let Some((text, _)) = self.acknowledged(id)? else { return Ok(None) };
-        let damaged = |problem: String| Error::Damaged { path: path.clone(), problem };
+        let Some((text, _)) = self.acknowledged(id)? else {
+            return Ok(None);
+        };
+        let damaged = |problem: String| Error::Damaged {
+            path: path.clone(),
+            problem,
+        };
         let file: TrialFile = serde_json::from_slice(&text).map_err(|source| damaged(source.to_string()))?;
         let own = file.key.id();
         if own != id {
             return Err(damaged(format!("it belongs to trial {own}")));
         }
         match file.files.keys().find(|name| !inside::is_product(name)) {
-            Some(name) => Err(damaged(format!("it names a file that is none of a trial's: `{name}`"))),
+            Some(name) => Err(damaged(format!(
+                "it names a file that is none of a trial's: `{name}`"
+            ))),
             None => Ok(Some(file)),
         }
     }
@@ -201,7 +244,12 @@ impl Store {
     /// [`Error::Damaged`] where a file is not what was acknowledged.
     pub fn load(&self, trial: &Trial) -> Result<TrialResult, Error> {
         let end = self.end(&trial.id)?;
-        let mut result = TrialResult { trial: trial.clone(), end, names: Vec::new(), rows: Vec::new() };
+        let mut result = TrialResult {
+            trial: trial.clone(),
+            end,
+            names: Vec::new(),
+            rows: Vec::new(),
+        };
         if result.is_ok() {
             let digest = result.end.as_ref().map_or("", |end| &end.digest);
             let path = self.folder(&trial.id).join("metrics.parquet");
@@ -216,8 +264,14 @@ impl Store {
         let path = self.folder(id).join("metrics.parquet");
         match inside::read(&path)? {
             Some(bytes) if seal::hash(&bytes) == digest => Ok(bytes),
-            Some(_) => Err(Error::Damaged { path, problem: "its hash is not the acknowledged one".into() }),
-            None => Err(Error::Damaged { path, problem: "it is not there".into() }),
+            Some(_) => Err(Error::Damaged {
+                path,
+                problem: "its hash is not the acknowledged one".into(),
+            }),
+            None => Err(Error::Damaged {
+                path,
+                problem: "it is not there".into(),
+            }),
         }
     }
 }
@@ -234,7 +288,13 @@ pub(crate) fn names(folder: &Path) -> Result<Vec<String>, Error> {
     };
     let mut names = Vec::new();
     for entry in entries {
-        names.push(entry.map_err(Error::file("read", folder))?.file_name().to_string_lossy().into_owned());
+        names.push(
+            entry
+                .map_err(Error::file("read", folder))?
+                .file_name()
+                .to_string_lossy()
+                .into_owned(),
+        );
     }
     names.sort_unstable();
     Ok(names)
@@ -245,7 +305,10 @@ pub(crate) fn names(folder: &Path) -> Result<Vec<String>, Error> {
 /// # Errors
 /// Where the folder or the file cannot be written.
 pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
     // The process id keeps two processes that write the same trial apart.
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let temporary = folder.join(format!(".{name}.{}.tmp", std::process::id()));
@@ -281,7 +344,13 @@ fn remove(path: &Path) -> Result<(), Error> {
 }
 
 fn absent_is_fine(outcome: io::Result<()>) -> io::Result<()> {
-    outcome.or_else(|source| if source.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(source) })
+    outcome.or_else(|source| {
+        if source.kind() == io::ErrorKind::NotFound {
+            Ok(())
+        } else {
+            Err(source)
+        }
+    })
 }
 
 /// True where a trial has to run: it never did, or was killed from outside.
@@ -297,7 +366,9 @@ mod tests {
     use serde_json::json;
 
     fn trial(seed: u64) -> Trial {
-        let part = |plugin: &str| serde_json::from_value(json!({"plugin": plugin, "version": 1, "config": {"a": 0.1}})).unwrap();
+        let part = |plugin: &str| {
+            serde_json::from_value(json!({"plugin": plugin, "version": 1, "config": {"a": 0.1}})).unwrap()
+        };
         let key = TrialKey {
             environment: part("battery"),
             agent: Seating::Agent(part("equal")),
@@ -332,7 +403,14 @@ mod tests {
         let first = store.finish(&trial(1), &record(), 1.0).unwrap();
         let second = store.finish(&trial(1), &record(), 2.0).unwrap();
         assert_eq!(first.digest, second.digest);
-        assert!(store.stored(&trial(1).id).unwrap().unwrap().ended_at.is_some_and(|date| date.ends_with('Z')));
+        assert!(
+            store
+                .stored(&trial(1).id)
+                .unwrap()
+                .unwrap()
+                .ended_at
+                .is_some_and(|date| date.ends_with('Z'))
+        );
         let loaded = store.load(&trial(1)).unwrap();
         assert_eq!(loaded.rows, record().rows());
         assert_eq!(loaded.names, record().names());
@@ -357,7 +435,11 @@ mod tests {
         let store = Store::at(folder.path());
         store.finish(&trial(1), &record(), 1.0).unwrap();
         fs::create_dir_all(store.folder(&trial(2).id)).unwrap();
-        fs::copy(store.folder(&trial(1).id).join("trial.json"), store.folder(&trial(2).id).join("trial.json")).unwrap();
+        fs::copy(
+            store.folder(&trial(1).id).join("trial.json"),
+            store.folder(&trial(2).id).join("trial.json"),
+        )
+        .unwrap();
         assert!(matches!(store.end(&trial(2).id), Err(Error::Damaged { .. })));
     }
 }

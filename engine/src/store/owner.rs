@@ -1,8 +1,8 @@
 //! Processes that compute trials, and whether they still run.
 //!
-//! A process id means something only within one process namespace of one boot of one machine. Who stands in the same one looks
-//! and knows. From everywhere else nothing is known: another host, but also another container on this one, or a machine that has
-//! the same name or was started again.
+//! A process id means something only within one process namespace of one boot of one machine. Who stands in
+//! the same one looks and knows. From everywhere else nothing is known: another host, but also another
+//! container on this one, or a machine that has the same name or was started again.
 
 use serde::{Deserialize, Serialize};
 use std::{fs, io::ErrorKind, path::Path};
@@ -12,7 +12,8 @@ use std::{fs, io::ErrorKind, path::Path};
 pub struct Owner {
     /// Name of the machine.
     pub host: String,
-    /// The machine's boot and the process namespace: process ids mean something only within them. Empty where they are not known.
+    /// The machine's boot and the process namespace: process ids mean something only within them. Empty where
+    /// they are not known.
     pub boot: String,
     /// Process id.
     pub pid: u32,
@@ -37,16 +38,25 @@ enum Process {
 impl Owner {
     /// This process.
     #[must_use]
-    #[expect(clippy::disallowed_methods, reason = "an owner is known by its job, which is in no result")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "an owner is known by its job, which is in no result"
+    )]
     pub fn this_process() -> Self {
         let pid = std::process::id();
         let variable = |name: &str| std::env::var(name).ok();
-        let task = variable("SLURM_ARRAY_JOB_ID").zip(variable("SLURM_ARRAY_TASK_ID")).map(|(job, task)| format!("{job}_{task}"));
+        let task = variable("SLURM_ARRAY_JOB_ID")
+            .zip(variable("SLURM_ARRAY_TASK_ID"))
+            .map(|(job, task)| format!("{job}_{task}"));
         Self {
             host: line_of("/proc/sys/kernel/hostname").unwrap_or_else(|| "unknown".into()),
             boot: this_boot().unwrap_or_default(),
             pid,
-            started_ticks: if let Process::Started(ticks) = process(pid) { ticks } else { 0 },
+            started_ticks: if let Process::Started(ticks) = process(pid) {
+                ticks
+            } else {
+                0
+            },
             slurm_job: task.or_else(|| variable("SLURM_JOB_ID")),
         }
     }
@@ -72,7 +82,12 @@ impl Owner {
     /// The name of the file in which the process announces itself.
     pub(super) fn token(&self) -> String {
         let identity = format!("{}/{}/{}/{}", self.host, self.boot, self.pid, self.started_ticks);
-        format!("{}-{}-{}", self.host, self.pid, &blake3::hash(identity.as_bytes()).to_hex()[..8])
+        format!(
+            "{}-{}-{}",
+            self.host,
+            self.pid,
+            &blake3::hash(identity.as_bytes()).to_hex()[..8]
+        )
     }
 }
 
@@ -80,10 +95,12 @@ fn line_of(path: &str) -> Option<String> {
     fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
 }
 
-/// The boot and the process namespace; `None` where they cannot be told, or where `/proc` shows another namespace.
+/// The boot and the process namespace; `None` where they cannot be told, or where `/proc` shows another
+/// namespace.
 fn this_boot() -> Option<String> {
     let namespace = fs::read_link("/proc/self/ns/pid").ok()?;
-    let own_view = fs::read_link("/proc/self").is_ok_and(|link| link == Path::new(&std::process::id().to_string()));
+    let own_view =
+        fs::read_link("/proc/self").is_ok_and(|link| link == Path::new(&std::process::id().to_string()));
     let boot = line_of("/proc/sys/kernel/random/boot_id").filter(|_| own_view)?;
     Some(format!("{boot} {}", namespace.display()))
 }
@@ -117,17 +134,33 @@ mod tests {
     #[test]
     fn only_who_stands_in_the_same_namespace_can_tell_whether_a_process_runs() {
         let here = Owner::this_process();
-        let this = Owner { started_ticks: 7, ..here.clone() };
+        let this = Owner {
+            started_ticks: 7,
+            ..here.clone()
+        };
         let seen = |owner: &Owner, process: Process| owner.is_alive_seen_from(&here, |_| process);
         assert_eq!(seen(&this, Process::Started(7)), Some(true));
-        assert_eq!(seen(&this, Process::Started(8)), Some(false), "a later process has its id");
+        assert_eq!(
+            seen(&this, Process::Started(8)),
+            Some(false),
+            "a later process has its id"
+        );
         assert_eq!(seen(&this, Process::Gone), Some(false));
         assert_eq!(seen(&this, Process::Hidden), None);
         let (boot, namespace) = here.boot.split_once(' ').unwrap();
         let elsewhere = [
-            Owner { host: "another-host".into(), ..this.clone() },
-            Owner { boot: format!("{boot} pid:[1]"), ..this.clone() },
-            Owner { boot: format!("another-boot {namespace}"), ..this.clone() },
+            Owner {
+                host: "another-host".into(),
+                ..this.clone()
+            },
+            Owner {
+                boot: format!("{boot} pid:[1]"),
+                ..this.clone()
+            },
+            Owner {
+                boot: format!("another-boot {namespace}"),
+                ..this.clone()
+            },
         ];
         for owner in elsewhere {
             assert_eq!(seen(&owner, Process::Gone), None, "{owner:?}");
@@ -136,14 +169,23 @@ mod tests {
 
     #[test]
     fn who_does_not_know_where_it_stands_can_tell_nothing() {
-        let nowhere = Owner { boot: String::new(), ..Owner::this_process() };
+        let nowhere = Owner {
+            boot: String::new(),
+            ..Owner::this_process()
+        };
         assert_eq!(nowhere.is_alive_seen_from(&nowhere, |_| Process::Gone), None);
     }
 
     #[test]
     fn this_process_runs_and_its_remains_would_not() {
         assert_eq!(Owner::this_process().is_alive(), Some(true));
-        assert_eq!(started_ticks("7 (a) b) S 1 1 1 0 -1 0 0 0 0 0 0 0 0 0 20 0 1 0 4711 0"), Some(4711));
-        assert_eq!(started_ticks("7 (a) Z 1 1 1 0 -1 0 0 0 0 0 0 0 0 0 20 0 1 0 4711 0"), None);
+        assert_eq!(
+            started_ticks("7 (a) b) S 1 1 1 0 -1 0 0 0 0 0 0 0 0 0 20 0 1 0 4711 0"),
+            Some(4711)
+        );
+        assert_eq!(
+            started_ticks("7 (a) Z 1 1 1 0 -1 0 0 0 0 0 0 0 0 0 20 0 1 0 4711 0"),
+            None
+        );
     }
 }

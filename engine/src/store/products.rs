@@ -13,22 +13,34 @@ use std::{
 };
 
 impl Store {
-    /// The folder of a trial with the product that it left, each file of it held against the acknowledged hash.
+    /// The folder of a trial with the product that it left, each file of it held against the acknowledged
+    /// hash.
     ///
     /// # Errors
-    /// [`Error::Source`] where the trial did not end `ok`, left no such product, or left one that is damaged now.
+    /// [`Error::Source`] where the trial did not end `ok`, left no such product, or left one that is damaged
+    /// now.
     pub fn product(&self, taken: &Taken) -> Result<PathBuf, Error> {
         let Taken { trial: id, kind } = taken;
-        let unusable = |problem: String| Error::Source { trial: id.into(), problem };
+        let unusable = |problem: String| Error::Source {
+            trial: id.into(),
+            problem,
+        };
         let file = self.file(id).map_err(|error| unusable(error.to_string()))?;
-        let Some(file) = file else { return Err(unusable("it has not run".into())) };
+        let Some(file) = file else {
+            return Err(unusable("it has not run".into()));
+        };
         if file.end.state != EndState::Ok {
             return Err(unusable(format!("it ended as {}", file.end.state.name())));
         }
-        let mut files = file.files.iter().filter(|(name, _)| kind.has_file(name)).peekable();
+        let mut files = file
+            .files
+            .iter()
+            .filter(|(name, _)| kind.has_file(name))
+            .peekable();
         if files.peek().is_none() {
             let problem = format!(
-                "it left no {kind} that was acknowledged, as trials of older versions did; remove its folder to run it again"
+                "it left no {kind} that was acknowledged, as trials of older versions did; remove its \
+                 folder to run it again"
             );
             return Err(unusable(problem));
         }
@@ -43,26 +55,37 @@ impl Store {
     #[must_use]
     pub fn has_damaged_product(&self, id: &str) -> bool {
         match self.file(id) {
-            Ok(file) => file.is_some_and(|it| it.files.iter().any(|(name, digest)| !is_whole(&self.folder(id), name, digest))),
+            Ok(file) => file.is_some_and(|it| {
+                it.files
+                    .iter()
+                    .any(|(name, digest)| !is_whole(&self.folder(id), name, digest))
+            }),
             Err(error) => matches!(error, Error::Damaged { .. }),
         }
     }
 }
 
-const DAMAGED: &str = "is damaged or not there; `regimen run` of its study sets it aside and runs the trial again";
+const DAMAGED: &str =
+    "is damaged or not there; `regimen run` of its study sets it aside and runs the trial again";
 
 fn is_whole(folder: &Path, name: &str, digest: &str) -> bool {
     read_in(folder, name).is_ok_and(|bytes| bytes.is_some_and(|bytes| hash(&bytes) == digest))
 }
 
-/// Hashes of what was left in a trial's folder for others, by path inside it, brought to the disk with the folders that hold it.
+/// Hashes of what was left in a trial's folder for others, by path inside it, brought to the disk with the
+/// folders that hold it.
 pub(super) fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error> {
     let mut files = BTreeMap::new();
-    for name in files_of(folder)?.into_iter().filter(|name| is_product(name) && is_file(&folder.join(name))) {
+    for name in files_of(folder)?
+        .into_iter()
+        .filter(|name| is_product(name) && is_file(&folder.join(name)))
+    {
         let path = folder.join(&name);
         let seat = path.parent().filter(|parent| *parent != folder);
         for flushed in [Some(path.as_path()), seat].into_iter().flatten() {
-            File::open(flushed).and_then(|file| file.sync_all()).map_err(Error::file("flush", flushed))?;
+            File::open(flushed)
+                .and_then(|file| file.sync_all())
+                .map_err(Error::file("flush", flushed))?;
         }
         let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
         files.insert(name, hash(&bytes));

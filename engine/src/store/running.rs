@@ -5,9 +5,9 @@
 //!                          checkpoint-<n>/  state.json, agent/, manifest.json
 //! ```
 //!
-//! A checkpoint is written into a folder of another name, brought to the disk and renamed; older ones are then removed. One that is
-//! not whole, or whose rows are not in the log, is passed over: the trial continues from an older one or begins anew, and either way
-//! ends with the same numbers.
+//! A checkpoint is written into a folder of another name, brought to the disk and renamed; older ones are
+//! then removed. One that is not whole, or whose rows are not in the log, is passed over: the trial continues
+//! from an older one or begins anew, and either way ends with the same numbers.
 
 use super::{
     MetricsTable, absent_is_fine, boundary,
@@ -67,8 +67,9 @@ struct State {
 }
 
 impl RunningTrial {
-    /// The keeper of the trial `trial` whose folder in the store is `folder`. It saves after `every` (each time where that is zero)
-    /// and when `stop` is set. Nothing is created before there is something to write.
+    /// The keeper of the trial `trial` whose folder in the store is `folder`. It saves after `every` (each
+    /// time where that is zero) and when `stop` is set. Nothing is created before there is something to
+    /// write.
     #[must_use]
     pub fn open(folder: &Path, trial: &str, every: Duration, stop: Arc<AtomicBool>) -> Self {
         Self {
@@ -87,8 +88,8 @@ impl RunningTrial {
         }
     }
 
-    /// Wall-clock time that was spent on what the trial has now, in seconds, in this process and in those that it goes on
-    /// from.
+    /// Wall-clock time that was spent on what the trial has now, in seconds, in this process and in those
+    /// that it goes on from.
     #[must_use]
     pub fn wall_s(&self) -> f64 {
         self.earlier_s + self.begun.elapsed().as_secs_f64()
@@ -106,7 +107,10 @@ impl RunningTrial {
     /// Numbers of the checkpoints that are there, whole or not, in order.
     fn numbers(&self) -> Result<BTreeSet<u64>, Error> {
         let names = names(&self.folder)?;
-        Ok(names.iter().filter_map(|name| name.strip_prefix(PREFIX)?.parse().ok()).collect())
+        Ok(names
+            .iter()
+            .filter_map(|name| name.strip_prefix(PREFIX)?.parse().ok())
+            .collect())
     }
 
     fn checkpoint(&self, number: u64) -> PathBuf {
@@ -119,7 +123,9 @@ impl RunningTrial {
         if !is_whole(&folder, &self.trial) {
             return Ok(None);
         }
-        let state = fs::read(folder.join("state.json")).ok().and_then(|text| serde_json::from_slice::<State>(&text).ok());
+        let state = fs::read(folder.join("state.json"))
+            .ok()
+            .and_then(|text| serde_json::from_slice::<State>(&text).ok());
         let Some(state) = state else { return Ok(None) };
         let resumed = MetricLog::resume(&self.log_path(), &self.trial, &state.log)?;
         Ok(resumed.map(|(log, table)| (state, log, table)))
@@ -132,7 +138,9 @@ impl RunningTrial {
         fs::create_dir(&agent_folder).map_err(Error::file("create", &agent_folder))?;
         agent.save(&agent_folder)?;
         let path = unfinished.join("state.json");
-        let text = serde_json::to_vec(state).map_err(io::Error::from).map_err(Error::file("write", &path))?;
+        let text = serde_json::to_vec(state)
+            .map_err(io::Error::from)
+            .map_err(Error::file("write", &path))?;
         fs::write(&path, text).map_err(Error::file("write", &path))?;
         boundary::pass("before a checkpoint is sealed", &self.checkpoint(number));
         seal(&unfinished, &self.trial)?;
@@ -149,7 +157,11 @@ impl RunningTrial {
             let folder = self.folder.join(format!(".{PREFIX}{number}.{attempt}"));
             match fs::create_dir(&folder) {
                 Err(source) if source.kind() == io::ErrorKind::AlreadyExists => attempt += 1,
-                outcome => return outcome.map(|()| folder.clone()).map_err(Error::file("create", &folder)),
+                outcome => {
+                    return outcome
+                        .map(|()| folder.clone())
+                        .map_err(Error::file("create", &folder));
+                }
             }
         }
     }
@@ -185,7 +197,9 @@ impl RunningTrial {
 
 impl Keeper for RunningTrial {
     fn due(&mut self) -> bool {
-        self.stopping() || self.every.is_zero() || self.saved.elapsed() >= self.every.max(self.cost * WORK_PER_SAVE)
+        self.stopping()
+            || self.every.is_zero()
+            || self.saved.elapsed() >= self.every.max(self.cost * WORK_PER_SAVE)
     }
 
     fn stopping(&self) -> bool {
@@ -200,7 +214,12 @@ impl Keeper for RunningTrial {
         self.log()?.flush()?;
         let log = self.log()?;
         let (running, log) = (record.running().clone(), log.position());
-        let state = State { protocol: state, running, log, wall_s: self.wall_s() };
+        let state = State {
+            protocol: state,
+            running,
+            log,
+            wall_s: self.wall_s(),
+        };
         let number = self.numbers()?.last().map_or(1, |last| last + 1);
         if number == 1 {
             flush_upwards(&self.folder)?;
@@ -214,11 +233,23 @@ impl Keeper for RunningTrial {
 
     fn load(&mut self, agent: &mut dyn Agent, record: &mut Recorder) -> Result<Option<Value>, Error> {
         (self.log, self.taken_up, self.earlier_s) = (None, None, 0.0);
-        for number in self.numbers()?.into_iter().rev().filter(|number| !self.refused.contains(number)) {
-            let Some((state, log, table)) = self.read(number)? else { continue };
+        for number in self
+            .numbers()?
+            .into_iter()
+            .rev()
+            .filter(|number| !self.refused.contains(number))
+        {
+            let Some((state, log, table)) = self.read(number)? else {
+                continue;
+            };
             (self.log, self.taken_up, self.earlier_s) = (Some(log), Some(number), state.wall_s);
-            let misfit = |source: Error| Error::Checkpoint { what: "the agent", problem: source.to_string() };
-            agent.load(&self.checkpoint(number).join("agent")).map_err(misfit)?;
+            let misfit = |source: Error| Error::Checkpoint {
+                what: "the agent",
+                problem: source.to_string(),
+            };
+            agent
+                .load(&self.checkpoint(number).join("agent"))
+                .map_err(misfit)?;
             *record = Recorder::resumed(table.names, table.rows, state.running);
             return Ok(Some(state.protocol));
         }
@@ -235,7 +266,9 @@ impl Keeper for RunningTrial {
     }
 
     fn refuse(&mut self) -> bool {
-        self.taken_up.take().is_some_and(|number| self.refused.insert(number))
+        self.taken_up
+            .take()
+            .is_some_and(|number| self.refused.insert(number))
     }
 }
 
@@ -244,7 +277,11 @@ impl super::Store {
     #[must_use]
     pub fn checkpoints(&self, id: &str) -> u64 {
         let names = names(&running(&self.folder(id))).unwrap_or_default();
-        names.iter().filter_map(|name| name.strip_prefix(PREFIX)?.parse().ok()).max().unwrap_or(0)
+        names
+            .iter()
+            .filter_map(|name| name.strip_prefix(PREFIX)?.parse().ok())
+            .max()
+            .unwrap_or(0)
     }
 }
 
@@ -267,7 +304,10 @@ pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'stati
 }
 
 fn is_damaged(log: &Path, trial: &str) -> bool {
-    !is_file(log) || metric_log::read(log).map_or(true, |log| matches!(log.end, LogEnd::Damaged { .. }) || log.trial != trial)
+    !is_file(log)
+        || metric_log::read(log).map_or(true, |log| {
+            matches!(log.end, LogEnd::Damaged { .. }) || log.trial != trial
+        })
 }
 
 fn running(folder: &Path) -> PathBuf {
@@ -276,11 +316,19 @@ fn running(folder: &Path) -> PathBuf {
 
 /// The names of a new folder and of the three above it, which may be as new, reach the disk.
 fn flush_upwards(folder: &Path) -> Result<(), Error> {
-    let above = folder.ancestors().take(4).filter(|path| !path.as_os_str().is_empty());
-    above.into_iter().try_for_each(|path| flush(path).map_err(Error::file("flush", path)))
+    let above = folder
+        .ancestors()
+        .take(4)
+        .filter(|path| !path.as_os_str().is_empty());
+    above
+        .into_iter()
+        .try_for_each(|path| flush(path).map_err(Error::file("flush", path)))
 }
 
-#[expect(clippy::disallowed_methods, reason = "the clock says when to save, it reaches no result")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the clock says when to save, it reaches no result"
+)]
 fn now() -> Instant {
     Instant::now()
 }

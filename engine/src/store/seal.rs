@@ -16,7 +16,9 @@ pub(super) fn sealed(mut object: Vec<u8>) -> Vec<u8> {
 /// True where the text is as [`sealed`] made it.
 pub(super) fn is_sealed(text: &[u8]) -> bool {
     let tail = BEFORE.len() + LENGTH + AFTER.len();
-    let Some((object, tail)) = text.len().checked_sub(tail).map(|length| text.split_at(length)) else { return false };
+    let Some((object, tail)) = text.len().checked_sub(tail).map(|length| text.split_at(length)) else {
+        return false;
+    };
     tail == [BEFORE, hash(object).as_bytes(), AFTER].concat()
 }
 
@@ -36,7 +38,8 @@ mod tests {
             let mut text = sealed(br#"{"schema":2,"end":{"state":"ok","wall_s":0.25}}"#.to_vec());
             prop_assert!(is_sealed(&text));
             prop_assert!(serde_json::from_slice::<serde_json::Value>(&text).is_ok());
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "a place in the text")]
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss,
+                reason = "a place in the text")]
             let index = (place * text.len() as f64) as usize;
             text[index] ^= 1 << bit;
             prop_assert!(!is_sealed(&text));

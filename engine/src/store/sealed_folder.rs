@@ -1,4 +1,5 @@
-//! A folder that says of itself whether it is whole: its last file, `manifest.json`, lists a hash of every other one.
+//! A folder that says of itself whether it is whole: its last file, `manifest.json`, lists a hash of every
+//! other one.
 
 use super::inside::{contents, is_folder, read};
 use crate::Error;
@@ -30,7 +31,9 @@ struct Manifest {
 /// Where a file cannot be read or written.
 pub(super) fn seal(folder: &Path, trial: &str) -> Result<(), Error> {
     let manifest = describe(folder, trial).map_err(Error::file("read", folder))?;
-    let text = serde_json::to_vec(&manifest).map_err(io::Error::from).map_err(Error::file("write", folder))?;
+    let text = serde_json::to_vec(&manifest)
+        .map_err(io::Error::from)
+        .map_err(Error::file("write", folder))?;
     let flushed = contents(folder).and_then(|paths| paths.iter().try_for_each(|path| flush(path)));
     flushed.map_err(Error::file("flush", folder))?;
     // This also flushes the folder itself.
@@ -39,7 +42,10 @@ pub(super) fn seal(folder: &Path, trial: &str) -> Result<(), Error> {
 
 /// True where a folder is as [`seal`] left it, for this trial and this version of the program.
 pub(super) fn is_whole(folder: &Path, trial: &str) -> bool {
-    let text = read(&folder.join(MANIFEST)).ok().flatten().filter(|_| is_folder(folder));
+    let text = read(&folder.join(MANIFEST))
+        .ok()
+        .flatten()
+        .filter(|_| is_folder(folder));
     let manifest = text.and_then(|text| serde_json::from_slice::<Manifest>(&text).ok());
     manifest.is_some_and(|manifest| describe(folder, trial).is_ok_and(|found| found == manifest))
 }
@@ -52,10 +58,19 @@ pub(super) fn flush(path: &Path) -> io::Result<()> {
 fn describe(folder: &Path, trial: &str) -> io::Result<Manifest> {
     let mut files = BTreeMap::new();
     for path in contents(folder)?.into_iter().filter(|path| path.is_file()) {
-        let name = path.strip_prefix(folder).unwrap_or(&path).to_string_lossy().into_owned();
+        let name = path
+            .strip_prefix(folder)
+            .unwrap_or(&path)
+            .to_string_lossy()
+            .into_owned();
         if name != MANIFEST {
             files.insert(name, blake3::hash(&fs::read(&path)?).to_hex().to_string());
         }
     }
-    Ok(Manifest { format: 1, program: env!("CARGO_PKG_VERSION").into(), trial: trial.into(), files })
+    Ok(Manifest {
+        format: 1,
+        program: env!("CARGO_PKG_VERSION").into(),
+        trial: trial.into(),
+        files,
+    })
 }

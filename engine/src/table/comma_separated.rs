@@ -27,7 +27,11 @@ pub fn csv(grid: &Grid) -> Result<String, Error> {
     let mut lines = vec![HEADER.map(String::from).to_vec()];
     for (row, cells) in grid.rows.iter().zip(&grid.cells) {
         for (column, cell) in grid.columns.iter().zip(cells) {
-            let mut line = vec![row.name.clone(), column.name.clone(), grid.one_number.name().into()];
+            let mut line = vec![
+                row.name.clone(),
+                column.name.clone(),
+                grid.one_number.name().into(),
+            ];
             line.extend(fields(cell));
             lines.push(line);
         }
@@ -46,8 +50,16 @@ fn fields(cell: &Cell) -> [String; 10] {
         number(cell.interval.map(|interval| interval.1)),
         number(cell.published()),
         cell.verdict().map_or("", Verdict::word).into(),
-        cell.judgement.as_ref().and_then(|judgement| judgement.adjusted).map_or("", Verdict::word).into(),
-        cell.missing.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
+        cell.judgement
+            .as_ref()
+            .and_then(|judgement| judgement.adjusted)
+            .map_or("", Verdict::word)
+            .into(),
+        cell.missing
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .join("; "),
     ]
 }
 
@@ -56,10 +68,15 @@ fn fields(cell: &Cell) -> [String; 10] {
 /// # Errors
 /// [`Error::Render`] where the writer refuses, which a buffer in memory does not do.
 pub fn write(lines: &[Vec<String>]) -> Result<String, Error> {
-    let refused = |problem: String| Error::Render { what: "comma-separated values".into(), problem };
+    let refused = |problem: String| Error::Render {
+        what: "comma-separated values".into(),
+        problem,
+    };
     let mut writer = csv::WriterBuilder::new().flexible(true).from_writer(Vec::new());
     for line in lines {
-        writer.write_record(line).map_err(|error| refused(error.to_string()))?;
+        writer
+            .write_record(line)
+            .map_err(|error| refused(error.to_string()))?;
     }
     let bytes = writer.into_inner().map_err(|error| refused(error.to_string()))?;
     String::from_utf8(bytes).map_err(|error| refused(error.to_string()))

@@ -18,18 +18,31 @@ impl Grid {
     /// sentence each.
     #[must_use]
     pub fn footnotes(&self, intervals: Intervals) -> Vec<String> {
-        let star = if intervals == Intervals::InBrackets { "* " } else { "" };
+        let star = if intervals == Intervals::InBrackets {
+            "* "
+        } else {
+            ""
+        };
         let mut notes = vec![self.reading(intervals)];
         notes.extend(self.judging());
         notes.extend(self.incomplete().map(|note| format!("{star}{note}")));
-        notes.extend(self.grouped(|cell| cell.judgement.as_ref().map(Judgement::note).filter(|note| !note.is_empty())));
+        notes.extend(self.grouped(|cell| {
+            cell.judgement
+                .as_ref()
+                .map(Judgement::note)
+                .filter(|note| !note.is_empty())
+        }));
         notes.extend(self.grouped(caution));
         notes.extend(self.notes.iter().cloned());
         notes
     }
 
     fn reading(&self, intervals: Intervals) -> String {
-        let unit = if self.unit.is_empty() { String::new() } else { format!(" [{}]", self.unit) };
+        let unit = if self.unit.is_empty() {
+            String::new()
+        } else {
+            format!(" [{}]", self.unit)
+        };
         let shown = match intervals {
             Intervals::InBrackets => "in brackets",
             Intervals::AsLines => "as lines",
@@ -37,19 +50,34 @@ impl Grid {
         let seeds = match self.usual_n() {
             None => "no seed has a value yet".into(),
             Some(1) => "one seed, so no interval".into(),
-            Some(n) => format!("{} over n = {n} seeds, 95 % interval {shown}", self.one_number.name()),
+            Some(n) => format!(
+                "{} over n = {n} seeds, 95 % interval {shown}",
+                self.one_number.name()
+            ),
         };
         format!("{}{unit}: {seeds}.", self.quantity)
     }
 
     /// How the verdicts come about; nothing where nothing is judged.
     fn judging(&self) -> Option<String> {
-        let judged =
-            || self.cells.iter().flatten().filter_map(|cell| cell.judgement.as_ref()).filter(|it| it.statement.is_some());
+        let judged = || {
+            self.cells
+                .iter()
+                .flatten()
+                .filter_map(|cell| cell.judgement.as_ref())
+                .filter(|it| it.statement.is_some())
+        };
         judged().next()?;
-        let of = if self.one_number == OneNumber::Share { "share" } else { "mean" };
+        let of = if self.one_number == OneNumber::Share {
+            "share"
+        } else {
+            "mean"
+        };
         let interval = match judged().find_map(|judgement| judgement.stage) {
-            Some(stage) => format!("repeated confidence interval of the {of} (Lan and DeMets, Pocock type, {} looks)", stage.of),
+            Some(stage) => format!(
+                "repeated confidence interval of the {of} (Lan and DeMets, Pocock type, {} looks)",
+                stage.of
+            ),
             None => format!("90 % interval of the {of}"),
         };
         let margin = Margin::in_words(self.margin.as_ref(), &self.unit);
@@ -58,13 +86,19 @@ impl Grid {
             why => format!("Why this margin: {}.", why.trim_end_matches('.')),
         };
         let published = if judged().any(|judgement| judgement.reference.runs.is_some()) {
-            "Published values with a standard deviation and a number of runs count as uncertain (Welch), the others as exact."
+            "Published values with a standard deviation and a number of runs count as uncertain (Welch), \
+             the others as exact."
         } else {
             "Published values count as exact."
         };
-        let when = if self.exploratory { "Exploratory: the comparison was thought of after results were seen. " } else { "" };
+        let when = if self.exploratory {
+            "Exploratory: the comparison was thought of after results were seen. "
+        } else {
+            ""
+        };
         Some(format!(
-            "{when}A value counts as reproduced where the {interval} lies within the published value {margin}. {reason} {published}"
+            "{when}A value counts as reproduced where the {interval} lies within the published value \
+             {margin}. {reason} {published}"
         ))
     }
 
@@ -83,7 +117,10 @@ impl Grid {
                 None => groups.push((note, vec![place])),
             }
         }
-        groups.into_iter().map(|(note, places)| format!("{}: {note}.", places.join("; "))).collect()
+        groups
+            .into_iter()
+            .map(|(note, places)| format!("{}: {note}.", places.join("; ")))
+            .collect()
     }
 }
 
@@ -92,25 +129,39 @@ impl Cell {
     #[must_use]
     pub fn incompleteness(&self) -> String {
         let count = format!("{} of {} seeds", self.seeds.len(), self.planned);
-        std::iter::once(count).chain(self.missing.iter().map(ToString::to_string)).collect::<Vec<_>>().join("; ")
+        std::iter::once(count)
+            .chain(self.missing.iter().map(ToString::to_string))
+            .collect::<Vec<_>>()
+            .join("; ")
     }
 }
 
 /// What keeps a value or its verdict from meaning what it seems to.
 fn caution(cell: &Cell) -> Option<String> {
-    let untrained = cell.is_untrained().then(|| untrained_in_words(cell.untrained.iter().map(String::as_str)));
+    let untrained = cell
+        .is_untrained()
+        .then(|| untrained_in_words(cell.untrained.iter().map(String::as_str)));
     let published = cell.judgement.is_some();
-    let fixed = cell.fixed.filter(|_| published).map(|fixed| format!("not judged: {}", why(fixed)));
+    let fixed = cell
+        .fixed
+        .filter(|_| published)
+        .map(|fixed| format!("not judged: {}", why(fixed)));
     let calibrated = cell.calibrated_on.as_ref().filter(|_| published);
     let calibrated = calibrated.map(|on| format!("calibrated on the published value: {on}"));
     let seen = cell.seen_at.map(unplanned_look_in_words);
-    let cautions: Vec<String> = [untrained, fixed, calibrated, seen].into_iter().flatten().collect();
+    let cautions: Vec<String> = [untrained, fixed, calibrated, seen]
+        .into_iter()
+        .flatten()
+        .collect();
     (!cautions.is_empty()).then(|| cautions.join("; "))
 }
 
 /// Which agents made no update, as in `0 updates: sac was not trained`.
 pub(crate) fn untrained_in_words<'a>(agents: impl Iterator<Item = &'a str>) -> String {
-    format!("0 updates: {} was not trained", agents.collect::<Vec<_>>().join(", "))
+    format!(
+        "0 updates: {} was not trained",
+        agents.collect::<Vec<_>>().join(", ")
+    )
 }
 
 /// That a verdict was seen with so many seeds, without a plan.
@@ -137,20 +188,57 @@ mod tests {
     #[test]
     fn a_cell_says_why_seeds_are_missing() {
         let missing = [NoValue::Ended(1, EndState::Oom), NoValue::NotRun(1)].map(Missing::of);
-        let cell = Cell { planned: 2, failed: 1, missing: missing.into(), ..Cell::default() };
+        let cell = Cell {
+            planned: 2,
+            failed: 1,
+            missing: missing.into(),
+            ..Cell::default()
+        };
         assert_eq!(cell.incompleteness(), "0 of 2 seeds; 1 failed: oom; 1 not run");
-        let text = |cell: Cell| Grid { cells: vec![vec![cell]], ..Grid::default() }.text(0, Part::Value(0));
+        let text = |cell: Cell| {
+            Grid {
+                cells: vec![vec![cell]],
+                ..Grid::default()
+            }
+            .text(0, Part::Value(0))
+        };
         assert_eq!(text(cell), "failed *");
         let missing = |why| vec![Missing::of(why).within("maze")];
-        assert_eq!(text(Cell { planned: 2, missing: missing(NoValue::NotRun(2)), ..Cell::default() }), "not run *");
-        assert_eq!(text(Cell { planned: 2, missing: missing(NoValue::NoScale), ..Cell::default() }), "none *");
+        assert_eq!(
+            text(Cell {
+                planned: 2,
+                missing: missing(NoValue::NotRun(2)),
+                ..Cell::default()
+            }),
+            "not run *"
+        );
+        assert_eq!(
+            text(Cell {
+                planned: 2,
+                missing: missing(NoValue::NoScale),
+                ..Cell::default()
+            }),
+            "none *"
+        );
     }
 
     #[test]
     fn how_values_are_paired_is_said_in_notes_and_not_on_axes() {
-        let quantity = Quantity { value: "return".into(), relative: Some((Form::Difference, "a".into())) };
+        let quantity = Quantity {
+            value: "return".into(),
+            relative: Some((Form::Difference, "a".into())),
+        };
         assert_eq!(quantity.label(), "return minus that of a");
-        let notes = |intervals| Grid { quantity: quantity.clone(), ..Grid::default() }.footnotes(intervals);
-        assert_eq!(notes(Intervals::AsLines), ["return minus that of a, by seed: no seed has a value yet."]);
+        let notes = |intervals| {
+            Grid {
+                quantity: quantity.clone(),
+                ..Grid::default()
+            }
+            .footnotes(intervals)
+        };
+        assert_eq!(
+            notes(Intervals::AsLines),
+            ["return minus that of a, by seed: no seed has a value yet."]
+        );
     }
 }

@@ -50,7 +50,10 @@ impl Quantity {
     /// A quantity that is relative to no agent.
     #[must_use]
     pub fn plain(value: String) -> Self {
-        Self { value, relative: None }
+        Self {
+            value,
+            relative: None,
+        }
     }
 
     /// The phrase without how values are paired, for the axis of a figure.
@@ -68,7 +71,10 @@ impl Quantity {
 
 impl fmt::Display for Quantity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let paired = self.relative.as_ref().is_some_and(|(form, _)| *form != Form::Value);
+        let paired = self
+            .relative
+            .as_ref()
+            .is_some_and(|(form, _)| *form != Form::Value);
         write!(f, "{}{}", self.label(), if paired { ", by seed" } else { "" })
     }
 }
@@ -183,8 +189,16 @@ impl Grid {
     #[must_use]
     pub fn parts(&self) -> Vec<Part> {
         let has_published = |column: usize| self.cells.iter().any(|row| row[column].judgement.is_some());
-        let beside = |column| [Part::Value(column), Part::Published(column), Part::Verdict(column)];
-        (0..self.columns.len()).flat_map(|c| beside(c).into_iter().take(if has_published(c) { 3 } else { 1 })).collect()
+        let beside = |column| {
+            [
+                Part::Value(column),
+                Part::Published(column),
+                Part::Verdict(column),
+            ]
+        };
+        (0..self.columns.len())
+            .flat_map(|c| beside(c).into_iter().take(if has_published(c) { 3 } else { 1 }))
+            .collect()
     }
 
     /// Heading of a printed column.
@@ -202,9 +216,9 @@ impl Grid {
     pub fn text(&self, row: usize, part: Part) -> String {
         match part {
             Part::Value(column) => self.value(&self.cells[row][column]),
-            Part::Published(column) => {
-                self.cells[row][column].published().map_or(String::new(), |value| self.format.published(value))
-            }
+            Part::Published(column) => self.cells[row][column]
+                .published()
+                .map_or(String::new(), |value| self.format.published(value)),
             Part::Verdict(column) => self.cells[row][column].verdict_in_words(),
         }
     }
@@ -218,10 +232,19 @@ impl Grid {
     /// All cells with the labels of their row and column, row by row.
     pub fn places(&self) -> impl Iterator<Item = (String, &Cell)> {
         let label = |row: &Heading, column: &Heading| {
-            if self.columns.len() == 1 { row.label.clone() } else { format!("{}, {}", row.label, column.label) }
+            if self.columns.len() == 1 {
+                row.label.clone()
+            } else {
+                format!("{}, {}", row.label, column.label)
+            }
         };
         let places = self.rows.iter().zip(&self.cells);
-        places.flat_map(move |(row, cells)| self.columns.iter().zip(cells).map(move |(column, cell)| (label(row, column), cell)))
+        places.flat_map(move |(row, cells)| {
+            self.columns
+                .iter()
+                .zip(cells)
+                .map(move |(column, cell)| (label(row, column), cell))
+        })
     }
 
     /// The number of seeds that most cells rest on; cells with another number say theirs. `None` where no
@@ -232,11 +255,16 @@ impl Grid {
         for cell in self.cells.iter().flatten().filter(|cell| cell.estimate.is_some()) {
             *counts.entry(cell.seeds.len()).or_default() += 1;
         }
-        counts.into_iter().max_by_key(|(n, cells)| (*cells, *n)).map(|(n, _)| n)
+        counts
+            .into_iter()
+            .max_by_key(|(n, cells)| (*cells, *n))
+            .map(|(n, _)| n)
     }
 
     fn value(&self, cell: &Cell) -> String {
-        let Some(estimate) = cell.estimate else { return cell.absence().into() };
+        let Some(estimate) = cell.estimate else {
+            return cell.absence().into();
+        };
         let mut text = self.format.write(estimate);
         if let Some((low, high)) = cell.interval {
             text += &format!(" [{}, {}]", self.format.write(low), self.format.write(high));
@@ -273,8 +301,13 @@ impl Cell {
     /// The verdict, and the one that all judged values of the study have together where it is another.
     #[must_use]
     pub fn verdict_in_words(&self) -> String {
-        let Some(judgement) = &self.judgement else { return String::new() };
-        match judgement.adjusted.filter(|adjusted| *adjusted != judgement.verdict) {
+        let Some(judgement) = &self.judgement else {
+            return String::new();
+        };
+        match judgement
+            .adjusted
+            .filter(|adjusted| *adjusted != judgement.verdict)
+        {
             Some(adjusted) => format!("{} (Holm: {adjusted})", judgement.verdict),
             None => judgement.verdict.word().into(),
         }
@@ -283,8 +316,11 @@ impl Cell {
     /// A cell with what is behind it, without values.
     #[must_use]
     pub fn resting_on(trials: &[&TrialResult], results: &Results) -> Self {
-        let untrained: BTreeSet<&str> =
-            trials.iter().filter(|trial| trial.updates() == Some(0.0)).map(|trial| trial.trial.agent.as_str()).collect();
+        let untrained: BTreeSet<&str> = trials
+            .iter()
+            .filter(|trial| trial.updates() == Some(0.0))
+            .map(|trial| trial.trial.agent.as_str())
+            .collect();
         Self {
             untrained: untrained.into_iter().map(Into::into).collect(),
             looks: results.seeds_of(trials),
@@ -319,11 +355,17 @@ impl NumberFormat {
     /// A format that shows about four digits of the largest of some numbers.
     #[must_use]
     pub fn fitting(numbers: impl Iterator<Item = f64>) -> Self {
-        let largest = numbers.filter(|number| number.is_finite()).fold(0.0, |largest: f64, number| largest.max(number.abs()));
+        let largest = numbers
+            .filter(|number| number.is_finite())
+            .fold(0.0, |largest: f64, number| largest.max(number.abs()));
         match largest {
             0.0 => Self::Fixed(1),
             _ if !(1e-3..1e7).contains(&largest) => Self::Scientific(3),
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 0..=6 first")]
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "clamped to 0..=6 first"
+            )]
             _ => Self::Fixed((3.0 - largest.log10().floor()).clamp(0.0, 6.0) as usize),
         }
     }
@@ -336,7 +378,11 @@ impl NumberFormat {
             Self::Scientific(decimals) => format!("{number:.decimals$e}"),
         };
         // A number that rounds to zero from below is written without its sign.
-        if text.starts_with('-') && !text.bytes().any(|byte| (b'1'..=b'9').contains(&byte)) { text[1..].into() } else { text }
+        if text.starts_with('-') && !text.bytes().any(|byte| (b'1'..=b'9').contains(&byte)) {
+            text[1..].into()
+        } else {
+            text
+        }
     }
 
     /// Writes a published number with the digits it was published with; one with more than anybody prints was
@@ -348,7 +394,11 @@ impl NumberFormat {
             Self::Fixed(_) => {
                 let text = number.to_string();
                 let digits = text.split_once('.').map_or(0, |(_, digits)| digits.len());
-                if digits > MOST_PRINTED { self.write(number) } else { text }
+                if digits > MOST_PRINTED {
+                    self.write(number)
+                } else {
+                    text
+                }
             }
             Self::Scientific(_) => format!("{number:e}"),
         }
@@ -361,16 +411,28 @@ mod tests {
 
     #[test]
     fn the_format_shows_about_four_digits() {
-        assert_eq!(NumberFormat::fitting([12.3, 1.0].into_iter()), NumberFormat::Fixed(2));
-        assert_eq!(NumberFormat::fitting([51234.0].into_iter()), NumberFormat::Fixed(0));
-        assert_eq!(NumberFormat::fitting([2e-5, f64::NAN].into_iter()), NumberFormat::Scientific(3));
+        assert_eq!(
+            NumberFormat::fitting([12.3, 1.0].into_iter()),
+            NumberFormat::Fixed(2)
+        );
+        assert_eq!(
+            NumberFormat::fitting([51234.0].into_iter()),
+            NumberFormat::Fixed(0)
+        );
+        assert_eq!(
+            NumberFormat::fitting([2e-5, f64::NAN].into_iter()),
+            NumberFormat::Scientific(3)
+        );
         assert_eq!(NumberFormat::fitting(std::iter::empty()), NumberFormat::Fixed(1));
     }
 
     #[test]
     fn published_numbers_keep_their_digits_and_computed_ones_do_not() {
         assert_eq!(NumberFormat::Fixed(1).published(0.0505), "0.0505");
-        assert_eq!(NumberFormat::Fixed(1).published(-160.435_637_499_999_98), "-160.4");
+        assert_eq!(
+            NumberFormat::Fixed(1).published(-160.435_637_499_999_98),
+            "-160.4"
+        );
     }
 
     #[test]

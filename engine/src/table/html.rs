@@ -3,7 +3,8 @@
 use super::{Grid, Intervals, Part, prose};
 use std::fmt::Write as _;
 
-/// A `table` element with caption and head, followed by its notes. It uses the classes `verdict`, `value` and `notes`.
+/// A `table` element with caption and head, followed by its notes. It uses the classes `verdict`, `value` and
+/// `notes`.
 #[must_use]
 pub fn html(grid: &Grid) -> String {
     let parts = grid.parts();
@@ -13,27 +14,45 @@ pub fn html(grid: &Grid) -> String {
         escape(grid.corner())
     );
     for part in &parts {
-        let _ = write!(out, "<th scope=\"col\" class=\"{}\">{}</th>", class(*part), escape(grid.heading(*part)));
+        let _ = write!(
+            out,
+            "<th scope=\"col\" class=\"{}\">{}</th>",
+            class(*part),
+            escape(grid.heading(*part))
+        );
     }
     out += "</tr></thead>\n<tbody>\n";
     for row in 0..grid.rows.len() {
-        let _ = writeln!(out, "<tr><th scope=\"row\">{}</th>{}</tr>", escape(&grid.rows[row].label), cells(grid, row, &parts));
+        let _ = writeln!(
+            out,
+            "<tr><th scope=\"row\">{}</th>{}</tr>",
+            escape(&grid.rows[row].label),
+            cells(grid, row, &parts)
+        );
     }
     out += "</tbody>\n</table>\n";
-    let notes: String =
-        grid.footnotes(Intervals::InBrackets).iter().map(|note| format!("<p>{}</p>\n", prose::html(note))).collect();
+    let notes: String = grid
+        .footnotes(Intervals::InBrackets)
+        .iter()
+        .map(|note| format!("<p>{}</p>\n", prose::html(note)))
+        .collect();
     format!("{out}<div class=\"notes\">\n{notes}</div>\n")
 }
 
 fn cells(grid: &Grid, row: usize, parts: &[Part]) -> String {
     let cell = |part: &Part| match part {
         Part::Verdict(column) => {
-            let verdict = grid.cells[row][*column].verdict().map(|verdict| word(verdict.word(), &grid.text(row, *part)));
+            let verdict = grid.cells[row][*column]
+                .verdict()
+                .map(|verdict| word(verdict.word(), &grid.text(row, *part)));
             format!("<td class=\"verdict\">{}</td>", verdict.unwrap_or_default())
         }
         Part::Value(column) => {
-            let seeds: Vec<String> =
-                grid.cells[row][*column].seeds.iter().map(|(seed, value)| format!("{seed}: {value}")).collect();
+            let seeds: Vec<String> = grid.cells[row][*column]
+                .seeds
+                .iter()
+                .map(|(seed, value)| format!("{seed}: {value}"))
+                .collect();
             format!(
                 "<td class=\"value\" title=\"by seed: {}\">{}</td>",
                 escape(&seeds.join(", ")),
@@ -46,7 +65,11 @@ fn cells(grid: &Grid, row: usize, parts: &[Part]) -> String {
 }
 
 fn class(part: Part) -> &'static str {
-    if matches!(part, Part::Verdict(_)) { "verdict" } else { "value" }
+    if matches!(part, Part::Verdict(_)) {
+        "verdict"
+    } else {
+        "value"
+    }
 }
 
 /// A text with the class of the word of a verdict, which carries its colour.
@@ -56,7 +79,8 @@ pub fn word(verdict: &str, text: &str) -> String {
     format!("<span class=\"word {class}\">{}</span>", escape(text))
 }
 
-/// Text with the characters that HTML reads as markup made plain, for text and for attributes in double quotes.
+/// Text with the characters that HTML reads as markup made plain, for text and for attributes in double
+/// quotes.
 #[must_use]
 pub fn escape(text: &str) -> String {
     let mut out = String::new();

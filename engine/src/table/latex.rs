@@ -6,19 +6,31 @@ use super::{Grid, Intervals, Part, prose};
 #[must_use]
 pub fn latex(grid: &Grid, name: &str) -> String {
     let parts = grid.parts();
-    let header = std::iter::once(escape(grid.corner())).chain(parts.iter().map(|part| escape(grid.heading(*part))));
-    let body: String = (0..grid.rows.len()).map(|row| format!("    {} \\\\\n", line(grid, row, &parts))).collect();
+    let header =
+        std::iter::once(escape(grid.corner())).chain(parts.iter().map(|part| escape(grid.heading(*part))));
+    let body: String = (0..grid.rows.len())
+        .map(|row| format!("    {} \\\\\n", line(grid, row, &parts)))
+        .collect();
     let notes: String = grid
         .footnotes(Intervals::InBrackets)
         .iter()
         .map(|note| format!("  \\par\\footnotesize {}\n", prose::latex(note)))
         .collect();
     format!(
-        "\\begin{{table}}\n  \\centering\n  \\caption{{{caption}}}\n  \\label{{tab:{label}}}\n  \\begin{{tabular}}{{l{columns}}}\n    \
-         \\toprule\n    {header} \\\\\n    \\midrule\n{body}    \\bottomrule\n  \\end{{tabular}}\n{notes}\\end{{table}}\n",
+        "\\begin{{table}}\n  \\centering\n  \\caption{{{caption}}}\n  \\label{{tab:{label}}}\n  \
+         \\begin{{tabular}}{{l{columns}}}\n    \
+         \\toprule\n    {header} \\\\\n    \\midrule\n{body}    \\bottomrule\n  \
+         \\end{{tabular}}\n{notes}\\end{{table}}\n",
         caption = prose::latex(&grid.caption),
         label = name.replace(|c: char| !c.is_ascii_alphanumeric() && !".:-".contains(c), "-"),
-        columns = parts.iter().map(|part| if matches!(part, Part::Verdict(_)) { 'l' } else { 'r' }).collect::<String>(),
+        columns = parts
+            .iter()
+            .map(|part| if matches!(part, Part::Verdict(_)) {
+                'l'
+            } else {
+                'r'
+            })
+            .collect::<String>(),
         header = header.collect::<Vec<_>>().join(" & "),
     )
 }
@@ -29,7 +41,10 @@ fn line(grid: &Grid, row: usize, parts: &[Part]) -> String {
         Part::Verdict(_) => format!("\\textsc{{{}}}", escape(&grid.text(row, *part).to_lowercase())),
         Part::Value(_) | Part::Published(_) => signs(&escape(&grid.text(row, *part))),
     });
-    std::iter::once(escape(&grid.rows[row].label)).chain(cells).collect::<Vec<_>>().join(" & ")
+    std::iter::once(escape(&grid.rows[row].label))
+        .chain(cells)
+        .collect::<Vec<_>>()
+        .join(" & ")
 }
 
 /// Hyphens before digits as minus signs.
@@ -38,7 +53,11 @@ fn signs(text: &str) -> String {
     let mut rest = text.chars().peekable();
     while let Some(character) = rest.next() {
         let is_sign = character == '-' && rest.peek().is_some_and(char::is_ascii_digit);
-        if is_sign { out.push_str("$-$") } else { out.push(character) }
+        if is_sign {
+            out.push_str("$-$")
+        } else {
+            out.push(character)
+        }
     }
     out
 }

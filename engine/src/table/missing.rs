@@ -79,7 +79,10 @@ impl Missing {
     /// The same, of one environment.
     #[must_use]
     pub fn within(self, environment: &str) -> Self {
-        Self { within: Some(environment.into()), ..self }
+        Self {
+            within: Some(environment.into()),
+            ..self
+        }
     }
 
     /// True for trials that have not run.
@@ -107,9 +110,13 @@ impl fmt::Display for NoValue {
             Self::NeverAbove { seed, level } => write!(f, "seed {seed}: never above {level}"),
             Self::NotMeasured { seed, until } => write!(f, "seed {seed}: not measured until {until}"),
             Self::NotRecorded { seed, metric } => write!(f, "seed {seed}: no `{metric}` recorded"),
-            Self::NoCounterpart { seed, agent } => write!(f, "seed {seed}: no trial of `{agent}` to compare with"),
+            Self::NoCounterpart { seed, agent } => {
+                write!(f, "seed {seed}: no trial of `{agent}` to compare with")
+            }
             Self::CounterpartFailed { seed, agent } => write!(f, "seed {seed}: `{agent}` has no result"),
-            Self::DivisionByZero { seed, agent, metric } => write!(f, "seed {seed}: `{metric}` of `{agent}` is zero"),
+            Self::DivisionByZero { seed, agent, metric } => {
+                write!(f, "seed {seed}: `{metric}` of `{agent}` is zero")
+            }
             Self::AllAlike => f.write_str("no two cells differ, so nothing can be normalised"),
             Self::NoScale => f.write_str("nothing tells the scores 0 and 1 apart"),
         }

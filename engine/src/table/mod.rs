@@ -49,11 +49,13 @@ kinds! {
     /// What a table shows.
     TableKind: Table {
         "improvement" => Improvement(Improvement),
-            "How much better agents are than one of them (`relative_to`), as a percentage unless `as` says otherwise.";
+            "How much better agents are than one of them (`relative_to`), as a percentage unless `as` says \
+             otherwise.";
         "comparison" => Comparison(Comparison),
             "A metric of agents and environments side by side.";
         "cross_play" => CrossPlay(CrossPlayTable),
-            "A metric of a play, by who plays one role along the rows and who another along the columns, with both means.";
+            "A metric of a play, by who plays one role along the rows and who another along the columns, \
+             with both means.";
         "aggregate" => Aggregate(Aggregate),
             "Aggregates of normalised scores over several environments, one row per agent.";
     }
@@ -77,7 +79,12 @@ pub(crate) trait Table {
 
     /// Checks every name in it against what trials record, and what it says of the values that are published
     /// beside it. Gives back the names of its rows and columns.
-    fn check(&self, names: &mut Names<'_>, at: &Place<'_>, published: Option<&Place<'_>>) -> (Vec<String>, Vec<String>);
+    fn check(
+        &self,
+        names: &mut Names<'_>,
+        at: &Place<'_>,
+        published: Option<&Place<'_>>,
+    ) -> (Vec<String>, Vec<String>);
 
     /// Computes rows, columns and cells, without published values.
     ///
@@ -189,7 +196,11 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     grid.notes.extend(spec.notes.iter().cloned());
     grid.margin.clone_from(&spec.margin);
     grid.exploratory = spec.exploratory;
-    let judging = Judging { margin: spec.margin.as_ref(), calibrated_on: spec.calibrated_on.as_deref(), baselines: &baselines };
+    let judging = Judging {
+        margin: spec.margin.as_ref(),
+        calibrated_on: spec.calibrated_on.as_deref(),
+        baselines: &baselines,
+    };
     let last = usize::try_from(kind.measurements_by_step().unwrap_or(1)).unwrap_or(usize::MAX);
     for curve in &spec.published_curves {
         let note = judging.publish_curve(&mut grid, curve, last)?;
@@ -197,12 +208,17 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     }
     for (row, published) in &spec.published {
         if !judging.publish(&mut grid, row, published) {
-            grid.notes.push(format!("Published values of `{row}` have no place in this table."));
+            grid.notes.push(format!(
+                "Published values of `{row}` have no place in this table."
+            ));
         }
     }
     Ok(grid)
 }
 
 fn problem(problem: &str) -> Error {
-    Error::Render { what: "table".into(), problem: problem.into() }
+    Error::Render {
+        what: "table".into(),
+        problem: problem.into(),
+    }
 }

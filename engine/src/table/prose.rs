@@ -1,11 +1,16 @@
-//! Sentences in which words between backticks are names of parts of a study: captions, notes, departures, reasons.
+//! Sentences in which words between backticks are names of parts of a study: captions, notes, departures,
+//! reasons.
 
-use super::{html::escape as escape_html, latex::escape as escape_latex, markdown::escape as escape_markdown};
+use super::{
+    html::escape as escape_html, latex::escape as escape_latex, markdown::escape as escape_markdown,
+};
 
 /// The sentence in HTML.
 #[must_use]
 pub fn html(text: &str) -> String {
-    render(text, escape_html, |code| format!("<code>{}</code>", escape_html(code)))
+    render(text, escape_html, |code| {
+        format!("<code>{}</code>", escape_html(code))
+    })
 }
 
 /// The sentence in Markdown.
@@ -17,7 +22,9 @@ pub fn markdown(text: &str) -> String {
 /// The sentence in LaTeX.
 #[must_use]
 pub fn latex(text: &str) -> String {
-    render(text, escape_latex, |code| format!("\\texttt{{{}}}", escape_latex(code)))
+    render(text, escape_latex, |code| {
+        format!("\\texttt{{{}}}", escape_latex(code))
+    })
 }
 
 /// Every second part between backticks is a name. A backtick without its pair is a character like any other.

@@ -41,7 +41,8 @@ pub enum PublishedCell {
 pub struct PublishedValue {
     /// The value.
     pub value: f64,
-    /// Standard deviation over the published runs; with `n` the value counts as uncertain, without both as exact.
+    /// Standard deviation over the published runs; with `n` the value counts as uncertain, without both as
+    /// exact.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0))]
     pub sd: Option<f64>,
@@ -49,7 +50,8 @@ pub struct PublishedValue {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 2))]
     pub n: Option<u32>,
-    /// What was chosen with this value in view; agreement with it then says nothing, and the verdict is CALIBRATED.
+    /// What was chosen with this value in view; agreement with it then says nothing, and the verdict is
+    /// CALIBRATED.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibrated_on: Option<String>,
 }
@@ -59,7 +61,10 @@ impl PublishedCell {
     #[must_use]
     pub fn entry(&self) -> PublishedValue {
         match self {
-            PublishedCell::Value(value) => PublishedValue { value: *value, ..PublishedValue::default() },
+            PublishedCell::Value(value) => PublishedValue {
+                value: *value,
+                ..PublishedValue::default()
+            },
             PublishedCell::Entry(entry) => entry.clone(),
         }
     }
@@ -103,8 +108,14 @@ impl Margin {
         match margin {
             None => around(default_margin(published)),
             Some(Margin::Absolute(distance)) => around(*distance),
-            Some(Margin::Stated(StatedMargin { absolute: Some(distance), .. })) => around(*distance),
-            Some(Margin::Stated(StatedMargin { percent: Some(percent), .. })) => around(percent / 100.0 * published.abs()),
+            Some(Margin::Stated(StatedMargin {
+                absolute: Some(distance),
+                ..
+            })) => around(*distance),
+            Some(Margin::Stated(StatedMargin {
+                percent: Some(percent),
+                ..
+            })) => around(percent / 100.0 * published.abs()),
             Some(Margin::Stated(StatedMargin { ratio, .. })) => {
                 let ratio = ratio.unwrap_or(1.0);
                 let ends = [published / ratio, published * ratio];
@@ -123,9 +134,17 @@ impl Margin {
         match margin {
             None => "± 5 % of it".into(),
             Some(Margin::Absolute(distance)) => absolute(distance),
-            Some(Margin::Stated(StatedMargin { absolute: Some(distance), .. })) => absolute(distance),
-            Some(Margin::Stated(StatedMargin { percent: Some(percent), .. })) => format!("± {percent} % of it"),
-            Some(Margin::Stated(StatedMargin { ratio, .. })) => format!("times or over {}", ratio.unwrap_or(1.0)),
+            Some(Margin::Stated(StatedMargin {
+                absolute: Some(distance),
+                ..
+            })) => absolute(distance),
+            Some(Margin::Stated(StatedMargin {
+                percent: Some(percent),
+                ..
+            })) => format!("± {percent} % of it"),
+            Some(Margin::Stated(StatedMargin { ratio, .. })) => {
+                format!("times or over {}", ratio.unwrap_or(1.0))
+            }
         }
     }
 
@@ -152,7 +171,13 @@ pub(super) struct Judging<'a> {
 impl Judging<'_> {
     /// Puts a row's published values into its cells; false where one of them has no cell.
     pub(super) fn publish(&self, grid: &mut Grid, row: &str, published: &Published) -> bool {
-        let Some(row) = grid.rows.iter().position(|heading| heading.name == row || heading.label == row) else { return false };
+        let Some(row) = grid
+            .rows
+            .iter()
+            .position(|heading| heading.name == row || heading.label == row)
+        else {
+            return false;
+        };
         match published {
             Published::Value(value) => {
                 self.publish_row(grid, row, &PublishedCell::Value(*value).entry());
@@ -166,34 +191,64 @@ impl Judging<'_> {
         }
     }
 
-    /// Puts a published curve beside the row of its agent, at the steps of the columns, over the mean of as many measurements up to
-    /// there as ours; gives back which runs it was.
+    /// Puts a published curve beside the row of its agent, at the steps of the columns, over the mean of as
+    /// many measurements up to there as ours; gives back which runs it was.
     ///
     /// # Errors
     /// [`Error::Render`] where the file does not hold what is asked of it any more.
-    pub(super) fn publish_curve(&self, grid: &mut Grid, curve: &PublishedCurve, last: usize) -> Result<String, Error> {
-        let runs = curve.runs().map_err(|error| Error::Render { what: "table".into(), problem: error.to_string() })?;
+    pub(super) fn publish_curve(
+        &self,
+        grid: &mut Grid,
+        curve: &PublishedCurve,
+        last: usize,
+    ) -> Result<String, Error> {
+        let runs = curve.runs().map_err(|error| Error::Render {
+            what: "table".into(),
+            problem: error.to_string(),
+        })?;
         let names = [curve.agent.as_deref(), curve.environment.as_deref()];
-        let is_row =
-            |heading: &super::Heading| names.into_iter().flatten().all(|name| heading.name.split(", ").any(|word| word == name));
+        let is_row = |heading: &super::Heading| {
+            names
+                .into_iter()
+                .flatten()
+                .all(|name| heading.name.split(", ").any(|word| word == name))
+        };
         for row in (0..grid.rows.len()).filter(|row| is_row(&grid.rows[*row])) {
             for column in 0..grid.columns.len() {
-                let Ok(step) = grid.columns[column].name.parse() else { continue };
+                let Ok(step) = grid.columns[column].name.parse() else {
+                    continue;
+                };
                 let values: Vec<f64> = runs.iter().filter_map(|run| run.last_mean(step, last)).collect();
                 if let Some(entry) = entry_of(&values) {
                     self.compare(&mut grid.cells[row][column], &entry);
                 }
             }
         }
-        let count = if runs.len() == 1 { "1 run".to_owned() } else { format!("{} runs", runs.len()) };
-        let over = if last == 1 { "the measurement".to_owned() } else { format!("the last {last} measurements") };
-        Ok(format!("Published curve {}: {count}, {over} up to each step.", curve.label))
+        let count = if runs.len() == 1 {
+            "1 run".to_owned()
+        } else {
+            format!("{} runs", runs.len())
+        };
+        let over = if last == 1 {
+            "the measurement".to_owned()
+        } else {
+            format!("the last {last} measurements")
+        };
+        Ok(format!(
+            "Published curve {}: {count}, {over} up to each step.",
+            curve.label
+        ))
     }
 
     fn publish_row(&self, grid: &mut Grid, row: usize, entry: &PublishedValue) {
         let only = grid.columns.len() == 1;
         for column in 0..grid.columns.len() {
-            if only || !self.baselines.iter().any(|name| *name == grid.columns[column].name) {
+            if only
+                || !self
+                    .baselines
+                    .iter()
+                    .any(|name| *name == grid.columns[column].name)
+            {
                 self.compare(&mut grid.cells[row][column], entry);
             }
         }
@@ -203,7 +258,12 @@ impl Judging<'_> {
         let only = (grid.columns.len() == 1 && values.len() == 1).then_some(0);
         let mut placed = true;
         for (name, value) in values {
-            match grid.columns.iter().position(|column| column.name == *name).or(only) {
+            match grid
+                .columns
+                .iter()
+                .position(|column| column.name == *name)
+                .or(only)
+            {
                 Some(column) => self.compare(&mut grid.cells[row][column], &value.entry()),
                 None => placed = false,
             }
@@ -212,8 +272,11 @@ impl Judging<'_> {
     }
 
     fn compare(&self, cell: &mut Cell, entry: &PublishedValue) {
-        let reference =
-            Reference { value: entry.value, runs: entry.sd.zip(entry.n), band: Margin::band(self.margin, entry.value) };
+        let reference = Reference {
+            value: entry.value,
+            runs: entry.sd.zip(entry.n),
+            band: Margin::band(self.margin, entry.value),
+        };
         let calibrated = entry.calibrated_on.as_deref().or(self.calibrated_on);
         let unjudged = match calibrated {
             _ if cell.fixed.is_some() => Some(Verdict::NotJudged),
@@ -233,7 +296,12 @@ impl Judging<'_> {
 fn entry_of(values: &[f64]) -> Option<PublishedValue> {
     let summary = Summary::of(values)?;
     let n = summary.sd.and(u32::try_from(summary.n).ok());
-    Some(PublishedValue { value: summary.mean, sd: summary.sd, n, calibrated_on: None })
+    Some(PublishedValue {
+        value: summary.mean,
+        sd: summary.sd,
+        n,
+        calibrated_on: None,
+    })
 }
 
 #[cfg(test)]
@@ -268,8 +336,13 @@ mod tests {
     fn published_values_in_every_notation() {
         let read = |text: &str| serde_json::from_str::<Published>(text).unwrap();
         assert_eq!(read("3"), Published::Value(3.0));
-        assert!(matches!(read(r#"{"value": 3, "sd": 1, "n": 5}"#), Published::Entry(entry) if entry.n == Some(5)));
-        let Published::Columns(columns) = read(r#"{"a": 3, "b": {"value": 4, "calibrated_on": "the load"}}"#) else { panic!() };
+        assert!(
+            matches!(read(r#"{"value": 3, "sd": 1, "n": 5}"#), Published::Entry(entry) if entry.n == Some(5))
+        );
+        let Published::Columns(columns) = read(r#"{"a": 3, "b": {"value": 4, "calibrated_on": "the load"}}"#)
+        else {
+            panic!()
+        };
         assert_eq!(columns["b"].entry().calibrated_on.as_deref(), Some("the load"));
     }
 }

@@ -45,15 +45,26 @@ impl<'a> Scope<'a> {
     #[must_use]
     pub fn of(results: &'a Results, agents: &[String], environments: &[String]) -> Self {
         let listed = |list: &[String], name: &str| list.is_empty() || list.iter().any(|item| item == name);
-        let wanted = |trial: &&TrialResult| listed(agents, &trial.trial.agent) && listed(environments, &trial.trial.environment);
+        let wanted = |trial: &&TrialResult| {
+            listed(agents, &trial.trial.agent) && listed(environments, &trial.trial.environment)
+        };
         let usual = |trial: &&TrialResult| trial.trial.purpose == Purpose::Cell;
-        Self { trials: results.trials.iter().filter(usual).filter(wanted).collect() }
+        Self {
+            trials: results.trials.iter().filter(usual).filter(wanted).collect(),
+        }
     }
 
     /// The trials at one place on an axis.
     #[must_use]
     pub fn at(&self, axis: Axis, name: &str) -> Self {
-        Self { trials: self.trials.iter().copied().filter(|trial| axis.of(trial) == name).collect() }
+        Self {
+            trials: self
+                .trials
+                .iter()
+                .copied()
+                .filter(|trial| axis.of(trial) == name)
+                .collect(),
+        }
     }
 
     /// The names along an axis: as listed, then in the order of the plan.
@@ -79,7 +90,11 @@ impl<'a> Scope<'a> {
     /// How many seeds are planned.
     #[must_use]
     pub fn planned(&self) -> usize {
-        self.trials.iter().map(|trial| trial.trial.key.seed).collect::<std::collections::BTreeSet<_>>().len()
+        self.trials
+            .iter()
+            .map(|trial| trial.trial.key.seed)
+            .collect::<std::collections::BTreeSet<_>>()
+            .len()
     }
 
     /// True where the agent makes updates; rules and bounds record no number of them.
@@ -88,11 +103,16 @@ impl<'a> Scope<'a> {
         self.trials.iter().any(|trial| trial.updates().is_some())
     }
 
-    /// Environment steps and updates of an agent that learns, as in `240000 steps, 15000 updates`; `None` for others.
+    /// Environment steps and updates of an agent that learns, as in `240000 steps, 15000 updates`; `None` for
+    /// others.
     #[must_use]
     pub fn budget(&self) -> Option<String> {
         let updates = ends(self.trials.iter().filter_map(|trial| trial.updates()).collect())?;
-        let steps = self.trials.iter().flat_map(|trial| trial.select(Phase::Final, UPDATES)).map(|row| row.step);
+        let steps = self
+            .trials
+            .iter()
+            .flat_map(|trial| trial.select(Phase::Final, UPDATES))
+            .map(|row| row.step);
         #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
         let steps = ends(steps.map(|step| step as f64).collect())?;
         Some(format!("{steps} steps, {updates} updates"))
@@ -102,32 +122,60 @@ impl<'a> Scope<'a> {
     #[must_use]
     pub fn finals(&self, metric: &str) -> BTreeMap<u64, f64> {
         let value = |trial: &&TrialResult| Some((trial.trial.key.seed, trial.mean(Phase::Final, metric)?));
-        self.trials.iter().filter(|trial| trial.is_ok()).filter_map(value).collect()
+        self.trials
+            .iter()
+            .filter(|trial| trial.is_ok())
+            .filter_map(value)
+            .collect()
     }
 
     /// How many trials ended, but not well.
     #[must_use]
     pub fn failed(&self) -> usize {
-        self.trials.iter().filter(|trial| trial.end.is_some() && !trial.is_ok()).count()
+        self.trials
+            .iter()
+            .filter(|trial| trial.end.is_some() && !trial.is_ok())
+            .count()
     }
 
     /// Why trials have no number, each reason with its count: how they ended, then those that have not run.
     #[must_use]
     pub fn absences(&self) -> Vec<Missing> {
         let mut ended: BTreeMap<&'static str, (usize, EndState)> = BTreeMap::new();
-        for end in self.trials.iter().filter(|trial| !trial.is_ok()).filter_map(|trial| trial.end.as_ref()) {
+        for end in self
+            .trials
+            .iter()
+            .filter(|trial| !trial.is_ok())
+            .filter_map(|trial| trial.end.as_ref())
+        {
             // `failed` is listed before the failures that have a name.
-            let name = if end.state == EndState::Failed { "" } else { end.state.name() };
+            let name = if end.state == EndState::Failed {
+                ""
+            } else {
+                end.state.name()
+            };
             ended.entry(name).or_insert((0, end.state)).0 += 1;
         }
         let unrun = self.trials.iter().filter(|trial| trial.end.is_none()).count();
-        let ended = ended.into_values().map(|(count, state)| NoValue::Ended(count, state));
-        ended.chain((unrun > 0).then_some(NoValue::NotRun(unrun))).map(Missing::of).collect()
+        let ended = ended
+            .into_values()
+            .map(|(count, state)| NoValue::Ended(count, state));
+        ended
+            .chain((unrun > 0).then_some(NoValue::NotRun(unrun)))
+            .map(Missing::of)
+            .collect()
     }
 }
 
 /// The smallest and largest of some numbers, as one where they are equal; `None` where there is none.
 fn ends(numbers: Vec<f64>) -> Option<String> {
-    let (low, high) = (numbers.iter().copied().reduce(f64::min)?, numbers.into_iter().reduce(f64::max)?);
-    Some(if low == high { format!("{low}") } else { format!("{low} to {high}") })
+    let (low, high) = (
+        numbers.iter().copied().reduce(f64::min)?,
+        numbers.into_iter().reduce(f64::max)?,
+    );
+    Some(if low == high {
+        format!("{low}")
+    } else {
+        format!("{low} to {high}")
+    })
 }

@@ -3,37 +3,63 @@
 use super::{Grid, Intervals, Part};
 use unicode_width::UnicodeWidthStr;
 
-/// The table in at most `width` columns of characters; one line per cell where the whole table would be wider.
+/// The table in at most `width` columns of characters; one line per cell where the whole table would be
+/// wider.
 #[must_use]
 pub fn terminal(grid: &Grid, width: usize) -> String {
     let lines = wide(grid);
-    let fits = |lines: &[Vec<String>]| widths(lines).iter().map(|column| column + 2).sum::<usize>() <= width + 2;
+    let fits =
+        |lines: &[Vec<String>]| widths(lines).iter().map(|column| column + 2).sum::<usize>() <= width + 2;
     let left = |part: &Part| matches!(part, Part::Verdict(_));
     let body = if fits(&lines) {
-        let alignment: Vec<bool> = std::iter::once(true).chain(grid.parts().iter().map(left)).collect();
+        let alignment: Vec<bool> = std::iter::once(true)
+            .chain(grid.parts().iter().map(left))
+            .collect();
         align(&lines, &alignment)
     } else {
         align(&long(grid), &[true, true, false, false, true])
     };
-    let caption = if grid.caption.is_empty() { String::new() } else { format!("{}\n", wrap(&grid.caption, width)) };
-    let notes: String = grid.footnotes(Intervals::InBrackets).iter().map(|note| format!("{}\n", wrap(note, width))).collect();
+    let caption = if grid.caption.is_empty() {
+        String::new()
+    } else {
+        format!("{}\n", wrap(&grid.caption, width))
+    };
+    let notes: String = grid
+        .footnotes(Intervals::InBrackets)
+        .iter()
+        .map(|note| format!("{}\n", wrap(note, width)))
+        .collect();
     format!("{caption}{body}{notes}")
 }
 
 fn wide(grid: &Grid) -> Vec<Vec<String>> {
     let parts = grid.parts();
-    let header = std::iter::once(grid.corner().into()).chain(parts.iter().map(|part| grid.heading(*part).into()));
+    let header =
+        std::iter::once(grid.corner().into()).chain(parts.iter().map(|part| grid.heading(*part).into()));
     let row = |index: usize| {
-        std::iter::once(grid.rows[index].label.clone()).chain(parts.iter().map(|part| grid.text(index, *part))).collect()
+        std::iter::once(grid.rows[index].label.clone())
+            .chain(parts.iter().map(|part| grid.text(index, *part)))
+            .collect()
     };
-    std::iter::once(header.collect()).chain((0..grid.rows.len()).map(row)).collect()
+    std::iter::once(header.collect())
+        .chain((0..grid.rows.len()).map(row))
+        .collect()
 }
 
 fn long(grid: &Grid) -> Vec<Vec<String>> {
-    let mut lines = vec![[grid.corner(), "", "value", "published", "verdict"].map(String::from).to_vec()];
+    let mut lines = vec![
+        [grid.corner(), "", "value", "published", "verdict"]
+            .map(String::from)
+            .to_vec(),
+    ];
     for row in 0..grid.rows.len() {
         for column in 0..grid.columns.len() {
-            let texts = [Part::Value(column), Part::Published(column), Part::Verdict(column)].map(|part| grid.text(row, part));
+            let texts = [
+                Part::Value(column),
+                Part::Published(column),
+                Part::Verdict(column),
+            ]
+            .map(|part| grid.text(row, part));
             let headings = [grid.rows[row].label.clone(), grid.columns[column].label.clone()];
             lines.push(headings.into_iter().chain(texts).collect());
         }
@@ -45,11 +71,19 @@ fn align(lines: &[Vec<String>], left: &[bool]) -> String {
     let widths = widths(lines);
     let mut out = String::new();
     for (index, line) in lines.iter().enumerate() {
-        let cells = line.iter().zip(&widths).zip(left).map(|((cell, width), left)| pad(cell, *width, *left));
+        let cells = line
+            .iter()
+            .zip(&widths)
+            .zip(left)
+            .map(|((cell, width), left)| pad(cell, *width, *left));
         out += cells.collect::<Vec<_>>().join("  ").trim_end();
         out.push('\n');
         if index == 0 {
-            out += &widths.iter().map(|width| "-".repeat(*width)).collect::<Vec<_>>().join("  ");
+            out += &widths
+                .iter()
+                .map(|width| "-".repeat(*width))
+                .collect::<Vec<_>>()
+                .join("  ");
             out.push('\n');
         }
     }
@@ -58,12 +92,18 @@ fn align(lines: &[Vec<String>], left: &[bool]) -> String {
 
 fn widths(lines: &[Vec<String>]) -> Vec<usize> {
     let columns = lines.first().map_or(0, Vec::len);
-    (0..columns).map(|column| lines.iter().map(|line| line[column].width()).max().unwrap_or(0)).collect()
+    (0..columns)
+        .map(|column| lines.iter().map(|line| line[column].width()).max().unwrap_or(0))
+        .collect()
 }
 
 fn pad(text: &str, width: usize, left: bool) -> String {
     let space = " ".repeat(width.saturating_sub(text.width()));
-    if left { format!("{text}{space}") } else { format!("{space}{text}") }
+    if left {
+        format!("{text}{space}")
+    } else {
+        format!("{space}{text}")
+    }
 }
 
 /// Text broken between words into lines of at most `width` columns.

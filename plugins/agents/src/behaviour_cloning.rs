@@ -30,8 +30,8 @@ use crate::shared::dataset_actor::{ActionSet, DatasetActor, Form, ScaleBy};
 use crate::shared::targets::mean;
 use burn::tensor::{Tensor, activation::log_softmax};
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
-    UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates, UseOfDatasets,
 };
 use numerics::network::values;
 use numerics::tensor_file::TensorFile;
@@ -64,7 +64,13 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { learning_rate: 3e-4, width: 256, layers: 2, gradient_clip: None, scale_by: ScaleBy::Dataset }
+        Self {
+            learning_rate: 3e-4,
+            width: 256,
+            layers: 2,
+            gradient_clip: None,
+            scale_by: ScaleBy::Dataset,
+        }
     }
 }
 
@@ -81,7 +87,12 @@ pub struct BehaviourCloning {
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "regression of the actions of a dataset, whatever they earned";
     let datasets = UseOfDatasets::Only;
-    let traits = AgentTraits { learns: true, metrics: metrics(), datasets, ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        datasets,
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -90,9 +101,24 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// # Errors
 /// [`Error::Mismatch`] for any other seat.
 fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let Config { learning_rate, width, layers, gradient_clip, scale_by } = config;
-    let form = Form { width, layers, learning_rate, gradient_clip, scale_by };
-    Ok(Box::new(BehaviourCloning { actor: DatasetActor::new(NAME, &form, interface, rng)?, n_updates: 0 }))
+    let Config {
+        learning_rate,
+        width,
+        layers,
+        gradient_clip,
+        scale_by,
+    } = config;
+    let form = Form {
+        width,
+        layers,
+        learning_rate,
+        gradient_clip,
+        scale_by,
+    };
+    Ok(Box::new(BehaviourCloning {
+        actor: DatasetActor::new(NAME, &form, interface, rng)?,
+        n_updates: 0,
+    }))
 }
 
 /// What [`BehaviourCloning::learn`] records.
@@ -100,7 +126,12 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("clone_loss", "", "what the cloning minimises").lower_is_better(),
-        Metric::new("clone_error", "", "mean absolute deviation from the actions of the dataset").lower_is_better(),
+        Metric::new(
+            "clone_error",
+            "",
+            "mean absolute deviation from the actions of the dataset",
+        )
+        .lower_is_better(),
     ]
 }
 
@@ -127,7 +158,10 @@ impl Agent for BehaviourCloning {
         let outputs = self.actor.network.network().forward(batch.observations);
         let deviation = (self.actor.actions.act(outputs.clone().inner()) - batch.actions.clone()).abs();
         let loss = loss(self.actor.actions, outputs, batch.actions);
-        record.mean("clone_loss", finite("clone_loss", self.n_updates, values(loss.clone())[0])?);
+        record.mean(
+            "clone_loss",
+            finite("clone_loss", self.n_updates, values(loss.clone())[0])?,
+        );
         record.mean("clone_error", f64::from(mean(deviation)));
         self.actor.network.descend(&loss);
         self.n_updates += 1;
@@ -135,7 +169,10 @@ impl Agent for BehaviourCloning {
     }
 
     fn updates(&self) -> Option<Updates> {
-        Some(Updates { made: self.n_updates, first_after: 1 })
+        Some(Updates {
+            made: self.n_updates,
+            first_after: 1,
+        })
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -170,7 +207,11 @@ mod tests {
     use rand::Rng as _;
 
     fn tiny() -> Config {
-        Config { width: 16, learning_rate: 3e-3, ..Config::default() }
+        Config {
+            width: 16,
+            learning_rate: 3e-3,
+            ..Config::default()
+        }
     }
 
     fn agent(interface: &Interface) -> Box<dyn Agent> {
@@ -182,7 +223,10 @@ mod tests {
         // softmax(0, ln 3) = (1/4, 3/4); -(0.5 ln 0.25 + 0.5 ln 0.75).
         let outputs = || matrix(vec![0.0, 3f32.ln()], 2);
         let cross_entropy = values(loss(ActionSet::Simplex, outputs(), matrix(vec![0.5, 0.5], 2)))[0];
-        assert!((cross_entropy + 0.5 * (0.25f32.ln() + 0.75f32.ln())).abs() < 1e-6, "{cross_entropy}");
+        assert!(
+            (cross_entropy + 0.5 * (0.25f32.ln() + 0.75f32.ln())).abs() < 1e-6,
+            "{cross_entropy}"
+        );
         // tanh(0) = 0 and tanh(ln 3) = 0.8: (0.1^2 + 0.3^2) / 2.
         let squared = values(loss(ActionSet::Cube, outputs(), matrix(vec![0.1, 0.5], 2)))[0];
         assert!((squared - 0.05).abs() < 1e-6, "{squared}");
@@ -207,8 +251,15 @@ mod tests {
                     f64::from(values(loss(set, matrix(moved, 3), matrix(a.to_vec(), 3)))[0])
                 };
                 let difference = (at(1e-2) - at(-1e-2)) / 2e-2;
-                assert!((found[i] - expected).abs() < 1e-6, "{set:?} {i}: {} {expected}", found[i]);
-                assert!((difference - f64::from(expected)).abs() < 1e-4, "{set:?} {i}: {difference} {expected}");
+                assert!(
+                    (found[i] - expected).abs() < 1e-6,
+                    "{set:?} {i}: {} {expected}",
+                    found[i]
+                );
+                assert!(
+                    (difference - f64::from(expected)).abs() < 1e-4,
+                    "{set:?} {i}: {difference} {expected}"
+                );
             }
         }
     }
@@ -216,14 +267,20 @@ mod tests {
     /// The best shares with noise that has no mean.
     fn noisy(x: f64, rng: &mut Rng) -> Vec<f64> {
         let noise = rng.random_range(-0.1..0.1);
-        bandit::best(x).iter().zip([noise, -noise, 0.0]).map(|(share, noise)| share + noise).collect()
+        bandit::best(x)
+            .iter()
+            .zip([noise, -noise, 0.0])
+            .map(|(share, noise)| share + noise)
+            .collect()
     }
 
     #[test]
     fn it_repeats_what_was_done_and_not_what_earned_most() {
         let mut rng = stream(&["clone"]);
         // What is earned says the opposite of what is done.
-        let data = decisions(500, &mut rng, noisy, |x, action| (action[0] - bandit::best(x)[0]).abs());
+        let data = decisions(500, &mut rng, noisy, |x, action| {
+            (action[0] - bandit::best(x)[0]).abs()
+        });
         let mut agent = agent(&bandit::interface());
         let before = bandit::error(agent.as_mut(), &mut rng);
         fit(agent.as_mut(), &data, 600, &mut rng);
@@ -238,9 +295,21 @@ mod tests {
         let data = decisions(500, &mut rng, act, |_, _| 0.0);
         let mut agent = agent(&cube());
         fit(agent.as_mut(), &data, 600, &mut rng);
-        let seen: Vec<_> = [-0.8, 0.0, 0.8].iter().map(|x| Observation { seats: vec![vec![*x]], state: vec![] }).collect();
+        let seen: Vec<_> = [-0.8, 0.0, 0.8]
+            .iter()
+            .map(|x| Observation {
+                seats: vec![vec![*x]],
+                state: vec![],
+            })
+            .collect();
         let actions = agent.act(&seen, Mode::Evaluate, &mut rng).unwrap();
-        assert!(actions.iter().zip([-0.64, 0.0, 0.64]).all(|(a, best)| (a[0][0] - best).abs() < 0.1), "{actions:?}");
+        assert!(
+            actions
+                .iter()
+                .zip([-0.64, 0.0, 0.64])
+                .all(|(a, best)| (a[0][0] - best).abs() < 0.1),
+            "{actions:?}"
+        );
     }
 
     #[test]
@@ -250,7 +319,9 @@ mod tests {
 
     #[test]
     fn the_scaling_by_a_dataset_goes_with_the_agent_and_with_the_policy() {
-        crate::shared::dataset_actor::tests::assert_scaling_is_kept(|rng| build(tiny(), &bandit::interface(), rng).unwrap());
+        crate::shared::dataset_actor::tests::assert_scaling_is_kept(|rng| {
+            build(tiny(), &bandit::interface(), rng).unwrap()
+        });
     }
 
     #[test]

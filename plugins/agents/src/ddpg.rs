@@ -1,6 +1,7 @@
 //! Deep deterministic policy gradient with a softmax output: a baseline on the simplex without a density.
 //!
-//! Lillicrap et al. 2015, "Continuous control with deep reinforcement learning", arXiv:1509.02971, algorithm 1.
+//! Lillicrap et al. 2015, "Continuous control with deep reinforcement learning", arXiv:1509.02971, algorithm
+//! 1.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -12,15 +13,18 @@
 //! | gamma, tau | `discount`, `target_smoothing` | scalars |
 //!
 //! Departures from the paper
-//! - Softmax output, since actions are shares; the noise is added to its logits so that actions stay on the simplex.
-//! - Independent Gaussian noise in the place of an Ornstein-Uhlenbeck process: a decision here has no inertia, and rows of a
-//!   batch stay independent of each other.
-//! - Networks as the thesis has them for all its agents (three hidden layers, leaky rectifiers, no batch normalisation, the
-//!   action enters at the first layer), initialised after He et al.; the policy's last layer starts small, as in the paper.
-//! - No weight decay. Batches of 256 and one update per 16 environment steps by default, as for the other agents.
+//! - Softmax output, since actions are shares; the noise is added to its logits so that actions stay on the
+//!   simplex.
+//! - Independent Gaussian noise in the place of an Ornstein-Uhlenbeck process: a decision here has no
+//!   inertia, and rows of a batch stay independent of each other.
+//! - Networks as the thesis has them for all its agents (three hidden layers, leaky rectifiers, no batch
+//!   normalisation, the action enters at the first layer), initialised after He et al.; the policy's last
+//!   layer starts small, as in the paper.
+//! - No weight decay. Batches of 256 and one update per 16 environment steps by default, as for the other
+//!   agents.
 //!
-//! Metrics, means over the updates since the last measurement: `critic_loss` half the squared error, `policy_loss`
-//! `-mean(Q(s, mu(s)))`.
+//! Metrics, means over the updates since the last measurement: `critic_loss` half the squared error,
+//! `policy_loss` `-mean(Q(s, mu(s)))`.
 
 use crate::shared::checkpoint::{self, finite};
 use crate::shared::replay::{Batch, Replay};
@@ -31,8 +35,8 @@ use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
-    UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates, UseOfDatasets,
 };
 use numerics::gaussian::standard_normal;
 use numerics::network::{Activation, Mlp, device, matrix, values};
@@ -60,19 +64,23 @@ pub struct Config {
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Lillicrap et al. 2015, section 7"))]
     pub critic_learning_rate: f64,
     /// Standard deviation of the noise on the logits while training.
-    #[schemars(range(min = 0.0, max = 10.0), extend("x-source" = "Lillicrap et al. 2015, section 7: sigma 0.2"))]
+    #[schemars(range(min = 0.0, max = 10.0), extend("x-source" = "Lillicrap et al. 2015, section 7: sigma \
+                                                                  0.2"))]
     pub exploration_sd: f64,
     /// Transitions per update.
-    #[schemars(range(min = 1, max = 65536), extend("x-source" = "as for the Dirichlet policy; Lillicrap et al. 2015: 64"))]
+    #[schemars(range(min = 1, max = 65536), extend("x-source" = "as for the Dirichlet policy; Lillicrap et \
+                                                                 al. 2015: 64"))]
     pub batch_size: usize,
     /// Discount gamma.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Lillicrap et al. 2015, section 7"))]
     pub discount: f64,
     /// Smoothing tau of both target networks.
-    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 3.1; Lillicrap et al. 2015: 0.001"))]
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 3.1; Lillicrap et al. 2015: \
+                                                                 0.001"))]
     pub target_smoothing: f64,
     /// Updates per environment step, all environments counted.
-    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "as for the Dirichlet policy; Lillicrap et al. 2015: 1"))]
+    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "as for the Dirichlet policy; Lillicrap et \
+                                                                  al. 2015: 1"))]
     pub updates_per_step: f64,
     /// Units of each of the three hidden layers of policy and critic.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.5"))]
@@ -130,7 +138,12 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "deep deterministic policy gradient with a softmax output";
     // Off the policy: a replay buffer does not ask who decided.
     let datasets = UseOfDatasets::Also;
-    let traits = AgentTraits { learns: true, metrics: metrics(), datasets, ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        datasets,
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -146,7 +159,12 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of the critic").lower_is_better(),
-        Metric::new("policy_loss", "", "minus the critic's value of the policy's actions").lower_is_better(),
+        Metric::new(
+            "policy_loss",
+            "",
+            "minus the critic's value of the policy's actions",
+        )
+        .lower_is_better(),
     ]
 }
 
@@ -157,13 +175,31 @@ impl Ddpg {
         let scaling = Scaling::new(config.observation_scaling, seat::observed(NAME, seat)?);
         let (n_observed, n_shares, width) = (scaling.n_channels(), shares.len(), config.width);
         let tracked = device().autodiff();
-        let policy = Mlp::new(&[n_observed, width, width, width, n_shares], &LAYERS, POLICY_OUTPUT_GAIN, rng, &tracked);
-        let critic = Mlp::new(&[n_observed + n_shares, width, width, width, 1], &LAYERS, 1.0, rng, &tracked);
+        let policy = Mlp::new(
+            &[n_observed, width, width, width, n_shares],
+            &LAYERS,
+            POLICY_OUTPUT_GAIN,
+            rng,
+            &tracked,
+        );
+        let critic = Mlp::new(
+            &[n_observed + n_shares, width, width, width, 1],
+            &LAYERS,
+            1.0,
+            rng,
+            &tracked,
+        );
         Ok(Self {
             target_policy: policy.valid(),
             target_critic: critic.valid(),
-            policy: Trained::new(policy, Adam::new(config.actor_learning_rate, config.gradient_clip)),
-            critic: Trained::new(critic, Adam::new(config.critic_learning_rate, config.gradient_clip)),
+            policy: Trained::new(
+                policy,
+                Adam::new(config.actor_learning_rate, config.gradient_clip),
+            ),
+            critic: Trained::new(
+                critic,
+                Adam::new(config.critic_learning_rate, config.gradient_clip),
+            ),
             replay: Replay::new(config.replay_capacity, n_observed, n_shares, 1),
             schedule: UpdateSchedule::new(),
             config,
@@ -177,8 +213,16 @@ impl Ddpg {
         self.update_critic(&batch, record)?;
         self.update_policy(&batch, record)?;
         let tau = self.config.target_smoothing;
-        self.target_critic = soft_update(std::mem::take(&mut self.target_critic), self.critic.network(), tau);
-        self.target_policy = soft_update(std::mem::take(&mut self.target_policy), self.policy.network(), tau);
+        self.target_critic = soft_update(
+            std::mem::take(&mut self.target_critic),
+            self.critic.network(),
+            tau,
+        );
+        self.target_policy = soft_update(
+            std::mem::take(&mut self.target_policy),
+            self.policy.network(),
+            tau,
+        );
         self.schedule.count_update();
         Ok(())
     }
@@ -188,7 +232,10 @@ impl Ddpg {
         let target = self.target(batch);
         let q = value(self.critic.network(), &batch.observations, batch.actions.clone());
         let loss = half_squared_error(q, target);
-        record.mean("critic_loss", finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
+        record.mean(
+            "critic_loss",
+            finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+        );
         self.critic.descend(&loss);
         Ok(())
     }
@@ -197,15 +244,25 @@ impl Ddpg {
     fn target(&self, batch: &Batch) -> Tensor<2> {
         let next_action = softmax(self.target_policy.forward(batch.next_observations.clone()), 1);
         let next_value = value(&self.target_critic, &batch.next_observations, next_action);
-        bootstrapped(batch.rewards.clone(), batch.continues.clone(), next_value, self.config.discount)
+        bootstrapped(
+            batch.rewards.clone(),
+            batch.continues.clone(),
+            next_value,
+            self.config.discount,
+        )
     }
 
     /// Eq. 6: the policy ascends the critic through its action.
     fn update_policy(&mut self, batch: &Batch, record: &mut Recorder) -> Result<(), Error> {
         let action = softmax(self.policy.network().forward(batch.observations.clone()), 1);
         // A plain critic: the gradient passes through it to the action, and none of its own is computed.
-        let loss = value(&self.critic.network().valid(), &batch.observations, action).mean().neg();
-        record.mean("policy_loss", finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
+        let loss = value(&self.critic.network().valid(), &batch.observations, action)
+            .mean()
+            .neg();
+        record.mean(
+            "policy_loss",
+            finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+        );
         self.policy.descend(&loss);
         Ok(())
     }
@@ -217,33 +274,72 @@ fn value(critic: &Mlp, observations: &Tensor<2>, action: Tensor<2>) -> Tensor<2>
 
 #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
 fn noise(rows: usize, columns: usize, sd: f64, rng: &mut Rng) -> Tensor<2> {
-    matrix((0..rows * columns).map(|_| (sd * standard_normal(rng)) as f32).collect(), columns)
+    matrix(
+        (0..rows * columns)
+            .map(|_| (sd * standard_normal(rng)) as f32)
+            .collect(),
+        columns,
+    )
 }
 
 impl Agent for Ddpg {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
-        let logits = self.policy.network().valid().forward(matrix(scaled, self.scaling.n_channels()));
+        let scaled = observations
+            .iter()
+            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
+            .collect();
+        let logits = self
+            .policy
+            .network()
+            .valid()
+            .forward(matrix(scaled, self.scaling.n_channels()));
         let logits = match mode {
-            Mode::Train => logits + noise(observations.len(), self.shares.len(), self.config.exploration_sd, rng),
+            Mode::Train => {
+                logits
+                    + noise(
+                        observations.len(),
+                        self.shares.len(),
+                        self.config.exploration_sd,
+                        rng,
+                    )
+            }
             Mode::Evaluate => logits,
         };
-        allocation::actions(&values(softmax(logits, 1)), self.shares.len(), self.schedule.n_steps())
+        allocation::actions(
+            &values(softmax(logits, 1)),
+            self.shares.len(),
+            self.schedule.n_steps(),
+        )
     }
 
-    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
         for transition in transitions {
             self.replay.push_scaled(transition, &self.scaling);
         }
-        let Config { learning_starts, updates_per_step, .. } = self.config;
-        for _ in 0..self.schedule.advance(transitions.len(), learning_starts, updates_per_step) {
+        let Config {
+            learning_starts,
+            updates_per_step,
+            ..
+        } = self.config;
+        for _ in 0..self
+            .schedule
+            .advance(transitions.len(), learning_starts, updates_per_step)
+        {
             self.update(rng, record)?;
         }
         Ok(())
     }
 
     fn updates(&self) -> Option<Updates> {
-        Some(self.schedule.updates(self.config.learning_starts, self.config.updates_per_step))
+        Some(
+            self.schedule
+                .updates(self.config.learning_starts, self.config.updates_per_step),
+        )
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -269,7 +365,11 @@ impl Agent for Ddpg {
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(self.policy.network(), self.scaling.ports(&self.shares), Head::SoftmaxMean);
+        let policy = Policy::new(
+            self.policy.network(),
+            self.scaling.ports(&self.shares),
+            Head::SoftmaxMean,
+        );
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
@@ -288,7 +388,13 @@ mod tests {
     use engine::random::stream;
 
     fn tiny() -> Config {
-        Config { width: 16, batch_size: 32, learning_starts: 32, updates_per_step: 0.125, ..Config::default() }
+        Config {
+            width: 16,
+            batch_size: 32,
+            learning_starts: 32,
+            updates_per_step: 0.125,
+            ..Config::default()
+        }
     }
 
     fn agent(config: Config) -> Ddpg {
@@ -310,7 +416,10 @@ mod tests {
     #[test]
     fn it_explores_while_training_only() {
         let mut agent = agent(tiny());
-        let observation = [Observation { seats: vec![vec![0.3]], state: Vec::new() }];
+        let observation = [Observation {
+            seats: vec![vec![0.3]],
+            state: Vec::new(),
+        }];
         let mut rng = stream(&["noise"]);
         let mut act = |mode| agent.act(&observation, mode, &mut rng).unwrap();
         assert_ne!(act(Mode::Train), act(Mode::Train));
@@ -322,7 +431,11 @@ mod tests {
 
     #[test]
     fn it_learns_a_bandit() {
-        let config = Config { actor_learning_rate: 1e-3, critic_learning_rate: 3e-3, ..tiny() };
+        let config = Config {
+            actor_learning_rate: 1e-3,
+            critic_learning_rate: 3e-3,
+            ..tiny()
+        };
         let mut rng = stream(&["bandit"]);
         let mut agent = agent(config);
         let before = bandit::error(&mut agent, &mut rng);

@@ -1,6 +1,8 @@
-//! Regression onto a simplex with a Dirichlet distribution: the numerical experiment of the thesis (section 3.4.3, fig. 3.2).
+//! Regression onto a simplex with a Dirichlet distribution: the numerical experiment of the thesis (section
+//! 3.4.3, fig. 3.2).
 //!
-//! A network maps what is observed to concentrations; the target, a point of the simplex, is the environment's full state.
+//! A network maps what is observed to concentrations; the target, a point of the simplex, is the
+//! environment's full state.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -10,23 +12,28 @@
 //! | target | `targets`, rows sum to 1 | `[batch, n_shares]` |
 //!
 //! Departures from the thesis, which names the error but not the loss
-//! - `expected_error`: mean absolute error of a reparameterised draw, so that the policy is trained as it acts.
+//! - `expected_error`: mean absolute error of a reparameterised draw, so that the policy is trained as it
+//!   acts.
 //! - `log_likelihood`: minus the log density of the target.
-//! - `score_function`: the policy gradient of equation 3.4 with the error of a draw as the cost, less its mean over the batch.
+//! - `score_function`: the policy gradient of equation 3.4 with the error of a draw as the cost, less its
+//!   mean over the batch.
 //! - The third hidden layer has leaky rectifiers; the text names the activations of the first two.
 //!
-//! It samples in training and takes the mean `alpha / sum(alpha)` where it is scored. Metric: `loss`, mean over the calls
-//! since the last measurement.
+//! It samples in training and takes the mean `alpha / sum(alpha)` where it is scored. Metric: `loss`, mean
+//! over the calls since the last measurement.
 
 use crate::shared::checkpoint::{self, finite};
 use crate::shared::scaling::{ObservationScaling, Scaling};
-use crate::shared::simplex_regression::{Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error};
+use crate::shared::simplex_regression::{
+    Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error,
+};
 use crate::shared::targets::mean;
 use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::Tensor;
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use numerics::dirichlet_policy::{log_density, sample};
 use numerics::network::{Activation, Mlp, device, matrix, softplus, values};
@@ -59,7 +66,12 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         let loss = RegressionLoss::ExpectedError;
-        Self { learning_rate: 0.01, loss, width: 64, observation_scaling: ObservationScaling::None }
+        Self {
+            learning_rate: 0.01,
+            loss,
+            width: 64,
+            observation_scaling: ObservationScaling::None,
+        }
     }
 }
 
@@ -78,7 +90,12 @@ pub struct DirichletRegression {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "regression onto a simplex with a Dirichlet distribution";
-    let traits = AgentTraits { learns: true, metrics: metrics(), learns_from_examples: true, ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        learns_from_examples: true,
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -101,10 +118,22 @@ impl DirichletRegression {
         let shares = seat::simplex(NAME, seat)?.to_vec();
         seat::state_of_length(NAME, interface, shares.len())?;
         let scaling = Scaling::new(config.observation_scaling, seat::observed(NAME, seat)?);
-        let sizes = [scaling.n_channels(), config.width, config.width, config.width, shares.len()];
+        let sizes = [
+            scaling.n_channels(),
+            config.width,
+            config.width,
+            config.width,
+            shares.len(),
+        ];
         let network = Mlp::new(&sizes, &LAYERS, 1.0, rng, &device().autodiff());
         let network = Trained::new(network, Adam::new(config.learning_rate, None));
-        Ok(Self { loss: config.loss, scaling, shares, network, progress: Progress::default() })
+        Ok(Self {
+            loss: config.loss,
+            scaling,
+            shares,
+            network,
+            progress: Progress::default(),
+        })
     }
 
     fn loss(&self, observations: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Result<Tensor<1>, Error> {
@@ -130,7 +159,10 @@ impl DirichletRegression {
 
 impl Agent for DirichletRegression {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
+        let scaled = observations
+            .iter()
+            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
+            .collect();
         let scaled = matrix(scaled, self.scaling.n_channels());
         let alpha = self.concentrations(&self.network.network().valid(), scaled)?;
         let weights = match mode {
@@ -140,11 +172,19 @@ impl Agent for DirichletRegression {
         allocation::actions(&values(weights), self.shares.len(), self.progress.n_examples)
     }
 
-    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
         self.progress.n_examples += transitions.len() as u64;
         let (observations, targets) = examples(transitions, &self.scaling);
         let loss = self.loss(observations, targets, rng)?;
-        record.mean("loss", finite("loss", self.progress.n_examples, values(loss.clone())[0])?);
+        record.mean(
+            "loss",
+            finite("loss", self.progress.n_examples, values(loss.clone())[0])?,
+        );
         self.network.descend(&loss);
         self.progress.n_updates += 1;
         Ok(())
@@ -166,13 +206,19 @@ impl Agent for DirichletRegression {
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let (file, progress) = checkpoint::read(NAME, dir)?;
-        self.network.restore("network", &file).map_err(checkpoint::error_of(NAME))?;
+        self.network
+            .restore("network", &file)
+            .map_err(checkpoint::error_of(NAME))?;
         self.progress = progress;
         Ok(())
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(self.network.network(), self.scaling.ports(&self.shares), Head::DirichletMean);
+        let policy = Policy::new(
+            self.network.network(),
+            self.scaling.ports(&self.shares),
+            Head::DirichletMean,
+        );
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
@@ -191,7 +237,11 @@ mod tests {
     use engine::random::stream;
 
     fn agent(loss: RegressionLoss) -> DirichletRegression {
-        let config = Config { loss, width: 16, ..Config::default() };
+        let config = Config {
+            loss,
+            width: 16,
+            ..Config::default()
+        };
         DirichletRegression::new(&config, &bandit::interface(), &mut stream(&["regression"])).unwrap()
     }
 
@@ -199,7 +249,9 @@ mod tests {
     fn the_likelihood_is_that_of_the_target() {
         let agent = agent(RegressionLoss::LogLikelihood);
         let (x, target) = (matrix(vec![0.3], 1), [0.5f32, 0.3, 0.2]);
-        let loss = agent.loss(x.clone(), matrix(target.to_vec(), 3), &mut stream(&["x"])).unwrap();
+        let loss = agent
+            .loss(x.clone(), matrix(target.to_vec(), 3), &mut stream(&["x"]))
+            .unwrap();
         let alpha = values(agent.concentrations(&agent.network.network().valid(), x).unwrap());
         let alpha: Vec<f64> = alpha.into_iter().map(f64::from).collect();
         let expected = -numerics::dirichlet::log_density(&alpha, &target.map(|a| f64::from(a).ln()));
@@ -226,13 +278,19 @@ mod tests {
     fn what_it_records_is_declared_and_what_it_exports_acts() {
         bandit::assert_declared(&mut agent(RegressionLoss::ExpectedError), &metrics());
         bandit::assert_exports(&mut agent(RegressionLoss::ExpectedError));
-        let config = || Config { width: 16, ..Config::default() };
+        let config = || Config {
+            width: 16,
+            ..Config::default()
+        };
         bandit::assert_imports(|interface, rng| build(config(), interface, rng).unwrap());
     }
 
     #[test]
     fn a_state_that_is_no_target_is_refused() {
         let interface = crate::shared::seat::tests::allocation(&["x"], &["best_1"], 3);
-        assert!(matches!(build(Config::default(), &interface, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
+        assert!(matches!(
+            build(Config::default(), &interface, &mut stream(&["x"])),
+            Err(Error::Mismatch { .. })
+        ));
     }
 }

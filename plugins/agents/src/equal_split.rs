@@ -1,4 +1,5 @@
-//! Every asset gets the same share, always: the baseline of the thesis (section 3.5.2), to which its improvements relate.
+//! Every asset gets the same share, always: the baseline of the thesis (section 3.5.2), to which its
+//! improvements relate.
 //!
 //! `a_i = 1 / N`. It observes nothing, learns nothing and records nothing.
 
@@ -33,8 +34,13 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// # Errors
 /// [`Error::Mismatch`] where a seat's action is not on a simplex.
 fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let action = interface.seats.iter().map(|seat| Ok(equal_shares(seat::simplex(NAME, seat)?.len())));
-    Ok(Box::new(EqualSplit { action: action.collect::<Result<_, Error>>()? }))
+    let action = interface
+        .seats
+        .iter()
+        .map(|seat| Ok(equal_shares(seat::simplex(NAME, seat)?.len())));
+    Ok(Box::new(EqualSplit {
+        action: action.collect::<Result<_, Error>>()?,
+    }))
 }
 
 impl Agent for EqualSplit {
@@ -52,7 +58,13 @@ mod tests {
     fn four_assets_get_a_quarter_each() {
         let mut rng = engine::random::stream(&["test"]);
         let mut agent = build(Config {}, &allocation(&["voltage_1"], &[], 4), &mut rng).unwrap();
-        let actions = agent.act(&[Observation::default(), Observation::default()], Mode::Evaluate, &mut rng).unwrap();
+        let actions = agent
+            .act(
+                &[Observation::default(), Observation::default()],
+                Mode::Evaluate,
+                &mut rng,
+            )
+            .unwrap();
         assert_eq!(actions, vec![vec![vec![0.25; 4]]; 2]);
     }
 }

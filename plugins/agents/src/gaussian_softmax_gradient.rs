@@ -1,4 +1,5 @@
-//! The score-function policy gradient of a Gaussian-softmax policy on a bandit, against the exact one. Thesis, section 3.4.1.
+//! The score-function policy gradient of a Gaussian-softmax policy on a bandit, against the exact one.
+//! Thesis, section 3.4.1.
 //!
 //! | symbol | here | meaning |
 //! |---|---|---|
@@ -8,18 +9,23 @@
 //! | pi(a) | `gaussian::softmax_log_density` | the density of the action, marginal over the common shift, eq. 3.5 |
 //! | J | | E r(a) - beta E ln pi(a), eq. 3.2 |
 //!
-//! The estimate of one sample is (r(a) - beta ln pi_theta(x)) grad_mu ln pi_theta(x). For beta = 0 its mean is the exact gradient: a
-//! candidate's score is an unbiased estimator of the gradient of any expected reward. The bias of section 3.4.1 enters with the
-//! entropy, for which the candidate's density stands in for the action's: the candidate's entropy does not depend on mu, the action's does.
-//! `density: action_as_candidate` is the variant of the thesis that puts the action into the candidate's density.
+//! The estimate of one sample is (r(a) - beta ln pi_theta(x)) grad_mu ln pi_theta(x). For beta = 0 its mean
+//! is the exact gradient: a candidate's score is an unbiased estimator of the gradient of any expected
+//! reward. The bias of section 3.4.1 enters with the entropy, for which the candidate's density stands in for
+//! the action's: the candidate's entropy does not depend on mu, the action's does. `density:
+//! action_as_candidate` is the variant of the thesis that puts the action into the candidate's density.
 //!
 //! The exact gradient comes from the tensor-product Gauss-Hermite rule over x and central differences in mu.
 //!
-//! `action_sd` sets how sharp the policy is, as for the Dirichlet policy: sigma is the one that gives the first share this deviation.
+//! `action_sd` sets how sharp the policy is, as for the Dirichlet policy: sigma is the one that gives the
+//! first share this deviation.
 
 use crate::shared::gradient_moments::{Moments, Reward, RewardChannels, mean_action, metrics};
 use crate::shared::seat;
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Transition, Updates};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Recorder, Registry, Rng, Transition,
+    Updates,
+};
 use numerics::gauss_hermite::gauss_hermite;
 use numerics::gaussian;
 use schemars::JsonSchema;
@@ -27,7 +33,8 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 const NAME: &str = "gaussian_softmax_gradient";
-/// Nodes of the quadrature in each dimension; 40^3 points leave an error far below that of any feasible number of samples.
+/// Nodes of the quadrature in each dimension; 40^3 points leave an error far below that of any feasible
+/// number of samples.
 const NODES: usize = 40;
 
 /// The policy, the objective and the estimator.
@@ -58,7 +65,12 @@ pub enum Density {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { mean: None, action_sd: 0.1, entropy_weight: 0.1, density: Density::Candidate }
+        Self {
+            mean: None,
+            action_sd: 0.1,
+            entropy_weight: 0.1,
+            density: Density::Candidate,
+        }
     }
 }
 
@@ -80,21 +92,32 @@ pub struct GaussianSoftmaxGradient {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "policy gradient of a Gaussian-softmax policy on a bandit, estimated and exact";
-    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
 /// Builds the estimator for an allocation bandit.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for other environments, [`Error::Config`] for a mean or a deviation that no such policy has.
+/// [`Error::Mismatch`] for other environments, [`Error::Config`] for a mean or a deviation that no such
+/// policy has.
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let channels = RewardChannels::find(NAME, interface)?;
     seat::simplex(NAME, seat::only_seat(NAME, interface)?)?;
     if channels.len() != 3 {
-        return Err(Error::Mismatch { agent: NAME, problem: "its quadrature is for three shares".into() });
+        return Err(Error::Mismatch {
+            agent: NAME,
+            problem: "its quadrature is for three shares".into(),
+        });
     }
-    let mean: Vec<f64> = mean_action(config.mean.clone(), channels.len())?.into_iter().map(f64::ln).collect();
+    let mean: Vec<f64> = mean_action(config.mean.clone(), channels.len())?
+        .into_iter()
+        .map(f64::ln)
+        .collect();
     let sd = matching_sd(&mean, config.action_sd)?;
     Ok(Box::new(GaussianSoftmaxGradient {
         mean,
@@ -117,11 +140,18 @@ fn matching_sd(mean: &[f64], action_sd: f64) -> Result<f64, Error> {
     };
     let (mut low, mut high) = (1e-6, 3.0);
     if deviation(high) < action_sd {
-        return Err(Error::config("action_sd", format!("at most {:.3} with this mean", deviation(high))));
+        return Err(Error::config(
+            "action_sd",
+            format!("at most {:.3} with this mean", deviation(high)),
+        ));
     }
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if deviation(middle) < action_sd { low = middle } else { high = middle }
+        if deviation(middle) < action_sd {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     Ok(0.5 * (low + high))
 }
@@ -161,33 +191,54 @@ fn exact(mean: &[f64], sd: f64, reward: &Reward, entropy_weight: f64) -> Vec<f64
         moved[entry] += shift;
         objective(&moved, sd, &rule, reward, entropy_weight)
     };
-    (0..mean.len()).map(|entry| (at(entry, step) - at(entry, -step)) / (2.0 * step)).collect()
+    (0..mean.len())
+        .map(|entry| (at(entry, step) - at(entry, -step)) / (2.0 * step))
+        .collect()
 }
 
 impl GaussianSoftmaxGradient {
     fn estimate(&self, candidate: &[f64], action: &[f64], reward: f64) -> Vec<f64> {
         let log_sd = vec![self.sd.ln(); self.mean.len()];
-        let point = if self.config.density == Density::Candidate { candidate } else { action };
+        let point = if self.config.density == Density::Candidate {
+            candidate
+        } else {
+            action
+        };
         let weight = reward - self.config.entropy_weight * gaussian::log_density(&self.mean, &log_sd, point);
-        point.iter().zip(&self.mean).map(|(x, mean)| weight * (x - mean) / self.sd.powi(2)).collect()
+        point
+            .iter()
+            .zip(&self.mean)
+            .map(|(x, mean)| weight * (x - mean) / self.sd.powi(2))
+            .collect()
     }
 }
 
 impl Agent for GaussianSoftmaxGradient {
     fn act(&mut self, observations: &[Observation], _: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         let log_sd = vec![self.sd.ln(); self.mean.len()];
-        self.candidates = observations.iter().map(|_| gaussian::sample(&self.mean, &log_sd, rng)).collect();
-        Ok(self.candidates.iter().map(|x| vec![gaussian::log_softmax(x).into_iter().map(f64::exp).collect()]).collect())
+        self.candidates = observations
+            .iter()
+            .map(|_| gaussian::sample(&self.mean, &log_sd, rng))
+            .collect();
+        Ok(self
+            .candidates
+            .iter()
+            .map(|x| vec![gaussian::log_softmax(x).into_iter().map(f64::exp).collect()])
+            .collect())
     }
 
     fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         for (transition, candidate) in transitions.iter().zip(&std::mem::take(&mut self.candidates)) {
-            self.moments.add(&self.estimate(candidate, &transition.action[0], transition.rewards[0]));
+            self.moments
+                .add(&self.estimate(candidate, &transition.action[0], transition.rewards[0]));
         }
         if let Some(transition) = transitions.first() {
             let reward = self.channels.read(&transition.observation.state);
             if self.exact.as_ref().is_none_or(|(known, _)| *known != reward) {
-                self.exact = Some((reward.clone(), exact(&self.mean, self.sd, &reward, self.config.entropy_weight)));
+                self.exact = Some((
+                    reward.clone(),
+                    exact(&self.mean, self.sd, &reward, self.config.entropy_weight),
+                ));
             }
             if let Some((_, exact)) = &self.exact {
                 self.moments.end_batch(exact, record);
@@ -221,11 +272,23 @@ mod tests {
     #[test]
     fn the_exact_gradient_of_a_sharp_policy_is_the_softmax_slope() {
         let mean = [0.2f64.ln(), 0.3f64.ln(), 0.5f64.ln()];
-        let gradient = exact(&mean, 1e-3, &Reward { values: vec![1.0, 0.5, 0.0], curvature: 0.0 }, 0.0);
+        let gradient = exact(
+            &mean,
+            1e-3,
+            &Reward {
+                values: vec![1.0, 0.5, 0.0],
+                curvature: 0.0,
+            },
+            0.0,
+        );
         let (shares, values) = ([0.2, 0.3, 0.5], [1.0, 0.5, 0.0]);
         for entry in 0..3 {
             let expected = shares[entry] * (values[entry] - 0.35);
-            assert!((gradient[entry] - expected).abs() < 1e-5, "{entry}: {} against {expected}", gradient[entry]);
+            assert!(
+                (gradient[entry] - expected).abs() < 1e-5,
+                "{entry}: {} against {expected}",
+                gradient[entry]
+            );
         }
     }
 

@@ -1,7 +1,8 @@
-//! Regression onto a simplex with a Gaussian-softmax distribution: the other side of the thesis' numerical experiment
-//! (section 3.4.3, fig. 3.2).
+//! Regression onto a simplex with a Gaussian-softmax distribution: the other side of the thesis' numerical
+//! experiment (section 3.4.3, fig. 3.2).
 //!
-//! A network maps what is observed to mean and deviation of a Gaussian candidate; softmax makes it a point of the simplex.
+//! A network maps what is observed to mean and deviation of a Gaussian candidate; softmax makes it a point of
+//! the simplex.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -11,22 +12,26 @@
 //! | target | `targets`, rows sum to 1 | `[batch, n_shares]` |
 //!
 //! Departures from the thesis, which names the error but not the loss
-//! - `expected_error`: mean absolute error of a reparameterised draw, so that the policy is trained as it acts.
-//! - `log_likelihood`: minus the log density of a candidate of the target, `ln target` (its softmax is the target); as
-//!   ordinary code has it, the density on the simplex itself is not formed.
+//! - `expected_error`: mean absolute error of a reparameterised draw, so that the policy is trained as it
+//!   acts.
+//! - `log_likelihood`: minus the log density of a candidate of the target, `ln target` (its softmax is the
+//!   target); as ordinary code has it, the density on the simplex itself is not formed.
 //! - `ln sd` is clamped to [-20, 2], as in the usual soft actor-critic.
 //!
-//! It samples in training and takes `softmax(mean)` where it is scored. Metric: `loss`, mean over the calls since the last
-//! measurement.
+//! It samples in training and takes `softmax(mean)` where it is scored. Metric: `loss`, mean over the calls
+//! since the last measurement.
 
 use crate::shared::checkpoint::{self, finite};
 use crate::shared::scaling::{ObservationScaling, Scaling};
-use crate::shared::simplex_regression::{Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error};
+use crate::shared::simplex_regression::{
+    Progress, RegressionLoss, examples, excess_error, log_shares, mean_absolute_error,
+};
 use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use numerics::gaussian::HALF_LN_TWO_PI;
 use numerics::gaussian_head::mean_and_log_sd;
@@ -61,7 +66,12 @@ pub struct Config {
 impl Default for Config {
     fn default() -> Self {
         let loss = RegressionLoss::ExpectedError;
-        Self { learning_rate: 0.01, loss, width: 64, observation_scaling: ObservationScaling::None }
+        Self {
+            learning_rate: 0.01,
+            loss,
+            width: 64,
+            observation_scaling: ObservationScaling::None,
+        }
     }
 }
 
@@ -80,7 +90,12 @@ pub struct GaussianSoftmaxRegression {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "regression onto a simplex with a Gaussian-softmax distribution";
-    let traits = AgentTraits { learns: true, metrics: metrics(), learns_from_examples: true, ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        learns_from_examples: true,
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -103,16 +118,30 @@ impl GaussianSoftmaxRegression {
         let shares = seat::simplex(NAME, seat)?.to_vec();
         seat::state_of_length(NAME, interface, shares.len())?;
         let scaling = Scaling::new(config.observation_scaling, seat::observed(NAME, seat)?);
-        let sizes = [scaling.n_channels(), config.width, config.width, config.width, 2 * shares.len()];
+        let sizes = [
+            scaling.n_channels(),
+            config.width,
+            config.width,
+            config.width,
+            2 * shares.len(),
+        ];
         let network = Mlp::new(&sizes, &LAYERS, 1.0, rng, &device().autodiff());
         let network = Trained::new(network, Adam::new(config.learning_rate, None));
-        Ok(Self { loss: config.loss, scaling, shares, network, progress: Progress::default() })
+        Ok(Self {
+            loss: config.loss,
+            scaling,
+            shares,
+            network,
+            progress: Progress::default(),
+        })
     }
 
     fn loss(&self, observations: Tensor<2>, targets: Tensor<2>, rng: &mut Rng) -> Tensor<1> {
         let (mean, log_sd) = mean_and_log_sd(self.network.network().forward(observations));
         match self.loss {
-            RegressionLoss::ExpectedError => mean_absolute_error(gaussian_softmax_sample(mean, log_sd, rng).action, targets),
+            RegressionLoss::ExpectedError => {
+                mean_absolute_error(gaussian_softmax_sample(mean, log_sd, rng).action, targets)
+            }
             RegressionLoss::LogLikelihood => log_density(mean, log_sd, log_shares(targets)).mean().neg(),
             RegressionLoss::ScoreFunction => {
                 let drawn = gaussian_softmax_sample(mean.clone().inner(), log_sd.clone().inner(), rng);
@@ -131,7 +160,10 @@ fn log_density(mean: Tensor<2>, log_sd: Tensor<2>, candidate: Tensor<2>) -> Tens
 
 impl Agent for GaussianSoftmaxRegression {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
+        let scaled = observations
+            .iter()
+            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
+            .collect();
         let scaled = matrix(scaled, self.scaling.n_channels());
         let (mean, log_sd) = mean_and_log_sd(self.network.network().valid().forward(scaled));
         let shares = match mode {
@@ -141,11 +173,19 @@ impl Agent for GaussianSoftmaxRegression {
         allocation::actions(&values(shares), self.shares.len(), self.progress.n_examples)
     }
 
-    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
         self.progress.n_examples += transitions.len() as u64;
         let (observations, targets) = examples(transitions, &self.scaling);
         let loss = self.loss(observations, targets, rng);
-        record.mean("loss", finite("loss", self.progress.n_examples, values(loss.clone())[0])?);
+        record.mean(
+            "loss",
+            finite("loss", self.progress.n_examples, values(loss.clone())[0])?,
+        );
         self.network.descend(&loss);
         self.progress.n_updates += 1;
         Ok(())
@@ -167,13 +207,19 @@ impl Agent for GaussianSoftmaxRegression {
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let (file, progress) = checkpoint::read(NAME, dir)?;
-        self.network.restore("network", &file).map_err(checkpoint::error_of(NAME))?;
+        self.network
+            .restore("network", &file)
+            .map_err(checkpoint::error_of(NAME))?;
         self.progress = progress;
         Ok(())
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(self.network.network(), self.scaling.ports(&self.shares), Head::SoftmaxMean);
+        let policy = Policy::new(
+            self.network.network(),
+            self.scaling.ports(&self.shares),
+            Head::SoftmaxMean,
+        );
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
@@ -192,7 +238,11 @@ mod tests {
     use engine::random::stream;
 
     fn agent(loss: RegressionLoss) -> GaussianSoftmaxRegression {
-        let config = Config { loss, width: 16, ..Config::default() };
+        let config = Config {
+            loss,
+            width: 16,
+            ..Config::default()
+        };
         GaussianSoftmaxRegression::new(&config, &bandit::interface(), &mut stream(&["regression"])).unwrap()
     }
 
@@ -224,13 +274,19 @@ mod tests {
     fn what_it_records_is_declared_and_what_it_exports_acts() {
         bandit::assert_declared(&mut agent(RegressionLoss::ExpectedError), &metrics());
         bandit::assert_exports(&mut agent(RegressionLoss::ExpectedError));
-        let config = || Config { width: 16, ..Config::default() };
+        let config = || Config {
+            width: 16,
+            ..Config::default()
+        };
         bandit::assert_imports(|interface, rng| build(config(), interface, rng).unwrap());
     }
 
     #[test]
     fn a_state_that_is_no_target_is_refused() {
         let interface = crate::shared::seat::tests::allocation(&["x"], &["best_1"], 3);
-        assert!(matches!(build(Config::default(), &interface, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
+        assert!(matches!(
+            build(Config::default(), &interface, &mut stream(&["x"])),
+            Err(Error::Mismatch { .. })
+        ));
     }
 }

@@ -1,7 +1,8 @@
-//! Soft actor-critic with a Gaussian-softmax policy: the original algorithm made to act on a simplex, as a baseline.
+//! Soft actor-critic with a Gaussian-softmax policy: the original algorithm made to act on a simplex, as a
+//! baseline.
 //!
-//! Haarnoja et al. 2018, "Soft actor-critic algorithms and applications", arXiv:1812.05905; thesis, section 3.4.1, for the
-//! policy: a candidate `u ~ N(mean, sd)` becomes the shares `a = softmax(u)` (eq. 3.3).
+//! Haarnoja et al. 2018, "Soft actor-critic algorithms and applications", arXiv:1812.05905; thesis, section
+//! 3.4.1, for the policy: a candidate `u ~ N(mean, sd)` becomes the shares `a = softmax(u)` (eq. 3.3).
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -13,11 +14,12 @@
 //! | H | `target_entropy`, minus the number of shares | scalar |
 //!
 //! Departures from the paper
-//! - Softmax in the place of tanh. The density is that of the candidate: softmax is no one-to-one map, and the density that
-//!   ordinary code takes is the one whose bias the thesis describes (section 3.4.1).
+//! - Softmax in the place of tanh. The density is that of the candidate: softmax is no one-to-one map, and
+//!   the density that ordinary code takes is the one whose bias the thesis describes (section 3.4.1).
 //! - Networks as the thesis has them: three hidden layers with leaky rectifiers, initialised after He et al.
 //! - `ln sd` is clamped to [-20, 2], as in the authors' code.
-//! - One update per 16 environment steps and a first temperature of 0.1 by default, as for the Dirichlet policy.
+//! - One update per 16 environment steps and a first temperature of 0.1 by default, as for the Dirichlet
+//!   policy.
 //!
 //! Metrics, means over the updates since the last measurement: `critic_loss`, `policy_loss`, `policy_entropy`
 //! (`-mean(log pi)` of the candidate), `temperature`, `mean_value`.
@@ -31,8 +33,8 @@ use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
-    UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates, UseOfDatasets,
 };
 use numerics::gaussian_head::{self, mean_and_log_sd};
 use numerics::gaussian_softmax::{GaussianSoftmaxSample, gaussian_softmax_sample};
@@ -67,7 +69,8 @@ pub struct Config {
     #[schemars(extend("x-source" = "Haarnoja et al. 2018, table 1: null"))]
     pub target_entropy: Option<f64>,
     /// Transitions per update.
-    #[schemars(range(min = 1, max = 65536), extend("x-source" = "Haarnoja et al. 2018, table 1; thesis, table 3.1: 1024"))]
+    #[schemars(range(min = 1, max = 65536), extend("x-source" = "Haarnoja et al. 2018, table 1; thesis, \
+                                                                 table 3.1: 1024"))]
     pub batch_size: usize,
     /// Discount gamma.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 3.1"))]
@@ -76,13 +79,15 @@ pub struct Config {
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 3.1"))]
     pub target_smoothing: f64,
     /// Updates per environment step, all environments counted.
-    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "as for the Dirichlet policy; thesis, table 3.1: 1"))]
+    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "as for the Dirichlet policy; thesis, \
+                                                                  table 3.1: 1"))]
     pub updates_per_step: f64,
     /// Units of each hidden layer of policy and critics.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 3.4.5"))]
     pub width: usize,
-    /// Scale of the policy's output weights when fresh; 1 is that of the Kaiming initialiser, which the thesis names. Small, the first
-    /// policy shares about equally; at 1 its shares are so uneven that packs last 2 decisions and 100 000 steps go by before it learns.
+    /// Scale of the policy's output weights when fresh; 1 is that of the Kaiming initialiser, which the
+    /// thesis names. Small, the first policy shares about equally; at 1 its shares are so uneven that packs
+    /// last 2 decisions and 100 000 steps go by before it learns.
     #[schemars(range(min = 0.0, max = 10.0), extend("x-source" = "own choice, by experiment"))]
     pub output_gain: f64,
     /// Hidden layers of the policy.
@@ -159,7 +164,12 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic with a Gaussian-softmax policy";
     // Off the policy: a replay buffer does not ask who decided.
     let datasets = UseOfDatasets::Also;
-    let traits = AgentTraits { learns: true, metrics: metrics(), datasets, ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        datasets,
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -175,10 +185,23 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of both critics").lower_is_better(),
-        Metric::new("policy_loss", "", "temperature times log pi less the lower critic").lower_is_better(),
-        Metric::new("policy_entropy", "nat", "minus the mean log density of sampled candidates"),
+        Metric::new(
+            "policy_loss",
+            "",
+            "temperature times log pi less the lower critic",
+        )
+        .lower_is_better(),
+        Metric::new(
+            "policy_entropy",
+            "nat",
+            "minus the mean log density of sampled candidates",
+        ),
         Metric::new("temperature", "", "weight of the entropy").lower_is_better(),
-        Metric::new("mean_value", "", "mean of the lower critic at the policy's actions"),
+        Metric::new(
+            "mean_value",
+            "",
+            "mean of the lower critic at the policy's actions",
+        ),
     ]
 }
 
@@ -193,9 +216,21 @@ impl GaussianSoftmaxSac {
         let sizes = |inputs, layers, outputs| [vec![inputs], vec![width; layers], vec![outputs]].concat();
         let activations = |layers| vec![Activation::LeakyRelu; layers];
         let (layers, outputs) = (config.policy_layers, 2 * n_shares);
-        let policy = Mlp::new(&sizes(n_observed, layers, outputs), &activations(layers), config.output_gain, rng, &tracked);
+        let policy = Mlp::new(
+            &sizes(n_observed, layers, outputs),
+            &activations(layers),
+            config.output_gain,
+            rng,
+            &tracked,
+        );
         let (layers, inputs) = (config.critic_layers, n_observed + n_shares);
-        let critics = TwinMlp::new(&sizes(inputs, layers, 1), &activations(layers), 1.0, rng, &tracked);
+        let critics = TwinMlp::new(
+            &sizes(inputs, layers, 1),
+            &activations(layers),
+            1.0,
+            rng,
+            &tracked,
+        );
         let adam = |rate| Adam::new(rate, config.gradient_clip);
         Ok(Self {
             target_entropy: config.target_entropy.unwrap_or(-(n_shares as f64)),
@@ -229,7 +264,10 @@ impl GaussianSoftmaxSac {
         let input = Tensor::cat(vec![batch.observations.clone(), batch.actions.clone()], 1);
         let (q1, q2) = self.critics.network().forward(input);
         let loss = half_squared_error(q1, target.clone()) + half_squared_error(q2, target);
-        record.mean("critic_loss", finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
+        record.mean(
+            "critic_loss",
+            finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+        );
         self.critics.descend(&loss);
         Ok(())
     }
@@ -237,9 +275,16 @@ impl GaussianSoftmaxSac {
     /// Eq. 2 and 3: reward plus the discounted soft value of what follows, without gradients.
     fn soft_target(&self, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
         let next = self.draw(&self.policy.network().valid(), &batch.next_observations, rng);
-        let (q1, q2) = self.target_critics.forward(Tensor::cat(vec![batch.next_observations.clone(), next.action], 1));
+        let (q1, q2) = self
+            .target_critics
+            .forward(Tensor::cat(vec![batch.next_observations.clone(), next.action], 1));
         let soft_value = q1.min_pair(q2) - next.log_density * self.temperature();
-        bootstrapped(batch.rewards.clone(), batch.continues.clone(), soft_value, self.config.discount)
+        bootstrapped(
+            batch.rewards.clone(),
+            batch.continues.clone(),
+            soft_value,
+            self.config.discount,
+        )
     }
 
     /// Eq. 9: the policy descends `temperature * log pi - Q`; returns the mean of `log pi`.
@@ -250,7 +295,10 @@ impl GaussianSoftmaxSac {
         let (q1, q2) = self.critics.network().valid().forward(input);
         let q = q1.min_pair(q2);
         let loss = (drawn.log_density.clone() * self.temperature() - q.clone()).mean();
-        record.mean("policy_loss", finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
+        record.mean(
+            "policy_loss",
+            finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+        );
         self.policy.descend(&loss);
         let mean_log_pi = f64::from(mean(drawn.log_density));
         record.mean("policy_entropy", -mean_log_pi);
@@ -277,7 +325,10 @@ impl GaussianSoftmaxSac {
 
 impl Agent for GaussianSoftmaxSac {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
+        let scaled = observations
+            .iter()
+            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
+            .collect();
         let scaled = matrix(scaled, self.scaling.n_channels());
         let policy = self.policy.network().valid();
         let shares = match mode {
@@ -287,19 +338,34 @@ impl Agent for GaussianSoftmaxSac {
         allocation::actions(&values(shares), self.shares.len(), self.schedule.n_steps())
     }
 
-    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
         for transition in transitions {
             self.replay.push_scaled(transition, &self.scaling);
         }
-        let Config { learning_starts, updates_per_step, .. } = self.config;
-        for _ in 0..self.schedule.advance(transitions.len(), learning_starts, updates_per_step) {
+        let Config {
+            learning_starts,
+            updates_per_step,
+            ..
+        } = self.config;
+        for _ in 0..self
+            .schedule
+            .advance(transitions.len(), learning_starts, updates_per_step)
+        {
             self.update(rng, record)?;
         }
         Ok(())
     }
 
     fn updates(&self) -> Option<Updates> {
-        Some(self.schedule.updates(self.config.learning_starts, self.config.updates_per_step))
+        Some(
+            self.schedule
+                .updates(self.config.learning_starts, self.config.updates_per_step),
+        )
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -308,8 +374,22 @@ impl Agent for GaussianSoftmaxSac {
         self.critics.store("critics", &mut file);
         store(&self.target_critics, "target_critics", &mut file);
         self.replay.store(&mut file);
-        let Self { log_temperature, temperature_adam, schedule, .. } = *self;
-        checkpoint::write(NAME, dir, file, &Counters { log_temperature, temperature_adam, schedule })
+        let Self {
+            log_temperature,
+            temperature_adam,
+            schedule,
+            ..
+        } = *self;
+        checkpoint::write(
+            NAME,
+            dir,
+            file,
+            &Counters {
+                log_temperature,
+                temperature_adam,
+                schedule,
+            },
+        )
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
@@ -317,15 +397,25 @@ impl Agent for GaussianSoftmaxSac {
         let misfit = checkpoint::error_of(NAME);
         self.policy.restore("policy", &file).map_err(&misfit)?;
         self.critics.restore("critics", &file).map_err(&misfit)?;
-        self.target_critics = restore(self.target_critics.clone(), "target_critics", &file).map_err(&misfit)?;
+        self.target_critics =
+            restore(self.target_critics.clone(), "target_critics", &file).map_err(&misfit)?;
         self.replay.restore(&file).map_err(&misfit)?;
-        let Counters { log_temperature, temperature_adam, schedule } = counters;
-        (self.log_temperature, self.temperature_adam, self.schedule) = (log_temperature, temperature_adam, schedule);
+        let Counters {
+            log_temperature,
+            temperature_adam,
+            schedule,
+        } = counters;
+        (self.log_temperature, self.temperature_adam, self.schedule) =
+            (log_temperature, temperature_adam, schedule);
         Ok(())
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        let policy = Policy::new(self.policy.network(), self.scaling.ports(&self.shares), Head::SoftmaxMean);
+        let policy = Policy::new(
+            self.policy.network(),
+            self.scaling.ports(&self.shares),
+            Head::SoftmaxMean,
+        );
         policy.write(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
@@ -344,7 +434,13 @@ mod tests {
     use engine::random::stream;
 
     fn tiny() -> Config {
-        Config { width: 16, batch_size: 32, learning_starts: 32, updates_per_step: 0.125, ..Config::default() }
+        Config {
+            width: 16,
+            batch_size: 32,
+            learning_starts: 32,
+            updates_per_step: 0.125,
+            ..Config::default()
+        }
     }
 
     fn agent(config: Config) -> GaussianSoftmaxSac {
@@ -354,25 +450,49 @@ mod tests {
     #[test]
     fn deviations_stay_within_their_limits() {
         let (mean, log_sd) = mean_and_log_sd(matrix(vec![1.0, -2.0, 5.0, -30.0], 4));
-        assert_eq!((values(mean), values(log_sd)), (vec![1.0, -2.0], vec![2.0, -20.0]));
+        assert_eq!(
+            (values(mean), values(log_sd)),
+            (vec![1.0, -2.0], vec![2.0, -20.0])
+        );
     }
 
     #[test]
     fn the_target_entropy_is_minus_the_number_of_shares() {
         assert_eq!(agent(tiny()).target_entropy, -3.0);
-        assert_eq!(agent(Config { target_entropy: Some(-1.5), ..tiny() }).target_entropy, -1.5);
+        assert_eq!(
+            agent(Config {
+                target_entropy: Some(-1.5),
+                ..tiny()
+            })
+            .target_entropy,
+            -1.5
+        );
     }
 
     #[test]
     fn the_soft_target_by_hand() {
-        let mut agent = agent(Config { first_temperature: 0.5, ..tiny() });
+        let mut agent = agent(Config {
+            first_temperature: 0.5,
+            ..tiny()
+        });
         bandit::train(&mut agent, 1, &mut stream(&["target"]));
         let mut batch = agent.replay.sample_with_replacement(4, &mut stream(&["batch"]));
         batch.continues = batch.continues.ones_like();
         let target = values(agent.soft_target(&batch, &mut stream(&["noise"])));
-        let next = agent.draw(&agent.policy.network().valid(), &batch.next_observations, &mut stream(&["noise"]));
-        let (q1, q2) = agent.target_critics.forward(Tensor::cat(vec![batch.next_observations, next.action], 1));
-        let (q1, q2, log_pi, r) = (values(q1), values(q2), values(next.log_density), values(batch.rewards));
+        let next = agent.draw(
+            &agent.policy.network().valid(),
+            &batch.next_observations,
+            &mut stream(&["noise"]),
+        );
+        let (q1, q2) = agent
+            .target_critics
+            .forward(Tensor::cat(vec![batch.next_observations, next.action], 1));
+        let (q1, q2, log_pi, r) = (
+            values(q1),
+            values(q2),
+            values(next.log_density),
+            values(batch.rewards),
+        );
         for i in 0..4 {
             assert!((target[i] - (r[i] + 0.99 * (q1[i].min(q2[i]) - 0.5 * log_pi[i]))).abs() < 1e-5);
         }

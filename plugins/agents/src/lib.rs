@@ -13,9 +13,9 @@
 //!   "Multi-agent actor-critic with time dynamical opponent model", Neurocomputing 517 (2023) 165-172.
 //!
 //! Invariants
-//! 1. No agent names an environment: it reads the seats, spaces and channel names of an [`engine::Interface`].
-//! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a number.
-//! 3. A saved and loaded agent continues to the same bits.
+//! 1. No agent names an environment: it reads the seats, spaces and channel names of an
+//! [`engine::Interface`]. 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of
+//! a hash map reaches a number. 3. A saved and loaded agent continues to the same bits.
 
 pub mod behaviour_cloning;
 pub mod ddpg;
@@ -83,8 +83,19 @@ mod tests {
     #[test]
     fn defaults_and_presets_resolve_to_themselves() {
         for (name, entry) in &registry().agents {
-            assert_eq!((entry.about.resolve)(&entry.about.defaults).unwrap(), entry.about.defaults, "{name}");
-            assert!(entry.about.presets.iter().all(|preset| (entry.about.resolve)(&preset.values).is_ok()), "{name}");
+            assert_eq!(
+                (entry.about.resolve)(&entry.about.defaults).unwrap(),
+                entry.about.defaults,
+                "{name}"
+            );
+            assert!(
+                entry
+                    .about
+                    .presets
+                    .iter()
+                    .all(|preset| (entry.about.resolve)(&preset.values).is_ok()),
+                "{name}"
+            );
             assert_eq!(entry.learns, !entry.metrics.is_empty(), "{name}");
         }
     }
@@ -93,8 +104,12 @@ mod tests {
     #[test]
     fn every_module_beside_the_shared_ones_is_an_agent_of_its_name() {
         let registry = registry();
-        let modules = include_str!("lib.rs").lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';'));
-        let strangers: Vec<_> = modules.filter(|name| *name != "shared" && !registry.agents.contains_key(name)).collect();
+        let modules = include_str!("lib.rs")
+            .lines()
+            .filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';'));
+        let strangers: Vec<_> = modules
+            .filter(|name| *name != "shared" && !registry.agents.contains_key(name))
+            .collect();
         assert!(strangers.is_empty(), "{strangers:?}");
     }
 }

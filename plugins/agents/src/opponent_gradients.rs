@@ -1,16 +1,19 @@
-//! How much of the gradient of TDOM-AC's opponent models comes from the critics: theorem 1 of the thesis, measured.
+//! How much of the gradient of TDOM-AC's opponent models comes from the critics: theorem 1 of the thesis,
+//! measured.
 //!
-//! TDOM-AC learns (preset `differential_game`) with one of its two objectives of the opponent models. After each update the
-//! gradient of that objective is taken apart on a fresh minibatch, for every opponent model of every seat:
+//! TDOM-AC learns (preset `differential_game`) with one of its two objectives of the opponent models. After
+//! each update the gradient of that objective is taken apart on a fresh minibatch, for every opponent model
+//! of every seat:
 //!
 //! | thesis, chapter 4 | here |
 //! |---|---|
 //! | gradient of `E sum Q` (4.17), of `E Q^j` (4.22) | `value_gradient`, Euclidean norm over the model's parameters |
 //! | gradient of `E log rho` | `entropy_gradient`, likewise |
 //!
-//! The theorem: in a zero-sum game of two players the critics of (4.17) cancel, so that the entropy part alone is left. It holds
-//! for exact critics; those here are learnt, one for each player, and cancel as far as both have become exact. What the models
-//! learn from is not touched by the measurement: running moments are put back.
+//! The theorem: in a zero-sum game of two players the critics of (4.17) cancel, so that the entropy part
+//! alone is left. It holds for exact critics; those here are learnt, one for each player, and cancel as far
+//! as both have become exact. What the models learn from is not touched by the measurement: running moments
+//! are put back.
 //!
 //! Metrics: means over the models, of the latest update. Both parts are taken with the same draws.
 
@@ -18,8 +21,8 @@ use crate::shared::opponent_modelling::{Learner, SeatBatch, Settings, others};
 use crate::tdom_ac::{self, OpponentObjective};
 use burn::tensor::Tensor;
 use engine::{
-    Action, Agent, AgentTraits, Config as _, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition,
-    Updates,
+    Action, Agent, AgentTraits, Config as _, Error, Interface, Metric, Mode, Observation, Recorder, Registry,
+    Rng, Transition, Updates,
 };
 use numerics::optimizer::gradients;
 use numerics::squashed::sample;
@@ -52,7 +55,12 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { opponent_objective: OpponentObjective::Aligned, width: 128, batch_size: 512, learning_starts: 16 }
+        Self {
+            opponent_objective: OpponentObjective::Aligned,
+            width: 128,
+            batch_size: 512,
+            learning_starts: 16,
+        }
     }
 }
 
@@ -61,8 +69,14 @@ impl engine::Config for Config {}
 fn metrics() -> Vec<Metric> {
     let norm = |name: &str, about: &str| Metric::new(name, "", about).lower_is_better();
     vec![
-        norm("value_gradient", "norm of the critics' part of the gradient of an opponent model, mean over the models"),
-        norm("entropy_gradient", "norm of the entropy's part of the gradient of an opponent model, mean over the models"),
+        norm(
+            "value_gradient",
+            "norm of the critics' part of the gradient of an opponent model, mean over the models",
+        ),
+        norm(
+            "entropy_gradient",
+            "norm of the entropy's part of the gradient of an opponent model, mean over the models",
+        ),
     ]
 }
 
@@ -74,8 +88,13 @@ pub struct OpponentGradients {
 
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
-    let about = "takes the gradient of the opponent models of TDOM-AC apart into the critics' part and the entropy's";
-    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    let about =
+        "takes the gradient of the opponent models of TDOM-AC apart into the critics' part and the entropy's";
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -84,17 +103,36 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// # Errors
 /// Those of `tdom_ac`.
 fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    Ok(Box::new(OpponentGradients { learner: Learner::new(learning(config)?, interface, rng)? }))
+    Ok(Box::new(OpponentGradients {
+        learner: Learner::new(learning(config)?, interface, rng)?,
+    }))
 }
 
 fn learning(config: Config) -> Result<tdom_ac::Config, Error> {
-    let preset = tdom_ac::Config::presets().into_iter().find(|preset| preset.name == PRESET);
+    let preset = tdom_ac::Config::presets()
+        .into_iter()
+        .find(|preset| preset.name == PRESET);
     let values = preset.map(|preset| preset.values).unwrap_or_default();
     let learning: Result<tdom_ac::Config, _> = serde_json::from_value(values);
-    let learning = learning.map_err(|problem| Error::config("opponent_objective", format!("preset `{PRESET}`: {problem}")))?;
-    let Config { opponent_objective, width, batch_size, learning_starts } = config;
-    let settings = Settings { width, batch_size, learning_starts, ..learning.settings };
-    Ok(tdom_ac::Config { opponent_objective, settings, ..learning })
+    let learning = learning
+        .map_err(|problem| Error::config("opponent_objective", format!("preset `{PRESET}`: {problem}")))?;
+    let Config {
+        opponent_objective,
+        width,
+        batch_size,
+        learning_starts,
+    } = config;
+    let settings = Settings {
+        width,
+        batch_size,
+        learning_starts,
+        ..learning.settings
+    };
+    Ok(tdom_ac::Config {
+        opponent_objective,
+        settings,
+        ..learning
+    })
 }
 
 impl OpponentGradients {
@@ -115,9 +153,21 @@ impl OpponentGradients {
     }
 
     /// Norms for the model `at` of a seat, which predicts the seat `other`.
-    fn parts_of_model(&mut self, seat: usize, (at, other): (usize, usize), batch: &SeatBatch, rng: &mut Rng) -> (f64, f64) {
-        let settings = Settings { opponent_entropy_weight: 0.0, ..self.learner.algorithm.settings };
-        let value_alone = tdom_ac::Config { settings, ..self.learner.algorithm.clone() };
+    fn parts_of_model(
+        &mut self,
+        seat: usize,
+        (at, other): (usize, usize),
+        batch: &SeatBatch,
+        rng: &mut Rng,
+    ) -> (f64, f64) {
+        let settings = Settings {
+            opponent_entropy_weight: 0.0,
+            ..self.learner.algorithm.settings
+        };
+        let value_alone = tdom_ac::Config {
+            settings,
+            ..self.learner.algorithm.clone()
+        };
         let game = &mut self.learner.game;
         let mut same_draws = rng.clone();
         let value = match value_alone.opponent_objective {
@@ -136,7 +186,10 @@ impl OpponentGradients {
     /// Norm of a loss's gradient in the parameters of one opponent model.
     fn norm(&self, seat: usize, at: usize, loss: &Tensor<1>) -> f64 {
         let network = self.learner.game.players[seat].opponents[at].network();
-        let squares = gradients(network, &mut loss.backward()).concat().into_iter().map(|g| f64::from(g) * f64::from(g));
+        let squares = gradients(network, &mut loss.backward())
+            .concat()
+            .into_iter()
+            .map(|g| f64::from(g) * f64::from(g));
         squares.sum::<f64>().sqrt()
     }
 }
@@ -146,7 +199,12 @@ impl Agent for OpponentGradients {
         self.learner.act(observations, mode, rng)
     }
 
-    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
         self.learner.learn(transitions, rng, &mut Recorder::default())?;
         let starts = self.learner.algorithm.settings.learning_starts;
         if self.learner.game.replay.len() as u64 >= starts {
@@ -185,9 +243,19 @@ mod tests {
     use engine::random::stream;
 
     fn agent(opponent_objective: OpponentObjective) -> OpponentGradients {
-        let config = Config { opponent_objective, width: 16, batch_size: 32, ..Config::default() };
+        let config = Config {
+            opponent_objective,
+            width: 16,
+            batch_size: 32,
+            ..Config::default()
+        };
         OpponentGradients {
-            learner: Learner::new(learning(config).unwrap(), &coordination::game(), &mut stream(&["learner"])).unwrap(),
+            learner: Learner::new(
+                learning(config).unwrap(),
+                &coordination::game(),
+                &mut stream(&["learner"]),
+            )
+            .unwrap(),
         }
     }
 
@@ -200,7 +268,11 @@ mod tests {
         let (value, entropy) = agent.parts(&mut stream(&["measure"]));
         agent.save(dirs[1].path()).unwrap();
         assert!(value > 0.0 && entropy > 0.0);
-        let files = || std::fs::read_dir(dirs[0].path()).unwrap().map(|entry| entry.unwrap().file_name());
+        let files = || {
+            std::fs::read_dir(dirs[0].path())
+                .unwrap()
+                .map(|entry| entry.unwrap().file_name())
+        };
         assert!(files().count() > 0);
         for name in files() {
             let [one, two] = [0, 1].map(|at: usize| std::fs::read(dirs[at].path().join(&name)).unwrap());
@@ -217,8 +289,17 @@ mod tests {
             let batch = agent.learner.game.batch(0, &mut stream(&["batch"]));
             let config = agent.learner.algorithm.clone();
             let mut gradient = |weight: f64| {
-                let settings = Settings { opponent_entropy_weight: weight, ..config.settings };
-                let (config, rng) = (tdom_ac::Config { settings, ..config.clone() }, &mut stream(&["x"]));
+                let settings = Settings {
+                    opponent_entropy_weight: weight,
+                    ..config.settings
+                };
+                let (config, rng) = (
+                    tdom_ac::Config {
+                        settings,
+                        ..config.clone()
+                    },
+                    &mut stream(&["x"]),
+                );
                 let game = &mut agent.learner.game;
                 let loss = match objective {
                     OpponentObjective::Aligned => config.aligned_loss(game, 0, (0, 1), &batch, rng),
@@ -227,9 +308,17 @@ mod tests {
                 gradients(game.players[0].opponents[0].network(), &mut loss.backward()).concat()
             };
             let (both, value) = (gradient(1.0), gradient(0.0));
-            let difference = both.iter().zip(&value).map(|(both, value)| f64::from(both - value).powi(2)).sum::<f64>().sqrt();
+            let difference = both
+                .iter()
+                .zip(&value)
+                .map(|(both, value)| f64::from(both - value).powi(2))
+                .sum::<f64>()
+                .sqrt();
             let norms = agent.parts_of_model(0, (0, 1), &batch, &mut stream(&["x"]));
-            assert!((norms.1 - difference).abs() < 1e-4 * difference, "{norms:?} {difference}");
+            assert!(
+                (norms.1 - difference).abs() < 1e-4 * difference,
+                "{norms:?} {difference}"
+            );
         }
     }
 

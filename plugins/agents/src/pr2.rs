@@ -1,7 +1,9 @@
-//! PR2: probabilistic recursive reasoning, a policy that improves through its opponents' predicted answers to its own action.
+//! PR2: probabilistic recursive reasoning, a policy that improves through its opponents' predicted answers to
+//! its own action.
 //!
-//! Wen et al. 2019, "Probabilistic recursive reasoning for multi-agent reinforcement learning", ICLR; thesis, section 4.5, as a
-//! baseline with an entropy term, in the form of its released code (github.com/Yuantian013/TDOM-AC).
+//! Wen et al. 2019, "Probabilistic recursive reasoning for multi-agent reinforcement learning", ICLR; thesis,
+//! section 4.5, as a baseline with an entropy term, in the form of its released code
+//! (github.com/Yuantian013/TDOM-AC).
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -11,26 +13,32 @@
 //! | alpha | `policy_entropy_weight`, `opponent_entropy_weight`, `critic_entropy_weight` | scalars |
 //!
 //! Order of an update, per seat on a minibatch of its own: critic, opponent models, policy.
-//! - Critic: towards `r + gamma (1 - d) [mean over the draws of Q_target - alpha log pi]` at a^i drawn from pi(s').
-//! - Opponent model of seat o: `mean(alpha log rho - Q^i)` with o's stored action replaced by its answer to the own stored one.
-//! - Policy: `mean(alpha log pi - mean over the draws of Q^i)`; the gradient also flows through the answers into a^i.
+//! - Critic: towards `r + gamma (1 - d) [mean over the draws of Q_target - alpha log pi]` at a^i drawn from
+//!   pi(s').
+//! - Opponent model of seat o: `mean(alpha log rho - Q^i)` with o's stored action replaced by its answer to
+//!   the own stored one.
+//! - Policy: `mean(alpha log pi - mean over the draws of Q^i)`; the gradient also flows through the answers
+//!   into a^i.
 //!
-//! The heads of the opponent models do not depend on the draw, so they are evaluated once for all draws; the critic is evaluated
-//! once per draw, since its inputs are normalised draw by draw. The released code subtracts from Q^i in the opponent models'
-//! loss an estimate of its mean, a constant without a gradient, which is left out here.
+//! The heads of the opponent models do not depend on the draw, so they are evaluated once for all draws; the
+//! critic is evaluated once per draw, since its inputs are normalised draw by draw. The released code
+//! subtracts from Q^i in the opponent models' loss an estimate of its mean, a constant without a gradient,
+//! which is left out here.
 //!
-//! Variants of the released code, all with Gaussian opponent models in the place of the paper's sampler trained by Stein
-//! gradients: `differential_game` is `pr2.py`, `released_code` is `pr2_comp.py` (what its tag script imports),
-//! `released_code_navigation` is `pr2_v1.py`, whose opponent models minimise the seat's own value and whose critic
-//! bootstraps from one mean over the whole batch. `original` leaves the entropy of the own policy out, as the paper does; the opponent
-//! models keep theirs, which makes them soft posteriors. `joined_draws: log_mean_exp` is the paper's soft maximum over the draws.
+//! Variants of the released code, all with Gaussian opponent models in the place of the paper's sampler
+//! trained by Stein gradients: `differential_game` is `pr2.py`, `released_code` is `pr2_comp.py` (what its
+//! tag script imports), `released_code_navigation` is `pr2_v1.py`, whose opponent models minimise the seat's
+//! own value and whose critic bootstraps from one mean over the whole batch. `original` leaves the entropy of
+//! the own policy out, as the paper does; the opponent models keep theirs, which makes them soft posteriors.
+//! `joined_draws: log_mean_exp` is the paper's soft maximum over the draws.
 //!
 //! Departures from the thesis' text: those of [`crate::tdom_ac`].
 //!
 //! Metrics: those of [`crate::tdom_ac`] with the losses above.
 
 use crate::shared::opponent_modelling::{
-    Algorithm, Conditioning, Game, Learner, Origin, Player, SeatBatch, Settings, beside, metrics as shared_metrics, others,
+    Algorithm, Conditioning, Game, Learner, Origin, Player, SeatBatch, Settings, beside,
+    metrics as shared_metrics, others,
 };
 use burn::tensor::Tensor;
 use engine::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
@@ -79,7 +87,8 @@ pub enum JoinedDraws {
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Draws from the opponent models per state, in the critic's target and the policy's objective.
-    #[schemars(range(min = 1, max = 1024), extend("x-source" = "released code: 1 in predator and prey, else 16"))]
+    #[schemars(range(min = 1, max = 1024), extend("x-source" = "released code: 1 in predator and prey, else \
+                                                                16"))]
     pub opponent_samples: usize,
     /// What follows a transition in the critic's target.
     #[schemars(extend("x-source" = "released code: per_state in predator and prey, else batch_mean"))]
@@ -124,8 +133,16 @@ impl engine::Config for Config {
         original["critic_entropy_weight"] = 0.0.into();
         let navigation = own(16, "batch_mean", "minimise");
         vec![
-            Origin::Text.preset("thesis", "thesis, section 4.5, as printed", own(16, "per_state", "maximise")),
-            Origin::ParticleCode.preset("original", "Wen et al. 2019: no entropy of the own policy", original),
+            Origin::Text.preset(
+                "thesis",
+                "thesis, section 4.5, as printed",
+                own(16, "per_state", "maximise"),
+            ),
+            Origin::ParticleCode.preset(
+                "original",
+                "Wen et al. 2019: no entropy of the own policy",
+                original,
+            ),
             Origin::ParticleCode.preset(
                 "released_code",
                 "released code, predator and prey (pr2_comp.py)",
@@ -148,7 +165,11 @@ impl engine::Config for Config {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "actor-critic for several seats that reasons through the others' answers to its own action";
-    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -174,8 +195,17 @@ impl Algorithm for Config {
         &self.settings
     }
 
-    fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
-        let head = game.players[seat].policy.acting_head(game.seen(seat, observations));
+    fn decide(
+        &self,
+        game: &Game,
+        seat: usize,
+        observations: &Tensor<2>,
+        mode: Mode,
+        rng: &mut Rng,
+    ) -> Tensor<2> {
+        let head = game.players[seat]
+            .policy
+            .acting_head(game.seen(seat, observations));
         match mode {
             Mode::Train => sample(head, rng).action,
             Mode::Evaluate => mean_action(head),
@@ -185,7 +215,12 @@ impl Algorithm for Config {
     fn predict(&self, game: &Game, seat: usize, observations: &Tensor<2>, actions: &Tensor<2>) -> Tensor<2> {
         let input = beside(&game.seen(seat, observations), vec![game.own(actions, seat)]);
         let models = game.players[seat].opponents.iter();
-        Tensor::cat(models.map(|model| mean_action(model.acting_head(input.clone()))).collect(), 1)
+        Tensor::cat(
+            models
+                .map(|model| mean_action(model.acting_head(input.clone())))
+                .collect(),
+            1,
+        )
     }
 
     fn improve(
@@ -210,15 +245,17 @@ impl Algorithm for Config {
 }
 
 impl Config {
-    /// The value behind s': `Q_target - alpha log pi`, joined over the draws and, where asked for, over the batch.
+    /// The value behind s': `Q_target - alpha log pi`, joined over the draws and, where asked for, over the
+    /// batch.
     fn next_value(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> Tensor<2> {
         let following = &batch.next_observations;
         let seen = game.seen(seat, following);
         let own = sample(game.players[seat].policy.plain_head(seen.clone()), rng);
         let answers = self.answers(&mut game.players[seat], &seen, &own.action, rng);
         let critic = &game.players[seat].critic;
-        let values =
-            answers.into_iter().map(|others| critic.target_value(following, game.joint(seat, own.action.clone(), others)));
+        let values = answers
+            .into_iter()
+            .map(|others| critic.target_value(following, game.joint(seat, own.action.clone(), others)));
         let weight = self.critic_entropy_weight;
         let value = self.joined(values.collect(), weight) - own.log_density * weight;
         match self.bootstrap {
@@ -236,7 +273,10 @@ impl Config {
         batch: &SeatBatch,
         rng: &mut Rng,
     ) -> Tensor<1> {
-        let input = beside(&game.seen(seat, &batch.observations), vec![game.own(&batch.actions, seat)]);
+        let input = beside(
+            &game.seen(seat, &batch.observations),
+            vec![game.own(&batch.actions, seat)],
+        );
         let drawn = sample(game.players[seat].opponents[at].tracked_head(input), rng);
         let actions = game.layout.with_action(&batch.actions, other, drawn.action);
         let value = game.players[seat].critic.value(&batch.observations, actions);
@@ -248,24 +288,45 @@ impl Config {
     }
 
     /// `mean(alpha log pi - Q^i)` with the answers to the drawn action, and `log pi` `[batch, 1]`.
-    fn policy_loss(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng) -> (Tensor<1>, Tensor<2>) {
+    fn policy_loss(
+        &self,
+        game: &mut Game,
+        seat: usize,
+        batch: &SeatBatch,
+        rng: &mut Rng,
+    ) -> (Tensor<1>, Tensor<2>) {
         let s = &batch.observations;
         let seen = game.seen(seat, s);
         let own = sample(game.players[seat].policy.tracked_head(seen.clone()), rng);
         let answers = self.answers(&mut game.players[seat], &seen, &own.action, rng);
         let critic = &game.players[seat].critic;
-        let values = answers.into_iter().map(|others| critic.value(s, game.joint(seat, own.action.clone(), others)));
+        let values = answers
+            .into_iter()
+            .map(|others| critic.value(s, game.joint(seat, own.action.clone(), others)));
         let weight = self.settings.policy_entropy_weight;
         let value = self.joined(values.collect(), weight);
         ((own.log_density.clone() * weight - value).mean(), own.log_density)
     }
 
-    /// The opponents' answers to an action: per draw, one action of each. Gradients flow through them into the action alone.
-    fn answers(&self, player: &mut Player, observations: &Tensor<2>, action: &Tensor<2>, rng: &mut Rng) -> Vec<Vec<Tensor<2>>> {
+    /// The opponents' answers to an action: per draw, one action of each. Gradients flow through them into
+    /// the action alone.
+    fn answers(
+        &self,
+        player: &mut Player,
+        observations: &Tensor<2>,
+        action: &Tensor<2>,
+        rng: &mut Rng,
+    ) -> Vec<Vec<Tensor<2>>> {
         let input = beside(observations, vec![action.clone()]);
-        let heads: Vec<_> = player.opponents.iter_mut().map(|model| model.plain_head(input.clone())).collect();
+        let heads: Vec<_> = player
+            .opponents
+            .iter_mut()
+            .map(|model| model.plain_head(input.clone()))
+            .collect();
         let mut answer = |head: &Tensor<2>| sample(head.clone(), rng).action;
-        (0..self.opponent_samples).map(|_| heads.iter().map(&mut answer).collect()).collect()
+        (0..self.opponent_samples)
+            .map(|_| heads.iter().map(&mut answer).collect())
+            .collect()
     }
 
     #[allow(clippy::cast_precision_loss, reason = "a number of draws is far below 2^52")]
@@ -290,32 +351,53 @@ mod tests {
     use numerics::network::{matrix, values};
 
     fn tiny() -> Config {
-        Config { opponent_samples: 2, settings: trials::tiny(), ..Config::default() }
+        Config {
+            opponent_samples: 2,
+            settings: trials::tiny(),
+            ..Config::default()
+        }
     }
 
     fn plain() -> Config {
-        Config { settings: trials::plain(), ..tiny() }
+        Config {
+            settings: trials::plain(),
+            ..tiny()
+        }
     }
 
     #[test]
     fn the_target_by_its_parts() {
         for bootstrap in [Bootstrap::PerState, Bootstrap::BatchMean] {
-            let mut learner = trials::learner(Config { critic_entropy_weight: 0.3, bootstrap, ..plain() });
+            let mut learner = trials::learner(Config {
+                critic_entropy_weight: 0.3,
+                bootstrap,
+                ..plain()
+            });
             let batch = trials::batch(&mut learner, 8);
-            let got = values(learner.algorithm.clone().next_value(&mut learner.game, 0, &batch, &mut stream(&["noise"])));
+            let got = values(learner.algorithm.clone().next_value(
+                &mut learner.game,
+                0,
+                &batch,
+                &mut stream(&["noise"]),
+            ));
             let (s, rng) = (&batch.next_observations, &mut stream(&["noise"]));
             let player = &mut learner.game.players[0];
             let own = sample(player.policy.plain_head(s.clone()), rng);
             let head = player.opponents[0].plain_head(Tensor::cat(vec![s.clone(), own.action.clone()], 1));
             let mut q = || {
                 let answer = sample(head.clone(), rng).action;
-                player.critic.target_value(s, Tensor::cat(vec![own.action.clone(), answer], 1))
+                player
+                    .critic
+                    .target_value(s, Tensor::cat(vec![own.action.clone(), answer], 1))
             };
             let mut want = values((q() + q()) * 0.5 - own.log_density.clone() * 0.3);
             if bootstrap == Bootstrap::BatchMean {
                 want = vec![want.iter().sum::<f32>() / 8.0; 8];
             }
-            assert!(got.iter().zip(&want).all(|(got, want)| (got - want).abs() < 1e-5), "{got:?} {want:?}");
+            assert!(
+                got.iter().zip(&want).all(|(got, want)| (got - want).abs() < 1e-5),
+                "{got:?} {want:?}"
+            );
         }
     }
 
@@ -323,29 +405,63 @@ mod tests {
     fn draws_are_joined_by_hand() {
         let join = |joined_draws, weight| {
             let draws = vec![matrix(vec![1.0, 0.0], 1), matrix(vec![3.0, 0.0], 1)];
-            values(Config { joined_draws, ..plain() }.joined(draws, weight))
+            values(
+                Config {
+                    joined_draws,
+                    ..plain()
+                }
+                .joined(draws, weight),
+            )
         };
         assert_eq!(join(JoinedDraws::Mean, 2.0), [2.0, 0.0]);
         assert_eq!(join(JoinedDraws::LogMeanExp, 0.0), [2.0, 0.0]);
         let soft = join(JoinedDraws::LogMeanExp, 2.0);
         let want = 2.0 * (f32::midpoint(0.5f32.exp(), 1.5f32.exp())).ln();
-        assert!((soft[0] - want).abs() < 1e-5 && soft[1].abs() < 1e-6, "{soft:?} {want}");
+        assert!(
+            (soft[0] - want).abs() < 1e-5 && soft[1].abs() < 1e-6,
+            "{soft:?} {want}"
+        );
     }
 
-    /// With one critic and one set of draws, the recursion through the opponents' answers is part of the gradient.
+    /// With one critic and one set of draws, the recursion through the opponents' answers is part of the
+    /// gradient.
     #[test]
     fn gradients_agree_with_finite_differences_through_the_answers() {
-        for (input_normalisation, joined_draws) in [(false, JoinedDraws::Mean), (true, JoinedDraws::LogMeanExp)] {
-            let settings = Settings { input_normalisation, ..trials::plain() };
-            let config = Config { joined_draws, settings, ..plain() };
+        for (input_normalisation, joined_draws) in
+            [(false, JoinedDraws::Mean), (true, JoinedDraws::LogMeanExp)]
+        {
+            let settings = Settings {
+                input_normalisation,
+                ..trials::plain()
+            };
+            let config = Config {
+                joined_draws,
+                settings,
+                ..plain()
+            };
             let policy = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
-                learner.algorithm.clone().policy_loss(&mut learner.game, 0, batch, rng).0
+                learner
+                    .algorithm
+                    .clone()
+                    .policy_loss(&mut learner.game, 0, batch, rng)
+                    .0
             };
-            trials::assert_gradient(config.clone(), |learner| &mut learner.game.players[0].policy, policy);
+            trials::assert_gradient(
+                config.clone(),
+                |learner| &mut learner.game.players[0].policy,
+                policy,
+            );
             let opponent = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
-                learner.algorithm.clone().opponent_loss(&mut learner.game, 0, (0, 1), batch, rng)
+                learner
+                    .algorithm
+                    .clone()
+                    .opponent_loss(&mut learner.game, 0, (0, 1), batch, rng)
             };
-            trials::assert_gradient(config, |learner| &mut learner.game.players[0].opponents[0], opponent);
+            trials::assert_gradient(
+                config,
+                |learner| &mut learner.game.players[0].opponents[0],
+                opponent,
+            );
         }
     }
 
@@ -362,21 +478,36 @@ mod tests {
 
     #[test]
     fn a_pessimist_turns_the_gradient_of_the_value() {
-        let mut learner =
-            trials::learner(Config { settings: Settings { opponent_entropy_weight: 0.0, ..trials::plain() }, ..plain() });
+        let mut learner = trials::learner(Config {
+            settings: Settings {
+                opponent_entropy_weight: 0.0,
+                ..trials::plain()
+            },
+            ..plain()
+        });
         let batch = trials::batch(&mut learner, 8);
         let mut gradient = |opponent_objective| {
-            let config = Config { opponent_objective, ..learner.algorithm.clone() };
+            let config = Config {
+                opponent_objective,
+                ..learner.algorithm.clone()
+            };
             let loss = config.opponent_loss(&mut learner.game, 0, (0, 1), &batch, &mut stream(&["noise"]));
             trials::gradient(&learner.game.players[0].opponents[0], &loss)
         };
-        let (up, down) = (gradient(OpponentObjective::Maximise), gradient(OpponentObjective::Minimise));
+        let (up, down) = (
+            gradient(OpponentObjective::Maximise),
+            gradient(OpponentObjective::Minimise),
+        );
         assert!(trials::norm(&up) > 1e-3 && up.iter().zip(&down).all(|(up, down)| *up == -down));
     }
 
     #[test]
     fn it_learns_to_coordinate() {
-        let settings = Settings { policy_entropy_weight: 0.1, opponent_entropy_weight: 0.1, ..trials::tiny() };
+        let settings = Settings {
+            policy_entropy_weight: 0.1,
+            opponent_entropy_weight: 0.1,
+            ..trials::tiny()
+        };
         trials::assert_learns(Config { settings, ..tiny() });
     }
 

@@ -1,7 +1,8 @@
 //! Every seat acts uniformly at random in its space: the least informed policy, a floor for comparisons.
 //!
-//! An entry of a box is uniform between its limits, shares are uniform on the simplex (see [`random_allocation`]), one of
-//! several choices is as likely as another. It draws in both modes, learns nothing and records nothing.
+//! An entry of a box is uniform between its limits, shares are uniform on the simplex (see
+//! [`random_allocation`]), one of several choices is as likely as another. It draws in both modes, learns
+//! nothing and records nothing.
 //!
 //! [`random_allocation`]: crate::random_allocation
 
@@ -38,12 +39,22 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// [`Error::Mismatch`] where a channel of an action has no limits to draw between.
 fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     for seat in &interface.seats {
-        let Space::Box(channels) = &seat.action else { continue };
-        if let Some(open) = channels.iter().find(|channel| !(channel.low.is_finite() && channel.high.is_finite())) {
-            return Err(mismatch(NAME, format!("it draws between limits, and `{}` has none", open.name)));
+        let Space::Box(channels) = &seat.action else {
+            continue;
+        };
+        if let Some(open) = channels
+            .iter()
+            .find(|channel| !(channel.low.is_finite() && channel.high.is_finite()))
+        {
+            return Err(mismatch(
+                NAME,
+                format!("it draws between limits, and `{}` has none", open.name),
+            ));
         }
     }
-    Ok(Box::new(RandomAction { spaces: interface.seats.iter().map(|seat| seat.action.clone()).collect() }))
+    Ok(Box::new(RandomAction {
+        spaces: interface.seats.iter().map(|seat| seat.action.clone()).collect(),
+    }))
 }
 
 impl Agent for RandomAction {
@@ -55,7 +66,10 @@ impl Agent for RandomAction {
 
 fn draw(space: &Space, rng: &mut Rng) -> Vec<f64> {
     match space {
-        Space::Box(channels) => channels.iter().map(|channel| rng.random_range(channel.low..=channel.high)).collect(),
+        Space::Box(channels) => channels
+            .iter()
+            .map(|channel| rng.random_range(channel.low..=channel.high))
+            .collect(),
         Space::Simplex(names) => uniform_shares(names.len(), rng),
         // Not `usize`, whose width would reach the stream.
         #[allow(clippy::cast_possible_truncation, reason = "nobody names 2^32 choices")]
@@ -69,8 +83,15 @@ mod tests {
     use engine::{Channel, Seat};
 
     fn interface(actions: Vec<Space>) -> Interface {
-        let seat = |action| Seat { name: String::new(), observation: Space::Box(Vec::new()), action };
-        Interface { seats: actions.into_iter().map(seat).collect(), state: Vec::new() }
+        let seat = |action| Seat {
+            name: String::new(),
+            observation: Space::Box(Vec::new()),
+            action,
+        };
+        Interface {
+            seats: actions.into_iter().map(seat).collect(),
+            state: Vec::new(),
+        }
     }
 
     #[test]
@@ -80,9 +101,18 @@ mod tests {
         let interface = interface(vec![force, Space::Simplex(names(4)), Space::Discrete(names(3))]);
         let mut rng = engine::random::stream(&["uniform"]);
         let mut agent = build(Config {}, &interface, &mut rng).unwrap();
-        let actions = agent.act(&vec![Observation::default(); 20_000], Mode::Evaluate, &mut rng).unwrap();
-        let mean = |seat: usize, power: i32| actions.iter().map(|action| action[seat][0].powi(power)).sum::<f64>() / 20_000.0;
-        // U(-1, 3): mean 1, second moment 7/3; a share of four: 1/4; a choice of 0, 1, 2: mean 1, second moment 5/3.
+        let actions = agent
+            .act(&vec![Observation::default(); 20_000], Mode::Evaluate, &mut rng)
+            .unwrap();
+        let mean = |seat: usize, power: i32| {
+            actions
+                .iter()
+                .map(|action| action[seat][0].powi(power))
+                .sum::<f64>()
+                / 20_000.0
+        };
+        // U(-1, 3): mean 1, second moment 7/3; a share of four: 1/4; a choice of 0, 1, 2: mean 1, second
+        // moment 5/3.
         assert!((mean(0, 1) - 1.0).abs() < 0.04 && (mean(0, 2) - 7.0 / 3.0).abs() < 0.08);
         assert!((mean(1, 1) - 0.25).abs() < 0.005);
         assert!((mean(2, 1) - 1.0).abs() < 0.03 && (mean(2, 2) - 5.0 / 3.0).abs() < 0.06);
@@ -93,6 +123,12 @@ mod tests {
     fn a_box_without_limits_is_refused() {
         let mut rng = engine::random::stream(&[]);
         let open = interface(vec![Space::Box(vec![Channel::new("force", "")])]);
-        assert!(build(Config {}, &open, &mut rng).err().unwrap().to_string().contains("`force` has none"));
+        assert!(
+            build(Config {}, &open, &mut rng)
+                .err()
+                .unwrap()
+                .to_string()
+                .contains("`force` has none")
+        );
     }
 }

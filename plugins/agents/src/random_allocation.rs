@@ -1,7 +1,8 @@
-//! Shares drawn anew at every decision, uniformly from the simplex: the least informed policy, a floor for comparisons.
+//! Shares drawn anew at every decision, uniformly from the simplex: the least informed policy, a floor for
+//! comparisons.
 //!
-//! Uniform on the simplex is `Dirichlet(1, ..., 1)`: `a_i = e_i / sum_j e_j` with `e_i = -ln(1 - u_i)` exponential,
-//! `u_i` uniform in `[0, 1)`. It draws in both modes, learns nothing and records nothing.
+//! Uniform on the simplex is `Dirichlet(1, ..., 1)`: `a_i = e_i / sum_j e_j` with `e_i = -ln(1 - u_i)`
+//! exponential, `u_i` uniform in `[0, 1)`. It draws in both modes, learns nothing and records nothing.
 
 use crate::shared::{allocation::uniform_shares, seat};
 use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
@@ -34,8 +35,13 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// # Errors
 /// [`Error::Mismatch`] where a seat's action is not on a simplex.
 fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let n_shares = interface.seats.iter().map(|seat| Ok(seat::simplex(NAME, seat)?.len()));
-    Ok(Box::new(RandomAllocation { n_shares: n_shares.collect::<Result<_, Error>>()? }))
+    let n_shares = interface
+        .seats
+        .iter()
+        .map(|seat| Ok(seat::simplex(NAME, seat)?.len()));
+    Ok(Box::new(RandomAllocation {
+        n_shares: n_shares.collect::<Result<_, Error>>()?,
+    }))
 }
 
 impl Agent for RandomAllocation {
@@ -54,8 +60,14 @@ mod tests {
     fn shares_sum_to_one_and_have_the_moments_of_a_uniform_simplex() {
         let mut rng = engine::random::stream(&["uniform"]);
         let mut agent = build(Config {}, &allocation(&["voltage_1"], &[], 4), &mut rng).unwrap();
-        let actions = agent.act(&vec![Observation::default(); 20_000], Mode::Train, &mut rng).unwrap();
-        assert!(actions.iter().all(|action| (action[0].iter().sum::<f64>() - 1.0).abs() < 1e-12));
+        let actions = agent
+            .act(&vec![Observation::default(); 20_000], Mode::Train, &mut rng)
+            .unwrap();
+        assert!(
+            actions
+                .iter()
+                .all(|action| (action[0].iter().sum::<f64>() - 1.0).abs() < 1e-12)
+        );
         let mean = |power: i32| actions.iter().map(|action| action[0][1].powi(power)).sum::<f64>() / 20_000.0;
         // Dirichlet(1,1,1,1): E[a] = 1/4, E[a^2] = 2/20.
         assert!((mean(1) - 0.25).abs() < 0.005 && (mean(2) - 0.1).abs() < 0.004);

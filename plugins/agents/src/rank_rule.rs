@@ -1,11 +1,12 @@
 //! Fixed shares by the rank of the observed voltage: the heuristic rules of the thesis (table 3.3).
 //!
-//! The asset with the lowest observed voltage gets `weights[0]`, the one with the highest the last weight. Equal voltages
-//! keep the order of the channels. The ranks are taken anew at every decision.
+//! The asset with the lowest observed voltage gets `weights[0]`, the one with the highest the last weight.
+//! Equal voltages keep the order of the channels. The ranks are taken anew at every decision.
 //!
 //! Table 3.3: rule I `[0.15, 0.25, 0.25, 0.35]`, II `[0.1, 0.2, 0.3, 0.4]`, III `[0.1, 0.2, 0.2, 0.5]`,
-//! IV `[0.05, 0.2, 0.35, 0.45]`. The weights of rule IV sum to 1.05 as printed. They are applied as they are: so the rule lives
-//! 0.122 of an equal split in the battery environment (published: 0.120), divided by their sum 0.194.
+//! IV `[0.05, 0.2, 0.35, 0.45]`. The weights of rule IV sum to 1.05 as printed. They are applied as they are:
+//! so the rule lives 0.122 of an equal split in the battery environment (published: 0.120), divided by their
+//! sum 0.194.
 
 use crate::shared::seat;
 use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Preset, Registry, Rng};
@@ -26,13 +27,19 @@ pub struct Config {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { weights: vec![0.15, 0.25, 0.25, 0.35] }
+        Self {
+            weights: vec![0.15, 0.25, 0.25, 0.35],
+        }
     }
 }
 
 impl engine::Config for Config {
     fn presets() -> Vec<Preset> {
-        let rule = |name, about, weights: [f64; 4]| Preset { name, about, values: json!({ "weights": weights }) };
+        let rule = |name, about, weights: [f64; 4]| Preset {
+            name,
+            about,
+            values: json!({ "weights": weights }),
+        };
         vec![
             rule("rule_1", "thesis, table 3.3, rule I", [0.15, 0.25, 0.25, 0.35]),
             rule("rule_2", "thesis, table 3.3, rule II", [0.1, 0.2, 0.3, 0.4]),
@@ -58,24 +65,34 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// Builds the rule for one seat that observes one `voltage_..` channel per share.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for other seats, [`Error::Config`] for weights that are no shares or do not fit in number.
+/// [`Error::Mismatch`] for other seats, [`Error::Config`] for weights that are no shares or do not fit in
+/// number.
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let seat = seat::only_seat(NAME, interface)?;
     let n_assets = seat::simplex(NAME, seat)?.len();
     let channels = seat::observed(NAME, seat)?;
     let suffixes = seat::assets(NAME, channels, "voltage_", n_assets)?;
     let voltages = seat::positions(NAME, channels, "voltage_", &suffixes)?;
-    Ok(Box::new(RankRule { shares: shares(&config.weights, n_assets)?, voltages }))
+    Ok(Box::new(RankRule {
+        shares: shares(&config.weights, n_assets)?,
+        voltages,
+    }))
 }
 
 fn shares(weights: &[f64], n_assets: usize) -> Result<Vec<f64>, Error> {
     let total: f64 = weights.iter().sum();
     if weights.len() != n_assets {
-        let problem = format!("{} weights for {n_assets} assets; write one per asset", weights.len());
+        let problem = format!(
+            "{} weights for {n_assets} assets; write one per asset",
+            weights.len()
+        );
         return Err(Error::config("weights", problem));
     }
     if weights.iter().any(|weight| !weight.is_finite() || *weight < 0.0) || total <= 0.0 {
-        return Err(Error::config("weights", "weights are at least 0 and one is above 0"));
+        return Err(Error::config(
+            "weights",
+            "weights are at least 0 and one is above 0",
+        ));
     }
     Ok(weights.to_vec())
 }
@@ -94,7 +111,10 @@ impl RankRule {
 
 impl Agent for RankRule {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        Ok(observations.iter().map(|observation| vec![self.allocate(&observation.seats[0])]).collect())
+        Ok(observations
+            .iter()
+            .map(|observation| vec![self.allocate(&observation.seats[0])])
+            .collect())
     }
 }
 
@@ -103,21 +123,39 @@ mod tests {
     use super::*;
     use crate::shared::seat::tests::allocation;
 
-    const CHANNELS: [&str; 5] = ["power_demand_w", "voltage_1", "voltage_2", "voltage_3", "voltage_4"];
+    const CHANNELS: [&str; 5] = [
+        "power_demand_w",
+        "voltage_1",
+        "voltage_2",
+        "voltage_3",
+        "voltage_4",
+    ];
 
     fn act(weights: &[f64], observed: [f64; 5]) -> Vec<f64> {
         let mut rng = engine::random::stream(&["rank"]);
-        let config = Config { weights: weights.to_vec() };
+        let config = Config {
+            weights: weights.to_vec(),
+        };
         let mut agent = build(config, &allocation(&CHANNELS, &[], 4), &mut rng).unwrap();
-        let observation = Observation { seats: vec![observed.to_vec()], state: Vec::new() };
-        agent.act(&[observation], Mode::Evaluate, &mut rng).unwrap().remove(0).remove(0)
+        let observation = Observation {
+            seats: vec![observed.to_vec()],
+            state: Vec::new(),
+        };
+        agent
+            .act(&[observation], Mode::Evaluate, &mut rng)
+            .unwrap()
+            .remove(0)
+            .remove(0)
     }
 
     #[test]
     fn the_lowest_voltage_gets_the_first_weight() {
         let action = act(&[0.1, 0.2, 0.3, 0.4], [40.0, 3.7, 3.2, 3.9, 3.5]);
         let expected = [0.3, 0.1, 0.4, 0.2];
-        assert!(action.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-15), "{action:?}");
+        assert!(
+            action.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-15),
+            "{action:?}"
+        );
     }
 
     #[test]
@@ -136,8 +174,16 @@ mod tests {
     fn weights_that_do_not_fit_are_refused() {
         let mut rng = engine::random::stream(&["rank"]);
         let interface = allocation(&CHANNELS, &[], 4);
-        for weights in [vec![1.0], vec![-0.1, 0.4, 0.4, 0.3], vec![0.0; 4], vec![f64::NAN, 1.0, 1.0, 1.0]] {
-            assert!(matches!(build(Config { weights }, &interface, &mut rng), Err(Error::Config { .. })));
+        for weights in [
+            vec![1.0],
+            vec![-0.1, 0.4, 0.4, 0.3],
+            vec![0.0; 4],
+            vec![f64::NAN, 1.0, 1.0, 1.0],
+        ] {
+            assert!(matches!(
+                build(Config { weights }, &interface, &mut rng),
+                Err(Error::Config { .. })
+            ));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! ROMMEO: actor-critic with an opponent model that is regularised towards what the others were seen to do.
 //!
-//! Tian et al. 2019, "A regularized opponent model with maximum entropy objective", IJCAI; thesis, section 4.5, as a baseline, in
-//! the form of its released code (github.com/Yuantian013/TDOM-AC).
+//! Tian et al. 2019, "A regularized opponent model with maximum entropy objective", IJCAI; thesis, section
+//! 4.5, as a baseline, in the form of its released code (github.com/Yuantian013/TDOM-AC).
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -13,20 +13,21 @@
 //! Order of an update, per seat on a minibatch of its own: prior, critic, opponent models, policy.
 //! - Prior: `mean(-log P(a^i) + k (mean sigma^2 + mean mu^2))` at the seat's own stored actions.
 //! - Critic: towards `r + gamma (1 - d) [Q_target - alpha log pi + sum_j (log P^j - log rho^j)]`.
-//! - Opponent model of seat o: `mean(log rho - log P^o - Q^i + alpha log pi)` with o's stored action replaced by a draw.
+//! - Opponent model of seat o: `mean(log rho - log P^o - Q^i + alpha log pi)` with o's stored action replaced
+//!   by a draw.
 //! - Policy: `mean(alpha log pi - Q^i)` at predictions that are constants.
 //!
 //! Departures
-//! - From the paper, as the thesis' code has them: one prior per seat, fitted to minibatches of the whole buffer and not to the latest
-//!   data; the own action in the opponent model's loss is the stored one and not a draw; joint observations; the entropy
-//!   weight is constant and not annealed.
+//! - From the paper, as the thesis' code has them: one prior per seat, fitted to minibatches of the whole
+//!   buffer and not to the latest data; the own action in the opponent model's loss is the stored one and not
+//!   a draw; joint observations; the entropy weight is constant and not annealed.
 //! - From the thesis' text: those of [`crate::tdom_ac`].
 //!
 //! Metrics: those of [`crate::tdom_ac`] with the losses above, and `prior_loss`.
 
 use crate::shared::opponent_modelling::{
-    ActingPrediction, Algorithm, Conditioning, Game, GaussianNetwork, Learner, Origin, SeatBatch, Settings, beside, decide,
-    metrics as shared_metrics, others, policy_loss, predict,
+    ActingPrediction, Algorithm, Conditioning, Game, GaussianNetwork, Learner, Origin, SeatBatch, Settings,
+    beside, decide, metrics as shared_metrics, others, policy_loss, predict,
 };
 use burn::tensor::Tensor;
 use engine::{Agent, AgentTraits, Error, Interface, Metric, Mode, Preset, Recorder, Registry, Rng};
@@ -73,7 +74,11 @@ impl engine::Config for Config {
         vec![
             Origin::Text.preset("thesis", "thesis, section 4.5, as printed", own("sample")),
             Origin::ParticleCode.preset("released_code", "released code, particle tasks", own("sample")),
-            Origin::GameCode.preset("differential_game", "released code, differential game", own("mean")),
+            Origin::GameCode.preset(
+                "differential_game",
+                "released code, differential game",
+                own("mean"),
+            ),
         ]
     }
 }
@@ -81,7 +86,11 @@ impl engine::Config for Config {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "actor-critic for several seats with opponent models regularised by what the others did";
-    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -108,7 +117,14 @@ impl Algorithm for Config {
         &self.settings
     }
 
-    fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
+    fn decide(
+        &self,
+        game: &Game,
+        seat: usize,
+        observations: &Tensor<2>,
+        mode: Mode,
+        rng: &mut Rng,
+    ) -> Tensor<2> {
         decide(game, seat, observations, self.acting_prediction, mode, rng)
     }
 
@@ -146,7 +162,13 @@ fn prior(game: &mut Game, seat: usize) -> &mut GaussianNetwork {
 
 impl Config {
     /// One step of the prior towards the seat's own stored actions.
-    fn improve_prior(&self, game: &mut Game, seat: usize, batch: &SeatBatch, record: &mut Recorder) -> Result<(), Error> {
+    fn improve_prior(
+        &self,
+        game: &mut Game,
+        seat: usize,
+        batch: &SeatBatch,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
         let loss = self.prior_loss(game, seat, batch);
         game.note("prior_loss", &loss, record)?;
         prior(game, seat).descend(&loss);
@@ -167,7 +189,12 @@ impl Config {
         let seen = game.seen(seat, following);
         let draws = game.players[seat].draw_others(&seen, rng);
         let predicted: Vec<_> = draws.iter().map(|draw| draw.action.clone()).collect();
-        let own = sample(game.players[seat].policy.plain_head(beside(&seen, predicted.clone())), rng);
+        let own = sample(
+            game.players[seat]
+                .policy
+                .plain_head(beside(&seen, predicted.clone())),
+            rng,
+        );
         let mut value = own.log_density * -self.critic_entropy_weight;
         for (draw, other) in draws.into_iter().zip(others(game.players.len(), seat)) {
             let seen_by_other = game.seen(other, following);
@@ -192,9 +219,14 @@ impl Config {
         let drawn = sample(game.players[seat].opponents[at].tracked_head(seen.clone()), rng);
         let expected = log_density(prior(game, other).plain_head(seen_by_other), drawn.candidate);
         let actions = game.layout.with_action(&batch.actions, other, drawn.action);
-        let of_others = others(game.players.len(), seat).map(|other| game.own(&actions, other)).collect();
+        let of_others = others(game.players.len(), seat)
+            .map(|other| game.own(&actions, other))
+            .collect();
         let own = candidate_of(game.own(&batch.actions, seat));
-        let log_pi = log_density(game.players[seat].policy.plain_head(beside(&seen, of_others)), own);
+        let log_pi = log_density(
+            game.players[seat].policy.plain_head(beside(&seen, of_others)),
+            own,
+        );
         let value = game.players[seat].critic.value(s, actions);
         (drawn.log_density - expected - value + log_pi * self.settings.opponent_entropy_weight).mean()
     }
@@ -209,40 +241,78 @@ mod tests {
     use numerics::network::values;
 
     fn tiny() -> Config {
-        Config { settings: trials::tiny(), ..Config::default() }
+        Config {
+            settings: trials::tiny(),
+            ..Config::default()
+        }
     }
 
     fn plain() -> Config {
-        Config { settings: trials::plain(), ..tiny() }
+        Config {
+            settings: trials::plain(),
+            ..tiny()
+        }
     }
 
     #[test]
     fn the_target_by_its_parts() {
-        let mut learner = trials::learner(Config { critic_entropy_weight: 0.3, ..plain() });
+        let mut learner = trials::learner(Config {
+            critic_entropy_weight: 0.3,
+            ..plain()
+        });
         let batch = trials::batch(&mut learner, 8);
-        let got = values(learner.algorithm.clone().next_value(&mut learner.game, 0, &batch, &mut stream(&["noise"])));
+        let got = values(learner.algorithm.clone().next_value(
+            &mut learner.game,
+            0,
+            &batch,
+            &mut stream(&["noise"]),
+        ));
         let (s, rng) = (&batch.next_observations, &mut stream(&["noise"]));
         let player = &mut learner.game.players[0];
         let other = sample(player.opponents[0].plain_head(s.clone()), rng);
-        let own = sample(player.policy.plain_head(Tensor::cat(vec![s.clone(), other.action.clone()], 1)), rng);
-        let q = player.critic.target_value(s, Tensor::cat(vec![own.action, other.action], 1));
+        let own = sample(
+            player
+                .policy
+                .plain_head(Tensor::cat(vec![s.clone(), other.action.clone()], 1)),
+            rng,
+        );
+        let q = player
+            .critic
+            .target_value(s, Tensor::cat(vec![own.action, other.action], 1));
         let seen = log_density(prior(&mut learner.game, 1).plain_head(s.clone()), other.candidate);
         let want = values(q - own.log_density * 0.3 + seen - other.log_density);
-        assert!(got.iter().zip(&want).all(|(got, want)| (got - want).abs() < 1e-4), "{got:?} {want:?}");
+        assert!(
+            got.iter().zip(&want).all(|(got, want)| (got - want).abs() < 1e-4),
+            "{got:?} {want:?}"
+        );
     }
 
     #[test]
     fn gradients_agree_with_finite_differences() {
         for input_normalisation in [false, true] {
-            let settings = Settings { input_normalisation, ..trials::plain() };
+            let settings = Settings {
+                input_normalisation,
+                ..trials::plain()
+            };
             let config = Config { settings, ..plain() };
             // Through the prior's density of the draw, the critic and the policy's condition.
             let opponent = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
-                learner.algorithm.clone().opponent_loss(&mut learner.game, 0, (0, 1), batch, rng)
+                learner
+                    .algorithm
+                    .clone()
+                    .opponent_loss(&mut learner.game, 0, (0, 1), batch, rng)
             };
-            trials::assert_gradient(config.clone(), |learner| &mut learner.game.players[0].opponents[0], opponent);
+            trials::assert_gradient(
+                config.clone(),
+                |learner| &mut learner.game.players[0].opponents[0],
+                opponent,
+            );
             let of_prior = |learner: &mut Learner<Config>, batch: &SeatBatch, _: &mut Rng| {
-                Config { prior_regularisation: 0.1, ..plain() }.prior_loss(&mut learner.game, 0, batch)
+                Config {
+                    prior_regularisation: 0.1,
+                    ..plain()
+                }
+                .prior_loss(&mut learner.game, 0, batch)
             };
             trials::assert_gradient(config, |learner| prior(&mut learner.game, 0), of_prior);
         }
@@ -261,19 +331,33 @@ mod tests {
 
     #[test]
     fn the_prior_learns_what_was_done() {
-        let mut learner = trials::learner(Config { settings: Settings { learning_rate: 0.01, ..trials::tiny() }, ..tiny() });
+        let mut learner = trials::learner(Config {
+            settings: Settings {
+                learning_rate: 0.01,
+                ..trials::tiny()
+            },
+            ..tiny()
+        });
         let batch = trials::batch(&mut learner, 32);
         let mut record = Recorder::default();
         let before = values(learner.algorithm.prior_loss(&mut learner.game, 0, &batch))[0];
         let config = learner.algorithm.clone();
-        (0..100).for_each(|_| config.improve_prior(&mut learner.game, 0, &batch, &mut record).unwrap());
+        (0..100).for_each(|_| {
+            config
+                .improve_prior(&mut learner.game, 0, &batch, &mut record)
+                .unwrap()
+        });
         let after = values(config.prior_loss(&mut learner.game, 0, &batch))[0];
         assert!(after < before - 0.2, "{before} {after}");
     }
 
     #[test]
     fn it_learns_to_coordinate() {
-        let settings = Settings { policy_entropy_weight: 0.1, opponent_entropy_weight: 0.1, ..trials::tiny() };
+        let settings = Settings {
+            policy_entropy_weight: 0.1,
+            opponent_entropy_weight: 0.1,
+            ..trials::tiny()
+        };
         trials::assert_learns(Config { settings, ..tiny() });
     }
 

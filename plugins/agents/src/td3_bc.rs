@@ -42,8 +42,8 @@ use crate::shared::targets::{bootstrapped, half_squared_error, mean};
 use burn::module::Module;
 use burn::tensor::Tensor;
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
-    UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates, UseOfDatasets,
 };
 use numerics::gaussian::standard_normal;
 use numerics::network::{Mlp, TwinMlp, matrix, values};
@@ -135,7 +135,12 @@ pub struct Td3Bc {
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "actor-critic for datasets that stays close to the actions that they show (TD3+BC)";
     let datasets = UseOfDatasets::Only;
-    let traits = AgentTraits { learns: true, metrics: metrics(), datasets, ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        datasets,
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -152,20 +157,48 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
 fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of both critics").lower_is_better(),
-        Metric::new("policy_loss", "", "minus the weighted value of the policy's actions plus the cloning, eq. 5")
-            .lower_is_better(),
-        Metric::new("clone_error", "", "mean absolute deviation from the actions of the dataset").lower_is_better(),
-        Metric::new("mean_value", "", "mean of the first critic at the policy's actions"),
+        Metric::new(
+            "policy_loss",
+            "",
+            "minus the weighted value of the policy's actions plus the cloning, eq. 5",
+        )
+        .lower_is_better(),
+        Metric::new(
+            "clone_error",
+            "",
+            "mean absolute deviation from the actions of the dataset",
+        )
+        .lower_is_better(),
+        Metric::new(
+            "mean_value",
+            "",
+            "mean of the first critic at the policy's actions",
+        ),
     ]
 }
 
 impl Td3Bc {
     fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
-        let Config { width, layers, gradient_clip, scale_by, .. } = config;
-        let form = Form { width, layers, learning_rate: config.actor_learning_rate, gradient_clip, scale_by };
+        let Config {
+            width,
+            layers,
+            gradient_clip,
+            scale_by,
+            ..
+        } = config;
+        let form = Form {
+            width,
+            layers,
+            learning_rate: config.actor_learning_rate,
+            gradient_clip,
+            scale_by,
+        };
         let actor = DatasetActor::new(NAME, &form, interface, rng)?;
         let mut critic = || form.network(actor.n_observed() + actor.n_acted(), 1, rng);
-        let critics = TwinMlp { first: critic(), second: critic() };
+        let critics = TwinMlp {
+            first: critic(),
+            second: critic(),
+        };
         Ok(Self {
             target_policy: actor.network.network().valid(),
             target_critics: critics.valid(),
@@ -179,9 +212,15 @@ impl Td3Bc {
     /// TD3, algorithm 1: both critics descend the squared error to the lower target.
     fn update_critics(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let target = self.target(batch, rng);
-        let (q1, q2) = self.critics.network().forward(self.judged(&batch.observations, batch.actions.clone()));
+        let (q1, q2) = self
+            .critics
+            .network()
+            .forward(self.judged(&batch.observations, batch.actions.clone()));
         let loss = half_squared_error(q1, target.clone()) + half_squared_error(q2, target);
-        record.mean("critic_loss", finite("critic_loss", self.n_updates, values(loss.clone())[0])?);
+        record.mean(
+            "critic_loss",
+            finite("critic_loss", self.n_updates, values(loss.clone())[0])?,
+        );
         self.critics.descend(&loss);
         Ok(())
     }
@@ -189,15 +228,26 @@ impl Td3Bc {
     /// `y = r + gamma (1 - terminal) min(Q'_1, Q'_2)(s', a')`.
     fn target(&self, batch: &Batch, rng: &mut Rng) -> Tensor<2> {
         let next = self.smoothed(&batch.next_observations, rng);
-        let (q1, q2) = self.target_critics.forward(self.judged(&batch.next_observations, next));
-        bootstrapped(batch.rewards.clone(), batch.continues.clone(), q1.min_pair(q2), self.config.discount)
+        let (q1, q2) = self
+            .target_critics
+            .forward(self.judged(&batch.next_observations, next));
+        bootstrapped(
+            batch.rewards.clone(),
+            batch.continues.clone(),
+            q1.min_pair(q2),
+            self.config.discount,
+        )
     }
 
     /// What the target policy does, with noise: in a box on the action, on a simplex before the softmax.
     fn smoothed(&self, observations: &Tensor<2>, rng: &mut Rng) -> Tensor<2> {
         let outputs = self.target_policy.forward(observations.clone());
         let [rows, columns] = outputs.dims();
-        let Config { target_noise, target_noise_limit, .. } = self.config;
+        let Config {
+            target_noise,
+            target_noise_limit,
+            ..
+        } = self.config;
         let noise = clipped_noise(rows, columns, target_noise, target_noise_limit, rng);
         match self.actor.actions {
             ActionSet::Cube => (self.actor.actions.act(outputs) + noise).clamp(-1.0, 1.0),
@@ -211,17 +261,31 @@ impl Td3Bc {
         let (acted, q) = self.acted_and_valued(policy, batch);
         let lambda = self.lambda(&q);
         let loss = self.policy_loss(policy, batch, lambda);
-        record.mean("policy_loss", finite("policy_loss", self.n_updates, values(loss.clone())[0])?);
+        record.mean(
+            "policy_loss",
+            finite("policy_loss", self.n_updates, values(loss.clone())[0])?,
+        );
         record.mean("mean_value", f64::from(mean(q)));
-        record.mean("clone_error", f64::from(mean((acted - batch.actions.clone()).abs())));
+        record.mean(
+            "clone_error",
+            f64::from(mean((acted - batch.actions.clone()).abs())),
+        );
         self.actor.network.descend(&loss);
         Ok(())
     }
 
     /// What a policy does and what the first critic says of it, without gradients.
     fn acted_and_valued(&self, policy: &Mlp, batch: &Batch) -> (Tensor<2>, Tensor<2>) {
-        let acted = self.actor.actions.act(policy.valid().forward(batch.observations.clone()));
-        let q = self.critics.network().valid().first.forward(self.judged(&batch.observations, acted.clone()));
+        let acted = self
+            .actor
+            .actions
+            .act(policy.valid().forward(batch.observations.clone()));
+        let q = self
+            .critics
+            .network()
+            .valid()
+            .first
+            .forward(self.judged(&batch.observations, acted.clone()));
         (acted, q)
     }
 
@@ -234,9 +298,16 @@ impl Td3Bc {
     fn policy_loss(&self, policy: &Mlp, batch: &Batch, lambda: f64) -> Tensor<1> {
         let set = self.actor.actions;
         let acted = set.act(policy.forward(batch.observations.clone()));
-        let cloning = (set.centred(acted.clone()) - set.centred(batch.actions.clone())).powf_scalar(2.0).mean();
+        let cloning = (set.centred(acted.clone()) - set.centred(batch.actions.clone()))
+            .powf_scalar(2.0)
+            .mean();
         // A plain critic: the gradient passes through it to the action, and none of its own is computed.
-        let q = self.critics.network().valid().first.forward(self.judged(&batch.observations, acted));
+        let q = self
+            .critics
+            .network()
+            .valid()
+            .first
+            .forward(self.judged(&batch.observations, acted));
         cloning - q.mean() * lambda
     }
 
@@ -247,8 +318,16 @@ impl Td3Bc {
 
     fn follow(&mut self) {
         let tau = self.config.target_smoothing;
-        self.target_critics = soft_update(std::mem::take(&mut self.target_critics), self.critics.network(), tau);
-        self.target_policy = soft_update(std::mem::take(&mut self.target_policy), self.actor.network.network(), tau);
+        self.target_critics = soft_update(
+            std::mem::take(&mut self.target_critics),
+            self.critics.network(),
+            tau,
+        );
+        self.target_policy = soft_update(
+            std::mem::take(&mut self.target_policy),
+            self.actor.network.network(),
+            tau,
+        );
     }
 }
 
@@ -268,7 +347,12 @@ impl Agent for Td3Bc {
         Ok(())
     }
 
-    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
         let batch = self.actor.batch(transitions);
         self.update_critics(&batch, rng, record)?;
         self.n_updates += 1;
@@ -280,7 +364,10 @@ impl Agent for Td3Bc {
     }
 
     fn updates(&self) -> Option<Updates> {
-        Some(Updates { made: self.n_updates, first_after: 1 })
+        Some(Updates {
+            made: self.n_updates,
+            first_after: 1,
+        })
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -298,7 +385,8 @@ impl Agent for Td3Bc {
         self.actor.restore(&file).map_err(&misfit)?;
         self.critics.restore("critics", &file).map_err(&misfit)?;
         self.target_policy = restore(self.target_policy.clone(), "target_policy", &file).map_err(&misfit)?;
-        self.target_critics = restore(self.target_critics.clone(), "target_critics", &file).map_err(&misfit)?;
+        self.target_critics =
+            restore(self.target_critics.clone(), "target_critics", &file).map_err(&misfit)?;
         self.n_updates = n_updates;
         Ok(())
     }
@@ -323,7 +411,12 @@ mod tests {
     use rand::Rng as _;
 
     fn tiny() -> Config {
-        Config { width: 16, actor_learning_rate: 1e-3, critic_learning_rate: 3e-3, ..Config::default() }
+        Config {
+            width: 16,
+            actor_learning_rate: 1e-3,
+            critic_learning_rate: 3e-3,
+            ..Config::default()
+        }
     }
 
     fn agent(config: Config, interface: &Interface) -> Td3Bc {
@@ -333,15 +426,24 @@ mod tests {
     /// Shares drawn uniformly from the simplex.
     fn anything(_: f64, rng: &mut Rng) -> Vec<f64> {
         let draws: Vec<f64> = (0..3).map(|_| -rng.random::<f64>().max(1e-300).ln()).collect();
-        draws.iter().map(|draw| draw / draws.iter().sum::<f64>()).collect()
+        draws
+            .iter()
+            .map(|draw| draw / draws.iter().sum::<f64>())
+            .collect()
     }
 
     fn reward(x: f64, action: &[f64]) -> f64 {
-        -bandit::best(x).iter().zip(action).map(|(best, share)| (best - share).abs()).sum::<f64>()
+        -bandit::best(x)
+            .iter()
+            .zip(action)
+            .map(|(best, share)| (best - share).abs())
+            .sum::<f64>()
     }
 
     fn batch_of(agent: &Td3Bc, n: usize) -> Batch {
-        agent.actor.batch(&decisions(n, &mut stream(&["batch"]), anything, reward))
+        agent
+            .actor
+            .batch(&decisions(n, &mut stream(&["batch"]), anything, reward))
     }
 
     #[test]
@@ -352,27 +454,45 @@ mod tests {
         batch.continues = matrix(vec![1.0, 1.0, 0.0, 1.0], 1);
         let (mut one, mut two) = (stream(&["noise"]), stream(&["noise"]));
         let next = agent.smoothed(&batch.next_observations, &mut one);
-        let (q1, q2) = agent.target_critics.forward(agent.judged(&batch.next_observations, next.clone()));
+        let (q1, q2) = agent
+            .target_critics
+            .forward(agent.judged(&batch.next_observations, next.clone()));
         let (q1, q2, r) = (values(q1), values(q2), values(batch.rewards.clone()));
         let y = values(agent.target(&batch, &mut two));
         for i in 0..4 {
-            let expected = if i == 2 { r[i] } else { r[i] + 0.99 * q1[i].min(q2[i]) };
+            let expected = if i == 2 {
+                r[i]
+            } else {
+                r[i] + 0.99 * q1[i].min(q2[i])
+            };
             assert!((y[i] - expected).abs() < 1e-6, "{i}: {} {expected}", y[i]);
         }
         let sums = values(next.clone().sum_dim(1));
         assert!(sums.iter().all(|sum| (sum - 1.0).abs() < 1e-6), "{sums:?}");
-        let plain = agent.actor.actions.act(agent.target_policy.forward(batch.next_observations));
+        let plain = agent
+            .actor
+            .actions
+            .act(agent.target_policy.forward(batch.next_observations));
         assert_ne!(values(next), values(plain));
     }
 
     #[test]
     fn noise_is_clipped_and_actions_stay_in_the_box() {
         let drawn = values(clipped_noise(4_000, 2, 0.2, 0.3, &mut stream(&["clip"])));
-        assert!(drawn.iter().all(|x| x.abs() <= 0.3) && drawn.iter().filter(|x| x.abs() == 0.3).count() > 400);
-        let wild = Config { target_noise: 10.0, target_noise_limit: 5.0, ..tiny() };
+        assert!(
+            drawn.iter().all(|x| x.abs() <= 0.3) && drawn.iter().filter(|x| x.abs() == 0.3).count() > 400
+        );
+        let wild = Config {
+            target_noise: 10.0,
+            target_noise_limit: 5.0,
+            ..tiny()
+        };
         let agent = agent(wild, &cube());
         let smoothed = values(agent.smoothed(&matrix(vec![0.1, 0.2, 0.3], 1), &mut stream(&["box"])));
-        assert!(smoothed.iter().all(|x| x.abs() <= 1.0) && smoothed.iter().any(|x| x.abs() == 1.0), "{smoothed:?}");
+        assert!(
+            smoothed.iter().all(|x| x.abs() <= 1.0) && smoothed.iter().any(|x| x.abs() == 1.0),
+            "{smoothed:?}"
+        );
     }
 
     #[test]
@@ -393,7 +513,10 @@ mod tests {
             let agent = agent(tiny(), &interface);
             let n = agent.actor.n_acted();
             let actions = matrix((0..4 * n).map(|i| 0.1 + 0.05 * i as f32).collect(), n);
-            let batch = Batch { actions, ..batch_of(&self::agent(tiny(), &bandit::interface()), 4) };
+            let batch = Batch {
+                actions,
+                ..batch_of(&self::agent(tiny(), &bandit::interface()), 4)
+            };
             let policy = agent.actor.network.network();
             let analytic = gradients(policy, &mut agent.policy_loss(policy, &batch, 1.7).backward());
             let plain = policy.valid();
@@ -410,7 +533,11 @@ mod tests {
                     let difference = (at(3e-3) - at(-3e-3)) / 6e-3;
                     let gradient = f64::from(analytic[p][i]);
                     let tolerance = 2e-3 + 2e-2 * gradient.abs();
-                    assert!((difference - gradient).abs() < tolerance, "{} {i}: {difference} {gradient}", parameter.name);
+                    assert!(
+                        (difference - gradient).abs() < tolerance,
+                        "{} {i}: {difference} {gradient}",
+                        parameter.name
+                    );
                     largest = largest.max(gradient.abs());
                 }
             }
@@ -420,16 +547,35 @@ mod tests {
 
     #[test]
     fn the_policy_and_the_targets_wait_for_the_critics() {
-        let mut agent = agent(Config { policy_delay: 3, ..tiny() }, &bandit::interface());
+        let mut agent = agent(
+            Config {
+                policy_delay: 3,
+                ..tiny()
+            },
+            &bandit::interface(),
+        );
         let data = decisions(8, &mut stream(&["delay"]), anything, reward);
         let learn = |agent: &mut Td3Bc| {
-            let before = (parameters(agent.actor.network.network()), parameters(&agent.target_critics));
-            agent.learn(&data, &mut stream(&["x"]), &mut Recorder::default()).unwrap();
-            let after = (parameters(agent.actor.network.network()), parameters(&agent.target_critics));
+            let before = (
+                parameters(agent.actor.network.network()),
+                parameters(&agent.target_critics),
+            );
+            agent
+                .learn(&data, &mut stream(&["x"]), &mut Recorder::default())
+                .unwrap();
+            let after = (
+                parameters(agent.actor.network.network()),
+                parameters(&agent.target_critics),
+            );
             [before.0 != after.0, before.1 != after.1]
         };
         let moved: Vec<_> = (0..6).map(|_| learn(&mut agent)).collect();
-        assert_eq!(moved, [[false; 2], [false; 2], [true; 2], [false; 2], [false; 2], [true; 2]]);
+        assert_eq!(
+            moved,
+            [
+                [false; 2], [false; 2], [true; 2], [false; 2], [false; 2], [true; 2]
+            ]
+        );
     }
 
     #[test]
@@ -450,11 +596,19 @@ mod tests {
     fn it_learns_in_a_box() {
         let mut rng = stream(&["box"]);
         let anywhere = |_: f64, rng: &mut Rng| vec![rng.random_range(-1.0..1.0)];
-        let data = decisions(2_000, &mut rng, anywhere, |x, action| -(action[0] - 0.8 * x).abs());
+        let data = decisions(2_000, &mut rng, anywhere, |x, action| {
+            -(action[0] - 0.8 * x).abs()
+        });
         let mut error = |alpha: f64| {
             let mut agent = agent(Config { alpha, ..tiny() }, &cube());
             fit(&mut agent, &data, 1_200, &mut rng);
-            let seen: Vec<_> = [-0.9, 0.9].iter().map(|x| Observation { seats: vec![vec![*x]], state: vec![] }).collect();
+            let seen: Vec<_> = [-0.9, 0.9]
+                .iter()
+                .map(|x| Observation {
+                    seats: vec![vec![*x]],
+                    state: vec![],
+                })
+                .collect();
             let actions = agent.act(&seen, Mode::Evaluate, &mut rng).unwrap();
             ((actions[0][0][0] + 0.72).abs() + (actions[1][0][0] - 0.72).abs()) / 2.0
         };
@@ -469,7 +623,9 @@ mod tests {
 
     #[test]
     fn the_scaling_by_a_dataset_goes_with_the_agent_and_with_the_policy() {
-        crate::shared::dataset_actor::tests::assert_scaling_is_kept(|rng| build(tiny(), &bandit::interface(), rng).unwrap());
+        crate::shared::dataset_actor::tests::assert_scaling_is_kept(|rng| {
+            build(tiny(), &bandit::interface(), rng).unwrap()
+        });
     }
 
     #[test]

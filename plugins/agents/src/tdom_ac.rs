@@ -1,6 +1,7 @@
 //! TDOM-AC: actor-critic whose opponent models follow the others' own improvement.
 //!
-//! Thesis, chapter 4 (equations are its); algorithm 2. The released code is that of github.com/Yuantian013/TDOM-AC.
+//! Thesis, chapter 4 (equations are its); algorithm 2. The released code is that of
+//! github.com/Yuantian013/TDOM-AC.
 //!
 //! | thesis | here | shape |
 //! |---|---|---|
@@ -9,23 +10,26 @@
 //! | a_hat^i ~ pi^i(. given s, a_hat^-i) | `own` | `[batch, n_i]` |
 //! | alpha | `policy_entropy_weight` (4.16), `opponent_entropy_weight` (4.22), `critic_entropy_weight` (4.13) | scalars |
 //!
-//! Order of an update, per seat on a minibatch of its own: critic (4.13), opponent models (4.22), policy (4.16).
+//! Order of an update, per seat on a minibatch of its own: critic (4.13), opponent models (4.22), policy
+//! (4.16).
 //!
-//! Departures from the thesis. The defaults are what the published curves were made with (`preset: released_code`);
-//! `preset: thesis` is the text.
-//! - Rectifiers in the place of leaky ones; inputs normalised by the batch; rewards standardised over the buffer; gradients
-//!   clipped at 0.5; 0.5 in the place of 1 as the entropy's weight in the critic's target; a second step of the policy along
-//!   its stale gradient after each critic update; acting on the mean of the opponent model.
+//! Departures from the thesis. The defaults are what the published curves were made with (`preset:
+//! released_code`); `preset: thesis` is the text.
+//! - Rectifiers in the place of leaky ones; inputs normalised by the batch; rewards standardised over the
+//!   buffer; gradients clipped at 0.5; 0.5 in the place of 1 as the entropy's weight in the critic's target;
+//!   a second step of the policy along its stale gradient after each critic update; acting on the mean of the
+//!   opponent model.
 //! - Equation 4.12 is used without its factor of a half.
-//! - `neutralised` sums the critics of all seats. As printed, the sum of equation 4.17 runs over the others alone and nothing would
-//!   cancel between two players; the proof of theorem 1 adds `Q^1` and `Q^2`, and so does this objective. The own action is
-//!   drawn from the policy at the predicted actions and is a constant, as in the proof.
-//! - Running moments of normalised inputs take in each batch once per use of a network; the released code draws all opponents
-//!   anew for each of them and takes a batch in more often.
+//! - `neutralised` sums the critics of all seats. As printed, the sum of equation 4.17 runs over the others
+//!   alone and nothing would cancel between two players; the proof of theorem 1 adds `Q^1` and `Q^2`, and so
+//!   does this objective. The own action is drawn from the policy at the predicted actions and is a constant,
+//!   as in the proof.
+//! - Running moments of normalised inputs take in each batch once per use of a network; the released code
+//!   draws all opponents anew for each of them and takes a batch in more often.
 //!
-//! Metrics, means over the updates since the last measurement and over the seats: `critic_loss` squared error, `opponent_loss`
-//! eq. 4.22 summed over the opponents, `policy_loss` eq. 4.16, `policy_entropy` `-mean(log pi)`. In evaluation
-//! `opponent_prediction_error`, per seat.
+//! Metrics, means over the updates since the last measurement and over the seats: `critic_loss` squared
+//! error, `opponent_loss` eq. 4.22 summed over the opponents, `policy_loss` eq. 4.16, `policy_entropy`
+//! `-mean(log pi)`. In evaluation `opponent_prediction_error`, per seat.
 
 use crate::shared::opponent_modelling::{
     ActingPrediction, Algorithm, Conditioning, Game, Learner, Origin, SeatBatch, Settings, beside, decide,
@@ -44,10 +48,12 @@ const NAME: &str = "tdom_ac";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OpponentObjective {
-    /// Eq. 4.22: each model the critic of the seat it models, the others' actions being those that were taken.
+    /// Eq. 4.22: each model the critic of the seat it models, the others' actions being those that were
+    /// taken.
     #[default]
     Aligned,
-    /// Eq. 4.17 as theorem 1 has it: all models the sum of all critics, in which those of opposed seats cancel.
+    /// Eq. 4.17 as theorem 1 has it: all models the sum of all critics, in which those of opposed seats
+    /// cancel.
     Neutralised,
 }
 
@@ -82,11 +88,18 @@ impl Default for Config {
 
 impl engine::Config for Config {
     fn presets() -> Vec<Preset> {
-        let own = |weight: f64, acting: &str| json!({ "critic_entropy_weight": weight, "acting_prediction": acting });
+        let own = |weight: f64, acting: &str| {
+            json!({ "critic_entropy_weight": weight,
+            "acting_prediction": acting })
+        };
         vec![
             Origin::Text.preset("thesis", "thesis, section 4.5, as printed", own(1.0, "sample")),
             Origin::ParticleCode.preset("released_code", "released code, particle tasks", own(0.5, "mean")),
-            Origin::GameCode.preset("differential_game", "released code, differential game", own(0.0, "mean")),
+            Origin::GameCode.preset(
+                "differential_game",
+                "released code, differential game",
+                own(0.0, "mean"),
+            ),
         ]
     }
 }
@@ -94,7 +107,11 @@ impl engine::Config for Config {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "actor-critic for several seats whose opponent models follow the others' improvement";
-    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -120,7 +137,14 @@ impl Algorithm for Config {
         &self.settings
     }
 
-    fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
+    fn decide(
+        &self,
+        game: &Game,
+        seat: usize,
+        observations: &Tensor<2>,
+        mode: Mode,
+        rng: &mut Rng,
+    ) -> Tensor<2> {
         decide(game, seat, observations, self.acting_prediction, mode, rng)
     }
 
@@ -153,7 +177,9 @@ impl Config {
         let draws = player.draw_others(&seen, rng);
         let predicted: Vec<_> = draws.iter().map(|draw| draw.action.clone()).collect();
         let own = sample(player.policy.plain_head(beside(&seen, predicted.clone())), rng);
-        let log_density = draws.into_iter().fold(own.log_density, |sum, draw| sum + draw.log_density);
+        let log_density = draws
+            .into_iter()
+            .fold(own.log_density, |sum, draw| sum + draw.log_density);
         let actions = game.joint(seat, own.action, predicted);
         game.players[seat].critic.target_value(following, actions) - log_density * self.critic_entropy_weight
     }
@@ -205,14 +231,31 @@ impl Config {
     ) -> Tensor<1> {
         let seen = game.seen(seat, &batch.observations);
         let player = &mut game.players[seat];
-        let mut predicted: Vec<_> = player.draw_others(&seen, rng).into_iter().map(|draw| draw.action).collect();
+        let mut predicted: Vec<_> = player
+            .draw_others(&seen, rng)
+            .into_iter()
+            .map(|draw| draw.action)
+            .collect();
         let drawn = sample(player.opponents[at].tracked_head(seen.clone()), rng);
         predicted[at] = drawn.action.clone().detach();
-        let own = sample(player.policy.plain_head(beside(&seen, predicted.clone()).detach()), rng).action.detach();
+        let own = sample(
+            player
+                .policy
+                .plain_head(beside(&seen, predicted.clone()).detach()),
+            rng,
+        )
+        .action
+        .detach();
         predicted[at] = drawn.action;
         let actions = game.joint(seat, own, predicted);
-        let critics = game.players.iter().map(|player| player.critic.value(&batch.observations, actions.clone()));
-        let loss = critics.fold(drawn.log_density * self.settings.opponent_entropy_weight, |sum, value| sum - value);
+        let critics = game
+            .players
+            .iter()
+            .map(|player| player.critic.value(&batch.observations, actions.clone()));
+        let loss = critics.fold(
+            drawn.log_density * self.settings.opponent_entropy_weight,
+            |sum, value| sum - value,
+        );
         loss.mean()
     }
 }
@@ -227,11 +270,17 @@ mod tests {
     use numerics::parameters::{parameters, with_parameters};
 
     fn tiny() -> Config {
-        Config { settings: trials::tiny(), ..Config::default() }
+        Config {
+            settings: trials::tiny(),
+            ..Config::default()
+        }
     }
 
     fn plain() -> Config {
-        Config { settings: trials::plain(), ..tiny() }
+        Config {
+            settings: trials::plain(),
+            ..tiny()
+        }
     }
 
     fn learner(config: Config) -> Learner<Config> {
@@ -240,30 +289,66 @@ mod tests {
 
     #[test]
     fn the_soft_target_by_its_parts() {
-        let mut learner = learner(Config { critic_entropy_weight: 0.3, ..plain() });
+        let mut learner = learner(Config {
+            critic_entropy_weight: 0.3,
+            ..plain()
+        });
         let batch = trials::batch(&mut learner, 8);
-        let got = values(learner.algorithm.clone().next_value(&mut learner.game, 1, &batch, &mut stream(&["noise"])));
-        let (player, s, rng) = (&mut learner.game.players[1], &batch.next_observations, &mut stream(&["noise"]));
+        let got = values(learner.algorithm.clone().next_value(
+            &mut learner.game,
+            1,
+            &batch,
+            &mut stream(&["noise"]),
+        ));
+        let (player, s, rng) = (
+            &mut learner.game.players[1],
+            &batch.next_observations,
+            &mut stream(&["noise"]),
+        );
         let other = sample(player.opponents[0].plain_head(s.clone()), rng);
-        let own = sample(player.policy.plain_head(Tensor::cat(vec![s.clone(), other.action.clone()], 1)), rng);
-        let q = player.critic.target_value(s, Tensor::cat(vec![other.action, own.action], 1));
+        let own = sample(
+            player
+                .policy
+                .plain_head(Tensor::cat(vec![s.clone(), other.action.clone()], 1)),
+            rng,
+        );
+        let q = player
+            .critic
+            .target_value(s, Tensor::cat(vec![other.action, own.action], 1));
         let want = values(q - (own.log_density + other.log_density) * 0.3);
-        assert!(got.iter().zip(&want).all(|(got, want)| (got - want).abs() < 1e-5), "{got:?} {want:?}");
+        assert!(
+            got.iter().zip(&want).all(|(got, want)| (got - want).abs() < 1e-5),
+            "{got:?} {want:?}"
+        );
     }
 
     #[test]
     fn gradients_agree_with_finite_differences_through_the_draws() {
         for input_normalisation in [false, true] {
-            let settings = Settings { input_normalisation, ..trials::plain() };
+            let settings = Settings {
+                input_normalisation,
+                ..trials::plain()
+            };
             let config = Config { settings, ..plain() };
             let aligned = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
-                learner.algorithm.clone().aligned_loss(&mut learner.game, 0, (0, 1), batch, rng)
+                learner
+                    .algorithm
+                    .clone()
+                    .aligned_loss(&mut learner.game, 0, (0, 1), batch, rng)
             };
-            trials::assert_gradient(config.clone(), |learner| &mut learner.game.players[0].opponents[0], aligned);
+            trials::assert_gradient(
+                config.clone(),
+                |learner| &mut learner.game.players[0].opponents[0],
+                aligned,
+            );
             let policy = |learner: &mut Learner<Config>, batch: &SeatBatch, rng: &mut Rng| {
                 policy_loss(&mut learner.game, 0, batch, 0.7, rng).0
             };
-            trials::assert_gradient(config.clone(), |learner| &mut learner.game.players[0].policy, policy);
+            trials::assert_gradient(
+                config.clone(),
+                |learner| &mut learner.game.players[0].policy,
+                policy,
+            );
         }
     }
 
@@ -280,21 +365,30 @@ mod tests {
         trials::assert_reaches_only(&learner, &loss, "seat_0.policy");
     }
 
-    /// Theorem 1: where the second critic is minus the first, the neutralised objective has the gradient of the entropy alone.
+    /// Theorem 1: where the second critic is minus the first, the neutralised objective has the gradient of
+    /// the entropy alone.
     #[test]
     fn opposed_critics_neutralise_the_gradient_of_eq_4_17_and_not_that_of_4_22() {
         let mut learner = learner(plain());
         let batch = trials::batch(&mut learner, 16);
         let mut opposed = parameters(learner.game.players[0].critic.network());
-        opposed[4..].iter_mut().flat_map(|parameter| &mut parameter.values).for_each(|x| *x = -*x);
+        opposed[4..]
+            .iter_mut()
+            .flat_map(|parameter| &mut parameter.values)
+            .for_each(|x| *x = -*x);
         let network = with_parameters(learner.game.players[0].critic.network().clone(), &opposed).unwrap();
-        learner.game.players[1].critic.set_network(network, &learner.algorithm.settings);
+        learner.game.players[1]
+            .critic
+            .set_network(network, &learner.algorithm.settings);
         let rng = || stream(&["draws"]);
         let entropy = |learner: &mut Learner<Config>| {
             let mut rng = rng();
             learner.game.players[0].draw_others(&batch.observations, &mut rng);
             let head = learner.game.players[0].opponents[0].tracked_head(batch.observations.clone());
-            trials::gradient(&learner.game.players[0].opponents[0], &sample(head, &mut rng).log_density.mean())
+            trials::gradient(
+                &learner.game.players[0].opponents[0],
+                &sample(head, &mut rng).log_density.mean(),
+            )
         };
         let config = learner.algorithm.clone();
         let neutralised = config.neutralised_loss(&mut learner.game, 0, 0, &batch, &mut rng());
@@ -311,7 +405,11 @@ mod tests {
 
     #[test]
     fn it_learns_to_coordinate() {
-        let settings = Settings { policy_entropy_weight: 0.1, opponent_entropy_weight: 0.1, ..trials::tiny() };
+        let settings = Settings {
+            policy_entropy_weight: 0.1,
+            opponent_entropy_weight: 0.1,
+            ..trials::tiny()
+        };
         trials::assert_learns(Config { settings, ..tiny() });
     }
 

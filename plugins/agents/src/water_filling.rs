@@ -1,16 +1,18 @@
 //! Water filling: load the assets so that all loaded ones end at one common terminal voltage.
 //!
-//! Each cell is seen as a source of voltage `e_i` behind a resistance `R_i`. The allocation that keeps the lowest terminal
-//! voltage as high as possible brings all cells with `e_i > v` to one level `v`:
+//! Each cell is seen as a source of voltage `e_i` behind a resistance `R_i`. The allocation that keeps the
+//! lowest terminal voltage as high as possible brings all cells with `e_i > v` to one level `v`:
 //!
 //! `sum_i v max(e_i - v, 0) / R_i = P`,   `a_i = (max(e_i - v, 0) / R_i) / sum_j (max(e_j - v, 0) / R_j)`.
 //!
-//! Two agents share this rule. `water_filling` is a controller: it takes `e_i = V_i + R I_i` from what is observed
-//! (`voltage_i`, `current_i`, `power_demand_w`) and one nominal resistance. `water_filling_true_state` knows more: it reads
-//! `effective_voltage_i` (equilibrium voltage less the surface overpotentials) and `resistance_ohm_i` from the full state.
+//! Two agents share this rule. `water_filling` is a controller: it takes `e_i = V_i + R I_i` from what is
+//! observed (`voltage_i`, `current_i`, `power_demand_w`) and one nominal resistance.
+//! `water_filling_true_state` knows more: it reads `effective_voltage_i` (equilibrium voltage less the
+//! surface overpotentials) and `resistance_ohm_i` from the full state.
 //!
-//! Both are reference controllers, not bounds: what they do is good at each decision, and a policy that looks ahead can live
-//! longer. What no controller can exceed is an environment's own metric, such as `cycle_length_bound`.
+//! Both are reference controllers, not bounds: what they do is good at each decision, and a policy that looks
+//! ahead can live longer. What no controller can exceed is an environment's own metric, such as
+//! `cycle_length_bound`.
 //!
 //! | symbol | here | unit |
 //! |---|---|---|
@@ -19,8 +21,9 @@
 //! | P | `power_w` | W |
 //! | v | `level_v` | V |
 //!
-//! Of two levels that meet `P` the higher one is taken, since it needs less current. Where no level meets `P`, the level of
-//! the greatest power is taken. The rule is myopic: it looks at the present decision only. It records nothing.
+//! Of two levels that meet `P` the higher one is taken, since it needs less current. Where no level meets
+//! `P`, the level of the greatest power is taken. The rule is myopic: it looks at the present decision only.
+//! It records nothing.
 
 use crate::shared::{allocation::equal_shares, seat};
 use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
@@ -35,7 +38,8 @@ const TRUE_STATE: &str = "water_filling_true_state";
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Ohmic resistance that every cell is assumed to have.
-    #[schemars(range(min = 1e-6, max = 1e3), extend("x-unit" = "ohm", "x-source" = "fresh 18650 cell, Daigle and Kulkarni 2013"))]
+    #[schemars(range(min = 1e-6, max = 1e3), extend("x-unit" = "ohm",
+        "x-source" = "fresh 18650 cell, Daigle and Kulkarni 2013"))]
     pub r_ohm: f64,
 }
 
@@ -80,7 +84,13 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// Registers the controller on the full state.
 pub(crate) fn register_true_state(registry: &mut Registry, version: u32) {
     let about = "equal terminal voltages, from the true state: a reference controller";
-    registry.agent(TRUE_STATE, version, about, AgentTraits::default(), build_true_state);
+    registry.agent(
+        TRUE_STATE,
+        version,
+        about,
+        AgentTraits::default(),
+        build_true_state,
+    );
 }
 
 /// Builds the controller for one seat that observes `voltage_i`, `current_i` and `power_demand_w`.
@@ -100,7 +110,8 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
     }))
 }
 
-/// Builds the controller for one seat that observes `power_demand_w` and a state with `effective_voltage_i`, `resistance_ohm_i`.
+/// Builds the controller for one seat that observes `power_demand_w` and a state with `effective_voltage_i`,
+/// `resistance_ohm_i`.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where a channel is missing or the action is not on a simplex.
@@ -130,8 +141,17 @@ impl Agent for WaterFilling {
 impl Agent for WaterFillingTrueState {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
         let allocate = |observation: &Observation| {
-            let pick = |positions: &[usize]| positions.iter().map(|&at| observation.state[at]).collect::<Vec<f64>>();
-            vec![shares(&pick(&self.sources), &pick(&self.resistances), observation.seats[0][self.demand])]
+            let pick = |positions: &[usize]| {
+                positions
+                    .iter()
+                    .map(|&at| observation.state[at])
+                    .collect::<Vec<f64>>()
+            };
+            vec![shares(
+                &pick(&self.sources),
+                &pick(&self.resistances),
+                observation.seats[0][self.demand],
+            )]
         };
         Ok(observations.iter().map(allocate).collect())
     }
@@ -141,11 +161,16 @@ impl Agent for WaterFillingTrueState {
     }
 }
 
-/// Shares that bring all loaded cells to one terminal voltage; equal shares where nothing can or need be delivered.
+/// Shares that bring all loaded cells to one terminal voltage; equal shares where nothing can or need be
+/// delivered.
 #[must_use]
 pub fn shares(source_v: &[f64], resistance_ohm: &[f64], power_w: f64) -> Vec<f64> {
     let level_v = level(source_v, resistance_ohm, power_w);
-    let currents: Vec<f64> = source_v.iter().zip(resistance_ohm).map(|(e, r)| (e - level_v).max(0.0) / r).collect();
+    let currents: Vec<f64> = source_v
+        .iter()
+        .zip(resistance_ohm)
+        .map(|(e, r)| (e - level_v).max(0.0) / r)
+        .collect();
     let total: f64 = currents.iter().sum();
     if total > 0.0 && total.is_finite() {
         currents.into_iter().map(|current| current / total).collect()
@@ -154,10 +179,12 @@ pub fn shares(source_v: &[f64], resistance_ohm: &[f64], power_w: f64) -> Vec<f64
     }
 }
 
-/// The highest level `v` with `sum_i v max(e_i - v, 0) / R_i = P`, or the level of the greatest power where there is none.
+/// The highest level `v` with `sum_i v max(e_i - v, 0) / R_i = P`, or the level of the greatest power where
+/// there is none.
 ///
-/// With the `k` cells of the highest `e_i` loaded, the power is the parabola `v (S - G v)` with `S = sum e_i / R_i` and
-/// `G = sum 1 / R_i`, valid between `e_{k+1}` and `e_k`; the pieces are tried from the highest level down.
+/// With the `k` cells of the highest `e_i` loaded, the power is the parabola `v (S - G v)` with `S = sum e_i
+/// / R_i` and `G = sum 1 / R_i`, valid between `e_{k+1}` and `e_k`; the pieces are tried from the highest
+/// level down.
 fn level(source_v: &[f64], resistance_ohm: &[f64], power_w: f64) -> f64 {
     let mut order: Vec<usize> = (0..source_v.len()).filter(|&i| source_v[i] > 0.0).collect();
     order.sort_by(|&a, &b| source_v[b].total_cmp(&source_v[a]));
@@ -205,7 +232,8 @@ mod tests {
 
     #[test]
     fn a_low_cell_rests() {
-        // Level 3.6 V: (4 - 3.6) / 0.5 = 0.8 A of the first cell, 2.88 W; the second cell lies below the level.
+        // Level 3.6 V: (4 - 3.6) / 0.5 = 0.8 A of the first cell, 2.88 W; the second cell lies below the
+        // level.
         assert!((level(&[4.0, 3.5], &[0.5, 0.25], 2.88) - 3.6).abs() < 1e-12);
         assert!(close(&shares(&[4.0, 3.5], &[0.5, 0.25], 2.88), &[1.0, 0.0]));
     }
@@ -227,19 +255,49 @@ mod tests {
     #[test]
     fn both_agents_find_their_channels_by_name() {
         let mut rng = engine::random::stream(&["water"]);
-        let observed = ["power_demand_w", "voltage_1", "voltage_2", "current_1", "current_2"];
-        let state = ["charge_1", "resistance_ohm_1", "effective_voltage_1", "effective_voltage_2", "resistance_ohm_2"];
+        let observed = [
+            "power_demand_w",
+            "voltage_1",
+            "voltage_2",
+            "current_1",
+            "current_2",
+        ];
+        let state = [
+            "charge_1",
+            "resistance_ohm_1",
+            "effective_voltage_1",
+            "effective_voltage_2",
+            "resistance_ohm_2",
+        ];
         let interface = allocation(&observed, &state, 2);
         // V + R I = 3.5 + 0.5 * 1 = 4 and 3.25 + 0.5 * 0.5 = 3.5; level 3 V: 2 A and 1 A, 9 W.
-        let seen = Observation { seats: vec![vec![9.0, 3.5, 3.25, 1.0, 0.5]], state: vec![0.0, 0.5, 4.0, 3.5, 0.25] };
+        let seen = Observation {
+            seats: vec![vec![9.0, 3.5, 3.25, 1.0, 0.5]],
+            state: vec![0.0, 0.5, 4.0, 3.5, 0.25],
+        };
         let mut on_observables = build(Config { r_ohm: 0.5 }, &interface, &mut rng).unwrap();
-        let action = on_observables.act(std::slice::from_ref(&seen), Mode::Evaluate, &mut rng).unwrap();
+        let action = on_observables
+            .act(std::slice::from_ref(&seen), Mode::Evaluate, &mut rng)
+            .unwrap();
         assert!(close(&action[0][0], &[2.0 / 3.0, 1.0 / 3.0]));
         let mut on_state = build_true_state(TrueStateConfig {}, &interface, &mut rng).unwrap();
-        let twelve_watts = Observation { seats: vec![vec![12.0, 0.0, 0.0, 0.0, 0.0]], state: seen.state };
+        let twelve_watts = Observation {
+            seats: vec![vec![12.0, 0.0, 0.0, 0.0, 0.0]],
+            state: seen.state,
+        };
         assert!(on_state.reads_state());
-        assert!(close(&on_state.act(&[twelve_watts], Mode::Evaluate, &mut rng).unwrap()[0][0], &[0.5, 0.5]));
-        assert!(build(Config::default(), &allocation(&["voltage_1", "current_1"], &[], 1), &mut rng).is_err());
+        assert!(close(
+            &on_state.act(&[twelve_watts], Mode::Evaluate, &mut rng).unwrap()[0][0],
+            &[0.5, 0.5]
+        ));
+        assert!(
+            build(
+                Config::default(),
+                &allocation(&["voltage_1", "current_1"], &[], 1),
+                &mut rng
+            )
+            .is_err()
+        );
     }
 
     proptest! {

@@ -24,7 +24,13 @@ pub struct ZeroAction {
 
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
-    registry.agent(NAME, version, "every seat does nothing", AgentTraits::default(), build);
+    registry.agent(
+        NAME,
+        version,
+        "every seat does nothing",
+        AgentTraits::default(),
+        build,
+    );
 }
 
 /// Builds the policy for any number of seats that act in boxes.
@@ -38,10 +44,19 @@ fn build(_: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>
 
 fn zeros(seat: &Seat) -> Result<Vec<f64>, Error> {
     let Space::Box(channels) = &seat.action else {
-        return Err(mismatch(NAME, "it does nothing, which only actions in a box allow"));
+        return Err(mismatch(
+            NAME,
+            "it does nothing, which only actions in a box allow",
+        ));
     };
-    match channels.iter().find(|channel| channel.low > 0.0 || channel.high < 0.0) {
-        Some(channel) => Err(mismatch(NAME, format!("0 lies outside the limits of `{}`", channel.name))),
+    match channels
+        .iter()
+        .find(|channel| channel.low > 0.0 || channel.high < 0.0)
+    {
+        Some(channel) => Err(mismatch(
+            NAME,
+            format!("0 lies outside the limits of `{}`", channel.name),
+        )),
         None => Ok(vec![0.0; channels.len()]),
     }
 }
@@ -60,21 +75,47 @@ mod tests {
 
     fn agent(channel: Channel) -> Result<Box<dyn Agent>, Error> {
         let action = Space::Box(vec![channel.clone(), channel]);
-        let seat = Seat { name: String::new(), observation: Space::Box(Vec::new()), action };
-        build(Config {}, &Interface { seats: vec![seat.clone(), seat], state: Vec::new() }, &mut engine::random::stream(&[]))
+        let seat = Seat {
+            name: String::new(),
+            observation: Space::Box(Vec::new()),
+            action,
+        };
+        build(
+            Config {},
+            &Interface {
+                seats: vec![seat.clone(), seat],
+                state: Vec::new(),
+            },
+            &mut engine::random::stream(&[]),
+        )
     }
 
     #[test]
     fn all_seats_of_all_rows_rest() {
         let mut agent = agent(Channel::new("force", "").within(-1.0, 1.0)).unwrap();
         let rows = [Observation::default(), Observation::default()];
-        let actions = agent.act(&rows, Mode::Train, &mut engine::random::stream(&[])).unwrap();
+        let actions = agent
+            .act(&rows, Mode::Train, &mut engine::random::stream(&[]))
+            .unwrap();
         assert_eq!(actions, vec![vec![vec![0.0; 2]; 2]; 2]);
     }
 
     #[test]
     fn where_nothing_is_no_action_it_is_refused() {
-        assert!(agent(Channel::new("speed", "").within(0.5, 1.0)).err().unwrap().to_string().contains("`speed`"));
-        assert!(build(Config {}, &allocation(&[], &[], 2), &mut engine::random::stream(&[])).is_err());
+        assert!(
+            agent(Channel::new("speed", "").within(0.5, 1.0))
+                .err()
+                .unwrap()
+                .to_string()
+                .contains("`speed`")
+        );
+        assert!(
+            build(
+                Config {},
+                &allocation(&[], &[], 2),
+                &mut engine::random::stream(&[])
+            )
+            .is_err()
+        );
     }
 }

@@ -1,8 +1,8 @@
 //! A one-step allocation with a known best answer.
 //!
-//! The action a lies on the simplex; the reward is the sum of v_i a_i - c |a|^2. For c = 0 the best action is the corner of the
-//! largest value, so a policy that cannot reach a corner shows its bias; for c > 0 it is the projection of v / (2c) onto the
-//! simplex. The observation is the constant 1.
+//! The action a lies on the simplex; the reward is the sum of v_i a_i - c |a|^2. For c = 0 the best action is
+//! the corner of the largest value, so a policy that cannot reach a corner shows its bias; for c > 0 it is
+//! the projection of v / (2c) onto the simplex. The observation is the constant 1.
 
 use crate::simplex;
 use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
@@ -23,7 +23,10 @@ pub struct AllocationBanditConfig {
 
 impl Default for AllocationBanditConfig {
     fn default() -> Self {
-        Self { values: vec![1.0, 0.5, 0.0], curvature: 0.0 }
+        Self {
+            values: vec![1.0, 0.5, 0.0],
+            curvature: 0.0,
+        }
     }
 }
 
@@ -74,23 +77,39 @@ fn shares(count: usize) -> Vec<String> {
 }
 
 fn reward(config: &AllocationBanditConfig, action: &[f64]) -> f64 {
-    let value: f64 = config.values.iter().zip(action).map(|(value, share)| value * share).sum();
+    let value: f64 = config
+        .values
+        .iter()
+        .zip(action)
+        .map(|(value, share)| value * share)
+        .sum();
     value - config.curvature * action.iter().map(|share| share * share).sum::<f64>()
 }
 
 /// The action of the highest reward.
 fn best_action(config: &AllocationBanditConfig) -> Vec<f64> {
     if config.curvature > 0.0 {
-        let target: Vec<f64> = config.values.iter().map(|value| value / (2.0 * config.curvature)).collect();
+        let target: Vec<f64> = config
+            .values
+            .iter()
+            .map(|value| value / (2.0 * config.curvature))
+            .collect();
         return projection_onto_simplex(&target);
     }
-    let best =
-        (0..config.values.len()).fold(0, |best, index| if config.values[index] > config.values[best] { index } else { best });
-    (0..config.values.len()).map(|index| if index == best { 1.0 } else { 0.0 }).collect()
+    let best = (0..config.values.len()).fold(0, |best, index| {
+        if config.values[index] > config.values[best] {
+            index
+        } else {
+            best
+        }
+    });
+    (0..config.values.len())
+        .map(|index| if index == best { 1.0 } else { 0.0 })
+        .collect()
 }
 
-/// The point of the simplex nearest to `target`: max(target - t, 0) with the t that makes it sum to 1 (Held, Wolfe and
-/// Crowder 1974).
+/// The point of the simplex nearest to `target`: max(target - t, 0) with the t that makes it sum to 1 (Held,
+/// Wolfe and Crowder 1974).
 fn projection_onto_simplex(target: &[f64]) -> Vec<f64> {
     let mut falling = target.to_vec();
     falling.sort_by(|a, b| b.total_cmp(a));
@@ -123,11 +142,18 @@ impl Environment for AllocationBandit {
         self.action = simplex::checked(actions, self.config.values.len(), simplex::SUM_TOLERANCE)?;
         let earned = reward(&self.config, &self.action);
         let regret = reward(&self.config, &self.best) - earned;
-        Ok(Step { observations: vec![vec![1.0]], rewards: vec![earned], info: vec![regret], end: Some(End::Terminated) })
+        Ok(Step {
+            observations: vec![vec![1.0]],
+            rewards: vec![earned],
+            info: vec![regret],
+            end: Some(End::Terminated),
+        })
     }
 
     fn state_channels(&self) -> Vec<Channel> {
-        let numbered = |word: &'static str| (1..=self.best.len()).map(move |number| Channel::new(format!("{word}_{number}"), ""));
+        let numbered = |word: &'static str| {
+            (1..=self.best.len()).map(move |number| Channel::new(format!("{word}_{number}"), ""))
+        };
         numbered("best")
             .map(|channel| channel.within(0.0, 1.0))
             .chain(numbered("value"))
@@ -136,11 +162,19 @@ impl Environment for AllocationBandit {
     }
 
     fn state(&self) -> Vec<f64> {
-        self.best.iter().chain(&self.config.values).copied().chain([self.config.curvature]).collect()
+        self.best
+            .iter()
+            .chain(&self.config.values)
+            .copied()
+            .chain([self.config.curvature])
+            .collect()
     }
 
     fn trace_channels(&self) -> Vec<Channel> {
-        shares(self.best.len()).into_iter().map(|name| Channel::new(name, "")).collect()
+        shares(self.best.len())
+            .into_iter()
+            .map(|name| Channel::new(name, ""))
+            .collect()
     }
 
     fn trace(&self) -> Vec<f64> {
@@ -164,7 +198,10 @@ mod tests {
     use proptest::prelude::*;
 
     fn bandit(values: &[f64], curvature: f64) -> AllocationBandit {
-        AllocationBandit::new(AllocationBanditConfig { values: values.to_vec(), curvature })
+        AllocationBandit::new(AllocationBanditConfig {
+            values: values.to_vec(),
+            curvature,
+        })
     }
 
     #[test]
@@ -187,7 +224,13 @@ mod tests {
 
     #[test]
     fn no_values_are_refused() {
-        assert!(build(AllocationBanditConfig { values: vec![], curvature: 0.0 }).is_err());
+        assert!(
+            build(AllocationBanditConfig {
+                values: vec![],
+                curvature: 0.0
+            })
+            .is_err()
+        );
     }
 
     proptest! {

@@ -1,22 +1,24 @@
-//! The differential game "max of two quadratics": one joint action, one shared reward, a trap (thesis, section 4.5.1).
+//! The differential game "max of two quadratics": one joint action, one shared reward, a trap (thesis,
+//! section 4.5.1).
 //!
 //! Every player i chooses a_i in [-10, 10]; all earn
 //!
 //! r = max(f_1, f_2), f_1 = -0.8 sum_i (a_i + 5)^2 / w, f_2 = 10 - sum_i (a_i - 5)^2.
 //!
-//! f_1 has a wide hill of height 0 at a = (-5, ..., -5), f_2 a narrow one of height 10 at (5, ..., 5), with a valley between them:
-//! from most places the gradient leads to the lower one.
+//! f_1 has a wide hill of height 0 at a = (-5, ..., -5), f_2 a narrow one of height 10 at (5, ..., 5), with a
+//! valley between them: from most places the gradient leads to the lower one.
 //!
 //! | symbol | here                                        | range |
 //! |--------|---------------------------------------------|-------|
 //! | a_i    | ten times `agent_i.unit_action`; traced as `agent_i.action` | [-10, 10] |
 //! | w      | 9 for `scale: thesis`, where the division by 3 is squared; 3 for `rommeo` | |
 //!
-//! `zero_sum_game` has the same surface for two opposed players: the first earns r, the second -r. It has a saddle point of height
-//! -15 at (5, 10), where neither gains by moving alone. The thesis has no such game; its theorem 1 speaks of them.
+//! `zero_sum_game` has the same surface for two opposed players: the first earns r, the second -r. It has a
+//! saddle point of height -15 at (5, 10), where neither gains by moving alone. The thesis has no such game;
+//! its theorem 1 speaks of them.
 //!
-//! An episode is one step and terminates. There is nothing to see: each player observes the constant 1, so that the joint
-//! observation of two players is [1, 1], as the authors' public code has it.
+//! An episode is one step and terminates. There is nothing to see: each player observes the constant 1, so
+//! that the joint observation of two players is [1, 1], as the authors' public code has it.
 
 use crate::unit_box::{self, Beyond};
 use engine::{Channel, End, Environment, Error, Metric, PerEpisode, RewardSurface, Rng, Seat, Space, Step};
@@ -54,7 +56,10 @@ pub struct DifferentialGameConfig {
 
 impl Default for DifferentialGameConfig {
     fn default() -> Self {
-        Self { players: 2, scale: Scale::Thesis }
+        Self {
+            players: 2,
+            scale: Scale::Thesis,
+        }
     }
 }
 
@@ -71,14 +76,20 @@ pub struct ZeroSumConfig {
 impl engine::Config for ZeroSumConfig {}
 
 impl DifferentialGameConfig {
-    /// The reward of every player (of the first, where they are opposed) for actions in [-10, 10], one per player.
+    /// The reward of every player (of the first, where they are opposed) for actions in [-10, 10], one per
+    /// player.
     #[must_use]
     pub fn reward(&self, actions: &[f64]) -> f64 {
         let width = match self.scale {
             Scale::Thesis => 9.0,
             Scale::Rommeo => 3.0,
         };
-        let squares = |center: f64| actions.iter().map(|action| (action - center) * (action - center)).sum::<f64>();
+        let squares = |center: f64| {
+            actions
+                .iter()
+                .map(|action| (action - center) * (action - center))
+                .sum::<f64>()
+        };
         (-0.8 * squares(-5.0) / width).max(10.0 - squares(5.0))
     }
 
@@ -89,7 +100,9 @@ impl DifferentialGameConfig {
         let points = places().flat_map(|first| places().map(move |second| (first, second)));
         RewardSurface {
             names: ["surface_action_0", "surface_action_1", "surface_reward"].map(String::from),
-            points: points.map(|(first, second)| [first, second, self.reward(&[first, second])]).collect(),
+            points: points
+                .map(|(first, second)| [first, second, self.reward(&[first, second])])
+                .collect(),
         }
     }
 }
@@ -123,8 +136,14 @@ pub fn build(config: DifferentialGameConfig) -> Result<Box<dyn Environment>, Err
 /// # Errors
 /// None.
 pub fn build_zero_sum(config: ZeroSumConfig) -> Result<Box<dyn Environment>, Error> {
-    let game = DifferentialGame::new(DifferentialGameConfig { players: 2, scale: config.scale });
-    Ok(Box::new(DifferentialGame { shares: vec![1.0, -1.0], ..game }))
+    let game = DifferentialGame::new(DifferentialGameConfig {
+        players: 2,
+        scale: config.scale,
+    });
+    Ok(Box::new(DifferentialGame {
+        shares: vec![1.0, -1.0],
+        ..game
+    }))
 }
 
 impl DifferentialGame {
@@ -132,15 +151,27 @@ impl DifferentialGame {
         let seat = |player: usize| Seat {
             name: format!("agent_{player}"),
             observation: Space::Box(vec![Channel::new("constant", "").within(1.0, 1.0)]),
-            action: Space::Box(vec![Channel::new("unit_action", "").within(-1.0, 1.0).typical(0.0, 0.6)]),
+            action: Space::Box(vec![
+                Channel::new("unit_action", "")
+                    .within(-1.0, 1.0)
+                    .typical(0.0, 0.6),
+            ]),
         };
         let last = |name: String, about: &str| Metric::new(&name, "", about).per_episode(PerEpisode::Last);
         let about = "reward of every player for the joint action; of the first, where players are opposed";
         let joint_reward = last("joint_reward".into(), about);
-        let action = |player: usize| last(format!("action_{player}"), "action of this player, in [-10, 10]; 5 is best together");
+        let action = |player: usize| {
+            last(
+                format!("action_{player}"),
+                "action of this player, in [-10, 10]; 5 is best together",
+            )
+        };
         Self {
             seats: (0..config.players).map(seat).collect(),
-            metrics: [joint_reward].into_iter().chain((0..config.players).map(action)).collect(),
+            metrics: [joint_reward]
+                .into_iter()
+                .chain((0..config.players).map(action))
+                .collect(),
             actions: vec![f64::NAN; config.players],
             reward: f64::NAN,
             shares: vec![1.0; config.players],
@@ -185,13 +216,23 @@ impl Environment for DifferentialGame {
     fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
         self.read(actions)?;
         self.reward = self.config.reward(&self.actions);
-        let info = [self.reward].into_iter().chain(self.actions.iter().copied()).collect();
+        let info = [self.reward]
+            .into_iter()
+            .chain(self.actions.iter().copied())
+            .collect();
         let rewards = self.shares.iter().map(|share| share * self.reward).collect();
-        Ok(Step { observations: self.observe(), rewards, info, end: Some(End::Terminated) })
+        Ok(Step {
+            observations: self.observe(),
+            rewards,
+            info,
+            end: Some(End::Terminated),
+        })
     }
 
     fn state_channels(&self) -> Vec<Channel> {
-        (0..self.config.players).map(|player| Channel::new(format!("agent_{player}.constant"), "").within(1.0, 1.0)).collect()
+        (0..self.config.players)
+            .map(|player| Channel::new(format!("agent_{player}.constant"), "").within(1.0, 1.0))
+            .collect()
     }
 
     fn state(&self) -> Vec<f64> {
@@ -199,8 +240,13 @@ impl Environment for DifferentialGame {
     }
 
     fn trace_channels(&self) -> Vec<Channel> {
-        let action = |player: usize| Channel::new(format!("agent_{player}.action"), "").within(-ACTION_SCALE, ACTION_SCALE);
-        (0..self.config.players).map(action).chain([Channel::new("joint_reward", "")]).collect()
+        let action = |player: usize| {
+            Channel::new(format!("agent_{player}.action"), "").within(-ACTION_SCALE, ACTION_SCALE)
+        };
+        (0..self.config.players)
+            .map(action)
+            .chain([Channel::new("joint_reward", "")])
+            .collect()
     }
 
     fn trace(&self) -> Vec<f64> {
@@ -228,7 +274,10 @@ mod tests {
     use proptest::prelude::*;
 
     fn config(scale: Scale) -> DifferentialGameConfig {
-        DifferentialGameConfig { scale, ..Default::default() }
+        DifferentialGameConfig {
+            scale,
+            ..Default::default()
+        }
     }
 
     #[test]
@@ -241,29 +290,51 @@ mod tests {
             (Scale::Thesis, [4.0, 6.0], 8.0),
             (Scale::Rommeo, [-5.0, -2.0], -2.4),
         ] {
-            assert!((config(scale).reward(&actions) - reward).abs() < 1e-12, "{scale:?} {actions:?}");
+            assert!(
+                (config(scale).reward(&actions) - reward).abs() < 1e-12,
+                "{scale:?} {actions:?}"
+            );
         }
     }
 
     #[test]
     fn the_surface_holds_both_tops() {
-        let surface = DifferentialGame::new(config(Scale::Thesis)).reward_surface().unwrap();
+        let surface = DifferentialGame::new(config(Scale::Thesis))
+            .reward_surface()
+            .unwrap();
         assert_eq!(surface.points.len(), 41 * 41);
-        for point in [[5.0, 5.0, 10.0], [-5.0, -5.0, 0.0], [-10.0, 10.0, -0.8 * 250.0 / 9.0]] {
+        for point in [
+            [5.0, 5.0, 10.0],
+            [-5.0, -5.0, 0.0],
+            [-10.0, 10.0, -0.8 * 250.0 / 9.0],
+        ] {
             assert!(surface.points.contains(&point), "{point:?}");
         }
-        assert!(DifferentialGame::new(DifferentialGameConfig { players: 3, ..config(Scale::Thesis) }).reward_surface().is_none());
+        assert!(
+            DifferentialGame::new(DifferentialGameConfig {
+                players: 3,
+                ..config(Scale::Thesis)
+            })
+            .reward_surface()
+            .is_none()
+        );
     }
 
     #[test]
     fn one_step_is_an_episode() {
-        let mut game = DifferentialGame::new(DifferentialGameConfig { players: 3, scale: Scale::Thesis });
+        let mut game = DifferentialGame::new(DifferentialGameConfig {
+            players: 3,
+            scale: Scale::Thesis,
+        });
         let mut rng = engine::random::stream(&[]);
         assert_eq!(game.reset(&mut rng).unwrap(), vec![vec![1.0]; 3]);
         assert!(game.trace().iter().all(|value| value.is_nan()));
         let step = game.step(&[vec![0.5], vec![0.4], vec![0.6]], &mut rng).unwrap();
         assert_eq!((step.rewards, step.end), (vec![8.0; 3], Some(End::Terminated)));
-        assert_eq!((step.info, game.trace()), (vec![8.0, 5.0, 4.0, 6.0], vec![5.0, 4.0, 6.0, 8.0]));
+        assert_eq!(
+            (step.info, game.trace()),
+            (vec![8.0, 5.0, 4.0, 6.0], vec![5.0, 4.0, 6.0, 8.0])
+        );
     }
 
     #[test]
@@ -274,9 +345,17 @@ mod tests {
         assert_eq!(step.rewards, [-15.0, 15.0]);
         for place in (-100..=100).map(|at| f64::from(at) / 100.0) {
             let rewards = |actions: [f64; 2], game: &mut dyn Environment| {
-                game.step(&actions.map(|action| vec![action]), &mut engine::random::stream(&[])).unwrap().rewards
+                game.step(
+                    &actions.map(|action| vec![action]),
+                    &mut engine::random::stream(&[]),
+                )
+                .unwrap()
+                .rewards
             };
-            assert!(rewards([place, 1.0], &mut *game)[0] <= -15.0 && rewards([0.5, place], &mut *game)[1] <= 15.0, "{place}");
+            assert!(
+                rewards([place, 1.0], &mut *game)[0] <= -15.0 && rewards([0.5, place], &mut *game)[1] <= 15.0,
+                "{place}"
+            );
         }
     }
 
@@ -284,10 +363,21 @@ mod tests {
     fn what_is_no_joint_action_is_refused() {
         let mut game = DifferentialGame::new(config(Scale::Thesis));
         let mut rng = engine::random::stream(&[]);
-        for actions in [vec![vec![0.0]], vec![vec![0.0], vec![1.1]], vec![vec![f64::NAN], vec![0.0]], vec![vec![0.0], vec![]]] {
+        for actions in [
+            vec![vec![0.0]],
+            vec![vec![0.0], vec![1.1]],
+            vec![vec![f64::NAN], vec![0.0]],
+            vec![vec![0.0], vec![]],
+        ] {
             assert!(matches!(game.step(&actions, &mut rng), Err(Error::Action { .. })));
         }
-        assert!(build(DifferentialGameConfig { players: 0, ..config(Scale::Thesis) }).is_err());
+        assert!(
+            build(DifferentialGameConfig {
+                players: 0,
+                ..config(Scale::Thesis)
+            })
+            .is_err()
+        );
     }
 
     proptest! {

@@ -19,8 +19,18 @@ mod unit_box;
 
 /// Registers every environment of this crate.
 pub fn register(registry: &mut engine::Registry) {
-    registry.environment("allocation_bandit", 1, "one allocation with a known best answer", allocation_bandit::build);
-    registry.environment("battery", 2, "share a load among the cells of a lithium-ion pack", battery::build);
+    registry.environment(
+        "allocation_bandit",
+        1,
+        "one allocation with a known best answer",
+        allocation_bandit::build,
+    );
+    registry.environment(
+        "battery",
+        2,
+        "share a load among the cells of a lithium-ion pack",
+        battery::build,
+    );
     let about = "players share the higher of two hills, of which the wider one is a trap";
     registry.environment("differential_game", 1, about, differential_game::build);
     let about = "agents push discs in a plane: cooperative navigation, or predators and prey";

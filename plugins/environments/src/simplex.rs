@@ -10,16 +10,26 @@ pub const SUM_TOLERANCE: f64 = 1e-6;
 /// The action of the only seat, with rounding errors below zero set to zero.
 ///
 /// # Errors
-/// [`Error::Action`] where there is not one seat with `entries` non-negative entries whose sum is 1, or at most `excess` above it.
+/// [`Error::Action`] where there is not one seat with `entries` non-negative entries whose sum is 1, or at
+/// most `excess` above it.
 pub fn checked(actions: &[Vec<f64>], entries: usize, excess: f64) -> Result<Vec<f64>, Error> {
     let problem = |problem: String| Error::Action { problem };
-    let [action] = actions else { return Err(problem(format!("{} seats in place of one", actions.len()))) };
+    let [action] = actions else {
+        return Err(problem(format!("{} seats in place of one", actions.len())));
+    };
     if action.len() != entries {
         return Err(problem(format!("{} entries in place of {entries}", action.len())));
     }
     // Written so that a NaN is refused as well.
-    if let Some(index) = action.iter().position(|entry| entry.is_nan() || *entry < -ENTRY_TOLERANCE) {
-        return Err(problem(format!("entry {} is {}, below 0", index + 1, action[index])));
+    if let Some(index) = action
+        .iter()
+        .position(|entry| entry.is_nan() || *entry < -ENTRY_TOLERANCE)
+    {
+        return Err(problem(format!(
+            "entry {} is {}, below 0",
+            index + 1,
+            action[index]
+        )));
     }
     let sum: f64 = action.iter().sum();
     if sum < 1.0 - SUM_TOLERANCE || sum > 1.0 + excess {
@@ -35,11 +45,23 @@ mod tests {
 
     #[test]
     fn what_is_no_allocation_is_refused() {
-        for action in [vec![0.5, 0.6], vec![1.1, -0.1], vec![f64::NAN, 1.0], vec![1.0], vec![f64::INFINITY, 0.0]] {
-            assert!(matches!(checked(&[action], 2, SUM_TOLERANCE), Err(Error::Action { .. })));
+        for action in [
+            vec![0.5, 0.6],
+            vec![1.1, -0.1],
+            vec![f64::NAN, 1.0],
+            vec![1.0],
+            vec![f64::INFINITY, 0.0],
+        ] {
+            assert!(matches!(
+                checked(&[action], 2, SUM_TOLERANCE),
+                Err(Error::Action { .. })
+            ));
         }
         assert!(checked(&[], 2, SUM_TOLERANCE).is_err());
-        assert_eq!(checked(&[vec![1.0, -1e-10]], 2, SUM_TOLERANCE).unwrap(), [1.0, 0.0]);
+        assert_eq!(
+            checked(&[vec![1.0, -1e-10]], 2, SUM_TOLERANCE).unwrap(),
+            [1.0, 0.0]
+        );
     }
 
     #[test]
@@ -50,12 +72,15 @@ mod tests {
 
     proptest! {
         #[test]
-        fn exactly_the_simplex_is_let_through(raw in prop::collection::vec(0.01_f64..1.0, 1..9), scale in 0.5_f64..1.5) {
+        fn exactly_the_simplex_is_let_through(raw in prop::collection::vec(0.01_f64..1.0, 1..9),
+            scale in 0.5_f64..1.5) {
             let sum: f64 = raw.iter().sum();
             let action: Vec<f64> = raw.iter().map(|entry| entry / sum).collect();
-            prop_assert_eq!(&checked(std::slice::from_ref(&action), action.len(), SUM_TOLERANCE).unwrap(), &action);
+            prop_assert_eq!(&checked(std::slice::from_ref(&action), action.len(), SUM_TOLERANCE).unwrap(),
+                &action);
             let scaled: Vec<f64> = action.iter().map(|entry| entry * scale).collect();
-            prop_assert_eq!(checked(&[scaled], action.len(), SUM_TOLERANCE).is_ok(), (scale - 1.0).abs() <= 1e-6);
+            prop_assert_eq!(checked(&[scaled], action.len(), SUM_TOLERANCE).is_ok(),
+                (scale - 1.0).abs() <= 1e-6);
         }
     }
 }

@@ -1,8 +1,9 @@
 //! One step: recover a point of the simplex of which one entry is hidden, and sort it.
 //!
-//! Thesis, section 3.4.3. A point is drawn uniformly from the simplex, one randomly chosen entry is removed, and the others are
-//! the observation, in their order. The action is to be the whole point sorted ascending; the reward is minus its mean absolute
-//! error. The hidden entry is 1 less the sum of the others, so the best reward is 0.
+//! Thesis, section 3.4.3. A point is drawn uniformly from the simplex, one randomly chosen entry is removed,
+//! and the others are the observation, in their order. The action is to be the whole point sorted ascending;
+//! the reward is minus its mean absolute error. The hidden entry is 1 less the sum of the others, so the best
+//! reward is 0.
 
 use crate::simplex;
 use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
@@ -52,7 +53,10 @@ struct Episode {
 /// [`Error::Config`] where nothing would be left to show.
 pub fn build(config: SimplexReconstructionConfig) -> Result<Box<dyn Environment>, Error> {
     if config.dimensions < 2 {
-        return Err(Error::config("dimensions", "a point needs an entry to show and one to hide: at least 2"));
+        return Err(Error::config(
+            "dimensions",
+            "a point needs an entry to show and one to hide: at least 2",
+        ));
     }
     Ok(Box::new(SimplexReconstruction::new(config.dimensions)))
 }
@@ -60,17 +64,29 @@ pub fn build(config: SimplexReconstructionConfig) -> Result<Box<dyn Environment>
 impl SimplexReconstruction {
     fn new(dimensions: usize) -> Self {
         let (mean, deviation) = typical(dimensions);
-        let inputs = channels("input", dimensions - 1).into_iter().map(|channel| channel.typical(mean, deviation));
+        let inputs = channels("input", dimensions - 1)
+            .into_iter()
+            .map(|channel| channel.typical(mean, deviation));
         let seat = Seat {
             name: String::new(),
             observation: Space::Box(inputs.collect()),
-            action: Space::Simplex(channels("share", dimensions).into_iter().map(|channel| channel.name).collect()),
+            action: Space::Simplex(
+                channels("share", dimensions)
+                    .into_iter()
+                    .map(|channel| channel.name)
+                    .collect(),
+            ),
         };
-        let error = Metric::new("mae", "", "mean absolute error of the reconstructed point").lower_is_better();
+        let error =
+            Metric::new("mae", "", "mean absolute error of the reconstructed point").lower_is_better();
         Self {
             seats: vec![seat],
             metrics: vec![error.per_episode(PerEpisode::Last)],
-            episode: Episode { inputs: vec![0.0; dimensions - 1], target: vec![0.0; dimensions], output: None },
+            episode: Episode {
+                inputs: vec![0.0; dimensions - 1],
+                target: vec![0.0; dimensions],
+                output: None,
+            },
         }
     }
 }
@@ -83,19 +99,28 @@ fn typical(dimensions: usize) -> (f64, f64) {
 
 /// `prefix_1` to `prefix_count`, each in [0, 1].
 fn channels(prefix: &str, count: usize) -> Vec<Channel> {
-    (1..=count).map(|number| Channel::new(format!("{prefix}_{number}"), "").within(0.0, 1.0)).collect()
+    (1..=count)
+        .map(|number| Channel::new(format!("{prefix}_{number}"), "").within(0.0, 1.0))
+        .collect()
 }
 
 /// A point drawn uniformly from the simplex: exponential variables over their sum are Dirichlet(1, ..., 1).
 fn uniform_point(dimensions: usize, rng: &mut Rng) -> Vec<f64> {
     // The generator's numbers lie in [0, 1); 1 less that keeps the logarithm finite.
-    let draws: Vec<f64> = (0..dimensions).map(|_| -(1.0 - rng.random::<f64>()).ln()).collect();
+    let draws: Vec<f64> = (0..dimensions)
+        .map(|_| -(1.0 - rng.random::<f64>()).ln())
+        .collect();
     let sum: f64 = draws.iter().sum();
     draws.iter().map(|draw| draw / sum).collect()
 }
 
 fn mean_absolute_error(output: &[f64], target: &[f64]) -> f64 {
-    output.iter().zip(target).map(|(output, target)| (output - target).abs()).sum::<f64>() / target.len() as f64
+    output
+        .iter()
+        .zip(target)
+        .map(|(output, target)| (output - target).abs())
+        .sum::<f64>()
+        / target.len() as f64
 }
 
 impl Environment for SimplexReconstruction {
@@ -112,7 +137,11 @@ impl Environment for SimplexReconstruction {
         let mut inputs = target.clone();
         inputs.remove(rng.random_range(0..inputs.len() as u32) as usize);
         target.sort_by(f64::total_cmp);
-        self.episode = Episode { inputs: inputs.clone(), target, output: None };
+        self.episode = Episode {
+            inputs: inputs.clone(),
+            target,
+            output: None,
+        };
         Ok(vec![inputs])
     }
 
@@ -121,7 +150,12 @@ impl Environment for SimplexReconstruction {
         let error = mean_absolute_error(&output, &self.episode.target);
         self.episode.output = Some(output);
         let observations = vec![self.episode.inputs.clone()];
-        Ok(Step { observations, rewards: vec![-error], info: vec![error], end: Some(End::Terminated) })
+        Ok(Step {
+            observations,
+            rewards: vec![-error],
+            info: vec![error],
+            end: Some(End::Terminated),
+        })
     }
 
     fn state_channels(&self) -> Vec<Channel> {
@@ -134,11 +168,20 @@ impl Environment for SimplexReconstruction {
 
     fn trace_channels(&self) -> Vec<Channel> {
         let dimensions = self.episode.target.len();
-        [channels("input", dimensions - 1), channels("target", dimensions), channels("output", dimensions)].concat()
+        [
+            channels("input", dimensions - 1),
+            channels("target", dimensions),
+            channels("output", dimensions),
+        ]
+        .concat()
     }
 
     fn trace(&self) -> Vec<f64> {
-        let output = self.episode.output.clone().unwrap_or_else(|| vec![f64::NAN; self.episode.target.len()]);
+        let output = self
+            .episode
+            .output
+            .clone()
+            .unwrap_or_else(|| vec![f64::NAN; self.episode.target.len()]);
         [self.episode.inputs.clone(), self.episode.target.clone(), output].concat()
     }
 
@@ -148,10 +191,19 @@ impl Environment for SimplexReconstruction {
     }
 
     fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), Error> {
-        let misfit = |problem: String| Error::Checkpoint { what: "simplex_reconstruction", problem };
+        let misfit = |problem: String| Error::Checkpoint {
+            what: "simplex_reconstruction",
+            problem,
+        };
         let episode = Episode::deserialize(snapshot).map_err(|source| misfit(source.to_string()))?;
-        if episode.target.len() != self.episode.target.len() || episode.inputs.len() != self.episode.inputs.len() {
-            return Err(misfit(format!("{} entries stored, {} configured", episode.target.len(), self.episode.target.len())));
+        if episode.target.len() != self.episode.target.len()
+            || episode.inputs.len() != self.episode.inputs.len()
+        {
+            return Err(misfit(format!(
+                "{} entries stored, {} configured",
+                episode.target.len(),
+                self.episode.target.len()
+            )));
         }
         self.episode = episode;
         Ok(())
@@ -173,7 +225,10 @@ mod tests {
             point.sort_by(f64::total_cmp);
             assert!(mean_absolute_error(&point, &environment.state()) < 1e-15);
             let step = environment.step(&[environment.state()], &mut rng).unwrap();
-            assert_eq!((step.rewards[0], step.info[0], step.end), (-0.0, 0.0, Some(End::Terminated)));
+            assert_eq!(
+                (step.rewards[0], step.info[0], step.end),
+                (-0.0, 0.0, Some(End::Terminated))
+            );
         }
     }
 
@@ -186,7 +241,8 @@ mod tests {
         assert!((step.rewards[0] + 0.1).abs() < 1e-15);
     }
 
-    /// Each entry of a uniform point of the 4-simplex has mean 1/4 and, sorted, the means of Whitworth's broken stick.
+    /// Each entry of a uniform point of the 4-simplex has mean 1/4 and, sorted, the means of Whitworth's
+    /// broken stick.
     #[test]
     fn points_are_uniform() {
         let mut environment = SimplexReconstruction::new(4);
@@ -195,7 +251,10 @@ mod tests {
         for _ in 0..episodes {
             let inputs = environment.reset(&mut rng).unwrap().remove(0);
             let target = environment.state();
-            means.iter_mut().zip(&target).for_each(|(mean, entry)| *mean += entry / f64::from(episodes));
+            means
+                .iter_mut()
+                .zip(&target)
+                .for_each(|(mean, entry)| *mean += entry / f64::from(episodes));
             let shows_largest = inputs.iter().any(|entry| *entry == target[3]);
             hidden_first += u32::from(!shows_largest);
         }

@@ -2,7 +2,8 @@
 
 use engine::Error;
 
-/// How far an entry may lie outside before it is refused: squashing functions in single precision round to just beyond 1.
+/// How far an entry may lie outside before it is refused: squashing functions in single precision round to
+/// just beyond 1.
 const ROUNDING: f64 = 1e-6;
 
 /// What happens to an entry that lies further outside.
@@ -22,21 +23,33 @@ pub fn check_seats(actions: &[Vec<f64>], seats: usize) -> Result<(), Error> {
     if actions.len() == seats {
         return Ok(());
     }
-    Err(Error::Action { problem: format!("{} seats in place of {seats}", actions.len()) })
+    Err(Error::Action {
+        problem: format!("{} seats in place of {seats}", actions.len()),
+    })
 }
 
 /// The action of seat `agent_<agent>`, whose entries are called `names`, within [-1, 1].
 ///
 /// # Errors
-/// [`Error::Action`] for another number of entries, for `NaN`, and for an entry outside unless it is to be clipped.
-pub fn checked<const N: usize>(action: &[f64], agent: usize, names: [&str; N], beyond: Beyond) -> Result<[f64; N], Error> {
+/// [`Error::Action`] for another number of entries, for `NaN`, and for an entry outside unless it is to be
+/// clipped.
+pub fn checked<const N: usize>(
+    action: &[f64],
+    agent: usize,
+    names: [&str; N],
+    beyond: Beyond,
+) -> Result<[f64; N], Error> {
     let Ok(mut entries) = <[f64; N]>::try_from(action) else {
-        return Err(Error::Action { problem: format!("agent_{agent}: {} entries in place of {N}", action.len()) });
+        return Err(Error::Action {
+            problem: format!("agent_{agent}: {} entries in place of {N}", action.len()),
+        });
     };
     for (entry, name) in entries.iter_mut().zip(names) {
         let allowed = entry.abs() <= 1.0 + ROUNDING || beyond == Beyond::Clipped && !entry.is_nan();
         if !allowed {
-            return Err(Error::Action { problem: format!("agent_{agent}.{name} is {entry}, outside [-1, 1]") });
+            return Err(Error::Action {
+                problem: format!("agent_{agent}.{name} is {entry}, outside [-1, 1]"),
+            });
         }
         *entry = entry.clamp(-1.0, 1.0);
     }
@@ -51,10 +64,26 @@ mod tests {
     fn entries_inside_stay_and_others_are_refused_or_clipped() {
         let check = |action: &[f64], beyond| checked(action, 3, ["x", "y"], beyond);
         assert_eq!(check(&[0.3, -1.0], Beyond::Refused).unwrap(), [0.3, -1.0]);
-        assert_eq!(check(&[1.0 + 1e-7, -1.0 - 1e-7], Beyond::Refused).unwrap(), [1.0, -1.0]);
-        assert_eq!(check(&[9.0, f64::NEG_INFINITY], Beyond::Clipped).unwrap(), [1.0, -1.0]);
-        assert!(check(&[0.0, 1.1], Beyond::Refused).unwrap_err().to_string().contains("agent_3.y is 1.1, outside [-1, 1]"));
-        assert!(check(&[0.0], Beyond::Clipped).unwrap_err().to_string().contains("1 entries in place of 2"));
+        assert_eq!(
+            check(&[1.0 + 1e-7, -1.0 - 1e-7], Beyond::Refused).unwrap(),
+            [1.0, -1.0]
+        );
+        assert_eq!(
+            check(&[9.0, f64::NEG_INFINITY], Beyond::Clipped).unwrap(),
+            [1.0, -1.0]
+        );
+        assert!(
+            check(&[0.0, 1.1], Beyond::Refused)
+                .unwrap_err()
+                .to_string()
+                .contains("agent_3.y is 1.1, outside [-1, 1]")
+        );
+        assert!(
+            check(&[0.0], Beyond::Clipped)
+                .unwrap_err()
+                .to_string()
+                .contains("1 entries in place of 2")
+        );
         assert!(check(&[0.0, f64::NAN], Beyond::Clipped).is_err());
         assert!(check_seats(&[vec![0.0]], 2).is_err());
     }

@@ -1,7 +1,8 @@
 //! Activations of a layer, entry by entry, with their slopes.
 //!
-//! The slope is taken from the output `y` alone: `y > 0 ? 1 : s` for rectifiers and `1 - y^2` for the tangent. Every loop is
-//! free of branches and of calls into a C library, so it is vectorised and gives the same bits on every machine.
+//! The slope is taken from the output `y` alone: `y > 0 ? 1 : s` for rectifiers and `1 - y^2` for the
+//! tangent. Every loop is free of branches and of calls into a C library, so it is vectorised and gives the
+//! same bits on every machine.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -68,8 +69,9 @@ fn slope(y: f32, below: f32) -> f32 {
 
 /// Hyperbolic tangent with an error below 2 units in the last place (1.6 found over all `f32`).
 ///
-/// `1 - 2 / (e^(2 |x|) + 1)`, and below 0.625, where that cancels, `|x| + |x|^3 P(x^2)` with the polynomial of Cephes 2.2
-/// (Moshier 1992, `tanhf`). The exponential is `2^n 2^f` with `n` the nearest integer of `t = 2 |x| / ln 2`.
+/// `1 - 2 / (e^(2 |x|) + 1)`, and below 0.625, where that cancels, `|x| + |x|^3 P(x^2)` with the polynomial
+/// of Cephes 2.2 (Moshier 1992, `tanhf`). The exponential is `2^n 2^f` with `n` the nearest integer of `t = 2
+/// |x| / ln 2`.
 pub(crate) fn tanh(x: f32) -> f32 {
     /// 9.1 and above give 1 in `f32`.
     const LARGEST: f32 = 9.1;
@@ -89,10 +91,24 @@ pub(crate) fn tanh(x: f32) -> f32 {
 }
 
 /// `(tanh x - x) / x^3` in powers of `x^2`, highest first.
-const SMALL_TANH: [f32; 5] = [-5.704_988_7e-3, 2.063_908_8e-2, -5.373_971_6e-2, 1.333_144_2e-1, -3.333_328e-1];
+const SMALL_TANH: [f32; 5] = [
+    -5.704_988_7e-3,
+    2.063_908_8e-2,
+    -5.373_971_6e-2,
+    1.333_144_2e-1,
+    -3.333_328e-1,
+];
 
 /// `2^f` for `|f| <= 1/2`, highest power first: its interpolation at Chebyshev nodes, relative error 3e-9.
-const POWER_OF_TWO: [f32; 7] = [1.546_973_2e-4, 1.340_043_2e-3, 9.618_025e-3, 5.550_327e-2, 2.402_265e-1, 6.931_472e-1, 1.0];
+const POWER_OF_TWO: [f32; 7] = [
+    1.546_973_2e-4,
+    1.340_043_2e-3,
+    9.618_025e-3,
+    5.550_327e-2,
+    2.402_265e-1,
+    6.931_472e-1,
+    1.0,
+];
 
 fn polynomial<const N: usize>(coefficients: [f32; N], x: f32) -> f32 {
     coefficients.into_iter().fold(0.0, |sum, c| sum * x + c)
@@ -105,7 +121,10 @@ mod tests {
     /// Distance in units in the last place of the exact value.
     fn error_in_ulps(x: f32) -> f64 {
         let exact = f64::from(x).tanh();
-        #[allow(clippy::cast_possible_truncation, reason = "the spacing of f32 around the value")]
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "the spacing of f32 around the value"
+        )]
         let below = f32::from_bits((exact as f32).abs().to_bits() - 1);
         let unit = f64::from(f32::from_bits(below.to_bits() + 1) - below);
         (f64::from(tanh(x)) - exact).abs() / unit
@@ -114,7 +133,10 @@ mod tests {
     #[test]
     fn the_tangent_is_within_two_units_in_the_last_place() {
         let range = 1e-20f32.to_bits()..12.0f32.to_bits();
-        let worst = range.step_by(257).map(|bits| error_in_ulps(f32::from_bits(bits))).fold(0.0, f64::max);
+        let worst = range
+            .step_by(257)
+            .map(|bits| error_in_ulps(f32::from_bits(bits)))
+            .fold(0.0, f64::max);
         assert!((0.5..2.0).contains(&worst), "{worst}");
     }
 
@@ -129,9 +151,10 @@ mod tests {
 
     #[test]
     fn values_and_slopes_by_hand() {
-        for (activation, y, slopes) in
-            [(Activation::Relu, [0.0, 0.0, 3.0], [0.0, 0.0, 2.0]), (Activation::LeakyRelu, [-0.02, 0.0, 3.0], [0.02, 0.02, 2.0])]
-        {
+        for (activation, y, slopes) in [
+            (Activation::Relu, [0.0, 0.0, 3.0], [0.0, 0.0, 2.0]),
+            (Activation::LeakyRelu, [-0.02, 0.0, 3.0], [0.02, 0.02, 2.0]),
+        ] {
             let (mut row, mut gradient) = ([-2.5, -0.5, 2.5], [2.0; 3]);
             activation.forward(&mut row, &[0.5; 3]);
             activation.backward(&row, &mut gradient);

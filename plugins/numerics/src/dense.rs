@@ -7,11 +7,12 @@
 //! | b | bias | `[outputs]` |
 //! | y = f(z), z = x W + b | output | `[rows, outputs]` |
 //!
-//! Forward: one matrix product, then bias and activation in one pass over its result. Backward, from the gradient `dy`:
-//! `dz = dy f'(z)`, with the slope taken from `y`, and `db`, its sum over the rows, in one pass; then `dx = dz W^T` and
-//! `dW = x^T dz`, whose transposed factors are read with other strides instead of being copied. Only what some parent asks
-//! for is computed, and rows without a gradient take no part in `dx`: of two critics, the gradient of the lower value reaches
-//! each in about half of the rows. Sums run over the rows in their order, and a row of the output depends on its row of the input alone.
+//! Forward: one matrix product, then bias and activation in one pass over its result. Backward, from the
+//! gradient `dy`: `dz = dy f'(z)`, with the slope taken from `y`, and `db`, its sum over the rows, in one
+//! pass; then `dx = dz W^T` and `dW = x^T dz`, whose transposed factors are read with other strides instead
+//! of being copied. Only what some parent asks for is computed, and rows without a gradient take no part in
+//! `dx`: of two critics, the gradient of the lower value reaches each in about half of the rows. Sums run
+//! over the rows in their order, and a row of the output depends on its row of the input alone.
 
 use crate::activation::Activation;
 use burn::Tensor;
@@ -25,17 +26,34 @@ use burn::backend::{Autodiff, Backend, Dispatch, Flex, backend_extension};
 use burn::tensor::TensorData;
 use std::marker::PhantomData;
 
-/// Outputs `[rows, outputs]` of the layer with `weight` `[inputs, outputs]` and `bias` `[outputs]` for `input`
-/// `[rows, inputs]`; without an activation the layer is affine. All tensors are `f32`.
+/// Outputs `[rows, outputs]` of the layer with `weight` `[inputs, outputs]` and `bias` `[outputs]` for
+/// `input` `[rows, inputs]`; without an activation the layer is affine. All tensors are `f32`.
 ///
 /// # Panics
 /// Where the shapes do not fit or a tensor is not `f32`.
 #[must_use]
-pub fn dense(input: Tensor<2>, weight: Tensor<2>, bias: Tensor<1>, activation: Option<Activation>) -> Tensor<2> {
-    assert_eq!([input.dims()[1]], [weight.dims()[0]], "an input of {:?} for weights {:?}", input.dims(), weight.dims());
+pub fn dense(
+    input: Tensor<2>,
+    weight: Tensor<2>,
+    bias: Tensor<1>,
+    activation: Option<Activation>,
+) -> Tensor<2> {
+    assert_eq!(
+        [input.dims()[1]],
+        [weight.dims()[0]],
+        "an input of {:?} for weights {:?}",
+        input.dims(),
+        weight.dims()
+    );
     assert_eq!(bias.dims(), [weight.dims()[1]], "one bias per output");
-    let (input, weight, bias) = (input.into_dispatch(), weight.into_dispatch(), bias.into_dispatch());
-    Tensor::from_dispatch(<Dispatch as DenseOperation>::dense(input, weight, bias, activation))
+    let (input, weight, bias) = (
+        input.into_dispatch(),
+        weight.into_dispatch(),
+        bias.into_dispatch(),
+    );
+    Tensor::from_dispatch(<Dispatch as DenseOperation>::dense(
+        input, weight, bias, activation,
+    ))
 }
 
 /// The operation on the tensors of one backend.
@@ -56,18 +74,26 @@ type Output<B> = Option<(FloatTensor<B>, Activation)>;
 /// The passes over plain tensors. A further backend implements them and is named as a selector above.
 trait DensePasses: Backend {
     /// `f(z + b)` from the product `z`.
-    fn add_bias(product: FloatTensor<Self>, bias: FloatTensor<Self>, activation: Option<Activation>) -> FloatTensor<Self>;
+    fn add_bias(
+        product: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+        activation: Option<Activation>,
+    ) -> FloatTensor<Self>;
 
     /// `dz` from `y` and `dy`, and, where it is asked for, `db`.
-    fn gradients(output: Output<Self>, upstream: FloatTensor<Self>, bias: bool)
-    -> (FloatTensor<Self>, Option<FloatTensor<Self>>);
+    fn gradients(
+        output: Output<Self>,
+        upstream: FloatTensor<Self>,
+        bias: bool,
+    ) -> (FloatTensor<Self>, Option<FloatTensor<Self>>);
 
     /// `dx` from `dz` and `W`.
     fn input_gradient(gradient: FloatTensor<Self>, weight: FloatTensor<Self>) -> FloatTensor<Self>;
 }
 
-/// The tensor with its rows one after the other, filling their buffer. No copy where it already is so: the second handle to
-/// the buffer that `to_contiguous` returns then outlives the first, and what is written goes to its place.
+/// The tensor with its rows one after the other, filling their buffer. No copy where it already is so: the
+/// second handle to the buffer that `to_contiguous` returns then outlives the first, and what is written goes
+/// to its place.
 pub(crate) fn row_by_row(tensor: FloatTensor<Flex>) -> FloatTensor<Flex> {
     tensor.to_contiguous()
 }
@@ -82,13 +108,20 @@ pub(crate) fn add_rows(rows: &[f32], n_columns: usize) -> Vec<f32> {
 }
 
 impl DensePasses for Flex {
-    fn add_bias(product: FloatTensor<Self>, bias: FloatTensor<Self>, activation: Option<Activation>) -> FloatTensor<Self> {
+    fn add_bias(
+        product: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+        activation: Option<Activation>,
+    ) -> FloatTensor<Self> {
         let (mut output, bias) = (row_by_row(product), row_by_row(bias));
         let bias = bias.storage::<f32>();
-        output.storage_mut::<f32>().chunks_exact_mut(bias.len()).for_each(|row| match activation {
-            Some(activation) => activation.forward(row, bias),
-            None => row.iter_mut().zip(bias).for_each(|(z, b)| *z += b),
-        });
+        output
+            .storage_mut::<f32>()
+            .chunks_exact_mut(bias.len())
+            .for_each(|row| match activation {
+                Some(activation) => activation.forward(row, bias),
+                None => row.iter_mut().zip(bias).for_each(|(z, b)| *z += b),
+            });
         output
     }
 
@@ -114,7 +147,11 @@ impl DensePasses for Flex {
         let transposed = Self::float_transpose(weight);
         let gradient = row_by_row(gradient);
         let rows = gradient.storage::<f32>().chunks_exact(n_outputs);
-        let reached: Vec<usize> = (0..n_rows).zip(rows).filter(|(_, row)| !all_zero(row)).map(|(at, _)| at).collect();
+        let reached: Vec<usize> = (0..n_rows)
+            .zip(rows)
+            .filter(|(_, row)| !all_zero(row))
+            .map(|(at, _)| at)
+            .collect();
         // Moving rows costs less than a quarter of the product.
         if reached.len() * 4 > n_rows * 3 {
             return Self::float_matmul(gradient, transposed);
@@ -122,9 +159,13 @@ impl DensePasses for Flex {
         let mut sums = vec![0.0; n_rows * n_inputs];
         if !reached.is_empty() {
             let gathered = gather(gradient.storage(), n_outputs, &reached);
-            let gathered = FloatTensor::<Self>::from_data(TensorData::new(gathered, [reached.len(), n_outputs]));
+            let gathered =
+                FloatTensor::<Self>::from_data(TensorData::new(gathered, [reached.len(), n_outputs]));
             let product = Self::float_matmul(gathered, transposed);
-            for (at, row) in reached.iter().zip(product.storage::<f32>().chunks_exact(n_inputs)) {
+            for (at, row) in reached
+                .iter()
+                .zip(product.storage::<f32>().chunks_exact(n_inputs))
+            {
                 sums[at * n_inputs..][..n_inputs].copy_from_slice(row);
             }
         }
@@ -139,7 +180,9 @@ fn all_zero(row: &[f32]) -> bool {
 
 fn gather(rows: &[f32], n_columns: usize, chosen: &[usize]) -> Vec<f32> {
     let mut gathered = Vec::with_capacity(chosen.len() * n_columns);
-    chosen.iter().for_each(|at| gathered.extend_from_slice(&rows[at * n_columns..][..n_columns]));
+    chosen
+        .iter()
+        .for_each(|at| gathered.extend_from_slice(&rows[at * n_columns..][..n_columns]));
     gathered
 }
 
@@ -174,11 +217,22 @@ impl<B: DensePasses, C: CheckpointStrategy> DenseOperation for Autodiff<B, C> {
         let (input_kept, weight_kept) = (weight.is_tracked(), input.is_tracked());
         let nodes = [input.node(), weight.node(), bias.node()];
         let (input, weight) = (input.into_primitive(), weight.into_primitive());
-        let kept = (input_kept.then(|| input.clone()), weight_kept.then(|| weight.clone()));
+        let kept = (
+            input_kept.then(|| input.clone()),
+            weight_kept.then(|| weight.clone()),
+        );
         let output = forward::<B>(input, weight, bias.into_primitive(), activation);
-        match DenseBackward::<B>(PhantomData).prepare::<C>(nodes).compute_bound().stateful() {
+        match DenseBackward::<B>(PhantomData)
+            .prepare::<C>(nodes)
+            .compute_bound()
+            .stateful()
+        {
             OpsKind::Tracked(operation) => {
-                let state = State { input: kept.0, weight: kept.1, output: activation.map(|f| (output.clone(), f)) };
+                let state = State {
+                    input: kept.0,
+                    weight: kept.1,
+                    output: activation.map(|f| (output.clone(), f)),
+                };
                 operation.finish(state, output)
             }
             OpsKind::UnTracked(operation) => operation.finish(output),
@@ -202,13 +256,20 @@ impl<B: DensePasses> Backward<B, 3> for DenseBackward<B> {
     type State = State<B>;
 
     fn backward(self, operation: Ops<Self::State, 3>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        let Ops { parents: [input_node, weight_node, bias_node], node, state } = operation;
+        let Ops {
+            parents: [input_node, weight_node, bias_node],
+            node,
+            state,
+        } = operation;
         let (gradient, bias) = B::gradients(state.output, gradients.consume::<B>(&node), bias_node.is_some());
         if let (Some(node), Some(bias)) = (bias_node, bias) {
             gradients.register::<B>(node.id, bias);
         }
         if let (Some(node), Some(input)) = (weight_node, state.input) {
-            gradients.register::<B>(node.id, B::float_matmul(B::float_transpose(input), gradient.clone()));
+            gradients.register::<B>(
+                node.id,
+                B::float_matmul(B::float_transpose(input), gradient.clone()),
+            );
         }
         if let (Some(node), Some(weight)) = (input_node, state.weight) {
             gradients.register::<B>(node.id, B::input_gradient(gradient, weight));
@@ -222,8 +283,12 @@ mod tests {
     use crate::network::{matrix, values};
     use burn::tensor::{Gradients, activation};
 
-    const ACTIVATIONS: [Option<Activation>; 4] =
-        [None, Some(Activation::Relu), Some(Activation::LeakyRelu), Some(Activation::Tanh)];
+    const ACTIVATIONS: [Option<Activation>; 4] = [
+        None,
+        Some(Activation::Relu),
+        Some(Activation::LeakyRelu),
+        Some(Activation::Tanh),
+    ];
     const SHAPE: [usize; 3] = [5, 4, 3];
 
     /// Numbers without a pattern between -1 and 1.
@@ -234,12 +299,22 @@ mod tests {
     /// Input, weight and bias, of which the named ones are tracked.
     fn parents(tracked: [bool; 3]) -> (Tensor<2>, Tensor<2>, Tensor<1>) {
         let [rows, inputs, outputs] = SHAPE;
-        let place = |x: Tensor<2>, tracked| if tracked { Tensor::from_inner(x).require_grad() } else { x };
+        let place = |x: Tensor<2>, tracked| {
+            if tracked {
+                Tensor::from_inner(x).require_grad()
+            } else {
+                x
+            }
+        };
         let bias: Tensor<1> = matrix(numbers(outputs, 0.7), outputs).flatten(0, 1);
         (
             place(matrix(numbers(rows * inputs, 0.1), inputs), tracked[0]),
             place(matrix(numbers(inputs * outputs, 0.4), outputs), tracked[1]),
-            if tracked[2] { Tensor::from_inner(bias).require_grad() } else { bias },
+            if tracked[2] {
+                Tensor::from_inner(bias).require_grad()
+            } else {
+                bias
+            },
         )
     }
 
@@ -288,7 +363,11 @@ mod tests {
                     assert_close(&values(parent.grad(&found).unwrap()), &expected[at], &what);
                 }
                 if tracked[2] {
-                    assert_close(&values(b.grad(&found).unwrap()), &values(all.2.grad(&of_all).unwrap()), &what);
+                    assert_close(
+                        &values(b.grad(&found).unwrap()),
+                        &values(all.2.grad(&of_all).unwrap()),
+                        &what,
+                    );
                 }
             }
         }
@@ -299,17 +378,25 @@ mod tests {
         let step = 1e-2;
         for f in ACTIVATIONS {
             let (x, w, b) = parents([true; 3]);
-            let analytic = values(w.grad(&gradients(dense(x.clone(), w.clone(), b.clone(), f))).unwrap());
+            let analytic = values(
+                w.grad(&gradients(dense(x.clone(), w.clone(), b.clone(), f)))
+                    .unwrap(),
+            );
             let (x, w, b) = (x.inner(), values(w), b.inner());
             let upstream = matrix(numbers(SHAPE[0] * SHAPE[2], 0.9), SHAPE[2]);
             for i in 0..w.len() {
                 let at = |step: f32| {
                     let mut moved = w.clone();
                     moved[i] += step;
-                    values((dense(x.clone(), matrix(moved, SHAPE[2]), b.clone(), f) * upstream.clone()).sum())[0]
+                    values((dense(x.clone(), matrix(moved, SHAPE[2]), b.clone(), f) * upstream.clone()).sum())
+                        [0]
                 };
                 let difference = (at(step) - at(-step)) / (2.0 * step);
-                assert!((difference - analytic[i]).abs() < 1e-2, "{f:?} {i}: {difference} {}", analytic[i]);
+                assert!(
+                    (difference - analytic[i]).abs() < 1e-2,
+                    "{f:?} {i}: {difference} {}",
+                    analytic[i]
+                );
             }
         }
     }
@@ -317,7 +404,9 @@ mod tests {
     #[test]
     fn rows_without_a_gradient_change_nothing_for_the_others() {
         for reached in [vec![], vec![3], vec![0, 2, 4], vec![0, 1, 2, 4]] {
-            let rows: Vec<_> = (0..SHAPE[0]).map(|row| if reached.contains(&row) { 1.0 } else { 0.0 }).collect();
+            let rows: Vec<_> = (0..SHAPE[0])
+                .map(|row| if reached.contains(&row) { 1.0 } else { 0.0 })
+                .collect();
             let input_gradient = |layer: &dyn Fn((Tensor<2>, Tensor<2>, Tensor<1>)) -> Tensor<2>| {
                 let parents = parents([true, false, false]);
                 let loss = layer(parents.clone()) * Tensor::from_inner(matrix(rows.clone(), 1));
@@ -342,8 +431,14 @@ mod tests {
     #[test]
     fn views_are_read_as_they_are_seen() {
         let (x, w, b) = parents([true; 3]);
-        let transposed = |x: &Tensor<2>| Tensor::from_inner(matrix(values(x.clone().transpose()), x.dims()[0]));
-        let view = dense(transposed(&x).transpose(), transposed(&w).transpose(), b.clone(), Some(Activation::Tanh));
+        let transposed =
+            |x: &Tensor<2>| Tensor::from_inner(matrix(values(x.clone().transpose()), x.dims()[0]));
+        let view = dense(
+            transposed(&x).transpose(),
+            transposed(&w).transpose(),
+            b.clone(),
+            Some(Activation::Tanh),
+        );
         // An upstream gradient that is a transposed view, and an output that is sliced.
         let loss = |y: Tensor<2>| (y.clone().transpose() * 2.0).sum() + y.slice([1..3, 0..2]).sum();
         let plain = dense(x.clone(), w, b.clone(), Some(Activation::Tanh));
@@ -351,15 +446,31 @@ mod tests {
         let reference = parents([true; 3]);
         let expected = loss(composed(reference.clone(), Some(Activation::Tanh))).backward();
         let found = loss(plain).backward();
-        assert_close(&values(x.grad(&found).unwrap()), &values(reference.0.grad(&expected).unwrap()), "input");
-        assert_close(&values(b.grad(&found).unwrap()), &values(reference.2.grad(&expected).unwrap()), "bias");
+        assert_close(
+            &values(x.grad(&found).unwrap()),
+            &values(reference.0.grad(&expected).unwrap()),
+            "input",
+        );
+        assert_close(
+            &values(b.grad(&found).unwrap()),
+            &values(reference.2.grad(&expected).unwrap()),
+            "bias",
+        );
     }
 
     #[test]
     fn a_row_does_not_depend_on_the_others() {
-        let (w, b) = (matrix(numbers(40 * 50, 0.2), 50), matrix(numbers(50, 0.3), 50).flatten(0, 1));
+        let (w, b) = (
+            matrix(numbers(40 * 50, 0.2), 50),
+            matrix(numbers(50, 0.3), 50).flatten(0, 1),
+        );
         let rows = numbers(33 * 40, 0.5);
-        let together = values(dense(matrix(rows.clone(), 40), w.clone(), b.clone(), Some(Activation::Tanh)));
+        let together = values(dense(
+            matrix(rows.clone(), 40),
+            w.clone(),
+            b.clone(),
+            Some(Activation::Tanh),
+        ));
         let reversed: Vec<f32> = rows.chunks(40).rev().flatten().copied().collect();
         let reversed = values(dense(matrix(reversed, 40), w, b, Some(Activation::Tanh)));
         assert!(together.chunks(50).eq(reversed.chunks(50).rev()));

@@ -1,13 +1,15 @@
-//! The Dirichlet distribution in `f64`: draws, density, entropy, Kullback-Leibler divergence and their gradients.
+//! The Dirichlet distribution in `f64`: draws, density, entropy, Kullback-Leibler divergence and their
+//! gradients.
 //!
 //! | here | equation |
 //! |---|---|
 //! | `concentration` | alpha, all positive; A is its sum |
 //! | `log_action` | ln a, a point of the simplex of `n` coordinates |
 //!
-//! `ln pi(a) = ln Gamma(A) - sum ln Gamma(alpha_i) + sum (alpha_i - 1) ln a_i` (thesis, equation 3.12), a density with respect to
-//! the first `n - 1` coordinates. Points are passed as logarithms: with concentrations below one, coordinates far below the
-//! smallest float are ordinary, and the density needs their logarithm, not them.
+//! `ln pi(a) = ln Gamma(A) - sum ln Gamma(alpha_i) + sum (alpha_i - 1) ln a_i` (thesis, equation 3.12), a
+//! density with respect to the first `n - 1` coordinates. Points are passed as logarithms: with
+//! concentrations below one, coordinates far below the smallest float are ordinary, and the density needs
+//! their logarithm, not them.
 
 use rand::RngCore;
 
@@ -16,8 +18,8 @@ use crate::special::{digamma, ln_gamma, log_sum_exp, trigamma};
 
 /// The smallest logarithm of a coordinate of a draw. Its exponential, 1.6e-38, is still an ordinary `f32`.
 ///
-/// A coordinate below it is set to it and then counts as a constant: its derivative in the concentration is zero. With
-/// concentrations of at least one a draw reaches this floor with a probability below 1e-37.
+/// A coordinate below it is set to it and then counts as a constant: its derivative in the concentration is
+/// zero. With concentrations of at least one a draw reaches this floor with a probability below 1e-37.
 pub const LOG_ACTION_FLOOR: f64 = -87.0;
 
 /// A draw and what its reparameterised gradient needs.
@@ -25,7 +27,8 @@ pub const LOG_ACTION_FLOOR: f64 = -87.0;
 pub struct Draw {
     /// `ln a` `[n]`, floored at [`LOG_ACTION_FLOOR`].
     pub log_action: Vec<f64>,
-    /// `d ln g_i / d alpha_i` `[n]` of the gamma draws behind it (`a = g / sum g`), at fixed quantile; zero at the floor.
+    /// `d ln g_i / d alpha_i` `[n]` of the gamma draws behind it (`a = g / sum g`), at fixed quantile; zero
+    /// at the floor.
     pub slope: Vec<f64>,
 }
 
@@ -38,13 +41,18 @@ impl Draw {
 
     /// The gradient in the concentration `[n]` of a function whose gradient in `ln a` is `upstream` `[n]`.
     ///
-    /// `d ln a_i / d alpha_j = (delta_ij - a_j) slope_j`. PyTorch moves a draw along its Beta marginals instead: another path
-    /// with the same mean gradient, so the two agree in expectation only.
+    /// `d ln a_i / d alpha_j = (delta_ij - a_j) slope_j`. PyTorch moves a draw along its Beta marginals
+    /// instead: another path with the same mean gradient, so the two agree in expectation only.
     #[must_use]
     pub fn gradient(&self, upstream: &[f64]) -> Vec<f64> {
         let total: f64 = upstream.iter().sum();
         let through = |((log, slope), direct): ((&f64, &f64), &f64)| slope * (direct - log.exp() * total);
-        self.log_action.iter().zip(&self.slope).zip(upstream).map(through).collect()
+        self.log_action
+            .iter()
+            .zip(&self.slope)
+            .zip(upstream)
+            .map(through)
+            .collect()
     }
 }
 
@@ -52,18 +60,31 @@ impl Draw {
 ///
 /// All coordinates are NaN if a concentration is not positive and finite.
 pub fn sample(concentration: &[f64], rng: &mut impl RngCore) -> Vec<f64> {
-    let log_gammas: Vec<f64> = concentration.iter().map(|&shape| sample_log_gamma(shape, rng)).collect();
+    let log_gammas: Vec<f64> = concentration
+        .iter()
+        .map(|&shape| sample_log_gamma(shape, rng))
+        .collect();
     let log_sum = log_sum_exp(&log_gammas);
     // Not `max`, which would turn a NaN into the floor.
-    let floored = |log: f64| if log < LOG_ACTION_FLOOR { LOG_ACTION_FLOOR } else { log };
+    let floored = |log: f64| {
+        if log < LOG_ACTION_FLOOR {
+            LOG_ACTION_FLOOR
+        } else {
+            log
+        }
+    };
     log_gammas.iter().map(|log| floored(log - log_sum)).collect()
 }
 
-/// Draws what [`sample`] draws from the same stream, with the derivative of the draw (implicit reparameterisation).
+/// Draws what [`sample`] draws from the same stream, with the derivative of the draw (implicit
+/// reparameterisation).
 ///
 /// All coordinates are NaN if a concentration is not positive and finite.
 pub fn sample_with_gradient(concentration: &[f64], rng: &mut impl RngCore) -> Draw {
-    let log_gammas: Vec<f64> = concentration.iter().map(|&shape| sample_log_gamma(shape, rng)).collect();
+    let log_gammas: Vec<f64> = concentration
+        .iter()
+        .map(|&shape| sample_log_gamma(shape, rng))
+        .collect();
     draw_of(concentration, &log_gammas)
 }
 
@@ -72,7 +93,11 @@ fn draw_of(concentration: &[f64], log_gammas: &[f64]) -> Draw {
     let log_sum = log_sum_exp(log_gammas);
     let coordinate = |(&shape, &log_gamma): (&f64, &f64)| {
         let log_action = log_gamma - log_sum;
-        if log_action < LOG_ACTION_FLOOR { (LOG_ACTION_FLOOR, 0.0) } else { (log_action, log_gamma_slope(shape, log_gamma)) }
+        if log_action < LOG_ACTION_FLOOR {
+            (LOG_ACTION_FLOOR, 0.0)
+        } else {
+            (log_action, log_gamma_slope(shape, log_gamma))
+        }
     };
     let (log_action, slope) = concentration.iter().zip(log_gammas).map(coordinate).unzip();
     Draw { log_action, slope }
@@ -87,50 +112,79 @@ pub fn log_beta(concentration: &[f64]) -> f64 {
 /// `ln pi(a)` (thesis, equation 3.12).
 #[must_use]
 pub fn log_density(concentration: &[f64], log_action: &[f64]) -> f64 {
-    let kernel: f64 = concentration.iter().zip(log_action).map(|(alpha, log)| (alpha - 1.0) * log).sum();
+    let kernel: f64 = concentration
+        .iter()
+        .zip(log_action)
+        .map(|(alpha, log)| (alpha - 1.0) * log)
+        .sum();
     kernel - log_beta(concentration)
 }
 
-/// The gradient of [`log_density`] in the concentration `[n]`: `digamma(A) - digamma(alpha_i) + ln a_i` (thesis, equation 3.13).
+/// The gradient of [`log_density`] in the concentration `[n]`: `digamma(A) - digamma(alpha_i) + ln a_i`
+/// (thesis, equation 3.13).
 #[must_use]
 pub fn log_density_gradient(concentration: &[f64], log_action: &[f64]) -> Vec<f64> {
     let total = digamma(concentration.iter().sum());
-    concentration.iter().zip(log_action).map(|(&alpha, log)| total - digamma(alpha) + log).collect()
+    concentration
+        .iter()
+        .zip(log_action)
+        .map(|(&alpha, log)| total - digamma(alpha) + log)
+        .collect()
 }
 
 /// The differential entropy `ln B(alpha) + (A - n) digamma(A) - sum (alpha_i - 1) digamma(alpha_i)`.
 #[must_use]
 pub fn entropy(concentration: &[f64]) -> f64 {
     let excess: f64 = concentration.iter().map(|alpha| alpha - 1.0).sum();
-    let own: f64 = concentration.iter().map(|&alpha| (alpha - 1.0) * digamma(alpha)).sum();
+    let own: f64 = concentration
+        .iter()
+        .map(|&alpha| (alpha - 1.0) * digamma(alpha))
+        .sum();
     log_beta(concentration) + excess * digamma(concentration.iter().sum()) - own
 }
 
-/// The gradient of [`entropy`] in the concentration `[n]`: `(A - n) trigamma(A) - (alpha_i - 1) trigamma(alpha_i)`.
+/// The gradient of [`entropy`] in the concentration `[n]`: `(A - n) trigamma(A) - (alpha_i - 1)
+/// trigamma(alpha_i)`.
 #[must_use]
 pub fn entropy_gradient(concentration: &[f64]) -> Vec<f64> {
     let excess: f64 = concentration.iter().map(|alpha| alpha - 1.0).sum();
     let total = excess * trigamma(concentration.iter().sum());
-    concentration.iter().map(|&alpha| total - (alpha - 1.0) * trigamma(alpha)).collect()
+    concentration
+        .iter()
+        .map(|&alpha| total - (alpha - 1.0) * trigamma(alpha))
+        .collect()
 }
 
 /// `KL(Dir(p) || Dir(q)) = ln B(q) - ln B(p) + sum (p_i - q_i) (digamma(p_i) - digamma(P))`.
 #[must_use]
 pub fn kl_divergence(p: &[f64], q: &[f64]) -> f64 {
     let total = digamma(p.iter().sum());
-    let difference: f64 = p.iter().zip(q).map(|(&p, q)| (p - q) * (digamma(p) - total)).sum();
+    let difference: f64 = p
+        .iter()
+        .zip(q)
+        .map(|(&p, q)| (p - q) * (digamma(p) - total))
+        .sum();
     log_beta(q) - log_beta(p) + difference
 }
 
 /// The gradients of [`kl_divergence`] in `p` and in `q`, each `[n]`:
-/// `(p_i - q_i) trigamma(p_i) - (P - Q) trigamma(P)` and `digamma(P) - digamma(p_i) + digamma(q_i) - digamma(Q)`.
+/// `(p_i - q_i) trigamma(p_i) - (P - Q) trigamma(P)` and `digamma(P) - digamma(p_i) + digamma(q_i) -
+/// digamma(Q)`.
 #[must_use]
 pub fn kl_divergence_gradients(p: &[f64], q: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let (p_sum, q_sum): (f64, f64) = (p.iter().sum(), q.iter().sum());
     let common = (p_sum - q_sum) * trigamma(p_sum);
     let constant = digamma(p_sum) - digamma(q_sum);
-    let in_p = p.iter().zip(q).map(|(&p, q)| (p - q) * trigamma(p) - common).collect();
-    let in_q = p.iter().zip(q).map(|(&p, &q)| constant - digamma(p) + digamma(q)).collect();
+    let in_p = p
+        .iter()
+        .zip(q)
+        .map(|(&p, q)| (p - q) * trigamma(p) - common)
+        .collect();
+    let in_q = p
+        .iter()
+        .zip(q)
+        .map(|(&p, &q)| constant - digamma(p) + digamma(q))
+        .collect();
     (in_p, in_q)
 }
 
@@ -147,7 +201,12 @@ mod tests {
         let numbers = |cell: &str| cell.split(' ').map(|number| number.parse().unwrap()).collect();
         let mut reader = csv::Reader::from_reader(REFERENCE.as_bytes());
         let rows = reader.deserialize().map(Result::unwrap);
-        rows.map(|row: HashMap<String, String>| row.into_iter().map(|(name, cell)| (name, numbers(&cell))).collect()).collect()
+        rows.map(|row: HashMap<String, String>| {
+            row.into_iter()
+                .map(|(name, cell)| (name, numbers(&cell)))
+                .collect()
+        })
+        .collect()
     }
 
     fn logs(values: &[f64]) -> Vec<f64> {
@@ -158,7 +217,10 @@ mod tests {
     fn assert_close(name: &str, got: &[f64], want: &[f64], tolerance: f64) {
         assert_eq!(got.len(), want.len());
         for (got, want) in got.iter().zip(want) {
-            assert!((got - want).abs() <= tolerance * want.abs(), "{name}: {got}, not {want}");
+            assert!(
+                (got - want).abs() <= tolerance * want.abs(),
+                "{name}: {got}, not {want}"
+            );
         }
     }
 
@@ -168,20 +230,47 @@ mod tests {
             moved[index] += size;
             function(&moved)
         };
-        (0..at.len()).map(|i| (step(i, 1e-5 * at[i]) - step(i, -1e-5 * at[i])) / (2e-5 * at[i])).collect()
+        (0..at.len())
+            .map(|i| (step(i, 1e-5 * at[i]) - step(i, -1e-5 * at[i])) / (2e-5 * at[i]))
+            .collect()
     }
 
     #[test]
     fn match_reference_values() {
         for case in cases() {
             let (alpha, log_action) = (&case["alpha"], logs(&case["x"]));
-            assert_close("log density", &[log_density(alpha, &log_action)], &case["log_prob"], 1e-9);
-            assert_close("its gradient", &log_density_gradient(alpha, &log_action), &case["dlogprob_dalpha"], 1e-9);
+            assert_close(
+                "log density",
+                &[log_density(alpha, &log_action)],
+                &case["log_prob"],
+                1e-9,
+            );
+            assert_close(
+                "its gradient",
+                &log_density_gradient(alpha, &log_action),
+                &case["dlogprob_dalpha"],
+                1e-9,
+            );
             assert_close("entropy", &[entropy(alpha)], &case["entropy"], 1e-9);
             // PyTorch's trigamma is exact to 7e-9; the other column has all digits.
-            assert_close("its gradient", &entropy_gradient(alpha), &case["dentropy_dalpha"], 1e-8);
-            assert_close("its gradient", &entropy_gradient(alpha), &case["dentropy_dalpha_mpmath"], 1e-12);
-            assert_close("divergence", &[kl_divergence(alpha, &case["alpha_q"])], &case["kl_p_q"], 1e-9);
+            assert_close(
+                "its gradient",
+                &entropy_gradient(alpha),
+                &case["dentropy_dalpha"],
+                1e-8,
+            );
+            assert_close(
+                "its gradient",
+                &entropy_gradient(alpha),
+                &case["dentropy_dalpha_mpmath"],
+                1e-12,
+            );
+            assert_close(
+                "divergence",
+                &[kl_divergence(alpha, &case["alpha_q"])],
+                &case["kl_p_q"],
+                1e-9,
+            );
         }
     }
 
@@ -189,8 +278,18 @@ mod tests {
     fn divergence_gradients_match_differences() {
         let (p, q) = ([0.7, 3.0, 12.0], [1.5, 2.0, 0.4]);
         let (in_p, in_q) = kl_divergence_gradients(&p, &q);
-        assert_close("in p", &in_p, &numeric_gradient(|p| kl_divergence(p, &q), &p), 1e-8);
-        assert_close("in q", &in_q, &numeric_gradient(|q| kl_divergence(&p, q), &q), 1e-8);
+        assert_close(
+            "in p",
+            &in_p,
+            &numeric_gradient(|p| kl_divergence(p, &q), &p),
+            1e-8,
+        );
+        assert_close(
+            "in q",
+            &in_q,
+            &numeric_gradient(|q| kl_divergence(&p, q), &q),
+            1e-8,
+        );
         assert!(kl_divergence(&p, &p).abs() < 1e-14);
     }
 
@@ -209,7 +308,10 @@ mod tests {
             let (share, log_sd) = (alpha[i] / 8.0, (trigamma(alpha[i]) - trigamma(8.0)).sqrt());
             let error = (share * (1.0 - share) / 9.0 / f64::from(n)).sqrt();
             assert!((mean[i] - share).abs() < 4.0 * error, "{mean:?}");
-            assert!((log_mean[i] - digamma(alpha[i]) + digamma(8.0)).abs() < 4.0 * log_sd / f64::from(n).sqrt(), "{log_mean:?}");
+            assert!(
+                (log_mean[i] - digamma(alpha[i]) + digamma(8.0)).abs() < 4.0 * log_sd / f64::from(n).sqrt(),
+                "{log_mean:?}"
+            );
         }
     }
 
@@ -252,10 +354,14 @@ mod tests {
             // f = a_0, so df / d ln a = (a_0, 0, 0).
             let draw = sample_with_gradient(&alpha, &mut rng);
             let gradient = draw.gradient(&[draw.log_action[0].exp(), 0.0, 0.0]);
-            mean.iter_mut().zip(gradient).for_each(|(mean, part)| *mean += part / f64::from(n));
+            mean.iter_mut()
+                .zip(gradient)
+                .for_each(|(mean, part)| *mean += part / f64::from(n));
         }
         // E a_0 = alpha_0 / A with A = 5.
         let exact = [4.4 / 25.0, -0.6 / 25.0, -0.6 / 25.0];
-        mean.iter().zip(exact).for_each(|(mean, exact)| assert!((mean - exact).abs() < 1e-3, "{mean}, not {exact}"));
+        mean.iter()
+            .zip(exact)
+            .for_each(|(mean, exact)| assert!((mean - exact).abs() < 1e-3, "{mean}, not {exact}"));
     }
 }

@@ -1,7 +1,7 @@
 //! The Gamma(shape, 1) distribution in log space: a sampler and the exact derivative of a draw in its shape.
 //!
-//! Everything is in `ln x`, because for small shapes most draws are below the smallest `f64`: at shape 0.01 half of them are
-//! below 1e-30 and one in a thousand is below 1e-300.
+//! Everything is in `ln x`, because for small shapes most draws are below the smallest `f64`: at shape 0.01
+//! half of them are below 1e-30 and one in a thousand is below 1e-300.
 //!
 //! | here | equation |
 //! |---|---|
@@ -9,8 +9,9 @@
 //! | `log_draw` | ln x |
 //! | returned slope | d ln x / d alpha at a fixed probability P(alpha, x) |
 //!
-//! Sources: G. Marsaglia and W. W. Tsang, "A simple method for generating gamma variables", ACM TOMS 26 (2000), and M. Figurnov,
-//! S. Mohamed and A. Mnih, "Implicit reparameterization gradients", NeurIPS 2018: `dx/dalpha = -(dP/dalpha) / p(x)`.
+//! Sources: G. Marsaglia and W. W. Tsang, "A simple method for generating gamma variables", ACM TOMS 26
+//! (2000), and M. Figurnov, S. Mohamed and A. Mnih, "Implicit reparameterization gradients", NeurIPS 2018:
+//! `dx/dalpha = -(dP/dalpha) / p(x)`.
 
 use rand::RngCore;
 
@@ -20,9 +21,11 @@ use crate::special::{digamma, is_upper_tail, upper_fraction};
 /// Above this shape the derivative comes from the expansion around the normal distribution.
 const LARGE_SHAPE: f64 = 1e6;
 
-/// Draws `ln x` of `x ~ Gamma(shape, 1)`, for any finite `shape > 0`; NaN otherwise, so that a diverged network is seen as such.
+/// Draws `ln x` of `x ~ Gamma(shape, 1)`, for any finite `shape > 0`; NaN otherwise, so that a diverged
+/// network is seen as such.
 ///
-/// Below one the draw of `shape + 1` is multiplied by `u^(1 / shape)`, here a sum of logarithms that cannot underflow.
+/// Below one the draw of `shape + 1` is multiplied by `u^(1 / shape)`, here a sum of logarithms that cannot
+/// underflow.
 pub fn sample_log_gamma(shape: f64, rng: &mut impl RngCore) -> f64 {
     if !(shape > 0.0 && shape.is_finite()) {
         return f64::NAN;
@@ -46,11 +49,12 @@ pub fn sample_log_gamma(shape: f64, rng: &mut impl RngCore) -> f64 {
     }
 }
 
-/// The derivative of `ln x` in `shape` at a fixed probability: what the implicit reparameterisation of a draw propagates.
+/// The derivative of `ln x` in `shape` at a fixed probability: what the implicit reparameterisation of a draw
+/// propagates.
 ///
-/// Relative error below 1e-10 for shapes from 1e-2 to 1e6 and 1e-7 above, at any probability, measured against high-precision
-/// values. The cost grows with the square root of the shape (about 0.4 microseconds at 500) and is constant above a million. NaN
-/// for a NaN, and for a shape that is not positive.
+/// Relative error below 1e-10 for shapes from 1e-2 to 1e6 and 1e-7 above, at any probability, measured
+/// against high-precision values. The cost grows with the square root of the shape (about 0.4 microseconds at
+/// 500) and is constant above a million. NaN for a NaN, and for a shape that is not positive.
 #[must_use]
 pub fn log_gamma_slope(shape: f64, log_draw: f64) -> f64 {
     if shape.is_nan() || shape <= 0.0 || log_draw.is_nan() {
@@ -66,9 +70,9 @@ pub fn log_gamma_slope(shape: f64, log_draw: f64) -> f64 {
     }
 }
 
-/// With `t_n = x^n / (shape ... (shape + n))`, `P / (x p) = sum t_n`, and differentiating each term in the shape gives
-/// `d ln x / d shape = sum t_n (digamma(shape + n + 1) - ln x)`. All terms are positive up to the mean; above it the loss is
-/// below three digits as far as this branch is used.
+/// With `t_n = x^n / (shape ... (shape + n))`, `P / (x p) = sum t_n`, and differentiating each term in the
+/// shape gives `d ln x / d shape = sum t_n (digamma(shape + n + 1) - ln x)`. All terms are positive up to the
+/// mean; above it the loss is below three digits as far as this branch is used.
 fn slope_by_series(shape: f64, draw: f64, log_draw: f64) -> f64 {
     let (mut argument, mut weight) = (shape + 1.0, 1.0 / shape);
     let mut excess = digamma(argument) - log_draw;
@@ -87,14 +91,15 @@ fn slope_by_series(shape: f64, draw: f64, log_draw: f64) -> f64 {
     }
 }
 
-/// From `Q = x p F` with `F` the continued fraction of the upper tail: `d ln x / d shape = (ln x - digamma(shape)) F + dF/dshape`,
-/// a sum of positive parts.
+/// From `Q = x p F` with `F` the continued fraction of the upper tail: `d ln x / d shape = (ln x -
+/// digamma(shape)) F + dF/dshape`, a sum of positive parts.
 fn slope_by_fraction(shape: f64, draw: f64, log_draw: f64) -> f64 {
     let (fraction, fraction_slope) = upper_fraction(shape, draw);
     (log_draw - digamma(shape)) * fraction + fraction_slope
 }
 
-/// The Cornish-Fisher expansion `x = shape + z sqrt(shape) + (z^2 - 1) / 3 + ...` differentiated at fixed normal quantile `z`.
+/// The Cornish-Fisher expansion `x = shape + z sqrt(shape) + (z^2 - 1) / 3 + ...` differentiated at fixed
+/// normal quantile `z`.
 fn slope_by_expansion(shape: f64, draw: f64) -> f64 {
     let distance = (draw - shape) / shape;
     (1.0 + 0.5 * distance - (distance * distance - 1.0 / shape) / 6.0) / draw
@@ -111,7 +116,10 @@ mod tests {
     const PEERS: &str = include_str!("../../../tests/fixtures/dirichlet/gamma_grad.csv");
 
     fn rows(text: &str) -> Vec<Vec<f64>> {
-        csv::Reader::from_reader(text.as_bytes()).deserialize().map(Result::unwrap).collect()
+        csv::Reader::from_reader(text.as_bytes())
+            .deserialize()
+            .map(Result::unwrap)
+            .collect()
     }
 
     #[test]
@@ -120,7 +128,10 @@ mod tests {
             let (shape, draw, want) = (row[0], row[1], row[2]);
             let got = log_gamma_slope(shape, draw.ln());
             let tolerance = if shape > LARGE_SHAPE { 1e-7 } else { 1e-10 };
-            assert!((got / want - 1.0).abs() < tolerance, "shape {shape}, draw {draw}: {got}, not {want}");
+            assert!(
+                (got / want - 1.0).abs() < tolerance,
+                "shape {shape}, draw {draw}: {got}, not {want}"
+            );
         }
     }
 
@@ -129,9 +140,17 @@ mod tests {
         for row in rows(PEERS) {
             let (shape, draw, want) = (row[0], row[1], row[4]);
             let got = draw * log_gamma_slope(shape, draw.ln());
-            // Below 1e-15 the differences themselves are wrong by up to 2e-5; there PyTorch's series is the exact one.
-            let (want, tolerance) = if draw < 1e-15 { (row[3], 1e-12) } else { (want, 1e-6) };
-            assert!((got / want - 1.0).abs() < tolerance, "shape {shape}, draw {draw}: {got}, not {want}");
+            // Below 1e-15 the differences themselves are wrong by up to 2e-5; there PyTorch's series is the
+            // exact one.
+            let (want, tolerance) = if draw < 1e-15 {
+                (row[3], 1e-12)
+            } else {
+                (want, 1e-6)
+            };
+            assert!(
+                (got / want - 1.0).abs() < tolerance,
+                "shape {shape}, draw {draw}: {got}, not {want}"
+            );
         }
     }
 
@@ -139,19 +158,30 @@ mod tests {
     fn slope_is_continuous_where_the_method_changes() {
         for shape in [0.01_f64, 0.5, 3.0, 70.0, 5000.0, 9e5] {
             let edge = shape + 2.5 * shape.sqrt() + 2.0;
-            let [below, above] = [slope_by_series, slope_by_fraction].map(|slope| slope(shape, edge, edge.ln()));
-            assert!((below / above - 1.0).abs() < 1e-9, "shape {shape}: {below} and {above}");
+            let [below, above] =
+                [slope_by_series, slope_by_fraction].map(|slope| slope(shape, edge, edge.ln()));
+            assert!(
+                (below / above - 1.0).abs() < 1e-9,
+                "shape {shape}: {below} and {above}"
+            );
         }
         for deviation in [-6.0, -2.0, 0.0, 1.0, 6.0] {
             let draw = LARGE_SHAPE + deviation * LARGE_SHAPE.sqrt();
-            let (exact, expansion) = (log_gamma_slope(LARGE_SHAPE, draw.ln()), slope_by_expansion(LARGE_SHAPE, draw));
-            assert!((expansion / exact - 1.0).abs() < 1e-7, "deviation {deviation}: {exact} and {expansion}");
+            let (exact, expansion) = (
+                log_gamma_slope(LARGE_SHAPE, draw.ln()),
+                slope_by_expansion(LARGE_SHAPE, draw),
+            );
+            assert!(
+                (expansion / exact - 1.0).abs() < 1e-7,
+                "deviation {deviation}: {exact} and {expansion}"
+            );
         }
     }
 
     #[test]
     fn slope_survives_draws_below_the_smallest_float() {
-        // For x -> 0, P = x^shape / Gamma(shape + 1), so d ln x / d shape = (digamma(shape + 1) - ln x) / shape.
+        // For x -> 0, P = x^shape / Gamma(shape + 1), so d ln x / d shape = (digamma(shape + 1) - ln x) /
+        // shape.
         let (shape, log_draw) = (0.01, -5000.0);
         let want = (digamma(1.01) - log_draw) / shape;
         assert!((log_gamma_slope(shape, log_draw) / want - 1.0).abs() < 1e-14);
@@ -165,7 +195,9 @@ mod tests {
         let count = f64::from(n);
         let steps = draws.iter().zip(1..).map(|(log_draw, rank)| {
             let probability = lower_incomplete_gamma(shape, log_draw.exp());
-            (probability - f64::from(rank) / count).abs().max((probability - f64::from(rank - 1) / count).abs())
+            (probability - f64::from(rank) / count)
+                .abs()
+                .max((probability - f64::from(rank - 1) / count).abs())
         });
         steps.fold(0.0, f64::max)
     }
@@ -174,7 +206,10 @@ mod tests {
     fn draws_follow_the_distribution_function() {
         for shape in [0.3, 0.9, 1.0, 2.5, 40.0, 1000.0] {
             // 1.95 / sqrt(n) is exceeded by chance once in a thousand.
-            assert!(distance(shape, 20_000) < 1.95 / 20_000_f64.sqrt(), "shape {shape}");
+            assert!(
+                distance(shape, 20_000) < 1.95 / 20_000_f64.sqrt(),
+                "shape {shape}"
+            );
         }
     }
 
@@ -184,7 +219,9 @@ mod tests {
         for shape in [0.0, -2.0, f64::NAN] {
             assert!(sample_log_gamma(shape, &mut rng).is_nan() && log_gamma_slope(shape, 0.5).is_nan());
         }
-        assert!(sample_log_gamma(f64::INFINITY, &mut rng).is_nan() && log_gamma_slope(1.0, f64::NAN).is_nan());
+        assert!(
+            sample_log_gamma(f64::INFINITY, &mut rng).is_nan() && log_gamma_slope(1.0, f64::NAN).is_nan()
+        );
     }
 
     #[test]
@@ -194,6 +231,9 @@ mod tests {
         assert!(draws.iter().all(|draw| draw.is_finite()));
         // E ln x = digamma(shape) = -1000.6 and its standard deviation is 1000.
         let mean = draws.iter().sum::<f64>() / 1000.0;
-        assert!((mean - digamma(1e-3)).abs() < 4.0 * 1000.0 / 1000_f64.sqrt(), "{mean}");
+        assert!(
+            (mean - digamma(1e-3)).abs() < 4.0 * 1000.0 / 1000_f64.sqrt(),
+            "{mean}"
+        );
     }
 }

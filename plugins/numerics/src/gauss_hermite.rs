@@ -15,7 +15,13 @@ use nalgebra::DMatrix;
 /// a degree below `2 n`.
 #[must_use]
 pub fn gauss_hermite(n: usize) -> Vec<(f64, f64)> {
-    let recurrence = DMatrix::from_fn(n, n, |row, column| if row.abs_diff(column) == 1 { root(row.max(column)) } else { 0.0 });
+    let recurrence = DMatrix::from_fn(n, n, |row, column| {
+        if row.abs_diff(column) == 1 {
+            root(row.max(column))
+        } else {
+            0.0
+        }
+    });
     let mut nodes: Vec<f64> = recurrence.symmetric_eigenvalues().iter().copied().collect();
     nodes.sort_by(f64::total_cmp);
     nodes.into_iter().map(|z| (z, weight(n, z))).collect()
@@ -44,14 +50,24 @@ mod tests {
     fn small_rules_are_the_known_ones() {
         let wide = |sign: f64| (5.0 + sign * 10f64.sqrt()).sqrt();
         let light = |sign: f64| (7.0 - sign * 2.0 * 10f64.sqrt()) / 60.0;
-        let five = [(wide(1.0), light(1.0)), (wide(-1.0), light(-1.0)), (0.0, 8.0 / 15.0)];
+        let five = [
+            (wide(1.0), light(1.0)),
+            (wide(-1.0), light(-1.0)),
+            (0.0, 8.0 / 15.0),
+        ];
         let three = [(3f64.sqrt(), 1.0 / 6.0), (0.0, 2.0 / 3.0)];
         for (n, known) in [(3, three.as_slice()), (5, five.as_slice())] {
             let rule = gauss_hermite(n);
             for (i, (z, w)) in known.iter().enumerate() {
                 let ((low, of_low), (high, of_high)) = (rule[i], rule[n - 1 - i]);
-                assert!((low + z).abs() < 1e-14 && (high - z).abs() < 1e-14, "{n}: {low} {high} {z}");
-                assert!((of_low - w).abs() < 1e-14 && (of_high - w).abs() < 1e-14, "{n}: {of_low} {of_high} {w}");
+                assert!(
+                    (low + z).abs() < 1e-14 && (high - z).abs() < 1e-14,
+                    "{n}: {low} {high} {z}"
+                );
+                assert!(
+                    (of_low - w).abs() < 1e-14 && (of_high - w).abs() < 1e-14,
+                    "{n}: {of_low} {of_high} {w}"
+                );
             }
         }
     }
@@ -60,12 +76,16 @@ mod tests {
     #[test]
     fn twenty_nodes_are_the_tabulated_ones() {
         let rule = gauss_hermite(20);
-        for (place, node, weight) in
-            [(19, 5.387_480_890_011_2, 2.229_393_645_534e-13), (10, 0.245_340_708_300_9, 0.462_243_669_600_6)]
-        {
+        for (place, node, weight) in [
+            (19, 5.387_480_890_011_2, 2.229_393_645_534e-13),
+            (10, 0.245_340_708_300_9, 0.462_243_669_600_6),
+        ] {
             let (z, w) = rule[place];
             assert!((z / 2f64.sqrt() - node).abs() < 1e-12, "{z}");
-            assert!((w * std::f64::consts::PI.sqrt() / weight - 1.0).abs() < 1e-11, "{w}");
+            assert!(
+                (w * std::f64::consts::PI.sqrt() / weight - 1.0).abs() < 1e-11,
+                "{w}"
+            );
         }
     }
 
@@ -76,7 +96,10 @@ mod tests {
         let mut expected = 1.0;
         for power in (0..=40).step_by(2) {
             let moment: f64 = rule.iter().map(|(z, w)| w * z.powi(power)).sum();
-            assert!((moment / expected - 1.0).abs() < 1e-11, "{power}: {moment} {expected}");
+            assert!(
+                (moment / expected - 1.0).abs() < 1e-11,
+                "{power}: {moment} {expected}"
+            );
             expected *= f64::from(power + 1);
         }
     }

@@ -6,16 +6,19 @@
 //! | `candidate` | x, the point before tanh or softmax |
 //! | `log_action` | ln a, a = softmax(x) |
 //!
-//! **Gaussian-softmax.** Softmax forgets a common shift of its argument, so a whole line of candidates `x + c 1` gives one action.
-//! Ordinary reinforcement learning code takes the density of the candidate, `ln N(x; mu, sigma)`, for the density of the action. The
-//! thesis calls the policy gradient estimated so biased (section 3.4.1): the density of the action is the candidate's integrated over
-//! `c` (equation 3.5), the true gradient contains its logarithm (3.6), and the ordinary estimator (3.7) does not.
-//! Two remarks complete the printed argument:
-//! - Equation 3.5 leaves out the factor `1 / prod a_i`, the Jacobian of `(a_1, ..., a_(n-1), c) -> x`; it does not depend on the
-//!   parameters, so gradients are as printed. [`softmax_log_density`] includes it and integrates to one.
-//! - `ln N(x) = ln pi(a) + ln p(c | a) + sum ln a_i`, and the score of `p(c | a)` has mean zero for each `a`. A critic that sees the
-//!   action alone thus leaves the mean of estimator (3.7) correct and adds variance; what does differ is the entropy that a
-//!   maximum-entropy algorithm rewards: that of the candidate counts the shift `c`, which no environment sees.
+//! **Gaussian-softmax.** Softmax forgets a common shift of its argument, so a whole line of candidates `x + c
+//! 1` gives one action. Ordinary reinforcement learning code takes the density of the candidate, `ln N(x; mu,
+//! sigma)`, for the density of the action. The thesis calls the policy gradient estimated so biased (section
+//! 3.4.1): the density of the action is the candidate's integrated over `c` (equation 3.5), the true gradient
+//! contains its logarithm (3.6), and the ordinary estimator (3.7) does not. Two remarks complete the printed
+//! argument:
+//! - Equation 3.5 leaves out the factor `1 / prod a_i`, the Jacobian of `(a_1, ..., a_(n-1), c) -> x`; it
+//!   does not depend on the parameters, so gradients are as printed. [`softmax_log_density`] includes it and
+//!   integrates to one.
+//! - `ln N(x) = ln pi(a) + ln p(c | a) + sum ln a_i`, and the score of `p(c | a)` has mean zero for each `a`.
+//!   A critic that sees the action alone thus leaves the mean of estimator (3.7) correct and adds variance;
+//!   what does differ is the entropy that a maximum-entropy algorithm rewards: that of the candidate counts
+//!   the shift `c`, which no environment sees.
 
 use rand::RngCore;
 
@@ -35,7 +38,10 @@ pub fn standard_uniform(rng: &mut impl RngCore) -> f64 {
 /// The second number of each pair is thrown away, so that what is drawn depends on the stream alone.
 pub fn standard_normal(rng: &mut impl RngCore) -> f64 {
     loop {
-        let (x, y) = (2.0 * standard_uniform(rng) - 1.0, 2.0 * standard_uniform(rng) - 1.0);
+        let (x, y) = (
+            2.0 * standard_uniform(rng) - 1.0,
+            2.0 * standard_uniform(rng) - 1.0,
+        );
         let square = x * x + y * y;
         if square < 1.0 && square > 0.0 {
             return x * (-2.0 * square.ln() / square).sqrt();
@@ -45,7 +51,10 @@ pub fn standard_normal(rng: &mut impl RngCore) -> f64 {
 
 /// Draws `x = mean + exp(log_sd) noise` `[n]`.
 pub fn sample(mean: &[f64], log_sd: &[f64], rng: &mut impl RngCore) -> Vec<f64> {
-    mean.iter().zip(log_sd).map(|(mean, log_sd)| mean + log_sd.exp() * standard_normal(rng)).collect()
+    mean.iter()
+        .zip(log_sd)
+        .map(|(mean, log_sd)| mean + log_sd.exp() * standard_normal(rng))
+        .collect()
 }
 
 /// `ln N(x; mean, diag exp(2 log_sd))`.
@@ -95,19 +104,35 @@ pub fn log_softmax(candidate: &[f64]) -> Vec<f64> {
     candidate.iter().map(|x| x - log_sum).collect()
 }
 
-/// The true log density of `softmax(x)`, `x ~ N(mean, sigma)`, on the simplex with respect to its first `n - 1` coordinates.
+/// The true log density of `softmax(x)`, `x ~ N(mean, sigma)`, on the simplex with respect to its first `n -
+/// 1` coordinates.
 ///
-/// The integral of equation 3.5 in closed form: with `w_i = 1 / sigma_i^2`, `W = sum w_i`, `r_i = ln a_i - mu_i` and the weighted
-/// mean `r = sum w_i r_i / W`, the exponent is Gaussian in `c` with precision `W` around `-r`, so
-/// `ln pi(a) = -(n - 1) ln(2 pi) / 2 - sum ln sigma_i - ln(W) / 2 - sum w_i (r_i - r)^2 / 2 - sum ln a_i`.
+/// The integral of equation 3.5 in closed form: with `w_i = 1 / sigma_i^2`, `W = sum w_i`, `r_i = ln a_i -
+/// mu_i` and the weighted mean `r = sum w_i r_i / W`, the exponent is Gaussian in `c` with precision `W`
+/// around `-r`, so `ln pi(a) = -(n - 1) ln(2 pi) / 2 - sum ln sigma_i - ln(W) / 2 - sum w_i (r_i - r)^2 / 2 -
+/// sum ln a_i`.
 #[must_use]
 pub fn softmax_log_density(mean: &[f64], log_sd: &[f64], log_action: &[f64]) -> f64 {
     let weights: Vec<f64> = log_sd.iter().map(|log_sd| (-2.0 * log_sd).exp()).collect();
-    let residuals: Vec<f64> = log_action.iter().zip(mean).map(|(log, mean)| log - mean).collect();
+    let residuals: Vec<f64> = log_action
+        .iter()
+        .zip(mean)
+        .map(|(log, mean)| log - mean)
+        .collect();
     let total: f64 = weights.iter().sum();
-    let centre = weights.iter().zip(&residuals).map(|(weight, residual)| weight * residual).sum::<f64>() / total;
-    let spread: f64 = weights.iter().zip(&residuals).map(|(weight, residual)| weight * (residual - centre).powi(2)).sum();
-    let constants = (mean.len() as f64 - 1.0) * HALF_LN_TWO_PI + log_sd.iter().sum::<f64>() + 0.5 * total.ln();
+    let centre = weights
+        .iter()
+        .zip(&residuals)
+        .map(|(weight, residual)| weight * residual)
+        .sum::<f64>()
+        / total;
+    let spread: f64 = weights
+        .iter()
+        .zip(&residuals)
+        .map(|(weight, residual)| weight * (residual - centre).powi(2))
+        .sum();
+    let constants =
+        (mean.len() as f64 - 1.0) * HALF_LN_TWO_PI + log_sd.iter().sum::<f64>() + 0.5 * total.ln();
     -constants - 0.5 * spread - log_action.iter().sum::<f64>()
 }
 
@@ -125,12 +150,21 @@ mod tests {
         let mut moments = [0.0; 4];
         for _ in 0..n {
             let z = standard_normal(&mut rng);
-            moments.iter_mut().zip(1..).for_each(|(moment, power)| *moment += z.powi(power) / f64::from(n));
+            moments
+                .iter_mut()
+                .zip(1..)
+                .for_each(|(moment, power)| *moment += z.powi(power) / f64::from(n));
         }
-        for (moment, (want, sd)) in
-            moments.iter().zip([(0.0, 1.0), (1.0, 2_f64.sqrt()), (0.0, 15_f64.sqrt()), (3.0, 96_f64.sqrt())])
-        {
-            assert!((moment - want).abs() < 4.0 * sd / f64::from(n).sqrt(), "{moments:?}");
+        for (moment, (want, sd)) in moments.iter().zip([
+            (0.0, 1.0),
+            (1.0, 2_f64.sqrt()),
+            (0.0, 15_f64.sqrt()),
+            (3.0, 96_f64.sqrt()),
+        ]) {
+            assert!(
+                (moment - want).abs() < 4.0 * sd / f64::from(n).sqrt(),
+                "{moments:?}"
+            );
         }
     }
 
@@ -173,8 +207,15 @@ mod tests {
             for j in 0..steps {
                 let (first, second) = ((f64::from(i) + 0.5) * cell, (f64::from(j) + 0.5) * cell);
                 if first + second < 1.0 {
-                    let log_action = [first.ln(), second.ln(), (1.0 - first - second).max(cell * 0.25).ln()];
-                    integral += softmax_log_density(&[0.3, -0.2, 0.5], &[-0.6, -0.4, -0.9], &log_action).exp() * cell * cell;
+                    let log_action = [
+                        first.ln(),
+                        second.ln(),
+                        (1.0 - first - second).max(cell * 0.25).ln(),
+                    ];
+                    integral += softmax_log_density(&[0.3, -0.2, 0.5], &[-0.6, -0.4, -0.9], &log_action)
+                        .exp()
+                        * cell
+                        * cell;
                 }
             }
         }
@@ -204,7 +245,8 @@ mod tests {
             let total: f64 = weights.iter().sum();
             let centre = (0..4).map(|i| weights[i] * (mean[i] - log_action[i])).sum::<f64>() / total;
             let of_shift = log_density(&[centre], &[-0.5 * total.ln()], &[shift]);
-            let factors = softmax_log_density(mean, log_sd, &log_action) + of_shift + log_action.iter().sum::<f64>();
+            let factors = softmax_log_density(mean, log_sd,
+                &log_action) + of_shift + log_action.iter().sum::<f64>();
             let whole = log_density(mean, log_sd, candidate);
             prop_assert!((whole - factors).abs() < 1e-9 * whole.abs().max(1.0));
         }

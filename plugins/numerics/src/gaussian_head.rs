@@ -30,7 +30,8 @@ pub fn mean(head: Tensor<2>) -> Tensor<2> {
 #[must_use]
 pub fn log_sd(head: Tensor<2>) -> Tensor<2> {
     let [n_rows, n_columns] = head.dims();
-    head.slice([0..n_rows, n_columns / 2..n_columns]).clamp(LOG_SD_LIMITS[0], LOG_SD_LIMITS[1])
+    head.slice([0..n_rows, n_columns / 2..n_columns])
+        .clamp(LOG_SD_LIMITS[0], LOG_SD_LIMITS[1])
 }
 
 /// Both halves of a head.
@@ -47,8 +48,16 @@ pub fn standard_deviation(head: Tensor<2>) -> Tensor<2> {
 
 /// `x = mean + sd noise` `[rows, n]` and its log density `[rows, 1]`, which along the draw depends on
 /// `log_sd` alone.
-pub(crate) fn candidate(mean: Tensor<2>, log_sd: Tensor<2>, rng: &mut impl RngCore) -> (Tensor<2>, Tensor<2>) {
-    assert_eq!(mean.dims(), log_sd.dims(), "means and standard deviations are of one shape");
+pub(crate) fn candidate(
+    mean: Tensor<2>,
+    log_sd: Tensor<2>,
+    rng: &mut impl RngCore,
+) -> (Tensor<2>, Tensor<2>) {
+    assert_eq!(
+        mean.dims(),
+        log_sd.dims(),
+        "means and standard deviations are of one shape"
+    );
     let [n_rows, n] = mean.dims();
     let values: Vec<f32> = (0..n_rows * n).map(|_| standard_normal(rng) as f32).collect();
     let noise = Tensor::<2>::from_data(TensorData::new(values, [n_rows, n]), &mean.device());
@@ -65,7 +74,10 @@ mod tests {
     #[test]
     fn a_head_is_halved_and_held() {
         let (mean, log_sd) = mean_and_log_sd(matrix(vec![0.5, -30.0, 3.0, 1.0, 5.0, 0.25, -21.0, 2.5], 4));
-        assert_eq!((values(mean), values(log_sd)), (vec![0.5, -30.0, 5.0, 0.25], vec![2.0, 1.0, -20.0, 2.0]));
+        assert_eq!(
+            (values(mean), values(log_sd)),
+            (vec![0.5, -30.0, 5.0, 0.25], vec![2.0, 1.0, -20.0, 2.0])
+        );
         assert_eq!(values(standard_deviation(matrix(vec![7.0, 0.0], 2))), [1.0]);
     }
 }

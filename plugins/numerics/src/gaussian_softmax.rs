@@ -26,9 +26,17 @@ pub struct GaussianSoftmaxSample {
 ///
 /// # Panics
 /// If the two shapes differ.
-pub fn gaussian_softmax_sample(mean: Tensor<2>, log_sd: Tensor<2>, rng: &mut impl RngCore) -> GaussianSoftmaxSample {
+pub fn gaussian_softmax_sample(
+    mean: Tensor<2>,
+    log_sd: Tensor<2>,
+    rng: &mut impl RngCore,
+) -> GaussianSoftmaxSample {
     let (candidate, log_density) = candidate(mean, log_sd, rng);
-    GaussianSoftmaxSample { action: softmax(candidate.clone(), 1), candidate, log_density }
+    GaussianSoftmaxSample {
+        action: softmax(candidate.clone(), 1),
+        candidate,
+        log_density,
+    }
 }
 
 /// The true log density `[batch, 1]` of `softmax(candidate)` on the simplex: the common shift is integrated
@@ -70,7 +78,10 @@ mod tests {
 
     fn assert_close(got: &[f64], want: &[f64], tolerance: f64) {
         for (got_one, want_one) in got.iter().zip(want) {
-            assert!((got_one - want_one).abs() <= tolerance * want_one.abs().max(1.0), "{got:?}, not {want:?}");
+            assert!(
+                (got_one - want_one).abs() <= tolerance * want_one.abs().max(1.0),
+                "{got:?}, not {want:?}"
+            );
         }
     }
 
@@ -103,7 +114,9 @@ mod tests {
             let [mean, log_sd] = points.map(|point| Tensor::<2>::from_data(point, &Device::default()));
             doubles(loss(mean, log_sd)).iter().sum::<f64>()
         };
-        let want: Vec<f64> = (0..12).map(|index| (at(index, 0.01) - at(index, -0.01)) / 0.02).collect();
+        let want: Vec<f64> = (0..12)
+            .map(|index| (at(index, 0.01) - at(index, -0.01)) / 0.02)
+            .collect();
         assert_close(&got, &want, 2e-3);
     }
 
@@ -112,8 +125,9 @@ mod tests {
         let (mean, log_sd) = inputs(&Device::default());
         let softmax = gaussian_softmax_sample(mean.clone(), log_sd.clone(), &mut rng());
         assert_close(&doubles(softmax.log_density), &host(gaussian::log_density), 1e-5);
-        let of_action: fn(&[f64], &[f64], &[f64]) -> f64 =
-            |mean, log_sd, candidate| gaussian::softmax_log_density(mean, log_sd, &gaussian::log_softmax(candidate));
+        let of_action: fn(&[f64], &[f64], &[f64]) -> f64 = |mean, log_sd, candidate| {
+            gaussian::softmax_log_density(mean, log_sd, &gaussian::log_softmax(candidate))
+        };
         let got = gaussian_softmax_log_density(mean, log_sd, softmax.candidate);
         assert_close(&doubles(got), &host(of_action), 1e-5);
         assert_close(&doubles(softmax.action.sum_dim(1)), &[1.0, 1.0], 1e-6);
@@ -123,7 +137,9 @@ mod tests {
     fn gradients_are_those_of_differences() {
         let weights = |like: &Tensor<2>| Tensor::<2>::from_data([[1.0, -2.0, 0.5]], &like.device());
         check_gradient(|mean, log_sd| gaussian_softmax_sample(mean, log_sd, &mut rng()).log_density);
-        check_gradient(|mean, log_sd| weights(&mean) * gaussian_softmax_sample(mean, log_sd, &mut rng()).action);
+        check_gradient(|mean, log_sd| {
+            weights(&mean) * gaussian_softmax_sample(mean, log_sd, &mut rng()).action
+        });
         check_gradient(|mean, log_sd| {
             let candidate = gaussian_softmax_sample(mean.clone(), log_sd.clone(), &mut rng()).candidate;
             gaussian_softmax_log_density(mean, log_sd, candidate)

@@ -1,6 +1,7 @@
 //! Batch normalisation of a network's inputs, forward and backward as one autodiff operation.
 //!
-//! Ioffe and Szegedy 2015, "Batch normalization", arXiv:1502.03167, algorithm 1, on the inputs alone; scale and shift are learnt.
+//! Ioffe and Szegedy 2015, "Batch normalization", arXiv:1502.03167, algorithm 1, on the inputs alone; scale
+//! and shift are learnt.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -9,10 +10,12 @@
 //! | gamma, beta | `weight` (starts at 1), `bias` (starts at 0) | `[columns]` |
 //! | epsilon | [`EPSILON`] | scalar |
 //!
-//! `y = gamma (x - mu_B) / sqrt(sigma_B^2 + epsilon) + beta`. Backward, with `n` rows and `h` the standardised input:
-//! `dgamma = sum(dy h)`, `dbeta = sum(dy)`, `dx = gamma (n dy - dbeta - h dgamma) / (n sqrt(sigma_B^2 + epsilon))`.
+//! `y = gamma (x - mu_B) / sqrt(sigma_B^2 + epsilon) + beta`. Backward, with `n` rows and `h` the
+//! standardised input: `dgamma = sum(dy h)`, `dbeta = sum(dy)`, `dx = gamma (n dy - dbeta - h dgamma) / (n
+//! sqrt(sigma_B^2 + epsilon))`.
 //!
-//! Where single rows are to be evaluated (a policy that acts), [`RunningMoments`] take the place of the batch's own.
+//! Where single rows are to be evaluated (a policy that acts), [`RunningMoments`] take the place of the
+//! batch's own.
 
 use crate::dense::{add_rows, row_by_row};
 use crate::network::{Activation, Mlp, device, values};
@@ -58,23 +61,42 @@ impl InputNorm {
     /// Scale 1 and shift 0 for each of `n_inputs`.
     #[must_use]
     pub fn new(n_inputs: usize, device: &Device) -> Self {
-        let parameter = |value| Param::from_tensor(Tensor::from_data(TensorData::new(vec![value; n_inputs], [n_inputs]), device));
-        Self { weight: parameter(1.0f32), bias: parameter(0.0) }
+        let parameter = |value| {
+            Param::from_tensor(Tensor::from_data(
+                TensorData::new(vec![value; n_inputs], [n_inputs]),
+                device,
+            ))
+        };
+        Self {
+            weight: parameter(1.0f32),
+            bias: parameter(0.0),
+        }
     }
 
     /// The inputs `[rows, inputs]` normalised by their own moments.
     #[must_use]
     pub fn by_batch(&self, input: Tensor<2>) -> Tensor<2> {
-        let parts = (input.into_dispatch(), self.weight.val().into_dispatch(), self.bias.val().into_dispatch());
+        let parts = (
+            input.into_dispatch(),
+            self.weight.val().into_dispatch(),
+            self.bias.val().into_dispatch(),
+        );
         Tensor::from_dispatch(<Dispatch as NormOperation>::normalised(parts.0, parts.1, parts.2))
     }
 
     /// The inputs `[rows, inputs]` normalised by running moments.
     #[must_use]
     pub fn by_moments(&self, input: Tensor<2>, moments: &RunningMoments) -> Tensor<2> {
-        let row = |numbers: Vec<f32>| Tensor::<2>::from_data(TensorData::new(numbers, [1, moments.mean.len()]), &device());
-        let inverse_sd = row(moments.variance.iter().map(|variance| 1.0 / (variance + EPSILON).sqrt()).collect());
-        (input - row(moments.mean.clone())) * (inverse_sd * self.weight.val().unsqueeze()) + self.bias.val().unsqueeze()
+        let row = |numbers: Vec<f32>| {
+            Tensor::<2>::from_data(TensorData::new(numbers, [1, moments.mean.len()]), &device())
+        };
+        let inverse_sd = row(moments
+            .variance
+            .iter()
+            .map(|variance| 1.0 / (variance + EPSILON).sqrt())
+            .collect());
+        (input - row(moments.mean.clone())) * (inverse_sd * self.weight.val().unsqueeze())
+            + self.bias.val().unsqueeze()
     }
 }
 
@@ -126,7 +148,10 @@ impl RunningMoments {
     /// Mean 0 and variance 1, before the first batch.
     #[must_use]
     pub fn new(n_inputs: usize) -> Self {
-        Self { mean: vec![0.0; n_inputs], variance: vec![1.0; n_inputs] }
+        Self {
+            mean: vec![0.0; n_inputs],
+            variance: vec![1.0; n_inputs],
+        }
     }
 
     /// Moves towards the moments of a batch `[rows, inputs]`; the variance that counts is the unbiased one.
@@ -136,8 +161,14 @@ impl RunningMoments {
         let (mean, variance) = moments(&values(batch.clone()), n_inputs);
         let unbiased = n_rows as f32 / (n_rows as f32 - 1.0).max(1.0);
         let follow = |running: &mut f32, new: f32| *running += MOMENTUM * (new - *running);
-        self.mean.iter_mut().zip(mean).for_each(|(running, new)| follow(running, new));
-        self.variance.iter_mut().zip(variance).for_each(|(running, new)| follow(running, new * unbiased));
+        self.mean
+            .iter_mut()
+            .zip(mean)
+            .for_each(|(running, new)| follow(running, new));
+        self.variance
+            .iter_mut()
+            .zip(variance)
+            .for_each(|(running, new)| follow(running, new * unbiased));
     }
 
     /// Puts the moments under `prefix` into a file.
@@ -156,7 +187,10 @@ impl RunningMoments {
             if values.len() == self.mean.len() {
                 return Ok(values.clone());
             }
-            Err(TensorFileError::Shape { expected: format!("{} moments", self.mean.len()), found: format!("{shape:?}") })
+            Err(TensorFileError::Shape {
+                expected: format!("{} moments", self.mean.len()),
+                found: format!("{shape:?}"),
+            })
         };
         (self.mean, self.variance) = (read("running_mean")?, read("running_variance")?);
         Ok(())
@@ -171,7 +205,11 @@ fn moments(rows: &[f32], n_columns: usize) -> (Vec<f32>, Vec<f32>) {
     mean.iter_mut().for_each(|sum| *sum /= n_rows);
     let mut variance = vec![0.0; n_columns];
     for row in rows.chunks_exact(n_columns) {
-        variance.iter_mut().zip(row).zip(&mean).for_each(|((sum, x), mean)| *sum += (x - mean) * (x - mean));
+        variance
+            .iter_mut()
+            .zip(row)
+            .zip(&mean)
+            .for_each(|((sum, x), mean)| *sum += (x - mean) * (x - mean));
     }
     variance.iter_mut().for_each(|sum| *sum /= n_rows);
     (mean, variance)
@@ -181,7 +219,11 @@ fn moments(rows: &[f32], n_columns: usize) -> (Vec<f32>, Vec<f32>) {
 #[backend_extension(Flex, Autodiff)]
 trait NormOperation: Backend {
     /// `y` from `x`, `gamma` and `beta`.
-    fn normalised(input: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>) -> FloatTensor<Self>;
+    fn normalised(
+        input: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+    ) -> FloatTensor<Self>;
 }
 
 /// What the backward step needs: the standardised input, `gamma` and `1 / sqrt(sigma_B^2 + epsilon)`.
@@ -195,7 +237,11 @@ struct State<B: Backend> {
 /// The passes over plain tensors. A further backend implements them and is named as a selector above.
 trait NormPasses: Backend {
     /// `y`, and what the backward step needs.
-    fn forward(input: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>) -> (FloatTensor<Self>, State<Self>);
+    fn forward(
+        input: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+    ) -> (FloatTensor<Self>, State<Self>);
 
     /// `dgamma` and `dbeta`, and `dx` where it is asked for.
     fn gradients(
@@ -206,21 +252,45 @@ trait NormPasses: Backend {
 }
 
 impl NormPasses for Flex {
-    fn forward(input: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>) -> (FloatTensor<Self>, State<Self>) {
+    fn forward(
+        input: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+    ) -> (FloatTensor<Self>, State<Self>) {
         let [n_rows, n_columns] = input.layout().shape().dims();
         let mut standardised = row_by_row(input);
         let (mean, variance) = moments(standardised.storage::<f32>(), n_columns);
-        let inverse_sd: Vec<f32> = variance.iter().map(|variance| 1.0 / (variance + EPSILON).sqrt()).collect();
+        let inverse_sd: Vec<f32> = variance
+            .iter()
+            .map(|variance| 1.0 / (variance + EPSILON).sqrt())
+            .collect();
         let (scale, shift) = (row_by_row(weight.clone()), row_by_row(bias));
         let (scale, shift) = (scale.storage::<f32>(), shift.storage::<f32>());
         let mut output = vec![0.0; n_rows * n_columns];
-        let rows = standardised.storage_mut::<f32>().chunks_exact_mut(n_columns).zip(output.chunks_exact_mut(n_columns));
+        let rows = standardised
+            .storage_mut::<f32>()
+            .chunks_exact_mut(n_columns)
+            .zip(output.chunks_exact_mut(n_columns));
         for (x, y) in rows {
-            x.iter_mut().zip(&mean).zip(&inverse_sd).for_each(|((x, mean), inverse)| *x = (*x - mean) * inverse);
-            y.iter_mut().zip(&*x).zip(scale).zip(shift).for_each(|(((y, x), scale), shift)| *y = scale * x + shift);
+            x.iter_mut()
+                .zip(&mean)
+                .zip(&inverse_sd)
+                .for_each(|((x, mean), inverse)| *x = (*x - mean) * inverse);
+            y.iter_mut()
+                .zip(&*x)
+                .zip(scale)
+                .zip(shift)
+                .for_each(|(((y, x), scale), shift)| *y = scale * x + shift);
         }
         let output = FloatTensor::<Self>::from_data(TensorData::new(output, [n_rows, n_columns]));
-        (output, State { standardised, weight, inverse_sd })
+        (
+            output,
+            State {
+                standardised,
+                weight,
+                inverse_sd,
+            },
+        )
     }
 
     fn gradients(
@@ -233,13 +303,29 @@ impl NormPasses for Flex {
         let standardised = state.standardised.storage::<f32>();
         let shift = add_rows(gradient.storage::<f32>(), n_columns);
         let mut scale = vec![0.0; n_columns];
-        for (dy, h) in gradient.storage::<f32>().chunks_exact(n_columns).zip(standardised.chunks_exact(n_columns)) {
-            scale.iter_mut().zip(dy).zip(h).for_each(|((sum, dy), h)| *sum += dy * h);
+        for (dy, h) in gradient
+            .storage::<f32>()
+            .chunks_exact(n_columns)
+            .zip(standardised.chunks_exact(n_columns))
+        {
+            scale
+                .iter_mut()
+                .zip(dy)
+                .zip(h)
+                .for_each(|((sum, dy), h)| *sum += dy * h);
         }
         if input {
             let weight = row_by_row(state.weight);
-            let factor: Vec<f32> = weight.storage::<f32>().iter().zip(&state.inverse_sd).map(|(w, i)| w * i).collect();
-            let rows = gradient.storage_mut::<f32>().chunks_exact_mut(n_columns).zip(standardised.chunks_exact(n_columns));
+            let factor: Vec<f32> = weight
+                .storage::<f32>()
+                .iter()
+                .zip(&state.inverse_sd)
+                .map(|(w, i)| w * i)
+                .collect();
+            let rows = gradient
+                .storage_mut::<f32>()
+                .chunks_exact_mut(n_columns)
+                .zip(standardised.chunks_exact(n_columns));
             rows.for_each(|(dy, h)| input_gradient(dy, h, [&factor, &shift, &scale], n_rows));
         }
         let vector = |sums| FloatTensor::<Self>::from_data(TensorData::new(sums, [n_columns]));
@@ -251,21 +337,42 @@ impl NormPasses for Flex {
 #[allow(clippy::cast_precision_loss, reason = "a batch has far fewer than 2^24 rows")]
 fn input_gradient(dy: &mut [f32], standardised: &[f32], [factor, shift, scale]: [&[f32]; 3], n_rows: usize) {
     let share = 1.0 / n_rows as f32;
-    let columns = dy.iter_mut().zip(standardised).zip(factor).zip(shift.iter().zip(scale));
-    columns.for_each(|(((dy, h), factor), (shift, scale))| *dy = factor * (*dy - share * (shift + h * scale)));
+    let columns = dy
+        .iter_mut()
+        .zip(standardised)
+        .zip(factor)
+        .zip(shift.iter().zip(scale));
+    columns
+        .for_each(|(((dy, h), factor), (shift, scale))| *dy = factor * (*dy - share * (shift + h * scale)));
 }
 
 impl NormOperation for Flex {
-    fn normalised(input: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>) -> FloatTensor<Self> {
+    fn normalised(
+        input: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+    ) -> FloatTensor<Self> {
         Self::forward(input, weight, bias).0
     }
 }
 
 impl<B: NormPasses, C: CheckpointStrategy> NormOperation for Autodiff<B, C> {
-    fn normalised(input: FloatTensor<Self>, weight: FloatTensor<Self>, bias: FloatTensor<Self>) -> FloatTensor<Self> {
+    fn normalised(
+        input: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        bias: FloatTensor<Self>,
+    ) -> FloatTensor<Self> {
         let nodes = [input.node(), weight.node(), bias.node()];
-        let (output, state) = B::forward(input.into_primitive(), weight.into_primitive(), bias.into_primitive());
-        match NormBackward::<B>(PhantomData).prepare::<C>(nodes).compute_bound().stateful() {
+        let (output, state) = B::forward(
+            input.into_primitive(),
+            weight.into_primitive(),
+            bias.into_primitive(),
+        );
+        match NormBackward::<B>(PhantomData)
+            .prepare::<C>(nodes)
+            .compute_bound()
+            .stateful()
+        {
             OpsKind::Tracked(operation) => operation.finish(state, output),
             OpsKind::UnTracked(operation) => operation.finish(output),
         }
@@ -280,7 +387,11 @@ impl<B: NormPasses> Backward<B, 3> for NormBackward<B> {
     type State = State<B>;
 
     fn backward(self, operation: Ops<Self::State, 3>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        let Ops { parents: [input, weight, bias], node, state } = operation;
+        let Ops {
+            parents: [input, weight, bias],
+            node,
+            state,
+        } = operation;
         let ([scale, shift], dx) = B::gradients(state, gradients.consume::<B>(&node), input.is_some());
         for (node, gradient) in [(weight, scale), (bias, shift)] {
             if let Some(node) = node {
@@ -318,7 +429,10 @@ mod tests {
     fn a_column_by_hand() {
         // Column (1, 3): mean 2, variance 1; the constant column is centred and divided by sqrt(epsilon).
         let y = values(InputNorm::new(2, &device()).by_batch(matrix(vec![1.0, 4.0, 3.0, 4.0], 2)));
-        assert!((y[0] + 1.0).abs() < 1e-4 && (y[2] - 1.0).abs() < 1e-4 && y[1] == 0.0 && y[3] == 0.0, "{y:?}");
+        assert!(
+            (y[0] + 1.0).abs() < 1e-4 && (y[2] - 1.0).abs() < 1e-4 && y[1] == 0.0 && y[3] == 0.0,
+            "{y:?}"
+        );
     }
 
     #[test]
@@ -331,7 +445,10 @@ mod tests {
         let plain = norm(&device());
         let close = |above: f32, below: f32, gradient: f32| {
             let difference = (above - below) / 0.02;
-            assert!((difference - gradient).abs() < 0.02 * (1.0 + gradient.abs()), "{difference} {gradient}");
+            assert!(
+                (difference - gradient).abs() < 0.02 * (1.0 + gradient.abs()),
+                "{difference} {gradient}"
+            );
         };
         for i in 0..12 {
             let at = |step: f32| {
@@ -346,7 +463,10 @@ mod tests {
             let at = |step: f32| {
                 let mut moved = numbers.clone();
                 moved[p].values[i] += step;
-                values(loss(&with_parameters(plain.clone(), &moved).unwrap(), matrix(ROWS.to_vec(), 3)))[0]
+                values(loss(
+                    &with_parameters(plain.clone(), &moved).unwrap(),
+                    matrix(ROWS.to_vec(), 3),
+                ))[0]
             };
             close(at(0.01), at(-0.01), of_parameters[p][i]);
         }
@@ -368,9 +488,15 @@ mod tests {
         running.absorb(&batch);
         // First column (0.5, 1.5, 0, -0.5): mean 0.375, unbiased variance 2.1875 / 3.
         assert!((running.mean[0] - 0.0375).abs() < 1e-6);
-        assert!((running.variance[0] - (0.9 + 0.1 * 2.1875 / 3.0)).abs() < 1e-6, "{running:?}");
+        assert!(
+            (running.variance[0] - (0.9 + 0.1 * 2.1875 / 3.0)).abs() < 1e-6,
+            "{running:?}"
+        );
         (0..200).for_each(|_| running.absorb(&batch));
-        let (of_batch, of_moments) = (values(norm.by_batch(batch.clone())), values(norm.by_moments(batch, &running)));
+        let (of_batch, of_moments) = (
+            values(norm.by_batch(batch.clone())),
+            values(norm.by_moments(batch, &running)),
+        );
         let shrink = (3.0f32 / 4.0).sqrt();
         for (at, (a, b)) in of_batch.iter().zip(&of_moments).enumerate() {
             let shift = [0.1, 0.0, -3.0][at % 3];

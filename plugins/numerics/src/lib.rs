@@ -21,6 +21,6 @@ pub mod squashed;
 pub mod stein;
 pub mod tensor_file;
 
-/// Raised whenever a change in this crate changes the numbers of a trial. Together with the engine's own it is part of every
-/// trial's id.
+/// Raised whenever a change in this crate changes the numbers of a trial. Together with the engine's own it
+/// is part of every trial's id.
 pub const VERSION: u32 = 0;

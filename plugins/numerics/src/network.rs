@@ -8,9 +8,10 @@
 //! Weights follow He et al. 2015 ("Delving deep into rectifiers", eq. 10 and 14) in the uniform form: bound
 //! `gain sqrt(3 / inputs)` with the gain of the activation that follows; biases start at 0.
 //!
-//! A network on a device with autodiff (`device().autodiff()`) is trained; `burn`'s `valid()` gives a plain copy of it
-//! that shares the numbers. A plain network applied to a tracked input still passes gradients to that input, and no
-//! gradient of its own weights is computed: this is how a policy is improved through a critic.
+//! A network on a device with autodiff (`device().autodiff()`) is trained; `burn`'s `valid()` gives a plain
+//! copy of it that shares the numbers. A plain network applied to a tracked input still passes gradients to
+//! that input, and no gradient of its own weights is computed: this is how a policy is improved through a
+//! critic.
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData, activation};
@@ -37,7 +38,12 @@ pub fn softplus(x: Tensor<2>) -> Tensor<2> {
 /// Where `values` does not hold whole rows.
 #[must_use]
 pub fn matrix(values: Vec<f32>, columns: usize) -> Tensor<2> {
-    assert_eq!(values.len() % columns, 0, "{} values are no rows of {columns}", values.len());
+    assert_eq!(
+        values.len() % columns,
+        0,
+        "{} values are no rows of {columns}",
+        values.len()
+    );
     let rows = values.len() / columns;
     Tensor::from_data(TensorData::new(values, [rows, columns]), &device())
 }
@@ -48,9 +54,16 @@ pub fn matrix(values: Vec<f32>, columns: usize) -> Tensor<2> {
 /// Never for tensors of this crate: they are all `f32` and in the processor's memory.
 #[must_use]
 pub fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    let tensor = if tensor.is_autodiff() { tensor.inner() } else { tensor };
+    let tensor = if tensor.is_autodiff() {
+        tensor.inner()
+    } else {
+        tensor
+    };
     // Reading f32 from a device that lives in the processor's own memory cannot fail.
-    tensor.into_data().try_into_vec::<f32>().expect("f32 in the processor's memory")
+    tensor
+        .into_data()
+        .try_into_vec::<f32>()
+        .expect("f32 in the processor's memory")
 }
 
 /// `x W + b`.
@@ -71,31 +84,68 @@ pub struct Mlp {
 impl Mlp {
     /// A network with layer sizes `sizes` (input first, output last) and one activation per hidden layer.
     ///
-    /// `output_gain` scales the weights of the last layer: 1 keeps the variance, a small value starts near zero.
+    /// `output_gain` scales the weights of the last layer: 1 keeps the variance, a small value starts near
+    /// zero.
     ///
     /// # Panics
     /// Where the number of activations is not the number of hidden layers.
-    pub fn new(sizes: &[usize], activations: &[Activation], output_gain: f64, rng: &mut impl RngCore, device: &Device) -> Self {
-        assert_eq!(activations.len() + 2, sizes.len(), "one activation per hidden layer of {sizes:?}, got {activations:?}");
-        let gains = activations.iter().map(|activation| activation.gain()).chain([output_gain]);
-        let layers = sizes.windows(2).zip(gains).map(|(pair, gain)| kaiming(pair[0], pair[1], gain, rng, device)).collect();
-        Self { layers, activations: activations.to_vec() }
+    pub fn new(
+        sizes: &[usize],
+        activations: &[Activation],
+        output_gain: f64,
+        rng: &mut impl RngCore,
+        device: &Device,
+    ) -> Self {
+        assert_eq!(
+            activations.len() + 2,
+            sizes.len(),
+            "one activation per hidden layer of {sizes:?}, got {activations:?}"
+        );
+        let gains = activations
+            .iter()
+            .map(|activation| activation.gain())
+            .chain([output_gain]);
+        let layers = sizes
+            .windows(2)
+            .zip(gains)
+            .map(|(pair, gain)| kaiming(pair[0], pair[1], gain, rng, device))
+            .collect();
+        Self {
+            layers,
+            activations: activations.to_vec(),
+        }
     }
 
-    /// A network whose weights and biases are uniform in `+-1 / sqrt(inputs)`, as PyTorch starts its linear layers.
+    /// A network whose weights and biases are uniform in `+-1 / sqrt(inputs)`, as PyTorch starts its linear
+    /// layers.
     ///
     /// # Panics
     /// Where the number of activations is not the number of hidden layers.
-    pub fn uniform(sizes: &[usize], activations: &[Activation], rng: &mut impl RngCore, device: &Device) -> Self {
-        assert_eq!(activations.len() + 2, sizes.len(), "one activation per hidden layer of {sizes:?}, got {activations:?}");
+    pub fn uniform(
+        sizes: &[usize],
+        activations: &[Activation],
+        rng: &mut impl RngCore,
+        device: &Device,
+    ) -> Self {
+        assert_eq!(
+            activations.len() + 2,
+            sizes.len(),
+            "one activation per hidden layer of {sizes:?}, got {activations:?}"
+        );
         let layers = sizes.windows(2).map(|pair| {
             let [inputs, outputs] = [pair[0], pair[1]];
             #[allow(clippy::cast_precision_loss, reason = "a layer size is far below 2^52")]
             let bound = 1.0 / (inputs as f64).sqrt();
-            let (weight, bias) = (uniform(inputs * outputs, bound, rng), uniform(outputs, bound, rng));
+            let (weight, bias) = (
+                uniform(inputs * outputs, bound, rng),
+                uniform(outputs, bound, rng),
+            );
             linear(weight, bias, inputs, device)
         });
-        Self { layers: layers.collect(), activations: activations.to_vec() }
+        Self {
+            layers: layers.collect(),
+            activations: activations.to_vec(),
+        }
     }
 
     /// Outputs `[rows, outputs]` of inputs `[rows, inputs]`.
@@ -112,7 +162,9 @@ impl Mlp {
     #[must_use]
     pub fn sizes(&self) -> Vec<usize> {
         let inputs = self.layers.iter().map(|layer| layer.weight.dims()[0]);
-        inputs.chain(self.layers.last().map(|layer| layer.weight.dims()[1])).collect()
+        inputs
+            .chain(self.layers.last().map(|layer| layer.weight.dims()[1]))
+            .collect()
     }
 
     /// The activation of each hidden layer.
@@ -125,26 +177,36 @@ impl Mlp {
 fn kaiming(inputs: usize, outputs: usize, gain: f64, rng: &mut impl RngCore, device: &Device) -> Linear {
     #[allow(clippy::cast_precision_loss, reason = "a layer size is far below 2^52")]
     let bound = gain * (3.0 / inputs as f64).sqrt();
-    linear(uniform(inputs * outputs, bound, rng), vec![0.0; outputs], inputs, device)
+    linear(
+        uniform(inputs * outputs, bound, rng),
+        vec![0.0; outputs],
+        inputs,
+        device,
+    )
 }
 
 /// Numbers drawn uniformly between minus `bound` and `bound`.
 #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
 fn uniform(count: usize, bound: f64, rng: &mut impl RngCore) -> Vec<f32> {
-    (0..count).map(|_| ((2.0 * rng.random::<f64>() - 1.0) * bound) as f32).collect()
+    (0..count)
+        .map(|_| ((2.0 * rng.random::<f64>() - 1.0) * bound) as f32)
+        .collect()
 }
 
 fn linear(weight: Vec<f32>, bias: Vec<f32>, inputs: usize, device: &Device) -> Linear {
     let outputs = bias.len();
     let weight = Tensor::<2>::from_data(TensorData::new(weight, [inputs, outputs]), device);
     let bias = Tensor::<1>::from_data(TensorData::new(bias, [outputs]), device);
-    Linear { weight: Param::from_tensor(weight), bias: Param::from_tensor(bias) }
+    Linear {
+        weight: Param::from_tensor(weight),
+        bias: Param::from_tensor(bias),
+    }
 }
 
 /// Two networks of one shape with their own parameters, such as the two critics of clipped double Q-learning.
 ///
-/// They are evaluated one after the other: stacked as one batched product they took the same time (within 4 % on one
-/// thread at 256 units, batch 256).
+/// They are evaluated one after the other: stacked as one batched product they took the same time (within 4 %
+/// on one thread at 256 units, batch 256).
 #[derive(Module, Debug, Default)]
 pub struct TwinMlp {
     /// The first network.
@@ -155,9 +217,18 @@ pub struct TwinMlp {
 
 impl TwinMlp {
     /// Two networks as [`Mlp::new`] makes them.
-    pub fn new(sizes: &[usize], activations: &[Activation], output_gain: f64, rng: &mut impl RngCore, device: &Device) -> Self {
+    pub fn new(
+        sizes: &[usize],
+        activations: &[Activation],
+        output_gain: f64,
+        rng: &mut impl RngCore,
+        device: &Device,
+    ) -> Self {
         let mut network = || Mlp::new(sizes, activations, output_gain, rng, device);
-        Self { first: network(), second: network() }
+        Self {
+            first: network(),
+            second: network(),
+        }
     }
 
     /// Outputs of both for the same input.
@@ -181,7 +252,12 @@ mod tests {
     fn two_layers_by_hand() {
         let network = Mlp::new(&[2, 2, 1], &[Activation::LeakyRelu], 1.0, &mut rng(), &device());
         let mut numbers = parameters(&network);
-        let by_name = [vec![1.0, -1.0, 2.0, 0.5], vec![0.5, -3.0], vec![2.0, 10.0], vec![0.25]];
+        let by_name = [
+            vec![1.0, -1.0, 2.0, 0.5],
+            vec![0.5, -3.0],
+            vec![2.0, 10.0],
+            vec![0.25],
+        ];
         for (parameter, values) in numbers.iter_mut().zip(by_name) {
             parameter.values = values;
         }
@@ -206,15 +282,31 @@ mod tests {
     fn uniform_weights_and_biases_have_the_variance_of_their_bound() {
         let network = Mlp::uniform(&[50, 400, 1], &[Activation::Relu], &mut rng(), &device());
         for numbers in &parameters(&network)[..2] {
-            assert!(numbers.values.iter().all(|x| x.abs() <= (1.0f32 / 50.0).sqrt()), "{}", numbers.name);
+            assert!(
+                numbers.values.iter().all(|x| x.abs() <= (1.0f32 / 50.0).sqrt()),
+                "{}",
+                numbers.name
+            );
             let variance = numbers.values.iter().map(|x| x * x).sum::<f32>() / numbers.values.len() as f32;
-            assert!((variance / (1.0 / 150.0) - 1.0).abs() < 0.15, "{} {variance}", numbers.name);
+            assert!(
+                (variance / (1.0 / 150.0) - 1.0).abs() < 0.15,
+                "{} {variance}",
+                numbers.name
+            );
         }
     }
 
     #[test]
     fn the_stream_alone_decides_the_weights() {
-        let make = || parameters(&Mlp::new(&[3, 8, 2], &[Activation::Tanh], 1.0, &mut rng(), &device()));
+        let make = || {
+            parameters(&Mlp::new(
+                &[3, 8, 2],
+                &[Activation::Tanh],
+                1.0,
+                &mut rng(),
+                &device(),
+            ))
+        };
         assert_eq!(make(), make());
     }
 
@@ -225,7 +317,13 @@ mod tests {
     #[test]
     fn gradients_of_every_activation_agree_with_finite_differences() {
         let activations = [Activation::LeakyRelu, Activation::Tanh, Activation::Relu];
-        let network = Mlp::new(&[3, 5, 5, 5, 2], &activations, 1.0, &mut rng(), &device().autodiff());
+        let network = Mlp::new(
+            &[3, 5, 5, 5, 2],
+            &activations,
+            1.0,
+            &mut rng(),
+            &device().autodiff(),
+        );
         let x = matrix(vec![0.3, -1.2, 0.7, 0.9, 0.1, -0.4], 3);
         let mut gradients = loss(&network, &x).backward();
         let analytic = crate::optimizer::gradients(&network, &mut gradients);
@@ -251,12 +349,21 @@ mod tests {
 
     #[test]
     fn a_plain_network_passes_gradients_to_a_tracked_input() {
-        let critic = Mlp::new(&[2, 4, 1], &[Activation::LeakyRelu], 1.0, &mut rng(), &device().autodiff());
+        let critic = Mlp::new(
+            &[2, 4, 1],
+            &[Activation::LeakyRelu],
+            1.0,
+            &mut rng(),
+            &device().autodiff(),
+        );
         let input = || Tensor::<2>::from_inner(matrix(vec![0.4, -0.3], 2)).require_grad();
         let (through_plain, through_tracked) = (input(), input());
         let plain = critic.valid().forward(through_plain.clone()).sum().backward();
         let tracked = critic.forward(through_tracked.clone()).sum().backward();
-        let (plain, tracked) = (through_plain.grad(&plain).unwrap(), through_tracked.grad(&tracked).unwrap());
+        let (plain, tracked) = (
+            through_plain.grad(&plain).unwrap(),
+            through_tracked.grad(&tracked).unwrap(),
+        );
         let (plain, tracked) = (values(plain), values(tracked));
         assert_eq!(plain, tracked);
         assert!(plain.iter().any(|g| g.abs() > 1e-3));

@@ -35,7 +35,13 @@ impl Adam {
     /// parameters.
     #[must_use]
     pub fn new(learning_rate: f64, largest_norm: Option<f64>) -> Self {
-        Self { learning_rate, largest_norm, n_steps: 0, first: Vec::new(), second: Vec::new() }
+        Self {
+            learning_rate,
+            largest_norm,
+            n_steps: 0,
+            first: Vec::new(),
+            second: Vec::new(),
+        }
     }
 
     /// The module after one step against the gradients of a loss; parameters that the loss does not reach
@@ -63,7 +69,13 @@ impl Adam {
         let mut at = 0;
         map_values(module, &mut |values| {
             if !gradients[at].is_empty() {
-                descend(&rates, values, &gradients[at], &mut self.first[at], &mut self.second[at]);
+                descend(
+                    &rates,
+                    values,
+                    &gradients[at],
+                    &mut self.first[at],
+                    &mut self.second[at],
+                );
             }
             at += 1;
         })
@@ -89,7 +101,9 @@ impl Adam {
         };
         let read = |moment: &str| {
             let vector = |at| Ok(file.get(&format!("{prefix}.{moment}.{at}"))?.values.clone());
-            (0..n_tensors).map(vector).collect::<Result<Vec<_>, TensorFileError>>()
+            (0..n_tensors)
+                .map(vector)
+                .collect::<Result<Vec<_>, TensorFileError>>()
         };
         (self.first, self.second, self.n_steps) = (read("first")?, read("second")?, n_steps);
         Ok(())
@@ -168,7 +182,10 @@ impl<M: Module + Default> Trained<M> {
 /// The gradient of each parameter on the host, in the order of the module's fields; empty where there is
 /// none.
 pub fn gradients<M: Module>(module: &M, loss_gradients: &mut Gradients) -> Vec<Vec<f32>> {
-    let mut collector = Collector { gradients: loss_gradients, found: Vec::new() };
+    let mut collector = Collector {
+        gradients: loss_gradients,
+        found: Vec::new(),
+    };
     module.visit(&mut collector);
     collector.found
 }
@@ -177,11 +194,18 @@ pub fn gradients<M: Module>(module: &M, loss_gradients: &mut Gradients) -> Vec<V
 /// norm before.
 #[allow(clippy::cast_possible_truncation, reason = "gradients are f32")]
 pub fn clip(gradients: &mut [Vec<f32>], largest: f64) -> f64 {
-    let norm = gradients.iter().flatten().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>().sqrt();
+    let norm = gradients
+        .iter()
+        .flatten()
+        .map(|g| f64::from(*g) * f64::from(*g))
+        .sum::<f64>()
+        .sqrt();
     if norm > largest {
         let scale = (largest / norm) as f32;
         // One loop per vector, which is vectorised; a flattened one is not.
-        gradients.iter_mut().for_each(|vector| vector.iter_mut().for_each(|g| *g *= scale));
+        gradients
+            .iter_mut()
+            .for_each(|vector| vector.iter_mut().for_each(|g| *g *= scale));
     }
     norm
 }
@@ -196,7 +220,10 @@ impl Rates {
     #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
     fn at(t: u64, learning_rate: f64) -> Self {
         let (bias_1, bias_2) = bias_corrections(t);
-        Self { step: (learning_rate / bias_1) as f32, root_correction: (1.0 / bias_2.sqrt()) as f32 }
+        Self {
+            step: (learning_rate / bias_1) as f32,
+            root_correction: (1.0 / bias_2.sqrt()) as f32,
+        }
     }
 }
 
@@ -226,7 +253,8 @@ struct Collector<'a> {
 impl ModuleVisitor for Collector<'_> {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         let gradient = param.val().grad_remove(self.gradients);
-        self.found.push(gradient.map(crate::network::values).unwrap_or_default());
+        self.found
+            .push(gradient.map(crate::network::values).unwrap_or_default());
     }
 }
 
@@ -243,7 +271,12 @@ impl ScalarAdam {
     /// Adam with a learning rate.
     #[must_use]
     pub fn new(learning_rate: f64) -> Self {
-        Self { learning_rate, n_steps: 0, first: 0.0, second: 0.0 }
+        Self {
+            learning_rate,
+            n_steps: 0,
+            first: 0.0,
+            second: 0.0,
+        }
     }
 
     /// The number after one step against a gradient.
@@ -265,11 +298,20 @@ mod tests {
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
     fn network() -> Mlp {
-        Mlp::new(&[2, 4, 1], &[Activation::LeakyRelu], 1.0, &mut ChaCha8Rng::seed_from_u64(3), &device().autodiff())
+        Mlp::new(
+            &[2, 4, 1],
+            &[Activation::LeakyRelu],
+            1.0,
+            &mut ChaCha8Rng::seed_from_u64(3),
+            &device().autodiff(),
+        )
     }
 
     fn step(network: Mlp, adam: &mut Adam) -> Mlp {
-        let loss = network.forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2)).powf_scalar(2.0).mean();
+        let loss = network
+            .forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2))
+            .powf_scalar(2.0)
+            .mean();
         adam.step(network, loss.backward())
     }
 
@@ -290,7 +332,10 @@ mod tests {
         let network = network();
         let mut scalar = ScalarAdam::new(0.01);
         let mut adam = Adam::new(0.01, None);
-        let loss = network.forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2)).powf_scalar(2.0).mean();
+        let loss = network
+            .forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2))
+            .powf_scalar(2.0)
+            .mean();
         let gradient = f64::from(gradients(&network, &mut loss.backward())[3][0]);
         let before = f64::from(parameters(&network)[3].values[0]);
         let after = f64::from(parameters(&step(network, &mut adam))[3].values[0]);
@@ -301,7 +346,12 @@ mod tests {
     fn a_loss_falls() {
         let (mut network, mut adam) = (network(), Adam::new(0.01, Some(1.0)));
         let loss = |network: &Mlp| {
-            crate::network::values(network.forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2)).powf_scalar(2.0).mean())[0]
+            crate::network::values(
+                network
+                    .forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2))
+                    .powf_scalar(2.0)
+                    .mean(),
+            )[0]
         };
         let before = loss(&network);
         for _ in 0..200 {
@@ -323,7 +373,11 @@ mod tests {
     fn a_stored_network_and_optimiser_take_the_same_next_step() {
         let mut one = Trained::new(network(), Adam::new(0.01, None));
         let improve = |trained: &mut Trained<Mlp>| {
-            let loss = trained.network().forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2)).powf_scalar(2.0).mean();
+            let loss = trained
+                .network()
+                .forward(matrix(vec![0.5, -1.0, 2.0, 0.1], 2))
+                .powf_scalar(2.0)
+                .mean();
             trained.descend(&loss);
         };
         (0..5).for_each(|_| improve(&mut one));

@@ -31,7 +31,10 @@ pub fn with_parameters<M: Module>(module: M, replacement: &[Parameter]) -> Resul
     let found: Vec<_> = replacement.iter().map(|p| (&p.name, &p.shape)).collect();
     let expected: Vec<_> = present.iter().map(|p| (&p.name, &p.shape)).collect();
     if found != expected {
-        return Err(TensorFileError::Shape { expected: format!("{expected:?}"), found: format!("{found:?}") });
+        return Err(TensorFileError::Shape {
+            expected: format!("{expected:?}"),
+            found: format!("{found:?}"),
+        });
     }
     let mut next = replacement.iter();
     Ok(map_values(module, &mut |values| {
@@ -49,7 +52,10 @@ pub fn soft_update<M: Module>(target: M, source: &M, tau: f64) -> M {
     map_values(target, &mut |values| {
         // Target and source are modules of one shape.
         let source = &next.next().expect("target and source of one shape").values;
-        values.iter_mut().zip(source).for_each(|(t, s)| *t += tau * (s - *t));
+        values
+            .iter_mut()
+            .zip(source)
+            .for_each(|(t, s)| *t += tau * (s - *t));
     })
 }
 
@@ -95,7 +101,11 @@ impl ModuleVisitor for Reader {
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         let (shape, values) = (param.dims().to_vec(), crate::network::values(param.val()));
-        self.found.push(Parameter { name: self.path.join("."), shape, values });
+        self.found.push(Parameter {
+            name: self.path.join("."),
+            shape,
+            values,
+        });
     }
 }
 
@@ -122,13 +132,27 @@ mod tests {
     use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
     fn network(seed: u64) -> Mlp {
-        Mlp::new(&[2, 3, 1], &[Activation::Relu], 1.0, &mut ChaCha8Rng::seed_from_u64(seed), &device().autodiff())
+        Mlp::new(
+            &[2, 3, 1],
+            &[Activation::Relu],
+            1.0,
+            &mut ChaCha8Rng::seed_from_u64(seed),
+            &device().autodiff(),
+        )
     }
 
     #[test]
     fn names_are_paths() {
         let names: Vec<_> = parameters(&network(1)).into_iter().map(|p| p.name).collect();
-        assert_eq!(names, ["layers.0.weight", "layers.0.bias", "layers.1.weight", "layers.1.bias"]);
+        assert_eq!(
+            names,
+            [
+                "layers.0.weight",
+                "layers.0.bias",
+                "layers.1.weight",
+                "layers.1.bias"
+            ]
+        );
     }
 
     #[test]
@@ -146,7 +170,10 @@ mod tests {
         store(&network(1), "policy", &mut file);
         let restored = restore(network(2), "policy", &file).unwrap();
         assert_eq!(parameters(&restored), parameters(&network(1)));
-        let gradients = restored.forward(crate::network::matrix(vec![1.0, 2.0], 2)).sum().backward();
+        let gradients = restored
+            .forward(crate::network::matrix(vec![1.0, 2.0], 2))
+            .sum()
+            .backward();
         assert!(!crate::optimizer::gradients(&restored, &mut { gradients })[3].is_empty());
         assert!(restore(network(2), "critic", &file).is_err());
     }

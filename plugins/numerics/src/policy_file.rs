@@ -1,7 +1,8 @@
 //! A trained policy as one file that other programs can use: `policy.safetensors`.
 //!
-//! The file holds the tensors `policy.layers.<k>.weight` (`[inputs, outputs]`) and `policy.layers.<k>.bias` of a fully connected
-//! network, and a JSON text under the metadata key `header` ([`PolicyHeader`]). In numpy:
+//! The file holds the tensors `policy.layers.<k>.weight` (`[inputs, outputs]`) and `policy.layers.<k>.bias`
+//! of a fully connected network, and a JSON text under the metadata key `header` ([`PolicyHeader`]). In
+//! numpy:
 //!
 //! ```python
 //! x = (observation - center) / spread
@@ -87,10 +88,27 @@ impl Policy {
     /// A policy of a network, to be written. The network may be a trained or a plain one.
     #[must_use]
     pub fn new(network: &Mlp, ports: Ports, head: Head) -> Self {
-        let Ports { inputs, center, spread, outputs } = ports;
+        let Ports {
+            inputs,
+            center,
+            spread,
+            outputs,
+        } = ports;
         let (sizes, activations) = (network.sizes(), network.activations().to_vec());
-        let header = PolicyHeader { format: FORMAT, sizes, activations, inputs, center, spread, outputs, head };
-        Self { header, network: burn::module::Module::valid(network) }
+        let header = PolicyHeader {
+            format: FORMAT,
+            sizes,
+            activations,
+            inputs,
+            center,
+            spread,
+            outputs,
+            head,
+        };
+        Self {
+            header,
+            network: burn::module::Module::valid(network),
+        }
     }
 
     /// Writes `policy.safetensors` into `dir`.
@@ -110,14 +128,18 @@ impl Policy {
     /// [`TensorFileError`] where the file is missing, damaged or of another format.
     pub fn read(dir: &Path) -> Result<Self, TensorFileError> {
         let file = TensorFile::read(&dir.join(FILE_NAME))?;
-        let header: PolicyHeader = serde_json::from_value(file.header.clone()).map_err(|source| format_error(&source))?;
+        let header: PolicyHeader =
+            serde_json::from_value(file.header.clone()).map_err(|source| format_error(&source))?;
         if header.format != FORMAT || header.activations.len() + 2 != header.sizes.len() {
             return Err(TensorFileError::Format {
                 problem: format!("policy format {}, layers {:?}", header.format, header.sizes),
             });
         }
         let blank = Mlp::new(&header.sizes, &header.activations, 0.0, &mut Zeros, &device());
-        Ok(Self { network: restore(blank, PREFIX, &file)?, header })
+        Ok(Self {
+            network: restore(blank, PREFIX, &file)?,
+            header,
+        })
     }
 
     /// The action for one observation, in the units of the channels.
@@ -126,10 +148,21 @@ impl Policy {
     /// Where the observation has another length than `header.inputs`.
     #[must_use]
     pub fn act(&self, observation: &[f64]) -> Vec<f64> {
-        let PolicyHeader { center, spread, outputs, head, .. } = &self.header;
+        let PolicyHeader {
+            center,
+            spread,
+            outputs,
+            head,
+            ..
+        } = &self.header;
         assert_eq!(observation.len(), center.len(), "entries of an observation");
         #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-        let scaled = observation.iter().zip(center).zip(spread).map(|((x, c), s)| ((x - c) / s) as f32).collect();
+        let scaled = observation
+            .iter()
+            .zip(center)
+            .zip(spread)
+            .map(|((x, c), s)| ((x - c) / s) as f32)
+            .collect();
         let out = crate::network::values(self.network.forward(crate::network::matrix(scaled, center.len())));
         let out: Vec<f64> = out.into_iter().take(outputs.len()).map(f64::from).collect();
         head.apply(&out)
@@ -171,12 +204,17 @@ fn normalised(x: Vec<f64>) -> Vec<f64> {
 
 #[allow(clippy::cast_precision_loss, reason = "a number of choices is far below 2^52")]
 fn argmax(x: &[f64]) -> f64 {
-    let best = x.iter().enumerate().fold((0, f64::NEG_INFINITY), |best, (i, x)| if *x > best.1 { (i, *x) } else { best });
+    let best = x.iter().enumerate().fold(
+        (0, f64::NEG_INFINITY),
+        |best, (i, x)| if *x > best.1 { (i, *x) } else { best },
+    );
     best.0 as f64
 }
 
 fn format_error(source: &serde_json::Error) -> TensorFileError {
-    TensorFileError::Format { problem: source.to_string() }
+    TensorFileError::Format {
+        problem: source.to_string(),
+    }
 }
 
 /// A generator that gives zeros: a network that is overwritten at once needs no random numbers.
@@ -205,8 +243,20 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let network = Mlp::new(&[2, 8, 3], &[Activation::Tanh], 1.0, &mut rng, &device());
         let words = |words: &[&str]| words.iter().map(ToString::to_string).collect();
-        let (inputs, outputs) = (words(&["voltage_1", "power_demand_w"]), words(&["share_1", "share_2", "share_3"]));
-        Policy::new(&network, Ports { inputs, center: vec![3.4, 34.0], spread: vec![0.2, 13.0], outputs }, head)
+        let (inputs, outputs) = (
+            words(&["voltage_1", "power_demand_w"]),
+            words(&["share_1", "share_2", "share_3"]),
+        );
+        Policy::new(
+            &network,
+            Ports {
+                inputs,
+                center: vec![3.4, 34.0],
+                spread: vec![0.2, 13.0],
+                outputs,
+            },
+            head,
+        )
     }
 
     #[test]
@@ -240,6 +290,9 @@ mod tests {
         let mut policy = policy(Head::SoftmaxMean);
         policy.header.format = 2;
         policy.write(dir.path()).unwrap();
-        assert!(matches!(Policy::read(dir.path()), Err(TensorFileError::Format { .. })));
+        assert!(matches!(
+            Policy::read(dir.path()),
+            Err(TensorFileError::Format { .. })
+        ));
     }
 }

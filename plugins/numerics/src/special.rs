@@ -53,21 +53,51 @@ const LN_GAMMA_AT_TWO: [f64; 29] = [
 ];
 
 /// Coefficients of `1/x, 1/x^3, ...` in Stirling's series of ln Gamma: `B_2k / (2k (2k - 1))`.
-const STIRLING: [f64; 8] =
-    [1.0 / 12.0, -1.0 / 360.0, 1.0 / 1260.0, -1.0 / 1680.0, 1.0 / 1188.0, -691.0 / 360_360.0, 1.0 / 156.0, -3617.0 / 122_400.0];
+const STIRLING: [f64; 8] = [
+    1.0 / 12.0,
+    -1.0 / 360.0,
+    1.0 / 1260.0,
+    -1.0 / 1680.0,
+    1.0 / 1188.0,
+    -691.0 / 360_360.0,
+    1.0 / 156.0,
+    -3617.0 / 122_400.0,
+];
 
 /// Coefficients of `1/x^2, 1/x^4, ...` in the series of `ln x - 1/(2x) - digamma(x)`: `B_2k / 2k`.
-const DIGAMMA: [f64; 8] =
-    [1.0 / 12.0, -1.0 / 120.0, 1.0 / 252.0, -1.0 / 240.0, 1.0 / 132.0, -691.0 / 32_760.0, 1.0 / 12.0, -3617.0 / 8160.0];
+const DIGAMMA: [f64; 8] = [
+    1.0 / 12.0,
+    -1.0 / 120.0,
+    1.0 / 252.0,
+    -1.0 / 240.0,
+    1.0 / 132.0,
+    -691.0 / 32_760.0,
+    1.0 / 12.0,
+    -3617.0 / 8160.0,
+];
 
 /// Coefficients of `1/x^3, 1/x^5, ...` in the series of trigamma: the Bernoulli numbers `B_2k`.
-const TRIGAMMA: [f64; 9] =
-    [1.0 / 6.0, -1.0 / 30.0, 1.0 / 42.0, -1.0 / 30.0, 5.0 / 66.0, -691.0 / 2730.0, 7.0 / 6.0, -3617.0 / 510.0, 43_867.0 / 798.0];
+const TRIGAMMA: [f64; 9] = [
+    1.0 / 6.0,
+    -1.0 / 30.0,
+    1.0 / 42.0,
+    -1.0 / 30.0,
+    5.0 / 66.0,
+    -691.0 / 2730.0,
+    7.0 / 6.0,
+    -3617.0 / 510.0,
+    43_867.0 / 798.0,
+];
 
 /// `ln sum exp`, without overflow.
 pub(crate) fn log_sum_exp(values: &[f64]) -> f64 {
     let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    largest + values.iter().map(|value| (value - largest).exp()).sum::<f64>().ln()
+    largest
+        + values
+            .iter()
+            .map(|value| (value - largest).exp())
+            .sum::<f64>()
+            .ln()
 }
 
 /// The logarithm of the gamma function, for `x > 0`.
@@ -77,7 +107,9 @@ pub fn ln_gamma(x: f64) -> f64 {
         f64::NAN
     } else if x >= ASYMPTOTIC_FROM {
         let inverse = 1.0 / x;
-        (x - 0.5) * (x.ln() - 1.0) + 0.5 * ((2.0 * PI).ln() - 1.0) + inverse * polynomial(&STIRLING, inverse * inverse)
+        (x - 0.5) * (x.ln() - 1.0)
+            + 0.5 * ((2.0 * PI).ln() - 1.0)
+            + inverse * polynomial(&STIRLING, inverse * inverse)
     } else if x < 0.5 {
         ln_gamma_near_one(x) - x.ln()
     } else if x <= 1.5 {
@@ -147,7 +179,11 @@ pub fn lower_incomplete_gamma(shape: f64, x: f64) -> f64 {
         return f64::from(x > 0.0);
     }
     let front = (shape * x.ln() - x - ln_gamma(shape)).exp();
-    if is_upper_tail(shape, x) { 1.0 - front * upper_fraction(shape, x).0 } else { front * lower_series(shape, x) }
+    if is_upper_tail(shape, x) {
+        1.0 - front * upper_fraction(shape, x).0
+    } else {
+        front * lower_series(shape, x)
+    }
 }
 
 /// `sum over n of x^n / (shape (shape + 1) ... (shape + n))`.
@@ -186,7 +222,10 @@ pub(crate) fn upper_fraction(shape: f64, x: f64) -> (f64, f64) {
 
 /// `coefficients[0] + coefficients[1] y + ...` by Horner's rule.
 fn polynomial(coefficients: &[f64], y: f64) -> f64 {
-    coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * y + coefficient)
+    coefficients
+        .iter()
+        .rev()
+        .fold(0.0, |sum, coefficient| sum * y + coefficient)
 }
 
 #[cfg(test)]
@@ -198,7 +237,10 @@ mod tests {
     const GAMMA: &str = include_str!("../../../tests/fixtures/special/gamma.csv");
 
     fn rows<const N: usize>(text: &str) -> Vec<[f64; N]> {
-        csv::Reader::from_reader(text.as_bytes()).deserialize().map(|row| row_of(row.unwrap())).collect()
+        csv::Reader::from_reader(text.as_bytes())
+            .deserialize()
+            .map(|row| row_of(row.unwrap()))
+            .collect()
     }
 
     fn row_of<const N: usize>(row: Vec<f64>) -> [f64; N] {
@@ -208,7 +250,11 @@ mod tests {
     fn check(name: &str, function: fn(f64) -> f64, column: usize) {
         for row in rows::<4>(VALUES) {
             let (got, want) = (function(row[0]), row[column]);
-            assert!((got - want).abs() <= 1e-14 * want.abs().max(0.1), "{name}({}) = {got}, not {want}", row[0]);
+            assert!(
+                (got - want).abs() <= 1e-14 * want.abs().max(0.1),
+                "{name}({}) = {got}, not {want}",
+                row[0]
+            );
         }
     }
 
@@ -224,7 +270,11 @@ mod tests {
         assert_eq!(ln_gamma(1.0), 0.0);
         assert_eq!(ln_gamma(2.0), 0.0);
         for row in rows::<4>(VALUES).iter().filter(|row| row[1] != 0.0) {
-            assert!((ln_gamma(row[0]) / row[1] - 1.0).abs() < 1e-14, "ln_gamma({})", row[0]);
+            assert!(
+                (ln_gamma(row[0]) / row[1] - 1.0).abs() < 1e-14,
+                "ln_gamma({})",
+                row[0]
+            );
         }
     }
 
@@ -234,7 +284,10 @@ mod tests {
             // exp(shape ln x - x - ln Gamma) loses digits in proportion to the size of its exponent's parts.
             let got = lower_incomplete_gamma(shape, x);
             let tolerance = 1e-14 * (1.0 + shape * x.ln().abs());
-            assert!((got - probability).abs() <= tolerance * probability, "P({shape}, {x}) = {got}, not {probability}");
+            assert!(
+                (got - probability).abs() <= tolerance * probability,
+                "P({shape}, {x}) = {got}, not {probability}"
+            );
         }
     }
 
@@ -244,8 +297,17 @@ mod tests {
             assert!(ln_gamma(x).is_nan() && digamma(x).is_nan() && trigamma(x).is_nan());
         }
         assert!(lower_incomplete_gamma(-1.0, 1.0).is_nan() && lower_incomplete_gamma(1.0, -1.0).is_nan());
-        assert_eq!((ln_gamma(f64::INFINITY), trigamma(f64::INFINITY)), (f64::INFINITY, 0.0));
-        assert_eq!((lower_incomplete_gamma(2.0, 0.0), lower_incomplete_gamma(2.0, f64::INFINITY)), (0.0, 1.0));
+        assert_eq!(
+            (ln_gamma(f64::INFINITY), trigamma(f64::INFINITY)),
+            (f64::INFINITY, 0.0)
+        );
+        assert_eq!(
+            (
+                lower_incomplete_gamma(2.0, 0.0),
+                lower_incomplete_gamma(2.0, f64::INFINITY)
+            ),
+            (0.0, 1.0)
+        );
     }
 
     proptest! {

@@ -54,9 +54,16 @@ pub fn sample(head: Tensor<2>, rng: &mut impl RngCore) -> Draw {
     let n = n_columns / 2;
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     let noise = matrix((0..n_rows * n).map(|_| standard_normal(rng) as f32).collect(), n);
-    let parts = Tensor::<2>::from_dispatch(<Dispatch as SquashedOperation>::draw(head.into_dispatch(), noise.into_dispatch()));
+    let parts = Tensor::<2>::from_dispatch(<Dispatch as SquashedOperation>::draw(
+        head.into_dispatch(),
+        noise.into_dispatch(),
+    ));
     let columns = |from: usize, to: usize| parts.clone().slice([0..n_rows, from..to]);
-    Draw { action: columns(0, n), candidate: columns(n, 2 * n), log_density: columns(2 * n, 2 * n + 1) }
+    Draw {
+        action: columns(0, n),
+        candidate: columns(n, 2 * n),
+        log_density: columns(2 * n, 2 * n + 1),
+    }
 }
 
 /// As [`sample`], from the same stream, with the log density `ln N(x; mu, sigma) - sum ln(1 - a^2)` of the
@@ -65,15 +72,23 @@ pub fn sample_exact(head: Tensor<2>, rng: &mut impl RngCore) -> Draw {
     let (mean, log_sd) = mean_and_log_sd(head);
     let (candidate, log_density) = candidate(mean, log_sd, rng);
     // ln(1 - tanh(x)^2) = 2 (ln 2 - x - softplus(-2 x)) stays finite where tanh rounds to one.
-    let log_derivative = (candidate.clone() + softplus(candidate.clone() * -2.0, 1.0) - std::f64::consts::LN_2) * -2.0;
-    Draw { action: candidate.clone().tanh(), candidate, log_density: log_density - log_derivative.sum_dim(1) }
+    let log_derivative =
+        (candidate.clone() + softplus(candidate.clone() * -2.0, 1.0) - std::f64::consts::LN_2) * -2.0;
+    Draw {
+        action: candidate.clone().tanh(),
+        candidate,
+        log_density: log_density - log_derivative.sum_dim(1),
+    }
 }
 
 /// The log density `[rows, 1]` of given candidates `[rows, n]`; gradients flow to the head `[rows, 2 n]` and
 /// to the candidates.
 #[must_use]
 pub fn log_density(head: Tensor<2>, candidate: Tensor<2>) -> Tensor<2> {
-    Tensor::from_dispatch(<Dispatch as SquashedOperation>::density(head.into_dispatch(), candidate.into_dispatch()))
+    Tensor::from_dispatch(<Dispatch as SquashedOperation>::density(
+        head.into_dispatch(),
+        candidate.into_dispatch(),
+    ))
 }
 
 /// The action `tanh mu` `[rows, n]` of each row of `head`.
@@ -87,7 +102,9 @@ pub fn mean_action(head: Tensor<2>) -> Tensor<2> {
 pub fn candidate_of(action: Tensor<2>) -> Tensor<2> {
     let columns = action.dims()[1];
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-    let unsquashed = values(action).into_iter().map(|action| (INSIDE * f64::from(action)).atanh() as f32);
+    let unsquashed = values(action)
+        .into_iter()
+        .map(|action| (INSIDE * f64::from(action)).atanh() as f32);
     matrix(unsquashed.collect(), columns)
 }
 
@@ -105,7 +122,11 @@ trait SquashedOperation: Backend {
 /// above.
 trait SquashedPasses: SquashedOperation {
     /// Gradient in the head from the head, what was drawn and the upstream gradient.
-    fn draw_gradient(head: FloatTensor<Self>, drawn: FloatTensor<Self>, upstream: FloatTensor<Self>) -> FloatTensor<Self>;
+    fn draw_gradient(
+        head: FloatTensor<Self>,
+        drawn: FloatTensor<Self>,
+        upstream: FloatTensor<Self>,
+    ) -> FloatTensor<Self>;
 
     /// Gradients in the head and in the candidates.
     fn density_gradients(
@@ -153,12 +174,18 @@ impl SquashedOperation for Flex {
         let n = noise.layout().shape()[1];
         let (head, noise) = (row_by_row(head), row_by_row(noise));
         let mut drawn = Vec::with_capacity(noise.storage::<f32>().len() / n * (2 * n + 1));
-        for (head, noise) in head.storage::<f32>().chunks_exact(2 * n).zip(noise.storage::<f32>().chunks_exact(n)) {
+        for (head, noise) in head
+            .storage::<f32>()
+            .chunks_exact(2 * n)
+            .zip(noise.storage::<f32>().chunks_exact(n))
+        {
             let candidate = |i: usize| head[i] + held(head[n + i]).0.exp() * noise[i];
             let start = drawn.len();
             drawn.extend((0..n).map(|i| tanh(candidate(i))));
             drawn.extend((0..n).map(candidate));
-            let density = (0..n).map(|i| log_term(noise[i], held(head[n + i]).0, drawn[start + n + i])).sum();
+            let density = (0..n)
+                .map(|i| log_term(noise[i], held(head[n + i]).0, drawn[start + n + i]))
+                .sum();
             drawn.push(density);
         }
         tensor(drawn, 2 * n + 1)
@@ -167,7 +194,10 @@ impl SquashedOperation for Flex {
     fn density(head: FloatTensor<Self>, candidate: FloatTensor<Self>) -> FloatTensor<Self> {
         let n = candidate.layout().shape()[1];
         let (head, candidate) = (row_by_row(head), row_by_row(candidate));
-        let rows = head.storage::<f32>().chunks_exact(2 * n).zip(candidate.storage::<f32>().chunks_exact(n));
+        let rows = head
+            .storage::<f32>()
+            .chunks_exact(2 * n)
+            .zip(candidate.storage::<f32>().chunks_exact(n));
         let density = rows.map(|(head, x)| {
             let term = |i: usize| {
                 let log_sd = held(head[n + i]).0;
@@ -180,13 +210,22 @@ impl SquashedOperation for Flex {
 }
 
 impl SquashedPasses for Flex {
-    fn draw_gradient(head: FloatTensor<Self>, drawn: FloatTensor<Self>, upstream: FloatTensor<Self>) -> FloatTensor<Self> {
+    fn draw_gradient(
+        head: FloatTensor<Self>,
+        drawn: FloatTensor<Self>,
+        upstream: FloatTensor<Self>,
+    ) -> FloatTensor<Self> {
         let n = head.layout().shape()[1] / 2;
         let (head, drawn, upstream) = (row_by_row(head), row_by_row(drawn), row_by_row(upstream));
-        let rows = drawn.storage::<f32>().chunks_exact(2 * n + 1).zip(upstream.storage::<f32>().chunks_exact(2 * n + 1));
+        let rows = drawn
+            .storage::<f32>()
+            .chunks_exact(2 * n + 1)
+            .zip(upstream.storage::<f32>().chunks_exact(2 * n + 1));
         let mut gradient = vec![0.0; head.storage::<f32>().len()];
-        for ((out, head), (drawn, up)) in
-            gradient.chunks_exact_mut(2 * n).zip(head.storage::<f32>().chunks_exact(2 * n)).zip(rows)
+        for ((out, head), (drawn, up)) in gradient
+            .chunks_exact_mut(2 * n)
+            .zip(head.storage::<f32>().chunks_exact(2 * n))
+            .zip(rows)
         {
             for i in 0..n {
                 let candidate = drawn[n + i];
@@ -208,7 +247,12 @@ impl SquashedPasses for Flex {
         let (head, candidate, upstream) = (row_by_row(head), row_by_row(candidate), row_by_row(upstream));
         let (x, upstream) = (candidate.storage::<f32>(), upstream.storage::<f32>());
         let (mut in_head, mut in_candidate) = (vec![0.0; 2 * x.len()], vec![0.0; x.len()]);
-        for (row, (head, up)) in head.storage::<f32>().chunks_exact(2 * n).zip(upstream).enumerate() {
+        for (row, (head, up)) in head
+            .storage::<f32>()
+            .chunks_exact(2 * n)
+            .zip(upstream)
+            .enumerate()
+        {
             for i in 0..n {
                 let x = x[row * n + i];
                 let (log_sd, free) = held(head[n + i]);
@@ -227,7 +271,11 @@ impl<B: SquashedPasses, C: CheckpointStrategy> SquashedOperation for Autodiff<B,
     fn draw(head: FloatTensor<Self>, noise: FloatTensor<Self>) -> FloatTensor<Self> {
         let (node, head) = (head.node(), head.into_primitive());
         let drawn = B::draw(head.clone(), noise.into_primitive());
-        match DrawBackward::<B>(PhantomData).prepare::<C>([node]).compute_bound().stateful() {
+        match DrawBackward::<B>(PhantomData)
+            .prepare::<C>([node])
+            .compute_bound()
+            .stateful()
+        {
             OpsKind::Tracked(operation) => operation.finish((head, drawn.clone()), drawn),
             OpsKind::UnTracked(operation) => operation.finish(drawn),
         }
@@ -237,7 +285,11 @@ impl<B: SquashedPasses, C: CheckpointStrategy> SquashedOperation for Autodiff<B,
         let nodes = [head.node(), candidate.node()];
         let (head, candidate) = (head.into_primitive(), candidate.into_primitive());
         let density = B::density(head.clone(), candidate.clone());
-        match DensityBackward::<B>(PhantomData).prepare::<C>(nodes).compute_bound().stateful() {
+        match DensityBackward::<B>(PhantomData)
+            .prepare::<C>(nodes)
+            .compute_bound()
+            .stateful()
+        {
             OpsKind::Tracked(operation) => operation.finish((head, candidate), density),
             OpsKind::UnTracked(operation) => operation.finish(density),
         }
@@ -253,7 +305,9 @@ impl<B: SquashedPasses> Backward<B, 1> for DrawBackward<B> {
 
     fn backward(self, operation: Ops<Self::State, 1>, gradients: &mut Gradients, _: &mut Checkpointer) {
         let (head, drawn) = operation.state;
-        unary::<B, _>(operation.parents, operation.node, gradients, |upstream| B::draw_gradient(head, drawn, upstream));
+        unary::<B, _>(operation.parents, operation.node, gradients, |upstream| {
+            B::draw_gradient(head, drawn, upstream)
+        });
     }
 }
 
@@ -305,7 +359,12 @@ mod tests {
         (log_density(head, candidate) * matrix(vec![1.5, -0.5], 1)).sum()
     }
 
-    fn assert_differences(numbers: &[f32], columns: usize, gradient: &[f32], loss: impl Fn(Tensor<2>) -> Tensor<1>) {
+    fn assert_differences(
+        numbers: &[f32],
+        columns: usize,
+        gradient: &[f32],
+        loss: impl Fn(Tensor<2>) -> Tensor<1>,
+    ) {
         for (i, gradient) in gradient.iter().enumerate() {
             let at = |step: f32| {
                 let mut moved = numbers.to_vec();
@@ -313,13 +372,19 @@ mod tests {
                 values(loss(matrix(moved, columns)))[0]
             };
             let difference = (at(0.01) - at(-0.01)) / 0.02;
-            assert!((difference - gradient).abs() < 5e-3 * (1.0 + gradient.abs()), "{i}: {difference} {gradient}");
+            assert!(
+                (difference - gradient).abs() < 5e-3 * (1.0 + gradient.abs()),
+                "{i}: {difference} {gradient}"
+            );
         }
     }
 
     #[test]
     fn the_gradients_of_draws_agree_with_finite_differences() {
-        let draws: [fn(Tensor<2>) -> Draw; 2] = [|head| sample(head, &mut rng()), |head| sample_exact(head, &mut rng())];
+        let draws: [fn(Tensor<2>) -> Draw; 2] = [
+            |head| sample(head, &mut rng()),
+            |head| sample_exact(head, &mut rng()),
+        ];
         for draw in draws {
             let head = tracked(&HEAD, 4);
             let gradient = values(head.grad(&drawn_loss(draw(head.clone())).backward()).unwrap());
@@ -332,19 +397,33 @@ mod tests {
     fn the_gradients_of_a_density_agree_with_finite_differences() {
         let (head, candidate) = (tracked(&HEAD, 4), tracked(&CANDIDATES, 2));
         let gradients = density_loss(head.clone(), candidate.clone()).backward();
-        let (in_head, in_candidate) = (values(head.grad(&gradients).unwrap()), values(candidate.grad(&gradients).unwrap()));
+        let (in_head, in_candidate) = (
+            values(head.grad(&gradients).unwrap()),
+            values(candidate.grad(&gradients).unwrap()),
+        );
         let plain = |values: &[f32], columns| matrix(values.to_vec(), columns);
-        assert_differences(&HEAD, 4, &in_head, |head| density_loss(head, plain(&CANDIDATES, 2)));
-        assert_differences(&CANDIDATES, 2, &in_candidate, |candidate| density_loss(plain(&HEAD, 4), candidate));
+        assert_differences(&HEAD, 4, &in_head, |head| {
+            density_loss(head, plain(&CANDIDATES, 2))
+        });
+        assert_differences(&CANDIDATES, 2, &in_candidate, |candidate| {
+            density_loss(plain(&HEAD, 4), candidate)
+        });
     }
 
     #[test]
     fn a_draw_has_the_density_of_its_candidate_and_that_of_the_exact_form() {
         let numbers = [0.3, -0.8, -0.5, 0.2, 1.1, 0.1, -1.0, 1.5];
         let head = matrix(numbers.to_vec(), 4);
-        let (draw, exact) = (sample(head.clone(), &mut rng()), sample_exact(head.clone(), &mut rng()));
-        let close = |a: Tensor<2>, b: Tensor<2>| values(a).iter().zip(values(b)).all(|(a, b)| (a - b).abs() < 1e-3);
-        assert!(close(draw.log_density.clone(), log_density(head, draw.candidate.clone())));
+        let (draw, exact) = (
+            sample(head.clone(), &mut rng()),
+            sample_exact(head.clone(), &mut rng()),
+        );
+        let close =
+            |a: Tensor<2>, b: Tensor<2>| values(a).iter().zip(values(b)).all(|(a, b)| (a - b).abs() < 1e-3);
+        assert!(close(
+            draw.log_density.clone(),
+            log_density(head, draw.candidate.clone())
+        ));
         assert!(close(draw.action, exact.action) && close(draw.candidate, exact.candidate));
         assert!(close(draw.log_density, exact.log_density));
     }
@@ -358,7 +437,10 @@ mod tests {
             let (mean, log_sd) = ([0, 1].map(|i| f64::from(head[i])), [2, 3].map(|i| held(&head[i])));
             let candidate = gaussian::sample(&mean, &log_sd, &mut rng);
             let want = gaussian::squashed_log_density(&mean, &log_sd, &candidate);
-            assert!((f64::from(got) - want).abs() < 1e-5 * want.abs().max(1.0), "{got} {want}");
+            assert!(
+                (f64::from(got) - want).abs() < 1e-5 * want.abs().max(1.0),
+                "{got} {want}"
+            );
         }
     }
 

@@ -1,6 +1,7 @@
 //! Named `f32` tensors and one JSON header in a safetensors file, written and read bit by bit.
 //!
-//! The header is stored as one metadata entry, `header`, so that the same content always makes the same bytes.
+//! The header is stored as one metadata entry, `header`, so that the same content always makes the same
+//! bytes.
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde_json::Value;
@@ -67,13 +68,24 @@ impl TensorFile {
     /// # Panics
     /// Where the number of entries is not the product of the shape.
     pub fn insert(&mut self, name: impl Into<String>, tensor: HostTensor) {
-        assert_eq!(tensor.shape.iter().product::<usize>(), tensor.values.len(), "entries of shape {:?}", tensor.shape);
+        assert_eq!(
+            tensor.shape.iter().product::<usize>(),
+            tensor.values.len(),
+            "entries of shape {:?}",
+            tensor.shape
+        );
         self.tensors.insert(name.into(), tensor);
     }
 
     /// Adds a vector.
     pub fn insert_vector(&mut self, name: impl Into<String>, values: Vec<f32>) {
-        self.insert(name, HostTensor { shape: vec![values.len()], values });
+        self.insert(
+            name,
+            HostTensor {
+                shape: vec![values.len()],
+                values,
+            },
+        );
     }
 
     /// The tensor called `name`.
@@ -81,7 +93,9 @@ impl TensorFile {
     /// # Errors
     /// [`TensorFileError::Missing`] where there is none.
     pub fn get(&self, name: &str) -> Result<&HostTensor, TensorFileError> {
-        self.tensors.get(name).ok_or_else(|| TensorFileError::Missing { name: name.into() })
+        self.tensors
+            .get(name)
+            .ok_or_else(|| TensorFileError::Missing { name: name.into() })
     }
 
     /// Writes the file; what was there is replaced.
@@ -90,7 +104,11 @@ impl TensorFile {
     /// [`TensorFileError::File`] where the system refuses.
     pub fn write(&self, path: &Path) -> Result<(), TensorFileError> {
         let bytes = self.to_bytes()?;
-        std::fs::write(path, bytes).map_err(|source| TensorFileError::File { doing: "write", path: path.into(), source })
+        std::fs::write(path, bytes).map_err(|source| TensorFileError::File {
+            doing: "write",
+            path: path.into(),
+            source,
+        })
     }
 
     /// Reads a file.
@@ -98,43 +116,84 @@ impl TensorFile {
     /// # Errors
     /// [`TensorFileError::File`] or [`TensorFileError::Format`].
     pub fn read(path: &Path) -> Result<Self, TensorFileError> {
-        let bytes = std::fs::read(path).map_err(|source| TensorFileError::File { doing: "read", path: path.into(), source })?;
+        let bytes = std::fs::read(path).map_err(|source| TensorFileError::File {
+            doing: "read",
+            path: path.into(),
+            source,
+        })?;
         Self::from_bytes(&bytes)
     }
 
     fn to_bytes(&self) -> Result<Vec<u8>, TensorFileError> {
-        let le_bytes = |tensor: &HostTensor| tensor.values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
-        let data: Vec<(&str, Vec<u8>)> = self.tensors.iter().map(|(name, tensor)| (name.as_str(), le_bytes(tensor))).collect();
-        let views = data.iter().zip(self.tensors.values()).map(|((name, bytes), tensor)| {
-            Ok((*name, TensorView::new(Dtype::F32, tensor.shape.clone(), bytes).map_err(format_error)?))
-        });
+        let le_bytes = |tensor: &HostTensor| {
+            tensor
+                .values
+                .iter()
+                .flat_map(|value| value.to_le_bytes())
+                .collect::<Vec<u8>>()
+        };
+        let data: Vec<(&str, Vec<u8>)> = self
+            .tensors
+            .iter()
+            .map(|(name, tensor)| (name.as_str(), le_bytes(tensor)))
+            .collect();
+        let views = data
+            .iter()
+            .zip(self.tensors.values())
+            .map(|((name, bytes), tensor)| {
+                Ok((
+                    *name,
+                    TensorView::new(Dtype::F32, tensor.shape.clone(), bytes).map_err(format_error)?,
+                ))
+            });
         let views = views.collect::<Result<Vec<_>, TensorFileError>>()?;
-        let header = [(HEADER.to_string(), self.header.to_string())].into_iter().collect();
+        let header = [(HEADER.to_string(), self.header.to_string())]
+            .into_iter()
+            .collect();
         safetensors::serialize(views, Some(header)).map_err(format_error)
     }
 
     fn from_bytes(bytes: &[u8]) -> Result<Self, TensorFileError> {
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
-        let header = metadata.metadata().as_ref().and_then(|entries| entries.get(HEADER));
+        let header = metadata
+            .metadata()
+            .as_ref()
+            .and_then(|entries| entries.get(HEADER));
         let header = header.ok_or_else(|| TensorFileError::Missing { name: HEADER.into() })?;
         let header = serde_json::from_str(header).map_err(format_error)?;
         let file = SafeTensors::deserialize(bytes).map_err(format_error)?;
-        let tensors = file.iter().map(|(name, view)| Ok((name.to_string(), host_tensor(&view)?)));
-        Ok(Self { tensors: tensors.collect::<Result<_, TensorFileError>>()?, header })
+        let tensors = file
+            .iter()
+            .map(|(name, view)| Ok((name.to_string(), host_tensor(&view)?)));
+        Ok(Self {
+            tensors: tensors.collect::<Result<_, TensorFileError>>()?,
+            header,
+        })
     }
 }
 
 fn host_tensor(view: &TensorView<'_>) -> Result<HostTensor, TensorFileError> {
     if view.dtype() != Dtype::F32 {
-        return Err(TensorFileError::Format { problem: format!("a tensor holds {:?}", view.dtype()) });
+        return Err(TensorFileError::Format {
+            problem: format!("a tensor holds {:?}", view.dtype()),
+        });
     }
     // Chunks of four bytes are four bytes long.
-    let values = view.data().chunks_exact(4).map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]])).collect();
-    Ok(HostTensor { shape: view.shape().to_vec(), values })
+    let values = view
+        .data()
+        .chunks_exact(4)
+        .map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]]))
+        .collect();
+    Ok(HostTensor {
+        shape: view.shape().to_vec(),
+        values,
+    })
 }
 
 fn format_error(source: impl std::fmt::Display) -> TensorFileError {
-    TensorFileError::Format { problem: source.to_string() }
+    TensorFileError::Format {
+        problem: source.to_string(),
+    }
 }
 
 #[cfg(test)]
@@ -143,9 +202,25 @@ mod tests {
     use serde_json::json;
 
     fn example() -> TensorFile {
-        let mut file = TensorFile { header: json!({"count": 3, "rate": 0.1}), ..TensorFile::default() };
-        let values = vec![f32::MIN_POSITIVE / 2.0, -0.0, f32::NAN, f32::INFINITY, 0.1, 1.0 / 3.0];
-        file.insert("b", HostTensor { shape: vec![2, 3], values });
+        let mut file = TensorFile {
+            header: json!({"count": 3, "rate": 0.1}),
+            ..TensorFile::default()
+        };
+        let values = vec![
+            f32::MIN_POSITIVE / 2.0,
+            -0.0,
+            f32::NAN,
+            f32::INFINITY,
+            0.1,
+            1.0 / 3.0,
+        ];
+        file.insert(
+            "b",
+            HostTensor {
+                shape: vec![2, 3],
+                values,
+            },
+        );
         file.insert_vector("a", vec![]);
         file
     }
@@ -156,7 +231,14 @@ mod tests {
         let path = dir.path().join("x.safetensors");
         example().write(&path).unwrap();
         let back = TensorFile::read(&path).unwrap();
-        let bits = |file: &TensorFile| file.get("b").unwrap().values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        let bits = |file: &TensorFile| {
+            file.get("b")
+                .unwrap()
+                .values
+                .iter()
+                .map(|v| v.to_bits())
+                .collect::<Vec<_>>()
+        };
         assert_eq!(bits(&back), bits(&example()));
         assert_eq!(back.header, example().header);
         assert_eq!(back.to_bytes().unwrap(), example().to_bytes().unwrap());

@@ -33,30 +33,64 @@ pub fn tasks(names: &[String]) -> Result<Vec<Task>, Error> {
         return Ok(Vec::new());
     }
     let names = format!("--name={}", names.join(","));
-    let arguments = ["--noheader", "--array", "--states=all", "--format=%j|%F|%T|%r", &names];
-    call("squeue", &arguments)?.lines().filter(|line| !line.trim().is_empty()).map(task).collect()
+    let arguments = [
+        "--noheader",
+        "--array",
+        "--states=all",
+        "--format=%j|%F|%T|%r",
+        &names,
+    ];
+    call("squeue", &arguments)?
+        .lines()
+        .filter(|line| !line.trim().is_empty())
+        .map(task)
+        .collect()
 }
 
 fn task(line: &str) -> Result<Task, Error> {
     let mut parts = line.trim().splitn(4, '|').map(str::to_owned);
-    let (Some(name), Some(job), Some(state), Some(reason)) = (parts.next(), parts.next(), parts.next(), parts.next()) else {
-        return Err(Error::Unreadable { program: "squeue", text: line.into(), expected: "name|job|state|reason" });
+    let (Some(name), Some(job), Some(state), Some(reason)) =
+        (parts.next(), parts.next(), parts.next(), parts.next())
+    else {
+        return Err(Error::Unreadable {
+            program: "squeue",
+            text: line.into(),
+            expected: "name|job|state|reason",
+        });
     };
     let alive = !ENDED.contains(&state.as_str());
     let waits_for = (state == "PENDING" && !SILENT.contains(&reason.as_str())).then_some(reason);
-    Ok(Task { name, job, state, alive, waits_for })
+    Ok(Task {
+        name,
+        job,
+        state,
+        alive,
+        waits_for,
+    })
 }
 
 /// Submits a script and returns the job's id.
 ///
 /// # Errors
-/// [`Error::Refused`] where Slurm says no, [`Error::Busy`] where the controller does not answer; the job may exist even then.
+/// [`Error::Refused`] where Slurm says no, [`Error::Busy`] where the controller does not answer; the job may
+/// exist even then.
 pub fn submit(script: &Path) -> Result<String, Error> {
     let answer = call("sbatch", &[OsStr::new("--parsable"), script.as_os_str()])?;
     // A federation adds `;cluster`.
-    let id = answer.lines().last().unwrap_or_default().trim().split(';').next().unwrap_or_default();
+    let id = answer
+        .lines()
+        .last()
+        .unwrap_or_default()
+        .trim()
+        .split(';')
+        .next()
+        .unwrap_or_default();
     if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {
-        return Err(Error::Unreadable { program: "sbatch", text: answer.trim().into(), expected: "a job id" });
+        return Err(Error::Unreadable {
+            program: "sbatch",
+            text: answer.trim().into(),
+            expected: "a job id",
+        });
     }
     Ok(id.into())
 }
@@ -71,7 +105,11 @@ pub fn max_array_size() -> Result<Option<usize>, Error> {
 }
 
 fn setting<'a>(config: &'a str, name: &str) -> Option<&'a str> {
-    config.lines().find_map(|line| line.split_once('=').filter(|(key, _)| key.trim() == name).map(|(_, value)| value.trim()))
+    config.lines().find_map(|line| {
+        line.split_once('=')
+            .filter(|(key, _)| key.trim() == name)
+            .map(|(_, value)| value.trim())
+    })
 }
 
 /// Cancels the jobs of a submission: all, or those that have not started.
@@ -80,23 +118,38 @@ fn setting<'a>(config: &'a str, name: &str) -> Option<&'a str> {
 /// As [`submit`].
 pub fn cancel(name: &str, pending_only: bool) -> Result<(), Error> {
     let name = format!("--name={name}");
-    let arguments: &[&str] = if pending_only { &[&name, "--state=PENDING"] } else { &[&name] };
+    let arguments: &[&str] = if pending_only {
+        &[&name, "--state=PENDING"]
+    } else {
+        &[&name]
+    };
     call("scancel", arguments).map(drop)
 }
 
-#[expect(clippy::disallowed_methods, reason = "variables that stand for options of the commands are left out")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "variables that stand for options of the commands are left out"
+)]
 fn call<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Result<String, Error> {
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null());
-    // These variables stand for options: they would hide jobs from us or take them the name that we find them by.
+    // These variables stand for options: they would hide jobs from us or take them the name that we find them
+    // by.
     let ours = |name: &str| name.starts_with("SQUEUE_") || name.starts_with("SCANCEL_");
     for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_str().is_some_and(ours)) {
         command.env_remove(name);
     }
-    for name in ["SBATCH_ARRAY_INX", "SBATCH_JOB_NAME", "SBATCH_OPEN_MODE", "SBATCH_SIGNAL"] {
+    for name in [
+        "SBATCH_ARRAY_INX",
+        "SBATCH_JOB_NAME",
+        "SBATCH_OPEN_MODE",
+        "SBATCH_SIGNAL",
+    ] {
         command.env_remove(name);
     }
-    let output = command.output().map_err(|source| Error::NoProgram { program, source })?;
+    let output = command
+        .output()
+        .map_err(|source| Error::NoProgram { program, source })?;
     let said = String::from_utf8_lossy(&output.stderr);
     if output.status.success() {
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
@@ -121,10 +174,21 @@ fn complaint(program: &'static str, said: &str) -> Error {
         "too many requests",
         "try again",
     ];
-    let lines: Vec<&str> = said.lines().map(|line| line.trim().trim_start_matches(&format!("{program}: "))).collect();
-    let said = lines.iter().map(|line| line.trim_start_matches("error: ")).collect::<Vec<_>>().join("; ");
+    let lines: Vec<&str> = said
+        .lines()
+        .map(|line| line.trim().trim_start_matches(&format!("{program}: ")))
+        .collect();
+    let said = lines
+        .iter()
+        .map(|line| line.trim_start_matches("error: "))
+        .collect::<Vec<_>>()
+        .join("; ");
     let lower = said.to_lowercase();
-    if PASSING.iter().any(|text| lower.contains(text)) { Error::Busy { program, said } } else { Error::Refused { program, said } }
+    if PASSING.iter().any(|text| lower.contains(text)) {
+        Error::Busy { program, said }
+    } else {
+        Error::Refused { program, said }
+    }
 }
 
 #[cfg(test)]
@@ -149,7 +213,8 @@ mod tests {
 
     #[test]
     fn a_setting_is_found_in_the_configuration() {
-        let config = "Configuration data as of 2026\nMaxArrayTasks           = 5\nMaxArraySize            = 1001\n";
+        let config =
+            "Configuration data as of 2026\nMaxArrayTasks           = 5\nMaxArraySize            = 1001\n";
         assert_eq!(setting(config, "MaxArraySize"), Some("1001"));
         assert_eq!(setting(config, "MaxArray"), None);
     }
@@ -157,17 +222,21 @@ mod tests {
     #[test]
     fn a_busy_controller_is_told_from_a_refusal() {
         let busy = [
-            "sbatch: error: Batch job submission failed: Unable to contact slurm controller (connect failure)",
+            "sbatch: error: Batch job submission failed: Unable to contact slurm controller (connect \
+             failure)",
             "slurm_load_jobs error: Unexpected message received",
             "sbatch: error: Batch job submission failed: Socket timed out on send/recv operation",
             "sbatch: error: Slurm temporarily unable to accept job, sleeping and retrying",
         ];
-        assert!(busy.iter().all(|said| matches!(complaint("sbatch", said), Error::Busy { .. })));
+        assert!(
+            busy.iter()
+                .all(|said| matches!(complaint("sbatch", said), Error::Busy { .. }))
+        );
         let refused = "sbatch: error: invalid partition specified: nope\n\
                        sbatch: error: Batch job submission failed: Invalid partition name specified";
         let text = complaint("sbatch", refused).to_string();
-        let expected =
-            "sbatch refuses: invalid partition specified: nope; Batch job submission failed: Invalid partition name specified";
+        let expected = "sbatch refuses: invalid partition specified: nope; Batch job submission failed: \
+                        Invalid partition name specified";
         assert_eq!(text, expected);
     }
 }

@@ -30,7 +30,12 @@ pub fn kind() -> Kind {
         Ok(Box::new(Slurm { options }))
     });
     let about = "workers in Slurm job arrays, submitted with sbatch and followed";
-    Kind { name: NAME, title: "Slurm", about, way: Way::Queue(options) }
+    Kind {
+        name: NAME,
+        title: "Slurm",
+        about,
+        way: Way::Queue(options),
+    }
 }
 
 impl Executor for Slurm {
@@ -50,7 +55,11 @@ impl Executor for Slurm {
     fn written(&self, wanted: &Wanted<'_>) -> Result<String, Error> {
         let tasks = super::tasks_for(wanted.trials, self.trials_per_task()).max(1);
         let arrays = Array::divide(tasks, USUAL_MAX_ARRAY_SIZE, self.options.max_tasks());
-        Ok(script::render(&Submission::sample(wanted.store, wanted.work, self, arrays), 0, &self.options))
+        Ok(script::render(
+            &Submission::sample(wanted.store, wanted.work, self, arrays),
+            0,
+            &self.options,
+        ))
     }
 
     fn queue(&self) -> Option<&dyn Queue> {

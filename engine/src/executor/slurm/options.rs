@@ -13,7 +13,8 @@ pub struct Options {
     pub partition: Option<String>,
     /// Account to be charged.
     pub account: Option<String>,
-    /// Limit of the running time of one task, in Slurm's words (`90`, `4:00:00`, `2-12:00`); the partition's default.
+    /// Limit of the running time of one task, in Slurm's words (`90`, `4:00:00`, `2-12:00`); the partition's
+    /// default.
     pub time: Option<String>,
     /// Cores of one task, each with a worker process; 1.
     pub cpus_per_task: Option<NonZeroUsize>,
@@ -23,7 +24,8 @@ pub struct Options {
     pub max_tasks: Option<NonZeroUsize>,
     /// How many missing trials are worth a task; 4 for each of its cores.
     pub trials_per_task: Option<NonZeroUsize>,
-    /// How long before the time limit a task is told to hand back what it has, in seconds; 120, and at most a quarter of `time`.
+    /// How long before the time limit a task is told to hand back what it has, in seconds; 120, and at most a
+    /// quarter of `time`.
     pub signal_lead_s: Option<u64>,
     /// Submissions in a row that may end without finishing a trial; 20.
     pub resubmissions: Option<usize>,
@@ -70,14 +72,16 @@ impl Options {
     /// Missing trials that are worth a task.
     #[must_use]
     pub fn trials_per_task(&self) -> NonZeroUsize {
-        self.trials_per_task.unwrap_or_else(|| four_each(self.cpus_per_task()))
+        self.trials_per_task
+            .unwrap_or_else(|| four_each(self.cpus_per_task()))
     }
 
     /// Seconds between the early signal and the time limit.
     #[must_use]
     pub fn signal_lead_s(&self) -> u64 {
         let limit_s = self.time.as_deref().and_then(limit_s);
-        self.signal_lead_s.unwrap_or_else(|| limit_s.map_or(LEAD_S, |limit_s| LEAD_S.min(limit_s / 4)))
+        self.signal_lead_s
+            .unwrap_or_else(|| limit_s.map_or(LEAD_S, |limit_s| LEAD_S.min(limit_s / 4)))
     }
 
     /// Fruitless submissions in a row before giving up.
@@ -99,7 +103,10 @@ impl Options {
     pub fn check(&self) -> Result<(), Error> {
         let wrong = |key: &'static str, problem: String| Err(Error::Option { key, problem });
         for (key, text) in [("partition", &self.partition), ("account", &self.account)] {
-            if text.as_ref().is_some_and(|text| text.is_empty() || text.chars().any(char::is_control)) {
+            if text
+                .as_ref()
+                .is_some_and(|text| text.is_empty() || text.chars().any(char::is_control))
+            {
                 return wrong(key, "write one line, and not an empty one".into());
             }
         }
@@ -107,10 +114,16 @@ impl Options {
         for argument in self.arguments.iter().flatten() {
             let name = argument.split('=').next().unwrap_or_default();
             if !argument.starts_with('-') || argument.chars().any(char::is_control) {
-                return wrong("arguments", format!("`{argument}`: write one option with its value, as in \"--qos=long\""));
+                return wrong(
+                    "arguments",
+                    format!("`{argument}`: write one option with its value, as in \"--qos=long\""),
+                );
             }
             if OURS.contains(&name) {
-                return wrong("arguments", format!("`{name}` is what regimen itself tells sbatch"));
+                return wrong(
+                    "arguments",
+                    format!("`{name}` is what regimen itself tells sbatch"),
+                );
             }
         }
         Ok(())
@@ -119,20 +132,33 @@ impl Options {
     fn check_time(&self) -> Result<(), Error> {
         let Some(time) = &self.time else { return Ok(()) };
         let Some(limit_s) = limit_s(time) else {
-            let problem = format!("`{time}` is no time limit; write minutes, hours:minutes:seconds or days-hours:minutes");
+            let problem = format!(
+                "`{time}` is no time limit; write minutes, hours:minutes:seconds or days-hours:minutes"
+            );
             return Err(Error::Option { key: "time", problem });
         };
         if self.signal_lead_s() >= limit_s {
-            let problem = format!("{} s is not below the time limit of {limit_s} s", self.signal_lead_s());
-            return Err(Error::Option { key: "signal_lead_s", problem });
+            let problem = format!(
+                "{} s is not below the time limit of {limit_s} s",
+                self.signal_lead_s()
+            );
+            return Err(Error::Option {
+                key: "signal_lead_s",
+                problem,
+            });
         }
         Ok(())
     }
 }
 
-/// Seconds of a time limit: `minutes`, `minutes:seconds`, `hours:minutes:seconds`, `days-hours[:minutes[:seconds]]`.
+/// Seconds of a time limit: `minutes`, `minutes:seconds`, `hours:minutes:seconds`,
+/// `days-hours[:minutes[:seconds]]`.
 fn limit_s(text: &str) -> Option<u64> {
-    let numbers = |text: &str| text.split(':').map(|part| part.parse::<u64>().ok()).collect::<Option<Vec<_>>>();
+    let numbers = |text: &str| {
+        text.split(':')
+            .map(|part| part.parse::<u64>().ok())
+            .collect::<Option<Vec<_>>>()
+    };
     let (days, seconds) = match text.split_once('-') {
         Some((days, rest)) => (
             days.parse::<u64>().ok()?,
@@ -159,7 +185,14 @@ mod tests {
 
     #[test]
     fn limits_are_read_as_slurm_reads_them() {
-        let cases = [("90", 5400), ("1:30", 90), ("4:00:00", 14_400), ("2-12", 216_000), ("1-0:30", 88_200), ("1-1:1:1", 90_061)];
+        let cases = [
+            ("90", 5400),
+            ("1:30", 90),
+            ("4:00:00", 14_400),
+            ("2-12", 216_000),
+            ("1-0:30", 88_200),
+            ("1-1:1:1", 90_061),
+        ];
         for (text, expected) in cases {
             assert_eq!(limit_s(text), Some(expected), "{text}");
         }
@@ -170,18 +203,45 @@ mod tests {
 
     #[test]
     fn the_early_signal_leaves_most_of_the_time() {
-        let of = |time: &str| Options { time: Some(time.into()), ..Options::default() }.signal_lead_s();
-        assert_eq!((Options::default().signal_lead_s(), of("4:00:00"), of("2")), (120, 120, 30));
+        let of = |time: &str| {
+            Options {
+                time: Some(time.into()),
+                ..Options::default()
+            }
+            .signal_lead_s()
+        };
+        assert_eq!(
+            (Options::default().signal_lead_s(), of("4:00:00"), of("2")),
+            (120, 120, 30)
+        );
     }
 
     #[test]
     fn what_slurm_would_misread_is_refused_by_its_key() {
         let text = |options: Options| options.check().unwrap_err().to_string();
-        let time = |time: &str| Options { time: Some(time.into()), ..Options::default() };
+        let time = |time: &str| Options {
+            time: Some(time.into()),
+            ..Options::default()
+        };
         assert!(text(time("soon")).starts_with("`time`: `soon`"));
-        assert!(text(Options { signal_lead_s: Some(90), ..time("1") }).starts_with("`signal_lead_s`: 90 s"));
-        assert!(text(Options { partition: Some("a\nb".into()), ..Options::default() }).starts_with("`partition`"));
-        let with = |argument: &str| Options { arguments: Some(vec![argument.into()]), ..Options::default() };
+        assert!(
+            text(Options {
+                signal_lead_s: Some(90),
+                ..time("1")
+            })
+            .starts_with("`signal_lead_s`: 90 s")
+        );
+        assert!(
+            text(Options {
+                partition: Some("a\nb".into()),
+                ..Options::default()
+            })
+            .starts_with("`partition`")
+        );
+        let with = |argument: &str| Options {
+            arguments: Some(vec![argument.into()]),
+            ..Options::default()
+        };
         assert!(text(with("--array=0-3")).contains("`--array` is what regimen itself"));
         assert!(text(with("long")).starts_with("`arguments`: `long`"));
         assert!(with("--qos=long").check().is_ok());

@@ -8,8 +8,15 @@ use crate::executor::{Array, Submission, quoted};
 pub fn render(submission: &Submission, array: usize, options: &Options) -> String {
     let work = &submission.work;
     let mut lines = vec!["#!/usr/bin/env bash".to_owned()];
-    lines.push(format!("# Submission {} of regimen: workers that pull missing trials from the store.", submission.id));
-    lines.extend(directives(submission, array, options).into_iter().map(|directive| format!("#SBATCH {directive}")));
+    lines.push(format!(
+        "# Submission {} of regimen: workers that pull missing trials from the store.",
+        submission.id
+    ));
+    lines.extend(
+        directives(submission, array, options)
+            .into_iter()
+            .map(|directive| format!("#SBATCH {directive}")),
+    );
     lines.extend(options.setup.iter().flatten().cloned());
     // `exec` makes the worker the batch process itself: the early signal is sent to that one only.
     lines.push(format!("exec {}", work.command()));
@@ -25,7 +32,10 @@ fn directives(submission: &Submission, array: usize, options: &Options) -> Vec<S
         format!("--job-name={}", submission.job_name()),
         format!("--comment=regimen:{}:{array}", submission.id),
         format!("--array=0-{}%{at_once}", tasks - 1),
-        format!("--chdir={}", in_double_quotes(&submission.work.folder.to_string_lossy())),
+        format!(
+            "--chdir={}",
+            in_double_quotes(&submission.work.folder.to_string_lossy())
+        ),
         format!("--output={}", in_double_quotes(&log)),
         "--open-mode=append".into(),
         "--requeue".into(),
@@ -33,16 +43,34 @@ fn directives(submission: &Submission, array: usize, options: &Options) -> Vec<S
         format!("--cpus-per-task={}", options.cpus_per_task()),
         format!("--signal=B:USR1@{}", options.signal_lead_s()),
     ];
-    let given = [("partition", &options.partition), ("account", &options.account), ("time", &options.time)];
-    all.extend(given.iter().filter_map(|(name, value)| Some(format!("--{name}={}", in_double_quotes(value.as_ref()?)))));
+    let given = [
+        ("partition", &options.partition),
+        ("account", &options.account),
+        ("time", &options.time),
+    ];
+    all.extend(
+        given
+            .iter()
+            .filter_map(|(name, value)| Some(format!("--{name}={}", in_double_quotes(value.as_ref()?)))),
+    );
     all.extend(options.memory_mb.map(|memory_mb| format!("--mem={memory_mb}M")));
-    all.extend(options.arguments.iter().flatten().map(|argument| in_double_quotes(argument)));
+    all.extend(
+        options
+            .arguments
+            .iter()
+            .flatten()
+            .map(|argument| in_double_quotes(argument)),
+    );
     all
 }
 
 /// A word as `sbatch` reads it behind `#SBATCH`: a shell's double quotes, without expansions.
 fn in_double_quotes(word: &str) -> String {
-    if quoted(word) == word { word.into() } else { format!("\"{}\"", word.replace('\\', r"\\").replace('"', "\\\"")) }
+    if quoted(word) == word {
+        word.into()
+    } else {
+        format!("\"{}\"", word.replace('\\', r"\\").replace('"', "\\\""))
+    }
 }
 
 #[cfg(test)]
@@ -55,19 +83,34 @@ mod tests {
         let work = Work {
             specs: vec!["table.yaml".into()],
             program: "/opt/regimen/bin/regimen".into(),
-            arguments: ["worker", "/shared/my studies/table.yaml", "--store", "/shared/store", "-j", "2"]
-                .map(Into::into)
-                .to_vec(),
+            arguments: [
+                "worker",
+                "/shared/my studies/table.yaml",
+                "--store",
+                "/shared/store",
+                "-j",
+                "2",
+            ]
+            .map(Into::into)
+            .to_vec(),
             folder: "/shared/my studies".into(),
         };
-        let slurm = Slurm { options: options.clone() };
-        Submission::sample(Path::new("/shared/store"), &work, &slurm, Array::divide(12, 1001, 4))
+        let slurm = Slurm {
+            options: options.clone(),
+        };
+        Submission::sample(
+            Path::new("/shared/store"),
+            &work,
+            &slurm,
+            Array::divide(12, 1001, 4),
+        )
     }
 
     #[test]
     fn a_script_says_who_it_is_and_becomes_the_worker() {
         let options: Options = toml::from_str(
-            "partition = \"long\"\naccount = \"rl\"\ntime = \"4:00:00\"\ncpus_per_task = 2\nmemory_mb = 4000\n\
+            "partition = \"long\"\naccount = \"rl\"\ntime = \"4:00:00\"\ncpus_per_task = 2\nmemory_mb = \
+             4000\n\
              arguments = [\"--qos=high\", \"--constraint=a b\"]\nsetup = [\"module load regimen\"]",
         )
         .unwrap();
@@ -77,6 +120,9 @@ mod tests {
     #[test]
     fn a_script_needs_no_option() {
         let options = Options::default();
-        insta::assert_snapshot!("script_without_options", render(&submission(&options), 0, &options));
+        insta::assert_snapshot!(
+            "script_without_options",
+            render(&submission(&options), 0, &options)
+        );
     }
 }

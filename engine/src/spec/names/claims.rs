@@ -22,11 +22,19 @@ struct Text<'a> {
 impl Text<'_> {
     /// The place of `length` bytes from byte `start`.
     fn place(&self, start: usize, length: usize) -> (Span, String) {
-        let characters = |from: usize, to: usize| self.text.get(from..to).map_or(0, |part| part.chars().count());
+        let characters =
+            |from: usize, to: usize| self.text.get(from..to).map_or(0, |part| part.chars().count());
         // The text may begin with a quotation mark, which is part of the span but not of the claim.
         let quote = usize::from(self.span.length > self.text.chars().count());
         let column = self.span.column + quote + characters(0, start);
-        (Span { column, length: characters(start, start + length), ..self.span }, self.at.into())
+        (
+            Span {
+                column,
+                length: characters(start, start + length),
+                ..self.span
+            },
+            self.at.into(),
+        )
     }
 
     /// The place of a word that the parser found in the text.
@@ -39,14 +47,29 @@ impl Names<'_> {
     /// Checks every name in a claim.
     pub(super) fn claim(&mut self, item: &Node, at: &str) -> Option<ClaimSpec> {
         let (spec, node) = match item.as_str() {
-            Some(text) => (ClaimSpec { claim: text.into(), ..ClaimSpec::default() }, item),
+            Some(text) => (
+                ClaimSpec {
+                    claim: text.into(),
+                    ..ClaimSpec::default()
+                },
+                item,
+            ),
             None => (typed::<ClaimSpec>(item)?, item.get("claim")?),
         };
         let outer = match item.get("environment") {
-            Some(node) => Some(self.known(node, "environment", &self.world.environments, &format!("{at}.environment"))?),
+            Some(node) => Some(self.known(
+                node,
+                "environment",
+                &self.world.environments,
+                &format!("{at}.environment"),
+            )?),
             None => None,
         };
-        let text = Text { text: &spec.claim, span: node.span, at };
+        let text = Text {
+            text: &spec.claim,
+            span: node.span,
+            at,
+        };
         match claim::parse(&spec.claim) {
             Err(ClaimError { position, message }) => {
                 let rest = &spec.claim[position..];
@@ -61,7 +84,11 @@ impl Names<'_> {
                 let environment = self.claimed_environment(&claim, outer, &text);
                 if environment.is_some() && claim.operands().iter().all(|operand| operand.within.is_some()) {
                     let message = "a play has an environment of its own, so a claim about it names none";
-                    self.say(text.place(0, text.text.len()), message, "leave the environment out");
+                    self.say(
+                        text.place(0, text.text.len()),
+                        message,
+                        "leave the environment out",
+                    );
                 }
                 self.operands(&claim, environment, &text);
                 self.shares(&claim, &text);
@@ -72,7 +99,9 @@ impl Names<'_> {
 
     /// The environment that a claim names in its text or beside it.
     fn claimed_environment(&mut self, claim: &Claim, outer: Option<usize>, text: &Text<'_>) -> Option<usize> {
-        let Some(name) = &claim.environment else { return outer };
+        let Some(name) = &claim.environment else {
+            return outer;
+        };
         let start = text.text.rfind(name.as_str()).unwrap_or(0);
         let place = text.place(start, name.len());
         let index = self.world.environments.iter().position(|known| known == name);
@@ -80,7 +109,11 @@ impl Names<'_> {
             let help = suggest(name, self.world.environments.iter().map(String::as_str));
             self.say(place, format!("no environment is named `{name}`"), help);
         } else if outer.is_some() && outer != index {
-            self.say(place, "the claim names another environment than the key `environment`", "remove one of the two");
+            self.say(
+                place,
+                "the claim names another environment than the key `environment`",
+                "remove one of the two",
+            );
         }
         index.or(outer)
     }
@@ -99,10 +132,17 @@ impl Names<'_> {
         };
         if !play.roles.iter().any(|(known, _)| known == role) {
             let help = suggest(role, play.roles.iter().map(|(known, _)| known.as_str()));
-            self.say(place(&[name], role), format!("`{name}` has no role `{role}`"), help);
+            self.say(
+                place(&[name], role),
+                format!("`{name}` has no role `{role}`"),
+                help,
+            );
         }
         if !play.players.iter().any(|player| player.name == operand.agent) {
-            let help = suggest(&operand.agent, play.players.iter().map(|player| player.name.as_str()));
+            let help = suggest(
+                &operand.agent,
+                play.players.iter().map(|player| player.name.as_str()),
+            );
             let message = format!("no agent of `{name}` is named `{}`", operand.agent);
             self.say(place(&[name, role], &operand.agent), message, help);
         }
@@ -118,34 +158,62 @@ impl Names<'_> {
     /// Successes are counted: their share stands against a number or against another share, as it is.
     fn shares(&mut self, claim: &Claim, text: &Text<'_>) {
         let sides = [&claim.left, &claim.right];
-        let share = |side: &&Quantity| matches!(side, Quantity::Measured { operand, .. } if operand.metric == SUCCESS);
+        let share = |side: &&Quantity| {
+            matches!(side, Quantity::Measured { operand,
+            .. } if operand.metric == SUCCESS)
+        };
         for side in sides.into_iter().filter(share) {
-            let Quantity::Measured { factor, operand } = side else { continue };
+            let Quantity::Measured { factor, operand } = side else {
+                continue;
+            };
             let place = text.word(&operand.path());
             match operand.aggregate {
                 _ if *factor != 1.0 => {
                     let message = "a share of successes takes no factor";
-                    self.say(place, message, "claim an order, or a distance with `within NUMBER of`");
+                    self.say(
+                        place,
+                        message,
+                        "claim an order, or a distance with `within NUMBER of`",
+                    );
                 }
                 Aggregate::Final => {}
                 Aggregate::GivenSuccess => {
-                    self.say(place, "the share of successes among successes is 1", "write the metric alone");
+                    self.say(
+                        place,
+                        "the share of successes among successes is 1",
+                        "write the metric alone",
+                    );
                 }
                 aggregate => {
-                    let message = format!("`success` is judged by the final measurement, so it has no `{}`", aggregate.name());
+                    let message = format!(
+                        "`success` is judged by the final measurement, so it has no `{}`",
+                        aggregate.name()
+                    );
                     self.say(place, message, "write the metric alone");
                 }
             }
         }
         let other = |side: &&&Quantity| matches!(side, Quantity::Measured { .. }) && !share(*side);
-        if let (true, Some(Quantity::Measured { operand, .. })) = (sides.iter().any(share), sides.iter().find(other)) {
-            let message = format!("`{}` is no share, so successes cannot be compared with it", operand.metric);
-            self.say(text.word(&operand.path()), message, "compare them with a number or with `AGENT.success`");
+        if let (true, Some(Quantity::Measured { operand, .. })) =
+            (sides.iter().any(share), sides.iter().find(other))
+        {
+            let message = format!(
+                "`{}` is no share, so successes cannot be compared with it",
+                operand.metric
+            );
+            self.say(
+                text.word(&operand.path()),
+                message,
+                "compare them with a number or with `AGENT.success`",
+            );
         }
     }
 
     fn operands(&mut self, claim: &Claim, environment: Option<usize>, text: &Text<'_>) {
-        let environments = environment.map_or_else(|| (0..self.world.environments.len()).collect(), |index| vec![index]);
+        let environments = environment.map_or_else(
+            || (0..self.world.environments.len()).collect(),
+            |index| vec![index],
+        );
         for operand in claim.operands() {
             if let Some(within) = &operand.within {
                 self.in_play(operand, within, text);
@@ -153,20 +221,42 @@ impl Names<'_> {
             }
             let (whole, _) = text.word(&format!("{}.{}", operand.agent, operand.metric));
             let place = |skip: usize, word: &str| {
-                (Span { column: whole.column + skip, length: word.chars().count(), ..whole }, text.at.to_string())
+                (
+                    Span {
+                        column: whole.column + skip,
+                        length: word.chars().count(),
+                        ..whole
+                    },
+                    text.at.to_string(),
+                )
             };
             let Some(agent) = self.world.agents.iter().position(|known| *known == operand.agent) else {
                 let help = suggest(&operand.agent, self.world.agents.iter().map(String::as_str));
-                self.say(place(0, &operand.agent), format!("no agent is named `{}`", operand.agent), help);
+                self.say(
+                    place(0, &operand.agent),
+                    format!("no agent is named `{}`", operand.agent),
+                    help,
+                );
                 continue;
             };
-            let recorded = self.recorded(&Picked { agents: vec![agent], environments: environments.clone() });
+            let recorded = self.recorded(&Picked {
+                agents: vec![agent],
+                environments: environments.clone(),
+            });
             if recorded.is_empty() {
                 let help = "`exclude` leaves out its combinations with these environments";
-                self.say(place(0, &operand.agent), format!("no trial feeds the agent `{}` here", operand.agent), help);
+                self.say(
+                    place(0, &operand.agent),
+                    format!("no trial feeds the agent `{}` here", operand.agent),
+                    help,
+                );
             } else if operand.aggregate == Aggregate::GivenSuccess && !recorded.contains(SUCCESS) {
                 let message = "the study does not say what a success is";
-                self.say(place(0, &operand.agent), message, "write a section `success: { metric: METRIC, above: VALUE }`");
+                self.say(
+                    place(0, &operand.agent),
+                    message,
+                    "write a section `success: { metric: METRIC, above: VALUE }`",
+                );
             } else if !recorded.contains(&operand.metric) {
                 let skip = operand.agent.chars().count() + 1;
                 self.unknown_metric(&operand.metric, place(skip, &operand.metric), &recorded);

@@ -9,10 +9,12 @@ use crate::{
 use std::{collections::BTreeSet, path::Path};
 
 impl Names<'_> {
-    /// Reads a figure and checks every name in it; `None` where it is of no kind, or cannot be read, which was said.
+    /// Reads a figure and checks every name in it; `None` where it is of no kind, or cannot be read, which
+    /// was said.
     pub(super) fn figure(&mut self, entry: &Entry, folder: &Path) -> Option<FigureSpec> {
         let place = Place::of(entry, format!("figures.{}", entry.key));
-        let (mut spec, kind) = self.kind::<FigureSpec>(&format!("the figure `{}`", entry.key), &place, FigureKind::ALL)?;
+        let (mut spec, kind) =
+            self.kind::<FigureSpec>(&format!("the figure `{}`", entry.key), &place, FigureKind::ALL)?;
         spec.seek_from(folder);
         spec.kind.check(self, &place.below(kind.name)?);
         self.figure_labels(&place);
@@ -20,43 +22,109 @@ impl Names<'_> {
     }
 
     fn figure_labels(&mut self, place: &Place<'_>) {
-        let Some(labels) = place.below("labels") else { return };
+        let Some(labels) = place.below("labels") else {
+            return;
+        };
         let all = self.all();
         let mut known = self.traced(&all);
         known.extend(self.recorded(&all));
-        known.extend(self.world.agents.iter().chain(&self.world.environments).chain(&self.world.settings).cloned());
-        for entry in labels.node.entries().iter().filter(|entry| !known.contains(&entry.key)) {
-            let message = format!("nothing in this figure is called `{}`, so its label is never printed", entry.key);
-            let help = suggest(&entry.key, known.iter().map(String::as_str).filter(|name| !name.is_empty()));
-            self.say((entry.key_span, format!("{}.{}", labels.at, entry.key)), message, help);
+        known.extend(
+            self.world
+                .agents
+                .iter()
+                .chain(&self.world.environments)
+                .chain(&self.world.settings)
+                .cloned(),
+        );
+        for entry in labels
+            .node
+            .entries()
+            .iter()
+            .filter(|entry| !known.contains(&entry.key))
+        {
+            let message = format!(
+                "nothing in this figure is called `{}`, so its label is never printed",
+                entry.key
+            );
+            let help = suggest(
+                &entry.key,
+                known.iter().map(String::as_str).filter(|name| !name.is_empty()),
+            );
+            self.say(
+                (entry.key_span, format!("{}.{}", labels.at, entry.key)),
+                message,
+                help,
+            );
         }
     }
 
     /// Checks that a seed is one of the study's.
     pub(crate) fn seed(&mut self, seed: Option<u64>, place: &Place<'_>) {
         if let Some(seed) = seed.filter(|seed| !self.world.seeds.contains(seed)) {
-            let seeds = self.world.seeds.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-            self.say(place.value("seed"), format!("no trial has the seed {seed}"), format!("seeds of this study: {seeds}"));
+            let seeds = self
+                .world
+                .seeds
+                .iter()
+                .map(ToString::to_string)
+                .collect::<Vec<_>>()
+                .join(", ");
+            self.say(
+                place.value("seed"),
+                format!("no trial has the seed {seed}"),
+                format!("seeds of this study: {seeds}"),
+            );
         }
     }
 
     /// Names of traced values, where a word without a number stands for all numbered ones.
-    pub(crate) fn channels(&mut self, place: &Place<'_>, key: &str, least: usize, most: usize, picked: &Picked) {
+    pub(crate) fn channels(
+        &mut self,
+        place: &Place<'_>,
+        key: &str,
+        least: usize,
+        most: usize,
+        picked: &Picked,
+    ) {
         let list = place.below(key);
         let items = list.as_ref().map_or(&[][..], |list| list.node.items());
         if items.len() < least || items.len() > most {
-            let wanted = if least == most { most.to_string() } else { format!("at least {least}") };
-            self.say(place.value(key), format!("`{key}` needs {wanted} names, but has {}", items.len()), "");
+            let wanted = if least == most {
+                most.to_string()
+            } else {
+                format!("at least {least}")
+            };
+            self.say(
+                place.value(key),
+                format!("`{key}` needs {wanted} names, but has {}", items.len()),
+                "",
+            );
         }
         let known = self.traced(picked);
         let whole = |name: &str| {
-            name.rsplit_once('_').filter(|(_, number)| number.parse::<u32>().is_ok()).map(|(word, _)| word.to_string())
+            name.rsplit_once('_')
+                .filter(|(_, number)| number.parse::<u32>().is_ok())
+                .map(|(word, _)| word.to_string())
         };
         let words: BTreeSet<String> = known.iter().filter_map(|name| whole(name)).collect();
         for item in items {
-            let Some(name) = item.as_str().filter(|name| !known.contains(*name) && !words.contains(*name)) else { continue };
-            let help = suggest(name, words.iter().chain(known.iter().filter(|name| whole(name).is_none())).map(String::as_str));
-            self.say((item.span, format!("{}.{key}", place.at)), format!("no trial traces `{name}`"), help);
+            let Some(name) = item
+                .as_str()
+                .filter(|name| !known.contains(*name) && !words.contains(*name))
+            else {
+                continue;
+            };
+            let help = suggest(
+                name,
+                words
+                    .iter()
+                    .chain(known.iter().filter(|name| whole(name).is_none()))
+                    .map(String::as_str),
+            );
+            self.say(
+                (item.span, format!("{}.{key}", place.at)),
+                format!("no trial traces `{name}`"),
+                help,
+            );
         }
     }
 }

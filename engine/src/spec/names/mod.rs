@@ -40,15 +40,25 @@ impl Asked {
     #[must_use]
     pub fn read(root: &Node, world: &World, sources: &Sources, folder: &Path) -> Self {
         let mut asked = Self::default();
-        let mut names = Names { world, sources, found: Vec::new() };
+        let mut names = Names {
+            world,
+            sources,
+            found: Vec::new(),
+        };
         for entry in root.get("tables").map_or(&[][..], Node::entries) {
-            asked.tables.extend(names.table(entry, folder).map(|spec| (entry.key.clone(), spec)));
+            asked
+                .tables
+                .extend(names.table(entry, folder).map(|spec| (entry.key.clone(), spec)));
         }
         for entry in root.get("figures").map_or(&[][..], Node::entries) {
-            asked.figures.extend(names.figure(entry, folder).map(|spec| (entry.key.clone(), spec)));
+            asked
+                .figures
+                .extend(names.figure(entry, folder).map(|spec| (entry.key.clone(), spec)));
         }
         for (index, item) in root.get("claims").map_or(&[][..], Node::items).iter().enumerate() {
-            asked.claims.extend(names.claim(item, &format!("claims[{index}]")));
+            asked
+                .claims
+                .extend(names.claim(item, &format!("claims[{index}]")));
         }
         asked.found = names.found;
         asked
@@ -57,19 +67,38 @@ impl Asked {
 
 /// Checks what the study calls a success, and lets every combination that records its metric record
 /// `success`.
-pub fn success(root: &Node, success: Option<&Success>, world: &mut World, sources: &Sources) -> Vec<Diagnostic> {
-    let (Some(entry), Some(success)) = (root.entry("success"), success) else { return Vec::new() };
-    let mut names = Names { world, sources, found: Vec::new() };
+pub fn success(
+    root: &Node,
+    success: Option<&Success>,
+    world: &mut World,
+    sources: &Sources,
+) -> Vec<Diagnostic> {
+    let (Some(entry), Some(success)) = (root.entry("success"), success) else {
+        return Vec::new();
+    };
+    let mut names = Names {
+        world,
+        sources,
+        found: Vec::new(),
+    };
     let place = Place::of(entry, "success".into());
     let all = names.all();
     names.metric(&success.metric, &place, "metric", &all);
     match (success.above, success.below) {
         (None, None) => {
             let message = "a success needs a limit";
-            names.say((place.key, place.at.clone()), message, "write `above: VALUE` or `below: VALUE`");
+            names.say(
+                (place.key, place.at.clone()),
+                message,
+                "write `above: VALUE` or `below: VALUE`",
+            );
         }
         (Some(above), Some(below)) if above >= below => {
-            names.say(place.value("above"), format!("nothing is above {above} and below {below}"), "");
+            names.say(
+                place.value("above"),
+                format!("nothing is above {above} and below {below}"),
+                "",
+            );
         }
         _ => {}
     }
@@ -78,16 +107,26 @@ pub fn success(root: &Node, success: Option<&Success>, world: &mut World, source
         names.say((place.key, place.at.clone()), message, "leave the section out");
     }
     let found = names.found;
-    for recorded in world.recorded.values_mut().filter(|recorded| recorded.contains(&success.metric)) {
+    for recorded in world
+        .recorded
+        .values_mut()
+        .filter(|recorded| recorded.contains(&success.metric))
+    {
         recorded.insert(SUCCESS.into());
     }
-    world.metrics.push(Metric::new(SUCCESS, "", "1 for a seed with success, 0 for one without"));
+    world.metrics.push(Metric::new(
+        SUCCESS,
+        "",
+        "1 for a seed with success, 0 for one without",
+    ));
     found
 }
 
 fn typed<T: DeserializeOwned>(node: &Node) -> Option<T> {
     // A list would be read as the fields in their order.
-    matches!(node.kind, Kind::Mapping(_)).then(|| serde_json::from_value(node.to_value()).ok()).flatten()
+    matches!(node.kind, Kind::Mapping(_))
+        .then(|| serde_json::from_value(node.to_value()).ok())
+        .flatten()
 }
 
 /// The part of the study that a table or figure takes its values from.
@@ -118,16 +157,26 @@ pub(crate) struct Place<'a> {
 
 impl<'a> Place<'a> {
     pub(crate) fn of(entry: &'a Entry, at: String) -> Self {
-        Self { node: &entry.value, key: entry.key_span, at }
+        Self {
+            node: &entry.value,
+            key: entry.key_span,
+            at,
+        }
     }
 
     pub(crate) fn below(&self, key: &str) -> Option<Place<'a>> {
-        self.node.entry(key).map(|entry| Place::of(entry, format!("{}.{key}", self.at)))
+        self.node
+            .entry(key)
+            .map(|entry| Place::of(entry, format!("{}.{key}", self.at)))
     }
 
     /// The items of a list.
     pub(crate) fn items(&self) -> impl Iterator<Item = Place<'a>> {
-        let item = |(index, node): (usize, &'a Node)| Place { node, key: node.span, at: format!("{}[{index}]", self.at) };
+        let item = |(index, node): (usize, &'a Node)| Place {
+            node,
+            key: node.span,
+            at: format!("{}[{index}]", self.at),
+        };
         self.node.items().iter().enumerate().map(item)
     }
 
@@ -151,10 +200,16 @@ pub(crate) struct Names<'a> {
 }
 
 impl Names<'_> {
-    pub(crate) fn say(&mut self, (span, at): (Span, String), message: impl Into<String>, help: impl Into<String>) {
+    pub(crate) fn say(
+        &mut self,
+        (span, at): (Span, String),
+        message: impl Into<String>,
+        help: impl Into<String>,
+    ) {
         let help = help.into();
         let error = self.sources.error(span, &at, message);
-        self.found.push(if help.is_empty() { error } else { error.help(help) });
+        self.found
+            .push(if help.is_empty() { error } else { error.help(help) });
     }
 
     /// The one kind that a table or figure is of, and what is written for it. Of options that exclude each
@@ -167,8 +222,13 @@ impl Names<'_> {
     ) -> Option<(Spec, &'static kinds::Kind)> {
         let mut value = place.node.to_value();
         // A key without a value counts as not given.
-        value.as_object_mut()?.retain(|key, value| !value.is_null() || kinds.iter().all(|kind| kind.name != key));
-        let given: Vec<&kinds::Kind> = kinds.iter().filter(|kind| value.get(kind.name).is_some()).collect();
+        value
+            .as_object_mut()?
+            .retain(|key, value| !value.is_null() || kinds.iter().all(|kind| kind.name != key));
+        let given: Vec<&kinds::Kind> = kinds
+            .iter()
+            .filter(|kind| value.get(kind.name).is_some())
+            .collect();
         let [kind] = given.as_slice() else {
             self.not_one_kind::<Spec>(what, place, &given, kinds);
             return None;
@@ -179,29 +239,50 @@ impl Names<'_> {
 
     /// Says that a table or figure gives no kind, or several; a key that nobody knows may have been meant and
     /// was said before.
-    fn not_one_kind<Spec: JsonSchema>(&mut self, what: &str, place: &Place<'_>, given: &[&kinds::Kind], kinds: &[kinds::Kind]) {
+    fn not_one_kind<Spec: JsonSchema>(
+        &mut self,
+        what: &str,
+        place: &Place<'_>,
+        given: &[&kinds::Kind],
+        kinds: &[kinds::Kind],
+    ) {
         let message = match given {
             [first, second, ..] => format!("{what} shows both `{}` and `{}`", first.name, second.name),
             _ => format!("{what} does not say what it shows"),
         };
         let schema = schema_for!(Spec).to_value();
-        if place.node.entries().iter().all(|entry| schema["properties"].get(&entry.key).is_some()) {
+        if place
+            .node
+            .entries()
+            .iter()
+            .all(|entry| schema["properties"].get(&entry.key).is_some())
+        {
             let known: Vec<String> = kinds.iter().map(|kind| kind.name.to_owned()).collect();
-            self.say((place.key, place.at.clone()), message, format!("give exactly one of {}", quoted(&known)));
+            self.say(
+                (place.key, place.at.clone()),
+                message,
+                format!("give exactly one of {}", quoted(&known)),
+            );
         }
     }
 
     /// Says which options exclude each other, and removes them.
     fn contradictions(&mut self, kind: &kinds::Kind, place: &Place<'_>, value: &mut Value) {
         while let Some(contradiction) = (kind.contradiction)(value) {
-            let Some((key, outer)) = contradiction.at.split_last() else { return };
+            let Some((key, outer)) = contradiction.at.split_last() else {
+                return;
+            };
             let (mut here, mut inner) = (place.clone(), &mut *value);
             for key in outer {
                 here = here.below(key).unwrap_or(here);
                 inner = &mut inner[*key];
             }
             self.say(here.value(key), contradiction.message.clone(), contradiction.help);
-            if inner.as_object_mut().and_then(|options| options.remove(*key)).is_none() {
+            if inner
+                .as_object_mut()
+                .and_then(|options| options.remove(*key))
+                .is_none()
+            {
                 return;
             }
         }
@@ -210,22 +291,41 @@ impl Names<'_> {
     /// All agents and environments.
     pub(crate) fn all(&self) -> Picked {
         let world = self.world;
-        Picked { agents: (0..world.agents.len()).collect(), environments: (0..world.environments.len()).collect() }
+        Picked {
+            agents: (0..world.agents.len()).collect(),
+            environments: (0..world.environments.len()).collect(),
+        }
     }
 
     pub(crate) fn traced(&self, picked: &Picked) -> BTreeSet<String> {
-        picked.environments.iter().filter_map(|index| self.world.traced.get(index)).flatten().cloned().collect()
+        picked
+            .environments
+            .iter()
+            .filter_map(|index| self.world.traced.get(index))
+            .flatten()
+            .cloned()
+            .collect()
     }
 
     pub(crate) fn recorded(&self, picked: &Picked) -> BTreeSet<String> {
-        let pairs =
-            picked.environments.iter().flat_map(|environment| picked.agents.iter().map(move |agent| (*environment, *agent)));
-        pairs.filter_map(|pair| self.world.recorded.get(&pair)).flatten().cloned().collect()
+        let pairs = picked
+            .environments
+            .iter()
+            .flat_map(|environment| picked.agents.iter().map(move |agent| (*environment, *agent)));
+        pairs
+            .filter_map(|pair| self.world.recorded.get(&pair))
+            .flatten()
+            .cloned()
+            .collect()
     }
 
     pub(crate) fn metric(&mut self, name: &str, place: &Place<'_>, key: &str, picked: &Picked) {
         if name.is_empty() {
-            return self.say((place.key, place.at.clone()), format!("`{key}` is missing: it names a metric"), "");
+            return self.say(
+                (place.key, place.at.clone()),
+                format!("`{key}` is missing: it names a metric"),
+                "",
+            );
         }
         let recorded = self.recorded(picked);
         if !recorded.contains(name) && !recorded.is_empty() {
@@ -235,7 +335,11 @@ impl Names<'_> {
 
     pub(crate) fn unknown_metric(&mut self, name: &str, place: (Span, String), recorded: &BTreeSet<String>) {
         let list = recorded.iter().map(String::as_str).collect::<Vec<_>>();
-        let known = list.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+        let known = list
+            .iter()
+            .map(|name| format!("`{name}`"))
+            .collect::<Vec<_>>()
+            .join(", ");
         let help = match crate::diagnostic::nearest(name, &list) {
             Some(near) => format!("did you mean `{near}`? recorded here: {known}"),
             None => format!("recorded here: {known}"),
@@ -246,42 +350,85 @@ impl Names<'_> {
     /// The agents and environments that a table or figure names; all that have trials where it names none.
     pub(crate) fn pick(&mut self, place: &Place<'_>) -> Picked {
         let world = self.world;
-        let one = |key: &str| place.node.entry(key).filter(|entry| entry.value.as_str().is_some());
+        let one = |key: &str| {
+            place
+                .node
+                .entry(key)
+                .filter(|entry| entry.value.as_str().is_some())
+        };
         let mut environments = self.listed(place, "environments", "environment", &world.environments);
         if let Some(entry) = one("environment") {
-            environments = self.known(&entry.value, "environment", &world.environments, &place.at).into_iter().collect();
+            environments = self
+                .known(&entry.value, "environment", &world.environments, &place.at)
+                .into_iter()
+                .collect();
         }
         let agents = self.listed(place, "agents", "agent", &world.agents);
         let all = |n: usize| (0..n).collect::<Vec<_>>();
         let picked = Picked {
-            agents: if agents.is_empty() { all(world.agents.len()) } else { agents.clone() },
-            environments: if environments.is_empty() { all(world.environments.len()) } else { environments.clone() },
+            agents: if agents.is_empty() {
+                all(world.agents.len())
+            } else {
+                agents.clone()
+            },
+            environments: if environments.is_empty() {
+                all(world.environments.len())
+            } else {
+                environments.clone()
+            },
         };
         let has_trial = |pair| world.recorded.contains_key(&pair);
         let before = self.found.len();
         for agent in agents {
-            if !picked.environments.iter().any(|environment| has_trial((*environment, agent))) {
+            if !picked
+                .environments
+                .iter()
+                .any(|environment| has_trial((*environment, agent)))
+            {
                 let message = format!("no trial feeds the agent `{}` here", world.agents[agent]);
-                self.say(place.value("agents"), message, "`exclude` leaves out its combinations with these environments");
+                self.say(
+                    place.value("agents"),
+                    message,
+                    "`exclude` leaves out its combinations with these environments",
+                );
             }
         }
         // One remark is enough for agents and environments that never meet.
-        for environment in environments.into_iter().filter(|_| before == self.found.len()).collect::<Vec<_>>() {
+        for environment in environments
+            .into_iter()
+            .filter(|_| before == self.found.len())
+            .collect::<Vec<_>>()
+        {
             if !picked.agents.iter().any(|agent| has_trial((environment, *agent))) {
-                let message = format!("no trial feeds the environment `{}` here", world.environments[environment]);
-                self.say(place.value("environments"), message, "`exclude` leaves out its combinations with these agents");
+                let message = format!(
+                    "no trial feeds the environment `{}` here",
+                    world.environments[environment]
+                );
+                self.say(
+                    place.value("environments"),
+                    message,
+                    "`exclude` leaves out its combinations with these agents",
+                );
             }
         }
         picked
     }
 
     fn listed(&mut self, place: &Place<'_>, key: &str, kind: &str, known: &[String]) -> Vec<usize> {
-        let Some(list) = place.below(key) else { return Vec::new() };
+        let Some(list) = place.below(key) else {
+            return Vec::new();
+        };
         let mut indices = Vec::new();
         for item in list.node.items() {
-            let Some(index) = self.known(item, kind, known, &list.at) else { continue };
+            let Some(index) = self.known(item, kind, known, &list.at) else {
+                continue;
+            };
             if indices.contains(&index) {
-                self.say((item.span, list.at.clone()), format!("`{}` is listed twice", known[index]), "remove one of the two");
+                self.say(
+                    (item.span, list.at.clone()),
+                    format!("`{}` is listed twice", known[index]),
+                    "remove one of the two",
+                );
             } else {
                 indices.push(index);
             }
@@ -294,12 +441,20 @@ impl Names<'_> {
         let index = known.iter().position(|it| it == name);
         if index.is_none() {
             let help = suggest(name, known.iter().map(String::as_str));
-            self.say((item.span, at.into()), format!("no {kind} is named `{name}`"), help);
+            self.say(
+                (item.span, at.into()),
+                format!("no {kind} is named `{name}`"),
+                help,
+            );
         }
         index
     }
 }
 
 pub(crate) fn quoted(names: &[String]) -> String {
-    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+    names
+        .iter()
+        .map(|name| format!("`{name}`"))
+        .collect::<Vec<_>>()
+        .join(", ")
 }

@@ -22,8 +22,16 @@ impl Names<'_> {
         if let Some(node) = place.node.get("agent") {
             self.known(node, "agent", &world.agents, &format!("{}.agent", place.at));
         }
-        let panels = || picked.environments.iter().map(|index| world.environments[*index].as_str());
-        let named = place.node.get("environment").filter(|node| node.as_str().is_some());
+        let panels = || {
+            picked
+                .environments
+                .iter()
+                .map(|index| world.environments[*index].as_str())
+        };
+        let named = place
+            .node
+            .get("environment")
+            .filter(|node| node.as_str().is_some());
         let Some(node) = named else {
             if picked.environments.len() > 1 {
                 let message = "`environment` is missing: several are shown";
@@ -44,23 +52,46 @@ impl Names<'_> {
         match error {
             PublishedCurveError::Unreadable { file, .. } if !file.exists() => {
                 let written = place.node.get("file").and_then(Node::as_str).unwrap_or_default();
-                let help = format!("files are sought from the folder of the study: `{}`", file.display());
-                self.say(place.value("file"), format!("there is no data file `{written}`"), help);
+                let help = format!(
+                    "files are sought from the folder of the study: `{}`",
+                    file.display()
+                );
+                self.say(
+                    place.value("file"),
+                    format!("there is no data file `{written}`"),
+                    help,
+                );
             }
             PublishedCurveError::NoColumn { column, known, .. } => {
-                let keys = [("step", Some(&curve.step)), ("value", Some(&curve.value)), ("by", curve.by.as_ref())];
-                let key = keys.into_iter().find(|(_, asked)| *asked == Some(column)).map(|(key, _)| key);
+                let keys = [
+                    ("step", Some(&curve.step)),
+                    ("value", Some(&curve.value)),
+                    ("by", curve.by.as_ref()),
+                ];
+                let key = keys
+                    .into_iter()
+                    .find(|(_, asked)| *asked == Some(column))
+                    .map(|(key, _)| key);
                 let at = match (key, place.below("where")) {
-                    (None, Some(rows)) => {
-                        (rows.node.entry(column).map_or(rows.key, |entry| entry.key_span), format!("{}.{column}", rows.at))
-                    }
+                    (None, Some(rows)) => (
+                        rows.node.entry(column).map_or(rows.key, |entry| entry.key_span),
+                        format!("{}.{column}", rows.at),
+                    ),
                     (key, _) => place.value(key.unwrap_or("file")),
                 };
-                self.say(at, error.to_string(), suggest(column, known.iter().map(String::as_str)));
+                self.say(
+                    at,
+                    error.to_string(),
+                    suggest(column, known.iter().map(String::as_str)),
+                );
             }
             PublishedCurveError::NoRow { .. } => self.say(place.value("where"), error.to_string(), ""),
             PublishedCurveError::StepTwice { .. } if curve.by.is_none() => {
-                self.say(place.value("step"), error.to_string(), "name the column that tells runs apart with `by`");
+                self.say(
+                    place.value("step"),
+                    error.to_string(),
+                    "name the column that tells runs apart with `by`",
+                );
             }
             _ => self.say(place.value("file"), error.to_string(), ""),
         }

@@ -9,11 +9,15 @@ use crate::{
 use std::path::Path;
 
 impl Names<'_> {
-    /// Reads a table and checks every name in it; `None` where it is of no kind, or cannot be read, which was said.
+    /// Reads a table and checks every name in it; `None` where it is of no kind, or cannot be read, which was
+    /// said.
     pub(super) fn table(&mut self, entry: &Entry, folder: &Path) -> Option<TableSpec> {
         let place = Place::of(entry, format!("tables.{}", entry.key));
-        let (mut spec, kind) = self.kind::<TableSpec>(&format!("the table `{}`", entry.key), &place, TableKind::ALL)?;
-        spec.published_curves.iter_mut().for_each(|curve| curve.seek_from(folder));
+        let (mut spec, kind) =
+            self.kind::<TableSpec>(&format!("the table `{}`", entry.key), &place, TableKind::ALL)?;
+        spec.published_curves
+            .iter_mut()
+            .for_each(|curve| curve.seek_from(folder));
         let inner = place.below(kind.name)?;
         let (rows, columns) = spec.kind.check(self, &inner, place.below("published").as_ref());
         self.margin(&spec, &place);
@@ -25,14 +29,29 @@ impl Names<'_> {
         Some(spec)
     }
 
-    fn published(&mut self, row: &str, published: &Published, rows: &[String], columns: &[String], place: &Place<'_>) {
-        let Some(section) = place.below("published") else { return };
+    fn published(
+        &mut self,
+        row: &str,
+        published: &Published,
+        rows: &[String],
+        columns: &[String],
+        place: &Place<'_>,
+    ) {
+        let Some(section) = place.below("published") else {
+            return;
+        };
         let Some(inner) = section.below(row) else { return };
         if !rows.iter().any(|known| known == row) {
             let message = format!("no trial feeds the row `{row}` of published values");
-            self.say((inner.key, inner.at.clone()), message, suggest(row, rows.iter().map(String::as_str)));
+            self.say(
+                (inner.key, inner.at.clone()),
+                message,
+                suggest(row, rows.iter().map(String::as_str)),
+            );
         }
-        let Published::Columns(values) = published else { return };
+        let Published::Columns(values) = published else {
+            return;
+        };
         for column in values.keys().filter(|column| !columns.contains(column)) {
             let span = inner.node.entry(column).map_or(inner.key, |entry| entry.key_span);
             let message = format!("no trial feeds the column `{column}` of published values");
@@ -47,15 +66,25 @@ impl Names<'_> {
 
     /// Published curves are compared at steps, with the row of an agent.
     fn compared_curves(&mut self, spec: &TableSpec, place: &Place<'_>) {
-        let Some(list) = place.below("published_curves") else { return };
+        let Some(list) = place.below("published_curves") else {
+            return;
+        };
         if spec.kind.measurements_by_step().is_none() {
             let message = "published curves are compared at steps, but the table has none";
-            self.say((list.key, list.at.clone()), message, "make it a `comparison` with `rows: agent` and `at_steps`");
+            self.say(
+                (list.key, list.at.clone()),
+                message,
+                "make it a `comparison` with `rows: agent` and `at_steps`",
+            );
         }
         let all = self.all();
         for (curve, place) in spec.published_curves.iter().zip(list.items()) {
             if curve.agent.is_none() {
-                self.say((place.key, place.at.clone()), "`agent` is missing: it names the row", "");
+                self.say(
+                    (place.key, place.at.clone()),
+                    "`agent` is missing: it names the row",
+                    "",
+                );
             }
             self.curve(curve, &place, &all);
         }
@@ -63,49 +92,96 @@ impl Names<'_> {
 
     /// A margin is on one scale.
     fn margin(&mut self, spec: &TableSpec, place: &Place<'_>) {
-        let Some(Margin::Stated(StatedMargin { absolute, percent, ratio, .. })) = &spec.margin else { return };
+        let Some(Margin::Stated(StatedMargin {
+            absolute,
+            percent,
+            ratio,
+            ..
+        })) = &spec.margin
+        else {
+            return;
+        };
         let given: Vec<&str> = [("absolute", absolute), ("percent", percent), ("ratio", ratio)]
             .into_iter()
             .filter_map(|(scale, value)| value.map(|_| scale))
             .collect();
-        let Some(inner) = place.below("margin").filter(|_| given.len() != 1) else { return };
+        let Some(inner) = place.below("margin").filter(|_| given.len() != 1) else {
+            return;
+        };
         let message = match given.as_slice() {
             [] => "the margin has no scale".to_owned(),
-            several => format!("the margin has {} scales, {}", several.len(), several.join(" and ")),
+            several => format!(
+                "the margin has {} scales, {}",
+                several.len(),
+                several.join(" and ")
+            ),
         };
-        self.say((inner.key, inner.at.clone()), message, "give exactly one of `absolute`, `percent` and `ratio`");
+        self.say(
+            (inner.key, inner.at.clone()),
+            message,
+            "give exactly one of `absolute`, `percent` and `ratio`",
+        );
     }
 
     /// A margin of nothing can never be met, and a standard deviation means nothing without a number of runs.
     fn judgeable(&mut self, margin: Option<&Margin>, row: &str, published: &Published, place: &Place<'_>) {
-        let Some(inner) = place.below("published").and_then(|section| section.below(row)) else { return };
+        let Some(inner) = place.below("published").and_then(|section| section.below(row)) else {
+            return;
+        };
         let below = |column: &str| {
             let at = format!("{}.{column}", inner.at);
-            (inner.node.entry(column).map_or(inner.key, |entry| entry.key_span), at)
+            (
+                inner.node.entry(column).map_or(inner.key, |entry| entry.key_span),
+                at,
+            )
         };
         let entries: Vec<(PublishedValue, (Span, String))> = match published {
-            Published::Value(value) => vec![(PublishedCell::Value(*value).entry(), (inner.key, inner.at.clone()))],
+            Published::Value(value) => vec![(
+                PublishedCell::Value(*value).entry(),
+                (inner.key, inner.at.clone()),
+            )],
             Published::Entry(entry) => vec![(entry.clone(), (inner.key, inner.at.clone()))],
-            Published::Columns(columns) => columns.iter().map(|(name, cell)| (cell.entry(), below(name))).collect(),
+            Published::Columns(columns) => columns
+                .iter()
+                .map(|(name, cell)| (cell.entry(), below(name)))
+                .collect(),
         };
         for (entry, at) in entries {
             if entry.sd.is_some() != entry.n.is_some() {
-                let message = "`sd` and `n` belong together: one alone does not say how uncertain the published value is";
+                let message = "`sd` and `n` belong together: one alone does not say how uncertain the \
+                               published value is";
                 self.say(at.clone(), message, "give both or neither");
             }
             let (low, high) = Margin::band(margin, entry.value);
             if low >= high && entry.calibrated_on.is_none() {
-                let message = format!("the margin around {} is nothing, so that it can never count as reproduced", entry.value);
-                self.say(at, message, "give the table a margin: `margin: { absolute: VALUE, why: TEXT }`");
+                let message = format!(
+                    "the margin around {} is nothing, so that it can never count as reproduced",
+                    entry.value
+                );
+                self.say(
+                    at,
+                    message,
+                    "give the table a margin: `margin: { absolute: VALUE, why: TEXT }`",
+                );
             }
         }
     }
 
     pub(crate) fn labels(&mut self, place: &Place<'_>, rows: &[String], columns: &[String]) {
-        let Some(labels) = place.below("labels") else { return };
+        let Some(labels) = place.below("labels") else {
+            return;
+        };
         let known: Vec<&str> = rows.iter().chain(columns).map(String::as_str).collect();
-        for entry in labels.node.entries().iter().filter(|entry| !known.contains(&entry.key.as_str())) {
-            let message = format!("`{}` is no row or column, so its label is never printed", entry.key);
+        for entry in labels
+            .node
+            .entries()
+            .iter()
+            .filter(|entry| !known.contains(&entry.key.as_str()))
+        {
+            let message = format!(
+                "`{}` is no row or column, so its label is never printed",
+                entry.key
+            );
             self.say(
                 (entry.key_span, format!("{}.{}", labels.at, entry.key)),
                 message,

@@ -8,10 +8,12 @@
 //! | share of successes against number           | exact binomial interval                              |
 //! | two shares of successes                     | Newcombe's interval of the difference, not paired    |
 //!
-//! Where a side has fewer than three seeds and all of them are common, they are paired too, though they rarely decide.
+//! Where a side has fewer than three seeds and all of them are common, they are paired too, though they
+//! rarely decide.
 //!
-//! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a published value
-//! (90 % interval, as in [`verdict`]); where looks are planned, by the repeated interval of the look.
+//! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a
+//! published value (90 % interval, as in [`verdict`]); where looks are planned, by the repeated interval of
+//! the look.
 
 use super::{Claim, Operand, Quantity, Relation};
 use crate::{
@@ -74,7 +76,10 @@ impl ClaimOutcome {
     /// True where the seeds were asked.
     #[must_use]
     pub fn is_judged(self) -> bool {
-        matches!(self, ClaimOutcome::Supported | ClaimOutcome::Refuted | ClaimOutcome::Inconclusive)
+        matches!(
+            self,
+            ClaimOutcome::Supported | ClaimOutcome::Refuted | ClaimOutcome::Inconclusive
+        )
     }
 
     /// The outcome of a claim for what the seeds decide.
@@ -111,7 +116,8 @@ pub struct ClaimVerdict {
     pub interval: Option<Interval>,
     /// Permutation test of a difference of 0, for claims of a direction of which a side depends on the seed.
     pub permutation: Option<PermutationTest>,
-    /// About how many more seeds would decide with a power of 80 %, where that is open and an affordable number would.
+    /// About how many more seeds would decide with a power of 80 %, where that is open and an affordable
+    /// number would.
     pub more_seeds: Option<u32>,
     /// Where in the design it stands; `None` where the number of seeds is fixed.
     pub stage: Option<Stage>,
@@ -147,11 +153,17 @@ impl ClaimVerdict {
     }
 }
 
-/// Holds `claim` against what `values` gives for each of its operands: one value per seed, `None` where there is none.
+/// Holds `claim` against what `values` gives for each of its operands: one value per seed, `None` where there
+/// is none.
 ///
-/// The claim's environment is for `values` to respect. Values that are not finite leave the claim inconclusive.
+/// The claim's environment is for `values` to respect. Values that are not finite leave the claim
+/// inconclusive.
 #[must_use]
-pub fn evaluate(claim: &Claim, values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>, seeds: &Seeds) -> ClaimVerdict {
+pub fn evaluate(
+    claim: &Claim,
+    values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
+    seeds: &Seeds,
+) -> ClaimVerdict {
     match (Side::of(&claim.left, values), Side::of(&claim.right, values)) {
         (Some(left), Some(right)) => judge(claim.relation, &left, &right, seeds),
         _ => ClaimVerdict::without(ClaimOutcome::NotRun),
@@ -175,8 +187,14 @@ impl Side {
             Quantity::Number(number) => Some(Side::Number(*number)),
             Quantity::Measured { factor, operand } => {
                 let seeds = by_seed(&values(operand).filter(|values| !values.is_empty())?);
-                let values = seeds.into_iter().map(|(seed, value)| (seed, factor * value)).collect();
-                Some(Side::BySeed { values, is_share: operand.metric == SUCCESS && *factor == 1.0 })
+                let values = seeds
+                    .into_iter()
+                    .map(|(seed, value)| (seed, factor * value))
+                    .collect();
+                Some(Side::BySeed {
+                    values,
+                    is_share: operand.metric == SUCCESS && *factor == 1.0,
+                })
             }
         }
     }
@@ -186,8 +204,15 @@ impl Side {
         match self {
             Side::Number(number) => Side::Number(*number),
             Side::BySeed { values, is_share } => {
-                let values = values.iter().filter(|(seed, _)| **seed < limit).map(|(seed, value)| (*seed, *value)).collect();
-                Side::BySeed { values, is_share: *is_share }
+                let values = values
+                    .iter()
+                    .filter(|(seed, _)| **seed < limit)
+                    .map(|(seed, value)| (*seed, *value))
+                    .collect();
+                Side::BySeed {
+                    values,
+                    is_share: *is_share,
+                }
             }
         }
     }
@@ -199,11 +224,14 @@ impl Side {
         }
     }
 
-    /// True where at least two seeds all gave the same number; equal successes say little about the next seed.
+    /// True where at least two seeds all gave the same number; equal successes say little about the next
+    /// seed.
     fn has_no_spread(&self) -> bool {
         match self {
             Side::Number(_) => true,
-            Side::BySeed { values, is_share } => !is_share && MeanEstimate::of(&values_of(values)).has_no_spread(),
+            Side::BySeed { values, is_share } => {
+                !is_share && MeanEstimate::of(&values_of(values)).has_no_spread()
+            }
         }
     }
 }
@@ -238,19 +266,44 @@ struct Compared {
 impl Compared {
     fn of(left: &Side, right: &Side) -> Self {
         let mut compared = match (left, right) {
-            (Side::BySeed { values, is_share: true }, Side::Number(number)) => Self::share(values, 1.0, -number),
-            (Side::Number(number), Side::BySeed { values, is_share: true }) => Self::share(values, -1.0, *number),
-            (Side::BySeed { values, is_share: true }, Side::BySeed { values: others, is_share: true }) => {
-                Self::unpaired(Evidence::Shares(successes(values), successes(others)), None)
+            (
+                Side::BySeed {
+                    values,
+                    is_share: true,
+                },
+                Side::Number(number),
+            ) => Self::share(values, 1.0, -number),
+            (
+                Side::Number(number),
+                Side::BySeed {
+                    values,
+                    is_share: true,
+                },
+            ) => Self::share(values, -1.0, *number),
+            (
+                Side::BySeed {
+                    values,
+                    is_share: true,
+                },
+                Side::BySeed {
+                    values: others,
+                    is_share: true,
+                },
+            ) => Self::unpaired(Evidence::Shares(successes(values), successes(others)), None),
+            (Side::BySeed { values: left, .. }, Side::BySeed { values: right, .. }) => {
+                Self::two_samples(left, right)
             }
-            (Side::BySeed { values: left, .. }, Side::BySeed { values: right, .. }) => Self::two_samples(left, right),
-            (Side::BySeed { values, .. }, Side::Number(number)) => {
-                Self::differences(&values.values().map(|value| value - number).collect::<Vec<_>>(), Design::OneSample)
+            (Side::BySeed { values, .. }, Side::Number(number)) => Self::differences(
+                &values.values().map(|value| value - number).collect::<Vec<_>>(),
+                Design::OneSample,
+            ),
+            (Side::Number(number), Side::BySeed { values, .. }) => Self::differences(
+                &values.values().map(|value| number - value).collect::<Vec<_>>(),
+                Design::OneSample,
+            ),
+            (Side::Number(left), Side::Number(right)) => {
+                Self::differences(&[left - right], Design::OneSample)
             }
-            (Side::Number(number), Side::BySeed { values, .. }) => {
-                Self::differences(&values.values().map(|value| number - value).collect::<Vec<_>>(), Design::OneSample)
-            }
-            (Side::Number(left), Side::Number(right)) => Self::differences(&[left - right], Design::OneSample),
         };
         compared.has_no_spread = left.has_no_spread() && right.has_no_spread();
         compared.right_mean = right.mean();
@@ -259,7 +312,10 @@ impl Compared {
 
     /// Seeds in common are paired, unless there are too few of them.
     fn two_samples(left: &BTreeMap<u64, f64>, right: &BTreeMap<u64, f64>) -> Self {
-        let common: Vec<f64> = left.iter().filter_map(|(seed, l)| right.get(seed).map(|r| l - r)).collect();
+        let common: Vec<f64> = left
+            .iter()
+            .filter_map(|(seed, l)| right.get(seed).map(|r| l - r))
+            .collect();
         if common.len() >= FEWEST_SEEDS.min(left.len()).min(right.len()) {
             return Self::differences(&common, Design::Paired);
         }
@@ -270,16 +326,32 @@ impl Compared {
 
     fn differences(differences: &[f64], design: Design) -> Self {
         let evidence = Evidence::Mean(MeanEstimate::of(differences));
-        Self { design, ..Self::unpaired(evidence, Some(sign_flip_test(differences))) }
+        Self {
+            design,
+            ..Self::unpaired(evidence, Some(sign_flip_test(differences)))
+        }
     }
 
     fn share(values: &BTreeMap<u64, f64>, sign: f64, offset: f64) -> Self {
-        Self { sign, offset, design: Design::OneSample, ..Self::unpaired(share_of(&values_of(values)), None) }
+        Self {
+            sign,
+            offset,
+            design: Design::OneSample,
+            ..Self::unpaired(share_of(&values_of(values)), None)
+        }
     }
 
     fn unpaired(evidence: Evidence, permutation: Option<PermutationTest>) -> Self {
         let design = Design::Unrelated;
-        Self { evidence, sign: 1.0, offset: 0.0, design, permutation, has_no_spread: false, right_mean: f64::NAN }
+        Self {
+            evidence,
+            sign: 1.0,
+            offset: 0.0,
+            design,
+            permutation,
+            has_no_spread: false,
+            right_mean: f64::NAN,
+        }
     }
 
     fn difference(&self) -> f64 {
@@ -288,19 +360,39 @@ impl Compared {
 
     /// An interval of the evidence as one of the difference.
     fn interval(&self, Interval { low, high, level }: Interval) -> Interval {
-        let [low, high] = if self.sign > 0.0 { [low, high] } else { [-high, -low] };
-        Interval { low: low + self.offset, high: high + self.offset, level }
+        let [low, high] = if self.sign > 0.0 {
+            [low, high]
+        } else {
+            [-high, -low]
+        };
+        Interval {
+            low: low + self.offset,
+            high: high + self.offset,
+            level,
+        }
     }
 
     /// A region of the difference as one of the evidence.
     fn region(&self, Region { low, high, closed }: Region) -> Region {
         let [low, high] = [low - self.offset, high - self.offset];
-        if self.sign > 0.0 { Region { low, high, closed } } else { Region { low: -high, high: -low, closed } }
+        if self.sign > 0.0 {
+            Region { low, high, closed }
+        } else {
+            Region {
+                low: -high,
+                high: -low,
+                closed,
+            }
+        }
     }
 
     fn look(&self, relation: Relation) -> Look {
         let region = self.region(region(relation, self.right_mean));
-        Look { evidence: self.evidence.clone(), region, deterministic: self.has_no_spread }
+        Look {
+            evidence: self.evidence.clone(),
+            region,
+            deterministic: self.has_no_spread,
+        }
     }
 }
 
@@ -326,15 +418,25 @@ fn region(relation: Relation, right_mean: f64) -> Region {
 
 fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimVerdict {
     let is_direction = !matches!(relation, Relation::Within(_) | Relation::WithinPercent(_));
-    let compared: Vec<Compared> =
-        seeds.limits().into_iter().map(|limit| Compared::of(&left.below(limit), &right.below(limit))).collect();
+    let compared: Vec<Compared> = seeds
+        .limits()
+        .into_iter()
+        .map(|limit| Compared::of(&left.below(limit), &right.below(limit)))
+        .collect();
     if compared.is_empty() {
-        return ClaimVerdict { stage: Stage::of(seeds, None), ..ClaimVerdict::without(ClaimOutcome::Inconclusive) };
+        return ClaimVerdict {
+            stage: Stage::of(seeds, None),
+            ..ClaimVerdict::without(ClaimOutcome::Inconclusive)
+        };
     }
     let statement = Statement {
         looks: compared.iter().map(|it| it.look(relation)).collect(),
         design: seeds.design.clone(),
-        alpha: if is_direction { ALPHA_OF_DIRECTION } else { verdict::ALPHA },
+        alpha: if is_direction {
+            ALPHA_OF_DIRECTION
+        } else {
+            verdict::ALPHA
+        },
     };
     let decision = statement.decide();
     let taken = &compared[decision.look];
@@ -348,7 +450,11 @@ fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimV
         difference: Some(taken.difference()).filter(|value| value.is_finite()),
         interval: decision.interval.map(|interval| taken.interval(interval)),
         permutation: taken.permutation.filter(|_| is_direction && !taken.has_no_spread),
-        more_seeds: if open { verdict::more_seeds(&statement.looks[decision.look], statement.alpha) } else { None },
+        more_seeds: if open {
+            verdict::more_seeds(&statement.looks[decision.look], statement.alpha)
+        } else {
+            None
+        },
         stage: Stage::of(seeds, Some(&decision)),
         notes: notes(taken),
         statement: Some(statement),
@@ -361,7 +467,9 @@ fn notes(compared: &Compared) -> Vec<String> {
     let is_mean = matches!(compared.evidence, Evidence::Mean(_));
     let unrelated = (compared.design == Design::Unrelated && is_mean)
         .then(|| format!("fewer than {FEWEST_SEEDS} seeds in common: compared as unrelated samples"));
-    let no_spread = compared.has_no_spread.then(|| "the seeds make no difference".to_owned());
+    let no_spread = compared
+        .has_no_spread
+        .then(|| "the seeds make no difference".to_owned());
     [too_few, unrelated, no_spread].into_iter().flatten().collect()
 }
 

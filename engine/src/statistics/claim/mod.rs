@@ -8,11 +8,12 @@
 //! relation    = ">" | ">=" | "<" | "<=" | "~" | "within" NUMBER [ "%" ] "of"
 //! ```
 //!
-//! `dsac.cycle_length >= 1.15 * equal.cycle_length in four_cells` compares the final measurements; `~` is `within 5 % of`;
-//! `auc` is the mean of the learning curve, `max` and `min` its largest and smallest point; `given_success` is the final
-//! measurement of the seeds with success alone, where the study says what success is. `AGENT.success` is their share. Names are made of letters,
-//! digits, `_` and `-`; a name does not start with `-`. `pursuit.prey.tdom_ac.score` is the mean score of the play `pursuit` over
-//! all trained opponents where `tdom_ac` plays the prey.
+//! `dsac.cycle_length >= 1.15 * equal.cycle_length in four_cells` compares the final measurements; `~` is
+//! `within 5 % of`; `auc` is the mean of the learning curve, `max` and `min` its largest and smallest point;
+//! `given_success` is the final measurement of the seeds with success alone, where the study says what
+//! success is. `AGENT.success` is their share. Names are made of letters, digits, `_` and `-`; a name does
+//! not start with `-`. `pursuit.prey.tdom_ac.score` is the mean score of the play `pursuit` over all trained
+//! opponents where `tdom_ac` plays the prey.
 
 mod evaluate;
 mod parse;
@@ -54,7 +55,13 @@ pub enum Aggregate {
 
 impl Aggregate {
     /// All of them, in the order of the documentation.
-    pub const ALL: [Aggregate; 5] = [Aggregate::Final, Aggregate::Auc, Aggregate::Max, Aggregate::Min, Aggregate::GivenSuccess];
+    pub const ALL: [Aggregate; 5] = [
+        Aggregate::Final,
+        Aggregate::Auc,
+        Aggregate::Max,
+        Aggregate::Min,
+        Aggregate::GivenSuccess,
+    ];
 
     /// The word that is written in a claim.
     #[must_use]
@@ -80,17 +87,23 @@ impl Aggregate {
         }
     }
 
-    /// The number of one trial: from its final phase, or from the curve of its evaluate phase; `None` where the phase has
-    /// no row of the metric.
+    /// The number of one trial: from its final phase, or from the curve of its evaluate phase; `None` where
+    /// the phase has no row of the metric.
     #[must_use]
     pub fn of_trial(self, trial: &TrialResult, metric: &str) -> Option<f64> {
-        let points: Vec<f64> = trial.curve(Phase::Evaluate, metric).into_iter().map(|(_, value)| value).collect();
+        let points: Vec<f64> = trial
+            .curve(Phase::Evaluate, metric)
+            .into_iter()
+            .map(|(_, value)| value)
+            .collect();
         match self {
             Aggregate::Final => trial.mean(Phase::Final, metric),
             Aggregate::Auc => (!points.is_empty()).then(|| mean(&points)),
             Aggregate::Max => points.into_iter().reduce(f64::max),
             Aggregate::Min => points.into_iter().reduce(f64::min),
-            Aggregate::GivenSuccess => trial.mean(Phase::Final, metric).filter(|_| trial.succeeded() == Some(true)),
+            Aggregate::GivenSuccess => trial
+                .mean(Phase::Final, metric)
+                .filter(|_| trial.succeeded() == Some(true)),
         }
     }
 }
@@ -121,7 +134,10 @@ impl Operand {
     /// The names with dots between, as written.
     #[must_use]
     pub fn path(&self) -> String {
-        let within = self.within.as_ref().map_or_else(String::new, |Within { play, role }| format!("{play}.{role}."));
+        let within = self
+            .within
+            .as_ref()
+            .map_or_else(String::new, |Within { play, role }| format!("{play}.{role}."));
         format!("{within}{}.{}", self.agent, self.metric)
     }
 }
@@ -200,7 +216,8 @@ impl fmt::Display for Relation {
     }
 }
 
-/// A claim that has been read. Its display is the claim in a canonical form that reads back to the same claim.
+/// A claim that has been read. Its display is the claim in a canonical form that reads back to the same
+/// claim.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Claim {
     /// Left side.
@@ -217,14 +234,19 @@ impl Claim {
     /// The agents' metrics that it compares: one or two.
     #[must_use]
     pub fn operands(&self) -> Vec<&Operand> {
-        [&self.left, &self.right].into_iter().filter_map(Quantity::operand).collect()
+        [&self.left, &self.right]
+            .into_iter()
+            .filter_map(Quantity::operand)
+            .collect()
     }
 }
 
 impl fmt::Display for Claim {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {} {}", self.left, self.relation, self.right)?;
-        self.environment.iter().try_for_each(|environment| write!(f, " in {environment}"))
+        self.environment
+            .iter()
+            .try_for_each(|environment| write!(f, " in {environment}"))
     }
 }
 
@@ -242,7 +264,14 @@ mod tests {
         let part = || Part::new("x", 1, serde_json::Value::Null);
         let (environment, agent, protocol) = (part(), part(), part());
         let agent = Seating::Agent(agent);
-        let key = TrialKey { environment, agent, protocol, seed: 0, numerics: 1, device: "cpu".into() };
+        let key = TrialKey {
+            environment,
+            agent,
+            protocol,
+            seed: 0,
+            numerics: 1,
+            device: "cpu".into(),
+        };
         let trial = Trial {
             id: key.id(),
             environment: "e".into(),
@@ -252,18 +281,39 @@ mod tests {
             point: Setting::default(),
             key,
         };
-        let row = |&(phase, step, value): &(Phase, u64, f64)| Row { phase, step, episode: 0, seat: 0, metric: 0, value };
-        TrialResult { trial, end: None, names: vec!["return".into()], rows: rows.iter().map(row).collect() }
+        let row = |&(phase, step, value): &(Phase, u64, f64)| Row {
+            phase,
+            step,
+            episode: 0,
+            seat: 0,
+            metric: 0,
+            value,
+        };
+        TrialResult {
+            trial,
+            end: None,
+            names: vec!["return".into()],
+            rows: rows.iter().map(row).collect(),
+        }
     }
 
     #[test]
     fn one_number_per_trial() {
         use Phase::{Evaluate, Final, Train};
         // Two episodes at step 10 are one point of the curve, at 3.
-        let rows = [(Evaluate, 0, 1.0), (Evaluate, 10, 2.0), (Evaluate, 10, 4.0), (Evaluate, 20, 2.0), (Train, 5, 99.0)];
+        let rows = [
+            (Evaluate, 0, 1.0),
+            (Evaluate, 10, 2.0),
+            (Evaluate, 10, 4.0),
+            (Evaluate, 20, 2.0),
+            (Train, 5, 99.0),
+        ];
         let trial = trial(&[&rows[..], &[(Final, 20, 7.0), (Final, 20, 8.0)]].concat());
         let numbers = Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "return"));
         assert_eq!(numbers, [Some(7.5), Some(2.0), Some(3.0), Some(1.0), None]);
-        assert_eq!(Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "cost")), [None; 5]);
+        assert_eq!(
+            Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "cost")),
+            [None; 5]
+        );
     }
 }

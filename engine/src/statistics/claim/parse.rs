@@ -12,7 +12,12 @@ pub fn parse(text: &str) -> Result<Claim, ClaimError> {
     let relation = reader.relation()?;
     let right = reader.quantity()?;
     let environment = reader.environment()?;
-    let claim = Claim { left, relation, right, environment };
+    let claim = Claim {
+        left,
+        relation,
+        right,
+        environment,
+    };
     if claim.operands().is_empty() {
         return Err(ClaimError {
             position: 0,
@@ -52,19 +57,29 @@ impl<'a> Reader<'a> {
 
     fn error<T>(&mut self, message: impl Into<String>) -> Result<T, ClaimError> {
         self.rest();
-        Err(ClaimError { position: self.position, message: message.into() })
+        Err(ClaimError {
+            position: self.position,
+            message: message.into(),
+        })
     }
 
     fn quantity(&mut self) -> Result<Quantity, ClaimError> {
         if let Some(number) = self.number() {
             return if self.eat("*") {
-                Ok(Quantity::Measured { factor: number, operand: self.operand()? })
+                Ok(Quantity::Measured {
+                    factor: number,
+                    operand: self.operand()?,
+                })
             } else {
                 Ok(Quantity::Number(number))
             };
         }
         let operand = self.operand()?;
-        let factor = if self.eat("*") { self.expect_number("a factor after `*`")? } else { 1.0 };
+        let factor = if self.eat("*") {
+            self.expect_number("a factor after `*`")?
+        } else {
+            1.0
+        };
         Ok(Quantity::Measured { factor, operand })
     }
 
@@ -77,19 +92,32 @@ impl<'a> Reader<'a> {
         if !self.eat("(") {
             return self.metric_of(Aggregate::Final, name);
         }
-        let Some(aggregate) = Aggregate::ALL.into_iter().find(|aggregate| aggregate.name() == name) else {
+        let Some(aggregate) = Aggregate::ALL
+            .into_iter()
+            .find(|aggregate| aggregate.name() == name)
+        else {
             let known = Aggregate::ALL.map(Aggregate::name).join(", ");
-            return Err(ClaimError { position: start, message: format!("unknown function `{name}`; known: {known}") });
+            return Err(ClaimError {
+                position: start,
+                message: format!("unknown function `{name}`; known: {known}"),
+            });
         };
         let Some(agent) = name_at(self.rest()) else {
-            return self.error(format!("expected an agent's metric, as in `{name}(agent.return)`"));
+            return self.error(format!(
+                "expected an agent's metric, as in `{name}(agent.return)`"
+            ));
         };
         self.position += agent.len();
         let operand = self.metric_of(aggregate, agent)?;
-        if self.eat(")") { Ok(operand) } else { self.error(format!("expected `)` to close `{name}(`")) }
+        if self.eat(")") {
+            Ok(operand)
+        } else {
+            self.error(format!("expected `)` to close `{name}(`"))
+        }
     }
 
-    /// Reads `.metric` after the agent's name, or the rest of `play.role.agent.metric`, without spaces between.
+    /// Reads `.metric` after the agent's name, or the rest of `play.role.agent.metric`, without spaces
+    /// between.
     fn metric_of(&mut self, aggregate: Aggregate, first: &str) -> Result<Operand, ClaimError> {
         let start = self.position - first.len();
         let mut names = vec![first];
@@ -103,16 +131,36 @@ impl<'a> Reader<'a> {
         }
         let (within, agent, metric) = match names.as_slice() {
             [agent] => {
-                return self.error(format!("expected `.` and a metric after the agent `{agent}`, as in `{agent}.return`"));
+                return self.error(format!(
+                    "expected `.` and a metric after the agent `{agent}`, as in `{agent}.return`"
+                ));
             }
             [agent, metric] => (None, agent, metric),
-            [play, role, agent, metric] => (Some(Within { play: (*play).into(), role: (*role).into() }), agent, metric),
+            [play, role, agent, metric] => (
+                Some(Within {
+                    play: (*play).into(),
+                    role: (*role).into(),
+                }),
+                agent,
+                metric,
+            ),
             other => {
-                let message = format!("`{}` is neither AGENT.METRIC nor PLAY.ROLE.AGENT.METRIC", other.join("."));
-                return Err(ClaimError { position: start, message });
+                let message = format!(
+                    "`{}` is neither AGENT.METRIC nor PLAY.ROLE.AGENT.METRIC",
+                    other.join(".")
+                );
+                return Err(ClaimError {
+                    position: start,
+                    message,
+                });
             }
         };
-        Ok(Operand { aggregate, within, agent: (*agent).into(), metric: (*metric).into() })
+        Ok(Operand {
+            aggregate,
+            within,
+            agent: (*agent).into(),
+            metric: (*metric).into(),
+        })
     }
 
     fn relation(&mut self) -> Result<Relation, ClaimError> {
@@ -132,7 +180,8 @@ impl<'a> Reader<'a> {
         }
         let rest = self.rest();
         if rest.starts_with('=') || rest.starts_with("!=") {
-            return self.error("measured values are never exactly equal: write `within 5 % of`, or `~` for short");
+            return self
+                .error("measured values are never exactly equal: write `within 5 % of`, or `~` for short");
         }
         self.error("expected `>`, `>=`, `<`, `<=`, `~` or `within N % of`")
     }
@@ -143,15 +192,30 @@ impl<'a> Reader<'a> {
         let start = self.position;
         let size = self.expect_number("how far, as in `within 5 % of`")?;
         if size < 0.0 {
-            return Err(ClaimError { position: start, message: "a tolerance cannot be negative".into() });
+            return Err(ClaimError {
+                position: start,
+                message: "a tolerance cannot be negative".into(),
+            });
         }
-        let relation = if self.eat("%") { Relation::WithinPercent(size) } else { Relation::Within(size) };
-        if self.eat_word("of") { Ok(relation) } else { self.error("expected `of`, as in `within 5 % of 143`") }
+        let relation = if self.eat("%") {
+            Relation::WithinPercent(size)
+        } else {
+            Relation::Within(size)
+        };
+        if self.eat_word("of") {
+            Ok(relation)
+        } else {
+            self.error("expected `of`, as in `within 5 % of 143`")
+        }
     }
 
     fn environment(&mut self) -> Result<Option<String>, ClaimError> {
         let named = self.eat_word("in");
-        let environment = if named { name_at(self.rest()).map(str::to_owned) } else { None };
+        let environment = if named {
+            name_at(self.rest()).map(str::to_owned)
+        } else {
+            None
+        };
         if named && environment.is_none() {
             return self.error("expected an environment's name after `in`");
         }
@@ -163,7 +227,11 @@ impl<'a> Reader<'a> {
         if rest.starts_with(['<', '>', '~']) {
             return self.error("one comparison per claim: write a second claim");
         }
-        self.error(if named { "expected the end of the claim" } else { "expected the end of the claim or `in ENVIRONMENT`" })
+        self.error(if named {
+            "expected the end of the claim"
+        } else {
+            "expected the end of the claim or `in ENVIRONMENT`"
+        })
     }
 
     fn expect_number(&mut self, what: &str) -> Result<f64, ClaimError> {
@@ -177,7 +245,10 @@ impl<'a> Reader<'a> {
     fn number(&mut self) -> Option<f64> {
         let rest = self.rest();
         let length = number_length(rest);
-        let number = rest[..length].parse().ok().filter(|number: &f64| number.is_finite())?;
+        let number = rest[..length]
+            .parse()
+            .ok()
+            .filter(|number: &f64| number.is_finite())?;
         if rest[length..].starts_with(|next: char| next == '.' || is_name_character(next)) {
             return None;
         }
@@ -205,7 +276,9 @@ fn number_length(text: &str) -> usize {
 
 /// The name that `text` starts with. A name does not start with `-`.
 fn name_at(text: &str) -> Option<&str> {
-    let length = text.find(|character| !is_name_character(character)).unwrap_or(text.len());
+    let length = text
+        .find(|character| !is_name_character(character))
+        .unwrap_or(text.len());
     (length > 0 && !text.starts_with('-')).then_some(&text[..length])
 }
 
@@ -219,11 +292,24 @@ mod tests {
     use proptest::prelude::*;
 
     fn measured(factor: f64, aggregate: Aggregate, agent: &str, metric: &str) -> Quantity {
-        Quantity::Measured { factor, operand: Operand { aggregate, within: None, agent: agent.into(), metric: metric.into() } }
+        Quantity::Measured {
+            factor,
+            operand: Operand {
+                aggregate,
+                within: None,
+                agent: agent.into(),
+                metric: metric.into(),
+            },
+        }
     }
 
     fn claim(left: Quantity, relation: Relation, right: Quantity, environment: Option<&str>) -> Claim {
-        Claim { left, relation, right, environment: environment.map(Into::into) }
+        Claim {
+            left,
+            relation,
+            right,
+            environment: environment.map(Into::into),
+        }
     }
 
     #[test]
@@ -233,24 +319,87 @@ mod tests {
         let cases = [
             (
                 "dsac.cycle_length > equal.cycle_length",
-                claim(dsac(), Greater, measured(1.0, Final, "equal", "cycle_length"), None),
+                claim(
+                    dsac(),
+                    Greater,
+                    measured(1.0, Final, "equal", "cycle_length"),
+                    None,
+                ),
             ),
             (
                 " dsac.cycle_length>=1.15*equal.cycle_length in 4-cells ",
-                claim(dsac(), GreaterOrEqual, measured(1.15, Final, "equal", "cycle_length"), Some("4-cells")),
+                claim(
+                    dsac(),
+                    GreaterOrEqual,
+                    measured(1.15, Final, "equal", "cycle_length"),
+                    Some("4-cells"),
+                ),
             ),
-            ("gaussian_hot.mae > 0.2", claim(measured(1.0, Final, "gaussian_hot", "mae"), Greater, Quantity::Number(0.2), None)),
-            ("-1e-3 <= 4_cells.x", claim(Quantity::Number(-1e-3), LessOrEqual, measured(1.0, Final, "4_cells", "x"), None)),
-            ("a.x * 2 < 1e5.y", claim(measured(2.0, Final, "a", "x"), Less, measured(1.0, Final, "1e5", "y"), None)),
-            ("auc(a.x) > max( in.y )", claim(measured(1.0, Auc, "a", "x"), Greater, measured(1.0, Max, "in", "y"), None)),
-            ("final(dsac.cycle_length) ~ 143", claim(dsac(), WithinPercent(5.0), Quantity::Number(143.0), None)),
-            ("dsac.cycle_length within 2.5% of 143", claim(dsac(), WithinPercent(2.5), Quantity::Number(143.0), None)),
-            ("dsac.cycle_length within 3 of 143 in of", claim(dsac(), Within(3.0), Quantity::Number(143.0), Some("of"))),
-            ("auc.x > min(größe.x)", claim(measured(1.0, Final, "auc", "x"), Greater, measured(1.0, Min, "größe", "x"), None)),
+            (
+                "gaussian_hot.mae > 0.2",
+                claim(
+                    measured(1.0, Final, "gaussian_hot", "mae"),
+                    Greater,
+                    Quantity::Number(0.2),
+                    None,
+                ),
+            ),
+            (
+                "-1e-3 <= 4_cells.x",
+                claim(
+                    Quantity::Number(-1e-3),
+                    LessOrEqual,
+                    measured(1.0, Final, "4_cells", "x"),
+                    None,
+                ),
+            ),
+            (
+                "a.x * 2 < 1e5.y",
+                claim(
+                    measured(2.0, Final, "a", "x"),
+                    Less,
+                    measured(1.0, Final, "1e5", "y"),
+                    None,
+                ),
+            ),
+            (
+                "auc(a.x) > max( in.y )",
+                claim(
+                    measured(1.0, Auc, "a", "x"),
+                    Greater,
+                    measured(1.0, Max, "in", "y"),
+                    None,
+                ),
+            ),
+            (
+                "final(dsac.cycle_length) ~ 143",
+                claim(dsac(), WithinPercent(5.0), Quantity::Number(143.0), None),
+            ),
+            (
+                "dsac.cycle_length within 2.5% of 143",
+                claim(dsac(), WithinPercent(2.5), Quantity::Number(143.0), None),
+            ),
+            (
+                "dsac.cycle_length within 3 of 143 in of",
+                claim(dsac(), Within(3.0), Quantity::Number(143.0), Some("of")),
+            ),
+            (
+                "auc.x > min(größe.x)",
+                claim(
+                    measured(1.0, Final, "auc", "x"),
+                    Greater,
+                    measured(1.0, Min, "größe", "x"),
+                    None,
+                ),
+            ),
         ];
         for (text, expected) in cases {
             assert_eq!(parse(text).as_ref(), Ok(&expected), "{text}");
-            assert_eq!(parse(&expected.to_string()), Ok(expected), "the canonical form of {text}");
+            assert_eq!(
+                parse(&expected.to_string()),
+                Ok(expected),
+                "the canonical form of {text}"
+            );
         }
     }
 
@@ -265,7 +414,10 @@ mod tests {
             ("dsac.x |3", "expected `>`"),
             ("dsac.x > |", "a number or an agent's metric"),
             ("dsac.x > |* 3", "a number or an agent's metric"),
-            ("|mean(dsac.x) > 3", "unknown function `mean`; known: final, auc, max, min"),
+            (
+                "|mean(dsac.x) > 3",
+                "unknown function `mean`; known: final, auc, max, min",
+            ),
             ("auc(dsac.x| > 3", "`)` to close `auc(`"),
             ("auc(|> 3", "`auc(agent.return)`"),
             ("a.x > b.x |> c.x", "one comparison per claim"),
@@ -286,23 +438,45 @@ mod tests {
             let error = parse(&marked.replace('|', "")).unwrap_err();
             assert!(error.message.contains(message), "{marked}: {error}");
             let text = marked.replace('|', "");
-            assert_eq!(text[error.position..].trim_start(), text[position..].trim_start(), "{marked}: {error}");
+            assert_eq!(
+                text[error.position..].trim_start(),
+                text[position..].trim_start(),
+                "{marked}: {error}"
+            );
         }
     }
 
     #[test]
     fn an_agent_in_a_role_of_a_play() {
         let claim = parse("pursuit.prey.tdom_ac.score > 2 * pursuit.prey.pr2.score").unwrap();
-        let [left, right] = claim.operands()[..] else { panic!("two operands") };
-        assert_eq!(left.within, Some(Within { play: "pursuit".into(), role: "prey".into() }));
-        assert_eq!((left.agent.as_str(), right.agent.as_str(), left.metric.as_str()), ("tdom_ac", "pr2", "score"));
+        let [left, right] = claim.operands()[..] else {
+            panic!("two operands")
+        };
+        assert_eq!(
+            left.within,
+            Some(Within {
+                play: "pursuit".into(),
+                role: "prey".into()
+            })
+        );
+        assert_eq!(
+            (left.agent.as_str(), right.agent.as_str(), left.metric.as_str()),
+            ("tdom_ac", "pr2", "score")
+        );
         assert_eq!(parse(&claim.to_string()), Ok(claim));
     }
 
     #[test]
     fn operands_are_listed() {
         let claim = parse("dirichlet.mae < 0.6 * auc(gaussian.mae)").unwrap();
-        assert_eq!(claim.operands().iter().map(ToString::to_string).collect::<Vec<_>>(), ["dirichlet.mae", "auc(gaussian.mae)"]);
+        assert_eq!(
+            claim
+                .operands()
+                .iter()
+                .map(ToString::to_string)
+                .collect::<Vec<_>>(),
+            ["dirichlet.mae", "auc(gaussian.mae)"]
+        );
         assert_eq!(parse("2 < a.x").unwrap().operands().len(), 1);
     }
 

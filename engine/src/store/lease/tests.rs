@@ -17,17 +17,28 @@ fn lease_of(store: &Store, owner: &Owner) {
 
 fn lease_for(store: &Store, owner: &Owner, lease_expiry_s: f64) {
     fs::create_dir_all(store.folder(ID)).unwrap();
-    let said = Announcement { owner: owner.clone(), lease_expiry_s };
+    let said = Announcement {
+        owner: owner.clone(),
+        lease_expiry_s,
+    };
     fs::write(store.folder(ID).join("lease"), serde_json::to_vec(&said).unwrap()).unwrap();
 }
 
 /// A process that cannot be seen from here.
 fn elsewhere() -> Owner {
-    Owner { host: "another-host".into(), ..Owner::this_process() }
+    Owner {
+        host: "another-host".into(),
+        ..Owner::this_process()
+    }
 }
 
 fn set_renewed(path: &Path, time: SystemTime) {
-    OpenOptions::new().write(true).open(path).unwrap().set_modified(time).unwrap();
+    OpenOptions::new()
+        .write(true)
+        .open(path)
+        .unwrap()
+        .set_modified(time)
+        .unwrap();
 }
 
 #[test]
@@ -49,10 +60,22 @@ fn many_threads_ask_and_one_gets_it() {
     let store = Store::at(folder.path());
     let leases = leases(&store);
     // The lease of a dead process lies in the way.
-    lease_of(&store, &Owner { started_ticks: 1, ..Owner::this_process() });
+    lease_of(
+        &store,
+        &Owner {
+            started_ticks: 1,
+            ..Owner::this_process()
+        },
+    );
     let won = std::thread::scope(|scope| {
-        let asked: Vec<_> = (0..16).map(|_| scope.spawn(|| leases.claim(ID).unwrap())).collect();
-        asked.into_iter().map(|thread| thread.join().unwrap()).filter(|claim| *claim == Claim::Mine).count()
+        let asked: Vec<_> = (0..16)
+            .map(|_| scope.spawn(|| leases.claim(ID).unwrap()))
+            .collect();
+        asked
+            .into_iter()
+            .map(|thread| thread.join().unwrap())
+            .filter(|claim| *claim == Claim::Mine)
+            .count()
     });
     assert_eq!(won, 1);
 }
@@ -62,7 +85,13 @@ fn a_lease_dies_with_its_process() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::at(folder.path());
     let this = Owner::this_process();
-    lease_of(&store, &Owner { started_ticks: this.started_ticks + 1, ..this });
+    lease_of(
+        &store,
+        &Owner {
+            started_ticks: this.started_ticks + 1,
+            ..this
+        },
+    );
     assert_eq!(store.running(ID), None);
     assert_eq!(leases(&store).claim(ID).unwrap(), Claim::Mine);
 }
@@ -75,8 +104,14 @@ fn a_lease_of_a_process_that_cannot_be_seen_dies_of_its_silence() {
     let (boot, _) = this.boot.split_once(' ').unwrap();
     let unseen = [
         elsewhere(),
-        Owner { boot: "another boot".into(), ..this.clone() },
-        Owner { boot: format!("{boot} pid:[1]"), ..this.clone() },
+        Owner {
+            boot: "another boot".into(),
+            ..this.clone()
+        },
+        Owner {
+            boot: format!("{boot} pid:[1]"),
+            ..this.clone()
+        },
     ];
     for owner in unseen {
         lease_of(&store, &owner);
@@ -88,7 +123,10 @@ fn a_lease_of_a_process_that_cannot_be_seen_dies_of_its_silence() {
         leases.release(ID).unwrap();
     }
     lease_of(&store, &elsewhere());
-    set_renewed(&store.folder(ID).join("lease"), SystemTime::now() - Duration::from_secs(3600));
+    set_renewed(
+        &store.folder(ID).join("lease"),
+        SystemTime::now() - Duration::from_secs(3600),
+    );
     assert_eq!(store.running(ID), None, "it was silent for an hour");
 }
 
@@ -120,7 +158,10 @@ fn an_owner_whose_file_was_removed_writes_it_again_and_renews_its_leases_with_it
     fs::remove_file(&leases.file).unwrap();
     set_renewed(&lease, SystemTime::now() - Duration::from_secs(60));
     leases.beat().unwrap();
-    assert!(modified(&lease).unwrap().elapsed().unwrap() < Duration::from_secs(30), "the lease is renewed");
+    assert!(
+        modified(&lease).unwrap().elapsed().unwrap() < Duration::from_secs(30),
+        "the lease is renewed"
+    );
     fs::remove_file(&leases.file).unwrap();
     leases.release(ID).unwrap();
     assert!(!lease.exists(), "what is ours is known by what it says");
@@ -133,10 +174,21 @@ fn an_owner_whose_file_was_removed_writes_it_again_and_renews_its_leases_with_it
 fn a_living_owner_that_cannot_be_seen_keeps_its_file() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::at(folder.path());
-    let namespace = Owner { boot: "another boot".into(), ..Owner::this_process() };
+    let namespace = Owner {
+        boot: "another boot".into(),
+        ..Owner::this_process()
+    };
     let file = store.root().join("owners").join("other.json");
     fs::create_dir_all(file.parent().unwrap()).unwrap();
-    fs::write(&file, serde_json::to_vec(&Announcement { owner: namespace, lease_expiry_s: 30.0 }).unwrap()).unwrap();
+    fs::write(
+        &file,
+        serde_json::to_vec(&Announcement {
+            owner: namespace,
+            lease_expiry_s: 30.0,
+        })
+        .unwrap(),
+    )
+    .unwrap();
     drop(leases(&store));
     assert!(file.exists());
     set_renewed(&file, SystemTime::now() - Duration::from_secs(3600));

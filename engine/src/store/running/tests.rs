@@ -18,7 +18,10 @@ impl Agent for Counter {
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let path = dir.join("count");
         let text = fs::read_to_string(&path).map_err(Error::file("read", &path))?;
-        self.0 = text.parse().map_err(|_| Error::Checkpoint { what: "counter", problem: text })?;
+        self.0 = text.parse().map_err(|_| Error::Checkpoint {
+            what: "counter",
+            problem: text,
+        })?;
         Ok(())
     }
 }
@@ -30,7 +33,10 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        Self { folder: tempfile::tempdir().unwrap(), record: Recorder::default() }
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+            record: Recorder::default(),
+        }
     }
 
     fn keeper(&self) -> RunningTrial {
@@ -45,7 +51,9 @@ impl Bench {
     fn save(&mut self, keeper: &mut RunningTrial, count: u64) {
         self.record.add(Phase::Train, count, 0, 0, "loss", count as f64);
         self.record.mean("mean", f64::INFINITY);
-        keeper.save(json!({ "step": count }), &Counter(count), &mut self.record).unwrap();
+        keeper
+            .save(json!({ "step": count }), &Counter(count), &mut self.record)
+            .unwrap();
     }
 
     /// What a fresh process continues from: the protocol's state, the agent and the number of rows.
@@ -74,7 +82,10 @@ fn a_fresh_process_continues_from_the_newest() {
     bench.save(&mut keeper, 1);
     bench.save(&mut keeper, 2);
     assert_eq!(bench.load(), Some((json!({ "step": 2 }), 2, 2)));
-    assert_eq!(names(&bench.path("")).unwrap().into_iter().collect::<Vec<_>>(), ["checkpoint-2", "metrics.log"]);
+    assert_eq!(
+        names(&bench.path("")).unwrap().into_iter().collect::<Vec<_>>(),
+        ["checkpoint-2", "metrics.log"]
+    );
     let (mut agent, mut record) = (Counter(0), Recorder::default());
     let mut keeper = bench.keeper();
     keeper.load(&mut agent, &mut record).unwrap();
@@ -89,7 +100,10 @@ fn a_fresh_process_continues_from_the_newest() {
 #[test]
 fn what_is_not_whole_is_passed_over() {
     for file in ["manifest.json", "state.json", "agent/count"] {
-        for damage in [|path: &Path| fs::remove_file(path).unwrap(), |path: &Path| fs::write(path, "7").unwrap()] {
+        for damage in [
+            |path: &Path| fs::remove_file(path).unwrap(),
+            |path: &Path| fs::write(path, "7").unwrap(),
+        ] {
             let mut bench = Bench::new();
             let mut keeper = bench.keeper();
             bench.save(&mut keeper, 1);
@@ -98,14 +112,22 @@ fn what_is_not_whole_is_passed_over() {
             fs::rename(older, bench.path("checkpoint-1")).unwrap();
             assert_eq!(bench.load().unwrap().1, 2);
             damage(&bench.path("checkpoint-2").join(file));
-            assert_eq!(bench.load(), Some((json!({ "step": 1 }), 1, 1)), "{file}: the older one");
+            assert_eq!(
+                bench.load(),
+                Some((json!({ "step": 1 }), 1, 1)),
+                "{file}: the older one"
+            );
             damage(&bench.path("checkpoint-1").join(file));
             assert_eq!(bench.load(), None, "{file}: none is left");
             let mut keeper = bench.keeper();
             keeper.load(&mut Counter(0), &mut Recorder::default()).unwrap();
             bench.record = Recorder::default();
             bench.save(&mut keeper, 5);
-            assert_eq!(bench.load(), Some((json!({ "step": 5 }), 5, 1)), "{file}: a fresh start");
+            assert_eq!(
+                bench.load(),
+                Some((json!({ "step": 5 }), 5, 1)),
+                "{file}: a fresh start"
+            );
             assert_eq!(names(&bench.path("")).unwrap().len(), 2);
         }
     }
@@ -117,7 +139,10 @@ fn a_checkpoint_without_its_rows_or_of_another_trial_is_passed_over() {
     let mut keeper = bench.keeper();
     bench.save(&mut keeper, 1);
     let mut other = RunningTrial::open(bench.folder.path(), "other", Duration::ZERO, Arc::default());
-    assert_eq!(other.load(&mut Counter(0), &mut Recorder::default()).unwrap(), None);
+    assert_eq!(
+        other.load(&mut Counter(0), &mut Recorder::default()).unwrap(),
+        None
+    );
     let mut log = fs::read(bench.path("metrics.log")).unwrap();
     log.push(0);
     fs::write(bench.path("metrics.log"), &log).unwrap();
@@ -134,7 +159,10 @@ fn what_a_killed_process_left_unfinished_is_no_checkpoint() {
     assert_eq!(bench.load(), None);
     let mut keeper = bench.keeper();
     bench.save(&mut keeper, 1);
-    assert_eq!(names(&bench.path("")).unwrap().into_iter().collect::<Vec<_>>(), ["checkpoint-1", "metrics.log"]);
+    assert_eq!(
+        names(&bench.path("")).unwrap().into_iter().collect::<Vec<_>>(),
+        ["checkpoint-1", "metrics.log"]
+    );
 }
 
 #[test]
@@ -157,9 +185,15 @@ fn what_an_agent_does_not_take_is_not_offered_again() {
     let (mut agent, mut record) = (Counter(0), Recorder::default());
     let mut keeper = bench.keeper();
     assert!(!keeper.refuse(), "nothing was taken up");
-    assert!(matches!(keeper.load(&mut agent, &mut record), Err(Error::Checkpoint { .. })));
+    assert!(matches!(
+        keeper.load(&mut agent, &mut record),
+        Err(Error::Checkpoint { .. })
+    ));
     assert!(keeper.refuse());
-    assert_eq!(keeper.load(&mut agent, &mut record).unwrap(), Some(json!({ "step": 1 })));
+    assert_eq!(
+        keeper.load(&mut agent, &mut record).unwrap(),
+        Some(json!({ "step": 1 }))
+    );
     assert!(keeper.refuse());
     assert_eq!(keeper.load(&mut agent, &mut record).unwrap(), None);
 }
@@ -167,7 +201,12 @@ fn what_an_agent_does_not_take_is_not_offered_again() {
 #[test]
 fn a_short_trial_leaves_nothing_on_disk() {
     let mut bench = Bench::new();
-    let mut keeper = RunningTrial::open(bench.folder.path(), "trial", Duration::from_secs(60), Arc::default());
+    let mut keeper = RunningTrial::open(
+        bench.folder.path(),
+        "trial",
+        Duration::from_secs(60),
+        Arc::default(),
+    );
     assert_eq!(keeper.load(&mut Counter(0), &mut bench.record).unwrap(), None);
     bench.record.add(Phase::Train, 1, 0, 0, "loss", 1.0);
     assert!(!keeper.due() && !keeper.stopping());
@@ -179,11 +218,22 @@ fn a_short_trial_leaves_nothing_on_disk() {
 fn a_request_to_stop_makes_a_save_due_and_old_rows_reach_the_log_alone() {
     let mut bench = Bench::new();
     let stop = Arc::new(AtomicBool::new(false));
-    let mut keeper = RunningTrial::open(bench.folder.path(), "trial", Duration::from_secs(60), stop.clone());
+    let mut keeper = RunningTrial::open(
+        bench.folder.path(),
+        "trial",
+        Duration::from_secs(60),
+        stop.clone(),
+    );
     bench.record.add(Phase::Train, 1, 0, 0, "loss", 1.0);
     keeper.noted -= NOTE_EVERY;
     keeper.note(&bench.record).unwrap();
-    assert_eq!(super::super::metric_log::read(&bench.path("metrics.log")).unwrap().table.rows, bench.record.rows());
+    assert_eq!(
+        super::super::metric_log::read(&bench.path("metrics.log"))
+            .unwrap()
+            .table
+            .rows,
+        bench.record.rows()
+    );
     assert!(!keeper.due());
     stop.store(true, Ordering::Relaxed);
     assert!(keeper.due() && keeper.stopping());

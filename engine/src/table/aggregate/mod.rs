@@ -1,13 +1,17 @@
-//! One row per agent over several environments: aggregates of normalised scores, as Agarwal et al. 2021, "Deep reinforcement learning
-//! at the edge of the statistical precipice", arXiv:2108.13264, define them.
+//! One row per agent over several environments: aggregates of normalised scores, as Agarwal et al. 2021,
+//! "Deep reinforcement learning at the edge of the statistical precipice", arXiv:2108.13264, define them.
 //!
-//! A score is a seed's value in one environment, scaled so that 0 and 1 stand for two agents or two numbers of that environment.
-//! Intervals are those of a stratified bootstrap: seeds are drawn anew within each environment. What stands for 0 and 1 is held
-//! fixed. An agent without a score in one of the environments has no aggregate: other environments would make another suite.
+//! A score is a seed's value in one environment, scaled so that 0 and 1 stand for two agents or two numbers
+//! of that environment. Intervals are those of a stratified bootstrap: seeds are drawn anew within each
+//! environment. What stands for 0 and 1 is held fixed. An agent without a score in one of the environments
+//! has no aggregate: other environments would make another suite.
 
 mod check;
 
-use super::{Axis, Cell, Fixed, Grid, Heading, Missing, NoValue, NumberFormat, OneNumber, Quantity, Scope, Table, problem};
+use super::{
+    Axis, Cell, Fixed, Grid, Heading, Missing, NoValue, NumberFormat, OneNumber, Quantity, Scope, Table,
+    problem,
+};
 use crate::{
     Error,
     results::{Results, TrialResult},
@@ -37,7 +41,8 @@ pub struct Aggregate {
     /// The agent over which the probability of improvement is shown; no such column where absent.
     #[serde(default)]
     pub relative_to: Option<String>,
-    /// Scores at which the performance profile is shown: the share of seeds above each, environments weighted alike.
+    /// Scores at which the performance profile is shown: the share of seeds above each, environments weighted
+    /// alike.
     #[serde(default)]
     pub profile_at: Vec<f64>,
     /// Which agents, in this order; all where empty.
@@ -98,10 +103,16 @@ impl Aggregate {
 impl Table for Aggregate {
     #[cfg(test)]
     fn example() -> &'static str {
-        "{ value: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: [short, long] }"
+        "{ value: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: \
+         [short, long] }"
     }
 
-    fn check(&self, names: &mut Names<'_>, at: &Place<'_>, published: Option<&Place<'_>>) -> (Vec<String>, Vec<String>) {
+    fn check(
+        &self,
+        names: &mut Names<'_>,
+        at: &Place<'_>,
+        published: Option<&Place<'_>>,
+    ) -> (Vec<String>, Vec<String>) {
         check::aggregate(self, names, at, published)
     }
 
@@ -113,7 +124,8 @@ impl Table for Aggregate {
 /// Computes the aggregates.
 ///
 /// # Errors
-/// [`Error::Render`] where fewer than two environments have trials, or agents of several settings would be pooled.
+/// [`Error::Render`] where fewer than two environments have trials, or agents of several settings would be
+/// pooled.
 fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
     let all = Scope::of(results, &[], &spec.environments);
     let scope = Scope::of(results, &spec.agents, &spec.environments);
@@ -124,16 +136,30 @@ fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
     if scope.varies(Axis::Setting) {
         return Err(problem("an aggregate pools no settings of a sweep"));
     }
-    let suite = Suite { spec, scales: environments.into_iter().map(|name| Scale::of(spec, name, &all)).collect() };
-    let (rows, left_out): (Vec<_>, Vec<_>) =
-        scope.names(Axis::Agent, &spec.agents).into_iter().partition(|agent| suite.is_played_by(agent, &scope));
+    let suite = Suite {
+        spec,
+        scales: environments
+            .into_iter()
+            .map(|name| Scale::of(spec, name, &all))
+            .collect(),
+    };
+    let (rows, left_out): (Vec<_>, Vec<_>) = scope
+        .names(Axis::Agent, &spec.agents)
+        .into_iter()
+        .partition(|agent| suite.is_played_by(agent, &scope));
     let relative = spec.relative_to.as_ref().map(|agent| suite.scores(agent, &all));
     let columns = Column::all(spec);
     let cells = rows.iter().map(|agent| {
         let scores = suite.scores(agent, &scope);
         let cell = |column: &Column| {
             let behind = suite.trials_behind(agent, column, &all);
-            suite.cell(agent, &scores, column, relative.as_ref(), Cell::resting_on(&behind, results))
+            suite.cell(
+                agent,
+                &scores,
+                column,
+                relative.as_ref(),
+                Cell::resting_on(&behind, results),
+            )
         };
         columns.iter().map(cell).collect()
     });
@@ -189,7 +215,10 @@ impl Column {
             Self::Improvement(agent) => format!("better than {}", spec.label(agent)),
             Self::Above(score) => format!("above {score}"),
         };
-        Heading { label: spec.labels.get(&name).cloned().unwrap_or(plain), name }
+        Heading {
+            label: spec.labels.get(&name).cloned().unwrap_or(plain),
+            name,
+        }
     }
 
     /// The value of some scores, seeds by environment; `others` are those of the agent to improve on.
@@ -227,7 +256,10 @@ struct Scale {
 impl Scale {
     fn of(spec: &Aggregate, environment: String, all: &Scope<'_>) -> Self {
         let of_agent = |agent: &str| {
-            let values = all.at(Axis::Agent, agent).at(Axis::Environment, &environment).finals(&spec.value);
+            let values = all
+                .at(Axis::Agent, agent)
+                .at(Axis::Environment, &environment)
+                .finals(&spec.value);
             (!values.is_empty()).then(|| mean(&values.into_values().collect::<Vec<_>>()))
         };
         let ends = match &spec.normalise {
@@ -239,7 +271,9 @@ impl Scale {
 
     /// `None` where nothing can be scaled.
     fn score(&self, value: f64) -> Option<f64> {
-        self.ends.filter(|[low, high]| low != high).map(|[low, high]| (value - low) / (high - low))
+        self.ends
+            .filter(|[low, high]| low != high)
+            .map(|[low, high]| (value - low) / (high - low))
     }
 }
 
@@ -255,15 +289,32 @@ struct Scores {
 impl Scores {
     /// Seeds by environment; `None` where an environment has none.
     fn tasks(&self) -> Option<Vec<Vec<f64>>> {
-        let tasks: Vec<Vec<f64>> = self.by_environment.iter().map(|seeds| seeds.values().copied().collect()).collect();
+        let tasks: Vec<Vec<f64>> = self
+            .by_environment
+            .iter()
+            .map(|seeds| seeds.values().copied().collect())
+            .collect();
         tasks.iter().all(|seeds| !seeds.is_empty()).then_some(tasks)
     }
 
     /// Each seed that has a score in every environment, alone: one seed by environment.
     fn complete_seeds(&self) -> Vec<(u64, Vec<Vec<f64>>)> {
-        let of = |seed: &u64| self.by_environment.iter().map(|seeds| Some(vec![*seeds.get(seed)?])).collect::<Option<_>>();
-        let seeds: BTreeSet<u64> = self.by_environment.iter().flat_map(BTreeMap::keys).copied().collect();
-        seeds.into_iter().filter_map(|seed| Some((seed, of(&seed)?))).collect()
+        let of = |seed: &u64| {
+            self.by_environment
+                .iter()
+                .map(|seeds| Some(vec![*seeds.get(seed)?]))
+                .collect::<Option<_>>()
+        };
+        let seeds: BTreeSet<u64> = self
+            .by_environment
+            .iter()
+            .flat_map(BTreeMap::keys)
+            .copied()
+            .collect();
+        seeds
+            .into_iter()
+            .filter_map(|seed| Some((seed, of(&seed)?)))
+            .collect()
     }
 }
 
@@ -275,19 +326,30 @@ struct Suite<'a> {
 impl Suite<'_> {
     fn is_played_by(&self, agent: &str, scope: &Scope<'_>) -> bool {
         let scope = scope.at(Axis::Agent, agent);
-        self.scales.iter().all(|scale| !scope.at(Axis::Environment, &scale.environment).trials.is_empty())
+        self.scales
+            .iter()
+            .all(|scale| !scope.at(Axis::Environment, &scale.environment).trials.is_empty())
     }
 
     fn scores(&self, agent: &str, scope: &Scope<'_>) -> Scores {
         let scope = scope.at(Axis::Agent, agent);
-        let mut scores =
-            Scores { by_environment: Vec::new(), planned: scope.planned(), failed: scope.failed(), missing: Vec::new() };
+        let mut scores = Scores {
+            by_environment: Vec::new(),
+            planned: scope.planned(),
+            failed: scope.failed(),
+            missing: Vec::new(),
+        };
         for scale in &self.scales {
             let here = scope.at(Axis::Environment, &scale.environment);
             let label = self.spec.label(&scale.environment);
-            scores.missing.extend(here.absences().into_iter().map(|absence| absence.within(label)));
+            scores
+                .missing
+                .extend(here.absences().into_iter().map(|absence| absence.within(label)));
             let raw = here.finals(&self.spec.value);
-            let scaled: BTreeMap<u64, f64> = raw.iter().filter_map(|(seed, value)| Some((*seed, scale.score(*value)?))).collect();
+            let scaled: BTreeMap<u64, f64> = raw
+                .iter()
+                .filter_map(|(seed, value)| Some((*seed, scale.score(*value)?)))
+                .collect();
             if scaled.len() < raw.len() {
                 scores.missing.push(Missing::of(NoValue::NoScale).within(label));
             }
@@ -296,35 +358,84 @@ impl Suite<'_> {
         scores
     }
 
-    /// The trials of an agent, of the agents that stand for 0 and 1, and of the one to improve on: all of them move the value.
+    /// The trials of an agent, of the agents that stand for 0 and 1, and of the one to improve on: all of
+    /// them move the value.
     fn trials_behind<'r>(&self, agent: &str, column: &Column, all: &Scope<'r>) -> Vec<&'r TrialResult> {
-        let mut agents: BTreeSet<&str> = self.spec.fixed().into_iter().map(|(name, _)| name).chain([agent]).collect();
+        let mut agents: BTreeSet<&str> = self
+            .spec
+            .fixed()
+            .into_iter()
+            .map(|(name, _)| name)
+            .chain([agent])
+            .collect();
         if let Column::Improvement(other) = column {
             agents.insert(other);
         }
-        let in_suite = |trial: &&TrialResult| self.scales.iter().any(|scale| scale.environment == trial.trial.environment);
-        let behind = all.trials.iter().copied().filter(|trial| agents.contains(trial.trial.agent.as_str()));
+        let in_suite = |trial: &&TrialResult| {
+            self.scales
+                .iter()
+                .any(|scale| scale.environment == trial.trial.environment)
+        };
+        let behind = all
+            .trials
+            .iter()
+            .copied()
+            .filter(|trial| agents.contains(trial.trial.agent.as_str()));
         behind.filter(in_suite).collect()
     }
 
-    fn cell(&self, agent: &str, scores: &Scores, column: &Column, relative: Option<&Scores>, behind: Cell) -> Cell {
+    fn cell(
+        &self,
+        agent: &str,
+        scores: &Scores,
+        column: &Column,
+        relative: Option<&Scores>,
+        behind: Cell,
+    ) -> Cell {
         if matches!(column, Column::Improvement(other) if other == agent) {
             return Cell::default();
         }
-        let cell = Cell { planned: scores.planned, failed: scores.failed, missing: scores.missing.clone(), ..behind };
+        let cell = Cell {
+            planned: scores.planned,
+            failed: scores.failed,
+            missing: scores.missing.clone(),
+            ..behind
+        };
         let others = match (column, relative) {
             (Column::Improvement(_), Some(relative)) => relative.tasks(),
             _ => Some(Vec::new()),
         };
-        let (Some(tasks), Some(others)) = (scores.tasks(), others) else { return cell };
-        let seeds = scores.complete_seeds().iter().map(|(seed, tasks)| (*seed, column.of(tasks, &others))).collect();
-        let fixed = self.spec.fixed().into_iter().find(|(name, _)| column.is_fixed_by_scale() && *name == agent);
+        let (Some(tasks), Some(others)) = (scores.tasks(), others) else {
+            return cell;
+        };
+        let seeds = scores
+            .complete_seeds()
+            .iter()
+            .map(|(seed, tasks)| (*seed, column.of(tasks, &others)))
+            .collect();
+        let fixed = self
+            .spec
+            .fixed()
+            .into_iter()
+            .find(|(name, _)| column.is_fixed_by_scale() && *name == agent);
         if let Some((_, score)) = fixed {
             let fixed = Some(Fixed::Scale);
-            return Cell { seeds, estimate: Some(f64::from(score)), fixed, ..cell };
+            return Cell {
+                seeds,
+                estimate: Some(f64::from(score)),
+                fixed,
+                ..cell
+            };
         }
-        let interval = column.interval(&tasks, &others).map(|interval| (interval.low, interval.high));
-        Cell { seeds, estimate: Some(column.of(&tasks, &others)), interval, ..cell }
+        let interval = column
+            .interval(&tasks, &others)
+            .map(|interval| (interval.low, interval.high));
+        Cell {
+            seeds,
+            estimate: Some(column.of(&tasks, &others)),
+            interval,
+            ..cell
+        }
     }
 
     fn heading(&self, agent: &str) -> Heading {
@@ -333,14 +444,26 @@ impl Suite<'_> {
             Some((_, score)) => format!("{label} ({score} by construction)"),
             None => label.into(),
         };
-        Heading { name: agent.into(), label }
+        Heading {
+            name: agent.into(),
+            label,
+        }
     }
 
     fn quantity(&self) -> String {
-        let value = self.spec.labels.get(&self.spec.value).cloned().unwrap_or_else(|| self.spec.value.replace('_', " "));
+        let value = self
+            .spec
+            .labels
+            .get(&self.spec.value)
+            .cloned()
+            .unwrap_or_else(|| self.spec.value.replace('_', " "));
         let ends = match &self.spec.normalise {
             Normalise::Agents { low, high } => {
-                format!("0 stands for the mean of {} and 1 for that of {}", self.spec.label(low), self.spec.label(high))
+                format!(
+                    "0 stands for the mean of {} and 1 for that of {}",
+                    self.spec.label(low),
+                    self.spec.label(high)
+                )
             }
             Normalise::Numbers(_) => "scaled".into(),
         };
@@ -349,21 +472,36 @@ impl Suite<'_> {
 
     fn notes(&self, all: &Scope<'_>, left_out: &[String]) -> Vec<String> {
         let mut notes = vec![
-            "Intervals draw the seeds of each environment anew (stratified bootstrap); what stands for 0 and 1 is held fixed."
+            "Intervals draw the seeds of each environment anew (stratified bootstrap); what stands for 0 \
+             and 1 is held fixed."
                 .into(),
             self.ends(),
         ];
         if !self.spec.fixed().is_empty() {
-            notes.push("Rows that are 0 or 1 by construction show how far their seeds spread; nothing is tested on them.".into());
+            notes.push(
+                "Rows that are 0 or 1 by construction show how far their seeds spread; nothing is \
+                        tested on them."
+                    .into(),
+            );
         }
         for (agent, score) in self.spec.fixed() {
-            if all.at(Axis::Agent, agent).trials.iter().any(|trial| !trial.is_ok()) {
+            if all
+                .at(Axis::Agent, agent)
+                .trials
+                .iter()
+                .any(|trial| !trial.is_ok())
+            {
                 let label = self.spec.label(agent);
-                notes.push(format!("Trials of {label}, which stands for {score}, are missing: scores will move with them."));
+                notes.push(format!(
+                    "Trials of {label}, which stands for {score}, are missing: scores will move with them."
+                ));
             }
         }
         for agent in left_out {
-            notes.push(format!("{} is left out: it has no trials in some of the environments.", self.spec.label(agent)));
+            notes.push(format!(
+                "{} is left out: it has no trials in some of the environments.",
+                self.spec.label(agent)
+            ));
         }
         notes
     }
@@ -372,11 +510,16 @@ impl Suite<'_> {
     fn ends(&self) -> String {
         let of = |scale: &Scale| {
             let label = self.spec.label(&scale.environment);
-            let Some([low, high]) = scale.ends else { return format!("{label}: not known yet") };
+            let Some([low, high]) = scale.ends else {
+                return format!("{label}: not known yet");
+            };
             let format = NumberFormat::fitting([low, high].into_iter());
             format!("{label}: {} and {}", format.write(low), format.write(high))
         };
-        format!("The scores 0 and 1: {}.", self.scales.iter().map(of).collect::<Vec<_>>().join("; "))
+        format!(
+            "The scores 0 and 1: {}.",
+            self.scales.iter().map(of).collect::<Vec<_>>().join("; ")
+        )
     }
 }
 

@@ -24,14 +24,29 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
     }
     let (rows, columns) = places(comparison, &scope);
     let cell = |row: &Place, column: &Place| {
-        make_cell(&column.narrow(&row.narrow(&scope)), &Measure { comparison, at_step: column.at_step }, &relation, results)
+        make_cell(
+            &column.narrow(&row.narrow(&scope)),
+            &Measure {
+                comparison,
+                at_step: column.at_step,
+            },
+            &relation,
+            results,
+        )
     };
-    let cells: Vec<Vec<Cell>> = rows.iter().map(|row| columns.iter().map(|column| cell(row, column)).collect()).collect();
+    let cells: Vec<Vec<Cell>> = rows
+        .iter()
+        .map(|row| columns.iter().map(|column| cell(row, column)).collect())
+        .collect();
     let heading = |place: Place| place.heading_with_budget(comparison, &scope);
     Ok(Grid {
         quantity: relation.quantity(comparison, results),
         unit: relation.unit().into(),
-        one_number: if is_share(comparison) { OneNumber::Share } else { OneNumber::Of(comparison.statistic) },
+        one_number: if is_share(comparison) {
+            OneNumber::Share
+        } else {
+            OneNumber::Of(comparison.statistic)
+        },
         row_axis: comparison.rows.name(),
         format: format(comparison, relation.form, &cells),
         rows: rows.into_iter().map(heading).collect(),
@@ -52,28 +67,39 @@ impl<'a> Relation<'a> {
         let to = comparison.relative_to.as_deref();
         let form = comparison.resolved_form();
         match to {
-            None if form != Form::Value => Err(problem("`relative_to` must name the agent that the others are compared with")),
-            Some(agent) if !results.trials.iter().any(|trial| trial.trial.agent == agent) => {
-                Err(problem(&format!("`relative_to`: no trial has the agent `{agent}`")))
-            }
+            None if form != Form::Value => Err(problem(
+                "`relative_to` must name the agent that the others are compared with",
+            )),
+            Some(agent) if !results.trials.iter().any(|trial| trial.trial.agent == agent) => Err(problem(
+                &format!("`relative_to`: no trial has the agent `{agent}`"),
+            )),
             _ => Ok(Self { form, to }),
         }
     }
 
     /// The agent that would only be compared with itself, unless the study lists it.
     fn hidden_baseline(&self, comparison: &Comparison) -> Option<&'a str> {
-        self.to.filter(|agent| self.form != Form::Value && !comparison.agents.iter().any(|listed| listed == agent))
+        self.to.filter(|agent| {
+            self.form != Form::Value && !comparison.agents.iter().any(|listed| listed == agent)
+        })
     }
 
     fn quantity(&self, comparison: &Comparison, results: &Results) -> Quantity {
-        let value = comparison.labels.get(&comparison.value).cloned().unwrap_or_else(|| comparison.value.replace('_', " "));
+        let value = comparison
+            .labels
+            .get(&comparison.value)
+            .cloned()
+            .unwrap_or_else(|| comparison.value.replace('_', " "));
         let value = match &results.success {
             Some(success) if is_share(comparison) => format!("{value} (share of seeds with {success})"),
             Some(success) if comparison.given_success => format!("{value} of seeds with success ({success})"),
             _ => value,
         };
         let relative = self.other().map(|agent| (self.form, label(comparison, agent)));
-        Quantity { value: comparison.taken.phrase(&value), relative }
+        Quantity {
+            value: comparison.taken.phrase(&value),
+            relative,
+        }
     }
 
     /// The agent that each seed is compared with; `None` where values stand alone.
@@ -84,13 +110,20 @@ impl<'a> Relation<'a> {
     /// True where a cell can only have one value: an agent beside itself.
     fn fixes(&self, scope: &Scope<'_>) -> bool {
         let related = self.form != Form::Value && !scope.trials.is_empty();
-        related && scope.trials.iter().all(|trial| Some(trial.trial.agent.as_str()) == self.to)
+        related
+            && scope
+                .trials
+                .iter()
+                .all(|trial| Some(trial.trial.agent.as_str()) == self.to)
     }
 
     /// The trials of a cell and those that they are compared with.
     fn trials_behind<'r>(&self, scope: &Scope<'r>, results: &'r Results) -> Vec<&'r TrialResult> {
         let other = self.other();
-        let others = scope.trials.iter().filter_map(|trial| counterpart(trial, other?, results));
+        let others = scope
+            .trials
+            .iter()
+            .filter_map(|trial| counterpart(trial, other?, results));
         scope.trials.iter().copied().chain(others).collect()
     }
 
@@ -120,38 +153,75 @@ impl Place {
     /// The heading, with steps and updates of the agent where the study asks for them.
     fn heading_with_budget(self, comparison: &Comparison, scope: &Scope<'_>) -> Heading {
         let names_agent = self.at.iter().any(|(axis, _)| *axis == Axis::Agent);
-        let budget = if comparison.budgets && names_agent { self.narrow(scope).budget() } else { None };
+        let budget = if comparison.budgets && names_agent {
+            self.narrow(scope).budget()
+        } else {
+            None
+        };
         let Heading { name, label } = self.heading;
-        Heading { label: budget.map_or(label.clone(), |budget| format!("{label} ({budget})")), name }
+        Heading {
+            label: budget.map_or(label.clone(), |budget| format!("{label} ({budget})")),
+            name,
+        }
     }
 
     fn narrow<'a>(&self, scope: &Scope<'a>) -> Scope<'a> {
-        self.at.iter().fold(scope.clone(), |scope, (axis, name)| scope.at(*axis, name))
+        self.at
+            .iter()
+            .fold(scope.clone(), |scope, (axis, name)| scope.at(*axis, name))
     }
 }
 
 fn places(comparison: &Comparison, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>) {
     let free = |axis: &Axis| *axis != comparison.rows && scope.varies(*axis);
     let over_steps = matches!(comparison.taken, Taken::AtSteps { .. });
-    let column_axis = comparison.columns.or_else(|| Axis::ALL.into_iter().find(free)).filter(|_| !over_steps);
+    let column_axis = comparison
+        .columns
+        .or_else(|| Axis::ALL.into_iter().find(free))
+        .filter(|_| !over_steps);
     let columns = match column_axis {
-        _ if over_steps => comparison.steps().iter().map(|step| step_column(comparison, *step)).collect(),
-        Some(axis) => names(comparison, scope, axis).iter().map(|name| place(comparison, &[(axis, name.clone())])).collect(),
-        None => vec![Place { heading: only_column(comparison), at: Vec::new(), at_step: None }],
+        _ if over_steps => comparison
+            .steps()
+            .iter()
+            .map(|step| step_column(comparison, *step))
+            .collect(),
+        Some(axis) => names(comparison, scope, axis)
+            .iter()
+            .map(|name| place(comparison, &[(axis, name.clone())]))
+            .collect(),
+        None => vec![Place {
+            heading: only_column(comparison),
+            at: Vec::new(),
+            at_step: None,
+        }],
     };
     // What varies and is neither row nor column splits the rows: different settings are never averaged as if
     // they were seeds.
-    let splitting: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| free(axis) && Some(*axis) != column_axis).collect();
-    let rows = names(comparison, scope, comparison.rows).into_iter().flat_map(|name| {
-        let first = vec![(comparison.rows, name)];
-        splitting.iter().fold(vec![first], |rows, axis| split(comparison, scope, rows, *axis))
-    });
+    let splitting: Vec<Axis> = Axis::ALL
+        .into_iter()
+        .filter(|axis| free(axis) && Some(*axis) != column_axis)
+        .collect();
+    let rows = names(comparison, scope, comparison.rows)
+        .into_iter()
+        .flat_map(|name| {
+            let first = vec![(comparison.rows, name)];
+            splitting
+                .iter()
+                .fold(vec![first], |rows, axis| split(comparison, scope, rows, *axis))
+        });
     (rows.map(|at| place(comparison, &at)).collect(), columns)
 }
 
-fn split(comparison: &Comparison, scope: &Scope<'_>, rows: Vec<Vec<(Axis, String)>>, axis: Axis) -> Vec<Vec<(Axis, String)>> {
+fn split(
+    comparison: &Comparison,
+    scope: &Scope<'_>,
+    rows: Vec<Vec<(Axis, String)>>,
+    axis: Axis,
+) -> Vec<Vec<(Axis, String)>> {
     let parts = |row: Vec<(Axis, String)>| {
-        let inside = row.iter().fold(scope.clone(), |scope, (axis, name)| scope.at(*axis, name));
+        let inside = row
+            .iter()
+            .fold(scope.clone(), |scope, (axis, name)| scope.at(*axis, name));
         names(comparison, &inside, axis)
             .into_iter()
             .map(move |name| [row.clone(), vec![(axis, name)]].concat())
@@ -171,27 +241,60 @@ fn names(comparison: &Comparison, scope: &Scope<'_>, axis: Axis) -> Vec<String> 
 
 fn place(comparison: &Comparison, at: &[(Axis, String)]) -> Place {
     let words = |write: &dyn Fn(&str) -> String| {
-        let words: Vec<String> = at.iter().map(|(_, name)| write(name)).filter(|word| !word.is_empty()).collect();
+        let words: Vec<String> = at
+            .iter()
+            .map(|(_, name)| write(name))
+            .filter(|word| !word.is_empty())
+            .collect();
         words.join(", ")
     };
     let label = words(&|name| label(comparison, name));
-    let label = if label.is_empty() { "as given".into() } else { label };
-    Place { heading: Heading { name: words(&str::to_owned), label }, at: at.to_vec(), at_step: None }
+    let label = if label.is_empty() {
+        "as given".into()
+    } else {
+        label
+    };
+    Place {
+        heading: Heading {
+            name: words(&str::to_owned),
+            label,
+        },
+        at: at.to_vec(),
+        at_step: None,
+    }
 }
 
 fn step_column(comparison: &Comparison, step: u64) -> Place {
     let name = step.to_string();
-    Place { heading: Heading { label: label(comparison, &name), name }, at: Vec::new(), at_step: Some(step) }
+    Place {
+        heading: Heading {
+            label: label(comparison, &name),
+            name,
+        },
+        at: Vec::new(),
+        at_step: Some(step),
+    }
 }
 
 fn only_column(comparison: &Comparison) -> Heading {
     let counts_steps = matches!(comparison.taken, Taken::StepsUntilAbove { .. });
-    let label = if counts_steps { "steps".into() } else { label(comparison, &comparison.value) };
-    Heading { name: comparison.value.clone(), label }
+    let label = if counts_steps {
+        "steps".into()
+    } else {
+        label(comparison, &comparison.value)
+    };
+    Heading {
+        name: comparison.value.clone(),
+        label,
+    }
 }
 
 fn label(comparison: &Comparison, name: &str) -> String {
-    comparison.labels.get(name).cloned().unwrap_or_else(|| name.into())
+    comparison
+        .labels
+        .get(name)
+        .cloned()
+        .unwrap_or_else(|| name.into())
 }
 
 fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Cell {
@@ -229,9 +332,12 @@ fn is_share(comparison: &Comparison) -> bool {
 /// A cell with its seeds, and these as one number with its interval.
 pub(crate) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell) -> Cell {
     let values: Vec<f64> = seeds.iter().map(|(_, value)| *value).collect();
-    let Some(summary) = Summary::of(&values) else { return cell };
-    let resampled =
-        |estimator: fn(&[f64]) -> f64| Bootstrap::TABLE.stratified(std::slice::from_ref(&values), |tasks| estimator(&tasks[0]));
+    let Some(summary) = Summary::of(&values) else {
+        return cell;
+    };
+    let resampled = |estimator: fn(&[f64]) -> f64| {
+        Bootstrap::TABLE.stratified(std::slice::from_ref(&values), |tasks| estimator(&tasks[0]))
+    };
     let (estimate, interval) = match statistic {
         // The exact 95 % interval of a share.
         _ if cell.is_share => (summary.mean, share_of(&values).interval(0.025)),
@@ -240,18 +346,37 @@ pub(crate) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell
         Statistic::Iqm => (summary.iqm, resampled(estimators::iqm)),
     };
     let interval = interval.map(|Interval { low, high, .. }| (low, high));
-    Cell { seeds, estimate: Some(estimate), sd: summary.sd, interval, ..cell }
+    Cell {
+        seeds,
+        estimate: Some(estimate),
+        sd: summary.sd,
+        interval,
+        ..cell
+    }
 }
 
 /// The other agent's trial in the same environment with the same seed: of the same setting, or its only one.
-pub(super) fn counterpart<'a>(trial: &TrialResult, agent: &str, results: &'a Results) -> Option<&'a TrialResult> {
+pub(super) fn counterpart<'a>(
+    trial: &TrialResult,
+    agent: &str,
+    results: &'a Results,
+) -> Option<&'a TrialResult> {
     let own = &trial.trial;
     let fits = |other: &&TrialResult| {
-        other.trial.agent == agent && other.trial.environment == own.environment && other.trial.key.seed == own.key.seed
+        other.trial.agent == agent
+            && other.trial.environment == own.environment
+            && other.trial.key.seed == own.key.seed
     };
     let candidates: Vec<&TrialResult> = results.trials.iter().filter(fits).collect();
-    let same = candidates.iter().copied().find(|other| other.trial.setting == own.setting);
-    same.or(if candidates.len() == 1 { Some(candidates[0]) } else { None })
+    let same = candidates
+        .iter()
+        .copied()
+        .find(|other| other.trial.setting == own.setting);
+    same.or(if candidates.len() == 1 {
+        Some(candidates[0])
+    } else {
+        None
+    })
 }
 
 fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFormat {
@@ -269,6 +394,7 @@ pub(super) fn baselines(comparison: &Comparison, results: &Results) -> Vec<Strin
     let agents = scope.names(Axis::Agent, &comparison.agents);
     let learns = |agent: &String| scope.at(Axis::Agent, agent).learns();
     let any_learns = agents.iter().any(learns);
-    let is_baseline = |agent: &String| comparison.relative_to.as_ref() == Some(agent) || (any_learns && !learns(agent));
+    let is_baseline =
+        |agent: &String| comparison.relative_to.as_ref() == Some(agent) || (any_learns && !learns(agent));
     agents.into_iter().filter(is_baseline).collect()
 }

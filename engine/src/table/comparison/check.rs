@@ -8,7 +8,11 @@ use crate::{
 };
 
 /// Checks a comparison; returns the names of its rows and columns.
-pub(super) fn comparison(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) -> (Vec<String>, Vec<String>) {
+pub(super) fn comparison(
+    spec: &Comparison,
+    names: &mut Names<'_>,
+    place: &Place<'_>,
+) -> (Vec<String>, Vec<String>) {
     let picked = names.pick(place);
     names.metric(&spec.value, place, "value", &picked);
     match &spec.relative_to {
@@ -30,7 +34,10 @@ pub(super) fn comparison(spec: &Comparison, names: &mut Names<'_>, place: &Place
 
 /// True where a comparison is written relative to an agent.
 pub(super) fn is_relative(spec: &Comparison) -> bool {
-    matches!(spec.form, Some(Form::Difference | Form::Ratio | Form::PercentChange))
+    matches!(
+        spec.form,
+        Some(Form::Difference | Form::Ratio | Form::PercentChange)
+    )
 }
 
 /// Says that the agent to compare with is missing.
@@ -44,12 +51,23 @@ pub(super) fn without_reference(names: &mut Names<'_>, place: &Place<'_>) {
 fn reference(name: &str, metric: &str, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
     let Some(index) = names.world.agents.iter().position(|known| known == name) else {
         let help = suggest(name, names.world.agents.iter().map(String::as_str));
-        return names.say(place.value("relative_to"), format!("no agent is named `{name}`"), help);
+        return names.say(
+            place.value("relative_to"),
+            format!("no agent is named `{name}`"),
+            help,
+        );
     };
-    let recorded = names.recorded(&Picked { agents: vec![index], environments: picked.environments.clone() });
+    let recorded = names.recorded(&Picked {
+        agents: vec![index],
+        environments: picked.environments.clone(),
+    });
     if recorded.is_empty() {
         let message = format!("no trial feeds the agent `{name}` here");
-        names.say(place.value("relative_to"), message, "`exclude` leaves out its combinations with these environments");
+        names.say(
+            place.value("relative_to"),
+            message,
+            "`exclude` leaves out its combinations with these environments",
+        );
     } else if !recorded.contains(metric) && names.recorded(picked).contains(metric) {
         let message = format!("`{name}` does not record `{metric}`, so nothing can be compared with it");
         names.say(place.value("relative_to"), message, "");
@@ -60,13 +78,21 @@ fn reference(name: &str, metric: &str, names: &mut Names<'_>, place: &Place<'_>,
 fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picked: &Picked) {
     if spec.given_success && !names.recorded(picked).contains(SUCCESS) {
         let message = "`given_success` needs a section `success`: the study does not say what a success is";
-        names.say(place.value("given_success"), message, "write `success: { metric: METRIC, above: VALUE }`");
+        names.say(
+            place.value("given_success"),
+            message,
+            "write `success: { metric: METRIC, above: VALUE }`",
+        );
     }
     if spec.value != SUCCESS {
         return;
     }
     if spec.given_success {
-        names.say(place.value("given_success"), "the share of successes among successes is 1", "remove one of the two");
+        names.say(
+            place.value("given_success"),
+            "the share of successes among successes is 1",
+            "remove one of the two",
+        );
     }
     let while_learning = match &spec.taken {
         Taken::Final => None,
@@ -80,7 +106,11 @@ fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picke
     }
     if matches!(spec.resolved_form(), Form::Ratio | Form::PercentChange) {
         let message = "a seed's `success` is 0 or 1, so that its ratio to another one means nothing";
-        names.say(place.value("as"), message, "write `as: difference`, or compare the shares in a claim");
+        names.say(
+            place.value("as"),
+            message,
+            "write `as: difference`, or compare the shares in a claim",
+        );
     }
 }
 
@@ -93,16 +123,34 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
     let has_sweep = names.world.settings.iter().any(|setting| !setting.is_empty());
     for (key, axis) in [("rows", Some(spec.rows)), ("columns", spec.columns)] {
         if axis == Some(Axis::Setting) && !has_sweep {
-            names.say(place.value(key), format!("`{key}` are settings, but the study has no `sweep`"), "");
+            names.say(
+                place.value(key),
+                format!("`{key}` are settings, but the study has no `sweep`"),
+                "",
+            );
         }
     }
 }
 
 fn names_of(axis: Axis, names: &Names<'_>, picked: &Picked) -> Vec<String> {
     match axis {
-        Axis::Agent => picked.agents.iter().map(|index| names.world.agents[*index].clone()).collect(),
-        Axis::Environment => picked.environments.iter().map(|index| names.world.environments[*index].clone()).collect(),
-        Axis::Setting => names.world.settings.iter().filter(|setting| !setting.is_empty()).cloned().collect(),
+        Axis::Agent => picked
+            .agents
+            .iter()
+            .map(|index| names.world.agents[*index].clone())
+            .collect(),
+        Axis::Environment => picked
+            .environments
+            .iter()
+            .map(|index| names.world.environments[*index].clone())
+            .collect(),
+        Axis::Setting => names
+            .world
+            .settings
+            .iter()
+            .filter(|setting| !setting.is_empty())
+            .cloned()
+            .collect(),
     }
 }
 
@@ -116,5 +164,7 @@ fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String>
         return names_of(axis, names, picked);
     }
     let rest = Axis::ALL.into_iter().filter(|axis| *axis != spec.rows);
-    rest.map(|axis| names_of(axis, names, picked)).find(|names| names.len() > 1).unwrap_or_default()
+    rest.map(|axis| names_of(axis, names, picked))
+        .find(|names| names.len() > 1)
+        .unwrap_or_default()
 }

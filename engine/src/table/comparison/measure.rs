@@ -26,9 +26,13 @@ pub(super) fn seed_value(
     results: &Results,
 ) -> Result<f64, NoValue> {
     let value = measure.of(trial)?;
-    let Some(other) = relation.other() else { return Ok(value) };
+    let Some(other) = relation.other() else {
+        return Ok(value);
+    };
     let (seed, agent) = (trial.trial.key.seed, other.to_owned());
-    let Some(other) = counterpart(trial, other, results) else { return Err(NoValue::NoCounterpart { seed, agent }) };
+    let Some(other) = counterpart(trial, other, results) else {
+        return Err(NoValue::NoCounterpart { seed, agent });
+    };
     if !other.is_ok() {
         return Err(NoValue::CounterpartFailed { seed, agent });
     }
@@ -36,18 +40,26 @@ pub(super) fn seed_value(
     if related.is_finite() {
         return Ok(related);
     }
-    Err(NoValue::DivisionByZero { seed, agent, metric: measure.comparison.value.clone() })
+    Err(NoValue::DivisionByZero {
+        seed,
+        agent,
+        metric: measure.comparison.value.clone(),
+    })
 }
 
 impl Measure<'_> {
     /// The trials without those that end before the step of the column.
     pub(super) fn trained_for<'a>(&self, scope: &Scope<'a>) -> Scope<'a> {
-        let Some(step) = self.at_step else { return scope.clone() };
+        let Some(step) = self.at_step else {
+            return scope.clone();
+        };
         let reaches = |trial: &&&TrialResult| match self.curve(trial).as_slice() {
             [_, .., (last, _)] => !trial.is_ok() || *last >= step,
             _ => true,
         };
-        Scope { trials: scope.trials.iter().filter(reaches).copied().collect() }
+        Scope {
+            trials: scope.trials.iter().filter(reaches).copied().collect(),
+        }
     }
 
     fn curve(&self, trial: &TrialResult) -> Vec<(u64, f64)> {
@@ -60,31 +72,58 @@ impl Measure<'_> {
         let curve = self.curve(trial);
         let values: Vec<f64> = curve.iter().map(|(_, value)| *value).collect();
         match (&self.comparison.taken, self.at_step) {
-            (Taken::StepsUntilAbove { level, smooth }, _) => steps_until(*level, *smooth, &curve, &values, trial),
+            (Taken::StepsUntilAbove { level, smooth }, _) => {
+                steps_until(*level, *smooth, &curve, &values, trial)
+            }
             (Taken::Last(last), _) if !values.is_empty() => Ok(mean_of_last(*last, &values)),
             (Taken::AtSteps { of, .. }, Some(step)) if values.len() > 1 => {
                 match curve.partition_point(|(measured_at, _)| *measured_at <= step) {
-                    0 => Err(NoValue::NotMeasured { seed: trial.trial.key.seed, until: step }),
+                    0 => Err(NoValue::NotMeasured {
+                        seed: trial.trial.key.seed,
+                        until: step,
+                    }),
                     end => Ok(at_step(*of, &values[..end])),
                 }
             }
             // The only measurement during learning is the last one, whatever the step.
-            (Taken::AtSteps { of: AtStep::Last(last), .. }, _) if !values.is_empty() => Ok(mean_of_last(*last, &values)),
+            (
+                Taken::AtSteps {
+                    of: AtStep::Last(last),
+                    ..
+                },
+                _,
+            ) if !values.is_empty() => Ok(mean_of_last(*last, &values)),
             _ => self.at_the_end(trial),
         }
     }
 
     fn at_the_end(&self, trial: &TrialResult) -> Result<f64, NoValue> {
         let (seed, metric) = (trial.trial.key.seed, &self.comparison.value);
-        trial.mean(Phase::Final, metric).ok_or_else(|| NoValue::NotRecorded { seed, metric: metric.clone() })
+        trial
+            .mean(Phase::Final, metric)
+            .ok_or_else(|| NoValue::NotRecorded {
+                seed,
+                metric: metric.clone(),
+            })
     }
 }
 
-fn steps_until(level: f64, smooth: f64, curve: &[(u64, f64)], values: &[f64], trial: &TrialResult) -> Result<f64, NoValue> {
-    let passed = moving_average(values, smooth).iter().position(|average| *average > level);
+fn steps_until(
+    level: f64,
+    smooth: f64,
+    curve: &[(u64, f64)],
+    values: &[f64],
+    trial: &TrialResult,
+) -> Result<f64, NoValue> {
+    let passed = moving_average(values, smooth)
+        .iter()
+        .position(|average| *average > level);
     #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
     let steps = passed.map(|index| curve[index].0 as f64);
-    steps.ok_or(NoValue::NeverAbove { seed: trial.trial.key.seed, level })
+    steps.ok_or(NoValue::NeverAbove {
+        seed: trial.trial.key.seed,
+        level,
+    })
 }
 
 fn at_step(of: AtStep, values: &[f64]) -> f64 {
@@ -95,7 +134,11 @@ fn at_step(of: AtStep, values: &[f64]) -> f64 {
 }
 
 fn mean_of_last(last: u64, values: &[f64]) -> f64 {
-    mean(&values[values.len().saturating_sub(usize::try_from(last).unwrap_or(usize::MAX))..])
+    mean(
+        &values[values
+            .len()
+            .saturating_sub(usize::try_from(last).unwrap_or(usize::MAX))..],
+    )
 }
 
 impl Taken {
@@ -105,16 +148,31 @@ impl Taken {
             Taken::Final => value.into(),
             Taken::Last(last) => format!("{value}, mean of the last {last} measurements"),
             Taken::StepsUntilAbove { level, smooth } => {
-                format!("environment steps until the moving average (weight {smooth}) of {value} is above {level}")
+                format!(
+                    "environment steps until the moving average (weight {smooth}) of {value} is above {level}"
+                )
             }
-            Taken::AtSteps { of: AtStep::Last(last), .. } => {
-                format!("{value}, mean of the last {last} measurements until the environment steps of each column")
+            Taken::AtSteps {
+                of: AtStep::Last(last),
+                ..
+            } => {
+                format!(
+                    "{value}, mean of the last {last} measurements until the environment steps of each column"
+                )
             }
-            Taken::AtSteps { of: AtStep::Average(smooth), .. } if *smooth == 0.0 => {
+            Taken::AtSteps {
+                of: AtStep::Average(smooth),
+                ..
+            } if *smooth == 0.0 => {
                 format!("{value} after the environment steps of each column")
             }
-            Taken::AtSteps { of: AtStep::Average(smooth), .. } => {
-                format!("{value}, moving average (weight {smooth}) after the environment steps of each column")
+            Taken::AtSteps {
+                of: AtStep::Average(smooth),
+                ..
+            } => {
+                format!(
+                    "{value}, moving average (weight {smooth}) after the environment steps of each column"
+                )
             }
         }
     }

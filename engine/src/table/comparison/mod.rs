@@ -112,13 +112,21 @@ impl Comparison {
     /// How values are written: as given, else as a percentage where they are compared with an agent.
     #[must_use]
     pub fn resolved_form(&self) -> Form {
-        self.form.unwrap_or(if self.relative_to.is_some() { Form::PercentChange } else { Form::Value })
+        self.form.unwrap_or(if self.relative_to.is_some() {
+            Form::PercentChange
+        } else {
+            Form::Value
+        })
     }
 
     /// The steps that are the columns; none where the columns are something else.
     #[must_use]
     pub fn steps(&self) -> &[u64] {
-        if let Taken::AtSteps { steps, .. } = &self.taken { steps } else { &[] }
+        if let Taken::AtSteps { steps, .. } = &self.taken {
+            steps
+        } else {
+            &[]
+        }
     }
 }
 
@@ -132,7 +140,12 @@ impl Table for Comparison {
         Written::deserialize(value).ok()?.contradiction()
     }
 
-    fn check(&self, names: &mut Names<'_>, at: &Place<'_>, _: Option<&Place<'_>>) -> (Vec<String>, Vec<String>) {
+    fn check(
+        &self,
+        names: &mut Names<'_>,
+        at: &Place<'_>,
+        _: Option<&Place<'_>>,
+    ) -> (Vec<String>, Vec<String>) {
         check::comparison(self, names, at)
     }
 
@@ -176,7 +189,12 @@ impl Table for Improvement {
         Comparison::contradiction(value)
     }
 
-    fn check(&self, names: &mut Names<'_>, at: &Place<'_>, _: Option<&Place<'_>>) -> (Vec<String>, Vec<String>) {
+    fn check(
+        &self,
+        names: &mut Names<'_>,
+        at: &Place<'_>,
+        _: Option<&Place<'_>>,
+    ) -> (Vec<String>, Vec<String>) {
         if self.0.relative_to.is_none() && !check::is_relative(&self.0) {
             check::without_reference(names, at);
         }

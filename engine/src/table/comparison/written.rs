@@ -62,9 +62,19 @@ impl Written {
     /// An option that another one excludes, as the first to be removed.
     pub(super) fn contradiction(&self) -> Option<Contradiction> {
         let (over_steps, until) = (!self.at_steps.is_empty(), self.steps_until_above.is_some());
-        let found = |key, message: String, help| Some(Contradiction { at: vec![key], message, help });
+        let found = |key, message: String, help| {
+            Some(Contradiction {
+                at: vec![key],
+                message,
+                help,
+            })
+        };
         if self.smooth.is_some() && !until && !over_steps {
-            return found("smooth", "`smooth` has no effect without `steps_until_above` or `at_steps`".into(), "");
+            return found(
+                "smooth",
+                "`smooth` has no effect without `steps_until_above` or `at_steps`".into(),
+                "",
+            );
         }
         let kinds = [
             ("at_steps", over_steps && until),
@@ -72,12 +82,22 @@ impl Written {
             ("steps_until_above", until),
             ("last", self.last.is_some()),
         ];
-        let given: Vec<&'static str> = kinds.into_iter().filter(|(_, given)| *given).map(|(kind, _)| kind).collect();
+        let given: Vec<&'static str> = kinds
+            .into_iter()
+            .filter(|(_, given)| *given)
+            .map(|(kind, _)| kind)
+            .collect();
         match given.as_slice() {
-            [first, .., last] => found(last, format!("`{last}` and `{first}` are two different values"), "remove one of the two"),
-            _ if over_steps && self.columns.is_some() => {
-                found("columns", "the steps of `at_steps` are the columns".into(), "remove one of the two")
-            }
+            [first, .., last] => found(
+                last,
+                format!("`{last}` and `{first}` are two different values"),
+                "remove one of the two",
+            ),
+            _ if over_steps && self.columns.is_some() => found(
+                "columns",
+                "the steps of `at_steps` are the columns".into(),
+                "remove one of the two",
+            ),
             _ => None,
         }
     }
@@ -85,10 +105,16 @@ impl Written {
     fn taken(&self) -> Taken {
         let weight = |usual| self.smooth.unwrap_or(usual);
         match (self.steps_until_above, self.last) {
-            (Some(level), _) => Taken::StepsUntilAbove { level, smooth: weight(WEIGHT_UNTIL_ABOVE) },
+            (Some(level), _) => Taken::StepsUntilAbove {
+                level,
+                smooth: weight(WEIGHT_UNTIL_ABOVE),
+            },
             (None, last) if !self.at_steps.is_empty() => {
                 let of = last.map_or(AtStep::Average(weight(WEIGHT_AT_STEPS)), AtStep::Last);
-                Taken::AtSteps { steps: self.at_steps.clone(), of }
+                Taken::AtSteps {
+                    steps: self.at_steps.clone(),
+                    of,
+                }
             }
             (None, Some(last)) => Taken::Last(last),
             (None, None) => Taken::Final,
@@ -101,14 +127,31 @@ impl Written {
         let weight = |smooth: f64, usual: f64| Some(smooth).filter(|smooth| *smooth != usual);
         match taken {
             Taken::Final => self,
-            Taken::Last(last) => Self { last: Some(last), ..self },
-            Taken::StepsUntilAbove { level, smooth } => {
-                Self { steps_until_above: Some(level), smooth: weight(smooth, WEIGHT_UNTIL_ABOVE), ..self }
-            }
-            Taken::AtSteps { steps, of: AtStep::Last(last) } => Self { at_steps: steps, last: Some(last), ..self },
-            Taken::AtSteps { steps, of: AtStep::Average(smooth) } => {
-                Self { at_steps: steps, smooth: weight(smooth, WEIGHT_AT_STEPS), ..self }
-            }
+            Taken::Last(last) => Self {
+                last: Some(last),
+                ..self
+            },
+            Taken::StepsUntilAbove { level, smooth } => Self {
+                steps_until_above: Some(level),
+                smooth: weight(smooth, WEIGHT_UNTIL_ABOVE),
+                ..self
+            },
+            Taken::AtSteps {
+                steps,
+                of: AtStep::Last(last),
+            } => Self {
+                at_steps: steps,
+                last: Some(last),
+                ..self
+            },
+            Taken::AtSteps {
+                steps,
+                of: AtStep::Average(smooth),
+            } => Self {
+                at_steps: steps,
+                smooth: weight(smooth, WEIGHT_AT_STEPS),
+                ..self
+            },
         }
     }
 }
@@ -182,17 +225,54 @@ mod tests {
         let cases = [
             (json!({}), Taken::Final),
             (json!({"last": 5}), Taken::Last(5)),
-            (json!({"steps_until_above": 3.0}), Taken::StepsUntilAbove { level: 3.0, smooth: 0.9 }),
-            (json!({"steps_until_above": 3.0, "smooth": 0.5}), Taken::StepsUntilAbove { level: 3.0, smooth: 0.5 }),
-            (json!({"at_steps": [1, 2]}), Taken::AtSteps { steps: vec![1, 2], of: AtStep::Average(0.0) }),
-            (json!({"at_steps": [1], "smooth": 0.5}), Taken::AtSteps { steps: vec![1], of: AtStep::Average(0.5) }),
-            (json!({"at_steps": [1], "last": 2}), Taken::AtSteps { steps: vec![1], of: AtStep::Last(2) }),
+            (
+                json!({"steps_until_above": 3.0}),
+                Taken::StepsUntilAbove {
+                    level: 3.0,
+                    smooth: 0.9,
+                },
+            ),
+            (
+                json!({"steps_until_above": 3.0, "smooth": 0.5}),
+                Taken::StepsUntilAbove {
+                    level: 3.0,
+                    smooth: 0.5,
+                },
+            ),
+            (
+                json!({"at_steps": [1, 2]}),
+                Taken::AtSteps {
+                    steps: vec![1, 2],
+                    of: AtStep::Average(0.0),
+                },
+            ),
+            (
+                json!({"at_steps": [1], "smooth": 0.5}),
+                Taken::AtSteps {
+                    steps: vec![1],
+                    of: AtStep::Average(0.5),
+                },
+            ),
+            (
+                json!({"at_steps": [1], "last": 2}),
+                Taken::AtSteps {
+                    steps: vec![1],
+                    of: AtStep::Last(2),
+                },
+            ),
         ];
         for (options, taken) in cases {
             let comparison = read(options.clone()).unwrap();
             assert_eq!(comparison.taken, taken);
             let written = json!(comparison);
-            assert!(options.as_object().unwrap().iter().all(|(key, value)| written[key] == *value), "{written}");
+            assert!(
+                options
+                    .as_object()
+                    .unwrap()
+                    .iter()
+                    .all(|(key, value)| written[key] == *value),
+                "{written}"
+            );
             assert_eq!(read(written).unwrap(), comparison);
         }
     }
@@ -204,12 +284,18 @@ mod tests {
             message(json!({"last": 5, "steps_until_above": 3})),
             "`last` and `steps_until_above` are two different values"
         );
-        assert_eq!(message(json!({"at_steps": [1], "smooth": 0.5, "last": 2})), "`last` and `smooth` are two different values");
+        assert_eq!(
+            message(json!({"at_steps": [1], "smooth": 0.5, "last": 2})),
+            "`last` and `smooth` are two different values"
+        );
         assert_eq!(
             message(json!({"at_steps": [1], "steps_until_above": 2})),
             "`steps_until_above` and `at_steps` are two different values"
         );
         assert!(message(json!({"smooth": 0.5})).starts_with("`smooth` has no effect without"));
-        assert_eq!(message(json!({"at_steps": [1], "columns": "agent"})), "the steps of `at_steps` are the columns");
+        assert_eq!(
+            message(json!({"at_steps": [1], "columns": "agent"})),
+            "the steps of `at_steps` are the columns"
+        );
     }
 }

@@ -1,8 +1,10 @@
-//! Networks that treat assets alike: permuting the assets permutes the shares of the policy and leaves the value of the critic.
+//! Networks that treat assets alike: permuting the assets permutes the shares of the policy and leaves the
+//! value of the critic.
 //!
-//! Zaheer et al. 2017, "Deep sets", arXiv:1703.06114. One small network, the same for every asset, reads the asset's own channels, their
-//! means over all assets and the channels that belong to none; what it gives out is pooled over the assets, and a second network reads
-//! own and pooled features. What is learned of one asset is so learned of all, which matters more the more assets there are.
+//! Zaheer et al. 2017, "Deep sets", arXiv:1703.06114. One small network, the same for every asset, reads the
+//! asset's own channels, their means over all assets and the channels that belong to none; what it gives out
+//! is pooled over the assets, and a second network reads own and pooled features. What is learned of one
+//! asset is so learned of all, which matters more the more assets there are.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -51,10 +53,16 @@ impl AssetChannels {
             }
         }
         if blocks.is_empty() {
-            let problem = format!("`network: equivariant` needs channels that are numbered from 1 to {n_assets}, one per share");
+            let problem = format!(
+                "`network: equivariant` needs channels that are numbered from 1 to {n_assets}, one per share"
+            );
             return Err(seat::mismatch(agent, problem));
         }
-        Ok(Self { n_assets, blocks, common })
+        Ok(Self {
+            n_assets,
+            blocks,
+            common,
+        })
     }
 
     /// Own, mean and common features of each asset, with `more` own ones: `[batch * assets, features]`.
@@ -64,43 +72,68 @@ impl AssetChannels {
         let spread = |column: Tensor<2>| column.expand([batch, self.n_assets]).reshape([rows, 1]);
         let mut columns = Vec::new();
         for &first in &self.blocks {
-            let block = observations.clone().slice([0..batch, first..first + self.n_assets]);
+            let block = observations
+                .clone()
+                .slice([0..batch, first..first + self.n_assets]);
             columns.push(spread(block.clone().mean_dim(1)));
             columns.push(block.reshape([rows, 1]));
         }
         for &channel in &self.common {
-            columns.push(spread(observations.clone().slice([0..batch, channel..channel + 1])));
+            columns.push(spread(
+                observations.clone().slice([0..batch, channel..channel + 1]),
+            ));
         }
         columns.extend(more.map(|block| block.reshape([rows, 1])));
         Tensor::cat(columns, 1)
     }
 
-    /// A policy's file, if its network acts on these channels: on as many assets, or on another number with the same words for the
-    /// blocks of channels and the same common ones. What is typical of a channel is then that of these assets.
+    /// A policy's file, if its network acts on these channels: on as many assets, or on another number with
+    /// the same words for the blocks of channels and the same common ones. What is typical of a channel is
+    /// then that of these assets.
     ///
     /// # Errors
     /// As [`checkpoint::read_policy`].
-    pub fn policy_file(&self, agent: &'static str, dir: &Path, ports: &Ports, head: Head) -> Result<TensorFile, Error> {
+    pub fn policy_file(
+        &self,
+        agent: &'static str,
+        dir: &Path,
+        ports: &Ports,
+        head: Head,
+    ) -> Result<TensorFile, Error> {
         let file = TensorFile::read(&dir.join(FILE_NAME)).map_err(checkpoint::error_of(agent))?;
         if file.header["n_assets"] == json!(self.n_assets) {
             return checkpoint::read_policy(agent, dir, ports, head);
         }
         let inputs: Vec<String> = serde_json::from_value(file.header["inputs"].clone()).unwrap_or_default();
         let places = |key: &str| serde_json::from_value(file.header[key].clone()).unwrap_or_default();
-        let theirs = Self { n_assets: 0, blocks: places("blocks"), common: places("common") }.words(&inputs);
+        let theirs = Self {
+            n_assets: 0,
+            blocks: places("blocks"),
+            common: places("common"),
+        }
+        .words(&inputs);
         let ours = self.words(&ports.inputs);
         if theirs == ours && file.header["head"] == json!(head) {
             return Ok(file);
         }
-        let problem = format!("the policy reads {} for each asset, here there are {}", theirs.join(", "), ours.join(", "));
+        let problem = format!(
+            "the policy reads {} for each asset, here there are {}",
+            theirs.join(", "),
+            ours.join(", ")
+        );
         Err(Error::Checkpoint { what: agent, problem })
     }
 
     /// What is observed of an asset and of none, without numbers of assets.
     fn words(&self, inputs: &[String]) -> Vec<String> {
         let name = |place: &usize| inputs.get(*place).map_or("", String::as_str);
-        let of_assets = self.blocks.iter().map(|first| name(first).trim_end_matches("_1").to_owned());
-        of_assets.chain(self.common.iter().map(|place| format!("{} of none", name(place)))).collect()
+        let of_assets = self
+            .blocks
+            .iter()
+            .map(|first| name(first).trim_end_matches("_1").to_owned());
+        of_assets
+            .chain(self.common.iter().map(|place| format!("{} of none", name(place))))
+            .collect()
     }
 
     fn n_features(&self) -> usize {
@@ -110,21 +143,29 @@ impl AssetChannels {
     /// Mean over the assets: `[batch * assets, width]` to `[batch, width]`.
     fn pool(&self, features: Tensor<2>) -> Tensor<2> {
         let [rows, width] = features.dims();
-        features.reshape([rows / self.n_assets, self.n_assets, width]).mean_dim(1).reshape([rows / self.n_assets, width])
+        features
+            .reshape([rows / self.n_assets, self.n_assets, width])
+            .mean_dim(1)
+            .reshape([rows / self.n_assets, width])
     }
 
     /// The pooled features beside each asset's own: `[batch * assets, 2 width]`.
     fn beside(&self, features: Tensor<2>) -> Tensor<2> {
         let [rows, width] = features.dims();
         let batch = rows / self.n_assets;
-        let pooled = self.pool(features.clone()).reshape([batch, 1, width]).expand([batch, self.n_assets, width]);
+        let pooled =
+            self.pool(features.clone())
+                .reshape([batch, 1, width])
+                .expand([batch, self.n_assets, width]);
         Tensor::cat(vec![features, pooled.reshape([rows, width])], 1)
     }
 }
 
 fn begins_block(channels: &[Channel], n_assets: usize) -> bool {
     let word = |channel: &Channel| channel.name.rsplit_once('_').map(|(word, _)| word.to_owned());
-    let Some(first) = channels.first().and_then(word) else { return false };
+    let Some(first) = channels.first().and_then(word) else {
+        return false;
+    };
     let fits = |(index, channel): (usize, &Channel)| channel.name == format!("{first}_{}", index + 1);
     channels.len() >= n_assets && channels.iter().take(n_assets).enumerate().all(fits)
 }
@@ -137,7 +178,8 @@ pub struct AssetPolicy {
 }
 
 impl AssetPolicy {
-    /// One hidden layer of `width` in the encoder and one in the head; between them `width` linear features, which are pooled.
+    /// One hidden layer of `width` in the encoder and one in the head; between them `width` linear features,
+    /// which are pooled.
     pub fn new(channels: &AssetChannels, width: usize, rng: &mut impl RngCore, device: &Device) -> Self {
         let (encoder, head) = ([channels.n_features(), width, width], [2 * width, width, 1]);
         Self {
@@ -149,20 +191,33 @@ impl AssetPolicy {
     /// Writes the policy for other programs: the tensors `encoder.*` and `head.*` of the two networks, each
     /// `x W + b` with a leaky rectifier (0.01) between its two layers, and a JSON header.
     ///
-    /// The header's `blocks` are the first channels of the blocks, `common` the channels of no asset. Features of asset i: for each
-    /// block its mean and its i-th channel, then the common channels. The head reads the encoder's output of the asset and its mean
-    /// over the assets.
+    /// The header's `blocks` are the first channels of the blocks, `common` the channels of no asset.
+    /// Features of asset i: for each block its mean and its i-th channel, then the common channels. The head
+    /// reads the encoder's output of the asset and its mean over the assets.
     ///
     /// # Errors
     /// [`TensorFileError::File`] where the system refuses.
-    pub fn write(&self, channels: &AssetChannels, ports: &Ports, head: Head, dir: &Path) -> Result<(), TensorFileError> {
+    pub fn write(
+        &self,
+        channels: &AssetChannels,
+        ports: &Ports,
+        head: Head,
+        dir: &Path,
+    ) -> Result<(), TensorFileError> {
         let mut file = TensorFile::default();
         store(&self.encoder, "encoder", &mut file);
         store(&self.head, "head", &mut file);
-        let Ports { inputs, center, spread, outputs } = ports;
+        let Ports {
+            inputs,
+            center,
+            spread,
+            outputs,
+        } = ports;
         file.header = json!({
-            "format": 1, "architecture": "equivariant", "head": head, "n_assets": channels.n_assets, "blocks": channels.blocks,
-            "common": channels.common, "inputs": inputs, "center": center, "spread": spread, "outputs": outputs,
+            "format": 1, "architecture": "equivariant", "head": head, "n_assets": channels.n_assets,
+            "blocks": channels.blocks,
+            "common": channels.common, "inputs": inputs, "center": center, "spread": spread,
+            "outputs": outputs,
         });
         file.write(&dir.join(FILE_NAME))
     }
@@ -172,7 +227,10 @@ impl AssetPolicy {
     /// # Errors
     /// [`TensorFileError`] where one is missing or has another shape.
     pub fn read(self, file: &TensorFile) -> Result<Self, TensorFileError> {
-        Ok(Self { encoder: restore(self.encoder, "encoder", file)?, head: restore(self.head, "head", file)? })
+        Ok(Self {
+            encoder: restore(self.encoder, "encoder", file)?,
+            head: restore(self.head, "head", file)?,
+        })
     }
 
     /// `[batch, observed]` to `[batch, assets]`.
@@ -180,7 +238,9 @@ impl AssetPolicy {
     pub fn forward(&self, channels: &AssetChannels, observations: &Tensor<2>) -> Tensor<2> {
         let own = self.encoder.forward(channels.features(observations, None));
         let batch = observations.dims()[0];
-        self.head.forward(channels.beside(own)).reshape([batch, channels.n_assets])
+        self.head
+            .forward(channels.beside(own))
+            .reshape([batch, channels.n_assets])
     }
 }
 
@@ -192,7 +252,8 @@ pub struct AssetCritic {
 }
 
 impl AssetCritic {
-    /// One hidden layer of `width` in the encoder and one in the head; between them `width` linear features, which are pooled.
+    /// One hidden layer of `width` in the encoder and one in the head; between them `width` linear features,
+    /// which are pooled.
     pub fn new(channels: &AssetChannels, width: usize, rng: &mut impl RngCore, device: &Device) -> Self {
         let (encoder, head) = ([channels.n_features() + 1, width, width], [width, width, 1]);
         Self {
@@ -203,8 +264,15 @@ impl AssetCritic {
 
     /// `[batch, observed]` and `[batch, assets]` to `[batch, 1]`.
     #[must_use]
-    pub fn forward(&self, channels: &AssetChannels, observations: &Tensor<2>, action: Tensor<2>) -> Tensor<2> {
-        let own = self.encoder.forward(channels.features(observations, Some(action)));
+    pub fn forward(
+        &self,
+        channels: &AssetChannels,
+        observations: &Tensor<2>,
+        action: Tensor<2>,
+    ) -> Tensor<2> {
+        let own = self
+            .encoder
+            .forward(channels.features(observations, Some(action)));
         self.head.forward(channels.pool(own))
     }
 }
@@ -218,14 +286,27 @@ mod tests {
     const N: usize = 3;
 
     fn channels() -> AssetChannels {
-        let names = ["voltage_1", "voltage_2", "voltage_3", "current_1", "current_2", "current_3", "power_demand_w"];
+        let names = [
+            "voltage_1",
+            "voltage_2",
+            "voltage_3",
+            "current_1",
+            "current_2",
+            "current_3",
+            "power_demand_w",
+        ];
         let channels: Vec<Channel> = names.into_iter().map(|name| Channel::new(name, "")).collect();
         AssetChannels::find("test", &channels, N).unwrap()
     }
 
     /// Two observations of one pack: the second has its assets in the order 3, 1, 2.
     fn observations() -> Tensor<2> {
-        matrix(vec![0.1, 0.5, -0.4, 1.0, -1.0, 0.3, 0.7, -0.4, 0.1, 0.5, 0.3, 1.0, -1.0, 0.7], 7)
+        matrix(
+            vec![
+                0.1, 0.5, -0.4, 1.0, -1.0, 0.3, 0.7, -0.4, 0.1, 0.5, 0.3, 1.0, -1.0, 0.7,
+            ],
+            7,
+        )
     }
 
     fn close(left: f32, right: f32) -> bool {
@@ -234,16 +315,29 @@ mod tests {
 
     #[test]
     fn blocks_and_common_channels_are_told_apart() {
-        assert_eq!(channels(), AssetChannels { n_assets: N, blocks: vec![0, 3], common: vec![6] });
+        assert_eq!(
+            channels(),
+            AssetChannels {
+                n_assets: N,
+                blocks: vec![0, 3],
+                common: vec![6]
+            }
+        );
         let unnumbered = [Channel::new("constant", "")];
-        assert!(matches!(AssetChannels::find("test", &unnumbered, N), Err(Error::Mismatch { .. })));
+        assert!(matches!(
+            AssetChannels::find("test", &unnumbered, N),
+            Err(Error::Mismatch { .. })
+        ));
     }
 
     #[test]
     fn permuted_assets_get_permuted_shares() {
         let policy = AssetPolicy::new(&channels(), 8, &mut stream(&["policy"]), &device());
         let out = values(policy.forward(&channels(), &observations()));
-        assert!(close(out[3], out[2]) && close(out[4], out[0]) && close(out[5], out[1]), "{out:?}");
+        assert!(
+            close(out[3], out[2]) && close(out[4], out[0]) && close(out[5], out[1]),
+            "{out:?}"
+        );
         assert!(!close(out[0], out[1]), "{out:?}");
     }
 
@@ -254,6 +348,9 @@ mod tests {
         let out = values(critic.forward(&channels(), &observations(), action));
         assert!(close(out[0], out[1]), "{out:?}");
         let moved = matrix(vec![0.3, 0.2, 0.5, 0.5, 0.3, 0.2], N);
-        assert!(!close(values(critic.forward(&channels(), &observations(), moved))[0], out[0]));
+        assert!(!close(
+            values(critic.forward(&channels(), &observations(), moved))[0],
+            out[0]
+        ));
     }
 }

@@ -35,7 +35,8 @@ pub struct Config {
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 3.1"))]
     pub target_smoothing: f64,
     /// Updates per environment step, all environments counted; below 1 for more data per update.
-    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "pilot study, 16 per 256 steps; thesis, table 3.1: 1"))]
+    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "pilot study, 16 per 256 steps; thesis, \
+                                                                  table 3.1: 1"))]
     pub updates_per_step: f64,
     /// Whether the networks are fully connected or treat assets alike.
     pub network: NetworkKind,
@@ -75,7 +76,8 @@ pub struct Config {
     /// Largest concentration of one share, or null for no limit.
     #[schemars(range(min = 1.0))]
     pub concentration_cap: Option<f64>,
-    /// Networks to begin from in place of fresh ones: policy, critics and temperature of another trial. Optimisers and replay are new.
+    /// Networks to begin from in place of fresh ones: policy, critics and temperature of another trial.
+    /// Optimisers and replay are new.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start: Option<Product<Networks>>,
 }
@@ -165,7 +167,11 @@ impl engine::Config for Config {
             "critic_action_scaling": "none",
         });
         let about = "thesis, table 3.1, as printed; observations stay scaled, on which the text is silent";
-        vec![Preset { name: "thesis", about, values }]
+        vec![Preset {
+            name: "thesis",
+            about,
+            values,
+        }]
     }
 }
 
@@ -188,13 +194,25 @@ mod tests {
 
     #[test]
     fn targets_by_hand() {
-        let concentration = |c: f64, n| Config { target_concentration: c, ..Config::default() }.target_nats(n);
+        let concentration = |c: f64, n| {
+            Config {
+                target_concentration: c,
+                ..Config::default()
+            }
+            .target_nats(n)
+        };
         // The uniform distribution on the simplex of N shares has the density Gamma(N).
         assert!((concentration(1.0, 4) + 6f64.ln()).abs() < 1e-12);
         assert!((concentration(1.0, 8) + 5040f64.ln()).abs() < 1e-11);
         // Beta(2, 2) has the density 6 x (1 - x) and the entropy 5/3 - ln 6.
         assert!((concentration(2.0, 2) - (5.0 / 3.0 - 6f64.ln())).abs() < 1e-12);
-        let entropy = |target| Config { target_entropy: Some(target), ..Config::default() }.target_nats(4);
+        let entropy = |target| {
+            Config {
+                target_entropy: Some(target),
+                ..Config::default()
+            }
+            .target_nats(4)
+        };
         assert_eq!(entropy(TargetEntropy::MinusSqrtD), -2.0);
         assert_eq!(entropy(TargetEntropy::Nats(-3.5)), -3.5);
     }
@@ -202,10 +220,25 @@ mod tests {
     #[test]
     fn targets_are_written_as_words_or_maps() {
         let read = |text: &str| serde_json::from_str::<Config>(text);
-        assert_eq!(read(r#"{"target_entropy": {"nats": -3}}"#).unwrap().target_entropy, Some(TargetEntropy::Nats(-3.0)));
-        assert_eq!(read(r#"{"target_entropy": "minus_sqrt_d"}"#).unwrap().target_entropy, Some(TargetEntropy::MinusSqrtD));
+        assert_eq!(
+            read(r#"{"target_entropy": {"nats": -3}}"#)
+                .unwrap()
+                .target_entropy,
+            Some(TargetEntropy::Nats(-3.0))
+        );
+        assert_eq!(
+            read(r#"{"target_entropy": "minus_sqrt_d"}"#)
+                .unwrap()
+                .target_entropy,
+            Some(TargetEntropy::MinusSqrtD)
+        );
         assert!(read(r#"{"target_entropie": "minus_sqrt_d"}"#).is_err());
         let preset = &<Config as engine::Config>::presets()[0];
-        assert_eq!(serde_json::from_value::<Config>(preset.values.clone()).unwrap().batch_size, 1024);
+        assert_eq!(
+            serde_json::from_value::<Config>(preset.values.clone())
+                .unwrap()
+                .batch_size,
+            1024
+        );
     }
 }

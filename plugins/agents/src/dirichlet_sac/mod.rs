@@ -1,7 +1,8 @@
 //! Soft actor-critic with a Dirichlet policy: actions are shares on a simplex.
 //!
-//! Thesis, section 3.4 (equations are its); Haarnoja et al. 2018, "Soft actor-critic algorithms and applications",
-//! arXiv:1812.05905, for the automatic temperature; Fujimoto et al. 2018, arXiv:1802.09477, for the lower of two critics.
+//! Thesis, section 3.4 (equations are its); Haarnoja et al. 2018, "Soft actor-critic algorithms and
+//! applications", arXiv:1812.05905, for the automatic temperature; Fujimoto et al. 2018, arXiv:1802.09477,
+//! for the lower of two critics.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -15,18 +16,20 @@
 //! | gamma, tau, d | `discount`, `target_smoothing`, number of shares | scalars |
 //!
 //! Departures from the thesis
-//! - The target entropy is stated as a concentration: the printed `-sqrt(d)` is close to or above the largest entropy of a
-//!   policy with `alpha >= 1` (`preset: thesis` keeps it).
-//! - Defaults that the pilot study found to learn: batch of 256, one update per 16 environment steps, a first temperature of
-//!   0.1, critics that see `N a - 1`. The text gives no first temperature, no temperature rate and no scaling of observations.
-//! - The temperature is exp of a number that descends `-(log pi + target)`, the form of the authors' code of SAC, which
-//!   under Adam takes the same steps as equation 18 of that paper up to the scale of the gradient.
+//! - The target entropy is stated as a concentration: the printed `-sqrt(d)` is close to or above the largest
+//!   entropy of a policy with `alpha >= 1` (`preset: thesis` keeps it).
+//! - Defaults that the pilot study found to learn: batch of 256, one update per 16 environment steps, a first
+//!   temperature of 0.1, critics that see `N a - 1`. The text gives no first temperature, no temperature rate
+//!   and no scaling of observations.
+//! - The temperature is exp of a number that descends `-(log pi + target)`, the form of the authors' code of
+//!   SAC, which under Adam takes the same steps as equation 18 of that paper up to the scale of the gradient.
 //! - Terminal steps do not bootstrap: equation 3.17 is written for a process without end.
-//! - Policy: three hidden layers; the second has tanh, the others leaky rectifiers (section 3.4.3 names the first two).
+//! - Policy: three hidden layers; the second has tanh, the others leaky rectifiers (section 3.4.3 names the
+//!   first two).
 //!
-//! Metrics, means over the updates since the last measurement: `critic_loss` eq. 3.16 summed over both critics,
-//! `policy_loss` eq. 3.18, `policy_entropy` `-mean(log pi)`, `temperature` beta, `mean_concentration` mean of alpha,
-//! `mean_value` mean of the lower critic at the policy's actions.
+//! Metrics, means over the updates since the last measurement: `critic_loss` eq. 3.16 summed over both
+//! critics, `policy_loss` eq. 3.18, `policy_entropy` `-mean(log pi)`, `temperature` beta,
+//! `mean_concentration` mean of alpha, `mean_value` mean of the lower critic at the policy's actions.
 
 mod asset_network;
 mod config;
@@ -44,8 +47,8 @@ use crate::shared::{allocation, seat};
 use burn::module::Module;
 use burn::tensor::Tensor;
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
-    UseOfDatasets,
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates, UseOfDatasets,
 };
 use numerics::dirichlet_policy::{log_density, sample};
 use numerics::network::{device, matrix, softplus, values};
@@ -98,7 +101,12 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic with a Dirichlet policy";
     // Off the policy: a replay buffer does not ask who decided.
     let datasets = UseOfDatasets::Also;
-    let traits = AgentTraits { learns: true, metrics: metrics(), datasets, ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        datasets,
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -113,12 +121,25 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
 /// What [`DirichletSac::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![
-        Metric::new("critic_loss", "", "half the squared error of both critics, eq. 3.16").lower_is_better(),
+        Metric::new(
+            "critic_loss",
+            "",
+            "half the squared error of both critics, eq. 3.16",
+        )
+        .lower_is_better(),
         Metric::new("policy_loss", "", "beta log pi less the lower critic, eq. 3.18").lower_is_better(),
-        Metric::new("policy_entropy", "nat", "minus the mean log density of sampled actions"),
+        Metric::new(
+            "policy_entropy",
+            "nat",
+            "minus the mean log density of sampled actions",
+        ),
         Metric::new("temperature", "", "weight beta of the entropy").lower_is_better(),
         Metric::new("mean_concentration", "", "mean concentration alpha of a share"),
-        Metric::new("mean_value", "", "mean of the lower critic at the policy's actions"),
+        Metric::new(
+            "mean_value",
+            "",
+            "mean of the lower critic at the policy's actions",
+        ),
     ]
 }
 
@@ -149,7 +170,9 @@ impl DirichletSac {
             shares,
         };
         if let Some(start) = agent.config.start.clone() {
-            agent.begin_from(start.folder()?).map_err(|error| Error::config("start", error.to_string()))?;
+            agent
+                .begin_from(start.folder()?)
+                .map_err(|error| Error::config("start", error.to_string()))?;
         }
         Ok(agent)
     }
@@ -157,10 +180,14 @@ impl DirichletSac {
     /// Takes over networks and temperature that another trial left; optimisers and replay stay new.
     fn begin_from(&mut self, dir: &Path) -> Result<(), TensorFileError> {
         let file = TensorFile::read(&dir.join(NETWORKS_FILE))?;
-        self.policy.set_network(restore(self.policy.network().clone(), "policy", &file)?);
-        self.critics.set_network(restore(self.critics.network().clone(), "critics", &file)?);
+        self.policy
+            .set_network(restore(self.policy.network().clone(), "policy", &file)?);
+        self.critics
+            .set_network(restore(self.critics.network().clone(), "critics", &file)?);
         self.target_critics = restore(self.target_critics.clone(), "target_critics", &file)?;
-        self.log_temperature = file.header["log_temperature"].as_f64().unwrap_or(self.log_temperature);
+        self.log_temperature = file.header["log_temperature"]
+            .as_f64()
+            .unwrap_or(self.log_temperature);
         Ok(())
     }
 
@@ -190,7 +217,10 @@ impl DirichletSac {
         let target = self.soft_target(batch, rng)?;
         let (q1, q2) = self.q_values(self.critics.network(), &batch.observations, batch.actions.clone());
         let loss = half_squared_error(q1, target.clone()) + half_squared_error(q2, target);
-        record.mean("critic_loss", finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
+        record.mean(
+            "critic_loss",
+            finite("critic_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+        );
         self.critics.descend(&loss);
         Ok(())
     }
@@ -202,15 +232,27 @@ impl DirichletSac {
         let next = sample(alpha.clone(), rng);
         let log_pi = log_density(alpha, next.log_action);
         let (q1, q2) = self.q_values(&self.target_critics, &batch.next_observations, next.action);
-        let shift = if self.config.shifted_entropy_bonus { self.target_entropy } else { 0.0 };
+        let shift = if self.config.shifted_entropy_bonus {
+            self.target_entropy
+        } else {
+            0.0
+        };
         let soft_value = q1.min_pair(q2) - (log_pi + shift) * self.temperature();
-        Ok(bootstrapped(batch.rewards.clone(), batch.continues.clone(), soft_value, self.config.discount))
+        Ok(bootstrapped(
+            batch.rewards.clone(),
+            batch.continues.clone(),
+            soft_value,
+            self.config.discount,
+        ))
     }
 
     /// One step against eq. 3.18; returns the mean of `log pi`.
     fn update_policy(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<f64, Error> {
         let (loss, parts) = self.policy_loss(&batch.observations, rng)?;
-        record.mean("policy_loss", finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?);
+        record.mean(
+            "policy_loss",
+            finite("policy_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+        );
         self.policy.descend(&loss);
         record.mean("policy_entropy", -parts.log_pi);
         record.mean("mean_concentration", parts.concentration);
@@ -220,7 +262,11 @@ impl DirichletSac {
     }
 
     /// Eq. 3.18: `beta log pi - Q` at reparameterised samples, and the means it is made of.
-    fn policy_loss(&self, observations: &Tensor<2>, rng: &mut Rng) -> Result<(Tensor<1>, PolicyMeans), Error> {
+    fn policy_loss(
+        &self,
+        observations: &Tensor<2>,
+        rng: &mut Rng,
+    ) -> Result<(Tensor<1>, PolicyMeans), Error> {
         let alpha = self.concentrations(self.policy.network(), observations);
         // The sampler has no answer for a concentration that is not finite.
         let concentration = finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
@@ -231,7 +277,14 @@ impl DirichletSac {
         let q = q1.min_pair(q2);
         let loss = (log_pi.clone() * self.temperature() - q.clone()).mean();
         let (log_pi, value) = (f64::from(mean(log_pi)), f64::from(mean(q)));
-        Ok((loss, PolicyMeans { log_pi, concentration, value }))
+        Ok((
+            loss,
+            PolicyMeans {
+                log_pi,
+                concentration,
+                value,
+            },
+        ))
     }
 
     /// The temperature rises where the entropy `-mean_log_pi` is below its target.
@@ -254,7 +307,12 @@ impl DirichletSac {
     }
 
     #[allow(clippy::cast_precision_loss, reason = "a number of shares is far below 2^52")]
-    fn q_values(&self, critics: &Critics, observations: &Tensor<2>, action: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
+    fn q_values(
+        &self,
+        critics: &Critics,
+        observations: &Tensor<2>,
+        action: Tensor<2>,
+    ) -> (Tensor<2>, Tensor<2>) {
         let action = match self.config.critic_action_scaling {
             ActionScaling::Centred => action * (self.shares.len() as f64) - 1.0,
             ActionScaling::None => action,
@@ -269,8 +327,14 @@ impl DirichletSac {
         }
     }
 
-    /// Rows of positive weights: a sample in training, the mean or the mode (up to their sum) where actions are scored.
-    fn weights(&self, observations: &Tensor<2>, mode: Mode, rng: &mut impl RngCore) -> Result<Vec<f32>, Error> {
+    /// Rows of positive weights: a sample in training, the mean or the mode (up to their sum) where actions
+    /// are scored.
+    fn weights(
+        &self,
+        observations: &Tensor<2>,
+        mode: Mode,
+        rng: &mut impl RngCore,
+    ) -> Result<Vec<f32>, Error> {
         let alpha = self.concentrations(&self.policy.network().valid(), observations);
         finite("concentration", self.schedule.n_steps(), mean(alpha.clone()))?;
         Ok(values(match (mode, self.config.evaluation_action) {
@@ -283,24 +347,42 @@ impl DirichletSac {
 
 impl Agent for DirichletSac {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
+        let scaled = observations
+            .iter()
+            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
+            .collect();
         let weights = self.weights(&matrix(scaled, self.scaling.n_channels()), mode, rng)?;
         allocation::actions(&weights, self.shares.len(), self.schedule.n_steps())
     }
 
-    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
         for transition in transitions {
             self.replay.push_scaled(transition, &self.scaling);
         }
-        let Config { learning_starts, updates_per_step, .. } = self.config;
-        for _ in 0..self.schedule.advance(transitions.len(), learning_starts, updates_per_step) {
+        let Config {
+            learning_starts,
+            updates_per_step,
+            ..
+        } = self.config;
+        for _ in 0..self
+            .schedule
+            .advance(transitions.len(), learning_starts, updates_per_step)
+        {
             self.update(rng, record)?;
         }
         Ok(())
     }
 
     fn updates(&self) -> Option<Updates> {
-        Some(self.schedule.updates(self.config.learning_starts, self.config.updates_per_step))
+        Some(
+            self.schedule
+                .updates(self.config.learning_starts, self.config.updates_per_step),
+        )
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -309,8 +391,22 @@ impl Agent for DirichletSac {
         self.critics.store("critics", &mut file);
         store(&self.target_critics, "target_critics", &mut file);
         self.replay.store(&mut file);
-        let Self { log_temperature, temperature_adam, schedule, .. } = *self;
-        checkpoint::write(NAME, dir, file, &Counters { log_temperature, temperature_adam, schedule })
+        let Self {
+            log_temperature,
+            temperature_adam,
+            schedule,
+            ..
+        } = *self;
+        checkpoint::write(
+            NAME,
+            dir,
+            file,
+            &Counters {
+                log_temperature,
+                temperature_adam,
+                schedule,
+            },
+        )
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
@@ -318,23 +414,35 @@ impl Agent for DirichletSac {
         let misfit = checkpoint::error_of(NAME);
         self.policy.restore("policy", &file).map_err(&misfit)?;
         self.critics.restore("critics", &file).map_err(&misfit)?;
-        self.target_critics = restore(self.target_critics.clone(), "target_critics", &file).map_err(&misfit)?;
+        self.target_critics =
+            restore(self.target_critics.clone(), "target_critics", &file).map_err(&misfit)?;
         self.replay.restore(&file).map_err(&misfit)?;
-        let Counters { log_temperature, temperature_adam, schedule } = counters;
-        (self.log_temperature, self.temperature_adam, self.schedule) = (log_temperature, temperature_adam, schedule);
+        let Counters {
+            log_temperature,
+            temperature_adam,
+            schedule,
+        } = counters;
+        (self.log_temperature, self.temperature_adam, self.schedule) =
+            (log_temperature, temperature_adam, schedule);
         Ok(())
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let ports = self.scaling.ports(&self.shares);
-        self.shape.write(self.policy.network(), ports, self.head(), dir).map_err(checkpoint::error_of(NAME))?;
+        self.shape
+            .write(self.policy.network(), ports, self.head(), dir)
+            .map_err(checkpoint::error_of(NAME))?;
         self.leave_networks(dir).map_err(checkpoint::error_of(NAME))?;
         Ok(true)
     }
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
-        let file = self.shape.policy_file(dir, &self.scaling.ports(&self.shares), self.head())?;
-        self.policy.set_network(Shape::read(self.policy.network().clone(), &file).map_err(checkpoint::error_of(NAME))?);
+        let file = self
+            .shape
+            .policy_file(dir, &self.scaling.ports(&self.shares), self.head())?;
+        self.policy.set_network(
+            Shape::read(self.policy.network().clone(), &file).map_err(checkpoint::error_of(NAME))?,
+        );
         Ok(true)
     }
 }

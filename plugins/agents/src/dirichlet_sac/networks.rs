@@ -1,4 +1,5 @@
-//! The two shapes of network that the agent can have: fully connected as in the thesis, or alike for every asset.
+//! The two shapes of network that the agent can have: fully connected as in the thesis, or alike for every
+//! asset.
 
 use super::asset_network::{AssetChannels, AssetCritic, AssetPolicy};
 use super::{
@@ -81,24 +82,46 @@ impl Shape {
         })
     }
 
-    /// A policy with fresh parameters. Its second hidden layer has tanh, the others leaky rectifiers (thesis, section 3.4.3).
+    /// A policy with fresh parameters. Its second hidden layer has tanh, the others leaky rectifiers (thesis,
+    /// section 3.4.3).
     pub(super) fn policy(&self, rng: &mut impl RngCore, device: &Device) -> PolicyNetwork {
         if let Some(assets) = &self.assets {
             return PolicyNetwork::Assets(AssetPolicy::new(assets, self.width, rng, device));
         }
-        let activation = |layer| if layer == 1 { Activation::Tanh } else { Activation::LeakyRelu };
+        let activation = |layer| {
+            if layer == 1 {
+                Activation::Tanh
+            } else {
+                Activation::LeakyRelu
+            }
+        };
         let activations: Vec<_> = (0..self.layers.0).map(activation).collect();
-        PolicyNetwork::Dense(Mlp::new(&self.dense(self.sizes.0, self.layers.0, self.sizes.1), &activations, 1.0, rng, device))
+        PolicyNetwork::Dense(Mlp::new(
+            &self.dense(self.sizes.0, self.layers.0, self.sizes.1),
+            &activations,
+            1.0,
+            rng,
+            device,
+        ))
     }
 
     /// Two critics with fresh parameters.
     pub(super) fn critics(&self, rng: &mut impl RngCore, device: &Device) -> Critics {
         if let Some(assets) = &self.assets {
             let mut critic = || AssetCritic::new(assets, self.width, rng, device);
-            return Critics::Assets(AssetCritics { first: critic(), second: critic() });
+            return Critics::Assets(AssetCritics {
+                first: critic(),
+                second: critic(),
+            });
         }
         let sizes = self.dense(self.sizes.0 + self.sizes.1, self.layers.1, 1);
-        Critics::Dense(TwinMlp::new(&sizes, &vec![Activation::LeakyRelu; self.layers.1], 1.0, rng, device))
+        Critics::Dense(TwinMlp::new(
+            &sizes,
+            &vec![Activation::LeakyRelu; self.layers.1],
+            1.0,
+            rng,
+            device,
+        ))
     }
 
     fn dense(&self, inputs: usize, layers: usize, outputs: usize) -> Vec<usize> {
@@ -110,20 +133,31 @@ impl Shape {
         match (policy, &self.assets) {
             (PolicyNetwork::Dense(network), _) => network.forward(observations.clone()),
             (PolicyNetwork::Assets(network), Some(assets)) => network.forward(assets, observations),
-            (PolicyNetwork::Assets(_), None) => unreachable!("the shape that made this network knows its assets"),
+            (PolicyNetwork::Assets(_), None) => {
+                unreachable!("the shape that made this network knows its assets")
+            }
         }
     }
 
     /// Writes a policy of this shape as `policy.safetensors` into `dir`.
-    pub(super) fn write(&self, policy: &PolicyNetwork, ports: Ports, head: Head, dir: &Path) -> Result<(), TensorFileError> {
+    pub(super) fn write(
+        &self,
+        policy: &PolicyNetwork,
+        ports: Ports,
+        head: Head,
+        dir: &Path,
+    ) -> Result<(), TensorFileError> {
         match (policy, &self.assets) {
             (PolicyNetwork::Dense(network), _) => Policy::new(network, ports, head).write(dir),
             (PolicyNetwork::Assets(network), Some(assets)) => network.write(assets, &ports, head, dir),
-            (PolicyNetwork::Assets(_), None) => unreachable!("the shape that made this network knows its assets"),
+            (PolicyNetwork::Assets(_), None) => {
+                unreachable!("the shape that made this network knows its assets")
+            }
         }
     }
 
-    /// A policy's file, if its network acts on these ports. One that treats assets alike acts on any number of them.
+    /// A policy's file, if its network acts on these ports. One that treats assets alike acts on any number
+    /// of them.
     ///
     /// # Errors
     /// As [`checkpoint::read_policy`].
@@ -143,12 +177,18 @@ impl Shape {
     }
 
     /// Values of both critics of this shape.
-    pub(super) fn values(&self, critics: &Critics, observations: &Tensor<2>, action: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
+    pub(super) fn values(
+        &self,
+        critics: &Critics,
+        observations: &Tensor<2>,
+        action: Tensor<2>,
+    ) -> (Tensor<2>, Tensor<2>) {
         match (critics, &self.assets) {
             (Critics::Dense(pair), _) => pair.forward(Tensor::cat(vec![observations.clone(), action], 1)),
-            (Critics::Assets(pair), Some(assets)) => {
-                (pair.first.forward(assets, observations, action.clone()), pair.second.forward(assets, observations, action))
-            }
+            (Critics::Assets(pair), Some(assets)) => (
+                pair.first.forward(assets, observations, action.clone()),
+                pair.second.forward(assets, observations, action),
+            ),
             (Critics::Assets(_), None) => unreachable!("the shape that made these critics knows its assets"),
         }
     }

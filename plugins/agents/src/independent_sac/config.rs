@@ -26,7 +26,8 @@ pub struct Config {
     /// Step size of Adam for the logarithm of an automatic temperature.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub temperature_learning_rate: f64,
-    /// Entropy in nats that an automatic temperature steers to; null for minus the number of entries of the seat's action.
+    /// Entropy in nats that an automatic temperature steers to; null for minus the number of entries of the
+    /// seat's action.
     #[schemars(extend("x-source" = "Haarnoja et al. 2018, table 1"))]
     pub target_entropy: Option<f64>,
     /// Transitions per update and seat.
@@ -39,10 +40,12 @@ pub struct Config {
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "as for the other agents of several seats"))]
     pub target_smoothing: f64,
     /// Updates of all seats per environment step, all environments counted.
-    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "own choice; Haarnoja et al. 2018, table 1: 1"))]
+    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "own choice; Haarnoja et al. 2018, table \
+                                                                  1: 1"))]
     pub updates_per_step: f64,
     /// Units of each hidden layer.
-    #[schemars(range(min = 1, max = 4096), extend("x-source" = "own choice; Haarnoja et al. 2018, table 1: 256"))]
+    #[schemars(range(min = 1, max = 4096), extend("x-source" = "own choice; Haarnoja et al. 2018, table 1: \
+                                                                256"))]
     pub width: usize,
     /// Hidden layers of every network.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
@@ -104,7 +107,8 @@ impl Default for Config {
 impl engine::Config for Config {
     fn presets() -> Vec<Preset> {
         let haarnoja = json!({
-            "discount": 0.99, "target_smoothing": 0.005, "updates_per_step": 1.0, "width": 256, "first_temperature": 1.0,
+            "discount": 0.99, "target_smoothing": 0.005, "updates_per_step": 1.0, "width": 256,
+            "first_temperature": 1.0,
         });
         let thesis = json!({
             "temperature": "fixed", "first_temperature": 1.0, "updates_per_step": 1.0, "width": 256,
@@ -116,9 +120,21 @@ impl engine::Config for Config {
         released["reward_normalisation"] = json!(true);
         let preset = |name, about, values| Preset { name, about, values };
         vec![
-            preset("haarnoja", "Haarnoja et al. 2018, table 1, for every seat", haarnoja),
-            preset("thesis", "sizes, rates and temperature as printed in thesis, section 4.5, for its own algorithm", thesis),
-            preset("released_code", "sizes, rates and rewards of the thesis's code in the particle tasks", released),
+            preset(
+                "haarnoja",
+                "Haarnoja et al. 2018, table 1, for every seat",
+                haarnoja,
+            ),
+            preset(
+                "thesis",
+                "sizes, rates and temperature as printed in thesis, section 4.5, for its own algorithm",
+                thesis,
+            ),
+            preset(
+                "released_code",
+                "sizes, rates and rewards of the thesis's code in the particle tasks",
+                released,
+            ),
         ]
     }
 }
@@ -133,8 +149,12 @@ impl Config {
         if self.temperature == Temperature::Automatic || self.target_entropy.is_none() {
             return Ok(());
         }
-        let problem = "a fixed temperature steers to no entropy; leave it out or set `temperature: automatic`".into();
-        Err(Error::Config { key: "target_entropy".into(), problem })
+        let problem =
+            "a fixed temperature steers to no entropy; leave it out or set `temperature: automatic`".into();
+        Err(Error::Config {
+            key: "target_entropy".into(),
+            problem,
+        })
     }
 
     /// The entropy in nats that the temperature of a seat with `n` entries of its action steers to.
@@ -147,7 +167,11 @@ impl Config {
     /// The hidden layers of every network.
     #[must_use]
     pub fn hidden(&self) -> Hidden {
-        Hidden { width: self.width, layers: self.hidden_layers, activation: self.activation }
+        Hidden {
+            width: self.width,
+            layers: self.hidden_layers,
+            activation: self.activation,
+        }
     }
 }
 
@@ -158,16 +182,38 @@ mod tests {
     #[test]
     fn contradictions_are_named() {
         let problem = |config: Config| config.check().unwrap_err().to_string();
-        assert!(problem(Config { replay_capacity: 9, ..Config::default() }).contains("`batch_size`"));
-        let fixed = Config { temperature: Temperature::Fixed, target_entropy: Some(-1.0), ..Config::default() };
+        assert!(
+            problem(Config {
+                replay_capacity: 9,
+                ..Config::default()
+            })
+            .contains("`batch_size`")
+        );
+        let fixed = Config {
+            temperature: Temperature::Fixed,
+            target_entropy: Some(-1.0),
+            ..Config::default()
+        };
         assert!(problem(fixed).contains("`target_entropy`: a fixed temperature"));
         let presets = <Config as engine::Config>::presets();
-        assert!(presets.iter().all(|p| serde_json::from_value::<Config>(p.values.clone()).unwrap().check().is_ok()));
+        assert!(presets.iter().all(|p| {
+            serde_json::from_value::<Config>(p.values.clone())
+                .unwrap()
+                .check()
+                .is_ok()
+        }));
     }
 
     #[test]
     fn the_target_entropy_is_minus_the_number_of_entries() {
         assert_eq!(Config::default().target_nats(3), -3.0);
-        assert_eq!(Config { target_entropy: Some(-1.5), ..Config::default() }.target_nats(3), -1.5);
+        assert_eq!(
+            Config {
+                target_entropy: Some(-1.5),
+                ..Config::default()
+            }
+            .target_nats(3),
+            -1.5
+        );
     }
 }

@@ -1,7 +1,8 @@
 //! Independent soft actor-critic: every seat learns alone and takes the others for a part of its environment.
 //!
-//! Haarnoja et al. 2018, "Soft actor-critic algorithms and applications", arXiv:1812.05905 (equations are its), once per seat, as
-//! independent learners were defined by Tan 1993, "Multi-agent reinforcement learning: independent vs. cooperative agents".
+//! Haarnoja et al. 2018, "Soft actor-critic algorithms and applications", arXiv:1812.05905 (equations are
+//! its), once per seat, as independent learners were defined by Tan 1993, "Multi-agent reinforcement
+//! learning: independent vs. cooperative agents".
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -16,14 +17,15 @@
 //!
 //! Departures
 //! - The temperature is exp of a number that descends `-(log pi + target)`, the form of the authors' code.
-//! - A discount of 0.95 and tau of 0.01 by default, as for the other agents that play several seats; `preset: haarnoja` has the
-//!   paper's. `preset: thesis` and `preset: released_code` take sizes and rates of the thesis's own algorithm: it does not compare with
-//!   this one. No batch normalisation of inputs, which its code has in every network.
+//! - A discount of 0.95 and tau of 0.01 by default, as for the other agents that play several seats; `preset:
+//!   haarnoja` has the paper's. `preset: thesis` and `preset: released_code` take sizes and rates of the
+//!   thesis's own algorithm: it does not compare with this one. No batch normalisation of inputs, which its
+//!   code has in every network.
 //! - No uniform first actions: the untrained policies act until learning starts.
 //!
-//! Metrics, means over updates and seats since the last measurement: `critic_loss` half the squared error summed over both critics,
-//! `policy_loss` eq. 9, `policy_entropy` `-mean(log pi)`, `temperature` alpha, `mean_value` mean of the lower critic at the policy's
-//! actions.
+//! Metrics, means over updates and seats since the last measurement: `critic_loss` half the squared error
+//! summed over both critics, `policy_loss` eq. 9, `policy_entropy` `-mean(log pi)`, `temperature` alpha,
+//! `mean_value` mean of the lower critic at the policy's actions.
 
 mod config;
 #[cfg(test)]
@@ -39,7 +41,8 @@ use crate::shared::targets::{bootstrapped, half_squared_error, mean};
 use burn::module::Module;
 use burn::tensor::Tensor;
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Transition, Updates,
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
 };
 use numerics::network::{Mlp, TwinMlp, values};
 use numerics::optimizer::{Adam, ScalarAdam, Trained};
@@ -100,7 +103,11 @@ struct Counters {
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
     let about = "soft actor-critic in every seat, each for itself";
-    let traits = AgentTraits { learns: true, metrics: metrics(), ..AgentTraits::default() };
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        ..AgentTraits::default()
+    };
     registry.agent(NAME, version, about, traits, build);
 }
 
@@ -115,11 +122,29 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
 /// What [`IndependentSac::learn`] records.
 fn metrics() -> Vec<Metric> {
     vec![
-        Metric::new("critic_loss", "", "half the squared error of both critics, mean over seats").lower_is_better(),
-        Metric::new("policy_loss", "", "temperature times log pi less the lower critic, mean over seats").lower_is_better(),
-        Metric::new("policy_entropy", "nat", "minus the mean log density of a seat's sampled actions"),
+        Metric::new(
+            "critic_loss",
+            "",
+            "half the squared error of both critics, mean over seats",
+        )
+        .lower_is_better(),
+        Metric::new(
+            "policy_loss",
+            "",
+            "temperature times log pi less the lower critic, mean over seats",
+        )
+        .lower_is_better(),
+        Metric::new(
+            "policy_entropy",
+            "nat",
+            "minus the mean log density of a seat's sampled actions",
+        ),
         Metric::new("temperature", "", "weight of the entropy, mean over seats").lower_is_better(),
-        Metric::new("mean_value", "", "mean of the lower critic at the policies' actions"),
+        Metric::new(
+            "mean_value",
+            "",
+            "mean of the lower critic at the policies' actions",
+        ),
     ]
 }
 
@@ -127,7 +152,9 @@ impl IndependentSac {
     fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         config.check()?;
         let layout = JointLayout::new(NAME, interface)?;
-        let learners = (0..layout.n_seats()).map(|seat| Learner::new(&config, &layout, seat, rng)).collect();
+        let learners = (0..layout.n_seats())
+            .map(|seat| Learner::new(&config, &layout, seat, rng))
+            .collect();
         Ok(Self {
             learners,
             replay: Replay::of_seats(config.replay_capacity, &layout),
@@ -140,7 +167,9 @@ impl IndependentSac {
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let step = self.schedule.n_steps();
         for seat in 0..self.layout.n_seats() {
-            let drawn = self.replay.sample_distinct(self.config.batch_size.min(self.replay.len()), rng);
+            let drawn = self
+                .replay
+                .sample_distinct(self.config.batch_size.min(self.replay.len()), rng);
             let batch = self.seat_batch(seat, drawn);
             let learner = &mut self.learners[seat];
             learner.update_critics(&batch, self.config.discount, step, rng, record)?;
@@ -158,7 +187,9 @@ impl IndependentSac {
         SeatBatch {
             seen: self.seen(seat, &batch.observations),
             actions: columns(&batch.actions, self.layout.acted(seat)),
-            rewards: self.replay.rewards_of(&batch, seat, self.config.reward_normalisation),
+            rewards: self
+                .replay
+                .rewards_of(&batch, seat, self.config.reward_normalisation),
             next_seen: self.seen(seat, &batch.next_observations),
             continues: batch.continues,
         }
@@ -169,7 +200,10 @@ impl IndependentSac {
     }
 
     fn own_action(&self, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2> {
-        let (seen, policy) = (self.seen(seat, observations), self.learners[seat].policy.network().valid());
+        let (seen, policy) = (
+            self.seen(seat, observations),
+            self.learners[seat].policy.network().valid(),
+        );
         match mode {
             Mode::Train => sample_exact(policy.forward(seen), rng).action,
             Mode::Evaluate => mean_action(policy.forward(seen)),
@@ -183,13 +217,25 @@ impl Learner {
         let hidden = config.hidden();
         let policy = hidden.network(n_seen, 2 * n_done, POLICY_OUTPUT_GAIN, rng);
         let mut critic = || hidden.network(n_seen + n_done, 1, 1.0, rng);
-        let critics = TwinMlp { first: critic(), second: critic() };
+        let critics = TwinMlp {
+            first: critic(),
+            second: critic(),
+        };
         let adam = ScalarAdam::new(config.temperature_learning_rate);
         Self {
             target_critics: critics.valid(),
-            policy: Trained::new(policy, Adam::new(config.actor_learning_rate, config.gradient_clip)),
-            critics: Trained::new(critics, Adam::new(config.critic_learning_rate, config.gradient_clip)),
-            temperature: TemperatureState { log_temperature: config.first_temperature.ln(), adam },
+            policy: Trained::new(
+                policy,
+                Adam::new(config.actor_learning_rate, config.gradient_clip),
+            ),
+            critics: Trained::new(
+                critics,
+                Adam::new(config.critic_learning_rate, config.gradient_clip),
+            ),
+            temperature: TemperatureState {
+                log_temperature: config.first_temperature.ln(),
+                adam,
+            },
             target_entropy: config.target_nats(n_done),
         }
     }
@@ -204,25 +250,48 @@ impl Learner {
         record: &mut Recorder,
     ) -> Result<(), Error> {
         let target = self.soft_target(batch, discount, rng);
-        let (q1, q2) = self.critics.network().forward(joined(&batch.seen, batch.actions.clone()));
+        let (q1, q2) = self
+            .critics
+            .network()
+            .forward(joined(&batch.seen, batch.actions.clone()));
         let loss = half_squared_error(q1, target.clone()) + half_squared_error(q2, target);
-        record.mean("critic_loss", finite("critic_loss", step, values(loss.clone())[0])?);
+        record.mean(
+            "critic_loss",
+            finite("critic_loss", step, values(loss.clone())[0])?,
+        );
         self.critics.descend(&loss);
         Ok(())
     }
 
     /// Eq. 2 and 3: reward plus the discounted soft value of what follows, without gradients.
     fn soft_target(&self, batch: &SeatBatch, discount: f64, rng: &mut Rng) -> Tensor<2> {
-        let next = sample_exact(self.policy.network().valid().forward(batch.next_seen.clone()), rng);
+        let next = sample_exact(
+            self.policy.network().valid().forward(batch.next_seen.clone()),
+            rng,
+        );
         let (q1, q2) = self.target_critics.forward(joined(&batch.next_seen, next.action));
         let soft_value = q1.min_pair(q2) - next.log_density * self.temperature();
-        bootstrapped(batch.rewards.clone(), batch.continues.clone(), soft_value, discount)
+        bootstrapped(
+            batch.rewards.clone(),
+            batch.continues.clone(),
+            soft_value,
+            discount,
+        )
     }
 
     /// Eq. 9: the policy descends `alpha log pi - Q`; returns the mean of `log pi`.
-    fn update_policy(&mut self, batch: &SeatBatch, step: u64, rng: &mut Rng, record: &mut Recorder) -> Result<f64, Error> {
+    fn update_policy(
+        &mut self,
+        batch: &SeatBatch,
+        step: u64,
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<f64, Error> {
         let (loss, log_pi, value) = self.policy_loss(self.policy.network(), batch, rng);
-        record.mean("policy_loss", finite("policy_loss", step, values(loss.clone())[0])?);
+        record.mean(
+            "policy_loss",
+            finite("policy_loss", step, values(loss.clone())[0])?,
+        );
         self.policy.descend(&loss);
         record.mean("policy_entropy", -f64::from(log_pi));
         record.mean("mean_value", f64::from(value));
@@ -234,7 +303,11 @@ impl Learner {
     fn policy_loss(&self, policy: &Mlp, batch: &SeatBatch, rng: &mut Rng) -> (Tensor<1>, f32, f32) {
         let drawn = sample_exact(policy.forward(batch.seen.clone()), rng);
         // Plain critics: the gradient passes through them to the action, and none of their own is computed.
-        let (q1, q2) = self.critics.network().valid().forward(joined(&batch.seen, drawn.action));
+        let (q1, q2) = self
+            .critics
+            .network()
+            .valid()
+            .forward(joined(&batch.seen, drawn.action));
         let q = q1.min_pair(q2);
         let loss = (drawn.log_density.clone() * self.temperature() - q.clone()).mean();
         (loss, mean(drawn.log_density), mean(q))
@@ -242,7 +315,10 @@ impl Learner {
 
     /// Eq. 18, for the logarithm of the temperature: it rises where the entropy is below its target.
     fn update_temperature(&mut self, mean_log_pi: f64) {
-        let TemperatureState { log_temperature, adam } = &mut self.temperature;
+        let TemperatureState {
+            log_temperature,
+            adam,
+        } = &mut self.temperature;
         *log_temperature = adam.step(*log_temperature, -(mean_log_pi + self.target_entropy));
     }
 
@@ -251,7 +327,11 @@ impl Learner {
     }
 
     fn follow(&mut self, tau: f64) {
-        self.target_critics = soft_update(std::mem::take(&mut self.target_critics), self.critics.network(), tau);
+        self.target_critics = soft_update(
+            std::mem::take(&mut self.target_critics),
+            self.critics.network(),
+            tau,
+        );
     }
 }
 
@@ -262,28 +342,51 @@ fn joined(seen: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
 impl IndependentSac {
     /// What the policy of a seat sees and does.
     fn ports(&self, seat: usize) -> Ports {
-        self.layout.ports(self.config.sight.columns(&self.layout, seat), self.layout.acted(seat))
+        self.layout.ports(
+            self.config.sight.columns(&self.layout, seat),
+            self.layout.acted(seat),
+        )
     }
 }
 
 impl Agent for IndependentSac {
     fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         let joint = self.layout.observations(observations);
-        let own = (0..self.layout.n_seats()).map(|seat| self.own_action(seat, &joint, mode, rng)).collect();
-        self.layout.actions(&values(Tensor::cat(own, 1)), self.schedule.n_steps())
+        let own = (0..self.layout.n_seats())
+            .map(|seat| self.own_action(seat, &joint, mode, rng))
+            .collect();
+        self.layout
+            .actions(&values(Tensor::cat(own, 1)), self.schedule.n_steps())
     }
 
-    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        transitions.iter().for_each(|transition| self.replay.push(transition));
-        let Config { learning_starts, updates_per_step, .. } = self.config;
-        for _ in 0..self.schedule.advance(transitions.len(), learning_starts, updates_per_step) {
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
+        transitions
+            .iter()
+            .for_each(|transition| self.replay.push(transition));
+        let Config {
+            learning_starts,
+            updates_per_step,
+            ..
+        } = self.config;
+        for _ in 0..self
+            .schedule
+            .advance(transitions.len(), learning_starts, updates_per_step)
+        {
             self.update(rng, record)?;
         }
         Ok(())
     }
 
     fn updates(&self) -> Option<Updates> {
-        Some(self.schedule.updates(self.config.learning_starts, self.config.updates_per_step))
+        Some(
+            self.schedule
+                .updates(self.config.learning_starts, self.config.updates_per_step),
+        )
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -291,20 +394,42 @@ impl Agent for IndependentSac {
         for (seat, learner) in self.learners.iter().enumerate() {
             learner.policy.store(&format!("policy_{seat}"), &mut file);
             learner.critics.store(&format!("critics_{seat}"), &mut file);
-            store(&learner.target_critics, &format!("target_critics_{seat}"), &mut file);
+            store(
+                &learner.target_critics,
+                &format!("target_critics_{seat}"),
+                &mut file,
+            );
         }
         self.replay.store(&mut file);
         let temperatures = self.learners.iter().map(|learner| learner.temperature).collect();
-        checkpoint::write(NAME, dir, file, &Counters { temperatures, schedule: self.schedule })
+        checkpoint::write(
+            NAME,
+            dir,
+            file,
+            &Counters {
+                temperatures,
+                schedule: self.schedule,
+            },
+        )
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
         let (file, counters): (_, Counters) = checkpoint::read(NAME, dir)?;
         let misfit = checkpoint::error_of(NAME);
         for (seat, learner) in self.learners.iter_mut().enumerate() {
-            learner.policy.restore(&format!("policy_{seat}"), &file).map_err(&misfit)?;
-            learner.critics.restore(&format!("critics_{seat}"), &file).map_err(&misfit)?;
-            let target = restore(learner.target_critics.clone(), &format!("target_critics_{seat}"), &file);
+            learner
+                .policy
+                .restore(&format!("policy_{seat}"), &file)
+                .map_err(&misfit)?;
+            learner
+                .critics
+                .restore(&format!("critics_{seat}"), &file)
+                .map_err(&misfit)?;
+            let target = restore(
+                learner.target_critics.clone(),
+                &format!("target_critics_{seat}"),
+                &file,
+            );
             learner.target_critics = target.map_err(&misfit)?;
         }
         self.replay.restore(&file).map_err(&misfit)?;
@@ -319,7 +444,9 @@ impl Agent for IndependentSac {
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         for (seat, learner) in self.learners.iter().enumerate() {
             let policy = Policy::new(learner.policy.network(), self.ports(seat), Head::Tanh);
-            policy.write(&self.layout.folder(dir, seat)?).map_err(checkpoint::error_of(NAME))?;
+            policy
+                .write(&self.layout.folder(dir, seat)?)
+                .map_err(checkpoint::error_of(NAME))?;
         }
         Ok(true)
     }

@@ -1,4 +1,5 @@
-//! The hyper-parameters of multi-agent deep deterministic policy gradient, each with the source of its default.
+//! The hyper-parameters of multi-agent deep deterministic policy gradient, each with the source of its
+//! default.
 
 use super::exploration::Noise;
 use crate::shared::joint::Sight;
@@ -20,7 +21,8 @@ pub struct Config {
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Lowe et al. 2017, appendix; authors' code"))]
     pub critic_learning_rate: f64,
     /// Transitions per update and seat.
-    #[schemars(range(min = 1, max = 65536), extend("x-source" = "own choice; Lowe et al. 2017, appendix: 1024"))]
+    #[schemars(range(min = 1, max = 65536), extend("x-source" = "own choice; Lowe et al. 2017, appendix: \
+                                                                 1024"))]
     pub batch_size: usize,
     /// Discount gamma.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Lowe et al. 2017, appendix"))]
@@ -29,7 +31,8 @@ pub struct Config {
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Lowe et al. 2017, appendix"))]
     pub target_smoothing: f64,
     /// Updates of all seats per environment step, all environments counted.
-    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "own choice; Lowe et al. 2017, appendix: one per 100 steps"))]
+    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "own choice; Lowe et al. 2017, appendix: \
+                                                                  one per 100 steps"))]
     pub updates_per_step: f64,
     /// Units of each hidden layer.
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "Lowe et al. 2017, appendix"))]
@@ -99,7 +102,8 @@ impl engine::Config for Config {
     fn presets() -> Vec<Preset> {
         let openai = json!({ "batch_size": 1024, "updates_per_step": 0.01, "learning_starts": 25_600 });
         let thesis = json!({
-            "actor_learning_rate": 3e-4, "critic_learning_rate": 3e-4, "width": 256, "activation": "leaky_relu",
+            "actor_learning_rate": 3e-4, "critic_learning_rate": 3e-4, "width": 256,
+            "activation": "leaky_relu",
             "updates_per_step": 1.0, "learning_starts": 256, "gradient_clip": null, "policy_sight": "joint",
         });
         let mut released = thesis.clone();
@@ -114,10 +118,26 @@ impl engine::Config for Config {
         game["exploration_steps"] = json!(1_000);
         let preset = |name, about, values| Preset { name, about, values };
         vec![
-            preset("openai", "the authors' code; continuous actions in the place of Gumbel-softmax", openai),
-            preset("thesis", "sizes and rates as printed in thesis, section 4.5, for its own algorithm", thesis),
-            preset("released_code", "sizes and rates of the thesis's code in the particle tasks", released),
-            preset("released_code_differential_game", "sizes and rates of the thesis's code in the differential game", game),
+            preset(
+                "openai",
+                "the authors' code; continuous actions in the place of Gumbel-softmax",
+                openai,
+            ),
+            preset(
+                "thesis",
+                "sizes and rates as printed in thesis, section 4.5, for its own algorithm",
+                thesis,
+            ),
+            preset(
+                "released_code",
+                "sizes and rates of the thesis's code in the particle tasks",
+                released,
+            ),
+            preset(
+                "released_code_differential_game",
+                "sizes and rates of the thesis's code in the differential game",
+                game,
+            ),
         ]
     }
 }
@@ -134,7 +154,10 @@ impl Config {
         }
         let (end, start) = (self.final_exploration_sd, self.exploration_sd);
         let problem = format!("the noise declines, but {end} is above `exploration_sd`, {start}");
-        Err(Error::Config { key: "final_exploration_sd".into(), problem })
+        Err(Error::Config {
+            key: "final_exploration_sd".into(),
+            problem,
+        })
     }
 
     /// Deviation of the noise: a straight line from the first to the final one.
@@ -149,6 +172,10 @@ impl Config {
     /// The hidden layers of every network.
     #[must_use]
     pub fn hidden(&self) -> Hidden {
-        Hidden { width: self.width, layers: self.hidden_layers, activation: self.activation }
+        Hidden {
+            width: self.width,
+            layers: self.hidden_layers,
+            activation: self.activation,
+        }
     }
 }

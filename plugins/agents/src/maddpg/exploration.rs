@@ -5,8 +5,8 @@
 //! | x_t | state of the Ornstein-Uhlenbeck process, one number per row and entry of the action |
 //! | theta | rate of return, 0.15 (Lillicrap et al. 2015, arXiv:1509.02971, section 7) |
 //!
-//! `x_(t+1) = (1 - theta) x_t + sqrt(theta (2 - theta)) n_t` with standard normal `n_t` and a standard normal first state, so that
-//! every `x_t` has a deviation of 1, whichever noise is chosen; the caller scales it.
+//! `x_(t+1) = (1 - theta) x_t + sqrt(theta (2 - theta)) n_t` with standard normal `n_t` and a standard normal
+//! first state, so that every `x_t` has a deviation of 1, whichever noise is chosen; the caller scales it.
 
 use numerics::gaussian::standard_normal;
 use rand::RngCore;
@@ -39,14 +39,21 @@ impl Exploration {
     /// Noise for actions of `n_entries` entries.
     #[must_use]
     pub fn new(noise: Noise, n_entries: usize) -> Self {
-        Self { noise, n_entries, states: Vec::new() }
+        Self {
+            noise,
+            n_entries,
+            states: Vec::new(),
+        }
     }
 
     /// The next noise of `n_rows` environments, `[n_rows, n_entries]`, each entry with a deviation of 1.
     pub fn draw(&mut self, n_rows: usize, rng: &mut impl RngCore) -> Vec<f32> {
         self.states.resize_with(n_rows, Vec::new);
         let (noise, n_entries) = (self.noise, self.n_entries);
-        self.states.iter_mut().flat_map(|state| advance(noise, n_entries, state, rng)).collect()
+        self.states
+            .iter_mut()
+            .flat_map(|state| advance(noise, n_entries, state, rng))
+            .collect()
     }
 
     /// Starts the process of one environment anew, as at the end of an episode.
@@ -68,7 +75,9 @@ fn advance(noise: Noise, n_entries: usize, state: &mut Vec<f32>, rng: &mut impl 
         }
         Noise::OrnsteinUhlenbeck => {
             let scale = (RATE * (2.0 - RATE)).sqrt();
-            state.iter_mut().for_each(|x| *x = ((1.0 - RATE) * f64::from(*x) + scale * fresh()) as f32);
+            state
+                .iter_mut()
+                .for_each(|x| *x = ((1.0 - RATE) * f64::from(*x) + scale * fresh()) as f32);
             state.clone()
         }
     }
@@ -82,7 +91,9 @@ mod tests {
     /// Variance and correlation from step to step over many steps.
     fn moments(noise: Noise) -> (f64, f64) {
         let (mut exploration, mut rng) = (Exploration::new(noise, 2), stream(&["exploration"]));
-        let drawn: Vec<f64> = (0..40_000).map(|_| f64::from(exploration.draw(1, &mut rng)[0])).collect();
+        let drawn: Vec<f64> = (0..40_000)
+            .map(|_| f64::from(exploration.draw(1, &mut rng)[0]))
+            .collect();
         let variance = drawn.iter().map(|x| x * x).sum::<f64>() / 40_000.0;
         let product = drawn.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / 39_999.0;
         (variance, product / variance)
@@ -91,10 +102,16 @@ mod tests {
     #[test]
     fn both_kinds_have_a_deviation_of_one() {
         let (variance, correlation) = moments(Noise::Gaussian);
-        assert!((variance - 1.0).abs() < 0.03 && correlation.abs() < 0.02, "{variance} {correlation}");
+        assert!(
+            (variance - 1.0).abs() < 0.03 && correlation.abs() < 0.02,
+            "{variance} {correlation}"
+        );
         // About 40000 (1 - 0.85^2) / (1 + 0.85^2) = 6400 independent squares, each with a variance of 2.
         let (variance, correlation) = moments(Noise::OrnsteinUhlenbeck);
-        assert!((variance - 1.0).abs() < 0.07 && (correlation - 0.85).abs() < 0.02, "{variance} {correlation}");
+        assert!(
+            (variance - 1.0).abs() < 0.07 && (correlation - 0.85).abs() < 0.02,
+            "{variance} {correlation}"
+        );
     }
 
     #[test]
@@ -103,7 +120,10 @@ mod tests {
         exploration.draw(2, &mut stream(&["start"]));
         let mut restarted = exploration.clone();
         restarted.restart(1);
-        let (one, two) = (exploration.draw(2, &mut stream(&["next"])), restarted.draw(2, &mut stream(&["next"])));
+        let (one, two) = (
+            exploration.draw(2, &mut stream(&["next"])),
+            restarted.draw(2, &mut stream(&["next"])),
+        );
         assert_eq!(one[0], two[0]);
         assert_ne!(one[1], two[1]);
     }

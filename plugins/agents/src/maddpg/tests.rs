@@ -47,7 +47,13 @@ fn the_target_uses_all_target_networks() {
 #[test]
 fn the_policy_gradient_passes_the_critic_of_the_joint_action() {
     for policy_sight in [Sight::Own, Sight::Joint] {
-        let config = Config { width: 5, activation: Activation::Tanh, logit_penalty: 0.1, policy_sight, ..tiny() };
+        let config = Config {
+            width: 5,
+            activation: Activation::Tanh,
+            logit_penalty: 0.1,
+            policy_sight,
+            ..tiny()
+        };
         let (agent, batch) = trained(config);
         game::assert_gradient(agent.learners[1].policy.network(), |policy| {
             let (loss, penalty) = agent.policy_loss(1, policy, &batch);
@@ -61,19 +67,44 @@ fn no_gradient_reaches_the_critic_or_the_other_policy() {
     let (agent, batch) = trained(tiny());
     let (loss, _) = agent.policy_loss(0, agent.learners[0].policy.network(), &batch);
     let mut reached = loss.backward();
-    assert!(gradients(agent.learners[0].policy.network(), &mut reached).iter().all(|g| !g.is_empty()));
-    assert!(gradients(agent.learners[0].critic.network(), &mut reached).concat().is_empty());
-    assert!(gradients(agent.learners[1].policy.network(), &mut reached).concat().is_empty());
+    assert!(
+        gradients(agent.learners[0].policy.network(), &mut reached)
+            .iter()
+            .all(|g| !g.is_empty())
+    );
+    assert!(
+        gradients(agent.learners[0].critic.network(), &mut reached)
+            .concat()
+            .is_empty()
+    );
+    assert!(
+        gradients(agent.learners[1].policy.network(), &mut reached)
+            .concat()
+            .is_empty()
+    );
 }
 
 #[test]
 fn noise_declines_and_is_absent_from_what_is_scored() {
-    let config = Config { exploration_steps: 100, ..Config::default() };
+    let config = Config {
+        exploration_steps: 100,
+        ..Config::default()
+    };
     let at = |step| config.exploration_sd_at(step);
     assert!((at(0) - 0.5).abs() < 1e-12 && (at(50) - 0.3).abs() < 1e-12 && (at(500) - 0.1).abs() < 1e-12);
-    assert_eq!(Config { exploration_steps: 0, ..config }.exploration_sd_at(0), 0.1);
+    assert_eq!(
+        Config {
+            exploration_steps: 0,
+            ..config
+        }
+        .exploration_sd_at(0),
+        0.1
+    );
     let mut agent = agent(tiny());
-    let observation = [Observation { seats: vec![vec![0.3]; 2], state: Vec::new() }];
+    let observation = [Observation {
+        seats: vec![vec![0.3]; 2],
+        state: Vec::new(),
+    }];
     let mut act = |mode| agent.act(&observation, mode, &mut stream(&["noise"])).unwrap();
     let (explored, scored) = (act(Mode::Train), act(Mode::Evaluate));
     assert_ne!(explored, scored);
@@ -92,19 +123,47 @@ fn it_learns_to_coordinate() {
 
 #[test]
 fn contradictions_are_named() {
-    let problem = |config: Config| Maddpg::new(config, &game::game(), &mut stream(&["x"])).unwrap_err().to_string();
-    assert!(problem(Config { replay_capacity: 9, ..tiny() }).contains("`batch_size`"));
-    assert!(problem(Config { final_exploration_sd: 0.9, ..tiny() }).contains("0.9 is above `exploration_sd`, 0.5"));
+    let problem = |config: Config| {
+        Maddpg::new(config, &game::game(), &mut stream(&["x"]))
+            .unwrap_err()
+            .to_string()
+    };
+    assert!(
+        problem(Config {
+            replay_capacity: 9,
+            ..tiny()
+        })
+        .contains("`batch_size`")
+    );
+    assert!(
+        problem(Config {
+            final_exploration_sd: 0.9,
+            ..tiny()
+        })
+        .contains("0.9 is above `exploration_sd`, 0.5")
+    );
     let preset = <Config as engine::Config>::presets();
-    assert!(preset.iter().all(|p| serde_json::from_value::<Config>(p.values.clone()).unwrap().check().is_ok()));
+    assert!(preset.iter().all(|p| {
+        serde_json::from_value::<Config>(p.values.clone())
+            .unwrap()
+            .check()
+            .is_ok()
+    }));
     let allocation = crate::shared::bandit::interface();
-    assert!(matches!(Maddpg::new(tiny(), &allocation, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
+    assert!(matches!(
+        Maddpg::new(tiny(), &allocation, &mut stream(&["x"])),
+        Err(Error::Mismatch { .. })
+    ));
 }
 
 #[test]
 fn a_saved_agent_continues() {
     for exploration_noise in [Noise::Gaussian, Noise::OrnsteinUhlenbeck] {
-        let config = Config { reward_normalisation: true, exploration_noise, ..tiny() };
+        let config = Config {
+            reward_normalisation: true,
+            exploration_noise,
+            ..tiny()
+        };
         game::assert_continues(|rng| build(config.clone(), &game::game(), rng).unwrap());
     }
 }
@@ -117,5 +176,13 @@ fn what_it_records_is_declared() {
 #[test]
 fn the_exported_policies_act_as_the_agent_is_scored() {
     game::assert_exports(&mut trained(tiny()).0, 0.3, 1);
-    game::assert_exports(&mut trained(Config { policy_sight: Sight::Joint, ..tiny() }).0, 0.3, 2);
+    game::assert_exports(
+        &mut trained(Config {
+            policy_sight: Sight::Joint,
+            ..tiny()
+        })
+        .0,
+        0.3,
+        2,
+    );
 }

@@ -13,22 +13,26 @@ use serde_json::json;
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Step size of Adam for the samplers.
-    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "own choice; code of Tian et al. 2019: 3e-4"))]
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "own choice; code of Tian et al. 2019: \
+                                                                 3e-4"))]
     pub actor_learning_rate: f64,
     /// Step size of Adam for the critics.
-    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "own choice; code of Tian et al. 2019: 3e-4"))]
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "own choice; code of Tian et al. 2019: \
+                                                                 3e-4"))]
     pub critic_learning_rate: f64,
     /// Transitions per update and seat.
     #[schemars(range(min = 1, max = 65536), extend("x-source" = "own choice; code of Tian et al. 2019: 512"))]
     pub batch_size: usize,
     /// Discount gamma.
-    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis's code; code of Tian et al. 2019: 0.99"))]
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis's code; code of Tian et al. 2019: \
+                                                                 0.99"))]
     pub discount: f64,
     /// Smoothing tau of the target critics.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "code of Tian et al. 2019"))]
     pub target_smoothing: f64,
     /// Updates between two moves of the target critics.
-    #[schemars(range(min = 1, max = 1_000_000), extend("x-source" = "own choice; code of Tian et al. 2019: 10"))]
+    #[schemars(range(min = 1, max = 1_000_000), extend("x-source" = "own choice; code of Tian et al. 2019: \
+                                                                     10"))]
     pub target_period: u64,
     /// Updates of all seats per environment step, all environments counted.
     #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "own choice; code of Tian et al. 2019: 1"))]
@@ -84,7 +88,8 @@ pub struct Config {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EvaluationAction {
-    /// The own part of the draw to which the critic gives the greatest value, of as many as `value_particles`.
+    /// The own part of the draw to which the critic gives the greatest value, of as many as
+    /// `value_particles`.
     #[default]
     BestOfDraws,
     /// The own part of one draw, as while training.
@@ -125,17 +130,29 @@ impl engine::Config for Config {
     fn presets() -> Vec<Preset> {
         let rommeo = json!({
             "actor_learning_rate": 3e-4, "critic_learning_rate": 3e-4, "batch_size": 512, "discount": 0.99,
-            "target_period": 10, "updates_per_step": 1.0, "excess_temperature": 500.0, "temperature_decline": 0.1,
+            "target_period": 10, "updates_per_step": 1.0, "excess_temperature": 500.0,
+            "temperature_decline": 0.1,
             "evaluation_action": "draw",
         });
         let thesis = json!({
-            "actor_learning_rate": 3e-4, "critic_learning_rate": 3e-4, "width": 256, "activation": "leaky_relu",
-            "updates_per_step": 1.0, "learning_starts": 256, "sight": "joint", "final_temperature": 1.0, "excess_temperature": 0.0,
+            "actor_learning_rate": 3e-4, "critic_learning_rate": 3e-4, "width": 256,
+            "activation": "leaky_relu",
+            "updates_per_step": 1.0, "learning_starts": 256, "sight": "joint", "final_temperature": 1.0,
+            "excess_temperature": 0.0,
         });
-        let about = "sizes, rates and temperature as printed in the thesis, section 4.5, for its own algorithm";
+        let about =
+            "sizes, rates and temperature as printed in the thesis, section 4.5, for its own algorithm";
         vec![
-            Preset { name: "rommeo_paper", about: "Tian et al. 2019, the authors' code for its baseline", values: rommeo },
-            Preset { name: "thesis", about, values: thesis },
+            Preset {
+                name: "rommeo_paper",
+                about: "Tian et al. 2019, the authors' code for its baseline",
+                values: rommeo,
+            },
+            Preset {
+                name: "thesis",
+                about,
+                values: thesis,
+            },
         ]
     }
 }
@@ -152,10 +169,14 @@ impl Config {
             return Ok(());
         }
         let problem = format!(
-            "of `kernel_particles`, {all}, at least 1 has to move and 2 have to be held; {moved} moved leaves {}",
+            "of `kernel_particles`, {all}, at least 1 has to move and 2 have to be held; {moved} moved \
+             leaves {}",
             all.saturating_sub(moved)
         );
-        Err(Error::Config { key: "moved_particles".into(), problem })
+        Err(Error::Config {
+            key: "moved_particles".into(),
+            problem,
+        })
     }
 
     /// How many of the particles of an update are held.
@@ -175,7 +196,11 @@ impl Config {
     /// The hidden layers of every network.
     #[must_use]
     pub fn hidden(&self) -> Hidden {
-        Hidden { width: self.width, layers: self.hidden_layers, activation: self.activation }
+        Hidden {
+            width: self.width,
+            layers: self.hidden_layers,
+            activation: self.activation,
+        }
     }
 }
 
@@ -187,7 +212,9 @@ mod tests {
     fn the_temperature_declines() {
         let preset = <Config as engine::Config>::presets().remove(0);
         let paper: Config = serde_json::from_value(preset.values).unwrap();
-        assert!((paper.temperature_at(0) - 500.1).abs() < 1e-9 && (paper.temperature_at(10) - 500.1).abs() < 1e-9);
+        assert!(
+            (paper.temperature_at(0) - 500.1).abs() < 1e-9 && (paper.temperature_at(10) - 500.1).abs() < 1e-9
+        );
         assert!((paper.temperature_at(20) - (0.1 + 500.0 / std::f64::consts::E)).abs() < 1e-9);
         assert!((paper.temperature_at(1_000) - 0.1).abs() < 1e-9);
     }
@@ -195,10 +222,27 @@ mod tests {
     #[test]
     fn contradictions_are_named() {
         let problem = |config: Config| config.check().unwrap_err().to_string();
-        assert!(problem(Config { replay_capacity: 9, ..Config::default() }).contains("`batch_size`"));
-        let text = problem(Config { kernel_particles: 16, ..Config::default() });
-        assert!(text.contains("`moved_particles`") && text.contains("16 moved leaves 0"), "{text}");
+        assert!(
+            problem(Config {
+                replay_capacity: 9,
+                ..Config::default()
+            })
+            .contains("`batch_size`")
+        );
+        let text = problem(Config {
+            kernel_particles: 16,
+            ..Config::default()
+        });
+        assert!(
+            text.contains("`moved_particles`") && text.contains("16 moved leaves 0"),
+            "{text}"
+        );
         let presets = <Config as engine::Config>::presets();
-        assert!(presets.iter().all(|p| serde_json::from_value::<Config>(p.values.clone()).unwrap().check().is_ok()));
+        assert!(presets.iter().all(|p| {
+            serde_json::from_value::<Config>(p.values.clone())
+                .unwrap()
+                .check()
+                .is_ok()
+        }));
     }
 }

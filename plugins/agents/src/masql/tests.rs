@@ -36,7 +36,10 @@ fn trained(config: Config) -> (Masql, Batch) {
 
 #[test]
 fn the_soft_target_by_hand() {
-    let (agent, mut batch) = trained(Config { value_particles: 3, ..tiny() });
+    let (agent, mut batch) = trained(Config {
+        value_particles: 3,
+        ..tiny()
+    });
     batch.continues = batch.continues.ones_like();
     let y = values(agent.soft_target(1, &batch, &mut stream(&["noise"])));
     let particles = values(uniform(24, 2, &mut stream(&["noise"])));
@@ -56,13 +59,26 @@ fn the_soft_target_by_hand() {
 
 #[test]
 fn sums_of_exponentials_do_not_overflow() {
-    let got = values(log_mean_exp(matrix(vec![1e4, 1e4, -1e4, -1e4, 0.0, 3f32.ln()], 2)));
-    assert!([1e4, -1e4, 2f32.ln()].iter().zip(&got).all(|(a, b)| (a - b).abs() < 1e-6), "{got:?}");
+    let got = values(log_mean_exp(matrix(
+        vec![1e4, 1e4, -1e4, -1e4, 0.0, 3f32.ln()],
+        2,
+    )));
+    assert!(
+        [1e4, -1e4, 2f32.ln()]
+            .iter()
+            .zip(&got)
+            .all(|(a, b)| (a - b).abs() < 1e-6),
+        "{got:?}"
+    );
 }
 
 #[test]
 fn scores_agree_with_finite_differences() {
-    let (agent, batch) = trained(Config { activation: Activation::Tanh, sight: Sight::Joint, ..tiny() });
+    let (agent, batch) = trained(Config {
+        activation: Activation::Tanh,
+        sight: Sight::Joint,
+        ..tiny()
+    });
     let actions = vec![0.3f32, -0.6, 0.9, 0.1];
     let seen = columns(&batch.observations, 0..2).slice([0..2, 0..2]);
     let (scores, _) = agent.scores(0, seen.clone(), &matrix(actions.clone(), 2));
@@ -70,34 +86,61 @@ fn scores_agree_with_finite_differences() {
     let log_density = |i: usize, step: f64| {
         let mut moved: Vec<f32> = actions.clone();
         moved[i] += step as f32;
-        let q = value(&agent.learners[0].critic.network().valid(), seen.clone(), matrix(moved.clone(), 2));
+        let q = value(
+            &agent.learners[0].critic.network().valid(),
+            seen.clone(),
+            matrix(moved.clone(), 2),
+        );
         let face = |a: &f32| (1.0 - f64::from(*a).powi(2) + 1e-6).ln();
-        values(q).iter().map(|q| f64::from(*q)).sum::<f64>() / agent.temperature() + moved.iter().map(face).sum::<f64>()
+        values(q).iter().map(|q| f64::from(*q)).sum::<f64>() / agent.temperature()
+            + moved.iter().map(face).sum::<f64>()
     };
     for (i, score) in scores.iter().enumerate() {
         let slope = (log_density(i, 5e-3) - log_density(i, -5e-3)) / 1e-2;
-        assert!((f64::from(*score) - slope).abs() < 0.02 * (1.0 + slope.abs()), "{score} {slope}");
+        assert!(
+            (f64::from(*score) - slope).abs() < 0.02 * (1.0 + slope.abs()),
+            "{score} {slope}"
+        );
     }
 }
 
 #[test]
 fn parameters_follow_the_moved_particles_along_the_direction() {
-    let (agent, batch) = trained(Config { activation: Activation::Tanh, width: 4, ..tiny() });
-    let (seen, sampler) = (agent.seen(0, &batch.observations), agent.learners[0].sampler.network());
+    let (agent, batch) = trained(Config {
+        activation: Activation::Tanh,
+        width: 4,
+        ..tiny()
+    });
+    let (seen, sampler) = (
+        agent.seen(0, &batch.observations),
+        agent.learners[0].sampler.network(),
+    );
     let held = agent.drawn(&sampler.valid(), &seen, 6, &mut stream(&["held"]));
     let draw_moved = |sampler: &Mlp| agent.drawn(sampler, &seen, 6, &mut stream(&["moved"]));
     let moved = draw_moved(sampler);
     assert!(!held.is_autodiff() && moved.is_autodiff());
     let (direction, _) = agent.direction(0, &seen, &held, &moved);
-    // Held particles and direction are constants: finite differences of the moved ones alone give the gradient.
-    let gradient = |sampler: &Mlp| (draw_moved(sampler) * matrix(direction.direction.clone(), 2)).mean().neg();
+    // Held particles and direction are constants: finite differences of the moved ones alone give the
+    // gradient.
+    let gradient = |sampler: &Mlp| {
+        (draw_moved(sampler) * matrix(direction.direction.clone(), 2))
+            .mean()
+            .neg()
+    };
     game::assert_gradient(sampler, gradient);
 }
 
 #[test]
 fn the_direction_is_that_of_each_row_by_hand() {
-    let (agent, batch) = trained(Config { kernel_particles: 3, moved_particles: 1, ..tiny() });
-    let (seen, sampler) = (agent.seen(0, &batch.observations), agent.learners[0].sampler.network());
+    let (agent, batch) = trained(Config {
+        kernel_particles: 3,
+        moved_particles: 1,
+        ..tiny()
+    });
+    let (seen, sampler) = (
+        agent.seen(0, &batch.observations),
+        agent.learners[0].sampler.network(),
+    );
     let (held, moved) = (
         agent.drawn(&sampler.valid(), &seen, 2, &mut stream(&["held"])),
         agent.drawn(sampler, &seen, 1, &mut stream(&["moved"])),
@@ -126,7 +169,10 @@ fn the_best_of_the_draws_is_scored() {
     let best = agent.best_drawn(0, &sampler, &seen, &mut stream(&["best"]));
     let all = agent.drawn(&sampler, &seen, 16, &mut stream(&["best"]));
     let critic = agent.learners[0].critic.network().valid();
-    let (best, all) = (values(value(&critic, seen.clone(), best)), values(value(&critic, repeat_rows(&seen, 16), all)));
+    let (best, all) = (
+        values(value(&critic, seen.clone(), best)),
+        values(value(&critic, repeat_rows(&seen, 16), all)),
+    );
     for (best, all) in best.iter().zip(all.chunks(16)) {
         assert!((best - all.iter().copied().fold(f32::NEG_INFINITY, f32::max)).abs() < 1e-6);
     }
@@ -145,13 +191,21 @@ fn it_learns_to_coordinate() {
 #[test]
 fn spaces_that_do_not_fit_are_refused() {
     let allocation = crate::shared::bandit::interface();
-    assert!(matches!(Masql::new(tiny(), &allocation, &mut stream(&["x"])), Err(Error::Mismatch { .. })));
+    assert!(matches!(
+        Masql::new(tiny(), &allocation, &mut stream(&["x"])),
+        Err(Error::Mismatch { .. })
+    ));
 }
 
 #[test]
 fn a_saved_agent_continues() {
     for evaluation_action in [EvaluationAction::BestOfDraws, EvaluationAction::Draw] {
-        let config = Config { reward_normalisation: true, target_period: 3, evaluation_action, ..tiny() };
+        let config = Config {
+            reward_normalisation: true,
+            target_period: 3,
+            evaluation_action,
+            ..tiny()
+        };
         game::assert_continues(|rng| build(config.clone(), &game::game(), rng).unwrap());
     }
 }
@@ -171,5 +225,10 @@ fn the_exported_sampler_draws_as_the_agent() {
     let latent = values(normal(1, 2, &mut stream(&["xi"])));
     let exported = Policy::read(&dir.path().join("seat_1")).unwrap();
     let again = exported.act(&[0.3, f64::from(latent[0]), f64::from(latent[1])]);
-    assert!(drawn.iter().zip(&again).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-6));
+    assert!(
+        drawn
+            .iter()
+            .zip(&again)
+            .all(|(a, b)| (f64::from(*a) - b).abs() < 1e-6)
+    );
 }

@@ -1,4 +1,5 @@
-//! A tiny problem for the tests of learning agents: one decision per episode, reward minus the distance to a known answer.
+//! A tiny problem for the tests of learning agents: one decision per episode, reward minus the distance to a
+//! known answer.
 
 use engine::{Agent, End, Interface, Metric, Mode, Observation, Recorder, Rng, Transition};
 use numerics::policy_file::Policy;
@@ -17,13 +18,22 @@ pub fn interface() -> Interface {
 /// `n` decisions at random observations, as the agent takes them in training.
 pub fn decide(agent: &mut dyn Agent, n: usize, rng: &mut Rng) -> Vec<Transition> {
     let seen: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
-    let observe = |x: &f64| Observation { seats: vec![vec![*x]], state: best(*x) };
+    let observe = |x: &f64| Observation {
+        seats: vec![vec![*x]],
+        state: best(*x),
+    };
     let observations: Vec<Observation> = seen.iter().map(observe).collect();
     let actions = agent.act(&observations, Mode::Train, rng).unwrap();
     let transition = |(observation, action): (Observation, engine::Action)| {
         let reward = -distance(&action[0], &observation.state);
         let next_observation = observation.clone();
-        Transition { observation, action, rewards: vec![reward], next_observation, end: Some(End::Terminated) }
+        Transition {
+            observation,
+            action,
+            rewards: vec![reward],
+            next_observation,
+            end: Some(End::Terminated),
+        }
     };
     observations.into_iter().zip(actions).map(transition).collect()
 }
@@ -41,12 +51,24 @@ pub fn train(agent: &mut dyn Agent, rounds: usize, rng: &mut Rng) -> Recorder {
 /// Mean distance of the scored actions to the best ones, over 21 observations.
 pub fn error(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
     let seen: Vec<f64> = (0..=20).map(|i| f64::from(i) / 10.0 - 1.0).collect();
-    let observations: Vec<_> = seen.iter().map(|x| Observation { seats: vec![vec![*x]], state: best(*x) }).collect();
+    let observations: Vec<_> = seen
+        .iter()
+        .map(|x| Observation {
+            seats: vec![vec![*x]],
+            state: best(*x),
+        })
+        .collect();
     let actions = agent.act(&observations, Mode::Evaluate, rng).unwrap();
-    actions.iter().zip(&seen).map(|(action, x)| distance(&action[0], &best(*x))).sum::<f64>() / 21.0
+    actions
+        .iter()
+        .zip(&seen)
+        .map(|(action, x)| distance(&action[0], &best(*x)))
+        .sum::<f64>()
+        / 21.0
 }
 
-/// Asserts that an agent which was saved and loaded takes the same next updates and actions as the one that went on.
+/// Asserts that an agent which was saved and loaded takes the same next updates and actions as the one that
+/// went on.
 pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     let mut rng = engine::random::stream(&["continues"]);
     let mut one = build(&mut rng);
@@ -55,12 +77,25 @@ pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     one.save(dir.path()).unwrap();
     let mut two = build(&mut engine::random::stream(&["another start"]));
     two.load(dir.path()).unwrap();
-    assert!(two.updates() == one.updates() && two.updates().is_some_and(|updates| updates.made > 0), "{:?}", two.updates());
+    assert!(
+        two.updates() == one.updates() && two.updates().is_some_and(|updates| updates.made > 0),
+        "{:?}",
+        two.updates()
+    );
     let (mut rng_one, mut rng_two) = (rng.clone(), rng);
-    let (record_one, record_two) = (train(one.as_mut(), 3, &mut rng_one), train(two.as_mut(), 3, &mut rng_two));
+    let (record_one, record_two) = (
+        train(one.as_mut(), 3, &mut rng_one),
+        train(two.as_mut(), 3, &mut rng_two),
+    );
     assert_eq!(format!("{record_one:?}"), format!("{record_two:?}"));
-    assert_eq!(decide(one.as_mut(), 4, &mut rng_one), decide(two.as_mut(), 4, &mut rng_two));
-    assert!(matches!(two.load(&dir.path().join("nowhere")), Err(engine::Error::File { .. })));
+    assert_eq!(
+        decide(one.as_mut(), 4, &mut rng_one),
+        decide(two.as_mut(), 4, &mut rng_two)
+    );
+    assert!(matches!(
+        two.load(&dir.path().join("nowhere")),
+        Err(engine::Error::File { .. })
+    ));
 }
 
 /// Asserts that a trained agent records every declared metric and no other.
@@ -78,30 +113,58 @@ pub fn assert_declared(agent: &mut dyn Agent, declared: &[Metric]) {
 pub fn assert_exports(agent: &mut dyn Agent) {
     let dir = tempfile::tempdir().unwrap();
     assert!(agent.export(dir.path()).unwrap());
-    let observation = Observation { seats: vec![vec![0.3]], state: Vec::new() };
-    let action = agent.act(&[observation], Mode::Evaluate, &mut engine::random::stream(&["x"])).unwrap().remove(0).remove(0);
+    let observation = Observation {
+        seats: vec![vec![0.3]],
+        state: Vec::new(),
+    };
+    let action = agent
+        .act(
+            &[observation],
+            Mode::Evaluate,
+            &mut engine::random::stream(&["x"]),
+        )
+        .unwrap()
+        .remove(0)
+        .remove(0);
     let exported = Policy::read(dir.path()).unwrap().act(&[0.3]);
-    assert!(action.iter().zip(&exported).all(|(a, b)| (a - b).abs() < 1e-6), "{action:?} {exported:?}");
+    assert!(
+        action.iter().zip(&exported).all(|(a, b)| (a - b).abs() < 1e-6),
+        "{action:?} {exported:?}"
+    );
 }
 
-/// Asserts that an agent which takes up the policy that another one exported is scored as that one to the bit, and that it takes up
-/// none of other channels.
+/// Asserts that an agent which takes up the policy that another one exported is scored as that one to the
+/// bit, and that it takes up none of other channels.
 pub fn assert_imports(build: impl Fn(&Interface, &mut Rng) -> Box<dyn Agent>) {
     let stream = |name: &str| engine::random::stream(&["imports", name]);
-    let (mut one, mut two) = (build(&interface(), &mut stream("one")), build(&interface(), &mut stream("two")));
+    let (mut one, mut two) = (
+        build(&interface(), &mut stream("one")),
+        build(&interface(), &mut stream("two")),
+    );
     train(one.as_mut(), 6, &mut stream("train"));
     let dir = tempfile::tempdir().unwrap();
     assert!(one.export(dir.path()).unwrap());
-    let seen = [0.3, -0.7].map(|x| Observation { seats: vec![vec![x]], state: Vec::new() });
+    let seen = [0.3, -0.7].map(|x| Observation {
+        seats: vec![vec![x]],
+        state: Vec::new(),
+    });
     let act = |agent: &mut dyn Agent| agent.act(&seen, Mode::Evaluate, &mut stream("act")).unwrap();
     assert_ne!(act(one.as_mut()), act(two.as_mut()));
     assert!(two.import(dir.path()).unwrap());
     assert_eq!(act(one.as_mut()), act(two.as_mut()));
-    assert!(matches!(two.import(&dir.path().join("nowhere")), Err(engine::Error::File { .. })));
-    let mut other =
-        build(&crate::shared::seat::tests::allocation(&["y"], &["best_1", "best_2", "best_3"], 3), &mut stream("one"));
+    assert!(matches!(
+        two.import(&dir.path().join("nowhere")),
+        Err(engine::Error::File { .. })
+    ));
+    let mut other = build(
+        &crate::shared::seat::tests::allocation(&["y"], &["best_1", "best_2", "best_3"], 3),
+        &mut stream("one"),
+    );
     let refusal = other.import(dir.path()).unwrap_err().to_string();
-    assert!(refusal.contains("`inputs` of the policy is [\"x\"], here [\"y\"]"), "{refusal}");
+    assert!(
+        refusal.contains("`inputs` of the policy is [\"x\"], here [\"y\"]"),
+        "{refusal}"
+    );
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {

@@ -17,7 +17,12 @@ const COUNTERS: &str = "counters";
 ///
 /// # Errors
 /// [`Error::File`] where the system refuses.
-pub fn write(agent: &'static str, dir: &Path, mut file: TensorFile, counters: &impl Serialize) -> Result<(), Error> {
+pub fn write(
+    agent: &'static str,
+    dir: &Path,
+    mut file: TensorFile,
+    counters: &impl Serialize,
+) -> Result<(), Error> {
     let counters = serde_json::to_value(counters).map_err(|source| misfit(agent, source))?;
     file.header[COUNTERS] = counters;
     file.write(&dir.join(FILE_NAME)).map_err(error_of(agent))
@@ -29,26 +34,42 @@ pub fn write(agent: &'static str, dir: &Path, mut file: TensorFile, counters: &i
 /// [`Error::File`] or [`Error::Checkpoint`] where they are not there or not whole.
 pub fn read<C: DeserializeOwned>(agent: &'static str, dir: &Path) -> Result<(TensorFile, C), Error> {
     let file = TensorFile::read(&dir.join(FILE_NAME)).map_err(error_of(agent))?;
-    let counters = serde_json::from_value(file.header[COUNTERS].clone()).map_err(|source| misfit(agent, source))?;
+    let counters =
+        serde_json::from_value(file.header[COUNTERS].clone()).map_err(|source| misfit(agent, source))?;
     Ok((file, counters))
 }
 
-/// Takes the network of a policy file in `dir` over into `policy`, whose agent would write the same ports and head.
+/// Takes the network of a policy file in `dir` over into `policy`, whose agent would write the same ports and
+/// head.
 ///
 /// # Errors
 /// As [`read_policy`], and [`Error::Checkpoint`] for a network of another form.
-pub fn import_policy(agent: &'static str, policy: &mut Trained<Mlp>, dir: &Path, ports: &Ports, head: Head) -> Result<(), Error> {
+pub fn import_policy(
+    agent: &'static str,
+    policy: &mut Trained<Mlp>,
+    dir: &Path,
+    ports: &Ports,
+    head: Head,
+) -> Result<(), Error> {
     let file = read_policy(agent, dir, ports, head)?;
-    policy.restore_network(policy_file::PREFIX, &file).map_err(error_of(agent))
+    policy
+        .restore_network(policy_file::PREFIX, &file)
+        .map_err(error_of(agent))
 }
 
 /// Reads the policy file in `dir` for an agent that would write the same ports and head.
 ///
 /// # Errors
-/// [`Error::File`] or [`Error::Checkpoint`] where the file is not there, not whole or says something else of inputs and outputs.
+/// [`Error::File`] or [`Error::Checkpoint`] where the file is not there, not whole or says something else of
+/// inputs and outputs.
 pub fn read_policy(agent: &'static str, dir: &Path, ports: &Ports, head: Head) -> Result<TensorFile, Error> {
     let file = TensorFile::read(&dir.join(policy_file::FILE_NAME)).map_err(error_of(agent))?;
-    let Ports { inputs, center, spread, outputs } = ports;
+    let Ports {
+        inputs,
+        center,
+        spread,
+        outputs,
+    } = ports;
     let own = [
         ("inputs", json!(inputs)),
         ("center", json!(center)),
@@ -58,7 +79,10 @@ pub fn read_policy(agent: &'static str, dir: &Path, ports: &Ports, head: Head) -
     ];
     match own.into_iter().find(|(key, value)| file.header[key] != *value) {
         None => Ok(file),
-        Some((key, value)) => Err(misfit(agent, format!("`{key}` of the policy is {}, here {value}", file.header[key]))),
+        Some((key, value)) => Err(misfit(
+            agent,
+            format!("`{key}` of the policy is {}, here {value}", file.header[key]),
+        )),
     }
 }
 
@@ -71,7 +95,10 @@ pub fn error_of(agent: &'static str) -> impl Fn(TensorFileError) -> Error {
 }
 
 fn misfit(agent: &'static str, source: impl std::fmt::Display) -> Error {
-    Error::Checkpoint { what: agent, problem: source.to_string() }
+    Error::Checkpoint {
+        what: agent,
+        problem: source.to_string(),
+    }
 }
 
 /// A loss as a number, refused where it is not finite.
@@ -80,5 +107,13 @@ fn misfit(agent: &'static str, source: impl std::fmt::Display) -> Error {
 /// [`Error::NotFinite`].
 pub fn finite(what: &str, step: u64, value: f32) -> Result<f64, Error> {
     let value = f64::from(value);
-    if value.is_finite() { Ok(value) } else { Err(Error::NotFinite { what: what.into(), step, value }) }
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Error::NotFinite {
+            what: what.into(),
+            step,
+            value,
+        })
+    }
 }

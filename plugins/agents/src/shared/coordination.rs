@@ -1,7 +1,9 @@
 //! A tiny game for the tests of agents that play several seats: all earn alike, and alone none can earn much.
 
 use burn::tensor::Tensor;
-use engine::{Agent, Channel, End, Interface, Metric, Mode, Observation, Recorder, Rng, Seat, Space, Transition};
+use engine::{
+    Agent, Channel, End, Interface, Metric, Mode, Observation, Recorder, Rng, Seat, Space, Transition,
+};
 use numerics::network::{Mlp, values};
 use numerics::parameters::{parameters, with_parameters};
 use numerics::policy_file::Policy;
@@ -10,14 +12,19 @@ use rand::Rng as _;
 /// Seats that observe and act with these numbers of entries.
 pub fn interface(observed: &[usize], acted: &[usize]) -> Interface {
     let channels = |word: &str, seat: usize, n: usize| {
-        (0..n).map(|i| Channel::new(format!("{word}_{seat}_{i}"), "").within(-1.0, 1.0)).collect::<Vec<_>>()
+        (0..n)
+            .map(|i| Channel::new(format!("{word}_{seat}_{i}"), "").within(-1.0, 1.0))
+            .collect::<Vec<_>>()
     };
     let seat = |(seat, (observed, acted)): (usize, (&usize, &usize))| Seat {
         name: format!("seat_{seat}"),
         observation: Space::Box(channels("see", seat, *observed)),
         action: Space::Box(channels("act", seat, *acted)),
     };
-    Interface { seats: observed.iter().zip(acted).enumerate().map(seat).collect(), state: Vec::new() }
+    Interface {
+        seats: observed.iter().zip(acted).enumerate().map(seat).collect(),
+        state: Vec::new(),
+    }
 }
 
 /// Two seats that both see one number `x` and choose one number each.
@@ -38,7 +45,13 @@ pub fn decide(agent: &mut dyn Agent, n: usize, rng: &mut Rng) -> Vec<Transition>
     let transition = |(observation, action): (Observation, engine::Action)| {
         let rewards = vec![reward(observation.seats[0][0], &action); 2];
         let next_observation = observation.clone();
-        Transition { observation, action, rewards, next_observation, end: Some(End::Terminated) }
+        Transition {
+            observation,
+            action,
+            rewards,
+            next_observation,
+            end: Some(End::Terminated),
+        }
     };
     observations.into_iter().zip(actions).map(transition).collect()
 }
@@ -58,10 +71,16 @@ pub fn score(agent: &mut dyn Agent, rng: &mut Rng) -> f64 {
     let seen: Vec<f64> = (0..=20).map(|i| f64::from(i) / 10.0 - 1.0).collect();
     let observations: Vec<_> = seen.iter().map(|x| observe(*x)).collect();
     let actions = agent.act(&observations, Mode::Evaluate, rng).unwrap();
-    actions.iter().zip(&seen).map(|(action, x)| reward(*x, action)).sum::<f64>() / 21.0
+    actions
+        .iter()
+        .zip(&seen)
+        .map(|(action, x)| reward(*x, action))
+        .sum::<f64>()
+        / 21.0
 }
 
-/// Asserts that an agent which was saved and loaded takes the same next updates and actions as the one that went on.
+/// Asserts that an agent which was saved and loaded takes the same next updates and actions as the one that
+/// went on.
 pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     let mut rng = engine::random::stream(&["continues"]);
     let mut one = build(&mut rng);
@@ -70,12 +89,25 @@ pub fn assert_continues(build: impl Fn(&mut Rng) -> Box<dyn Agent>) {
     one.save(dir.path()).unwrap();
     let mut two = build(&mut engine::random::stream(&["another start"]));
     two.load(dir.path()).unwrap();
-    assert!(two.updates() == one.updates() && two.updates().is_some_and(|updates| updates.made > 0), "{:?}", two.updates());
+    assert!(
+        two.updates() == one.updates() && two.updates().is_some_and(|updates| updates.made > 0),
+        "{:?}",
+        two.updates()
+    );
     let (mut rng_one, mut rng_two) = (rng.clone(), rng);
-    let (record_one, record_two) = (train(one.as_mut(), 3, &mut rng_one), train(two.as_mut(), 3, &mut rng_two));
+    let (record_one, record_two) = (
+        train(one.as_mut(), 3, &mut rng_one),
+        train(two.as_mut(), 3, &mut rng_two),
+    );
     assert_eq!(format!("{record_one:?}"), format!("{record_two:?}"));
-    assert_eq!(decide(one.as_mut(), 4, &mut rng_one), decide(two.as_mut(), 4, &mut rng_two));
-    assert!(matches!(two.load(&dir.path().join("nowhere")), Err(engine::Error::File { .. })));
+    assert_eq!(
+        decide(one.as_mut(), 4, &mut rng_one),
+        decide(two.as_mut(), 4, &mut rng_two)
+    );
+    assert!(matches!(
+        two.load(&dir.path().join("nowhere")),
+        Err(engine::Error::File { .. })
+    ));
 }
 
 /// Asserts that a trained agent records every declared metric and no other.
@@ -90,7 +122,10 @@ pub fn assert_declared(agent: &mut dyn Agent, declared: &[Metric]) {
 }
 
 fn observe(x: f64) -> Observation {
-    Observation { seats: vec![vec![x], vec![x]], state: Vec::new() }
+    Observation {
+        seats: vec![vec![x], vec![x]],
+        state: Vec::new(),
+    }
 }
 
 /// Asserts that the gradient of a loss in every parameter of a network agrees with central differences.
@@ -102,22 +137,42 @@ pub fn assert_gradient(network: &Mlp, loss: impl Fn(&Mlp) -> Tensor<1>) {
         moved[p].values[i] += step;
         f64::from(values(loss(&with_parameters(network.clone(), &moved).unwrap()))[0])
     };
-    let places = numbers.iter().enumerate().flat_map(|(p, parameter)| (0..parameter.values.len()).map(move |i| (p, i)));
-    let differences: Vec<f64> = places.map(|(p, i)| (at(p, i, 5e-3) - at(p, i, -5e-3)) / 1e-2).collect();
-    let largest = differences.iter().fold(0.0f64, |largest, slope| largest.max(slope.abs()));
-    assert!(largest > 1e-3 && analytic.len() == differences.len(), "largest {largest}");
+    let places = numbers
+        .iter()
+        .enumerate()
+        .flat_map(|(p, parameter)| (0..parameter.values.len()).map(move |i| (p, i)));
+    let differences: Vec<f64> = places
+        .map(|(p, i)| (at(p, i, 5e-3) - at(p, i, -5e-3)) / 1e-2)
+        .collect();
+    let largest = differences
+        .iter()
+        .fold(0.0f64, |largest, slope| largest.max(slope.abs()));
+    assert!(
+        largest > 1e-3 && analytic.len() == differences.len(),
+        "largest {largest}"
+    );
     for (gradient, difference) in analytic.iter().zip(&differences) {
-        assert!((f64::from(*gradient) - difference).abs() < 0.02 * largest, "{gradient} {difference} of {largest}");
+        assert!(
+            (f64::from(*gradient) - difference).abs() < 0.02 * largest,
+            "{gradient} {difference} of {largest}"
+        );
     }
 }
 
-/// Asserts that the exported policies act as the agent is scored; `observed` are the entries that each seat's policy reads.
+/// Asserts that the exported policies act as the agent is scored; `observed` are the entries that each seat's
+/// policy reads.
 pub fn assert_exports(agent: &mut dyn Agent, x: f64, observed: usize) {
     let dir = tempfile::tempdir().unwrap();
     assert!(agent.export(dir.path()).unwrap());
-    let action = agent.act(&[observe(x)], Mode::Evaluate, &mut engine::random::stream(&["x"])).unwrap().remove(0);
+    let action = agent
+        .act(&[observe(x)], Mode::Evaluate, &mut engine::random::stream(&["x"]))
+        .unwrap()
+        .remove(0);
     for (seat, action) in action.iter().enumerate() {
         let policy = Policy::read(&dir.path().join(format!("seat_{seat}"))).unwrap();
-        assert!((action[0] - policy.act(&vec![x; observed])[0]).abs() < 1e-6, "{action:?}");
+        assert!(
+            (action[0] - policy.act(&vec![x; observed])[0]).abs() < 1e-6,
+            "{action:?}"
+        );
     }
 }

@@ -106,7 +106,12 @@ impl Form {
     /// A network of rectifiers from `inputs` to `outputs`, started as PyTorch starts its linear layers.
     pub fn network(&self, inputs: usize, outputs: usize, rng: &mut Rng) -> Mlp {
         let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
-        Mlp::uniform(&sizes, &vec![Activation::Relu; self.layers], rng, &device().autodiff())
+        Mlp::uniform(
+            &sizes,
+            &vec![Activation::Relu; self.layers],
+            rng,
+            &device().autodiff(),
+        )
     }
 }
 
@@ -131,11 +136,20 @@ impl DatasetActor {
     /// # Errors
     /// [`Error::Mismatch`] for several seats, for an observation that is no box and an action that is neither
     /// shares nor within -1 and 1.
-    pub fn new(agent: &'static str, form: &Form, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+    pub fn new(
+        agent: &'static str,
+        form: &Form,
+        interface: &Interface,
+        rng: &mut Rng,
+    ) -> Result<Self, Error> {
         let seat = seat::only_seat(agent, interface)?;
         let (actions, names) = action_set(agent, seat)?;
         let channels = seat::observed(agent, seat)?;
-        let kind = if form.scale_by == ScaleBy::Nothing { ObservationScaling::None } else { ObservationScaling::Typical };
+        let kind = if form.scale_by == ScaleBy::Nothing {
+            ObservationScaling::None
+        } else {
+            ObservationScaling::Typical
+        };
         let network = form.network(channels.len(), names.len(), rng);
         Ok(Self {
             agent,
@@ -164,7 +178,11 @@ impl DatasetActor {
     pub fn survey(&mut self, transitions: &[Transition]) {
         if self.scale_by == ScaleBy::Dataset && !transitions.is_empty() {
             let (center, sd) = moments(transitions, self.n_observed());
-            let spread = sd.iter().zip(&self.typical).map(|(sd, typical)| sd + LEAST_SPREAD * typical).collect();
+            let spread = sd
+                .iter()
+                .zip(&self.typical)
+                .map(|(sd, typical)| sd + LEAST_SPREAD * typical)
+                .collect();
             self.scaling = self.scaling.clone().with(center, spread);
         }
     }
@@ -173,12 +191,18 @@ impl DatasetActor {
     #[must_use]
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     pub fn batch(&self, transitions: &[Transition]) -> Batch {
-        let rows = |of: &dyn Fn(&Transition) -> Vec<f32>, columns| matrix(transitions.iter().flat_map(of).collect(), columns);
-        let seen = |observation: &Observation| self.scaling.apply(&observation.seats[0]).collect::<Vec<f32>>();
+        let rows = |of: &dyn Fn(&Transition) -> Vec<f32>, columns| {
+            matrix(transitions.iter().flat_map(of).collect(), columns)
+        };
+        let seen =
+            |observation: &Observation| self.scaling.apply(&observation.seats[0]).collect::<Vec<f32>>();
         let continues = |it: &Transition| vec![f32::from(u8::from(it.end != Some(End::Terminated)))];
         Batch {
             observations: rows(&|it| seen(&it.observation), self.n_observed()),
-            actions: rows(&|it| it.action[0].iter().map(|entry| *entry as f32).collect(), self.n_acted()),
+            actions: rows(
+                &|it| it.action[0].iter().map(|entry| *entry as f32).collect(),
+                self.n_acted(),
+            ),
             rewards: rows(&|it| vec![it.rewards[0] as f32], 1),
             next_observations: rows(&|it| seen(&it.next_observation), self.n_observed()),
             continues: rows(&continues, 1),
@@ -190,12 +214,22 @@ impl DatasetActor {
     /// # Errors
     /// [`Error::NotFinite`] where the network gives no numbers.
     pub fn act(&self, observations: &[Observation], step: u64) -> Result<Vec<Action>, Error> {
-        let scaled = observations.iter().flat_map(|observation| self.scaling.apply(&observation.seats[0])).collect();
-        let outputs = self.network.network().valid().forward(matrix(scaled, self.n_observed()));
+        let scaled = observations
+            .iter()
+            .flat_map(|observation| self.scaling.apply(&observation.seats[0]))
+            .collect();
+        let outputs = self
+            .network
+            .network()
+            .valid()
+            .forward(matrix(scaled, self.n_observed()));
         let actions = values(self.actions.act(outputs));
         match self.actions {
             ActionSet::Simplex => allocation::actions(&actions, self.n_acted(), step),
-            ActionSet::Cube => actions.chunks(self.n_acted()).map(|row| Ok(vec![numbers(row, step)?])).collect(),
+            ActionSet::Cube => actions
+                .chunks(self.n_acted())
+                .map(|row| Ok(vec![numbers(row, step)?]))
+                .collect(),
         }
     }
 
@@ -233,7 +267,8 @@ impl DatasetActor {
         if self.scale_by == ScaleBy::Dataset {
             let misfit = checkpoint::error_of(self.agent);
             let file = TensorFile::read(&dir.join(FILE_NAME)).map_err(&misfit)?;
-            self.rescale(&file.header["center"], &file.header["spread"]).map_err(&misfit)?;
+            self.rescale(&file.header["center"], &file.header["spread"])
+                .map_err(&misfit)?;
         }
         let (ports, head) = (self.ports(), self.actions.head());
         checkpoint::import_policy(self.agent, &mut self.network, dir, &ports, head)?;
@@ -244,11 +279,23 @@ impl DatasetActor {
         self.scaling.ports(&self.names)
     }
 
-    fn rescale(&mut self, center: &serde_json::Value, spread: &serde_json::Value) -> Result<(), TensorFileError> {
-        let read = |list: &serde_json::Value| Vec::<f64>::deserialize(list).ok().filter(|it| it.len() == self.n_observed());
+    fn rescale(
+        &mut self,
+        center: &serde_json::Value,
+        spread: &serde_json::Value,
+    ) -> Result<(), TensorFileError> {
+        let read = |list: &serde_json::Value| {
+            Vec::<f64>::deserialize(list)
+                .ok()
+                .filter(|it| it.len() == self.n_observed())
+        };
         match (read(center), read(spread)) {
             (Some(center), Some(spread)) => self.scaling = self.scaling.clone().with(center, spread),
-            _ => return Err(TensorFileError::Missing { name: format!("{SCALING} of {} channels", self.n_observed()) }),
+            _ => {
+                return Err(TensorFileError::Missing {
+                    name: format!("{SCALING} of {} channels", self.n_observed()),
+                });
+            }
         }
         Ok(())
     }
@@ -265,14 +312,19 @@ fn action_set(agent: &'static str, seat: &Seat) -> Result<(ActionSet, Vec<String
 }
 
 /// Mean and standard deviation of each channel over what was seen before the decisions.
-#[allow(clippy::cast_precision_loss, reason = "a number of transitions is far below 2^52")]
+#[allow(
+    clippy::cast_precision_loss,
+    reason = "a number of transitions is far below 2^52"
+)]
 fn moments(transitions: &[Transition], n_observed: usize) -> (Vec<f64>, Vec<f64>) {
     let n = transitions.len() as f64;
     let mean_of = |of: &dyn Fn(usize, f64) -> f64| -> Vec<f64> {
         let mut sums = vec![0.0; n_observed];
         for transition in transitions {
             let seen = transition.observation.seats[0].iter().enumerate();
-            sums.iter_mut().zip(seen).for_each(|(sum, (channel, value))| *sum += of(channel, *value));
+            sums.iter_mut()
+                .zip(seen)
+                .for_each(|(sum, (channel, value))| *sum += of(channel, *value));
         }
         sums.into_iter().map(|sum| sum / n).collect()
     };
@@ -284,7 +336,11 @@ fn moments(transitions: &[Transition], n_observed: usize) -> (Vec<f64>, Vec<f64>
 fn numbers(row: &[f32], step: u64) -> Result<Vec<f64>, Error> {
     let check = |value: &f32| match f64::from(*value) {
         value if value.is_finite() => Ok(value.clamp(-1.0, 1.0)),
-        value => Err(Error::NotFinite { what: "an action".into(), step, value }),
+        value => Err(Error::NotFinite {
+            what: "an action".into(),
+            step,
+            value,
+        }),
     };
     row.iter().map(check).collect()
 }
@@ -313,9 +369,18 @@ pub(crate) mod tests {
         let decide = |rng: &mut Rng| {
             let x = rng.random_range(-1.0..1.0);
             let action = act(x, rng);
-            let observation = Observation { seats: vec![vec![x]], state: Vec::new() };
+            let observation = Observation {
+                seats: vec![vec![x]],
+                state: Vec::new(),
+            };
             let (rewards, next_observation) = (vec![reward(x, &action)], observation.clone());
-            Transition { observation, action: vec![action], rewards, next_observation, end: Some(End::Terminated) }
+            Transition {
+                observation,
+                action: vec![action],
+                rewards,
+                next_observation,
+                end: Some(End::Terminated),
+            }
         };
         (0..n).map(|_| decide(rng)).collect()
     }
@@ -325,7 +390,9 @@ pub(crate) mod tests {
         let mut record = Recorder::default();
         agent.survey(data).unwrap();
         for _ in 0..batches {
-            let batch: Vec<_> = (0..64).map(|_| data[rng.random_range(0..data.len())].clone()).collect();
+            let batch: Vec<_> = (0..64)
+                .map(|_| data[rng.random_range(0..data.len())].clone())
+                .collect();
             agent.learn(&batch, rng, &mut record).unwrap();
         }
         record
@@ -341,7 +408,10 @@ pub(crate) mod tests {
         }
         let [mut one, mut two, mut three] = ["one", "two", "three"].map(|name| build(&mut stream(name)));
         fit(one.as_mut(), &data, 3, &mut stream("fit"));
-        let seen = [960.0, 1_000.0, 1_040.0].map(|x| Observation { seats: vec![vec![x]], state: Vec::new() });
+        let seen = [960.0, 1_000.0, 1_040.0].map(|x| Observation {
+            seats: vec![vec![x]],
+            state: Vec::new(),
+        });
         let act = |agent: &mut dyn Agent| agent.act(&seen, Mode::Evaluate, &mut stream("act")).unwrap();
         let folder = tempfile::tempdir().unwrap();
         one.save(folder.path()).unwrap();
@@ -359,15 +429,30 @@ pub(crate) mod tests {
     }
 
     fn form(scale_by: ScaleBy) -> Form {
-        Form { width: 8, layers: 2, learning_rate: 1e-3, gradient_clip: None, scale_by }
+        Form {
+            width: 8,
+            layers: 2,
+            learning_rate: 1e-3,
+            gradient_clip: None,
+            scale_by,
+        }
     }
 
     fn actor(scale_by: ScaleBy, interface: &Interface) -> DatasetActor {
-        DatasetActor::new("tested", &form(scale_by), interface, &mut engine::random::stream(&["actor"])).unwrap()
+        DatasetActor::new(
+            "tested",
+            &form(scale_by),
+            interface,
+            &mut engine::random::stream(&["actor"]),
+        )
+        .unwrap()
     }
 
     fn seen(values: &[f64]) -> Vec<Transition> {
-        let observe = |x: f64| Observation { seats: vec![vec![x]], state: Vec::new() };
+        let observe = |x: f64| Observation {
+            seats: vec![vec![x]],
+            state: Vec::new(),
+        };
         let transition = |x: &f64| Transition {
             observation: observe(*x),
             action: vec![vec![0.5]],
@@ -385,12 +470,27 @@ pub(crate) mod tests {
         let spread = 5f64.sqrt() + 1e-3;
         let mut actor = actor(ScaleBy::Dataset, &cube());
         actor.survey(&data);
-        let Batch { observations, actions, rewards, next_observations, continues } = actor.batch(&data);
+        let Batch {
+            observations,
+            actions,
+            rewards,
+            next_observations,
+            continues,
+        } = actor.batch(&data);
         let close = |found: Vec<f32>, expected: [f64; 4]| {
-            assert!(found.iter().zip(expected).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-6), "{found:?} {expected:?}");
+            assert!(
+                found
+                    .iter()
+                    .zip(expected)
+                    .all(|(a, b)| (f64::from(*a) - b).abs() < 1e-6),
+                "{found:?} {expected:?}"
+            );
         };
         close(values(observations), [-3.0, -1.0, 1.0, 3.0].map(|x| x / spread));
-        close(values(next_observations), [-2.0, 0.0, 2.0, 4.0].map(|x| x / spread));
+        close(
+            values(next_observations),
+            [-2.0, 0.0, 2.0, 4.0].map(|x| x / spread),
+        );
         assert_eq!((values(actions), values(rewards)), (vec![0.5; 4], vec![2.0; 4]));
         assert_eq!(values(continues), [1.0; 4], "an episode that was cut off goes on");
         let constant = seen(&[2.0, 2.0]);
@@ -412,7 +512,10 @@ pub(crate) mod tests {
     #[test]
     fn centred_actions_by_hand() {
         let shares = matrix(vec![0.25, 0.25, 0.5, 0.0], 4);
-        assert_eq!(values(ActionSet::Simplex.centred(shares.clone())), [0.0, 0.0, 1.0, -1.0]);
+        assert_eq!(
+            values(ActionSet::Simplex.centred(shares.clone())),
+            [0.0, 0.0, 1.0, -1.0]
+        );
         assert_eq!(values(ActionSet::Cube.centred(shares)), [0.25, 0.25, 0.5, 0.0]);
     }
 
@@ -420,7 +523,12 @@ pub(crate) mod tests {
     fn limits_other_than_one_are_refused() {
         let mut interface = cube();
         interface.seats[0].action = Space::Box(vec![Channel::new("force", "N").within(0.0, 5.0)]);
-        let refused = DatasetActor::new("tested", &form(ScaleBy::Typical), &interface, &mut engine::random::stream(&["x"]));
+        let refused = DatasetActor::new(
+            "tested",
+            &form(ScaleBy::Typical),
+            &interface,
+            &mut engine::random::stream(&["x"]),
+        );
         let text = refused.unwrap_err().to_string();
         assert!(text.contains("`force` within 0 and 5"), "{text}");
     }

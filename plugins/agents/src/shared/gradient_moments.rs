@@ -30,13 +30,16 @@ impl RewardChannels {
     /// [`Error::Mismatch`] where the environment does not show its reward.
     pub(crate) fn find(agent: &'static str, interface: &Interface) -> Result<Self, Error> {
         let position = |name: &str| interface.state.iter().position(|channel| channel.name == name);
-        let values: Vec<usize> = (1..).map_while(|number| position(&format!("value_{number}"))).collect();
+        let values: Vec<usize> = (1..)
+            .map_while(|number| position(&format!("value_{number}")))
+            .collect();
         match position("curvature") {
             Some(curvature) if values.len() >= 2 => Ok(Self { values, curvature }),
             _ => Err(Error::Mismatch {
                 agent,
                 problem:
-                    "it needs an environment whose state has `value_1`, `value_2`, ... and `curvature`, as `allocation_bandit`"
+                    "it needs an environment whose state has `value_1`, `value_2`, ... and `curvature`, as \
+                     `allocation_bandit`"
                         .into(),
             }),
         }
@@ -49,7 +52,10 @@ impl RewardChannels {
 
     /// The reward that a state describes.
     pub(crate) fn read(&self, state: &[f64]) -> Reward {
-        Reward { values: self.values.iter().map(|&index| state[index]).collect(), curvature: state[self.curvature] }
+        Reward {
+            values: self.values.iter().map(|&index| state[index]).collect(),
+            curvature: state[self.curvature],
+        }
     }
 }
 
@@ -59,7 +65,10 @@ pub(crate) fn mean_action(given: Option<Vec<f64>>, entries: usize) -> Result<Vec
     let mean = given.unwrap_or_else(|| vec![1.0 / entries as f64; entries]);
     let sum: f64 = mean.iter().sum();
     if mean.len() != entries || mean.iter().any(|share| *share <= 0.0) || (sum - 1.0).abs() > 1e-9 {
-        return Err(Error::config("mean", format!("write {entries} shares above 0 that sum to 1")));
+        return Err(Error::config(
+            "mean",
+            format!("write {entries} shares above 0 that sum to 1"),
+        ));
     }
     Ok(mean)
 }
@@ -100,7 +109,10 @@ impl Moments {
     /// Where the file is not there or does not fit.
     pub(crate) fn load(&mut self, agent: &'static str, dir: &Path, entries: usize) -> Result<(), Error> {
         let (_, moments): (_, Self) = checkpoint::read(agent, dir)?;
-        if ![moments.mean.len(), moments.squares.len()].iter().all(|stored| [0, entries].contains(stored)) {
+        if ![moments.mean.len(), moments.squares.len()]
+            .iter()
+            .all(|stored| [0, entries].contains(stored))
+        {
             let problem = format!("{} entries stored, {entries} needed", moments.mean.len());
             return Err(Error::Checkpoint { what: agent, problem });
         }
@@ -110,16 +122,27 @@ impl Moments {
 
     /// Nothing is learned: an update is one of the estimate, by a batch of samples.
     pub(crate) fn updates(&self) -> Updates {
-        Updates { made: self.batches, first_after: 1 }
+        Updates {
+            made: self.batches,
+            first_after: 1,
+        }
     }
 
     /// Ends a batch: records bias and spread of the estimates against the exact gradient.
     pub(crate) fn end_batch(&mut self, exact: &[f64], record: &mut Recorder) {
         self.batches += 1;
-        let difference: Vec<f64> = self.mean.iter().zip(exact).map(|(mean, exact)| mean - exact).collect();
+        let difference: Vec<f64> = self
+            .mean
+            .iter()
+            .zip(exact)
+            .map(|(mean, exact)| mean - exact)
+            .collect();
         let variance = self.squares.iter().sum::<f64>() / (self.count - 1.0).max(1.0);
         record.latest("gradient_bias", norm(&difference) / norm(exact));
-        record.latest("gradient_bias_noise", (variance / self.count).sqrt() / norm(exact));
+        record.latest(
+            "gradient_bias_noise",
+            (variance / self.count).sqrt() / norm(exact),
+        );
         record.latest("gradient_variance", variance);
         record.latest("gradient_relative_variance", variance / norm(exact).powi(2));
         record.latest("gradient_norm", norm(exact));
@@ -133,12 +156,27 @@ pub(crate) fn norm(vector: &[f64]) -> f64 {
 
 /// What both estimators record.
 pub(crate) fn metrics() -> Vec<Metric> {
-    let metric = |name, about| Metric { better: Better::Lower, ..Metric::new(name, "", about) };
+    let metric = |name, about| Metric {
+        better: Better::Lower,
+        ..Metric::new(name, "", about)
+    };
     vec![
-        metric("gradient_bias", "|mean estimate - exact gradient| / |exact gradient|"),
-        metric("gradient_bias_noise", "what sampling alone leaves of the bias: sqrt(variance / samples) / |exact gradient|"),
-        metric("gradient_variance", "variance of a single-sample estimate, summed over the parameters"),
-        metric("gradient_relative_variance", "gradient_variance / |exact gradient|^2"),
+        metric(
+            "gradient_bias",
+            "|mean estimate - exact gradient| / |exact gradient|",
+        ),
+        metric(
+            "gradient_bias_noise",
+            "what sampling alone leaves of the bias: sqrt(variance / samples) / |exact gradient|",
+        ),
+        metric(
+            "gradient_variance",
+            "variance of a single-sample estimate, summed over the parameters",
+        ),
+        metric(
+            "gradient_relative_variance",
+            "gradient_variance / |exact gradient|^2",
+        ),
         metric("gradient_norm", "|exact gradient|"),
     ]
 }

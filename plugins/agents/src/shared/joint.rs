@@ -1,4 +1,5 @@
-//! Several seats as one vector: where the observation and the action of each seat lie in the joint observation and action.
+//! Several seats as one vector: where the observation and the action of each seat lie in the joint
+//! observation and action.
 //!
 //! | paper | here | shape |
 //! |---|---|---|
@@ -121,20 +122,30 @@ impl JointLayout {
     #[must_use]
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     pub fn observations(&self, rows: &[Observation]) -> Tensor<2> {
-        let entries = rows.iter().flat_map(|observation| observation.seats.iter().flatten());
+        let entries = rows
+            .iter()
+            .flat_map(|observation| observation.seats.iter().flatten());
         matrix(entries.map(|entry| *entry as f32).collect(), self.n_observed())
     }
 
-    /// Rows of joint actions `[rows, n_acted]`, row by row on the host, as one vector per seat, held within -1 and 1.
+    /// Rows of joint actions `[rows, n_acted]`, row by row on the host, as one vector per seat, held within
+    /// -1 and 1.
     ///
     /// # Errors
     /// [`Error::NotFinite`] where an entry is not finite.
     pub fn actions(&self, joint: &[f32], step: u64) -> Result<Vec<Action>, Error> {
         if let Some(value) = joint.iter().find(|value| !value.is_finite()) {
-            return Err(Error::NotFinite { what: "an action".into(), step, value: f64::from(*value) });
+            return Err(Error::NotFinite {
+                what: "an action".into(),
+                step,
+                value: f64::from(*value),
+            });
         }
         let seat = |row: &[f32], columns: &Range<usize>| {
-            row[columns.clone()].iter().map(|entry| f64::from(*entry).clamp(-1.0, 1.0)).collect()
+            row[columns.clone()]
+                .iter()
+                .map(|entry| f64::from(*entry).clamp(-1.0, 1.0))
+                .collect()
         };
         let split = |row: &[f32]| self.acted.iter().map(|columns| seat(row, columns)).collect();
         Ok(joint.chunks(self.n_acted()).map(split).collect())
@@ -144,15 +155,23 @@ impl JointLayout {
     #[must_use]
     pub fn with_action(&self, joint: &Tensor<2>, seat: usize, action: Tensor<2>) -> Tensor<2> {
         let Range { start, end } = self.acted(seat);
-        let parts = [(start > 0).then(|| columns(joint, 0..start)), Some(action), self.after(joint, end)];
+        let parts = [
+            (start > 0).then(|| columns(joint, 0..start)),
+            Some(action),
+            self.after(joint, end),
+        ];
         Tensor::cat(parts.into_iter().flatten().collect(), 1)
     }
 
-    /// The actions of all seats but one, in their order, `[batch, n_acted - n_i]`; `None` where there is one seat alone.
+    /// The actions of all seats but one, in their order, `[batch, n_acted - n_i]`; `None` where there is one
+    /// seat alone.
     #[must_use]
     pub fn others(&self, joint: &Tensor<2>, seat: usize) -> Option<Tensor<2>> {
         let Range { start, end } = self.acted(seat);
-        let parts = [(start > 0).then(|| columns(joint, 0..start)), self.after(joint, end)];
+        let parts = [
+            (start > 0).then(|| columns(joint, 0..start)),
+            self.after(joint, end),
+        ];
         let parts: Vec<_> = parts.into_iter().flatten().collect();
         (!parts.is_empty()).then(|| Tensor::cat(parts, 1))
     }
@@ -175,16 +194,26 @@ impl JointLayout {
         let path = self.place(dir, seat);
         match std::fs::create_dir_all(&path) {
             Ok(()) => Ok(path),
-            Err(source) => Err(Error::File { doing: "create", path, source }),
+            Err(source) => Err(Error::File {
+                doing: "create",
+                path,
+                source,
+            }),
         }
     }
 
-    /// What a policy file says of its inputs and outputs, where these are the given columns of the joint vectors.
+    /// What a policy file says of its inputs and outputs, where these are the given columns of the joint
+    /// vectors.
     #[must_use]
     pub fn ports(&self, observed: Range<usize>, acted: Range<usize>) -> Ports {
         let inputs = self.observed_names[observed].to_vec();
         let (center, spread) = (vec![0.0; inputs.len()], vec![1.0; inputs.len()]);
-        Ports { inputs, center, spread, outputs: self.acted_names[acted].to_vec() }
+        Ports {
+            inputs,
+            center,
+            spread,
+            outputs: self.acted_names[acted].to_vec(),
+        }
     }
 }
 
@@ -192,14 +221,22 @@ impl JointLayout {
 #[must_use]
 pub fn columns(tensor: &Tensor<2>, range: Range<usize>) -> Tensor<2> {
     let [rows, width] = tensor.dims();
-    if range == (0..width) { tensor.clone() } else { tensor.clone().slice([0..rows, range]) }
+    if range == (0..width) {
+        tensor.clone()
+    } else {
+        tensor.clone().slice([0..rows, range])
+    }
 }
 
 /// Every row `n` times in succession, `[batch n, ..]`.
 #[must_use]
 pub fn repeat_rows(tensor: &Tensor<2>, n: usize) -> Tensor<2> {
     let [rows, width] = tensor.dims();
-    tensor.clone().unsqueeze_dim::<3>(1).repeat_dim(1, n).reshape([rows * n, width])
+    tensor
+        .clone()
+        .unsqueeze_dim::<3>(1)
+        .repeat_dim(1, n)
+        .reshape([rows * n, width])
 }
 
 /// The entries of a seat's action, which has to live in a box with limits -1 and 1.
@@ -208,17 +245,30 @@ pub fn repeat_rows(tensor: &Tensor<2>, n: usize) -> Tensor<2> {
 /// [`Error::Mismatch`] for any other action space and for a box without entries.
 pub fn unit_box<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [Channel], Error> {
     let Space::Box(channels) = &seat.action else {
-        return Err(mismatch(agent, format!("its actions are vectors in a box, seat `{}` takes others", seat.name)));
+        return Err(mismatch(
+            agent,
+            format!(
+                "its actions are vectors in a box, seat `{}` takes others",
+                seat.name
+            ),
+        ));
     };
     if channels.is_empty() {
-        return Err(mismatch(agent, format!("seat `{}` has nothing to do: its action has no entries", seat.name)));
+        return Err(mismatch(
+            agent,
+            format!(
+                "seat `{}` has nothing to do: its action has no entries",
+                seat.name
+            ),
+        ));
     }
     let unfit = |channel: &&Channel| (channel.low, channel.high) != (-1.0, 1.0);
     match channels.iter().find(unfit) {
         None => Ok(channels),
-        Some(Channel { name, low, high, .. }) => {
-            Err(mismatch(agent, format!("its actions lie within -1 and 1, `{name}` within {low} and {high}")))
-        }
+        Some(Channel { name, low, high, .. }) => Err(mismatch(
+            agent,
+            format!("its actions lie within -1 and 1, `{name}` within {low} and {high}"),
+        )),
     }
 }
 
@@ -245,33 +295,58 @@ mod tests {
     #[test]
     fn columns_follow_the_seats() {
         let layout = JointLayout::new("x", &interface(&[2, 1, 3], &[1, 2, 1])).unwrap();
-        assert_eq!((layout.n_seats(), layout.n_observed(), layout.n_acted()), (3, 6, 4));
+        assert_eq!(
+            (layout.n_seats(), layout.n_observed(), layout.n_acted()),
+            (3, 6, 4)
+        );
         assert_eq!((layout.observed(1), layout.observed(2)), (2..3, 3..6));
-        assert_eq!((layout.acted(0), layout.acted(1), layout.acted(2)), (0..1, 1..3, 3..4));
+        assert_eq!(
+            (layout.acted(0), layout.acted(1), layout.acted(2)),
+            (0..1, 1..3, 3..4)
+        );
         assert_eq!(layout.action_sizes(), [1, 2, 1]);
         assert_eq!(layout.ports(3..6, 1..3).outputs, ["act_1_0", "act_1_1"]);
-        let seen = Observation { seats: vec![vec![1.0, 2.0], vec![3.0], vec![4.0, 5.0, 6.0]], state: Vec::new() };
-        assert_eq!(values(layout.observations(&[seen])), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        let seen = Observation {
+            seats: vec![vec![1.0, 2.0], vec![3.0], vec![4.0, 5.0, 6.0]],
+            state: Vec::new(),
+        };
+        assert_eq!(
+            values(layout.observations(&[seen])),
+            [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+        );
         let split = layout.actions(&[0.5, -0.5, 1.5, -1.0], 0).unwrap();
         assert_eq!(split, [[vec![0.5], vec![-0.5, 1.0], vec![-1.0]]]);
-        assert!(matches!(layout.actions(&[0.0, f32::NAN, 0.0, 0.0], 9), Err(Error::NotFinite { step: 9, .. })));
+        assert!(matches!(
+            layout.actions(&[0.0, f32::NAN, 0.0, 0.0], 9),
+            Err(Error::NotFinite { step: 9, .. })
+        ));
     }
 
     #[test]
     fn a_seat_is_exchanged_or_left_out() {
         let layout = JointLayout::new("x", &interface(&[1, 1, 1], &[1, 2, 1])).unwrap();
         let joint = matrix(vec![1.0, 2.0, 3.0, 4.0], 4);
-        let exchange = |seat, new: &[f32]| values(layout.with_action(&joint, seat, matrix(new.to_vec(), new.len())));
+        let exchange =
+            |seat, new: &[f32]| values(layout.with_action(&joint, seat, matrix(new.to_vec(), new.len())));
         assert_eq!(exchange(0, &[9.0]), [9.0, 2.0, 3.0, 4.0]);
         assert_eq!(exchange(1, &[8.0, 9.0]), [1.0, 8.0, 9.0, 4.0]);
         assert_eq!(exchange(2, &[9.0]), [1.0, 2.0, 3.0, 9.0]);
         assert_eq!(values(layout.others(&joint, 1).unwrap()), [1.0, 4.0]);
         assert_eq!(values(layout.others(&joint, 2).unwrap()), [1.0, 2.0, 3.0]);
-        assert_eq!(values(repeat_rows(&matrix(vec![1.0, 2.0, 3.0, 4.0], 2), 2)), [1.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0]);
-        assert_eq!((Sight::Own.columns(&layout, 2), Sight::Joint.columns(&layout, 2)), (2..3, 0..3));
+        assert_eq!(
+            values(repeat_rows(&matrix(vec![1.0, 2.0, 3.0, 4.0], 2), 2)),
+            [1.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0]
+        );
+        assert_eq!(
+            (Sight::Own.columns(&layout, 2), Sight::Joint.columns(&layout, 2)),
+            (2..3, 0..3)
+        );
         let alone = JointLayout::new("x", &interface(&[1], &[2])).unwrap();
         assert!(alone.others(&matrix(vec![1.0, 2.0], 2), 0).is_none());
-        assert_eq!(values(alone.with_action(&matrix(vec![1.0, 2.0], 2), 0, matrix(vec![3.0, 4.0], 2))), [3.0, 4.0]);
+        assert_eq!(
+            values(alone.with_action(&matrix(vec![1.0, 2.0], 2), 0, matrix(vec![3.0, 4.0], 2))),
+            [3.0, 4.0]
+        );
     }
 
     #[test]
@@ -284,7 +359,10 @@ mod tests {
         assert!(problem(&|all| all.seats.clear()).contains("no seats"));
         assert!(problem(&|all| all.seats[1].action = Space::Simplex(vec!["a".into()])).contains("seat_1"));
         assert!(problem(&|all| all.seats[1].action = Space::Box(Vec::new())).contains("no entries"));
-        assert!(problem(&|all| all.seats[0].observation = Space::Discrete(Vec::new())).contains("a discrete choice"));
+        assert!(
+            problem(&|all| all.seats[0].observation = Space::Discrete(Vec::new()))
+                .contains("a discrete choice")
+        );
         let wide = Channel::new("force", "N").within(-2.0, 2.0);
         let text = problem(&|all| all.seats[1].action = Space::Box(vec![wide.clone()]));
         assert!(text.contains("`force` within -2 and 2"), "{text}");

@@ -61,7 +61,14 @@ impl Replay {
     #[must_use]
     pub fn new(capacity: usize, n_observed: usize, n_acted: usize, n_seats: usize) -> Self {
         let sums = vec![RewardSums::default(); n_seats];
-        Self { capacity: capacity.max(1), n_observed, n_acted, rows: Vec::new(), oldest: 0, sums }
+        Self {
+            capacity: capacity.max(1),
+            n_observed,
+            n_acted,
+            rows: Vec::new(),
+            oldest: 0,
+            sums,
+        }
     }
 
     /// An empty buffer for `capacity` transitions of the seats of a layout.
@@ -88,7 +95,9 @@ impl Replay {
     /// # Panics
     /// Where the observations, the actions and the rewards do not have the lengths of the buffer.
     pub fn push(&mut self, transition: &Transition) {
-        self.insert(transition, |observation| single(observation.seats.iter().flatten()).collect());
+        self.insert(transition, |observation| {
+            single(observation.seats.iter().flatten()).collect()
+        });
     }
 
     /// As [`Replay::push`] for an environment of one seat, whose observations are scaled.
@@ -96,13 +105,19 @@ impl Replay {
     /// # Panics
     /// Where the observation, the action and the reward do not have the lengths of the buffer.
     pub fn push_scaled(&mut self, transition: &Transition, scaling: &Scaling) {
-        self.insert(transition, |observation| scaling.apply(&observation.seats[0]).collect());
+        self.insert(transition, |observation| {
+            scaling.apply(&observation.seats[0]).collect()
+        });
     }
 
     fn insert(&mut self, transition: &Transition, seen: impl Fn(&Observation) -> Vec<f32>) {
         let row = row(transition, seen);
         assert_eq!(row.len(), self.row_length(), "entries of a transition");
-        assert_eq!(transition.rewards.len(), self.n_seats(), "rewards of a transition");
+        assert_eq!(
+            transition.rewards.len(),
+            self.n_seats(),
+            "rewards of a transition"
+        );
         if self.is_empty() {
             self.start_sums(&row);
         }
@@ -136,19 +151,31 @@ impl Replay {
     #[must_use]
     pub fn latest(&self, n: usize) -> Batch {
         let (stored, n) = (self.len(), n.min(self.len()));
-        let picked: Vec<usize> = (stored - n..stored).map(|age| (self.oldest + age) % stored).collect();
+        let picked: Vec<usize> = (stored - n..stored)
+            .map(|age| (self.oldest + age) % stored)
+            .collect();
         self.picked(&picked)
     }
 
     /// Mean and population standard deviation of a seat's rewards over everything that is stored; zeros for
     /// an empty buffer.
     #[must_use]
-    #[allow(clippy::cast_precision_loss, reason = "a number of transitions is far below 2^52")]
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "a number of transitions is far below 2^52"
+    )]
     pub fn reward_moments(&self, seat: usize) -> (f64, f64) {
-        let RewardSums { origin, sum, sum_of_squares } = self.sums[seat];
+        let RewardSums {
+            origin,
+            sum,
+            sum_of_squares,
+        } = self.sums[seat];
         let n = self.len().max(1) as f64;
         let shift = sum / n;
-        (origin + shift, (sum_of_squares / n - shift * shift).max(0.0).sqrt())
+        (
+            origin + shift,
+            (sum_of_squares / n - shift * shift).max(0.0).sqrt(),
+        )
     }
 
     /// The rewards of one seat in a batch, `[batch, 1]`: as earned or, `standardised`, less the mean of all
@@ -166,7 +193,13 @@ impl Replay {
     /// Puts the buffer into a file.
     pub fn store(&self, file: &mut TensorFile) {
         let shape = vec![self.len(), self.row_length()];
-        file.insert("replay", HostTensor { shape, values: self.rows.clone() });
+        file.insert(
+            "replay",
+            HostTensor {
+                shape,
+                values: self.rows.clone(),
+            },
+        );
         file.header["replay"] = serde_json::json!({ "oldest": self.oldest, "reward_sums": self.sums });
     }
 
@@ -177,15 +210,28 @@ impl Replay {
     pub fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
         let stored = file.get("replay")?;
         let header = &file.header["replay"];
-        let missing = |name: &str| TensorFileError::Missing { name: format!("replay.{name}") };
-        let oldest = header["oldest"].as_u64().and_then(|oldest| usize::try_from(oldest).ok());
+        let missing = |name: &str| TensorFileError::Missing {
+            name: format!("replay.{name}"),
+        };
+        let oldest = header["oldest"]
+            .as_u64()
+            .and_then(|oldest| usize::try_from(oldest).ok());
         let oldest = oldest.ok_or_else(|| missing("oldest"))?;
-        let sums: Vec<RewardSums> = serde_json::from_value(header["reward_sums"].clone()).map_err(|_| missing("reward_sums"))?;
-        let fits = stored.shape.len() == 2 && stored.shape[1] == self.row_length() && stored.shape[0] <= self.capacity;
+        let sums: Vec<RewardSums> =
+            serde_json::from_value(header["reward_sums"].clone()).map_err(|_| missing("reward_sums"))?;
+        let fits = stored.shape.len() == 2
+            && stored.shape[1] == self.row_length()
+            && stored.shape[0] <= self.capacity;
         if !fits || oldest >= self.capacity || sums.len() != self.n_seats() {
             let (n_seats, row) = (self.n_seats(), self.row_length());
-            let expected = format!("at most {} transitions of {row} numbers for {n_seats} seats", self.capacity);
-            return Err(TensorFileError::Shape { expected, found: format!("{:?}", stored.shape) });
+            let expected = format!(
+                "at most {} transitions of {row} numbers for {n_seats} seats",
+                self.capacity
+            );
+            return Err(TensorFileError::Shape {
+                expected,
+                found: format!("{:?}", stored.shape),
+            });
         }
         (self.rows, self.oldest, self.sums) = (stored.values.clone(), oldest, sums);
         Ok(())
@@ -194,7 +240,9 @@ impl Replay {
     fn picked(&self, picked: &[usize]) -> Batch {
         let row = self.row_length();
         let columns = |from: usize, count: usize| {
-            let values = picked.iter().flat_map(|at| &self.rows[at * row + from..at * row + from + count]);
+            let values = picked
+                .iter()
+                .flat_map(|at| &self.rows[at * row + from..at * row + from + count]);
             matrix(values.copied().collect(), count)
         };
         let (observed, acted, seats) = (self.n_observed, self.n_acted, self.n_seats());
@@ -222,7 +270,10 @@ impl Replay {
     fn start_sums(&mut self, row: &[f32]) {
         let first = self.n_observed + self.n_acted;
         for (sums, reward) in self.sums.iter_mut().zip(&row[first..]) {
-            *sums = RewardSums { origin: f64::from(*reward), ..RewardSums::default() };
+            *sums = RewardSums {
+                origin: f64::from(*reward),
+                ..RewardSums::default()
+            };
         }
     }
 
@@ -238,8 +289,14 @@ impl Replay {
     /// Once per turn of the ring, so that the rounding of additions and subtractions does not pile up.
     fn sum_anew(&mut self) {
         let rows = std::mem::take(&mut self.rows);
-        self.sums.iter_mut().for_each(|sums| *sums = RewardSums { origin: sums.origin, ..RewardSums::default() });
-        rows.chunks(self.row_length()).for_each(|row| self.add_to_sums(row, 1.0));
+        self.sums.iter_mut().for_each(|sums| {
+            *sums = RewardSums {
+                origin: sums.origin,
+                ..RewardSums::default()
+            }
+        });
+        rows.chunks(self.row_length())
+            .for_each(|row| self.add_to_sums(row, 1.0));
         self.rows = rows;
     }
 
@@ -266,7 +323,13 @@ fn distinct(n: usize, total: usize, rng: &mut impl RngCore) -> Vec<usize> {
 }
 
 fn row(transition: &Transition, seen: impl Fn(&Observation) -> Vec<f32>) -> Vec<f32> {
-    let Transition { observation, action, rewards, next_observation, end } = transition;
+    let Transition {
+        observation,
+        action,
+        rewards,
+        next_observation,
+        end,
+    } = transition;
     let mut row = seen(observation);
     row.extend(single(action.iter().flatten().chain(rewards)));
     row.extend(seen(next_observation));
@@ -293,13 +356,20 @@ mod tests {
     }
 
     fn push(replay: &mut Replay, x: f64) {
-        let observe = |x: f64| Observation { seats: vec![vec![x, -x], vec![x + 0.5]], state: vec![7.0] };
+        let observe = |x: f64| Observation {
+            seats: vec![vec![x, -x], vec![x + 0.5]],
+            state: vec![7.0],
+        };
         replay.push(&Transition {
             observation: observe(x),
             action: vec![vec![x / 2.0], vec![x / 4.0, -x / 4.0]],
             rewards: vec![x * 10.0, -x],
             next_observation: observe(x + 1.0),
-            end: if x == 3.0 { Some(End::Terminated) } else { Some(End::Truncated) },
+            end: if x == 3.0 {
+                Some(End::Terminated)
+            } else {
+                Some(End::Truncated)
+            },
         });
     }
 
@@ -313,14 +383,21 @@ mod tests {
     fn the_oldest_gives_way_and_rows_stay_together() {
         let batch = filled(3, 5).sample_distinct(3, &mut stream(&["replay"]));
         let (seen, done) = (values(batch.observations), values(batch.actions));
-        let (rewards, next, continues) = (values(batch.rewards), values(batch.next_observations), values(batch.continues));
+        let (rewards, next, continues) = (
+            values(batch.rewards),
+            values(batch.next_observations),
+            values(batch.continues),
+        );
         let mut drawn: Vec<f32> = (0..3).map(|i| seen[3 * i]).collect();
         for i in 0..3 {
             let x = seen[3 * i];
             assert_eq!(seen[3 * i..3 * i + 3], [x, -x, x + 0.5]);
             assert_eq!(done[3 * i..3 * i + 3], [x / 2.0, x / 4.0, -x / 4.0]);
             assert_eq!((rewards[2 * i], rewards[2 * i + 1]), (10.0 * x, -x));
-            assert_eq!((next[3 * i], continues[i]), (x + 1.0, f32::from(u8::from(x != 3.0))));
+            assert_eq!(
+                (next[3 * i], continues[i]),
+                (x + 1.0, f32::from(u8::from(x != 3.0)))
+            );
         }
         // Without replacement, three of three are all of them.
         drawn.sort_by(f32::total_cmp);
@@ -332,14 +409,21 @@ mod tests {
         let (replay, mut rng) = (filled(20, 10), stream(&["uniform"]));
         let mut counts = [0; 10];
         for _ in 0..2_000 {
-            let mut seen = values(replay.sample_distinct(4, &mut rng).rewards).into_iter().step_by(2).collect::<Vec<_>>();
+            let mut seen = values(replay.sample_distinct(4, &mut rng).rewards)
+                .into_iter()
+                .step_by(2)
+                .collect::<Vec<_>>();
             seen.sort_by(f32::total_cmp);
             assert!(seen.windows(2).all(|pair| pair[0] < pair[1]));
-            seen.iter().for_each(|reward| counts[(reward / 10.0) as usize - 1] += 1);
+            seen.iter()
+                .for_each(|reward| counts[(reward / 10.0) as usize - 1] += 1);
         }
         // Each of ten is expected in 800 of 2000 draws of four, with a deviation of sqrt(2000 * 0.4 * 0.6) =
         // 22.
-        assert!(counts.iter().all(|count| (710..890).contains(count)), "{counts:?}");
+        assert!(
+            counts.iter().all(|count| (710..890).contains(count)),
+            "{counts:?}"
+        );
     }
 
     #[test]
@@ -348,7 +432,10 @@ mod tests {
         let rewards = values(replay.sample_with_replacement(4_000, &mut rng).rewards);
         for x in 1..=4u8 {
             // Each is expected 1000 times, with a deviation of sqrt(4000 * 0.25 * 0.75) = 27.
-            let count = rewards.iter().filter(|reward| **reward == 10.0 * f32::from(x)).count();
+            let count = rewards
+                .iter()
+                .filter(|reward| **reward == 10.0 * f32::from(x))
+                .count();
             assert!((890..1110).contains(&count), "{x}: {count}");
         }
     }
@@ -358,7 +445,10 @@ mod tests {
         let channels = [Channel::new("x", "").typical(1.0, 2.0), Channel::new("y", "")];
         let scaling = Scaling::new(ObservationScaling::Typical, &channels);
         let mut replay = Replay::new(2, 2, 1, 1);
-        let observe = |x: f64| Observation { seats: vec![vec![x, -x]], state: Vec::new() };
+        let observe = |x: f64| Observation {
+            seats: vec![vec![x, -x]],
+            state: Vec::new(),
+        };
         replay.push_scaled(
             &Transition {
                 observation: observe(3.0),
@@ -370,14 +460,25 @@ mod tests {
             &scaling,
         );
         let batch = replay.latest(1);
-        assert_eq!((values(batch.observations), values(batch.actions)), (vec![1.0, -3.0], vec![0.5]));
-        assert_eq!((values(batch.next_observations), values(batch.rewards)), (vec![2.0, -5.0], vec![7.0]));
+        assert_eq!(
+            (values(batch.observations), values(batch.actions)),
+            (vec![1.0, -3.0], vec![0.5])
+        );
+        assert_eq!(
+            (values(batch.next_observations), values(batch.rewards)),
+            (vec![2.0, -5.0], vec![7.0])
+        );
         assert_eq!(values(batch.continues), [0.0]);
     }
 
     #[test]
     fn the_latest_come_in_their_order() {
-        let first = |batch: Batch| values(batch.observations).into_iter().step_by(3).collect::<Vec<_>>();
+        let first = |batch: Batch| {
+            values(batch.observations)
+                .into_iter()
+                .step_by(3)
+                .collect::<Vec<_>>()
+        };
         assert_eq!(first(filled(3, 5).latest(2)), [4.0, 5.0]);
         assert_eq!(first(filled(3, 5).latest(9)), [3.0, 4.0, 5.0]);
         assert_eq!(first(filled(9, 5).latest(2)), [4.0, 5.0]);
@@ -390,7 +491,10 @@ mod tests {
         // 3, 4, 5: mean 4, variance 2/3.
         for n in [5, 6, 7] {
             let (mean, sd) = filled(3, n).reward_moments(0);
-            assert!((mean - 10.0 * f64::from(n - 1)).abs() < 1e-12 && (sd - 10.0 * (2.0f64 / 3.0).sqrt()).abs() < 1e-12);
+            assert!(
+                (mean - 10.0 * f64::from(n - 1)).abs() < 1e-12
+                    && (sd - 10.0 * (2.0f64 / 3.0).sqrt()).abs() < 1e-12
+            );
         }
         let (mean, sd) = filled(3, 5).reward_moments(1);
         assert!((mean + 4.0).abs() < 1e-12 && (sd - (2.0f64 / 3.0).sqrt()).abs() < 1e-12);
@@ -400,11 +504,23 @@ mod tests {
     fn rewards_are_standardised_by_seat() {
         let replay = filled(9, 4);
         let batch = replay.latest(4);
-        assert_eq!(values(replay.rewards_of(&batch, 1, false)), [-1.0, -2.0, -3.0, -4.0]);
+        assert_eq!(
+            values(replay.rewards_of(&batch, 1, false)),
+            [-1.0, -2.0, -3.0, -4.0]
+        );
         // Mean -2.5 and variance 1.25.
-        let by_hand: Vec<f32> = [1.5f32, 0.5, -0.5, -1.5].iter().map(|x| x / 1.25f32.sqrt()).collect();
+        let by_hand: Vec<f32> = [1.5f32, 0.5, -0.5, -1.5]
+            .iter()
+            .map(|x| x / 1.25f32.sqrt())
+            .collect();
         let standardised = values(replay.rewards_of(&batch, 1, true));
-        assert!(standardised.iter().zip(&by_hand).all(|(a, b)| (a - b).abs() < 1e-6), "{standardised:?}");
+        assert!(
+            standardised
+                .iter()
+                .zip(&by_hand)
+                .all(|(a, b)| (a - b).abs() < 1e-6),
+            "{standardised:?}"
+        );
         let alone = filled(9, 1);
         assert_eq!(values(alone.rewards_of(&alone.latest(1), 0, true)), [0.0]);
     }

@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ObservationScaling {
-    /// `(x - center) / spread` with the typical value and deviation that the environment states for each channel.
+    /// `(x - center) / spread` with the typical value and deviation that the environment states for each
+    /// channel.
     #[default]
     Typical,
     /// As observed, in SI units.
@@ -30,16 +31,27 @@ impl Scaling {
     pub fn new(kind: ObservationScaling, channels: &[Channel]) -> Self {
         let names = channels.iter().map(|channel| channel.name.clone()).collect();
         let (center, spread) = match kind {
-            ObservationScaling::Typical => channels.iter().map(|channel| (channel.center, channel.spread)).unzip(),
+            ObservationScaling::Typical => channels
+                .iter()
+                .map(|channel| (channel.center, channel.spread))
+                .unzip(),
             ObservationScaling::None => channels.iter().map(|_| (0.0, 1.0)).unzip(),
         };
-        Self { names, center, spread }
+        Self {
+            names,
+            center,
+            spread,
+        }
     }
 
     /// The same channels with other values to subtract and to divide by.
     #[must_use]
     pub fn with(self, center: Vec<f64>, spread: Vec<f64>) -> Self {
-        Self { center, spread, ..self }
+        Self {
+            center,
+            spread,
+            ..self
+        }
     }
 
     /// Number of channels.
@@ -51,14 +63,27 @@ impl Scaling {
     /// One observation as a network sees it.
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     pub fn apply<'a>(&'a self, observation: &'a [f64]) -> impl Iterator<Item = f32> + 'a {
-        observation.iter().zip(&self.center).zip(&self.spread).map(|((x, center), spread)| ((x - center) / spread) as f32)
+        observation
+            .iter()
+            .zip(&self.center)
+            .zip(&self.spread)
+            .map(|((x, center), spread)| ((x - center) / spread) as f32)
     }
 
     /// What a policy file says of its inputs and outputs.
     #[must_use]
     pub fn ports(&self, outputs: &[String]) -> Ports {
-        let Self { names, center, spread } = self.clone();
-        Ports { inputs: names, center, spread, outputs: outputs.to_vec() }
+        let Self {
+            names,
+            center,
+            spread,
+        } = self.clone();
+        Ports {
+            inputs: names,
+            center,
+            spread,
+            outputs: outputs.to_vec(),
+        }
     }
 }
 
@@ -68,10 +93,17 @@ mod tests {
 
     #[test]
     fn a_volt_becomes_a_deviation() {
-        let channels = [Channel::new("voltage_1", "V").typical(3.4, 0.2), Channel::new("power_demand_w", "W")];
-        let scaled: Vec<f32> = Scaling::new(ObservationScaling::Typical, &channels).apply(&[3.5, 2.0]).collect();
+        let channels = [
+            Channel::new("voltage_1", "V").typical(3.4, 0.2),
+            Channel::new("power_demand_w", "W"),
+        ];
+        let scaled: Vec<f32> = Scaling::new(ObservationScaling::Typical, &channels)
+            .apply(&[3.5, 2.0])
+            .collect();
         assert!((scaled[0] - 0.5).abs() < 1e-6 && scaled[1] == 2.0);
-        let raw: Vec<f32> = Scaling::new(ObservationScaling::None, &channels).apply(&[3.5, 2.0]).collect();
+        let raw: Vec<f32> = Scaling::new(ObservationScaling::None, &channels)
+            .apply(&[3.5, 2.0])
+            .collect();
         assert_eq!(raw, [3.5, 2.0]);
     }
 }

@@ -15,7 +15,11 @@ impl UpdateSchedule {
     /// A schedule at its start.
     #[must_use]
     pub fn new() -> Self {
-        Self { n_steps: 0, n_updates: 0, updates_due: 0.0 }
+        Self {
+            n_steps: 0,
+            n_updates: 0,
+            updates_due: 0.0,
+        }
     }
 
     /// Environment steps so far, all environments counted.
@@ -35,16 +39,28 @@ impl UpdateSchedule {
         self.n_updates += 1;
     }
 
-    /// What an agent that follows this schedule says of its updates: none is due before the step told, however many environments
-    /// are stepped together.
+    /// What an agent that follows this schedule says of its updates: none is due before the step told,
+    /// however many environments are stepped together.
     #[must_use]
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates where there is never an update")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates where there is never an update"
+    )]
     pub fn updates(&self, learning_starts: u64, updates_per_step: f64) -> Updates {
-        Updates { made: self.n_updates, first_after: learning_starts.max((1.0 / updates_per_step).ceil() as u64) }
+        Updates {
+            made: self.n_updates,
+            first_after: learning_starts.max((1.0 / updates_per_step).ceil() as u64),
+        }
     }
 
     /// Takes in `n_new` environment steps; returns the updates that are due now and carries the fraction.
-    #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small counts")]
+    #[allow(
+        clippy::cast_precision_loss,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "small counts"
+    )]
     pub fn advance(&mut self, n_new: usize, learning_starts: u64, updates_per_step: f64) -> u64 {
         self.n_steps += n_new as u64;
         if self.n_steps < learning_starts {
@@ -78,11 +94,20 @@ mod tests {
 
     #[test]
     fn no_update_is_due_before_the_step_that_is_told() {
-        for (together, starts, per_step) in [(1, 100, 1.0), (64, 128, 0.0625), (10, 30, 0.01), (7, 5, 3.0), (1, 1, 0.3)] {
+        for (together, starts, per_step) in [
+            (1, 100, 1.0),
+            (64, 128, 0.0625),
+            (10, 30, 0.01),
+            (7, 5, 3.0),
+            (1, 1, 0.3),
+        ] {
             let mut schedule = UpdateSchedule::new();
             let told = schedule.updates(starts, per_step).first_after;
             while schedule.advance(together, starts, per_step) == 0 {}
-            assert!(schedule.n_steps() >= told && told >= starts, "{together} {starts} {per_step}: {told}");
+            assert!(
+                schedule.n_steps() >= told && told >= starts,
+                "{together} {starts} {per_step}: {told}"
+            );
         }
         assert_eq!(UpdateSchedule::new().updates(30, 0.0).first_after, u64::MAX);
     }
@@ -91,6 +116,12 @@ mod tests {
     fn updates_are_counted_as_they_are_made() {
         let mut schedule = UpdateSchedule::new();
         (0..3).for_each(|_| schedule.count_update());
-        assert_eq!(schedule.updates(30, 1.0), Updates { made: 3, first_after: 30 });
+        assert_eq!(
+            schedule.updates(30, 1.0),
+            Updates {
+                made: 3,
+                first_after: 30
+            }
+        );
     }
 }

@@ -9,7 +9,10 @@ use engine::{Channel, Error, Interface, Seat, Space};
 pub fn only_seat<'a>(agent: &'static str, interface: &'a Interface) -> Result<&'a Seat, Error> {
     match interface.seats.as_slice() {
         [seat] => Ok(seat),
-        seats => Err(mismatch(agent, format!("it plays one seat, the environment has {}", seats.len()))),
+        seats => Err(mismatch(
+            agent,
+            format!("it plays one seat, the environment has {}", seats.len()),
+        )),
     }
 }
 
@@ -20,7 +23,13 @@ pub fn only_seat<'a>(agent: &'static str, interface: &'a Interface) -> Result<&'
 pub fn simplex<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [String], Error> {
     match &seat.action {
         Space::Simplex(names) if !names.is_empty() => Ok(names),
-        other => Err(mismatch(agent, format!("its actions are shares on a simplex, the environment takes {}", kind(other)))),
+        other => Err(mismatch(
+            agent,
+            format!(
+                "its actions are shares on a simplex, the environment takes {}",
+                kind(other)
+            ),
+        )),
     }
 }
 
@@ -31,7 +40,13 @@ pub fn simplex<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [String], 
 pub fn observed<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [Channel], Error> {
     match &seat.observation {
         Space::Box(channels) => Ok(channels),
-        other => Err(mismatch(agent, format!("it observes a box of channels, the environment shows {}", kind(other)))),
+        other => Err(mismatch(
+            agent,
+            format!(
+                "it observes a box of channels, the environment shows {}",
+                kind(other)
+            ),
+        )),
     }
 }
 
@@ -40,32 +55,58 @@ pub fn observed<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [Channel]
 /// # Errors
 /// [`Error::Mismatch`] where there is none; the message lists what there is.
 pub fn position(agent: &'static str, channels: &[Channel], name: &str) -> Result<usize, Error> {
-    channels.iter().position(|channel| channel.name == name).ok_or_else(|| {
-        let known: Vec<_> = channels.iter().map(|channel| channel.name.as_str()).collect();
-        mismatch(agent, format!("it needs a channel `{name}`; there are: {}", known.join(", ")))
-    })
+    channels
+        .iter()
+        .position(|channel| channel.name == name)
+        .ok_or_else(|| {
+            let known: Vec<_> = channels.iter().map(|channel| channel.name.as_str()).collect();
+            mismatch(
+                agent,
+                format!("it needs a channel `{name}`; there are: {}", known.join(", ")),
+            )
+        })
 }
 
-/// What follows `prefix` in the names of the channels that start with it, in the order of the channels; one per asset.
+/// What follows `prefix` in the names of the channels that start with it, in the order of the channels; one
+/// per asset.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where their number is not `n_assets`.
-pub fn assets(agent: &'static str, channels: &[Channel], prefix: &str, n_assets: usize) -> Result<Vec<String>, Error> {
-    let suffixes: Vec<String> =
-        channels.iter().filter_map(|channel| channel.name.strip_prefix(prefix)).map(str::to_owned).collect();
+pub fn assets(
+    agent: &'static str,
+    channels: &[Channel],
+    prefix: &str,
+    n_assets: usize,
+) -> Result<Vec<String>, Error> {
+    let suffixes: Vec<String> = channels
+        .iter()
+        .filter_map(|channel| channel.name.strip_prefix(prefix))
+        .map(str::to_owned)
+        .collect();
     if suffixes.len() == n_assets {
         return Ok(suffixes);
     }
     let found = suffixes.len();
-    Err(mismatch(agent, format!("it needs one channel `{prefix}..` per share, found {found} for {n_assets} shares")))
+    Err(mismatch(
+        agent,
+        format!("it needs one channel `{prefix}..` per share, found {found} for {n_assets} shares"),
+    ))
 }
 
 /// Positions of the channels `<prefix><suffix>`, one per suffix.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where one is missing.
-pub fn positions(agent: &'static str, channels: &[Channel], prefix: &str, suffixes: &[String]) -> Result<Vec<usize>, Error> {
-    suffixes.iter().map(|suffix| position(agent, channels, &format!("{prefix}{suffix}"))).collect()
+pub fn positions(
+    agent: &'static str,
+    channels: &[Channel],
+    prefix: &str,
+    suffixes: &[String],
+) -> Result<Vec<usize>, Error> {
+    suffixes
+        .iter()
+        .map(|suffix| position(agent, channels, &format!("{prefix}{suffix}")))
+        .collect()
 }
 
 /// Checks that the full state has one channel per entry of the target.
@@ -77,13 +118,19 @@ pub fn state_of_length(agent: &'static str, interface: &Interface, n_targets: us
     if found == n_targets {
         return Ok(());
     }
-    Err(mismatch(agent, format!("it reads its target from a state of {n_targets} channels, the environment has {found}")))
+    Err(mismatch(
+        agent,
+        format!("it reads its target from a state of {n_targets} channels, the environment has {found}"),
+    ))
 }
 
 /// The error of an agent that does not fit an environment.
 #[must_use]
 pub fn mismatch(agent: &'static str, problem: impl Into<String>) -> Error {
-    Error::Mismatch { agent, problem: problem.into() }
+    Error::Mismatch {
+        agent,
+        problem: problem.into(),
+    }
 }
 
 fn kind(space: &Space) -> &'static str {
@@ -101,10 +148,22 @@ pub(crate) mod tests {
 
     /// An interface with one seat whose action is a simplex of `n` shares.
     pub(crate) fn allocation(observed: &[&str], state: &[&str], n: usize) -> Interface {
-        let channels = |names: &[&str]| names.iter().map(|name| Channel::new(*name, "")).collect::<Vec<_>>();
+        let channels = |names: &[&str]| {
+            names
+                .iter()
+                .map(|name| Channel::new(*name, ""))
+                .collect::<Vec<_>>()
+        };
         let shares = (1..=n).map(|i| format!("share_{i}")).collect();
-        let seat = Seat { name: String::new(), observation: Space::Box(channels(observed)), action: Space::Simplex(shares) };
-        Interface { seats: vec![seat], state: channels(state) }
+        let seat = Seat {
+            name: String::new(),
+            observation: Space::Box(channels(observed)),
+            action: Space::Simplex(shares),
+        };
+        Interface {
+            seats: vec![seat],
+            state: channels(state),
+        }
     }
 
     #[test]
@@ -112,15 +171,25 @@ pub(crate) mod tests {
         let interface = allocation(&["voltage_1", "current_1"], &[], 1);
         let channels = observed("rule", &interface.seats[0]).unwrap();
         assert_eq!(position("rule", channels, "current_1").unwrap(), 1);
-        let text = position("rule", channels, "power_demand_w").unwrap_err().to_string();
-        assert!(text.contains("`power_demand_w`") && text.contains("voltage_1, current_1"), "{text}");
+        let text = position("rule", channels, "power_demand_w")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            text.contains("`power_demand_w`") && text.contains("voltage_1, current_1"),
+            "{text}"
+        );
     }
 
     #[test]
     fn spaces_of_another_kind_are_refused() {
         let mut interface = allocation(&["voltage_1"], &[], 1);
         interface.seats[0].action = Space::Discrete(vec!["on".into()]);
-        assert!(simplex("rule", &interface.seats[0]).unwrap_err().to_string().contains("a discrete choice"));
+        assert!(
+            simplex("rule", &interface.seats[0])
+                .unwrap_err()
+                .to_string()
+                .contains("a discrete choice")
+        );
         interface.seats.push(interface.seats[0].clone());
         assert!(only_seat("rule", &interface).is_err());
     }

@@ -19,7 +19,13 @@ impl Hidden {
     /// A network to be trained, `inputs` to `outputs`; `output_gain` as in [`Mlp::new`].
     pub fn network(self, inputs: usize, outputs: usize, output_gain: f64, rng: &mut impl RngCore) -> Mlp {
         let sizes = [vec![inputs], vec![self.width; self.layers], vec![outputs]].concat();
-        Mlp::new(&sizes, &vec![self.activation; self.layers], output_gain, rng, &device().autodiff())
+        Mlp::new(
+            &sizes,
+            &vec![self.activation; self.layers],
+            output_gain,
+            rng,
+            &device().autodiff(),
+        )
     }
 }
 
@@ -35,7 +41,10 @@ pub fn check_batch(batch_size: usize, replay_capacity: usize) -> Result<(), Erro
         "{batch_size} transitions are drawn without replacement from a buffer of {replay_capacity}; \
          lower it or raise `replay_capacity`"
     );
-    Err(Error::Config { key: "batch_size".into(), problem })
+    Err(Error::Config {
+        key: "batch_size".into(),
+        problem,
+    })
 }
 
 #[cfg(test)]
@@ -44,15 +53,25 @@ mod tests {
 
     #[test]
     fn all_hidden_layers_are_alike() {
-        let hidden = Hidden { width: 7, layers: 3, activation: Activation::Tanh };
+        let hidden = Hidden {
+            width: 7,
+            layers: 3,
+            activation: Activation::Tanh,
+        };
         let network = hidden.network(2, 5, 1.0, &mut engine::random::stream(&["hidden"]));
-        assert_eq!((network.sizes(), network.activations()), (vec![2, 7, 7, 7, 5], [Activation::Tanh; 3].as_slice()));
+        assert_eq!(
+            (network.sizes(), network.activations()),
+            (vec![2, 7, 7, 7, 5], [Activation::Tanh; 3].as_slice())
+        );
     }
 
     #[test]
     fn a_batch_fits_the_buffer() {
         assert!(check_batch(8, 8).is_ok());
         let text = check_batch(9, 8).unwrap_err().to_string();
-        assert!(text.contains("`batch_size`: 9 transitions") && text.contains("`replay_capacity`"), "{text}");
+        assert!(
+            text.contains("`batch_size`: 9 transitions") && text.contains("`replay_capacity`"),
+            "{text}"
+        );
     }
 }

@@ -36,7 +36,10 @@ impl Progress {
     /// What an agent says of its updates.
     #[must_use]
     pub fn updates(self) -> Updates {
-        Updates { made: self.n_updates, first_after: 1 }
+        Updates {
+            made: self.n_updates,
+            first_after: 1,
+        }
     }
 }
 
@@ -64,9 +67,18 @@ pub fn log_shares(shares: Tensor<2>) -> Tensor<2> {
 #[must_use]
 #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
 pub fn examples(transitions: &[Transition], scaling: &Scaling) -> (Tensor<2>, Tensor<2>) {
-    let seen = transitions.iter().flat_map(|transition| scaling.apply(&transition.observation.seats[0])).collect();
-    let targets = transitions.iter().flat_map(|transition| &transition.observation.state).map(|x| *x as f32).collect();
-    let n_shares = transitions.first().map_or(1, |transition| transition.observation.state.len());
+    let seen = transitions
+        .iter()
+        .flat_map(|transition| scaling.apply(&transition.observation.seats[0]))
+        .collect();
+    let targets = transitions
+        .iter()
+        .flat_map(|transition| &transition.observation.state)
+        .map(|x| *x as f32)
+        .collect();
+    let n_shares = transitions
+        .first()
+        .map_or(1, |transition| transition.observation.state.len());
     (matrix(seen, scaling.n_channels()), matrix(targets, n_shares))
 }
 
@@ -77,7 +89,10 @@ mod tests {
 
     #[test]
     fn errors_by_hand() {
-        let (action, target) = (matrix(vec![0.5, 0.5, 1.0, 0.0], 2), matrix(vec![0.25, 0.75, 0.25, 0.75], 2));
+        let (action, target) = (
+            matrix(vec![0.5, 0.5, 1.0, 0.0], 2),
+            matrix(vec![0.25, 0.75, 0.25, 0.75], 2),
+        );
         assert_eq!(values(mean_absolute_error(action.clone(), target.clone())), [0.5]);
         assert_eq!(values(excess_error(action, target)), [-0.25, 0.25]);
         assert_eq!(values(log_shares(matrix(vec![1.0], 1))), [0.0]);

@@ -33,14 +33,22 @@ mod tests {
     #[test]
     fn a_terminal_step_has_no_value_behind_it() {
         // 1 + 0.9 * 1 * 10 and 1 + 0.9 * 0 * 10.
-        let y = bootstrapped(column(&[1.0, 1.0]), column(&[1.0, 0.0]), column(&[10.0, 10.0]), 0.9);
+        let y = bootstrapped(
+            column(&[1.0, 1.0]),
+            column(&[1.0, 0.0]),
+            column(&[10.0, 10.0]),
+            0.9,
+        );
         assert_eq!(values(y), [10.0, 1.0]);
     }
 
     #[test]
     fn the_critic_loss_by_hand() {
         // (0.5 * 4 + 0.5 * 16) / 2.
-        assert_eq!(values(half_squared_error(column(&[1.0, 2.0]), column(&[3.0, 6.0]))), [5.0]);
+        assert_eq!(
+            values(half_squared_error(column(&[1.0, 2.0]), column(&[3.0, 6.0]))),
+            [5.0]
+        );
         assert_eq!(mean(column(&[1.0, 2.0])), 1.5);
     }
 }

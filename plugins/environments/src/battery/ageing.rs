@@ -1,7 +1,8 @@
 //! Wear of a cell's parameters with the charge that passes.
 //!
-//! M. Daigle and C. Kulkarni, "End-of-discharge and end-of-life prediction in lithium-ion batteries with electrochemistry-based
-//! aging models", AIAA SciTech 2016-2132: each parameter changes in proportion to the absolute current.
+//! M. Daigle and C. Kulkarni, "End-of-discharge and end-of-life prediction in lithium-ion batteries with
+//! electrochemistry-based aging models", AIAA SciTech 2016-2132: each parameter changes in proportion to the
+//! absolute current.
 
 use super::parameters::CellParameters;
 use schemars::JsonSchema;
@@ -20,14 +21,20 @@ pub struct Ageing {
     /// Change of the resistance to diffusion per ampere second.
     #[schemars(range(min = 0.0), extend("x-unit" = "1/(m3 A)", "x-source" = "Daigle and Kulkarni 2016"))]
     pub t_diffusion_rate: f64,
-    /// A cell whose mobile charge is below this at the start of an episode is replaced: its parameters start again.
+    /// A cell whose mobile charge is below this at the start of an episode is replaced: its parameters start
+    /// again.
     #[schemars(range(min = 0.0), extend("x-unit" = "C", "x-source" = "70 % of a new cell's 7600 C"))]
     pub end_of_life_c: f64,
 }
 
 impl Default for Ageing {
     fn default() -> Self {
-        Self { q_mobile_rate: -1e-2, r_rate: 1e-6, t_diffusion_rate: 1e-2, end_of_life_c: 5320.0 }
+        Self {
+            q_mobile_rate: -1e-2,
+            r_rate: 1e-6,
+            t_diffusion_rate: 1e-2,
+            end_of_life_c: 5320.0,
+        }
     }
 }
 

@@ -4,8 +4,8 @@ use super::ageing::Ageing;
 use super::model::{Model, Physics, State};
 use super::parameters::CellParameters;
 
-/// Below this voltage a power load draws no further current; every such cell is far past the end of its discharge. Without
-/// the limit, a collapsed cell's voltage would change sign and the load would charge it.
+/// Below this voltage a power load draws no further current; every such cell is far past the end of its
+/// discharge. Without the limit, a collapsed cell's voltage would change sign and the load would charge it.
 pub(super) const LOWEST_SUPPLY_V: f64 = 0.1;
 
 /// A cell that is being discharged.
@@ -24,7 +24,14 @@ impl Cell {
     #[must_use]
     pub fn new(parameters: CellParameters, physics: Physics) -> Self {
         let (model, state) = (Model::new(&parameters, physics), State::rested(&parameters, 1.0));
-        Self { voltage_v: model.voltage(&state), model, physics, parameters, state, current_a: 0.0 }
+        Self {
+            voltage_v: model.voltage(&state),
+            model,
+            physics,
+            parameters,
+            state,
+            current_a: 0.0,
+        }
     }
 
     /// Puts the cell into `state`; `current_a` is the current that led there.
@@ -48,7 +55,9 @@ impl Cell {
     /// Lets `current_a` flow for `step_s`.
     #[inline]
     pub fn draw_current(&mut self, current_a: f64, step_s: f64) {
-        self.state = self.state.advanced(&self.model.derivative(&self.state, current_a), step_s);
+        self.state = self
+            .state
+            .advanced(&self.model.derivative(&self.state, current_a), step_s);
         self.voltage_v = self.model.voltage(&self.state);
         self.current_a = current_a;
     }

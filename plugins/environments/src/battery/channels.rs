@@ -15,15 +15,23 @@ pub fn numbered(prefix: &str, count: usize) -> Vec<String> {
 }
 
 fn per_cell(prefix: &str, unit: &str, cells: usize) -> Vec<Channel> {
-    numbered(prefix, cells).into_iter().map(|name| Channel::new(name, unit)).collect()
+    numbered(prefix, cells)
+        .into_iter()
+        .map(|name| Channel::new(name, unit))
+        .collect()
 }
 
 /// The one seat: voltages, currents and the coming demand in, weights out.
 pub fn seat(cells: usize) -> Seat {
     let largest_w = LARGEST_W_PER_CELL * cells as f64;
-    let voltages = per_cell("voltage", "V", cells).into_iter().map(|channel| channel.typical(3.4, 0.2));
-    let currents = per_cell("current", "A", cells).into_iter().map(|channel| channel.typical(2.5, 1.5));
-    let demand = Channel::new("power_demand_w", "W").typical(TYPICAL_PART * largest_w, TYPICAL_DEVIATION * largest_w);
+    let voltages = per_cell("voltage", "V", cells)
+        .into_iter()
+        .map(|channel| channel.typical(3.4, 0.2));
+    let currents = per_cell("current", "A", cells)
+        .into_iter()
+        .map(|channel| channel.typical(2.5, 1.5));
+    let demand =
+        Channel::new("power_demand_w", "W").typical(TYPICAL_PART * largest_w, TYPICAL_DEVIATION * largest_w);
     Seat {
         name: String::new(),
         observation: Space::Box(voltages.chain(currents).chain([demand]).collect()),
@@ -35,9 +43,13 @@ pub fn seat(cells: usize) -> Seat {
 pub fn metrics(has_bound: bool) -> Vec<Metric> {
     let mut metrics = vec![
         Metric::new("cycle_length", "", "decisions that the pack survived"),
-        Metric::new("voltage_spread_at_end_v", "V", "largest less smallest cell voltage at the end of the episode")
-            .lower_is_better()
-            .per_episode(PerEpisode::Last),
+        Metric::new(
+            "voltage_spread_at_end_v",
+            "V",
+            "largest less smallest cell voltage at the end of the episode",
+        )
+        .lower_is_better()
+        .per_episode(PerEpisode::Last),
         Metric::new("energy_j", "J", "energy delivered"),
     ];
     if has_bound {
@@ -49,9 +61,15 @@ pub fn metrics(has_bound: bool) -> Vec<Metric> {
 
 /// The full state, one block of N entries per quantity.
 pub fn state(cells: usize) -> Vec<Channel> {
-    let effective = per_cell("effective_voltage", "V", cells).into_iter().map(|channel| channel.typical(3.6, 0.2));
-    let resistance = per_cell("resistance_ohm", "ohm", cells).into_iter().map(|channel| channel.typical(0.13, 0.03));
-    let charge = per_cell("charge_c", "C", cells).into_iter().map(|channel| channel.typical(3500.0, 1500.0));
+    let effective = per_cell("effective_voltage", "V", cells)
+        .into_iter()
+        .map(|channel| channel.typical(3.6, 0.2));
+    let resistance = per_cell("resistance_ohm", "ohm", cells)
+        .into_iter()
+        .map(|channel| channel.typical(0.13, 0.03));
+    let charge = per_cell("charge_c", "C", cells)
+        .into_iter()
+        .map(|channel| channel.typical(3500.0, 1500.0));
     effective.chain(resistance).chain(charge).collect()
 }
 

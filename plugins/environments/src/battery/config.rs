@@ -13,7 +13,8 @@ use serde_json::json;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(
     untagged,
-    expecting = "a number of fresh cells, `fresh`, `second_life`, or a list such as [{q_mobile_c: 7000, r_ohm: 0.125, t_diffusion: 7e6}]"
+    expecting = "a number of fresh cells, `fresh`, `second_life`, or a list such as [{q_mobile_c: 7000, \
+                 r_ohm: 0.125, t_diffusion: 7e6}]"
 )]
 pub enum Cells {
     /// That many new cells.
@@ -68,14 +69,15 @@ pub struct BatteryConfig {
     /// An episode terminates when, at the end of a decision, the voltage of any cell is at or below this.
     #[schemars(range(min = 0.0, max = 5.0), extend("x-unit" = "V", "x-source" = "thesis, section 3.4"))]
     pub end_of_discharge_v: f64,
-    /// Adds uniform noise to the states at each step: at most 1e-10 V on the three voltage drops, 1e-3 C on the bulk charges,
-    /// 1e-5 C on the surface charges.
+    /// Adds uniform noise to the states at each step: at most 1e-10 V on the three voltage drops, 1e-3 C on
+    /// the bulk charges, 1e-5 C on the surface charges.
     pub process_noise: bool,
-    /// Adds uniform noise of at most 1 mV to observed voltages; the end of discharge is decided by the true ones.
+    /// Adds uniform noise of at most 1 mV to observed voltages; the end of discharge is decided by the true
+    /// ones.
     pub sensor_noise: bool,
-    /// Wear of the cells from episode to episode: `{}` for the published rates; left out, cells do not wear. A worn cell is
-    /// replaced at the start of an episode when it has reached its end of life, or when a start that `start` may ask for lies
-    /// past its discharge.
+    /// Wear of the cells from episode to episode: `{}` for the published rates; left out, cells do not wear.
+    /// A worn cell is replaced at the start of an episode when it has reached its end of life, or when a
+    /// start that `start` may ask for lies past its discharge.
     pub ageing: Option<Ageing>,
     /// Step of the explicit Euler scheme.
     #[schemars(range(min = 1e-6, max = 10.0), extend("x-unit" = "s", "x-source" = "progpy 1.9.0"))]
@@ -83,13 +85,15 @@ pub struct BatteryConfig {
     /// Number of decisions after which an episode is cut off; left out, it lasts until the end of discharge.
     #[schemars(range(min = 1))]
     pub episode_limit: Option<u64>,
-    /// Surface mole fractions are held this far from 0 and 1 in logarithms and roots, which matters only for a cell driven past
-    /// empty. The authors' public code has 0.01, which also changes the voltage of a cell below 1.7 % charge.
+    /// Surface mole fractions are held this far from 0 and 1 in logarithms and roots, which matters only for
+    /// a cell driven past empty. The authors' public code has 0.01, which also changes the voltage of a cell
+    /// below 1.7 % charge.
     #[schemars(range(min = 1e-9, max = 0.1))]
     pub mole_fraction_margin: f64,
-    /// How far the sum of the weights may lie above 1 before an allocation is refused; below 1, where the pack would deliver less
-    /// than the demand, it may lie by a rounding error only. Rule IV of thesis table 3.3 sums to 1.05 as printed, and only applied
-    /// so, with the pack delivering 5 % more than the demand, does it give the published life.
+    /// How far the sum of the weights may lie above 1 before an allocation is refused; below 1, where the
+    /// pack would deliver less than the demand, it may lie by a rounding error only. Rule IV of thesis table
+    /// 3.3 sums to 1.05 as printed, and only applied so, with the pack delivering 5 % more than the demand,
+    /// does it give the published life.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub weight_sum_tolerance: f64,
 }
@@ -117,7 +121,11 @@ impl Default for BatteryConfig {
 impl engine::Config for BatteryConfig {
     fn presets() -> Vec<Preset> {
         vec![
-            Preset { name: "thesis", about: "four fresh cells as in thesis, section 3.4 (the defaults)", values: json!({}) },
+            Preset {
+                name: "thesis",
+                about: "four fresh cells as in thesis, section 3.4 (the defaults)",
+                values: json!({}),
+            },
             Preset {
                 name: "second_life",
                 about: "four aged cells as in thesis, section 3.4.4; their parameters are inferred",
@@ -148,26 +156,39 @@ impl BatteryConfig {
         if steps >= 1.0 && (ratio - steps).abs() <= 1e-9 * steps {
             return Ok(steps as usize);
         }
-        let problem = format!("{} s is not a whole number of steps of {} s (`step_s`)", self.decision_interval_s, self.step_s);
+        let problem = format!(
+            "{} s is not a whole number of steps of {} s (`step_s`)",
+            self.decision_interval_s, self.step_s
+        );
         Err(Error::config("decision_interval_s", problem))
     }
 
     /// Parameters of every cell at the start of its life.
     ///
     /// # Errors
-    /// [`Error::Config`] where there is no cell, a parameter is not above zero, or a cell starts beyond its end of life.
+    /// [`Error::Config`] where there is no cell, a parameter is not above zero, or a cell starts beyond its
+    /// end of life.
     pub fn parameters(&self) -> Result<Vec<CellParameters>, Error> {
         let parameters = self.cells.parameters();
         if parameters.is_empty() {
             return Err(Error::config("cells", "a pack needs at least one cell"));
         }
         for (index, one) in parameters.iter().enumerate() {
-            let positive = [one.q_mobile_c, one.r_ohm, one.t_diffusion].iter().all(|value| value.is_finite() && *value > 0.0);
+            let positive = [one.q_mobile_c, one.r_ohm, one.t_diffusion]
+                .iter()
+                .all(|value| value.is_finite() && *value > 0.0);
             if !positive {
-                return Err(Error::config(format!("cells[{index}]"), "every parameter must be above zero"));
+                return Err(Error::config(
+                    format!("cells[{index}]"),
+                    "every parameter must be above zero",
+                ));
             }
             if self.ageing.is_some_and(|ageing| ageing.has_ended(one)) {
-                let problem = format!("cell {} starts with {} C, beyond its end of life", index + 1, one.q_mobile_c);
+                let problem = format!(
+                    "cell {} starts with {} C, beyond its end of life",
+                    index + 1,
+                    one.q_mobile_c
+                );
                 return Err(Error::config("ageing.end_of_life_c", problem));
             }
         }
@@ -187,16 +208,36 @@ mod tests {
     #[test]
     fn every_form_of_a_key_is_read() {
         for (key, forms) in [
-            ("cells", json!([4, "fresh", "second_life", [{ "q_mobile_c": 7000.0 }]])),
-            ("load", json!(["thesis", { "uniform": { "low_w": 1.0, "high_w": 2.0 } }, { "constant": { "power_w": 8.0 } }])),
-            ("load", json!([{ "constant_current": { "current_a": 2.0 } }, { "file": "load.csv" }])),
-            ("start", json!(["full", { "profile_index": [600] }, { "profile_range": [500, 2000] }])),
-            ("start", json!([{ "state_of_charge": [0.5] }, { "states": [[292.1, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]] }])),
+            (
+                "cells",
+                json!([4, "fresh", "second_life", [{ "q_mobile_c": 7000.0 }]]),
+            ),
+            (
+                "load",
+                json!(["thesis", { "uniform": { "low_w": 1.0, "high_w": 2.0 } },
+                    { "constant": { "power_w": 8.0 } }]),
+            ),
+            (
+                "load",
+                json!([{ "constant_current": { "current_a": 2.0 } }, { "file": "load.csv" }]),
+            ),
+            (
+                "start",
+                json!(["full", { "profile_index": [600] }, { "profile_range": [500, 2000] }]),
+            ),
+            (
+                "start",
+                json!([{ "state_of_charge": [0.5] }, { "states": [[292.1, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0,
+                    1.0]] }]),
+            ),
             ("ageing", json!([null, {}, { "r_rate": 2e-6 }])),
         ] {
             for form in forms.as_array().unwrap() {
                 let resolved = serde_json::to_value(parse(json!({ key: form })).unwrap()).unwrap();
-                assert_eq!(serde_json::to_value(parse(resolved.clone()).unwrap()).unwrap(), resolved);
+                assert_eq!(
+                    serde_json::to_value(parse(resolved.clone()).unwrap()).unwrap(),
+                    resolved
+                );
             }
         }
     }
@@ -204,19 +245,45 @@ mod tests {
     #[test]
     fn mistakes_are_explained() {
         for (config, expected) in [
-            (json!({ "cells": "fifth_life" }), "a number of fresh cells, `fresh`"),
+            (
+                json!({ "cells": "fifth_life" }),
+                "a number of fresh cells, `fresh`",
+            ),
             (json!({ "cell": 4 }), "unknown field `cell`"),
-            (json!({ "load": { "constant": { "power": 8 } } }), "unknown field `power`"),
+            (
+                json!({ "load": { "constant": { "power": 8 } } }),
+                "unknown field `power`",
+            ),
             (json!({ "start": "empty" }), "unknown variant `empty`"),
         ] {
             let message = parse(config).unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
         }
-        let uneven = BatteryConfig { decision_interval_s: 10.0, step_s: 3.0, ..Default::default() };
-        assert!(uneven.steps_per_decision().unwrap_err().to_string().contains("not a whole number of steps"));
+        let uneven = BatteryConfig {
+            decision_interval_s: 10.0,
+            step_s: 3.0,
+            ..Default::default()
+        };
+        assert!(
+            uneven
+                .steps_per_decision()
+                .unwrap_err()
+                .to_string()
+                .contains("not a whole number of steps")
+        );
         let old = Cells::Each(vec![CellParameters::aged(5000.0, 0.2)]);
-        let worn_out = BatteryConfig { cells: old, ageing: Some(Ageing::default()), ..Default::default() };
-        assert!(worn_out.parameters().unwrap_err().to_string().contains("beyond its end of life"));
+        let worn_out = BatteryConfig {
+            cells: old,
+            ageing: Some(Ageing::default()),
+            ..Default::default()
+        };
+        assert!(
+            worn_out
+                .parameters()
+                .unwrap_err()
+                .to_string()
+                .contains("beyond its end of life")
+        );
     }
 
     #[test]

@@ -1,22 +1,26 @@
-//! A cell that carries at least what any real one with the same charge carries: the yardstick of [`LifeBound`](super::life_bound).
+//! A cell that carries at least what any real one with the same charge carries: the yardstick of
+//! [`LifeBound`](super::life_bound).
 //!
-//! It has the electrodes and the resistance of the real cell, begins a decision at rest and has no overpotentials at its surfaces.
-//! Let x be the mean mole fraction of the negative electrode, d how far its surface lies below the mean, U the voltage at rest,
-//! R the resistance and i = p / V the current of a power p. Then
+//! It has the electrodes and the resistance of the real cell, begins a decision at rest and has no
+//! overpotentials at its surfaces. Let x be the mean mole fraction of the negative electrode, d how far its
+//! surface lies below the mean, U the voltage at rest, R the resistance and i = p / V the current of a power
+//! p. Then
 //!
-//! `V = U(x - d) - Vo`, `x' = x - i dt / q`, `d' = (1 - b dt) d + 9 i dt / q`, `Vo' = (1 - dt / t_o) Vo + (dt / t_o) R i`,
+//! `V = U(x - d) - Vo`, `x' = x - i dt / q`, `d' = (1 - b dt) d + 9 i dt / q`, `Vo' = (1 - dt / t_o) Vo + (dt
+//! / t_o) R i`,
 //!
-//! which are the equations of [`model`](super::model) in other coordinates: the positive electrode mirrors the negative one, b is the
-//! sum of the diffusion rates of bulk and surface layer, and a surface layer of a tenth of the volume loses mole fraction ten
-//! times as fast as the mean.
+//! which are the equations of [`model`](super::model) in other coordinates: the positive electrode mirrors
+//! the negative one, b is the sum of the diffusion rates of bulk and surface layer, and a surface layer of a
+//! tenth of the volume loses mole fraction ten times as fast as the mean.
 //!
-//! **Why no real cell carries more.** Call a state better where x is larger, d and Vo are smaller. At equal power one step keeps this
-//! order: U rises with x, so the better cell has the higher voltage and draws no more current, and every update above rises
-//! with its own entry and falls (x) or rises (d, Vo) with the current, as long as `b dt` and `dt / t_o` are at most 1. A real
-//! cell that was only discharged has d, Vo and overpotentials of at least 0, so the ideal cell at rest with the same x is
-//! no worse at the start of a decision, hence no worse at its end: a power that takes the ideal cell to its end of discharge
-//! takes the real one there too. A cell that collapses within a decision is out: as its voltage falls its power draws ever
-//! more current, and it does not come back before the end (a test checks it at random).
+//! **Why no real cell carries more.** Call a state better where x is larger, d and Vo are smaller. At equal
+//! power one step keeps this order: U rises with x, so the better cell has the higher voltage and draws no
+//! more current, and every update above rises with its own entry and falls (x) or rises (d, Vo) with the
+//! current, as long as `b dt` and `dt / t_o` are at most 1. A real cell that was only discharged has d, Vo
+//! and overpotentials of at least 0, so the ideal cell at rest with the same x is no worse at the start of a
+//! decision, hence no worse at its end: a power that takes the ideal cell to its end of discharge takes the
+//! real one there too. A cell that collapses within a decision is out: as its voltage falls its power draws
+//! ever more current, and it does not come back before the end (a test checks it at random).
 
 use super::cell::LOWEST_SUPPLY_V;
 use super::model::{BULK_VOLUME, SURFACE_VOLUME, resting_voltage};
@@ -24,8 +28,8 @@ use super::parameters::{CellParameters, MOLE_FRACTION_N_MAX, SURFACE_FRACTION, T
 
 /// How much faster the surface layer loses mole fraction than the mean, less one.
 const SURFACE_EXCESS: f64 = (1.0 - SURFACE_FRACTION) / SURFACE_FRACTION;
-/// Of a longer decision only so many steps are looked at: the voltage falls from step to step, so that fewer steps make the
-/// ideal cell only better.
+/// Of a longer decision only so many steps are looked at: the voltage falls from step to step, so that fewer
+/// steps make the ideal cell only better.
 const MOST_STEPS: usize = 256;
 /// Relative width of the bracket that the search for a power ends with.
 const BRACKET: f64 = 1e-3;
@@ -56,7 +60,8 @@ pub struct IdealCell {
 }
 
 impl IdealCell {
-    /// The ideal cell beside a cell with `parameters`; `None` where the steps are so long that the argument does not hold.
+    /// The ideal cell beside a cell with `parameters`; `None` where the steps are so long that the argument
+    /// does not hold.
     #[must_use]
     pub fn new(parameters: &CellParameters, decisions: Decisions) -> Option<Self> {
         let mixing = decisions.step_s * (1.0 / BULK_VOLUME + 1.0 / SURFACE_VOLUME) / parameters.t_diffusion;
@@ -71,8 +76,8 @@ impl IdealCell {
         })
     }
 
-    /// A power that takes the cell, at rest with mean mole fraction `x`, to its end within one decision; the least such power to
-    /// one part in a thousand. `near_w` is where the search begins.
+    /// A power that takes the cell, at rest with mean mole fraction `x`, to its end within one decision; the
+    /// least such power to one part in a thousand. `near_w` is where the search begins.
     #[must_use]
     pub fn fatal_power_w(&self, x: f64, near_w: f64) -> f64 {
         let reserve = |power_w: f64| self.voltage_after(x, power_w) - self.decisions.end_v;
@@ -82,7 +87,8 @@ impl IdealCell {
         }
         let (mut low, mut high) = ((0.0, at_rest), (near_w.max(0.1), reserve(near_w.max(0.1))));
         while high.1 > 0.0 {
-            // The fall of the voltage is convex in the power: drawn out as a straight line, it reaches the end too late.
+            // The fall of the voltage is convex in the power: drawn out as a straight line, it reaches the
+            // end too late.
             let power_w = high.0 * (at_rest / (at_rest - high.1)).max(1.0 + BRACKET);
             (low, high) = (high, (power_w, reserve(power_w)));
         }
@@ -102,7 +108,8 @@ impl IdealCell {
         high.0
     }
 
-    /// Voltage after one decision at `power_w` from rest at mean mole fraction `x`, V; 0 for a cell that collapses.
+    /// Voltage after one decision at `power_w` from rest at mean mole fraction `x`, V; 0 for a cell that
+    /// collapses.
     #[must_use]
     pub fn voltage_after(&self, x: f64, power_w: f64) -> f64 {
         let (mut mean, mut depletion, mut ohmic_v) = (x, 0.0, 0.0);
@@ -144,8 +151,16 @@ mod tests {
     use crate::battery::{Cell, Physics, State, model::resting_energy};
     use proptest::prelude::*;
 
-    const PHYSICS: Physics = Physics { thermal: false, mole_fraction_margin: 1e-3 };
-    const DECISIONS: Decisions = Decisions { step_s: 1.0, steps: 10, end_v: 3.0, empty: 1e-3 };
+    const PHYSICS: Physics = Physics {
+        thermal: false,
+        mole_fraction_margin: 1e-3,
+    };
+    const DECISIONS: Decisions = Decisions {
+        step_s: 1.0,
+        steps: 10,
+        end_v: 3.0,
+        empty: 1e-3,
+    };
 
     fn ideal() -> IdealCell {
         IdealCell::new(&CellParameters::FRESH, DECISIONS).unwrap()
@@ -154,7 +169,10 @@ mod tests {
     /// A cell at rest.
     fn rested(x: f64) -> Cell {
         let mut cell = Cell::new(CellParameters::FRESH, PHYSICS);
-        cell.place(State::rested(&CellParameters::FRESH, x / MOLE_FRACTION_N_MAX), 0.0);
+        cell.place(
+            State::rested(&CellParameters::FRESH, x / MOLE_FRACTION_N_MAX),
+            0.0,
+        );
         cell
     }
 
@@ -165,11 +183,20 @@ mod tests {
         }
         // Simpson's rule over small pieces.
         let piece = |k: i32| {
-            let (left, right) = (0.01 + 0.59 * f64::from(k) / 2000.0, 0.01 + 0.59 * f64::from(k + 1) / 2000.0);
-            (right - left) / 6.0 * (resting_voltage(left) + 4.0 * resting_voltage(0.5 * (left + right)) + resting_voltage(right))
+            let (left, right) = (
+                0.01 + 0.59 * f64::from(k) / 2000.0,
+                0.01 + 0.59 * f64::from(k + 1) / 2000.0,
+            );
+            (right - left) / 6.0
+                * (resting_voltage(left)
+                    + 4.0 * resting_voltage(0.5 * (left + right))
+                    + resting_voltage(right))
         };
         let integral: f64 = (0..2000).map(piece).sum();
-        assert!((resting_energy(0.6) - resting_energy(0.01) - integral).abs() < 1e-9, "{integral}");
+        assert!(
+            (resting_energy(0.6) - resting_energy(0.01) - integral).abs() < 1e-9,
+            "{integral}"
+        );
     }
 
     #[test]
@@ -178,7 +205,8 @@ mod tests {
         assert!(voltages.is_sorted_by(|a, b| a < b));
     }
 
-    /// Without the overpotentials of the surfaces (about 2 mV after ten seconds from rest), the ideal cell is the real one.
+    /// Without the overpotentials of the surfaces (about 2 mV after ten seconds from rest), the ideal cell is
+    /// the real one.
     #[test]
     fn a_rested_cell_behaves_nearly_as_the_ideal_one() {
         for (x, power_w) in [(0.1, 8.0), (0.3, 15.0), (0.5, 20.0)] {
@@ -197,21 +225,37 @@ mod tests {
             let fatal_w = ideal().fatal_power_w(x, before_w);
             assert!(ideal().voltage_after(x, fatal_w) <= 3.0, "{x}");
             assert!(ideal().voltage_after(x, 0.998 * fatal_w) > 3.0, "{x}");
-            assert!((ideal().fatal_power_w(x, 100.0) / fatal_w - 1.0).abs() < 2e-3, "{x}: where the search begins");
+            assert!(
+                (ideal().fatal_power_w(x, 100.0) / fatal_w - 1.0).abs() < 2e-3,
+                "{x}: where the search begins"
+            );
             assert!(fatal_w >= before_w, "{x}");
             before_w = fatal_w;
         }
-        assert_eq!(ideal().fatal_power_w(0.002, 0.0), 0.0, "3 V at rest need a mole fraction of 0.0078");
+        assert_eq!(
+            ideal().fatal_power_w(0.002, 0.0),
+            0.0,
+            "3 V at rest need a mole fraction of 0.0078"
+        );
     }
 
     #[test]
     fn long_steps_have_no_ideal_cell() {
-        assert!(IdealCell::new(&CellParameters::FRESH, Decisions { step_s: 7.0, ..DECISIONS }).is_none());
+        assert!(
+            IdealCell::new(
+                &CellParameters::FRESH,
+                Decisions {
+                    step_s: 7.0,
+                    ..DECISIONS
+                }
+            )
+            .is_none()
+        );
     }
 
     proptest! {
-        /// Whatever a cell went through, no power that is fatal to the ideal cell with its charge leaves it alive, and a decision
-        /// that it survives saw no collapse.
+        /// Whatever a cell went through, no power that is fatal to the ideal cell with its charge leaves it
+        /// alive, and a decision that it survives saw no collapse.
         #[test]
         fn no_real_cell_carries_more(
             charge in 0.03_f64..1.0,
@@ -235,7 +279,8 @@ mod tests {
             }
             let survived = cell.voltage_v() > DECISIONS.end_v;
             prop_assert!(!survived || part < 1.0, "{part} of {fatal_w} W at {x}");
-            prop_assert!(!survived || lowest_v > 0.9 * DECISIONS.end_v, "{lowest_v} V within a decision that was survived");
+            prop_assert!(!survived || lowest_v > 0.9 * DECISIONS.end_v, "{lowest_v} V within a decision \
+                                                                         that was survived");
         }
     }
 }

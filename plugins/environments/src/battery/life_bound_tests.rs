@@ -1,5 +1,5 @@
-//! No controller outlives the bound: rules, controllers that know the state, searches through one and the same episode, and every
-//! allocation of a coarse grid.
+//! No controller outlives the bound: rules, controllers that know the state, searches through one and the
+//! same episode, and every allocation of a coarse grid.
 
 use super::*;
 use rand::Rng as _;
@@ -35,17 +35,30 @@ fn play(battery: &mut Battery, mut rng: Rng, controller: Controller<'_>) -> (u64
 fn normalised(weights: Vec<f64>) -> Vec<f64> {
     let total: f64 = weights.iter().sum();
     let equal = 1.0 / weights.len() as f64;
-    weights.iter().map(|weight| if total > 0.0 { weight / total } else { equal }).collect()
+    weights
+        .iter()
+        .map(|weight| if total > 0.0 { weight / total } else { equal })
+        .collect()
 }
 
 /// Equal terminal voltages from the true state, as far as the demand goes.
 fn level(battery: &Battery) -> Vec<f64> {
     let (state, n) = (battery.state(), battery.cells.len());
-    let currents = |v: f64| state[..n].iter().zip(&state[n..2 * n]).map(|(e, r)| (e - v).max(0.0) / r).collect::<Vec<_>>();
+    let currents = |v: f64| {
+        state[..n]
+            .iter()
+            .zip(&state[n..2 * n])
+            .map(|(e, r)| (e - v).max(0.0) / r)
+            .collect::<Vec<_>>()
+    };
     let (mut low, mut high) = (1.8, 4.2);
     for _ in 0..40 {
         let middle = 0.5 * (low + high);
-        if middle * currents(middle).iter().sum::<f64>() > battery.demand_w() { low = middle } else { high = middle }
+        if middle * currents(middle).iter().sum::<f64>() > battery.demand_w() {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     normalised(currents(low))
 }
@@ -53,14 +66,27 @@ fn level(battery: &Battery) -> Vec<f64> {
 /// Shares by rank of the voltage, the last for the highest.
 fn by_rank(battery: &Battery, share: impl Fn(usize) -> f64) -> Vec<f64> {
     let mut order: Vec<usize> = (0..battery.cells.len()).collect();
-    order.sort_by(|a, b| battery.cells[*a].voltage_v().total_cmp(&battery.cells[*b].voltage_v()));
+    order.sort_by(|a, b| {
+        battery.cells[*a]
+            .voltage_v()
+            .total_cmp(&battery.cells[*b].voltage_v())
+    });
     let mut weights = vec![0.0; order.len()];
-    order.iter().enumerate().for_each(|(rank, cell)| weights[*cell] = share(rank));
+    order
+        .iter()
+        .enumerate()
+        .for_each(|(rank, cell)| weights[*cell] = share(rank));
     normalised(weights)
 }
 
 fn powers_of_charge(battery: &Battery, exponent: f64) -> Vec<f64> {
-    normalised(battery.cells.iter().map(|cell| cell.state().charge_c().powf(exponent)).collect())
+    normalised(
+        battery
+            .cells
+            .iter()
+            .map(|cell| cell.state().charge_c().powf(exponent))
+            .collect(),
+    )
 }
 
 #[test]
@@ -75,20 +101,37 @@ fn no_rule_and_no_informed_controller_outlives_the_bound() {
             Box::new(move |battery, _, _| by_rank(battery, |rank| f64::from(u8::from(rank >= n / 2)))),
             Box::new(|battery, _, _| powers_of_charge(battery, 0.5)),
             Box::new(|battery, _, _| powers_of_charge(battery, 1.0)),
-            Box::new(|battery, _, own| normalised(battery.cells.iter().map(|_| own.random::<f64>()).collect())),
+            Box::new(|battery, _, own| {
+                normalised(battery.cells.iter().map(|_| own.random::<f64>()).collect())
+            }),
             // Cells take turns, so that overpotentials fade in between.
             Box::new(|battery, decision, _| {
-                let turn = |(cell, weight): (usize, f64)| if (cell + decision) % 2 == 0 { 1.6 * weight } else { weight };
+                let turn = |(cell, weight): (usize, f64)| {
+                    if (cell + decision) % 2 == 0 {
+                        1.6 * weight
+                    } else {
+                        weight
+                    }
+                };
                 normalised(level(battery).into_iter().enumerate().map(turn).collect())
             }),
         ];
         let (mut longest, mut bounds) = (0, 0);
         for episode in 0..40 {
-            let played: Vec<_> = controllers.iter_mut().map(|one| play(&mut battery, rng(pack, episode), &mut **one)).collect();
+            let played: Vec<_> = controllers
+                .iter_mut()
+                .map(|one| play(&mut battery, rng(pack, episode), &mut **one))
+                .collect();
             let bound = played[0].1;
             for (controller, (survived, own_bound, _)) in played.iter().enumerate() {
-                assert_eq!(*own_bound, bound, "{pack} {episode}: the bound is of the episode, not of the controller");
-                assert!(*survived <= bound, "{pack} {episode}: controller {controller} survives {survived} of {bound}");
+                assert_eq!(
+                    *own_bound, bound,
+                    "{pack} {episode}: the bound is of the episode, not of the controller"
+                );
+                assert!(
+                    *survived <= bound,
+                    "{pack} {episode}: controller {controller} survives {survived} of {bound}"
+                );
             }
             longest += played.iter().map(|(survived, ..)| survived).max().unwrap();
             bounds += bound;
@@ -99,7 +142,8 @@ fn no_rule_and_no_informed_controller_outlives_the_bound() {
     }
 }
 
-/// A search that knows the whole episode: it changes shares at random for a while and keeps what lives longer.
+/// A search that knows the whole episode: it changes shares at random for a while and keeps what lives
+/// longer.
 #[test]
 fn no_search_through_an_episode_outlives_the_bound() {
     const BLOCK: usize = 8;
@@ -111,7 +155,10 @@ fn no_search_through_an_episode_outlives_the_bound() {
             let mut best: (Vec<f64>, (u64, f64)) = (vec![0.0; n * 40], (0, 0.0));
             for _ in 0..250 {
                 let mut changed = best.0.clone();
-                let (first, length) = (luck.random_range(0..changed.len() as u32), luck.random_range(1..3 * n as u32));
+                let (first, length) = (
+                    luck.random_range(0..changed.len() as u32),
+                    luck.random_range(1..3 * n as u32),
+                );
                 for entry in changed.iter_mut().skip(first as usize).take(length as usize) {
                     *entry += luck.random_range(-0.5..0.5);
                 }
@@ -133,7 +180,9 @@ fn no_search_through_an_episode_outlives_the_bound() {
 /// Most decisions that two cells survive when every decision is one of `LEVELS` allocations.
 fn longest(cells: &[Cell], demands_w: &[f64], steps: usize) -> u64 {
     const LEVELS: usize = 7;
-    let Some((demand_w, rest)) = demands_w.split_first() else { return 0 };
+    let Some((demand_w, rest)) = demands_w.split_first() else {
+        return 0;
+    };
     let after = |level: usize| {
         let first = level as f64 / (LEVELS - 1) as f64;
         let mut cells = cells.to_vec();
@@ -141,7 +190,11 @@ fn longest(cells: &[Cell], demands_w: &[f64], steps: usize) -> u64 {
             (0..steps).for_each(|_| cell.draw_power(weight * demand_w, 1.0));
         }
         let survived = cells.iter().all(|cell| cell.voltage_v() > 3.0);
-        if survived { 1 + longest(&cells, rest, steps) } else { 0 }
+        if survived {
+            1 + longest(&cells, rest, steps)
+        } else {
+            0
+        }
     };
     (0..LEVELS).map(after).max().unwrap_or(0)
 }
@@ -156,26 +209,39 @@ fn the_best_of_all_allocations_lies_below_the_bound() {
         let config = BatteryConfig {
             cells: Cells::Count(2),
             start: Start::StateOfCharge(charges.to_vec()),
-            load: Load::Uniform { low_w: 8.0, high_w: 24.0 },
+            load: Load::Uniform {
+                low_w: 8.0,
+                high_w: 24.0,
+            },
             decision_interval_s: 40.0,
             ..BatteryConfig::default()
         };
         let mut battery = Battery::new(config).unwrap();
         battery.reset(&mut rng).unwrap();
         let bound = battery.progress.bound.unwrap();
-        let demands_w: Vec<f64> = battery.demands_to_come(rng.clone()).take(bound as usize + 1).collect();
+        let demands_w: Vec<f64> = battery
+            .demands_to_come(rng.clone())
+            .take(bound as usize + 1)
+            .collect();
         let optimum = longest(&battery.cells, &demands_w, 40);
         assert!(optimum <= bound, "{episode}: {optimum} of {bound}");
         best += optimum;
         bounds += bound;
     }
-    assert!(best > 20 && best as f64 >= 0.6 * bounds as f64, "{best} of {bounds}");
+    assert!(
+        best > 20 && best as f64 >= 0.6 * bounds as f64,
+        "{best} of {bounds}"
+    );
 }
 
 #[test]
 fn the_demands_to_come_are_those_that_come() {
     for sensor_noise in [false, true] {
-        let mut battery = Battery::new(BatteryConfig { sensor_noise, ..config("4") }).unwrap();
+        let mut battery = Battery::new(BatteryConfig {
+            sensor_noise,
+            ..config("4")
+        })
+        .unwrap();
         let mut rng = rng("demands", 0);
         let first = battery.reset(&mut rng).unwrap()[0][8];
         let expected: Vec<f64> = battery.demands_to_come(rng.clone()).take(6).collect();
@@ -187,7 +253,11 @@ fn the_demands_to_come_are_those_that_come() {
 
 #[test]
 fn a_limit_of_decisions_bounds_too() {
-    let mut battery = Battery::new(BatteryConfig { episode_limit: Some(7), ..config("4") }).unwrap();
+    let mut battery = Battery::new(BatteryConfig {
+        episode_limit: Some(7),
+        ..config("4")
+    })
+    .unwrap();
     let (survived, bound, _) = play(&mut battery, rng("limit", 0), &mut |_, _, _| vec![0.25; 4]);
     assert_eq!((survived, bound), (7, 7));
 }
@@ -196,10 +266,15 @@ fn a_limit_of_decisions_bounds_too() {
 fn where_the_facts_do_not_hold_there_is_no_bound() {
     let has_bound = |keys: serde_json::Value| {
         let battery = Battery::new(serde_json::from_value(keys).unwrap()).unwrap();
-        battery.metrics().iter().any(|metric| metric.name == "cycle_length_bound")
+        battery
+            .metrics()
+            .iter()
+            .any(|metric| metric.name == "cycle_length_bound")
     };
     use serde_json::json;
-    assert!(has_bound(json!({})) && has_bound(json!({"load": {"constant": {"power_w": 8.0}}, "start": "full"})));
+    assert!(
+        has_bound(json!({})) && has_bound(json!({"load": {"constant": {"power_w": 8.0}}, "start": "full"}))
+    );
     for keys in [
         json!({"thermal": true}),
         json!({"process_noise": true}),

@@ -81,11 +81,22 @@ impl LoadSource {
     pub fn new(load: &Load, cells: usize) -> Result<Self, Error> {
         let largest = LARGEST_W_PER_CELL * cells as f64;
         Ok(match load {
-            Load::Thesis => Self::Drawn { low: 0.0, high: largest, floor: SMALLEST_PART * largest },
+            Load::Thesis => Self::Drawn {
+                low: 0.0,
+                high: largest,
+                floor: SMALLEST_PART * largest,
+            },
             Load::Uniform { low_w, high_w } if low_w > high_w => {
-                return Err(Error::config("load.uniform", format!("low_w {low_w} lies above high_w {high_w}")));
+                return Err(Error::config(
+                    "load.uniform",
+                    format!("low_w {low_w} lies above high_w {high_w}"),
+                ));
             }
-            Load::Uniform { low_w, high_w } => Self::Drawn { low: *low_w, high: *high_w, floor: *low_w },
+            Load::Uniform { low_w, high_w } => Self::Drawn {
+                low: *low_w,
+                high: *high_w,
+                floor: *low_w,
+            },
             Load::Constant { power_w } => Self::Constant(Demand::Power(*power_w)),
             Load::ConstantCurrent { current_a } => Self::Constant(Demand::Current(*current_a)),
             Load::File(file) => Self::Rows(rows(file)?),
@@ -105,7 +116,9 @@ impl LoadSource {
     /// The demand of a decision that begins at `time_s`.
     pub fn draw(&self, time_s: f64, rng: &mut Rng) -> Demand {
         match self {
-            Self::Drawn { low, high, floor } => Demand::Power((low + (high - low) * rng.random::<f64>()).max(*floor)),
+            Self::Drawn { low, high, floor } => {
+                Demand::Power((low + (high - low) * rng.random::<f64>()).max(*floor))
+            }
             Self::Constant(demand) => *demand,
             Self::Rows(rows) => at(rows, time_s),
         }
@@ -131,35 +144,55 @@ fn at(rows: &[(f64, Demand)], time_s: f64) -> Demand {
 }
 
 fn rows(file: &DataFile) -> Result<Vec<(f64, Demand)>, Error> {
-    let problem = |problem: String| Error::config("load.file", format!("`{}`: {problem}", file.path().display()));
+    let problem =
+        |problem: String| Error::config("load.file", format!("`{}`: {problem}", file.path().display()));
     let text = file.text()?;
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let header = reader.headers().map_err(|source| problem(source.to_string()))?.clone();
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let header = reader
+        .headers()
+        .map_err(|source| problem(source.to_string()))?
+        .clone();
     let column = |name: &str| header.iter().position(|title| title == name);
     let (value_column, demand): (usize, fn(f64) -> Demand) = match (column("power_w"), column("current_a")) {
         (Some(index), None) => (index, Demand::Power),
         (None, Some(index)) => (index, Demand::Current),
-        _ => return Err(problem("needs exactly one of the columns `power_w` and `current_a`".into())),
+        _ => {
+            return Err(problem(
+                "needs exactly one of the columns `power_w` and `current_a`".into(),
+            ));
+        }
     };
     let time_column = column("t_s").ok_or_else(|| problem("needs a column `t_s`".into()))?;
     let mut rows: Vec<(f64, Demand)> = Vec::new();
     for record in reader.records() {
         let record = record.map_err(|source| problem(source.to_string()))?;
         let unfit = |what: String| problem(format!("line {}: {what}", line_of(&record, &text)));
-        let time_s = number(&record, time_column).map_err(|text| unfit(format!("t_s `{text}` is no number")))?;
+        let time_s =
+            number(&record, time_column).map_err(|text| unfit(format!("t_s `{text}` is no number")))?;
         let value = number(&record, value_column).map_err(|text| unfit(format!("`{text}` is no number")))?;
         if rows.last().is_some_and(|(before_s, _)| *before_s >= time_s) {
-            return Err(unfit(format!("t_s {time_s} does not lie after the row before it")));
+            return Err(unfit(format!(
+                "t_s {time_s} does not lie after the row before it"
+            )));
         }
         rows.push((time_s, demand(value)));
     }
-    if rows.is_empty() { Err(problem("has no rows".into())) } else { Ok(rows) }
+    if rows.is_empty() {
+        Err(problem("has no rows".into()))
+    } else {
+        Ok(rows)
+    }
 }
 
 /// The line of a text that a record stands on. The place that the reader tells is that of the end of the
 /// record before it, from which it passes over empty lines.
 fn line_of(record: &csv::StringRecord, text: &str) -> usize {
-    let place = record.position().and_then(|place| usize::try_from(place.byte()).ok()).unwrap_or_default();
+    let place = record
+        .position()
+        .and_then(|place| usize::try_from(place.byte()).ok())
+        .unwrap_or_default();
     let (before, rest) = text.split_at(place);
     let empty = rest.len() - rest.trim_start_matches(['\r', '\n']).len();
     before.matches('\n').count() + rest[..empty].matches('\n').count() + 1
@@ -168,7 +201,10 @@ fn line_of(record: &csv::StringRecord, text: &str) -> usize {
 /// The finite number in `column`, or the text that is none.
 fn number(record: &csv::StringRecord, column: usize) -> Result<f64, String> {
     let text = record.get(column).unwrap_or_default();
-    text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| text.to_owned())
+    text.parse()
+        .ok()
+        .filter(|value: &f64| value.is_finite())
+        .ok_or_else(|| text.to_owned())
 }
 
 #[cfg(test)]
@@ -206,7 +242,9 @@ mod tests {
             assert_eq!(source.draw(time_s, &mut rng), Demand::Power(power_w));
             assert_eq!(source.within(Demand::Power(0.0), time_s), Demand::Power(power_w));
         }
-        let LoadSource::Rows(rows) = load_file("current_a,t_s\n1.5,0\n").unwrap() else { panic!("a file has rows") };
+        let LoadSource::Rows(rows) = load_file("current_a,t_s\n1.5,0\n").unwrap() else {
+            panic!("a file has rows")
+        };
         assert_eq!(rows, [(0.0, Demand::Current(1.5))]);
     }
 
@@ -222,9 +260,24 @@ mod tests {
             ("t_s,power_w\n", "has no rows"),
         ] {
             let message = load_file(text).unwrap_err().to_string();
-            assert!(message.starts_with("`load.file`") && message.contains(expected), "{message}");
+            assert!(
+                message.starts_with("`load.file`") && message.contains(expected),
+                "{message}"
+            );
         }
-        assert!(matches!(LoadSource::new(&Load::File(DataFile::new("absent.csv")), 4), Err(Error::File { .. })));
-        assert!(LoadSource::new(&Load::Uniform { low_w: 2.0, high_w: 1.0 }, 4).is_err());
+        assert!(matches!(
+            LoadSource::new(&Load::File(DataFile::new("absent.csv")), 4),
+            Err(Error::File { .. })
+        ));
+        assert!(
+            LoadSource::new(
+                &Load::Uniform {
+                    low_w: 2.0,
+                    high_w: 1.0
+                },
+                4
+            )
+            .is_err()
+        );
     }
 }

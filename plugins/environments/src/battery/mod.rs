@@ -1,8 +1,9 @@
 //! A pack of lithium-ion cells in parallel operation: how much of the load each cell carries is the action.
 //!
-//! Thesis, chapter 3. At each decision the pack demands a power P; the action is a vector of weights on the simplex, and
-//! cell k delivers w_k P until the next decision. The episode terminates when a cell reaches its end of discharge; the reward
-//! is 1 for every decision that the pack survives, so the return is the length of the working cycle.
+//! Thesis, chapter 3. At each decision the pack demands a power P; the action is a vector of weights on the
+//! simplex, and cell k delivers w_k P until the next decision. The episode terminates when a cell reaches its
+//! end of discharge; the reward is 1 for every decision that the pack survives, so the return is the length
+//! of the working cycle.
 //!
 //! | thesis | here                    | shape |
 //! |--------|-------------------------|-------|
@@ -11,17 +12,18 @@
 //! | I_t    | `current_1..N`, A       | `[N]`, current of the last step; at the start 8 W / V from a profile, else 0 |
 //! | P_t    | `power_demand_w`, W     | demand of the coming decision |
 //!
-//! The current of cell k is w_k P / V_k with the voltage at the start of each step. A load given as a current is shared by
-//! the weights directly; `power_demand_w` is then the current times the mean voltage. The trace's `power_w` is the mean demand
-//! of the last decision.
+//! The current of cell k is w_k P / V_k with the voltage at the start of each step. A load given as a current
+//! is shared by the weights directly; `power_demand_w` is then the current times the mean voltage. The
+//! trace's `power_w` is the mean demand of the last decision.
 //!
-//! Beside the result of each episode stands `cycle_length_bound`, the decisions that no controller can exceed from the same start
-//! with the same demands (the module `life_bound`), where the pack has such a bound.
+//! Beside the result of each episode stands `cycle_length_bound`, the decisions that no controller can exceed
+//! from the same start with the same demands (the module `life_bound`), where the pack has such a bound.
 //!
-//! Departures from the thesis, which leaves these open: the length of a decision, the start states, the parameters of aged
-//! cells and the initial currents; see the config for the values and their reasons. Surface mole fractions are kept 0.001 from
-//! 0 and 1 where the authors' public code has 0.01: the lives under equal split and the
-//! rules of table 3.3 are the same, and the voltages of cells below 1.7 % charge are right.
+//! Departures from the thesis, which leaves these open: the length of a decision, the start states, the
+//! parameters of aged cells and the initial currents; see the config for the values and their reasons.
+//! Surface mole fractions are kept 0.001 from 0 and 1 where the authors' public code has 0.01: the lives
+//! under equal split and the rules of table 3.3 are the same, and the voltages of cells below 1.7 % charge
+//! are right.
 
 mod ageing;
 mod cell;
@@ -111,7 +113,14 @@ pub fn build(config: BatteryConfig) -> Result<Box<dyn Environment>, Error> {
 impl Progress {
     /// Before the first decision.
     fn at_start(demand: Demand) -> Self {
-        Self { steps: 0, decisions: 0, demand, weights: None, power_w: None, bound: None }
+        Self {
+            steps: 0,
+            decisions: 0,
+            demand,
+            weights: None,
+            power_w: None,
+            bound: None,
+        }
     }
 }
 
@@ -122,9 +131,15 @@ impl Battery {
     /// [`Error::Config`] where keys contradict each other, [`Error::File`] where a load file cannot be read.
     pub fn new(config: BatteryConfig) -> Result<Self, Error> {
         let new_parameters = config.parameters()?;
-        let physics = Physics { thermal: config.thermal, mole_fraction_margin: config.mole_fraction_margin };
+        let physics = Physics {
+            thermal: config.thermal,
+            mole_fraction_margin: config.mole_fraction_margin,
+        };
         let count = new_parameters.len();
-        let (steps_per_decision, load) = (config.steps_per_decision()?, LoadSource::new(&config.load, count)?);
+        let (steps_per_decision, load) = (
+            config.steps_per_decision()?,
+            LoadSource::new(&config.load, count)?,
+        );
         let bound = LifeBound::new(&config, &new_parameters, &load, steps_per_decision);
         Ok(Self {
             steps_per_decision,
@@ -133,7 +148,10 @@ impl Battery {
             seats: vec![channels::seat(count)],
             metrics: channels::metrics(bound.is_some()),
             bound,
-            cells: new_parameters.iter().map(|parameters| Cell::new(*parameters, physics)).collect(),
+            cells: new_parameters
+                .iter()
+                .map(|parameters| Cell::new(*parameters, physics))
+                .collect(),
             progress: Progress::at_start(Demand::Power(0.0)),
             new_parameters,
             config,
@@ -163,13 +181,18 @@ impl Battery {
         }
     }
 
-    /// Holds `weights` for one decision. Returns the mean power that was asked for, W, and the energy that was delivered, J.
+    /// Holds `weights` for one decision. Returns the mean power that was asked for, W, and the energy that
+    /// was delivered, J.
     fn discharge(&mut self, weights: &[f64], rng: &mut Rng) -> (f64, f64) {
         let (mut power_w, mut energy_j) = (0.0, 0.0);
         for step in 0..self.steps_per_decision {
             let demand = self.load.within(self.progress.demand, self.time_s());
             let delivered_j = self.advance(weights, demand);
-            let asked_w = if let Demand::Power(total_w) = demand { total_w } else { delivered_j / self.config.step_s };
+            let asked_w = if let Demand::Power(total_w) = demand {
+                total_w
+            } else {
+                delivered_j / self.config.step_s
+            };
             // This form of the mean gives back a constant power without rounding.
             power_w += (asked_w - power_w) / (step + 1) as f64;
             energy_j += delivered_j;
@@ -212,7 +235,8 @@ impl Battery {
 
     fn observe(&self, rng: &mut Rng) -> Vec<Vec<f64>> {
         let mut seen: Vec<f64> = self.cells.iter().map(Cell::voltage_v).collect();
-        seen.iter_mut().for_each(|voltage_v| *voltage_v += self.sensor_error_v(rng));
+        seen.iter_mut()
+            .for_each(|voltage_v| *voltage_v += self.sensor_error_v(rng));
         seen.extend(self.cells.iter().map(Cell::current_a));
         seen.push(self.demand_w());
         vec![seen]
@@ -220,11 +244,15 @@ impl Battery {
 
     /// Error of the next reading of a voltage, V.
     fn sensor_error_v(&self, rng: &mut Rng) -> f64 {
-        if self.config.sensor_noise { SENSOR_NOISE_V * rng.random_range(-1.0..1.0) } else { 0.0 }
+        if self.config.sensor_noise {
+            SENSOR_NOISE_V * rng.random_range(-1.0..1.0)
+        } else {
+            0.0
+        }
     }
 
-    /// Demands of the decisions of the episode that begins, W, as steps will draw them: what they draw does not depend on
-    /// actions where the pack has a bound.
+    /// Demands of the decisions of the episode that begins, W, as steps will draw them: what they draw does
+    /// not depend on actions where the pack has a bound.
     fn demands_to_come(&self, mut rng: Rng) -> impl Iterator<Item = f64> + '_ {
         let next = move |_: &f64| {
             let demand = self.load.draw(0.0, &mut rng);
@@ -249,7 +277,12 @@ impl Battery {
     /// Smallest and largest cell voltage, V.
     fn voltage_range(&self) -> (f64, f64) {
         let range = (f64::INFINITY, f64::NEG_INFINITY);
-        self.cells.iter().map(Cell::voltage_v).fold(range, |(low, high), voltage_v| (low.min(voltage_v), high.max(voltage_v)))
+        self.cells
+            .iter()
+            .map(Cell::voltage_v)
+            .fold(range, |(low, high), voltage_v| {
+                (low.min(voltage_v), high.max(voltage_v))
+            })
     }
 
     fn end(&self, lowest_v: f64) -> Option<End> {
@@ -264,8 +297,15 @@ impl Battery {
         match self.cells.iter().position(|cell| !cell.voltage_v().is_finite()) {
             None => Ok(()),
             Some(index) => {
-                let problem = format!("the voltage of cell {} is not finite at {} s", index + 1, self.time_s());
-                Err(Error::Model { model: "battery", problem })
+                let problem = format!(
+                    "the voltage of cell {} is not finite at {} s",
+                    index + 1,
+                    self.time_s()
+                );
+                Err(Error::Model {
+                    model: "battery",
+                    problem,
+                })
             }
         }
     }
@@ -288,7 +328,8 @@ impl Environment for Battery {
         self.check_finite()?;
         let observation = self.observe(rng);
         let bound = self.bound.as_ref();
-        self.progress.bound = bound.map(|bound| bound.decisions(&self.cells, self.demands_to_come(rng.clone())));
+        self.progress.bound =
+            bound.map(|bound| bound.decisions(&self.cells, self.demands_to_come(rng.clone())));
         Ok(observation)
     }
 
@@ -305,7 +346,12 @@ impl Environment for Battery {
         self.progress.demand = self.load.draw(self.time_s(), rng);
         let mut info = vec![reward, highest_v - lowest_v, energy_j];
         info.extend(self.progress.bound.map(|decisions| decisions as f64));
-        Ok(Step { observations: self.observe(rng), rewards: vec![reward], info, end })
+        Ok(Step {
+            observations: self.observe(rng),
+            rewards: vec![reward],
+            info,
+            end,
+        })
     }
 
     fn state_channels(&self) -> Vec<Channel> {
@@ -315,7 +361,10 @@ impl Environment for Battery {
     fn state(&self) -> Vec<f64> {
         let effective = self.cells.iter().map(Cell::effective_voltage_v);
         let resistance = self.cells.iter().map(|cell| cell.parameters().r_ohm);
-        effective.chain(resistance).chain(self.cells.iter().map(|cell| cell.state().charge_c())).collect()
+        effective
+            .chain(resistance)
+            .chain(self.cells.iter().map(|cell| cell.state().charge_c()))
+            .collect()
     }
 
     fn trace_channels(&self) -> Vec<Channel> {
@@ -340,17 +389,32 @@ impl Environment for Battery {
     }
 
     fn snapshot(&self) -> serde_json::Value {
-        let cells = self.cells.iter().map(|cell| (*cell.parameters(), *cell.state(), cell.current_a())).collect();
-        let snapshot = Snapshot { progress: self.progress.clone(), cells };
+        let cells = self
+            .cells
+            .iter()
+            .map(|cell| (*cell.parameters(), *cell.state(), cell.current_a()))
+            .collect();
+        let snapshot = Snapshot {
+            progress: self.progress.clone(),
+            cells,
+        };
         // Plain structs of numbers: serde_json refuses only maps whose keys are no strings.
         serde_json::to_value(snapshot).expect("a snapshot serialises")
     }
 
     fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), Error> {
-        let misfit = |problem: String| Error::Checkpoint { what: "battery", problem };
-        let Snapshot { progress, cells } = Snapshot::deserialize(snapshot).map_err(|source| misfit(source.to_string()))?;
+        let misfit = |problem: String| Error::Checkpoint {
+            what: "battery",
+            problem,
+        };
+        let Snapshot { progress, cells } =
+            Snapshot::deserialize(snapshot).map_err(|source| misfit(source.to_string()))?;
         if cells.len() != self.cells.len() {
-            return Err(misfit(format!("{} cells stored, {} configured", cells.len(), self.cells.len())));
+            return Err(misfit(format!(
+                "{} cells stored, {} configured",
+                cells.len(),
+                self.cells.len()
+            )));
         }
         for (cell, (parameters, state, current_a)) in self.cells.iter_mut().zip(cells) {
             cell.set_parameters(parameters);

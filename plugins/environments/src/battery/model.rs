@@ -1,7 +1,7 @@
 //! The electrochemical cell: eight states, their derivatives, the terminal voltage.
 //!
-//! M. Daigle and C. Kulkarni, "Electrochemistry-based battery modeling for prognostics", PHM 2013. Discharge currents are
-//! positive. The time step is explicit Euler, as in the published implementations.
+//! M. Daigle and C. Kulkarni, "Electrochemistry-based battery modeling for prognostics", PHM 2013. Discharge
+//! currents are positive. The time step is explicit Euler, as in the published implementations.
 //!
 //! | paper              | here                                 | unit |
 //! |--------------------|--------------------------------------|------|
@@ -13,14 +13,15 @@
 //! | x_s,n, x_s,p       | `x_n`, `x_p`                         |      |
 //! | J_n0, J_p0         | inside `z`, the argument of asinh    | A/m2 |
 //!
-//! Three identities keep the inner loop cheap without changing the equations: the transfer coefficient of one half makes
-//! the exchange currents square roots; the two Nernst terms join into one logarithm; and because x(1-x) = (1-y^2)/4 with
-//! y = 2x-1, a Redlich-Kister sum of 13 terms is one polynomial of degree 13 in y.
+//! Three identities keep the inner loop cheap without changing the equations: the transfer coefficient of one
+//! half makes the exchange currents square roots; the two Nernst terms join into one logarithm; and because
+//! x(1-x) = (1-y^2)/4 with y = 2x-1, a Redlich-Kister sum of 13 terms is one polynomial of degree 13 in y.
 
 use super::parameters::{
-    AMBIENT_K, CellParameters, EXCHANGE_N, EXCHANGE_P, FARADAY, GAS_CONSTANT, HEAT_CAPACITY, MOLE_FRACTION_N_MAX,
-    MOLE_FRACTION_P_MIN, REDLICH_KISTER_N, REDLICH_KISTER_P, REFERENCE_N_V, REFERENCE_P_V, SURFACE_AREA_N, SURFACE_AREA_P,
-    SURFACE_FRACTION, TIME_OHMIC_S, TIME_SURFACE_N_S, TIME_SURFACE_P_S, TIME_THERMAL_S, TRANSFER_COEFFICIENT, VOLUME,
+    AMBIENT_K, CellParameters, EXCHANGE_N, EXCHANGE_P, FARADAY, GAS_CONSTANT, HEAT_CAPACITY,
+    MOLE_FRACTION_N_MAX, MOLE_FRACTION_P_MIN, REDLICH_KISTER_N, REDLICH_KISTER_P, REFERENCE_N_V,
+    REFERENCE_P_V, SURFACE_AREA_N, SURFACE_AREA_P, SURFACE_FRACTION, TIME_OHMIC_S, TIME_SURFACE_N_S,
+    TIME_SURFACE_P_S, TIME_THERMAL_S, TRANSFER_COEFFICIENT, VOLUME,
 };
 use serde::{Deserialize, Serialize};
 
@@ -59,7 +60,8 @@ impl State {
     /// Units of the entries.
     pub const UNITS: [&str; 8] = ["K", "V", "V", "V", "C", "C", "C", "C"];
 
-    /// A rested cell at ambient temperature, bulk and surface layer in equilibrium at `state_of_charge` in [0, 1].
+    /// A rested cell at ambient temperature, bulk and surface layer in equilibrium at `state_of_charge` in
+    /// [0, 1].
     #[must_use]
     pub fn rested(parameters: &CellParameters, state_of_charge: f64) -> Self {
         let q_max = parameters.q_mobile_c / MOLE_FRACTION_N_MAX;
@@ -96,8 +98,26 @@ impl State {
     /// The state with these entries, in the order of [`State::NAMES`].
     #[must_use]
     pub fn from_array(entries: [f64; 8]) -> Self {
-        let [temperature_k, ohmic_v, surface_n_v, surface_p_v, bulk_n_c, layer_n_c, bulk_p_c, layer_p_c] = entries;
-        Self { temperature_k, ohmic_v, surface_n_v, surface_p_v, bulk_n_c, layer_n_c, bulk_p_c, layer_p_c }
+        let [
+            temperature_k,
+            ohmic_v,
+            surface_n_v,
+            surface_p_v,
+            bulk_n_c,
+            layer_n_c,
+            bulk_p_c,
+            layer_p_c,
+        ] = entries;
+        Self {
+            temperature_k,
+            ohmic_v,
+            surface_n_v,
+            surface_p_v,
+            bulk_n_c,
+            layer_n_c,
+            bulk_p_c,
+            layer_p_c,
+        }
     }
 
     /// Charge left in the negative electrode, C.
@@ -128,7 +148,8 @@ impl State {
 pub struct Physics {
     /// True where the temperature follows the heat of the overpotentials, false where it stays as it starts.
     pub thermal: bool,
-    /// Mole fractions are held this far from 0 and 1 inside logarithms and roots, for a cell driven past empty.
+    /// Mole fractions are held this far from 0 and 1 inside logarithms and roots, for a cell driven past
+    /// empty.
     pub mole_fraction_margin: f64,
 }
 
@@ -193,7 +214,8 @@ impl Model {
         (REFERENCE_P_V - REFERENCE_N_V) + nernst + activity
     }
 
-    /// Open-circuit voltage less the slow overpotentials, V: what is left to drive a current through the resistance.
+    /// Open-circuit voltage less the slow overpotentials, V: what is left to drive a current through the
+    /// resistance.
     #[must_use]
     pub fn effective_voltage(&self, state: &State) -> f64 {
         self.open_circuit_voltage(state) - state.surface_n_v - state.surface_p_v
@@ -207,7 +229,8 @@ impl Model {
         (within(state.layer_n_c), within(state.layer_p_c))
     }
 
-    /// Butler-Volmer overpotentials of the negative and the positive surface that the present current leads to, V.
+    /// Butler-Volmer overpotentials of the negative and the positive surface that the present current leads
+    /// to, V.
     #[inline]
     fn steady_overpotentials(&self, state: &State, current_a: f64) -> (f64, f64) {
         const HALF_PER_N: f64 = 0.5 / (SURFACE_AREA_N * EXCHANGE_N);
@@ -229,24 +252,31 @@ impl Model {
     }
 }
 
-/// Voltage of a rested cell at ambient temperature whose negative electrode has mole fraction `x_n`, V. Lithium is conserved, so
-/// the positive electrode then has `1 - x_n`.
+/// Voltage of a rested cell at ambient temperature whose negative electrode has mole fraction `x_n`, V.
+/// Lithium is conserved, so the positive electrode then has `1 - x_n`.
 #[must_use]
 pub fn resting_voltage(x_n: f64) -> f64 {
     let nernst = GAS_PER_FARADAY * AMBIENT_K * 2.0 * (x_n / (1.0 - x_n)).ln();
-    (REFERENCE_P_V - REFERENCE_N_V) + nernst + polynomial(&POLYNOMIAL_P, 1.0 - 2.0 * x_n) - SLOPE_N * (2.0 * x_n - 1.0)
+    (REFERENCE_P_V - REFERENCE_N_V) + nernst + polynomial(&POLYNOMIAL_P, 1.0 - 2.0 * x_n)
+        - SLOPE_N * (2.0 * x_n - 1.0)
 }
 
 /// The integral of [`resting_voltage`] from 0 to `x_n`: energy per coulomb of both electrodes together, V.
 #[must_use]
 pub fn resting_energy(x_n: f64) -> f64 {
     let nernst = GAS_PER_FARADAY * AMBIENT_K * 2.0 * (x_n * x_n.ln() + (1.0 - x_n) * (1.0 - x_n).ln());
-    let powers = |y: f64| (0..).zip(POLYNOMIAL_P).map(|(k, volts)| volts * y.powi(k + 1) / f64::from(k + 1)).sum::<f64>();
+    let powers = |y: f64| {
+        (0..)
+            .zip(POLYNOMIAL_P)
+            .map(|(k, volts)| volts * y.powi(k + 1) / f64::from(k + 1))
+            .sum::<f64>()
+    };
     let activity = 0.5 * (powers(1.0) - powers(1.0 - 2.0 * x_n));
     (REFERENCE_P_V - REFERENCE_N_V) * x_n + nernst + activity - SLOPE_N * x_n * (x_n - 1.0)
 }
 
-/// Inverse hyperbolic sine, a relative error of about 1e-14 and several times as quick as the standard library's.
+/// Inverse hyperbolic sine, a relative error of about 1e-14 and several times as quick as the standard
+/// library's.
 #[inline]
 fn asinh(z: f64) -> f64 {
     // Taylor coefficients; the first one left out changes the result by less than 2e-15 of it at the limit.
@@ -261,10 +291,14 @@ fn asinh(z: f64) -> f64 {
     ];
     let square = z * z;
     if square < 0.015 {
-        let tail = SERIES.iter().rev().fold(0.0, |sum, coefficient| sum * square + coefficient);
+        let tail = SERIES
+            .iter()
+            .rev()
+            .fold(0.0, |sum, coefficient| sum * square + coefficient);
         return z + z * (square * tail);
     }
-    // The logarithm of a sum of positive terms loses no digits; of the difference that a negative z would give, it would.
+    // The logarithm of a sum of positive terms loses no digits; of the difference that a negative z would
+    // give, it would.
     (z.abs() + (square + 1.0).sqrt()).ln().copysign(z)
 }
 
@@ -302,11 +336,16 @@ mod tests {
     use proptest::prelude::*;
 
     const FRESH: CellParameters = CellParameters::FRESH;
-    const EXACT: Physics = Physics { thermal: true, mole_fraction_margin: 1e-6 };
+    const EXACT: Physics = Physics {
+        thermal: true,
+        mole_fraction_margin: 1e-6,
+    };
 
     fn run(state: State, current_a: f64, step_s: f64, steps: usize) -> State {
         let model = Model::new(&FRESH, EXACT);
-        (0..steps).fold(state, |state, _| state.advanced(&model.derivative(&state, current_a), step_s))
+        (0..steps).fold(state, |state, _| {
+            state.advanced(&model.derivative(&state, current_a), step_s)
+        })
     }
 
     #[test]
@@ -316,7 +355,10 @@ mod tests {
         for (ours, theirs) in full.iter().zip(published) {
             assert!((ours - theirs).abs() < 1e-9, "{ours} {theirs}");
         }
-        assert!((Model::new(&FRESH, EXACT).voltage(&State::rested(&FRESH, 1.0)) - 4.191_350_293_826_752).abs() < 1e-12);
+        assert!(
+            (Model::new(&FRESH, EXACT).voltage(&State::rested(&FRESH, 1.0)) - 4.191_350_293_826_752).abs()
+                < 1e-12
+        );
     }
 
     #[test]
@@ -330,7 +372,11 @@ mod tests {
         let y = 2.0 * x - 1.0;
         let term = |(k, a): (usize, &f64)| {
             let k_real = k as f64;
-            let second = if k == 0 { 0.0 } else { 2.0 * k_real * x * (1.0 - x) * y.powi(k as i32 - 1) };
+            let second = if k == 0 {
+                0.0
+            } else {
+                2.0 * k_real * x * (1.0 - x) * y.powi(k as i32 - 1)
+            };
             a * (y.powi(k as i32 + 1) - second) / FARADAY
         };
         REDLICH_KISTER_P.iter().enumerate().map(term).sum()
@@ -349,7 +395,13 @@ mod tests {
 
     #[test]
     fn an_isothermal_cell_keeps_its_temperature() {
-        let isothermal = Model::new(&FRESH, Physics { thermal: false, ..EXACT });
+        let isothermal = Model::new(
+            &FRESH,
+            Physics {
+                thermal: false,
+                ..EXACT
+            },
+        );
         let loaded = run(State::rested(&FRESH, 0.9), 4.0, 1.0, 100);
         assert_eq!(isothermal.derivative(&loaded, 4.0).temperature_k, 0.0);
         assert!(loaded.temperature_k > AMBIENT_K + 0.5);
@@ -358,7 +410,8 @@ mod tests {
     proptest! {
         #[test]
         fn the_polynomial_is_the_printed_sum(x in 0.001_f64..0.999) {
-            prop_assert!((polynomial(&POLYNOMIAL_P, 2.0 * x - 1.0) - redlich_kister_as_printed(x)).abs() < 1e-12);
+            prop_assert!((polynomial(&POLYNOMIAL_P,
+                2.0 * x - 1.0) - redlich_kister_as_printed(x)).abs() < 1e-12);
         }
 
         #[test]
@@ -367,7 +420,8 @@ mod tests {
             prop_assert!((asinh(z) / z.asinh() - 1.0).abs() < 1e-13, "{} {}", asinh(z), z.asinh());
         }
 
-        /// The two electrodes only exchange charge with each other, and the negative one gives exactly the current.
+        /// The two electrodes only exchange charge with each other, and the negative one gives exactly the
+        /// current.
         #[test]
         fn charge_is_conserved(charge in 0.3_f64..1.0, current in 0.0_f64..4.0, steps in 1_usize..200) {
             let start = State::rested(&FRESH, charge);

@@ -76,26 +76,37 @@ pub const END_OF_DISCHARGE_V: f64 = 3.0;
 #[serde(deny_unknown_fields, default)]
 pub struct CellParameters {
     /// Mobile lithium charge qMobile, the capacity; every charge limit scales with it.
-    #[schemars(range(min = 100.0, max = 1e6), extend("x-unit" = "C", "x-source" = "Daigle and Kulkarni 2013"))]
+    #[schemars(range(min = 100.0, max = 1e6), extend("x-unit" = "C",
+        "x-source" = "Daigle and Kulkarni 2013"))]
     pub q_mobile_c: f64,
     /// Lumped ohmic resistance Ro.
-    #[schemars(range(min = 1e-6, max = 10.0), extend("x-unit" = "ohm", "x-source" = "Daigle and Kulkarni 2013"))]
+    #[schemars(range(min = 1e-6, max = 10.0), extend("x-unit" = "ohm",
+        "x-source" = "Daigle and Kulkarni 2013"))]
     pub r_ohm: f64,
     /// Resistance D to diffusion between bulk and surface: the difference of their charge concentrations
     /// (C/m3) over D is the charge that flows per second. The source calls it a diffusion constant, though a
     /// larger one is slower.
-    #[schemars(range(min = 1e4, max = 1e12), extend("x-unit" = "s/m3", "x-source" = "Daigle and Kulkarni 2013"))]
+    #[schemars(range(min = 1e4, max = 1e12), extend("x-unit" = "s/m3",
+        "x-source" = "Daigle and Kulkarni 2013"))]
     pub t_diffusion: f64,
 }
 
 impl CellParameters {
     /// A new cell.
-    pub const FRESH: Self = Self { q_mobile_c: 7600.0, r_ohm: 0.117_215, t_diffusion: 7e6 };
+    pub const FRESH: Self = Self {
+        q_mobile_c: 7600.0,
+        r_ohm: 0.117_215,
+        t_diffusion: 7e6,
+    };
 
     /// A cell with less capacity and more resistance, and the diffusion of a new one.
     #[must_use]
     pub const fn aged(q_mobile_c: f64, r_ohm: f64) -> Self {
-        Self { q_mobile_c, r_ohm, t_diffusion: Self::FRESH.t_diffusion }
+        Self {
+            q_mobile_c,
+            r_ohm,
+            t_diffusion: Self::FRESH.t_diffusion,
+        }
     }
 }
 

@@ -1,7 +1,8 @@
 //! The states that episodes start from.
 //!
-//! Most starts are points of a *profile*: the discharge of one cell from full at a constant 8 W, one state per second. Taking
-//! states from an operating discharge gives cells whose overpotentials are those of a cell at work.
+//! Most starts are points of a *profile*: the discharge of one cell from full at a constant 8 W, one state
+//! per second. Taking states from an operating discharge gives cells whose overpotentials are those of a cell
+//! at work.
 
 use super::cell::Cell;
 use super::model::{Model, Physics, State};
@@ -14,7 +15,8 @@ use std::sync::Arc;
 
 /// Load of a profile, W.
 pub const PROFILE_W: f64 = 8.0;
-/// A profile has at most this many steps of one second, and ends where the voltage falls below [`PROFILE_END_V`].
+/// A profile has at most this many steps of one second, and ends where the voltage falls below
+/// [`PROFILE_END_V`].
 const PROFILE_STEPS: usize = 3150;
 /// Voltage that ends a profile, V.
 const PROFILE_END_V: f64 = 2.7;
@@ -27,7 +29,8 @@ pub enum Start {
     Full,
     /// One index per cell: the second of that cell's own 8 W discharge from full.
     ProfileIndex(Vec<usize>),
-    /// Each cell at a second of its own 8 W discharge from full, drawn independently and uniformly from [first, past the last).
+    /// Each cell at a second of its own 8 W discharge from full, drawn independently and uniformly from
+    /// [first, past the last).
     ProfileRange([usize; 2]),
     /// One state of charge per cell, in [0, 1]; rested.
     StateOfCharge(#[schemars(inner(range(min = 0.0, max = 1.0)))] Vec<f64>),
@@ -67,7 +70,11 @@ impl Starter {
     /// [`Error::Config`] where a list has not one entry per cell or an index lies outside a profile.
     pub fn new(start: Start, parameters: &[CellParameters], physics: Physics) -> Result<Self, Error> {
         check_length(&start, parameters.len())?;
-        let profiles = if start.last_index(0).is_some() { profiles(parameters, physics) } else { Vec::new() };
+        let profiles = if start.last_index(0).is_some() {
+            profiles(parameters, physics)
+        } else {
+            Vec::new()
+        };
         for (cell, profile) in profiles.iter().enumerate() {
             if let Some((key, last)) = start.last_index(cell).filter(|(_, last)| *last >= profile.len()) {
                 let (number, seconds) = (cell + 1, profile.len() - 1);
@@ -77,19 +84,28 @@ impl Starter {
                 ));
             }
         }
-        Ok(Self { start, physics, profiles })
+        Ok(Self {
+            start,
+            physics,
+            profiles,
+        })
     }
 
-    /// Makes the profile of cell `cell` anew for worn parameters. False where some start of it now lies at or below
-    /// `end_of_discharge_v`.
+    /// Makes the profile of cell `cell` anew for worn parameters. False where some start of it now lies at or
+    /// below `end_of_discharge_v`.
     pub fn renew(&mut self, cell: usize, parameters: &CellParameters, end_of_discharge_v: f64) -> bool {
-        let Some((_, last)) = self.start.last_index(cell) else { return true };
+        let Some((_, last)) = self.start.last_index(cell) else {
+            return true;
+        };
         self.profiles[cell] = profile(parameters, self.physics);
         let model = Model::new(parameters, self.physics);
-        self.profiles[cell].get(last).is_some_and(|state| model.voltage(state) > end_of_discharge_v)
+        self.profiles[cell]
+            .get(last)
+            .is_some_and(|state| model.voltage(state) > end_of_discharge_v)
     }
 
-    /// Puts every cell into its start. A cell from a profile carries the profile's current at that state, 8 W / V, others none.
+    /// Puts every cell into its start. A cell from a profile carries the profile's current at that state, 8 W
+    /// / V, others none.
     pub fn place(&self, cells: &mut [Cell], rng: &mut Rng) {
         for (index, cell) in cells.iter_mut().enumerate() {
             let rested = |charge: f64, cell: &Cell| State::rested(cell.parameters(), charge);
@@ -99,7 +115,10 @@ impl Starter {
                 Start::States(states) => cell.place(State::from_array(states[index]), 0.0),
                 Start::ProfileIndex(indices) => place_loaded(cell, self.profiles[index][indices[index]]),
                 Start::ProfileRange([begin, end]) => {
-                    place_loaded(cell, self.profiles[index][rng.random_range(*begin as u32..*end as u32) as usize]);
+                    place_loaded(
+                        cell,
+                        self.profiles[index][rng.random_range(*begin as u32..*end as u32) as usize],
+                    );
                 }
             }
         }
@@ -119,7 +138,11 @@ fn profiles(parameters: &[CellParameters], physics: Physics) -> Vec<Arc<[State]>
             made.push((*one, profile(one, physics)));
         }
     }
-    let find = |one| made.iter().find(|(known, _)| known == one).map(|(_, profile)| profile.clone());
+    let find = |one| {
+        made.iter()
+            .find(|(known, _)| known == one)
+            .map(|(_, profile)| profile.clone())
+    };
     parameters.iter().filter_map(find).collect()
 }
 
@@ -138,10 +161,16 @@ fn check_length(start: &Start, cells: usize) -> Result<(), Error> {
     let (key, entries) = match start {
         Start::Full => return Ok(()),
         Start::ProfileRange([begin, end]) if begin >= end => {
-            return Err(Error::config("start.profile_range", format!("[{begin}, {end}) is empty")));
+            return Err(Error::config(
+                "start.profile_range",
+                format!("[{begin}, {end}) is empty"),
+            ));
         }
         Start::ProfileRange([_, end]) if *end > PROFILE_STEPS + 1 => {
-            return Err(Error::config("start.profile_range", format!("{end} is too large: a profile has {PROFILE_STEPS} steps")));
+            return Err(Error::config(
+                "start.profile_range",
+                format!("{end} is too large: a profile has {PROFILE_STEPS} steps"),
+            ));
         }
         Start::ProfileRange(_) => return Ok(()),
         Start::ProfileIndex(indices) => ("start.profile_index", indices.len()),
@@ -151,14 +180,20 @@ fn check_length(start: &Start, cells: usize) -> Result<(), Error> {
     if entries == cells {
         return Ok(());
     }
-    Err(Error::config(key, format!("has {entries} entries for {cells} cells; write one per cell")))
+    Err(Error::config(
+        key,
+        format!("has {entries} entries for {cells} cells; write one per cell"),
+    ))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const PHYSICS: Physics = Physics { thermal: false, mole_fraction_margin: 1e-3 };
+    const PHYSICS: Physics = Physics {
+        thermal: false,
+        mole_fraction_margin: 1e-3,
+    };
 
     #[test]
     fn indices_stay_in_their_range_and_differ_between_cells() {
@@ -170,7 +205,9 @@ mod tests {
         for _ in 0..100 {
             starter.place(&mut cells, &mut rng);
             for (cell, seen) in cells.iter().zip(&mut seen) {
-                let index = (500..503).position(|index| starter.profiles[0][index] == *cell.state()).unwrap();
+                let index = (500..503)
+                    .position(|index| starter.profiles[0][index] == *cell.state())
+                    .unwrap();
                 seen[index] = true;
                 assert_eq!(cell.current_a(), PROFILE_W / cell.voltage_v());
             }
@@ -187,14 +224,22 @@ mod tests {
             Start::ProfileRange([7, 7]),
             Start::ProfileRange([7, 9000]),
         ] {
-            assert!(matches!(Starter::new(start, &[CellParameters::FRESH; 4], PHYSICS), Err(Error::Config { .. })));
+            assert!(matches!(
+                Starter::new(start, &[CellParameters::FRESH; 4], PHYSICS),
+                Err(Error::Config { .. })
+            ));
         }
     }
 
     #[test]
     fn an_index_past_the_profile_names_the_cell() {
         let parameters = [CellParameters::FRESH, CellParameters::aged(4000.0, 0.2)];
-        let error = Starter::new(Start::ProfileRange([500, 2000]), &parameters, PHYSICS).unwrap_err().to_string();
-        assert!(error.contains("`start.profile_range`: index 1999 is too large: the profile of cell 2 ends at"), "{error}");
+        let error = Starter::new(Start::ProfileRange([500, 2000]), &parameters, PHYSICS)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("`start.profile_range`: index 1999 is too large: the profile of cell 2 ends at"),
+            "{error}"
+        );
     }
 }

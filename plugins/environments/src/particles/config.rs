@@ -38,7 +38,8 @@ impl ScenarioName {
 pub struct ParticlesConfig {
     /// The task.
     pub scenario: ScenarioName,
-    /// Whose dynamics and rewards: the thesis', those of the OpenAI environment that it forked, or those of mpe2.
+    /// Whose dynamics and rewards: the thesis', those of the OpenAI environment that it forked, or those of
+    /// mpe2.
     pub variant: Variant,
     /// Steps after which an episode is truncated.
     #[schemars(range(min = 1), extend("x-unit" = "steps", "x-source" = "authors' public code"))]
@@ -67,10 +68,11 @@ impl engine::Config for ParticlesConfig {}
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Start {
-    /// Positions of the agents, as in [[0.1, 0.2], [-0.3, 0.4], [0.5, -0.6]]; left out, each is drawn uniformly from [-1, 1]^2.
+    /// Positions of the agents, as in [[0.1, 0.2], [-0.3, 0.4], [0.5, -0.6]]; left out, each is drawn
+    /// uniformly from [-1, 1]^2.
     pub agents: Option<Vec<Vector>>,
-    /// Positions of the landmarks; left out, each is drawn uniformly from [-1, 1]^2, the obstacles of predator_prey from
-    /// [-0.9, 0.9]^2.
+    /// Positions of the landmarks; left out, each is drawn uniformly from [-1, 1]^2, the obstacles of
+    /// predator_prey from [-0.9, 0.9]^2.
     pub landmarks: Option<Vec<Vector>>,
 }
 
@@ -78,10 +80,18 @@ impl ParticlesConfig {
     /// Checks the start against the scenario's numbers of agents and landmarks.
     pub(super) fn check(&self, agents: usize, landmarks: usize) -> Result<(), Error> {
         if self.episode_length == 0 {
-            return Err(Error::config("episode_length", "an episode needs at least one step"));
+            return Err(Error::config(
+                "episode_length",
+                "an episode needs at least one step",
+            ));
         }
         check_places("start.agents", self.start.agents.as_deref(), agents, "agents")?;
-        check_places("start.landmarks", self.start.landmarks.as_deref(), landmarks, "landmarks")
+        check_places(
+            "start.landmarks",
+            self.start.landmarks.as_deref(),
+            landmarks,
+            "landmarks",
+        )
     }
 }
 
@@ -89,10 +99,22 @@ fn check_places(key: &str, places: Option<&[Vector]>, count: usize, what: &str) 
     let Some(places) = places else { return Ok(()) };
     if places.len() != count {
         let wanted = vec!["[x, y]"; count].join(", ");
-        return Err(Error::config(key, format!("has {} entries for {count} {what}; write [{wanted}]", places.len())));
+        return Err(Error::config(
+            key,
+            format!(
+                "has {} entries for {count} {what}; write [{wanted}]",
+                places.len()
+            ),
+        ));
     }
-    match places.iter().position(|place| !place.iter().all(|entry| entry.is_finite())) {
-        Some(index) => Err(Error::config(format!("{key}[{index}]"), "coordinates must be finite numbers")),
+    match places
+        .iter()
+        .position(|place| !place.iter().all(|entry| entry.is_finite()))
+    {
+        Some(index) => Err(Error::config(
+            format!("{key}[{index}]"),
+            "coordinates must be finite numbers",
+        )),
         None => Ok(()),
     }
 }
@@ -111,6 +133,9 @@ fn place_all(motions: &mut [Motion], given: Option<&[Vector]>, range: f64, rng: 
     for (index, motion) in motions.iter_mut().enumerate() {
         let mut draw = || rng.random_range(-range..range);
         let position = given.map_or_else(|| [draw(), draw()], |places| places[index]);
-        *motion = Motion { position, velocity: [0.0; 2] };
+        *motion = Motion {
+            position,
+            velocity: [0.0; 2],
+        };
     }
 }

@@ -1,9 +1,10 @@
-//! Cooperative navigation: three agents are to cover three landmarks without touching each other (thesis, section 4.5.2;
-//! `simple_spread` in other programs).
+//! Cooperative navigation: three agents are to cover three landmarks without touching each other (thesis,
+//! section 4.5.2; `simple_spread` in other programs).
 //!
-//! Agents start anywhere in [-1, 1]^2, as do the landmarks, which nothing collides with. With C = - sum over landmarks of the
-//! distance to the nearest agent and K_i the number of agents that overlap agent i, agent i earns what [`Sharing`] says. Where
-//! an agent collides with itself, K_i is one more: over 25 steps the return of each agent holds a constant -25.
+//! Agents start anywhere in [-1, 1]^2, as do the landmarks, which nothing collides with. With C = - sum over
+//! landmarks of the distance to the nearest agent and K_i the number of agents that overlap agent i, agent i
+//! earns what [`Sharing`] says. Where an agent collides with itself, K_i is one more: over 25 steps the
+//! return of each agent holds a constant -25.
 
 use super::{
     rules::{Rules, Sharing},
@@ -14,8 +15,18 @@ use engine::{Channel, Metric, PerEpisode};
 
 const AGENTS: usize = 3;
 const LANDMARKS: usize = 3;
-const AGENT: Body = Body { radius: 0.15, collides: true, acceleration: None, top_speed: None };
-const LANDMARK: Body = Body { radius: 0.05, collides: false, acceleration: None, top_speed: None };
+const AGENT: Body = Body {
+    radius: 0.15,
+    collides: true,
+    acceleration: None,
+    top_speed: None,
+};
+const LANDMARK: Body = Body {
+    radius: 0.05,
+    collides: false,
+    acceleration: None,
+    top_speed: None,
+};
 
 /// The task.
 pub(super) struct CooperativeNavigation {
@@ -26,7 +37,11 @@ pub(super) struct CooperativeNavigation {
 impl CooperativeNavigation {
     /// Sum over landmarks of the distance to the nearest agent.
     fn landmark_distance(world: &World) -> f64 {
-        let nearest = |landmark| (0..AGENTS).map(|agent| world.distance(agent, landmark)).fold(f64::INFINITY, f64::min);
+        let nearest = |landmark| {
+            (0..AGENTS)
+                .map(|agent| world.distance(agent, landmark))
+                .fold(f64::INFINITY, f64::min)
+        };
         (AGENTS..AGENTS + LANDMARKS).map(nearest).sum()
     }
 
@@ -66,12 +81,18 @@ impl Scenario for CooperativeNavigation {
     }
 
     fn observation_channels(&self, agent: usize) -> Vec<Channel> {
-        let messages = (0..AGENTS).filter(|other| *other != agent).flat_map(|other| pair(&format!("message_{other}"), 1.0));
+        let messages = (0..AGENTS)
+            .filter(|other| *other != agent)
+            .flat_map(|other| pair(&format!("message_{other}"), 1.0));
         let silent = messages.map(|channel| channel.within(0.0, 0.0));
-        surroundings_channels(agent, AGENTS, LANDMARKS).into_iter().chain(silent).collect()
+        surroundings_channels(agent, AGENTS, LANDMARKS)
+            .into_iter()
+            .chain(silent)
+            .collect()
     }
 
-    /// 18 entries: own velocity and position, landmarks and other agents from there, and the others' messages, always zero.
+    /// 18 entries: own velocity and position, landmarks and other agents from there, and the others'
+    /// messages, always zero.
     fn observe(&self, world: &World, agent: usize, seen: &mut Vec<f64>) {
         surroundings(world, agent, seen);
         seen.extend([0.0; 2 * (AGENTS - 1)]);
@@ -79,7 +100,9 @@ impl Scenario for CooperativeNavigation {
 
     fn metrics(&self) -> Vec<Metric> {
         let about = "sum over landmarks of the distance to the nearest agent, mean over the steps";
-        let distance = Metric::new("landmark_distance", "", about).lower_is_better().per_episode(PerEpisode::Mean);
+        let distance = Metric::new("landmark_distance", "", about)
+            .lower_is_better()
+            .per_episode(PerEpisode::Mean);
         metrics().into_iter().chain([distance]).collect()
     }
 

@@ -1,11 +1,12 @@
-//! Predator and prey: three slow predators, agents 0 to 2, chase one fast prey, agent 3, around two obstacles (thesis, section
-//! 4.5.3; `simple_tag` in other programs).
+//! Predator and prey: three slow predators, agents 0 to 2, chase one fast prey, agent 3, around two obstacles
+//! (thesis, section 4.5.3; `simple_tag` in other programs).
 //!
-//! Agents start anywhere in [-1, 1]^2, obstacles in [-0.9, 0.9]^2. With n the number of predators that touch the prey, D the sum
-//! of their distances to it and s = 0.1 where rewards are shaped, else 0:
+//! Agents start anywhere in [-1, 1]^2, obstacles in [-0.9, 0.9]^2. With n the number of predators that touch
+//! the prey, D the sum of their distances to it and s = 0.1 where rewards are shaped, else 0:
 //!
 //! * each predator earns 10 n - s D,
-//! * the prey earns s D - 10 n - [`leaving`]`(|x|) - `[`leaving`]`(|y|)`, so that it does not run away for good.
+//! * the prey earns s D - 10 n - [`leaving`]`(|x|) - `[`leaving`]`(|y|)`, so that it does not run away for
+//! good.
 
 use super::{
     rules::Rules,
@@ -18,9 +19,24 @@ const PREDATORS: usize = 3;
 const PREY: usize = PREDATORS;
 const AGENTS: usize = PREDATORS + 1;
 const OBSTACLES: usize = 2;
-const PREDATOR_BODY: Body = Body { radius: 0.075, collides: true, acceleration: Some(3.0), top_speed: Some(1.0) };
-const PREY_BODY: Body = Body { radius: 0.05, collides: true, acceleration: Some(4.0), top_speed: Some(1.3) };
-const OBSTACLE: Body = Body { radius: 0.2, collides: true, acceleration: None, top_speed: None };
+const PREDATOR_BODY: Body = Body {
+    radius: 0.075,
+    collides: true,
+    acceleration: Some(3.0),
+    top_speed: Some(1.0),
+};
+const PREY_BODY: Body = Body {
+    radius: 0.05,
+    collides: true,
+    acceleration: Some(4.0),
+    top_speed: Some(1.3),
+};
+const OBSTACLE: Body = Body {
+    radius: 0.2,
+    collides: true,
+    acceleration: None,
+    top_speed: None,
+};
 /// Reward of every predator for each that touches the prey.
 const CATCH: f64 = 10.0;
 /// Reward of the prey per distance to each predator, where rewards are shaped.
@@ -35,7 +51,9 @@ pub(super) struct PredatorPrey {
 impl PredatorPrey {
     /// Predators that touch the prey.
     fn catches(world: &World) -> f64 {
-        (0..PREDATORS).map(|predator| if world.touching(predator, PREY) { 1.0 } else { 0.0 }).sum()
+        (0..PREDATORS)
+            .map(|predator| if world.touching(predator, PREY) { 1.0 } else { 0.0 })
+            .sum()
     }
 
     /// What the prey gains, and each predator loses, by distance.
@@ -43,7 +61,9 @@ impl PredatorPrey {
         if !self.rules.shaped_pursuit {
             return 0.0;
         }
-        (0..PREDATORS).map(|predator| SHAPING * world.distance(predator, PREY)).sum()
+        (0..PREDATORS)
+            .map(|predator| SHAPING * world.distance(predator, PREY))
+            .sum()
     }
 }
 
@@ -62,7 +82,12 @@ impl Scenario for PredatorPrey {
     }
 
     fn bodies(&self) -> Vec<Body> {
-        [vec![PREDATOR_BODY; PREDATORS], vec![PREY_BODY], vec![OBSTACLE; OBSTACLES]].concat()
+        [
+            vec![PREDATOR_BODY; PREDATORS],
+            vec![PREY_BODY],
+            vec![OBSTACLE; OBSTACLES],
+        ]
+        .concat()
     }
 
     fn landmark_range(&self) -> f64 {
@@ -77,8 +102,8 @@ impl Scenario for PredatorPrey {
         channels
     }
 
-    /// Own velocity and position, obstacles and other agents from there; predators also see the prey's velocity: 16 entries for
-    /// a predator, 14 for the prey.
+    /// Own velocity and position, obstacles and other agents from there; predators also see the prey's
+    /// velocity: 16 entries for a predator, 14 for the prey.
     fn observe(&self, world: &World, agent: usize, seen: &mut Vec<f64>) {
         surroundings(world, agent, seen);
         if agent != PREY {
@@ -87,15 +112,31 @@ impl Scenario for PredatorPrey {
     }
 
     fn metrics(&self) -> Vec<Metric> {
-        let catches = Metric::new("catches", "", "predators that touch the prey, counted at every step").lower_is_better();
-        let about = "the prey's reward less that of one predator: higher is better for the prey (thesis, table 4.2)";
-        metrics().into_iter().chain([catches, Metric::new("score", "", about).per_episode(PerEpisode::Sum)]).collect()
+        let catches = Metric::new(
+            "catches",
+            "",
+            "predators that touch the prey, counted at every step",
+        )
+        .lower_is_better();
+        let about =
+            "the prey's reward less that of one predator: higher is better for the prey (thesis, table 4.2)";
+        metrics()
+            .into_iter()
+            .chain([
+                catches,
+                Metric::new("score", "", about).per_episode(PerEpisode::Sum),
+            ])
+            .collect()
     }
 
     fn assess(&self, world: &World) -> (Vec<f64>, Vec<f64>) {
         let (catches, shaping) = (Self::catches(world), self.shaping(world));
         let predator = -shaping + CATCH * catches;
-        let leaving: f64 = world.agents()[PREY].position.iter().map(|entry| leaving(entry.abs())).sum();
+        let leaving: f64 = world.agents()[PREY]
+            .position
+            .iter()
+            .map(|entry| leaving(entry.abs()))
+            .sum();
         let prey = shaping - CATCH * catches - leaving;
         #[allow(clippy::cast_precision_loss, reason = "a handful of pairs")]
         let touching = world.touching_agents() as f64;
@@ -111,7 +152,15 @@ mod tests {
 
     #[test]
     fn leaving_costs_more_and_more() {
-        for (x, cost) in [(0.5, 0.0), (0.95, 0.5), (1.0, 1.0), (1.2, 1.491_825), (2.0, 7.389_056), (2.2, 10.0), (9.0, 10.0)] {
+        for (x, cost) in [
+            (0.5, 0.0),
+            (0.95, 0.5),
+            (1.0, 1.0),
+            (1.2, 1.491_825),
+            (2.0, 7.389_056),
+            (2.2, 10.0),
+            (9.0, 10.0),
+        ] {
             assert!((leaving(x) - cost).abs() < 1e-6, "{x}: {}", leaving(x));
         }
     }

@@ -8,12 +8,15 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Variant {
-    /// The fork behind the thesis' figures: accelerations applied twice, shaped rewards of predators and prey.
+    /// The fork behind the thesis' figures: accelerations applied twice, shaped rewards of predators and
+    /// prey.
     #[default]
     Thesis,
-    /// The environment of Lowe et al. 2017: shared rewards in navigation, rewards for catches only in pursuit.
+    /// The environment of Lowe et al. 2017: shared rewards in navigation, rewards for catches only in
+    /// pursuit.
     Openai,
-    /// mpe2 1.1.1, formerly of PettingZoo: positions move before velocities, half of the navigation reward is one's own.
+    /// mpe2 1.1.1, formerly of PettingZoo: positions move before velocities, half of the navigation reward is
+    /// one's own.
     Mpe2,
 }
 

@@ -27,12 +27,18 @@ pub(super) trait Scenario: Send {
     fn assess(&self, world: &World) -> (Vec<f64>, Vec<f64>);
 }
 
-/// Appends what agents see in every task: their own velocity and position, then the landmarks and the other agents from there.
+/// Appends what agents see in every task: their own velocity and position, then the landmarks and the other
+/// agents from there.
 pub(super) fn surroundings(world: &World, agent: usize, seen: &mut Vec<f64>) {
     let own = world.agents()[agent];
     seen.extend(own.velocity);
     seen.extend(own.position);
-    let others = world.agents().iter().enumerate().filter(|(other, _)| *other != agent).map(|(_, motion)| motion);
+    let others = world
+        .agents()
+        .iter()
+        .enumerate()
+        .filter(|(other, _)| *other != agent)
+        .map(|(_, motion)| motion);
     for motion in world.landmarks().iter().chain(others) {
         seen.extend(difference(motion.position, own.position));
     }
@@ -60,6 +66,11 @@ pub(super) fn pair(name: &str, spread: f64) -> [Channel; 2] {
 pub(super) fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("total_return", "", "sum of the rewards of all agents").per_episode(PerEpisode::Sum),
-        Metric::new("collisions", "", "pairs of agents that overlap, counted at every step").lower_is_better(),
+        Metric::new(
+            "collisions",
+            "",
+            "pairs of agents that overlap, counted at every step",
+        )
+        .lower_is_better(),
     ]
 }

@@ -1,8 +1,9 @@
 //! Bodies of unit mass, the forces between them, and one step in time.
 //!
 //! Two bodies that both collide push each other apart along the line between their centres, with
-//! F = 100 k ln(1 + exp((d_min - d) / k)), k = 0.001, where d is the distance of the centres and d_min the sum of the radii: a
-//! soft threshold, nearly zero outside contact and 100 (d_min - d) inside. Forces come from the positions before the step.
+//! F = 100 k ln(1 + exp((d_min - d) / k)), k = 0.001, where d is the distance of the centres and d_min the
+//! sum of the radii: a soft threshold, nearly zero outside contact and 100 (d_min - d) inside. Forces come
+//! from the positions before the step.
 
 use super::rules::{Integration, Rules};
 use serde::{Deserialize, Serialize};
@@ -61,10 +62,16 @@ impl World {
     #[must_use]
     pub fn new(bodies: Vec<Body>, agents: usize, rules: Rules) -> Self {
         let touch = |a: usize, b: usize| bodies[a].collides && bodies[b].collides;
-        let others = |a: usize| (a + 1..bodies.len()).filter(move |b| touch(a, *b)).map(move |b| (a, b));
+        let others = |a: usize| {
+            (a + 1..bodies.len())
+                .filter(move |b| touch(a, *b))
+                .map(move |b| (a, b))
+        };
         let pairs = (0..agents).flat_map(others);
         Self {
-            pairs: pairs.map(|(a, b)| (a, b, bodies[a].radius + bodies[b].radius)).collect(),
+            pairs: pairs
+                .map(|(a, b)| (a, b, bodies[a].radius + bodies[b].radius))
+                .collect(),
             gains: bodies[..agents].iter().map(|body| gains(body, rules)).collect(),
             forces: vec![[0.0; 2]; agents],
             motions: vec![Motion::default(); bodies.len()],
@@ -121,7 +128,12 @@ impl World {
         self.press(controls);
         self.collide();
         for (agent, body) in self.bodies[..self.agents].iter().enumerate() {
-            move_body(&mut self.motions[agent], self.forces[agent], body.top_speed, self.integration);
+            move_body(
+                &mut self.motions[agent],
+                self.forces[agent],
+                body.top_speed,
+                self.integration,
+            );
         }
     }
 
@@ -135,7 +147,10 @@ impl World {
     /// Adds the contact forces.
     fn collide(&mut self) {
         for &(a, b, reach) in &self.pairs {
-            let force = contact(difference(self.motions[a].position, self.motions[b].position), reach);
+            let force = contact(
+                difference(self.motions[a].position, self.motions[b].position),
+                reach,
+            );
             self.forces[a] = sum(self.forces[a], force);
             if b < self.agents {
                 self.forces[b] = difference(self.forces[b], force);
@@ -149,11 +164,19 @@ fn gains(body: &Body, rules: Rules) -> [f64; 2] {
     const WITHOUT_ONE: f64 = 5.0;
     match body.acceleration {
         None => [WITHOUT_ONE, 1.0],
-        Some(acceleration) => [acceleration, if rules.accelerates_twice { acceleration } else { 1.0 }],
+        Some(acceleration) => [
+            acceleration,
+            if rules.accelerates_twice {
+                acceleration
+            } else {
+                1.0
+            },
+        ],
     }
 }
 
-/// Force on the first of two bodies, which lies `apart` from the second; zero where they are at the same place.
+/// Force on the first of two bodies, which lies `apart` from the second; zero where they are at the same
+/// place.
 fn contact(apart: Vector, reach: f64) -> Vector {
     let distance = length(apart);
     let exponent = -(distance - reach) / CONTACT_MARGIN;
@@ -171,7 +194,10 @@ fn softplus(x: f64) -> f64 {
 
 fn move_body(motion: &mut Motion, force: Vector, top_speed: Option<f64>, integration: Integration) {
     let before = motion.velocity;
-    motion.velocity = sum(before.map(|entry| entry * (1.0 - DAMPING)), force.map(|entry| entry * TIME_STEP));
+    motion.velocity = sum(
+        before.map(|entry| entry * (1.0 - DAMPING)),
+        force.map(|entry| entry * TIME_STEP),
+    );
     let speed = length(motion.velocity);
     if let Some(top_speed) = top_speed.filter(|top_speed| speed > *top_speed) {
         motion.velocity = motion.velocity.map(|entry| entry / speed * top_speed);
@@ -201,12 +227,24 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const DISC: Body = Body { radius: 0.15, collides: true, acceleration: None, top_speed: None };
+    const DISC: Body = Body {
+        radius: 0.15,
+        collides: true,
+        acceleration: None,
+        top_speed: None,
+    };
 
     fn world(positions: &[Vector], velocities: &[Vector], variant: Variant) -> World {
         let mut world = World::new(vec![DISC; positions.len()], positions.len(), variant.rules());
-        for (motion, (position, velocity)) in world.motions_mut().iter_mut().zip(positions.iter().zip(velocities)) {
-            *motion = Motion { position: *position, velocity: *velocity };
+        for (motion, (position, velocity)) in world
+            .motions_mut()
+            .iter_mut()
+            .zip(positions.iter().zip(velocities))
+        {
+            *motion = Motion {
+                position: *position,
+                velocity: *velocity,
+            };
         }
         world
     }
@@ -236,26 +274,54 @@ mod tests {
     fn bodies_at_the_same_place_exert_no_force() {
         let mut world = world(&[[0.3, 0.3]; 3], &[[0.0; 2]; 3], Variant::Thesis);
         world.step(&[[0.0; 2]; 3]);
-        assert_eq!(world.motions(), [Motion { position: [0.3, 0.3], velocity: [0.0; 2] }; 3]);
+        assert_eq!(
+            world.motions(),
+            [Motion {
+                position: [0.3, 0.3],
+                velocity: [0.0; 2]
+            }; 3]
+        );
         world.step(&[[1.0, 0.0], [0.0; 2], [0.0; 2]]);
         world.step(&[[0.0; 2]; 3]);
-        assert!(world.motions().iter().all(|motion| motion.position.iter().all(|entry| entry.is_finite())));
-        assert!(world.agents()[0].velocity[0] > 0.5 && world.agents()[1].velocity[0] < 0.0, "{:?}", world.motions());
+        assert!(
+            world
+                .motions()
+                .iter()
+                .all(|motion| motion.position.iter().all(|entry| entry.is_finite()))
+        );
+        assert!(
+            world.agents()[0].velocity[0] > 0.5 && world.agents()[1].velocity[0] < 0.0,
+            "{:?}",
+            world.motions()
+        );
     }
 
     /// A constant force F ends at the speed 0.1 F / 0.25.
     #[test]
     fn speeds_become_steady() {
-        let fast = Body { acceleration: Some(4.0), ..DISC };
+        let fast = Body {
+            acceleration: Some(4.0),
+            ..DISC
+        };
         for (body, variant, speed) in [
             (DISC, Variant::Thesis, 2.0),
             (fast, Variant::Openai, 1.6),
             (fast, Variant::Thesis, 6.4),
-            (Body { top_speed: Some(1.3), ..fast }, Variant::Mpe2, 1.3),
+            (
+                Body {
+                    top_speed: Some(1.3),
+                    ..fast
+                },
+                Variant::Mpe2,
+                1.3,
+            ),
         ] {
             let mut world = World::new(vec![body], 1, variant.rules());
             (0..200).for_each(|_| world.step(&[[0.0, -1.0]]));
-            assert!((world.agents()[0].velocity[1] + speed).abs() < 1e-12, "{variant:?}");
+            assert!(
+                (world.agents()[0].velocity[1] + speed).abs() < 1e-12,
+                "{variant:?}"
+            );
         }
     }
 

@@ -4,7 +4,8 @@ use super::*;
 use crate::statistics::claim::parse;
 use proptest::prelude::*;
 
-/// Evaluates `text` where agent `a` has `left` and `b` has `right`, both with seeds counted from the given first one.
+/// Evaluates `text` where agent `a` has `left` and `b` has `right`, both with seeds counted from the given
+/// first one.
 fn outcome(text: &str, (first_a, a): (u64, &[f64]), (first_b, b): (u64, &[f64])) -> ClaimVerdict {
     evaluate(
         &parse(text).unwrap(),
@@ -28,7 +29,10 @@ fn word(text: &str, a: &[f64], b: &[f64]) -> &'static str {
 #[test]
 fn paired_by_hand() {
     let verdict = outcome("a.x > b.x", (0, &[11.0, 22.0, 33.0]), (0, &[10.0, 20.0, 30.0]));
-    assert_eq!((verdict.verdict, verdict.n, verdict.paired), (ClaimOutcome::Inconclusive, 3, true));
+    assert_eq!(
+        (verdict.verdict, verdict.n, verdict.paired),
+        (ClaimOutcome::Inconclusive, 3, true)
+    );
     assert!((verdict.interval.unwrap().high - 4.484).abs() < 5e-4);
     // (t(0.975, n - 1) + 0.8416) / sqrt(n) is 2.012 with four seeds and 1.618 with five.
     assert_eq!((verdict.difference, verdict.more_seeds), (Some(2.0), Some(2)));
@@ -65,7 +69,10 @@ fn common_seeds_are_paired_and_others_are_not() {
     let (a, b) = ([1.1, 10.2, 100.1, 1000.3], [1.0, 10.0, 100.0, 1000.0]);
     assert_eq!(word("a.x > b.x", &a, &b), "SUPPORTED");
     let apart = outcome("a.x > b.x", (0, &a), (50, &b));
-    assert_eq!((apart.verdict, apart.paired, apart.n), (ClaimOutcome::Inconclusive, false, 4));
+    assert_eq!(
+        (apart.verdict, apart.paired, apart.n),
+        (ClaimOutcome::Inconclusive, false, 4)
+    );
     assert!(apart.notes[0].contains("unrelated samples"));
     // Seeds 2 to 5 against 0 to 3: two in common are too few to pair.
     assert!(!outcome("a.x > b.x", (2, &a), (0, &b)).paired);
@@ -75,10 +82,16 @@ fn common_seeds_are_paired_and_others_are_not() {
 #[test]
 fn too_few_seeds_decide_nothing() {
     let two = outcome("a.x > b.x", (0, &[100.0, 100.1]), (0, &[1.0, 1.1]));
-    assert_eq!((two.verdict, two.n, two.paired, two.more_seeds), (ClaimOutcome::Inconclusive, 2, true, Some(1)));
+    assert_eq!(
+        (two.verdict, two.n, two.paired, two.more_seeds),
+        (ClaimOutcome::Inconclusive, 2, true, Some(1))
+    );
     assert_eq!(two.notes[0], "too few seeds (2): at least 3 are needed");
     let one = outcome("a.x > 1", (0, &[100.0]), (0, &[]));
-    assert_eq!((one.verdict, one.interval, one.more_seeds), (ClaimOutcome::Inconclusive, None, Some(2)));
+    assert_eq!(
+        (one.verdict, one.interval, one.more_seeds),
+        (ClaimOutcome::Inconclusive, None, Some(2))
+    );
     assert_eq!(word("a.x > b.x", &[1.0, 2.0, 3.0], &[]), "NOT RUN");
 }
 
@@ -103,13 +116,23 @@ fn the_order_and_the_episodes_of_seeds_do_not_matter() {
     let a = |operand: &Operand| operand.agent == "a";
     let one = evaluate(
         &claim,
-        &|operand| Some(if a(operand) { vec![(0, 3.0), (1, 4.0), (2, 6.0)] } else { vec![(0, 1.0), (1, 1.5), (2, 1.0)] }),
+        &|operand| {
+            Some(if a(operand) {
+                vec![(0, 3.0), (1, 4.0), (2, 6.0)]
+            } else {
+                vec![(0, 1.0), (1, 1.5), (2, 1.0)]
+            })
+        },
         &Seeds::default(),
     );
     let other = evaluate(
         &claim,
         &|operand| {
-            Some(if a(operand) { vec![(2, 6.0), (0, 3.0), (1, 3.5), (1, 4.5)] } else { vec![(1, 1.5), (2, 1.0), (0, 1.0)] })
+            Some(if a(operand) {
+                vec![(2, 6.0), (0, 3.0), (1, 3.5), (1, 4.5)]
+            } else {
+                vec![(1, 1.5), (2, 1.0), (0, 1.0)]
+            })
         },
         &Seeds::default(),
     );
@@ -121,8 +144,16 @@ fn the_order_and_the_episodes_of_seeds_do_not_matter() {
 fn shares_of_successes_are_no_means() {
     let claim = |text: &str| {
         let share = |agent: &str| if agent == "a" { 9 } else { 0 };
-        let seeds = |operand: &Operand| (0..10).map(|seed| (seed, f64::from(u8::from(seed < share(&operand.agent))))).collect();
-        evaluate(&parse(text).unwrap(), &|operand| Some(seeds(operand)), &Seeds::default())
+        let seeds = |operand: &Operand| {
+            (0..10)
+                .map(|seed| (seed, f64::from(u8::from(seed < share(&operand.agent)))))
+                .collect()
+        };
+        evaluate(
+            &parse(text).unwrap(),
+            &|operand| Some(seeds(operand)),
+            &Seeds::default(),
+        )
     };
     // The exact 95 % limits of 9 of 10 are 0.555 and 0.9975.
     assert_eq!(claim("a.success > 0.55").verdict, ClaimOutcome::Supported);
@@ -130,7 +161,10 @@ fn shares_of_successes_are_no_means() {
     assert_eq!(claim("a.success > 0.56").verdict, ClaimOutcome::Inconclusive);
     assert_eq!(claim("a.success < 0.5").verdict, ClaimOutcome::Refuted);
     let two = claim("a.success > b.success");
-    assert_eq!((two.verdict, two.paired, two.difference), (ClaimOutcome::Supported, false, Some(0.9)));
+    assert_eq!(
+        (two.verdict, two.paired, two.difference),
+        (ClaimOutcome::Supported, false, Some(0.9))
+    );
     // Ten seeds without any success are no proof that there never is one.
     assert_eq!(claim("b.success < 0.1").verdict, ClaimOutcome::Inconclusive);
 }
@@ -140,17 +174,31 @@ fn planned_looks_stop_at_the_first_decision() {
     let design = Some(crate::statistics::spending::Design::new(vec![3, 6, 9]));
     let values = [5.0, 5.5, 4.5, -20.0, -30.0, -40.0];
     let at = |complete| {
-        let seeds = Seeds { design: design.clone(), complete };
-        evaluate(&parse("a.x > 0").unwrap(), &|_| Some((0..).zip(values).collect()), &seeds)
+        let seeds = Seeds {
+            design: design.clone(),
+            complete,
+        };
+        evaluate(
+            &parse("a.x > 0").unwrap(),
+            &|_| Some((0..).zip(values).collect()),
+            &seeds,
+        )
     };
-    assert_eq!((at(0).verdict, at(0).statement), (ClaimOutcome::Inconclusive, None));
+    assert_eq!(
+        (at(0).verdict, at(0).statement),
+        (ClaimOutcome::Inconclusive, None)
+    );
     assert_eq!((at(1).verdict, at(1).n), (ClaimOutcome::Supported, 3));
-    assert_eq!((at(2).verdict, at(2).n, at(2).stage.unwrap().look), (ClaimOutcome::Supported, 3, 1));
+    assert_eq!(
+        (at(2).verdict, at(2).n, at(2).stage.unwrap().look),
+        (ClaimOutcome::Supported, 3, 1)
+    );
 }
 
 proptest! {
     #[test]
-    fn a_mirrored_claim_has_the_same_outcome(pairs in prop::collection::vec((0.0..2.0, 0.5..2.5), 1..9), factor in 0.5..2.0) {
+    fn a_mirrored_claim_has_the_same_outcome(pairs in prop::collection::vec((0.0..2.0, 0.5..2.5), 1..9),
+        factor in 0.5..2.0) {
         let (a, b): (Vec<f64>, Vec<f64>) = pairs.into_iter().unzip();
         let claims = [format!("a.x > {factor} * b.x"), format!("{factor} * b.x < a.x")];
         let [one, other] = claims.map(|claim| outcome(&claim, (0, &a), (0, &b)));
@@ -159,8 +207,11 @@ proptest! {
     }
 
     #[test]
-    fn a_claim_and_its_contrary_are_never_both_supported(a in prop::collection::vec(0.0..9.0, 3..9), limit in 0.0..9.0) {
-        let [above, below] = [">", "<="].map(|relation| outcome(&format!("a.x {relation} {limit}"), (0, &a), (0, &[])).verdict);
+    fn a_claim_and_its_contrary_are_never_both_supported(a in prop::collection::vec(0.0..9.0, 3..9),
+        limit in 0.0..9.0) {
+        let [above, below] = [">", "<="].map(|relation| outcome(&format!("a.x {relation} \
+                                                                          {limit}"), (0, &a), (0,
+                                                                              &[])).verdict);
         prop_assert_eq!(above == ClaimOutcome::Supported, below == ClaimOutcome::Refuted);
         prop_assert_eq!(above == ClaimOutcome::Refuted, below == ClaimOutcome::Supported);
     }

@@ -54,7 +54,8 @@ pub struct Settings {
     #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 4.5"))]
     pub width: usize,
     /// Activation of the hidden layers of every network.
-    #[schemars(schema_with = "rectifiers", extend("x-source" = "released code; thesis, section 4.5: leaky_relu"))]
+    #[schemars(schema_with = "rectifiers", extend("x-source" = "released code; thesis, section 4.5: \
+                                                                leaky_relu"))]
     pub activation: Activation,
     /// Normalise the inputs of every network by the moments of the batch, and by running ones where it acts.
     #[schemars(extend("x-source" = "released code; the thesis does not speak of it"))]
@@ -124,7 +125,8 @@ impl Settings {
     /// [`Error::Config`].
     pub(super) fn check(&self) -> Result<(), Error> {
         if self.input_normalisation && (self.batch_size < 2 || self.learning_starts < 2) {
-            let problem = "one transition has no moments to normalise by: take at least 2 for it and for `learning_starts`";
+            let problem = "one transition has no moments to normalise by: take at least 2 for it and for \
+                           `learning_starts`";
             return Err(Error::config("batch_size", problem));
         }
         Ok(())
@@ -197,8 +199,23 @@ mod tests {
 
     #[test]
     fn a_batch_of_one_is_refused_where_inputs_are_normalised() {
-        let one = Settings { batch_size: 1, ..Settings::default() };
-        assert!(one.check().unwrap_err().to_string().contains("`batch_size`: one transition"));
-        assert!(Settings { input_normalisation: false, ..one }.check().is_ok());
+        let one = Settings {
+            batch_size: 1,
+            ..Settings::default()
+        };
+        assert!(
+            one.check()
+                .unwrap_err()
+                .to_string()
+                .contains("`batch_size`: one transition")
+        );
+        assert!(
+            Settings {
+                input_normalisation: false,
+                ..one
+            }
+            .check()
+            .is_ok()
+        );
     }
 }

@@ -39,7 +39,9 @@ use super::schedule::UpdateSchedule;
 use super::seat::mismatch;
 use super::targets::bootstrapped;
 use burn::tensor::Tensor;
-use engine::{Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates};
+use engine::{
+    Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates,
+};
 use numerics::network::{matrix, values};
 use numerics::policy_file::FILE_NAME;
 use numerics::squashed::{Draw, sample};
@@ -73,7 +75,14 @@ pub trait Algorithm: Clone + Send + 'static {
     fn settings(&self) -> &Settings;
 
     /// The actions `[rows, n_i]` of a seat.
-    fn decide(&self, game: &Game, seat: usize, observations: &Tensor<2>, mode: Mode, rng: &mut Rng) -> Tensor<2>;
+    fn decide(
+        &self,
+        game: &Game,
+        seat: usize,
+        observations: &Tensor<2>,
+        mode: Mode,
+        rng: &mut Rng,
+    ) -> Tensor<2>;
 
     /// The mean actions of the others `[rows, n_acted - n_i]` that a seat predicts where all seats do
     /// `actions`.
@@ -83,8 +92,14 @@ pub trait Algorithm: Clone + Send + 'static {
     ///
     /// # Errors
     /// [`Error::NotFinite`] for a loss that is no number.
-    fn improve(&self, game: &mut Game, seat: usize, batch: &SeatBatch, rng: &mut Rng, record: &mut Recorder)
-    -> Result<(), Error>;
+    fn improve(
+        &self,
+        game: &mut Game,
+        seat: usize,
+        batch: &SeatBatch,
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error>;
 }
 
 /// The networks of one seat.
@@ -139,17 +154,34 @@ pub struct Learner<A> {
 /// What learning records with every algorithm, and the error of [`Agent::assess`].
 pub(crate) fn metrics() -> Vec<Metric> {
     vec![
-        Metric::new("critic_loss", "", "mean squared error of the critics, mean over the seats").lower_is_better(),
-        Metric::new("opponent_loss", "", "loss of the opponent models, summed over the opponents of a seat").lower_is_better(),
+        Metric::new(
+            "critic_loss",
+            "",
+            "mean squared error of the critics, mean over the seats",
+        )
+        .lower_is_better(),
+        Metric::new(
+            "opponent_loss",
+            "",
+            "loss of the opponent models, summed over the opponents of a seat",
+        )
+        .lower_is_better(),
         Metric::new("policy_loss", "", "loss of the policies, mean over the seats").lower_is_better(),
-        Metric::new("policy_entropy", "nat", "minus the mean log density of sampled actions"),
+        Metric::new(
+            "policy_entropy",
+            "nat",
+            "minus the mean log density of sampled actions",
+        ),
         prediction_error(),
     ]
 }
 
 fn prediction_error() -> Metric {
-    let about = "mean squared difference between predicted and actual actions of the others, per seat (Fig. 4.5)";
-    Metric::new(PREDICTION_ERROR, "", about).lower_is_better().per_episode(engine::PerEpisode::Mean)
+    let about =
+        "mean squared difference between predicted and actual actions of the others, per seat (Fig. 4.5)";
+    Metric::new(PREDICTION_ERROR, "", about)
+        .lower_is_better()
+        .per_episode(engine::PerEpisode::Mean)
 }
 
 impl Player {
@@ -160,33 +192,52 @@ impl Player {
             Conditioning::PolicyOnPrediction => (n_seen + n_acted - own, n_seen),
             Conditioning::PredictionOnAction => (n_seen, n_seen + own),
         };
-        let policy = GaussianNetwork::new(for_policy, own, settings, rng).keeping_latest(settings.stale_policy_step);
+        let policy =
+            GaussianNetwork::new(for_policy, own, settings, rng).keeping_latest(settings.stale_policy_step);
         let critic = Critic::new(n_observed, n_acted, settings, rng);
         let opponent = |other| GaussianNetwork::new(for_opponents, sizes[other], settings, rng);
         let opponents = others(sizes.len(), seat).map(opponent).collect();
         let prior = A::HAS_PRIOR.then(|| GaussianNetwork::new(n_seen, own, settings, rng));
-        Self { policy, critic, opponents, prior }
+        Self {
+            policy,
+            critic,
+            opponents,
+            prior,
+        }
     }
 
     /// One draw per row and opponent, without gradients of the opponent models' own parameters.
     pub fn draw_others(&mut self, input: &Tensor<2>, rng: &mut Rng) -> Vec<Draw> {
-        self.opponents.iter_mut().map(|model| sample(model.plain_head(input.clone()), rng)).collect()
+        self.opponents
+            .iter_mut()
+            .map(|model| sample(model.plain_head(input.clone()), rng))
+            .collect()
     }
 
     /// The names that the Gaussians of a seat are stored under, in their order.
     fn names(&self, seat: usize) -> Vec<String> {
         let opponents = (0..self.opponents.len()).map(|at| format!("seat_{seat}.opponent_{at}"));
         let prior = self.prior.iter().map(|_| format!("seat_{seat}.prior"));
-        [format!("seat_{seat}.policy")].into_iter().chain(opponents).chain(prior).collect()
+        [format!("seat_{seat}.policy")]
+            .into_iter()
+            .chain(opponents)
+            .chain(prior)
+            .collect()
     }
 
     /// Policy, opponent models and, where there is one, the prior.
     fn gaussians(&self) -> impl Iterator<Item = &GaussianNetwork> {
-        [&self.policy].into_iter().chain(&self.opponents).chain(&self.prior)
+        [&self.policy]
+            .into_iter()
+            .chain(&self.opponents)
+            .chain(&self.prior)
     }
 
     fn gaussians_mut(&mut self) -> impl Iterator<Item = &mut GaussianNetwork> {
-        [&mut self.policy].into_iter().chain(&mut self.opponents).chain(&mut self.prior)
+        [&mut self.policy]
+            .into_iter()
+            .chain(&mut self.opponents)
+            .chain(&mut self.prior)
     }
 }
 
@@ -225,7 +276,10 @@ impl Game {
     /// # Errors
     /// [`Error::NotFinite`].
     pub fn note(&self, metric: &str, loss: &Tensor<1>, record: &mut Recorder) -> Result<(), Error> {
-        record.mean(metric, finite(metric, self.schedule.n_steps(), values(loss.clone())[0])?);
+        record.mean(
+            metric,
+            finite(metric, self.schedule.n_steps(), values(loss.clone())[0])?,
+        );
         Ok(())
     }
 
@@ -241,9 +295,13 @@ impl Game {
         next_value: Tensor<2>,
         record: &mut Recorder,
     ) -> Result<(), Error> {
-        let SeatBatch { rewards, continues, .. } = batch.clone();
+        let SeatBatch {
+            rewards, continues, ..
+        } = batch.clone();
         let target = bootstrapped(rewards, continues, next_value, self.settings.discount);
-        let value = self.players[seat].critic.tracked_value(&batch.observations, batch.actions.clone());
+        let value = self.players[seat]
+            .critic
+            .tracked_value(&batch.observations, batch.actions.clone());
         let loss = (value - target).square().mean();
         self.note("critic_loss", &loss, record)?;
         self.players[seat].critic.descend(&loss);
@@ -282,9 +340,13 @@ impl Game {
 
     /// A minibatch as a seat learns from it.
     pub(crate) fn batch(&self, seat: usize, rng: &mut Rng) -> SeatBatch {
-        let batch = self.replay.sample_distinct(self.settings.batch_size.min(self.replay.len()), rng);
+        let batch = self
+            .replay
+            .sample_distinct(self.settings.batch_size.min(self.replay.len()), rng);
         SeatBatch {
-            rewards: self.replay.rewards_of(&batch, seat, self.settings.reward_normalisation),
+            rewards: self
+                .replay
+                .rewards_of(&batch, seat, self.settings.reward_normalisation),
             observations: batch.observations,
             actions: batch.actions,
             next_observations: batch.next_observations,
@@ -307,9 +369,13 @@ impl Game {
     fn exported(&self, agent: &str) -> TensorFile {
         let mut file = TensorFile::default();
         let seat = |(seat, player): (usize, &Player)| {
-            let ports = self.layout.ports(self.settings.sight().columns(&self.layout, seat), self.layout.acted(seat));
+            let ports = self.layout.ports(
+                self.settings.sight().columns(&self.layout, seat),
+                self.layout.acted(seat),
+            );
             let sizes = player.policy.network().sizes();
-            json!({ "name": self.layout.seats()[seat], "inputs": ports.inputs, "outputs": ports.outputs, "policy_sizes": sizes })
+            json!({ "name": self.layout.seats()[seat], "inputs": ports.inputs, "outputs": ports.outputs,
+                "policy_sizes": sizes })
         };
         let seats: Vec<_> = self.players.iter().enumerate().map(seat).collect();
         file.header = json!({
@@ -336,25 +402,48 @@ impl<A: Algorithm> Learner<A> {
         Self::with_settings(algorithm, settings, interface, rng)
     }
 
-    fn with_settings(algorithm: A, settings: Settings, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+    fn with_settings(
+        algorithm: A,
+        settings: Settings,
+        interface: &Interface,
+        rng: &mut Rng,
+    ) -> Result<Self, Error> {
         let layout = JointLayout::new(A::NAME, interface)?;
         settings.check()?;
         if layout.n_seats() < 2 {
-            return Err(mismatch(A::NAME, "it models opponents, and the environment has one seat alone"));
+            return Err(mismatch(
+                A::NAME,
+                "it models opponents, and the environment has one seat alone",
+            ));
         }
-        let players = (0..layout.n_seats()).map(|seat| Player::new::<A>(&layout, seat, &settings, rng)).collect();
+        let players = (0..layout.n_seats())
+            .map(|seat| Player::new::<A>(&layout, seat, &settings, rng))
+            .collect();
         let replay = Replay::of_seats(settings.replay_capacity, &layout);
-        Ok(Self { algorithm, game: Game { settings, layout, players, replay, schedule: UpdateSchedule::new() } })
+        Ok(Self {
+            algorithm,
+            game: Game {
+                settings,
+                layout,
+                players,
+                replay,
+                schedule: UpdateSchedule::new(),
+            },
+        })
     }
 
     /// One update of every seat.
     pub(crate) fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         for seat in 0..self.game.players.len() {
             let batch = self.game.batch(seat, rng);
-            self.algorithm.improve(&mut self.game, seat, &batch, rng, record)?;
+            self.algorithm
+                .improve(&mut self.game, seat, &batch, rng, record)?;
         }
         let tau = self.game.settings.target_smoothing;
-        self.game.players.iter_mut().for_each(|player| player.critic.follow(tau));
+        self.game
+            .players
+            .iter_mut()
+            .for_each(|player| player.critic.follow(tau));
         self.game.schedule.count_update();
         Ok(())
     }
@@ -370,7 +459,9 @@ impl<A: Algorithm> Learner<A> {
     }
 
     fn restore_acting(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
-        self.game.gaussians_mut().try_for_each(|(name, model)| model.restore_acting(&name, file))
+        self.game
+            .gaussians_mut()
+            .try_for_each(|(name, model)| model.restore_acting(&name, file))
     }
 }
 
@@ -379,13 +470,30 @@ impl<A: Algorithm> Agent for Learner<A> {
         let joint = self.game.layout.observations(observations);
         let decide = |seat| self.algorithm.decide(&self.game, seat, &joint, mode, rng);
         let actions = Tensor::cat((0..self.game.players.len()).map(decide).collect(), 1);
-        self.game.layout.actions(&values(actions), self.game.schedule.n_steps())
+        self.game
+            .layout
+            .actions(&values(actions), self.game.schedule.n_steps())
     }
 
-    fn learn(&mut self, transitions: &[Transition], rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        transitions.iter().for_each(|transition| self.game.replay.push(transition));
-        let Settings { learning_starts, updates_per_step, .. } = self.game.settings;
-        for _ in 0..self.game.schedule.advance(transitions.len(), learning_starts, updates_per_step) {
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
+        transitions
+            .iter()
+            .for_each(|transition| self.game.replay.push(transition));
+        let Settings {
+            learning_starts,
+            updates_per_step,
+            ..
+        } = self.game.settings;
+        for _ in 0..self
+            .game
+            .schedule
+            .advance(transitions.len(), learning_starts, updates_per_step)
+        {
             self.update(rng, record)?;
         }
         Ok(())
@@ -398,19 +506,32 @@ impl<A: Algorithm> Agent for Learner<A> {
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     fn assess(&mut self, observations: &[Observation], actions: &[Action]) -> Result<Vec<Vec<f64>>, Error> {
         let (joint, layout) = (self.game.layout.observations(observations), &self.game.layout);
-        let entries = actions.iter().flatten().flatten().map(|entry| *entry as f32).collect();
+        let entries = actions
+            .iter()
+            .flatten()
+            .flatten()
+            .map(|entry| *entry as f32)
+            .collect();
         let done = matrix(entries, layout.n_acted());
         let error = |seat| {
             let predicted = self.algorithm.predict(&self.game, seat, &joint, &done);
-            let parts = others(layout.n_seats(), seat).map(|other| self.game.own(&done, other)).collect();
+            let parts = others(layout.n_seats(), seat)
+                .map(|other| self.game.own(&done, other))
+                .collect();
             (predicted - Tensor::cat(parts, 1)).square().mean_dim(1)
         };
         let errors = values(Tensor::cat((0..layout.n_seats()).map(error).collect(), 1));
-        Ok(errors.chunks(layout.n_seats()).map(|row| row.iter().map(|error| f64::from(*error)).collect()).collect())
+        Ok(errors
+            .chunks(layout.n_seats())
+            .map(|row| row.iter().map(|error| f64::from(*error)).collect())
+            .collect())
     }
 
     fn updates(&self) -> Option<Updates> {
-        Some(self.game.schedule.updates(self.game.settings.learning_starts, self.game.settings.updates_per_step))
+        Some(self.game.schedule.updates(
+            self.game.settings.learning_starts,
+            self.game.settings.updates_per_step,
+        ))
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
@@ -434,7 +555,10 @@ impl<A: Algorithm> Agent for Learner<A> {
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        self.game.exported(A::NAME).write(&dir.join(FILE_NAME)).map_err(checkpoint::error_of(A::NAME))?;
+        self.game
+            .exported(A::NAME)
+            .write(&dir.join(FILE_NAME))
+            .map_err(checkpoint::error_of(A::NAME))?;
         Ok(true)
     }
 

@@ -1,8 +1,10 @@
-//! The two kinds of network: Gaussians squashed by tanh (policies, opponent models, priors) and critics of joint actions.
+//! The two kinds of network: Gaussians squashed by tanh (policies, opponent models, priors) and critics of
+//! joint actions.
 //!
-//! Both have two hidden layers. Gaussians start with Kaiming-uniform weights of gain sqrt 2 in every layer and biases of 0,
-//! critics as PyTorch's linear layers start. Where inputs are normalised, networks that are trained or differentiated use the
-//! moments of the batch; a Gaussian that acts uses running ones, into which every batch it sees in an update enters.
+//! Both have two hidden layers. Gaussians start with Kaiming-uniform weights of gain sqrt 2 in every layer
+//! and biases of 0, critics as PyTorch's linear layers start. Where inputs are normalised, networks that are
+//! trained or differentiated use the moments of the batch; a Gaussian that acts uses running ones, into which
+//! every batch it sees in an update enters.
 
 use super::Settings;
 use burn::module::Module;
@@ -32,7 +34,9 @@ pub struct Critic {
 }
 
 fn norm(n_inputs: usize, settings: &Settings) -> Option<InputNorm> {
-    settings.input_normalisation.then(|| InputNorm::new(n_inputs, &device().autodiff()))
+    settings
+        .input_normalisation
+        .then(|| InputNorm::new(n_inputs, &device().autodiff()))
 }
 
 fn adam(settings: &Settings) -> Adam {
@@ -44,7 +48,13 @@ impl GaussianNetwork {
     pub fn new(n_inputs: usize, n_actions: usize, settings: &Settings, rng: &mut impl RngCore) -> Self {
         let (width, activation) = (settings.width, settings.activation);
         let sizes = [n_inputs, width, width, 2 * n_actions];
-        let mlp = Mlp::new(&sizes, &[activation; 2], std::f64::consts::SQRT_2, rng, &device().autodiff());
+        let mlp = Mlp::new(
+            &sizes,
+            &[activation; 2],
+            std::f64::consts::SQRT_2,
+            rng,
+            &device().autodiff(),
+        );
         Self {
             trained: Trained::new(NormalisedMlp::new(norm(n_inputs, settings), mlp), adam(settings)),
             moments: RunningMoments::new(n_inputs),
@@ -116,7 +126,9 @@ impl GaussianNetwork {
         self.trained.restore(prefix, file)?;
         self.moments.restore(prefix, file)?;
         let count = file.header[format!("{prefix}.latest")].as_u64();
-        let count = count.ok_or_else(|| TensorFileError::Missing { name: format!("{prefix}.latest") })?;
+        let count = count.ok_or_else(|| TensorFileError::Missing {
+            name: format!("{prefix}.latest"),
+        })?;
         let gradient = |at| Ok(file.get(&format!("{prefix}.latest.{at}"))?.values.clone());
         self.latest = (0..count).map(gradient).collect::<Result<_, TensorFileError>>()?;
         Ok(())
@@ -154,9 +166,17 @@ impl Critic {
     /// A critic of `n_observed` joint observations and `n_acted` entries of joint actions.
     pub fn new(n_observed: usize, n_acted: usize, settings: &Settings, rng: &mut impl RngCore) -> Self {
         let (inputs, width) = (n_observed + n_acted, settings.width);
-        let mlp = Mlp::uniform(&[inputs, width, width, 1], &[settings.activation; 2], rng, &device().autodiff());
+        let mlp = Mlp::uniform(
+            &[inputs, width, width, 1],
+            &[settings.activation; 2],
+            rng,
+            &device().autodiff(),
+        );
         let network = NormalisedMlp::new(norm(inputs, settings), mlp);
-        Self { target: network.valid(), trained: Trained::new(network, adam(settings)) }
+        Self {
+            target: network.valid(),
+            trained: Trained::new(network, adam(settings)),
+        }
     }
 
     /// Values `[batch, 1]`, through which a loss reaches the critic's parameters.
@@ -168,7 +188,10 @@ impl Critic {
     /// Values `[batch, 1]`, through which a loss reaches the actions alone.
     #[must_use]
     pub fn value(&self, observations: &Tensor<2>, actions: Tensor<2>) -> Tensor<2> {
-        self.trained.network().valid().by_batch(input(observations, actions))
+        self.trained
+            .network()
+            .valid()
+            .by_batch(input(observations, actions))
     }
 
     /// Values `[batch, 1]` of the slow copy.
@@ -184,7 +207,11 @@ impl Critic {
 
     /// Moves the slow copy towards the critic.
     pub fn follow(&mut self, target_smoothing: f64) {
-        self.target = soft_update(std::mem::take(&mut self.target), self.trained.network(), target_smoothing);
+        self.target = soft_update(
+            std::mem::take(&mut self.target),
+            self.trained.network(),
+            target_smoothing,
+        );
     }
 
     /// The network.

@@ -15,7 +15,10 @@ pub(crate) fn decide(
     rng: &mut Rng,
 ) -> Tensor<2> {
     let (player, observations) = (&game.players[seat], &game.seen(seat, observations));
-    let heads = player.opponents.iter().map(|model| model.acting_head(observations.clone()));
+    let heads = player
+        .opponents
+        .iter()
+        .map(|model| model.acting_head(observations.clone()));
     let predicted = heads.map(|head| match (mode, prediction) {
         (Mode::Train, ActingPrediction::Sample) => sample(head, rng).action,
         _ => mean_action(head),
@@ -31,16 +34,35 @@ pub(crate) fn decide(
 /// The mean actions of the others `[rows, n_acted - n_i]` that a seat predicts.
 pub(crate) fn predict(game: &Game, seat: usize, observations: &Tensor<2>) -> Tensor<2> {
     let (models, seen) = (game.players[seat].opponents.iter(), game.seen(seat, observations));
-    Tensor::cat(models.map(|model| mean_action(model.acting_head(seen.clone()))).collect(), 1)
+    Tensor::cat(
+        models
+            .map(|model| mean_action(model.acting_head(seen.clone())))
+            .collect(),
+        1,
+    )
 }
 
-/// Eq. 4.16 as a loss `[1]`: `mean(alpha log pi - Q)` at predictions that are constants, and `log pi` `[batch, 1]`.
-pub(crate) fn policy_loss(game: &mut Game, seat: usize, batch: &SeatBatch, weight: f64, rng: &mut Rng) -> (Tensor<1>, Tensor<2>) {
+/// Eq. 4.16 as a loss `[1]`: `mean(alpha log pi - Q)` at predictions that are constants, and `log pi`
+/// `[batch, 1]`.
+pub(crate) fn policy_loss(
+    game: &mut Game,
+    seat: usize,
+    batch: &SeatBatch,
+    weight: f64,
+    rng: &mut Rng,
+) -> (Tensor<1>, Tensor<2>) {
     let seen = game.seen(seat, &batch.observations);
     let player = &mut game.players[seat];
-    let predicted: Vec<_> = player.draw_others(&seen, rng).into_iter().map(|draw| draw.action).collect();
+    let predicted: Vec<_> = player
+        .draw_others(&seen, rng)
+        .into_iter()
+        .map(|draw| draw.action)
+        .collect();
     let drawn = sample(player.policy.tracked_head(beside(&seen, predicted.clone())), rng);
     let actions = game.joint(seat, drawn.action, predicted);
     let value = game.players[seat].critic.value(&batch.observations, actions);
-    ((drawn.log_density.clone() * weight - value).mean(), drawn.log_density)
+    (
+        (drawn.log_density.clone() * weight - value).mean(),
+        drawn.log_density,
+    )
 }

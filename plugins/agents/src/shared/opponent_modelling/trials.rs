@@ -14,12 +14,25 @@ use numerics::parameters::{parameters, with_parameters};
 /// Settings for small networks that learn fast.
 pub(crate) fn tiny() -> Settings {
     let (width, batch_size, learning_starts) = (16, 32, 32);
-    Settings { width, batch_size, learning_starts, updates_per_step: 0.5, learning_rate: 3e-3, ..Settings::default() }
+    Settings {
+        width,
+        batch_size,
+        learning_starts,
+        updates_per_step: 0.5,
+        learning_rate: 3e-3,
+        ..Settings::default()
+    }
 }
 
 /// Those without anything between a loss and its gradient.
 pub(crate) fn plain() -> Settings {
-    Settings { input_normalisation: false, gradient_clip: None, stale_policy_step: false, width: 6, ..tiny() }
+    Settings {
+        input_normalisation: false,
+        gradient_clip: None,
+        stale_policy_step: false,
+        width: 6,
+        ..tiny()
+    }
 }
 
 /// An agent for the game of the tests.
@@ -31,8 +44,12 @@ pub(crate) fn learner<A: Algorithm>(algorithm: A) -> Learner<A> {
 pub(crate) fn batch<A: Algorithm>(learner: &mut Learner<A>, n: usize) -> SeatBatch {
     let mut rng = stream(&["batch"]);
     let mut transitions = coordination::decide(learner, 2 * n, &mut rng);
-    transitions.iter_mut().for_each(|transition| transition.next_observation.seats[1][0] += 0.5);
-    transitions.iter().for_each(|transition| learner.game.replay.push(transition));
+    transitions
+        .iter_mut()
+        .for_each(|transition| transition.next_observation.seats[1][0] += 0.5);
+    transitions
+        .iter()
+        .for_each(|transition| learner.game.replay.push(transition));
     learner.game.settings.batch_size = n;
     learner.game.batch(0, &mut rng)
 }
@@ -50,25 +67,43 @@ pub(crate) fn norm(x: &[f32]) -> f32 {
 /// Euclidean distance.
 pub(crate) fn distance(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len());
-    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| (a - b) * (a - b))
+        .sum::<f32>()
+        .sqrt()
 }
 
-/// Asserts that the gradient of a loss in every parameter of a network is that of its differences, at fixed noise.
+/// Asserts that the gradient of a loss in every parameter of a network is that of its differences, at fixed
+/// noise.
 pub(crate) fn assert_gradient<A: Algorithm>(
     algorithm: A,
     network: impl Fn(&mut Learner<A>) -> &mut GaussianNetwork,
     loss: impl Fn(&mut Learner<A>, &SeatBatch, &mut Rng) -> Tensor<1>,
 ) {
     // A rectifier that turns within a step would blur the differences.
-    let settings = Settings { activation: Activation::Tanh, ..*algorithm.settings() };
-    let mut learner = Learner::with_settings(algorithm, settings, &coordination::game(), &mut stream(&["learner"])).unwrap();
+    let settings = Settings {
+        activation: Activation::Tanh,
+        ..*algorithm.settings()
+    };
+    let mut learner = Learner::with_settings(
+        algorithm,
+        settings,
+        &coordination::game(),
+        &mut stream(&["learner"]),
+    )
+    .unwrap();
     let batch = batch(&mut learner, 12);
     let noise = || stream(&["noise"]);
     let at_start = loss(&mut learner, &batch, &mut noise());
     let analytic = gradient(network(&mut learner), &at_start);
     let start = network(&mut learner).network().clone();
     let numbers = parameters(&start);
-    let places: Vec<_> = numbers.iter().enumerate().flat_map(|(p, x)| (0..x.values.len()).map(move |i| (p, i))).collect();
+    let places: Vec<_> = numbers
+        .iter()
+        .enumerate()
+        .flat_map(|(p, x)| (0..x.values.len()).map(move |i| (p, i)))
+        .collect();
     assert!(norm(&analytic) > 1e-2 && places.len() == analytic.len());
     for (&(p, i), gradient) in places.iter().zip(&analytic) {
         let mut at = |step: f32| {
@@ -79,19 +114,27 @@ pub(crate) fn assert_gradient<A: Algorithm>(
         };
         let difference = (at(2e-3) - at(-2e-3)) / 4e-3;
         let name = &numbers[p].name;
-        assert!((difference - gradient).abs() < 3e-3 + 0.01 * gradient.abs(), "{name} {i}: {difference} {gradient}");
+        assert!(
+            (difference - gradient).abs() < 3e-3 + 0.01 * gradient.abs(),
+            "{name} {i}: {difference} {gradient}"
+        );
     }
 }
 
 /// Asserts that a loss has a gradient in the named network and none in any other, critics included.
 pub(crate) fn assert_reaches_only<A: Algorithm>(learner: &Learner<A>, loss: &Tensor<1>, name: &str) {
     let mut found = loss.backward();
-    let mut reached = |network: &NormalisedMlp| gradients(network, &mut found).concat().iter().any(|x| *x != 0.0);
+    let mut reached =
+        |network: &NormalisedMlp| gradients(network, &mut found).concat().iter().any(|x| *x != 0.0);
     let game = &learner.game;
     for (known, model) in game.gaussians() {
         assert_eq!(reached(model.network()), known == name, "{known}");
     }
-    assert!(game.players.iter().all(|player| !reached(player.critic.network())));
+    assert!(
+        game.players
+            .iter()
+            .all(|player| !reached(player.critic.network()))
+    );
 }
 
 /// Asserts that the agent finds most of what the game of the tests has to give.
@@ -101,7 +144,10 @@ pub(crate) fn assert_learns<A: Algorithm>(algorithm: A) {
     let before = coordination::score(&mut learner, &mut rng);
     let record = coordination::train(&mut learner, 150, &mut rng);
     let after = coordination::score(&mut learner, &mut rng);
-    assert!(after > -0.2 && after > 0.5 * before, "{before} {after} {record:?}");
+    assert!(
+        after > -0.2 && after > 0.5 * before,
+        "{before} {after} {record:?}"
+    );
 }
 
 /// Asserts that an agent of another start acts and predicts as the one whose export it takes up.
@@ -111,7 +157,10 @@ pub(crate) fn assert_exports<A: Algorithm>(algorithm: A) {
     let dir = tempfile::tempdir().unwrap();
     assert!(one.export(dir.path()).unwrap());
     let mut two = Learner::new(algorithm, &coordination::game(), &mut stream(&["another start"])).unwrap();
-    let seen = [-0.7, 0.2].map(|x| Observation { seats: vec![vec![x], vec![x]], state: Vec::new() });
+    let seen = [-0.7, 0.2].map(|x| Observation {
+        seats: vec![vec![x], vec![x]],
+        state: Vec::new(),
+    });
     let act = |learner: &mut Learner<A>| learner.act(&seen, Mode::Evaluate, &mut stream(&["x"])).unwrap();
     assert_ne!(act(&mut one), act(&mut two));
     assert!(two.import(dir.path()).unwrap());
@@ -119,23 +168,35 @@ pub(crate) fn assert_exports<A: Algorithm>(algorithm: A) {
     assert_eq!(act(&mut two), actions);
     let errors = one.assess(&seen, &actions).unwrap();
     assert_eq!(two.assess(&seen, &actions).unwrap(), errors);
-    assert!(errors.len() == 2 && errors.iter().all(|row| row.len() == 2 && row.iter().all(|error| *error > 0.0)));
+    assert!(
+        errors.len() == 2
+            && errors
+                .iter()
+                .all(|row| row.len() == 2 && row.iter().all(|error| *error > 0.0))
+    );
 }
 
-/// Asserts that a trained agent records every declared metric of training and no other, and declares that of its decisions.
+/// Asserts that a trained agent records every declared metric of training and no other, and declares that of
+/// its decisions.
 pub(crate) fn assert_declared<A: Algorithm>(algorithm: A, declared: Vec<Metric>) {
     let mut learner = learner(algorithm);
     let of_decisions = learner.decision_metrics();
     assert!(of_decisions.len() == 1 && declared.contains(&of_decisions[0]));
-    let of_training: Vec<_> = declared.into_iter().filter(|metric| metric.name != PREDICTION_ERROR).collect();
+    let of_training: Vec<_> = declared
+        .into_iter()
+        .filter(|metric| metric.name != PREDICTION_ERROR)
+        .collect();
     coordination::assert_declared(&mut learner, &of_training);
 }
 
-/// Asserts that what another seat observes moves a seat's action where sight is joint, and does not where it is its own; that
-/// such an agent learns, and that its export fits one of the same sight alone.
+/// Asserts that what another seat observes moves a seat's action where sight is joint, and does not where it
+/// is its own; that such an agent learns, and that its export fits one of the same sight alone.
 pub(crate) fn assert_sight<A: Algorithm>(algorithm: impl Fn(Settings) -> A) {
     let first_action = |learner: &mut Learner<A>, of_other: f64| {
-        let seen = Observation { seats: vec![vec![0.3], vec![of_other]], state: Vec::new() };
+        let seen = Observation {
+            seats: vec![vec![0.3], vec![of_other]],
+            state: Vec::new(),
+        };
         learner.act(&[seen], Mode::Evaluate, &mut stream(&["x"])).unwrap()[0][0].clone()
     };
     let agent = |sight| learner(algorithm(Settings { sight, ..tiny() }));
