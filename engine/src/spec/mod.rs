@@ -217,59 +217,71 @@ pub fn load_text(
     })
 }
 
+/// What the second half of loading makes.
+struct Made {
+    plan: SeedPlan,
+    success: Option<Success>,
+    cells: Vec<Cell>,
+    order: Vec<usize>,
+    world: builds::World,
+    asked: names::Asked,
+}
+
 /// The second half of loading: cells are made and built, and what is asked of them is checked.
-fn finish(
-    root: &Node,
-    sections: &Sections<'_>,
-    mut found: Vec<Diagnostic>,
-) -> Result<Study, Vec<Diagnostic>> {
-    let with = |mut found: Vec<Diagnostic>, more: Vec<Diagnostic>| {
-        found.extend(more);
-        in_order(found)
-    };
-    let plan = SeedPlan::read(sections.written.seeds.as_ref(), sections.sources)
-        .map_err(|errors| with(found.clone(), errors))?;
+fn finish(root: &Node, sections: &Sections<'_>, found: Vec<Diagnostic>) -> Result<Study, Vec<Diagnostic>> {
+    make(root, sections, found).map(|made| assemble(root, sections, made))
+}
+
+fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Result<Made, Vec<Diagnostic>> {
+    let sources = sections.sources;
+    let known = found.clone();
+    let with = |more: Vec<Diagnostic>| in_order(known.iter().cloned().chain(more).collect());
+    let plan = SeedPlan::read(sections.written.seeds.as_ref(), sources).map_err(&with)?;
     if let Some(error) = too_many(root, sections, plan.seeds.len()) {
-        return Err(with(found, vec![error]));
+        return Err(with(vec![error]));
     }
-    let success: Option<Success> = root
-        .get("success")
-        .and_then(|node| serde_json::from_value(node.to_value()).ok());
-    let mut cells = sections.cells().map_err(|errors| with(found.clone(), errors))?;
-    let order =
-        taking::link(sections, &mut cells, &plan.seeds).map_err(|errors| with(found.clone(), errors))?;
-    let certain = &plan.seeds[..plan.certain()];
-    let mut world = builds::build(sections, &cells, certain).map_err(|errors| with(found.clone(), errors))?;
-    found.extend(names::success(
-        root,
-        success.as_ref(),
-        &mut world,
-        sections.sources,
-    ));
+    let success: Option<Success> = section(root, "success");
+    let mut cells = sections.cells().map_err(&with)?;
+    let order = taking::link(sections, &mut cells, &plan.seeds).map_err(&with)?;
+    let mut world = builds::build(sections, &cells, &plan.seeds[..plan.certain()]).map_err(&with)?;
+    let about_success = names::success(root, success.as_ref(), &mut world, sources);
     world.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
-        .map_err(|errors| with(found.clone(), errors))?;
-    let asked = names::Asked::read(root, &world, sections.sources, sections.folder);
-    found.extend(asked.found);
+        .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
+    let asked = names::Asked::read(root, &world, sources, sections.folder);
+    found.extend(about_success.into_iter().chain(asked.found.iter().cloned()));
     if !found.is_empty() {
         return Err(in_order(found));
     }
-    let text = |key: &str| {
-        root.get(key)
-            .and_then(Node::as_str)
-            .unwrap_or_default()
-            .to_string()
-    };
-    Ok(Study {
-        name: text("study"),
-        title: text("title"),
-        source: text("source"),
-        departures: root
-            .get("departures")
-            .map_or(&[][..], Node::items)
-            .iter()
-            .filter_map(Node::as_str)
-            .map(String::from)
-            .collect(),
+    Ok(Made {
+        plan,
+        success,
+        cells,
+        order,
+        world,
+        asked,
+    })
+}
+
+/// A section that was held against its schema before; `None` where it is absent.
+fn section<T: serde::de::DeserializeOwned>(root: &Node, name: &str) -> Option<T> {
+    serde_json::from_value(root.get(name)?.to_value()).ok()
+}
+
+fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
+    let Made {
+        plan,
+        success,
+        cells,
+        order,
+        world,
+        asked,
+    } = made;
+    let profiles = root.get("profiles").map_or(&[][..], Node::entries);
+    Study {
+        name: section(root, "study").unwrap_or_default(),
+        title: section(root, "title").unwrap_or_default(),
+        source: section(root, "source").unwrap_or_default(),
+        departures: section(root, "departures").unwrap_or_default(),
         environments: world.environments,
         agents: world.agents,
         resolved: resolved::sections(root, sections, &plan, &world.plays),
@@ -278,20 +290,11 @@ fn finish(
         design: plan.design,
         success,
         profile: None,
-        profiles: root
-            .get("profiles")
-            .map_or(&[][..], Node::entries)
-            .iter()
-            .map(|entry| entry.key.clone())
-            .collect(),
+        profiles: profiles.iter().map(|entry| entry.key.clone()).collect(),
         tables: asked.tables,
         figures: asked.figures,
         claims: asked.claims,
-        // The section was held against its schema before.
-        limits: root
-            .get("limits")
-            .and_then(|node| serde_json::from_value(node.to_value()).ok())
-            .unwrap_or_default(),
+        limits: section(root, "limits").unwrap_or_default(),
         warnings: world.warnings,
         metrics: world.metrics,
         units: world.units,
@@ -305,7 +308,7 @@ fn finish(
         order,
         numerics: sections.registry.numerics_version,
         folder: sections.folder.to_path_buf(),
-    })
+    }
 }
 
 fn check_structure(root: &Node, schema: &Value, sources: &Sources) -> Vec<Diagnostic> {

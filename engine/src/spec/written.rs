@@ -200,82 +200,86 @@ impl Written {
     /// paths.
     #[must_use]
     pub fn name_clashes(&self, sources: &Sources) -> Vec<Diagnostic> {
-        let mut found = Vec::new();
-        for agent in &self.agents {
-            if let Some(other) = self
-                .environments
-                .iter()
-                .find(|environment| environment.name == agent.name)
-            {
-                let message = format!("`{}` names an environment and an agent", agent.name);
-                let error = sources.error(agent.name_span, &format!("agents.{}", agent.name), message);
-                let note = ("the environment is named here", sources.place(other.name_span));
-                found.push(
-                    error
-                        .note(note.0, note.1)
-                        .help("rename one of the two: dotted paths begin with the name"),
-                );
-            }
-        }
-        for play in &self.plays {
-            if let Some(other) = self
-                .environments
-                .iter()
-                .chain(&self.agents)
-                .find(|other| other.name == play.name)
-            {
-                let message = format!("`{}` names a play and something else", play.name);
-                let error = sources.error(play.name_span, &format!("cross_play.{}", play.name), message);
-                let help = "rename one of the two: tables, claims and `--only` speak of them by name";
-                found.push(
-                    error
-                        .note("the other one is named here", sources.place(other.name_span))
-                        .help(help),
-                );
-            }
-        }
-        for entry in &self.prepared {
-            if let Some(other) = self
-                .environments
-                .iter()
-                .chain(&self.agents)
-                .chain(&self.plays)
-                .find(|other| other.name == entry.name)
-            {
-                let message = format!("`{}` names an entry of `prepare` and something else", entry.name);
-                let error = sources.error(entry.name_span, &format!("prepare.{}", entry.name), message);
-                let help = "rename one of the two: `from` and `--only` speak of them by name";
-                found.push(
-                    error
-                        .note("the other one is named here", sources.place(other.name_span))
-                        .help(help),
-                );
-            }
-        }
-        for named in self.environments.iter().chain(&self.agents) {
-            if [
-                "protocol",
-                "seeds",
-                "environments",
-                "agents",
-                "cross_play",
-                "prepare",
-            ]
-            .contains(&named.name.as_str())
-            {
-                let message = format!(
-                    "`{}` cannot be a name: dotted paths begin with this word",
-                    named.name
-                );
-                found.push(
-                    sources
-                        .error(named.name_span, &named.name, message)
-                        .help("choose another name"),
-                );
-            }
-        }
-        found
+        let parts = || self.environments.iter().chain(&self.agents);
+        let agents = self.agents.iter().map(|agent| Clash {
+            name: (&agent.name, agent.name_span),
+            section: "agents",
+            taken_by: self.environments.iter().find(|other| other.name == agent.name),
+            words: [
+                "names an environment and an agent",
+                "the environment is named here",
+                PATHS,
+            ],
+        });
+        let plays = self.plays.iter().map(|play| Clash {
+            name: (&play.name, play.name_span),
+            section: "cross_play",
+            taken_by: parts().find(|other| other.name == play.name),
+            words: ["names a play and something else", OTHER, TABLES],
+        });
+        let prepared = self.prepared.iter().map(|entry| Clash {
+            name: (&entry.name, entry.name_span),
+            section: "prepare",
+            taken_by: parts().chain(&self.plays).find(|other| other.name == entry.name),
+            words: ["names an entry of `prepare` and something else", OTHER, SOURCES],
+        });
+        let clashes = agents
+            .chain(plays)
+            .chain(prepared)
+            .filter_map(|clash| clash.told(sources));
+        clashes
+            .chain(parts().filter_map(|named| reserved(named, sources)))
+            .collect()
     }
+}
+
+const PATHS: &str = "rename one of the two: dotted paths begin with the name";
+const TABLES: &str = "rename one of the two: tables, claims and `--only` speak of them by name";
+const SOURCES: &str = "rename one of the two: `from` and `--only` speak of them by name";
+const OTHER: &str = "the other one is named here";
+
+/// Words that begin dotted paths.
+const RESERVED: [&str; 6] = [
+    "protocol",
+    "seeds",
+    "environments",
+    "agents",
+    "cross_play",
+    "prepare",
+];
+
+/// A name and what has it already.
+struct Clash<'a> {
+    name: (&'a str, Span),
+    section: &'static str,
+    taken_by: Option<&'a Named>,
+    /// What is wrong, what the other place is, what to do.
+    words: [&'static str; 3],
+}
+
+impl Clash<'_> {
+    fn told(&self, sources: &Sources) -> Option<Diagnostic> {
+        let ((name, span), [problem, other, help]) = (self.name, self.words);
+        let place = sources.place(self.taken_by?.name_span);
+        let error = sources.error(
+            span,
+            &format!("{}.{name}", self.section),
+            format!("`{name}` {problem}"),
+        );
+        Some(error.note(other, place).help(help))
+    }
+}
+
+/// A word that begins dotted paths, where it is taken for a name.
+fn reserved(named: &Named, sources: &Sources) -> Option<Diagnostic> {
+    let Named { name, name_span, .. } = named;
+    let message = format!("`{name}` cannot be a name: dotted paths begin with this word");
+    let error = || {
+        sources
+            .error(*name_span, name, message)
+            .help("choose another name")
+    };
+    RESERVED.contains(&name.as_str()).then(error)
 }
 
 /// A play, which has no plugin.
