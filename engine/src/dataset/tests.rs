@@ -31,7 +31,7 @@ fn pack() -> Interface {
 }
 
 fn episode(n: usize, end: End) -> Episode {
-    #[allow(clippy::cast_precision_loss)]
+    #[allow(clippy::cast_precision_loss, reason = "a few rows")]
     let number = |at: usize| at as f64 / 3.0;
     Episode {
         observations: (0..=n).map(|at| vec![number(at), -number(at)]).collect(),

@@ -7,7 +7,7 @@ use super::{
     path::{self, Target},
     sweep::Dimension,
     taking::Source,
-    written::{Chosen, PartKind, Prepared, Selection, Written},
+    written::{Chosen, Named, PartKind, Prepared, Selection, Written},
 };
 use crate::{
     Registry, cast,
@@ -148,32 +148,25 @@ impl Sections<'_> {
 
     /// Where the parts of an entry of `prepare` are written.
     fn parts_of(&self, index: usize, entry: &Prepared) -> Result<[Target; 3], Vec<Diagnostic>> {
-        let target = |kind: PartKind,
-                      chosen: &Chosen,
-                      known: &[super::written::Named],
-                      of_study: fn(usize) -> Target| match chosen {
-            Chosen::Own(_) => Ok(Target::Prepared(index, kind)),
+        let mut found = Vec::new();
+        let mut target = |kind, chosen: &Chosen, known: &[Named], of_study: fn(usize) -> Target| match chosen {
+            Chosen::Own(_) => Target::Prepared(index, kind),
             Chosen::OfStudy(name, span) => {
-                let found = known.iter().position(|it| it.name == *name).map(of_study);
-                found.ok_or_else(|| self.no_such(entry, kind, name, *span, known))
+                let place = known.iter().position(|it| it.name == *name);
+                if place.is_none() {
+                    found.push(self.no_such(entry, kind, name, *span, known));
+                }
+                of_study(place.unwrap_or_default())
             }
         };
-        let protocol = if entry.protocol.is_some() {
-            Target::Prepared(index, PartKind::Protocol)
-        } else {
-            Target::Protocol
+        let (environments, agents) = (&self.written.environments, &self.written.agents);
+        let environment = target(PartKind::Environment, &entry.environment, environments, Target::Environment);
+        let agent = target(PartKind::Agent, &entry.agent, agents, Target::Agent);
+        let protocol = match entry.protocol {
+            Some(_) => Target::Prepared(index, PartKind::Protocol),
+            None => Target::Protocol,
         };
-        let environment = target(
-            PartKind::Environment,
-            &entry.environment,
-            &self.written.environments,
-            Target::Environment,
-        );
-        let agent = target(PartKind::Agent, &entry.agent, &self.written.agents, Target::Agent);
-        match (environment, agent) {
-            (Ok(environment), Ok(agent)) => Ok([environment, agent, protocol]),
-            (environment, agent) => Err(environment.err().into_iter().chain(agent.err()).collect()),
-        }
+        if found.is_empty() { Ok([environment, agent, protocol]) } else { Err(found) }
     }
 
     fn no_such(
@@ -182,7 +175,7 @@ impl Sections<'_> {
         kind: PartKind,
         name: &str,
         span: Span,
-        known: &[super::written::Named],
+        known: &[Named],
     ) -> Diagnostic {
         let at = format!("prepare.{}.{}", entry.name, kind.name());
         let error = self

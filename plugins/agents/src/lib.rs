@@ -14,8 +14,10 @@
 //!
 //! Invariants
 //! 1. No agent names an environment: it reads the seats, spaces and channel names of an
-//! [`engine::Interface`]. 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of
-//! a hash map reaches a number. 3. A saved and loaded agent continues to the same bits.
+//!    [`engine::Interface`].
+//! 2. All randomness comes from the `rng` arguments; no thread, no clock, no order of a hash map reaches a
+//!    number.
+//! 3. A saved and loaded agent continues to the same bits.
 
 pub mod behaviour_cloning;
 pub mod ddpg;

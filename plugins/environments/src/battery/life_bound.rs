@@ -4,15 +4,16 @@
 //! pack delivers in decision t, at least the demand; a decision lasts T seconds.
 //!
 //! 1. **Power.** Cell k survives a decision only with a power below `pi_k(w_k)`, the least power that is
-//! fatal to the [`IdealCell`] with its stored energy `w_k`, the energy that the cell would give at rest,
-//! without losses, until its voltage at rest is at the end of discharge. So `S_t < sum_k pi_k(w_k)`. 2.
-//! **Energy.** A terminal voltage is the voltage at rest of the charge that is left, less the ohmic drop,
-//! less what only lowers it. Multiplied by the current and summed over steps: stored energy falls by at least
-//! what is delivered and what the ohmic drop takes. 3. **Losses.** The ohmic drop is the resistance times the
-//! current's recent past, forgotten with a time constant of 6 s, so the loss is a quadratic form in the
-//! powers of the decisions. Where that form is convex, the loss of a pack is least when all decisions are
-//! shared in one fixed proportion, so it is at least `r` times the form of S, with `1 / r = sum_k U_k^2 /
-//! R_k`: a current is at least the power over the voltage U_k at rest at the start of the episode.
+//!    fatal to the [`IdealCell`] with its stored energy `w_k`, the energy that the cell would give at rest,
+//!    without losses, until its voltage at rest is at the end of discharge. So `S_t < sum_k pi_k(w_k)`.
+//! 2. **Energy.** A terminal voltage is the voltage at rest of the charge that is left, less the ohmic drop,
+//!    less what only lowers it. Multiplied by the current and summed over steps: stored energy falls by at
+//!    least what is delivered and what the ohmic drop takes.
+//! 3. **Losses.** The ohmic drop is the resistance times the current's recent past, forgotten with a time
+//!    constant of 6 s, so the loss is a quadratic form in the powers of the decisions. Where that form is
+//!    convex, the loss of a pack is least when all decisions are shared in one fixed proportion, so it is at
+//!    least `r` times the form of S, with `1 / r = sum_k U_k^2 / R_k`: a current is at least the power over
+//!    the voltage U_k at rest at the start of the episode.
 //!
 //! From 2 and 3 follows how much stored energy is gone before decision t. How it is spread over the cells is
 //! the controller's choice, so the greatest right-hand side of 1 is taken: each `pi_k` is replaced by a
