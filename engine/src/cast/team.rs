@@ -109,7 +109,7 @@ impl Agent for Team {
 
     fn decision_metrics(&self) -> Vec<Metric> {
         self.alone()
-            .map_or_else(Vec::new, |agent| agent.decision_metrics())
+            .map_or_else(Vec::new, super::super::agent::Agent::decision_metrics)
     }
 
     fn assess(&mut self, observations: &[Observation], actions: &[Action]) -> Result<Vec<Vec<f64>>, Error> {

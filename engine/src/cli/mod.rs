@@ -145,7 +145,7 @@ impl LimitOptions {
     fn arguments(&self) -> Vec<String> {
         let mut all = Vec::new();
         let mut with = |name: &str, value: Option<String>| {
-            all.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]))
+            all.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]));
         };
         with("--retries", self.retries.map(|value| value.to_string()));
         with(

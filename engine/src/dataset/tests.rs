@@ -56,9 +56,9 @@ fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         if path.is_dir() {
-            found.extend(files(&path))
+            found.extend(files(&path));
         } else {
-            found.push((path.clone(), fs::read(&path).unwrap()))
+            found.push((path.clone(), fs::read(&path).unwrap()));
         }
     }
     found.sort();
@@ -186,8 +186,8 @@ fn a_dataset_of_another_environment_is_refused_and_says_what_differs() {
     }
     let typical = changed(&|here| {
         observed(here, &|channels| {
-            channels[0] = channels[0].clone().typical(0.0, 9.0)
-        })
+            channels[0] = channels[0].clone().typical(0.0, 9.0);
+        });
     });
     assert_eq!(
         Dataset::read_for(trial.path(), &typical).unwrap().episodes.len(),
@@ -220,7 +220,7 @@ fn what_is_missing_or_damaged_is_named() {
             trial.path(),
             &pack(),
             &[episode(2, End::Terminated), episode(1, End::Truncated)],
-        )
+        );
     };
     let path = |name: &str| trial.path().join(FOLDER).join(name);
     for name in ["interface.json", "data/metadata.json", "data/1/part-0.parquet"] {

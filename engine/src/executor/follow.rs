@@ -242,7 +242,7 @@ impl Follower<'_> {
                     .iter()
                     .filter(|holding| self.followed.iter().all(|one| one.id != holding.submission.id));
                 added.for_each(|holding| {
-                    watch.say(&format!("submitted again: {}", describe(&holding.submission)))
+                    watch.say(&format!("submitted again: {}", describe(&holding.submission)));
                 });
                 self.followed = view.live.into_iter().map(|holding| holding.submission).collect();
                 (self.submitted, self.missing_then) = (now(), Some(missing.len()));

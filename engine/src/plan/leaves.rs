@@ -203,7 +203,7 @@ impl Catalogue {
         };
         match value {
             Value::Object(map) if !map.is_empty() => {
-                map.iter().for_each(|(key, value)| inside(self, key, value))
+                map.iter().for_each(|(key, value)| inside(self, key, value));
             }
             Value::Array(items) if items.iter().any(|item| item.is_object() || item.is_array()) => {
                 items

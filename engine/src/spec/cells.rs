@@ -149,7 +149,8 @@ impl Sections<'_> {
     /// Where the parts of an entry of `prepare` are written.
     fn parts_of(&self, index: usize, entry: &Prepared) -> Result<[Target; 3], Vec<Diagnostic>> {
         let mut found = Vec::new();
-        let mut target = |kind, chosen: &Chosen, known: &[Named], of_study: fn(usize) -> Target| match chosen {
+        let mut target = |kind, chosen: &Chosen, known: &[Named], of_study: fn(usize) -> Target| match chosen
+        {
             Chosen::Own(_) => Target::Prepared(index, kind),
             Chosen::OfStudy(name, span) => {
                 let place = known.iter().position(|it| it.name == *name);
@@ -160,13 +161,22 @@ impl Sections<'_> {
             }
         };
         let (environments, agents) = (&self.written.environments, &self.written.agents);
-        let environment = target(PartKind::Environment, &entry.environment, environments, Target::Environment);
+        let environment = target(
+            PartKind::Environment,
+            &entry.environment,
+            environments,
+            Target::Environment,
+        );
         let agent = target(PartKind::Agent, &entry.agent, agents, Target::Agent);
         let protocol = match entry.protocol {
             Some(_) => Target::Prepared(index, PartKind::Protocol),
             None => Target::Protocol,
         };
-        if found.is_empty() { Ok([environment, agent, protocol]) } else { Err(found) }
+        if found.is_empty() {
+            Ok([environment, agent, protocol])
+        } else {
+            Err(found)
+        }
     }
 
     fn no_such(

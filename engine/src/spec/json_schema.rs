@@ -125,10 +125,10 @@ fn rename(schema: &mut Value, prefix: &str) {
             for (key, value) in map {
                 match value {
                     Value::String(target) if key == "$ref" && target == "#" => {
-                        *target = format!("#/$defs/{prefix}")
+                        *target = format!("#/$defs/{prefix}");
                     }
                     Value::String(target) if key == "$ref" => {
-                        *target = target.replace("#/$defs/", &format!("#/$defs/{prefix}."))
+                        *target = target.replace("#/$defs/", &format!("#/$defs/{prefix}."));
                     }
                     other => rename(other, prefix),
                 }

@@ -50,9 +50,9 @@ impl Share {
         for _ in 0..80 {
             let middle = f64::midpoint(low, high);
             if self.at_least(middle, choices) < nominal {
-                low = middle
+                low = middle;
             } else {
-                high = middle
+                high = middle;
             }
         }
         f64::midpoint(low, high)

@@ -111,9 +111,9 @@ pub(super) fn fewest(least: u32, most: u32, enough: impl Fn(u32) -> bool) -> Opt
     while low < high {
         let middle = low.midpoint(high);
         if enough(middle) {
-            high = middle
+            high = middle;
         } else {
-            low = middle + 1
+            low = middle + 1;
         }
     }
     Some(high)

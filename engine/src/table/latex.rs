@@ -54,9 +54,9 @@ fn signs(text: &str) -> String {
     while let Some(character) = rest.next() {
         let is_sign = character == '-' && rest.peek().is_some_and(char::is_ascii_digit);
         if is_sign {
-            out.push_str("$-$")
+            out.push_str("$-$");
         } else {
-            out.push(character)
+            out.push(character);
         }
     }
     out

@@ -148,9 +148,9 @@ fn matching_sd(mean: &[f64], action_sd: f64) -> Result<f64, Error> {
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if deviation(middle) < action_sd {
-            low = middle
+            low = middle;
         } else {
-            high = middle
+            high = middle;
         }
     }
     Ok(0.5 * (low + high))

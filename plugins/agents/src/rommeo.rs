@@ -345,7 +345,7 @@ mod tests {
         (0..100).for_each(|_| {
             config
                 .improve_prior(&mut learner.game, 0, &batch, &mut record)
-                .unwrap()
+                .unwrap();
         });
         let after = values(config.prior_loss(&mut learner.game, 0, &batch))[0];
         assert!(after < before - 0.2, "{before} {after}");

@@ -193,7 +193,7 @@ impl Names<'_> {
                 }
             }
         }
-        let other = |side: &&&Quantity| matches!(side, Quantity::Measured { .. }) && !share(*side);
+        let other = |side: &&&Quantity| matches!(side, Quantity::Measured { .. }) && !share(side);
         if let (true, Some(Quantity::Measured { operand, .. })) =
             (sides.iter().any(share), sides.iter().find(other))
         {

@@ -190,9 +190,9 @@ fn mole_fraction_at(voltage_v: f64, empty: f64) -> f64 {
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if resting_voltage(middle) > voltage_v {
-            high = middle
+            high = middle;
         } else {
-            low = middle
+            low = middle;
         }
     }
     low
@@ -318,8 +318,8 @@ struct OhmicMemory {
 }
 
 impl OhmicMemory {
-    /// With `a` the part of the drop that settles in a step and `g` in a decision of n steps, the form has `n
-    /// - g / a` on its diagonal and `(g / a) g (1 - g)^(t - s - 1)` below it. Its symmetric part is positive
+    /// With `a` the part of the drop that settles in a step and `g` in a decision of n steps, the form has
+    /// `n - g / a` on its diagonal and `(g / a) g (1 - g)^(t - s - 1)` below it. Its symmetric part is positive
     /// semidefinite, the form convex, where the diagonal is at least `g^2 / (a (2 - g))`; otherwise 0 stands
     /// for the loss, which is at least that.
     fn new(decisions: Decisions) -> Self {

@@ -55,9 +55,9 @@ fn level(battery: &Battery) -> Vec<f64> {
     for _ in 0..40 {
         let middle = 0.5 * (low + high);
         if middle * currents(middle).iter().sum::<f64>() > battery.demand_w() {
-            low = middle
+            low = middle;
         } else {
-            high = middle
+            high = middle;
         }
     }
     normalised(currents(low))

@@ -23,18 +23,19 @@
 //!
 //! Two traps of `thesis`:
 //! * *Double acceleration.* Where an agent has an acceleration, the fork multiplies the action by it twice:
-//! the predators' 3 becomes 9 and the prey's 4 becomes 16, so that both are at their top speeds after a step
-//! or two. * *Aliasing.* The fork scales the caller's own action array in place, so whoever stores the array
-//! after the step stores scaled actions. Here actions are read, never written: what a replay keeps lies in
-//! [-1, 1].
+//!   the predators' 3 becomes 9 and the prey's 4 becomes 16, so that both are at their top speeds after a
+//!   step or two.
+//! * *Aliasing.* The fork scales the caller's own action array in place, so whoever stores the array after
+//!   the step stores scaled actions. Here actions are read, never written: what a replay keeps lies in
+//!   [-1, 1].
 //!
 //! # Departures
 //! * Actions are two-dimensional for every variant. `openai` and `mpe2` take five numbers of which only the
-//! differences (right - left, up - down) act; u is that difference, with the signs set so that u points where
-//! the force does. `mpe2` clips its actions, and so u is clipped to [-1, 1] there; elsewhere an action
-//! outside by more than rounding is an error. * Bodies at the very same place exert no force on each other
-//! (the other programs divide 0 by 0): no direction is better than another, and they part as soon as anything
-//! else moves one of them.
+//!   differences (right - left, up - down) act; u is that difference, with the signs set so that u points
+//!   where the force does. `mpe2` clips its actions, and so u is clipped to [-1, 1] there; elsewhere an
+//!   action outside by more than rounding is an error.
+//! * Bodies at the very same place exert no force on each other (the other programs divide 0 by 0): no
+//!   direction is better than another, and they part as soon as anything else moves one of them.
 
 mod config;
 mod cooperative_navigation;

@@ -6,7 +6,7 @@
 //!
 //! * each predator earns 10 n - s D,
 //! * the prey earns s D - 10 n - [`leaving`]`(|x|) - `[`leaving`]`(|y|)`, so that it does not run away for
-//! good.
+//!   good.
 
 use super::{
     rules::Rules,
