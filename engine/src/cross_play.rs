@@ -4,11 +4,24 @@
 //! A *play* of a study names an environment, *roles* (every seat belongs to one) and agents. Each ordered
 //! combination of agents over roles and each seed make one trial that measures and learns nothing: its
 //! [`Cast`](crate::cast::Cast) names by role the trial whose final policy is played. Seed `k` of one agent
-//! meets seed `k` of the others.
+//! meets seed `k` of the others, or with `pairs: all` every seed of theirs.
+//!
+//! Where all meet all, values that share a policy are not independent, and n * n of them are no sample of
+//! that size. What stands for seed k is then what it adds in every role that it plays:
+//!
+//! | symbol | here |
+//! |---|---|
+//! | y(i, j) | value of the meeting of seed i in the first role and seed j in the second |
+//! | m, m_r(k) | the mean of all meetings, and of those in which role r is played by seed k |
+//! | v(k) = m + sum over r of (m_r(k) - m) | the value of seed k; their mean is m |
+//!
+//! With y(i, j) = mu + a_i + b_j the v(k) are mu + a_k + b_k up to a constant, so that their spread over k is
+//! that of m, also where a_k and b_k come from one training and depend on each other.
 
 use crate::{
     Phase,
     results::{Results, TrialResult},
+    statistics::estimators::mean,
     trial::Purpose,
 };
 use std::collections::{BTreeMap, BTreeSet};
@@ -28,6 +41,8 @@ pub fn title(roles: &BTreeMap<String, String>) -> String {
 pub struct Encounters<'a> {
     trials: Vec<(&'a BTreeMap<String, String>, &'a TrialResult)>,
     floors: BTreeSet<&'a str>,
+    /// Seeds of the trials that trained somebody, by id.
+    seeds: BTreeMap<&'a str, u64>,
 }
 
 impl<'a> Encounters<'a> {
@@ -47,7 +62,15 @@ impl<'a> Encounters<'a> {
                 .collect::<Vec<_>>()
         };
         let floors = trials.iter().flat_map(untrained).collect();
-        Self { trials, floors }
+        let seeds = results.trials.iter();
+        let seeds = seeds
+            .map(|it| (it.trial.id.as_str(), it.trial.key.seed))
+            .collect();
+        Self {
+            trials,
+            floors,
+            seeds,
+        }
     }
 
     /// True where the results know no trial of the play.
@@ -93,28 +116,100 @@ impl<'a> Encounters<'a> {
             .collect()
     }
 
-    /// The mean of a metric over those trials, by seed. A seed without one of its trials has no value: means
-    /// over different opponents cannot be compared.
+    /// The mean of a metric over those trials, by seed; where all seeds meet all, what stands for a seed (see
+    /// the module). A seed without one of its trials has no value: means over different opponents cannot be
+    /// compared.
     #[must_use]
     pub fn by_seed(&self, cast: &[(&str, &str)], metric: &str) -> BTreeMap<u64, f64> {
-        let mut seeds: BTreeMap<u64, Vec<Option<f64>>> = BTreeMap::new();
+        let mut of_combinations: BTreeMap<&str, Vec<Meeting<'_>>> = BTreeMap::new();
         for it in self.trials(cast) {
-            let value = if it.is_ok() {
-                it.mean(Phase::Final, metric)
-            } else {
-                None
-            };
-            seeds.entry(it.trial.key.seed).or_default().push(value);
+            let meetings = of_combinations.entry(&it.trial.agent).or_default();
+            meetings.push(self.meeting(it, metric));
         }
-        let mean = |values: Vec<Option<f64>>| {
+        let mut seeds: BTreeMap<u64, Vec<Option<f64>>> = BTreeMap::new();
+        for meetings in of_combinations.values() {
+            for (seed, value) in of_seeds(meetings) {
+                seeds.entry(seed).or_default().push(value);
+            }
+        }
+        let mean_of_known = |values: Vec<Option<f64>>| {
             let values: Vec<f64> = values.into_iter().collect::<Option<_>>()?;
-            Some(crate::statistics::estimators::mean(&values))
+            Some(mean(&values))
         };
         seeds
             .into_iter()
-            .filter_map(|(seed, values)| Some((seed, mean(values)?)))
+            .filter_map(|(seed, values)| Some((seed, mean_of_known(values)?)))
             .collect()
     }
+
+    /// True where seeds meet others than their own.
+    #[must_use]
+    pub fn is_crossed(&self) -> bool {
+        self.trials
+            .iter()
+            .any(|(_, it)| self.meeting(it, "").is_crossed())
+    }
+
+    fn meeting(&self, it: &'a TrialResult, metric: &str) -> Meeting<'a> {
+        let members = it.trial.key.agent.cast().into_iter().flat_map(|cast| &cast.roles);
+        let seed = |id: &String| self.seeds.get(id.as_str()).copied();
+        let trained =
+            members.filter_map(|(role, member)| Some((role.as_str(), seed(member.trial.as_ref()?)?)));
+        Meeting {
+            seed: it.trial.key.seed,
+            roles: trained.collect(),
+            value: it.is_ok().then(|| it.mean(Phase::Final, metric)).flatten(),
+        }
+    }
+}
+
+/// The value of one trial of a play and the seeds that met in it.
+struct Meeting<'a> {
+    /// Its own seed.
+    seed: u64,
+    /// The seed of everyone who was trained, by role.
+    roles: BTreeMap<&'a str, u64>,
+    value: Option<f64>,
+}
+
+impl Meeting<'_> {
+    fn is_crossed(&self) -> bool {
+        self.roles.values().any(|seed| *seed != self.seed)
+    }
+
+    fn has(&self, seed: u64) -> bool {
+        self.roles.values().any(|it| *it == seed)
+    }
+}
+
+/// What stands for each seed, `None` where one of its meetings has no value.
+fn of_seeds(meetings: &[Meeting<'_>]) -> Vec<(u64, Option<f64>)> {
+    if !meetings.iter().any(Meeting::is_crossed) {
+        return meetings.iter().map(|it| (it.seed, it.value)).collect();
+    }
+    let seeds: BTreeSet<u64> = meetings
+        .iter()
+        .flat_map(|it| it.roles.values().copied())
+        .collect();
+    let incomplete = |seed: u64| meetings.iter().any(|it| it.value.is_none() && it.has(seed));
+    let (gone, complete): (Vec<u64>, Vec<u64>) = seeds.into_iter().partition(|seed| incomplete(*seed));
+    let counted: Vec<(&Meeting<'_>, f64)> = meetings
+        .iter()
+        .filter(|it| !gone.iter().any(|seed| it.has(*seed)))
+        .filter_map(|it| Some((it, it.value?)))
+        .collect();
+    let mean_where = |fits: &dyn Fn(&Meeting<'_>) -> bool| {
+        let fitting = counted.iter().filter(|(it, _)| fits(it));
+        mean(&fitting.map(|(_, value)| *value).collect::<Vec<_>>())
+    };
+    let whole = mean_where(&|_| true);
+    let roles: BTreeSet<&str> = meetings.iter().flat_map(|it| it.roles.keys().copied()).collect();
+    let value = |seed: u64| {
+        let added = |role: &&str| mean_where(&|it: &Meeting<'_>| it.roles.get(role) == Some(&seed)) - whole;
+        whole + roles.iter().map(added).sum::<f64>()
+    };
+    let known = complete.iter().map(|seed| (*seed, Some(value(*seed))));
+    known.chain(gone.iter().map(|seed| (*seed, None))).collect()
 }
 
 #[cfg(test)]
@@ -188,5 +283,48 @@ pub(crate) mod tests {
             2
         );
         assert!(Encounters::of(&results, "tag").is_empty());
+    }
+
+    /// The play where every seed of `a` as prey meets every seed of `b` as predators: 1 + a_i + b_j, with one
+    /// value left out.
+    fn all_meet_all(prey: [f64; 3], predators: [f64; 3], unrun: Option<(u64, u64)>) -> Results {
+        let trained = |agent: &str, seed| {
+            let mut result = trial("tag", agent, "", seed, &vec![(Phase::Final, 0, 0, "score", 0.0)]);
+            result.trial.id = format!("{agent}-{seed}");
+            result
+        };
+        let mut trials: Vec<TrialResult> = (0..3).flat_map(|k| [trained("a", k), trained("b", k)]).collect();
+        for (i, x) in (0..).zip(prey) {
+            for (j, y) in (0..).zip(predators) {
+                let mut met = encounter("a", "b", i.max(j), 1.0 + x + y);
+                if let Seating::Cast(cast) = &mut met.trial.key.agent {
+                    for (role, id) in [("prey", format!("a-{i}")), ("predators", format!("b-{j}"))] {
+                        cast.roles
+                            .entry(role.into())
+                            .and_modify(|member| member.trial = Some(id));
+                    }
+                }
+                if unrun == Some((i, j)) {
+                    met.end = None;
+                }
+                trials.push(met);
+            }
+        }
+        Results::of(trials)
+    }
+
+    #[test]
+    fn a_seed_that_meets_all_stands_for_what_it_adds_on_both_sides() {
+        let cast = [("prey", "a"), ("predators", "b")];
+        let of = |unrun| {
+            let results = all_meet_all([0.0, 3.0, 6.0], [-1.0, 0.0, 1.0], unrun);
+            let encounters = Encounters::of(&results, "pursuit");
+            assert!(encounters.is_crossed());
+            encounters.by_seed(&cast, "score")
+        };
+        // mu + a_k + b_k of an additive table, whose mean is that of the nine values.
+        assert_eq!(of(None), BTreeMap::from([(0, 0.0), (1, 4.0), (2, 8.0)]));
+        // Both who should have met there are left out, and the third met itself alone.
+        assert_eq!(of(Some((0, 1))), BTreeMap::from([(2, 8.0)]));
     }
 }

@@ -8,9 +8,11 @@ use super::{complain, study::Planned};
 use crate::{
     Error, Registry,
     plan::Wanted,
-    report::{Contents, Open},
+    report::{ClaimLine, Contents, Open},
     results::{CellName, Results},
+    statistics::Verdict,
     store::{Store, write_durably},
+    table::Grid,
     trial,
 };
 use serde::{Deserialize, Serialize};
@@ -152,60 +154,67 @@ pub(super) fn record(
     contents: &mut Contents,
 ) -> Result<(), Error> {
     let path = store.seen_verdicts(&one.study.name);
-    let mut seen = read(&path);
-    let first_trials = FirstTrials::of(results);
-    let planned: BTreeSet<u32> = one
-        .study
-        .design
-        .iter()
-        .flat_map(|design| design.looks().iter().copied())
-        .collect();
-    let mut changed = false;
-    let mut look = |key: String, rests_on: &BTreeSet<CellName>, seeds: Option<u32>| {
-        let seeds = seeds?;
-        let before = seen
-            .verdicts
-            .entry(format!("{key} @ {}", first_trials.hash(rests_on)))
-            .or_default();
-        changed |= before.insert(seeds);
-        before
-            .iter()
-            .copied()
-            .find(|earlier| *earlier < seeds && !planned.contains(earlier))
+    let design = one.study.design.iter();
+    let mut noting = Noting {
+        seen: read(&path),
+        changed: false,
+        first_trials: FirstTrials::of(results),
+        planned: design.flat_map(|design| design.looks().iter().copied()).collect(),
     };
-    for (name, grid) in contents
-        .tables
-        .iter_mut()
+    let tables = contents.tables.iter_mut();
+    tables
         .filter_map(|(name, grid)| Some((name, grid.as_mut().ok()?)))
-    {
+        .for_each(|(name, grid)| noting.table(name, grid));
+    contents.claims.iter_mut().for_each(|line| noting.claim(line));
+    if noting.changed {
+        let folder = path.parent().unwrap_or(store.root());
+        fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+        write_durably(&path, json!(noting.seen).to_string().as_bytes())?;
+    }
+    Ok(())
+}
+
+/// The record of verdicts while those of a report are held against it.
+struct Noting<'a> {
+    seen: Seen,
+    changed: bool,
+    first_trials: FirstTrials<'a>,
+    /// The numbers of seeds of planned looks.
+    planned: BTreeSet<u32>,
+}
+
+impl Noting<'_> {
+    fn table(&mut self, name: &str, grid: &mut Grid) {
         for (row, cells) in grid.rows.iter().zip(&mut grid.cells) {
             for (column, cell) in grid.columns.iter().zip(cells) {
-                let judged = cell.verdict().is_some_and(crate::statistics::Verdict::is_judged);
+                let judged = cell.verdict().is_some_and(Verdict::is_judged);
                 let seeds = number(judged, cell.planned, cell.seeds.len() + cell.failed, &cell.looks);
-                cell.seen_at = look(
-                    format!("{name}: {}, {}", row.name, column.name),
-                    &cell.rests_on,
-                    seeds,
-                );
+                let place = format!("{name}: {}, {}", row.name, column.name);
+                cell.seen_at = self.look(&place, &cell.rests_on, seeds);
             }
         }
     }
-    for line in &mut contents.claims {
+
+    fn claim(&mut self, line: &mut ClaimLine) {
         let judged = line.verdict.as_ref().is_ok_and(|claim| claim.verdict.is_judged());
         let n = line.verdict.as_ref().map_or(0, |claim| claim.n);
-        let seeds = number(judged, first_trials.planned(&line.rests_on), n, &line.looks);
-        line.seen_at = look(
-            format!("{} in {}", line.spec.claim, line.place),
-            &line.rests_on,
-            seeds,
-        );
+        let seeds = number(judged, self.first_trials.planned(&line.rests_on), n, &line.looks);
+        let place = format!("{} in {}", line.spec.claim, line.place);
+        line.seen_at = self.look(&place, &line.rests_on, seeds);
     }
-    if changed {
-        let folder = path.parent().unwrap_or(store.root());
-        fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
-        write_durably(&path, json!(seen).to_string().as_bytes())?;
+
+    /// Notes that a verdict is seen with so many seeds; the fewest with which it was seen before and without a
+    /// plan for it.
+    fn look(&mut self, place: &str, rests_on: &BTreeSet<CellName>, seeds: Option<u32>) -> Option<u32> {
+        let seeds = seeds?;
+        let key = format!("{place} @ {}", self.first_trials.hash(rests_on));
+        let before = self.seen.verdicts.entry(key).or_default();
+        self.changed |= before.insert(seeds);
+        before
+            .iter()
+            .copied()
+            .find(|earlier| *earlier < seeds && !self.planned.contains(earlier))
     }
-    Ok(())
 }
 
 /// With how many seeds a verdict is seen; `None` where there is none yet or seeds of the plan are missing.

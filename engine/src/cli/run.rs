@@ -18,6 +18,7 @@ use crate::{
 };
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 /// `run`: the missing trials of all studies together, then a report of each.
 pub(super) fn run(
@@ -54,34 +55,58 @@ pub(super) fn run(
             text: "error: --detach needs --executor slurm".into(),
         });
     }
-    let computed = loop {
-        let computed = match &kind {
-            None => how.run(&planned, |_| true)?,
-            Some(kind) => {
-                let asked = Asked {
-                    kind,
-                    planned: &planned,
-                    selection,
-                    common,
-                    how: &how,
-                };
-                match submit::run(&asked, options)? {
-                    Some(code) => return Ok(code),
-                    None => OK,
-                }
-            }
-        };
-        if !goes_on(computed, &how) || !grow_all(&mut planned, registry, &store) {
-            break computed;
-        }
-        // What fails now is not tried again at every look.
-        how.retry_failed = false;
+    let computed = match compute_all(&mut how, kind.as_ref(), &mut planned, &store, options)? {
+        Computed::Left(code) => return Ok(code),
+        Computed::Here(code) => code,
     };
     let mut code = OK;
     for one in &planned {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
     Ok(if computed == OK { code } else { computed })
+}
+
+/// What came of computing.
+enum Computed {
+    /// The exit code; a report follows.
+    Here(u8),
+    /// The command leaves with this code, and others go on.
+    Left(u8),
+}
+
+/// Computes what is missing, look by look where looks are planned.
+fn compute_all(
+    how: &mut Compute<'_>,
+    kind: Option<&executor::Kind>,
+    planned: &mut [Planned],
+    store: &Store,
+    options: &RunOptions,
+) -> Result<Computed, Failure> {
+    let (selection, common) = how.asked;
+    loop {
+        let code = match kind {
+            None => how.run(planned, |_| true)?,
+            Some(kind) => {
+                let how = &*how;
+                let asked = Asked {
+                    kind,
+                    planned,
+                    selection,
+                    common,
+                    how,
+                };
+                match submit::run(&asked, options)? {
+                    Some(code) => return Ok(Computed::Left(code)),
+                    None => OK,
+                }
+            }
+        };
+        if !goes_on(code, how) || !grow_all(planned, how.registry, store) {
+            return Ok(Computed::Here(code));
+        }
+        // What fails now is not tried again at every look.
+        how.retry_failed = false;
+    }
 }
 
 /// The executor of a name that starts workers on other machines.
@@ -204,33 +229,13 @@ fn write_report(
     };
     let mut contents = Contents::of(&study, &results);
     looks::record(one, store, &results, &mut contents)?;
-    let paths = report::write(
-        &dir,
-        &study,
-        &results,
-        &contents,
-        &provenance::of(registry, one, &stored),
-    )?;
-    let (resolved, evaluations) = (dir.join("resolved.yaml"), dir.join("evaluations.parquet"));
-    write_durably(&resolved, spec::resolved_yaml(&one.study, &dir)?.as_bytes())?;
-    store::write_results(&evaluations, &results)?;
-    let written = [
-        &paths.files[..],
-        &[paths.page.clone(), paths.markdown.clone(), resolved, evaluations],
-    ]
-    .concat();
-    folders::settle(&dir, one, selection, &written)?;
-    if common.format == Format::Json {
-        say(&as_json(&study, &contents, &paths).to_string());
-    } else {
-        say(&report::summary(
-            &study,
-            &results,
-            &contents,
-            &paths.page,
-            terminal_width(),
-        ));
-    }
+    let provenance = provenance::of(registry, one, &stored);
+    let paths = report::write(&dir, &study, &results, &contents, &provenance)?;
+    write_beside(&dir, one, selection, &results, &paths)?;
+    say(&match common.format {
+        Format::Json => as_json(&study, &contents, &paths).to_string(),
+        Format::Text => report::summary(&study, &results, &contents, &paths.page, terminal_width()),
+    });
     let ends: Vec<_> = results.trials.iter().map(|result| result.end.clone()).collect();
     let code = study::code_of(&ends);
     Ok(if code == OK && reporting.strict && contents.contradicts() {
@@ -238,6 +243,22 @@ fn write_report(
     } else {
         code
     })
+}
+
+/// Writes the complete study and the evaluations beside a report, and clears away what an earlier one left.
+fn write_beside(
+    dir: &Path,
+    one: &Planned,
+    selection: &Selection,
+    results: &Results,
+    paths: &ReportPaths,
+) -> Result<(), Failure> {
+    let (resolved, evaluations) = (dir.join("resolved.yaml"), dir.join("evaluations.parquet"));
+    write_durably(&resolved, spec::resolved_yaml(&one.study, dir)?.as_bytes())?;
+    store::write_results(&evaluations, results)?;
+    let own = [paths.page.clone(), paths.markdown.clone(), resolved, evaluations];
+    folders::settle(dir, one, selection, &[&paths.files[..], &own].concat())?;
+    Ok(())
 }
 
 pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {

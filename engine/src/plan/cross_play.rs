@@ -6,7 +6,7 @@ use crate::{
     cast::{Cast, Member, Seating},
     cross_play::title,
     setting::Setting,
-    spec::{Play, Player, Study},
+    spec::{Pairs, Play, Player, Study},
     trial::{Purpose, Trial, TrialKey},
 };
 use std::collections::BTreeMap;
@@ -15,43 +15,76 @@ use std::collections::BTreeMap;
 pub(super) fn trials(study: &Study, play: &Play, trained: &[Vec<Trial>]) -> Vec<Trial> {
     let mut trials = Vec::new();
     for players in play.combinations() {
-        let named = play.roles.iter().zip(&players);
-        let roles: BTreeMap<String, String> = named
-            .map(|((role, _), player)| (role.clone(), player.name.clone()))
-            .collect();
-        for (at, &seed) in study.seeds.iter().enumerate() {
-            let member = |((role, seats), player): (&(String, Vec<String>), &&Player)| {
-                Some((
-                    role.clone(),
-                    member(seats.clone(), player, &trained[player.cell][at])?,
-                ))
-            };
-            let cast = Cast {
-                roles: play.roles.iter().zip(&players).filter_map(member).collect(),
-            };
-            let key = TrialKey {
-                environment: play.arena.clone(),
-                agent: Seating::Cast(cast),
-                protocol: play.protocol.clone(),
-                seed,
-                numerics: study.numerics,
-                device: DEVICE.into(),
-            };
-            let (environment, agent, purpose) =
-                (play.name.clone(), title(&roles), Purpose::Play(roles.clone()));
-            let (setting, point) = (String::new(), Setting::default());
-            trials.push(Trial {
-                id: key.id(),
-                environment,
-                agent,
-                setting,
-                point,
-                purpose,
-                key,
-            });
+        for places in meetings(play.pairs, &players, study.seeds.len()) {
+            trials.push(encounter(study, play, &players, &places, trained));
         }
     }
     trials
+}
+
+/// Which of the study's seeds meet, one place in their list for each role. An agent that was not trained is
+/// the same for every seed, and meets each once.
+fn meetings(pairs: Pairs, players: &[&Player], n_seeds: usize) -> Vec<Vec<usize>> {
+    let matched = |at: usize| vec![at; players.len()];
+    let trained: Vec<usize> = (0..players.len()).filter(|role| players[*role].learns).collect();
+    if pairs == Pairs::Matched || trained.len() < 2 {
+        return (0..n_seeds).map(matched).collect();
+    }
+    let mut all = vec![matched(0)];
+    for role in trained {
+        let with = |places: Vec<usize>, at: usize| {
+            let place = |other: usize, it: usize| if other == role { at } else { it };
+            places
+                .iter()
+                .enumerate()
+                .map(|(other, it)| place(other, *it))
+                .collect()
+        };
+        all = all
+            .into_iter()
+            .flat_map(|places| (0..n_seeds).map(move |at| with(places.clone(), at)))
+            .collect();
+    }
+    all
+}
+
+/// One meeting. Its own seed is the latest of those that meet, so that a study that stops at some number of
+/// seeds has every meeting among them.
+fn encounter(
+    study: &Study,
+    play: &Play,
+    players: &[&Player],
+    places: &[usize],
+    trained: &[Vec<Trial>],
+) -> Trial {
+    let of_role = || play.roles.iter().zip(players);
+    let roles: BTreeMap<String, String> = of_role()
+        .map(|((role, _), player)| (role.clone(), player.name.clone()))
+        .collect();
+    let members = of_role().zip(places).filter_map(|(((role, seats), player), at)| {
+        let member = member(seats.clone(), player, &trained[player.cell][*at])?;
+        Some((role.clone(), member))
+    });
+    let latest = places.iter().copied().max().unwrap_or_default();
+    let key = TrialKey {
+        environment: play.arena.clone(),
+        agent: Seating::Cast(Cast {
+            roles: members.collect(),
+        }),
+        protocol: play.protocol.clone(),
+        seed: study.seeds[latest],
+        numerics: study.numerics,
+        device: DEVICE.into(),
+    };
+    Trial {
+        id: key.id(),
+        environment: play.name.clone(),
+        agent: title(&roles),
+        setting: String::new(),
+        point: Setting::default(),
+        purpose: Purpose::Play(roles),
+        key,
+    }
 }
 
 /// One who plays with the policy of the trial `source`; `None` for a cast, which a play refuses.

@@ -14,10 +14,23 @@ use crate::{
     schema_check::{At, Checker},
     trial::Part,
 };
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// Episodes of each trial where a play gives no number.
 pub(super) const EPISODES: u64 = 100;
+
+/// Which seeds of two agents meet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Pairs {
+    /// Seed `k` of one agent meets seed `k` of the others.
+    #[default]
+    Matched,
+    /// Every seed of one meets every seed of the others: `n` seeds of two roles make `n * n` trials.
+    All,
+}
 
 /// Agents of one environment that are set against each other after they were trained.
 #[derive(Debug, Clone)]
@@ -36,6 +49,8 @@ pub struct Play {
     pub(crate) arena: Part,
     /// Episodes of each trial.
     pub(crate) episodes: u64,
+    /// Which seeds meet.
+    pub(crate) pairs: Pairs,
     /// How they are measured.
     pub(crate) protocol: Part,
     /// The keys that differ between `environment` and `arena`, as given.
@@ -120,7 +135,12 @@ impl Reader<'_> {
         let (arena, built) = self.arena(first, &environment_config)?;
         let seats: Vec<String> = built.seats().iter().map(|seat| seat.name.clone()).collect();
         let roles = self.roles(&seats);
-        self.too_many(players.len(), roles.len(), n_seeds);
+        let pairs = self.pairs();
+        let per_combination = match pairs {
+            Pairs::Matched => Some(n_seeds as u64),
+            Pairs::All => (n_seeds as u64).checked_pow(u32::try_from(roles.len()).unwrap_or(u32::MAX)),
+        };
+        self.too_many(players.len(), roles.len(), per_combination);
         let episodes = self
             .named
             .config
@@ -145,9 +165,18 @@ impl Reader<'_> {
             metrics,
             arena,
             episodes,
+            pairs,
             protocol,
             environment_config,
         })
+    }
+
+    /// Which seeds meet; what is written was held against the schema.
+    fn pairs(&self) -> Pairs {
+        let written = self.named.config.get("pairs").map(Node::to_value);
+        written
+            .and_then(|value| serde_json::from_value(value).ok())
+            .unwrap_or_default()
     }
 
     fn say(&mut self, span: Span, key: &str, message: impl Into<String>, help: impl Into<String>) {
@@ -459,12 +488,13 @@ impl Reader<'_> {
         roles
     }
 
-    fn too_many(&mut self, players: usize, roles: usize, n_seeds: usize) {
+    fn too_many(&mut self, players: usize, roles: usize, per_combination: Option<u64>) {
         let combinations = u32::try_from(roles)
             .ok()
             .and_then(|roles| (players as u64).checked_pow(roles));
         if combinations
-            .and_then(|count| count.checked_mul(n_seeds as u64))
+            .zip(per_combination)
+            .and_then(|(count, each)| count.checked_mul(each))
             .is_none_or(|trials| trials > MOST_TRIALS)
         {
             let message =

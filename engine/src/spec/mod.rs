@@ -42,7 +42,7 @@ mod way;
 mod written;
 
 pub use claims::ClaimSpec;
-pub use cross_play::{Play, Player};
+pub use cross_play::{Pairs, Play, Player};
 pub use describe::describe;
 pub use json_schema::json_schema;
 pub use plugin_config::load_config;

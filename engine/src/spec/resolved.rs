@@ -194,6 +194,7 @@ fn play(play: &Play) -> Value {
     let agents: Vec<&str> = play.players.iter().map(|player| player.name.as_str()).collect();
     json!({
         "environment": play.environment, "roles": roles, "agents": agents, "episodes": play.episodes,
+        "pairs": play.pairs,
         "environment_config": play.environment_config.to_value(),
     })
 }

@@ -1,7 +1,12 @@
 //! The sections of a study as they are written. Editors complete by their schemas, and studies are held
 //! against them before the sections are read one by one, with the positions of what is in them.
 
-use super::{claims::ClaimSpec, cross_play::EPISODES, seeds::SeedsText, sweep::Generator};
+use super::{
+    claims::ClaimSpec,
+    cross_play::{EPISODES, Pairs},
+    seeds::SeedsText,
+    sweep::Generator,
+};
 use crate::{
     figure::FigureSpec,
     limits::Limits,
@@ -104,6 +109,9 @@ struct PlayText {
     #[serde(default = "episodes")]
     #[schemars(range(min = 1, max = 1_000_000_000))]
     episodes: u64,
+    /// Which seeds of the agents meet.
+    #[serde(default)]
+    pairs: Pairs,
     /// Keys of the environment that differ from the training.
     #[serde(default)]
     environment_config: Map<String, Value>,

@@ -182,7 +182,7 @@ fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
             .map_or_else(|| NumberFormat::fitting(estimates), NumberFormat::Fixed),
         rows: headings(spec, &down),
         columns: headings(spec, &across),
-        notes: notes(spec, scale.as_ref(), floors),
+        notes: notes(spec, scale.as_ref(), floors, encounters.is_crossed()),
         cells,
         ..Grid::default()
     })
@@ -298,12 +298,20 @@ fn quantity(spec: &CrossPlayTable) -> String {
     }
 }
 
-fn notes(spec: &CrossPlayTable, scale: Option<&Scale>, floors: bool) -> Vec<String> {
+fn notes(spec: &CrossPlayTable, scale: Option<&Scale>, floors: bool, crossed: bool) -> Vec<String> {
     let mut notes = vec![format!(
         "Rows: who plays {}; columns: who plays {}. Means are over the opponents, seed by seed.",
         label(spec, &spec.rows),
         label(spec, &spec.columns)
     )];
+    if crossed {
+        notes.push(
+            "Every seed of one agent meets every seed of the other. What stands for a seed is the mean over \
+             all meetings with what it adds in each role; their mean is that of all meetings, and their \
+             spread counts the seeds of both sides."
+                .into(),
+        );
+    }
     if floors {
         notes.push(
             "Agents that were not trained are shown beside; they have no part in the means of others or in \

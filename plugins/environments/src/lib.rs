@@ -34,7 +34,7 @@ pub fn register(registry: &mut engine::Registry) {
     let about = "players share the higher of two hills, of which the wider one is a trap";
     registry.environment("differential_game", 1, about, differential_game::build);
     let about = "agents push discs in a plane: cooperative navigation, or predators and prey";
-    registry.environment("particles", 1, about, particles::build);
+    registry.environment("particles", 2, about, particles::build);
     registry.environment(
         "simplex_reconstruction",
         1,

@@ -14,15 +14,15 @@
 //! | policy | `head(h_i, h)` | `[batch, assets]` |
 //! | critic | `head(h)`, where x_i also holds the share of asset i | `[batch, 1]` |
 
-use crate::shared::{checkpoint, seat};
+use crate::shared::{checkpoint, replay::Batch, seat};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use engine::{Channel, Error};
-use numerics::network::{Activation, Mlp};
+use numerics::network::{Activation, Mlp, matrix, values};
 use numerics::parameters::{restore, store};
 use numerics::policy_file::{FILE_NAME, Head, Ports};
 use numerics::tensor_file::{TensorFile, TensorFileError};
-use rand::RngCore;
+use rand::{RngCore, seq::SliceRandom};
 use serde_json::json;
 use std::path::Path;
 
@@ -37,11 +37,16 @@ pub struct AssetChannels {
 }
 
 impl AssetChannels {
-    /// Finds blocks of channels `<word>_1` to `<word>_N`.
+    /// Finds blocks of channels `<word>_1` to `<word>_N`, which the setting `wish` needs.
     ///
     /// # Errors
     /// [`Error::Mismatch`] where no such block is observed.
-    pub fn find(agent: &'static str, channels: &[Channel], n_assets: usize) -> Result<Self, Error> {
+    pub fn find(
+        agent: &'static str,
+        wish: &str,
+        channels: &[Channel],
+        n_assets: usize,
+    ) -> Result<Self, Error> {
         let (mut blocks, mut common, mut index) = (Vec::new(), Vec::new(), 0);
         while index < channels.len() {
             if begins_block(&channels[index..], n_assets) {
@@ -53,9 +58,8 @@ impl AssetChannels {
             }
         }
         if blocks.is_empty() {
-            let problem = format!(
-                "`network: equivariant` needs channels that are numbered from 1 to {n_assets}, one per share"
-            );
+            let problem =
+                format!("`{wish}` needs channels that are numbered from 1 to {n_assets}, one per share");
             return Err(seat::mismatch(agent, problem));
         }
         Ok(Self {
@@ -63,6 +67,24 @@ impl AssetChannels {
             blocks,
             common,
         })
+    }
+
+    /// The transitions with the assets of each in an order of its own, drawn uniformly: the same in what is
+    /// observed before and after, and in the shares.
+    pub fn permuted(&self, batch: Batch, rng: &mut impl RngCore) -> Batch {
+        let orders: Vec<Vec<usize>> = (0..batch.actions.dims()[0])
+            .map(|_| {
+                let mut order: Vec<usize> = (0..self.n_assets).collect();
+                order.shuffle(rng);
+                order
+            })
+            .collect();
+        Batch {
+            observations: reordered(&batch.observations, &self.blocks, &orders),
+            actions: reordered(&batch.actions, &[0], &orders),
+            next_observations: reordered(&batch.next_observations, &self.blocks, &orders),
+            ..batch
+        }
     }
 
     /// Own, mean and common features of each asset, with `more` own ones: `[batch * assets, features]`.
@@ -159,6 +181,21 @@ impl AssetChannels {
                 .expand([batch, self.n_assets, width]);
         Tensor::cat(vec![features, pooled.reshape([rows, width])], 1)
     }
+}
+
+/// Rows whose blocks of neighbouring columns, which begin at `blocks`, are put into the order of the row.
+fn reordered(rows: &Tensor<2>, blocks: &[usize], orders: &[Vec<usize>]) -> Tensor<2> {
+    let length = rows.dims()[1];
+    let mut moved = values(rows.clone());
+    for (row, order) in moved.chunks_mut(length).zip(orders) {
+        let before = row.to_vec();
+        for first in blocks {
+            for (to, from) in order.iter().enumerate() {
+                row[first + to] = before[first + from];
+            }
+        }
+    }
+    matrix(moved, length)
 }
 
 fn begins_block(channels: &[Channel], n_assets: usize) -> bool {
@@ -281,7 +318,8 @@ impl AssetCritic {
 mod tests {
     use super::*;
     use engine::random::stream;
-    use numerics::network::{device, matrix, values};
+    use numerics::network::device;
+    use std::collections::BTreeSet;
 
     const N: usize = 3;
 
@@ -296,7 +334,7 @@ mod tests {
             "power_demand_w",
         ];
         let channels: Vec<Channel> = names.into_iter().map(|name| Channel::new(name, "")).collect();
-        AssetChannels::find("test", &channels, N).unwrap()
+        AssetChannels::find("test", "it", &channels, N).unwrap()
     }
 
     /// Two observations of one pack: the second has its assets in the order 3, 1, 2.
@@ -325,7 +363,7 @@ mod tests {
         );
         let unnumbered = [Channel::new("constant", "")];
         assert!(matches!(
-            AssetChannels::find("test", &unnumbered, N),
+            AssetChannels::find("test", "it", &unnumbered, N),
             Err(Error::Mismatch { .. })
         ));
     }
@@ -352,5 +390,34 @@ mod tests {
             values(critic.forward(&channels(), &observations(), moved))[0],
             out[0]
         ));
+    }
+
+    #[test]
+    fn assets_of_a_transition_are_permuted_together() {
+        // Entry 10 a + b of what is observed is channel b of asset a, 7 is common; shares are of the same a.
+        let row = |order: [usize; 3], next: f32| -> Vec<f32> {
+            let block = |channel: usize| order.map(|asset| next + (10 * asset + channel) as f32);
+            [&block(0)[..], &block(1)[..], &[7.0]].concat()
+        };
+        let copies = 200;
+        let many = |values: Vec<f32>| matrix(values.repeat(copies), values.len());
+        let batch = Batch {
+            observations: many(row([1, 2, 3], 0.0)),
+            actions: many(vec![1.0, 2.0, 3.0]),
+            rewards: many(vec![0.5]),
+            next_observations: many(row([1, 2, 3], 100.0)),
+            continues: many(vec![1.0]),
+        };
+        let permuted = channels().permuted(batch, &mut stream(&["permuted"]));
+        let (seen, next) = (values(permuted.observations), values(permuted.next_observations));
+        let mut orders = BTreeSet::new();
+        for (at, shares) in values(permuted.actions).chunks(N).enumerate() {
+            let order = [0, 1, 2].map(|place| shares[place] as usize);
+            assert_eq!(&seen[7 * at..7 * (at + 1)], row(order, 0.0));
+            assert_eq!(next[7 * at..7 * at + 6], row(order, 100.0)[..6]);
+            orders.insert(order);
+        }
+        assert_eq!(orders.len(), 6, "all orders of three occur in {copies} draws");
+        assert_eq!(values(permuted.rewards), vec![0.5; copies]);
     }
 }

@@ -76,6 +76,11 @@ pub struct Config {
     /// Largest concentration of one share, or null for no limit.
     #[schemars(range(min = 1.0))]
     pub concentration_cap: Option<f64>,
+    /// Put the assets of a transition into another order, drawn at random, each time it is learned from: shares
+    /// and what is observed of assets, before the step and after it. What is learned of one asset is then
+    /// shown to the networks for all, which stay as they are.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub permute_assets: bool,
     /// Networks to begin from in place of fresh ones: policy, critics and temperature of another trial.
     /// Optimisers and replay are new.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -121,9 +126,9 @@ pub enum EvaluationAction {
 #[serde(rename_all = "snake_case")]
 pub enum ActionScaling {
     /// `N (a - 1 / N)`: zero for equal shares, of order 1 otherwise.
-    #[default]
     Centred,
-    /// The shares.
+    /// The shares, as in the thesis.
+    #[default]
     None,
 }
 
@@ -149,9 +154,10 @@ impl Default for Config {
             gradient_clip: None,
             evaluation_action: EvaluationAction::Mean,
             observation_scaling: ObservationScaling::Typical,
-            critic_action_scaling: ActionScaling::Centred,
+            critic_action_scaling: ActionScaling::None,
             shifted_entropy_bonus: false,
             concentration_cap: None,
+            permute_assets: false,
             start: None,
         }
     }
@@ -164,7 +170,6 @@ impl engine::Config for Config {
             "target_entropy": "minus_sqrt_d",
             "updates_per_step": 1.0,
             "first_temperature": 1.0,
-            "critic_action_scaling": "none",
         });
         let about = "thesis, table 3.1, as printed; observations stay scaled, on which the text is silent";
         vec![Preset {

@@ -19,8 +19,8 @@
 //! - The target entropy is stated as a concentration: the printed `-sqrt(d)` is close to or above the largest
 //!   entropy of a policy with `alpha >= 1` (`preset: thesis` keeps it).
 //! - Defaults that the pilot study found to learn: batch of 256, one update per 16 environment steps, a first
-//!   temperature of 0.1, critics that see `N a - 1`. The text gives no first temperature, no temperature rate
-//!   and no scaling of observations.
+//!   temperature of 0.1. The text gives no first temperature, no temperature rate and no scaling of
+//!   observations.
 //! - The temperature is exp of a number that descends `-(log pi + target)`, the form of the authors' code of
 //!   SAC, which under Adam takes the same steps as equation 18 of that paper up to the scale of the gradient.
 //! - Terminal steps do not bootstrap: equation 3.17 is written for a process without end.
@@ -35,6 +35,7 @@ mod asset_network;
 mod config;
 mod networks;
 
+use asset_network::AssetChannels;
 pub use config::{ActionScaling, Config, EvaluationAction, NetworkKind, TargetEntropy};
 use networks::{Critics, PolicyNetwork, Shape};
 
@@ -79,6 +80,8 @@ pub struct DirichletSac {
     temperature_adam: ScalarAdam,
     replay: Replay,
     schedule: UpdateSchedule,
+    /// Which channels are of which asset, where transitions are permuted.
+    assets: Option<AssetChannels>,
 }
 
 /// Means over a batch at the policy's actions.
@@ -151,6 +154,10 @@ impl DirichletSac {
         let scaling = Scaling::new(config.observation_scaling, channels);
         let (n_observed, n_shares) = (scaling.n_channels(), shares.len());
         let shape = Shape::new(&config, channels, n_shares)?;
+        let assets = config
+            .permute_assets
+            .then(|| AssetChannels::find(NAME, "permute_assets: true", channels, n_shares))
+            .transpose()?;
         let tracked = device().autodiff();
         let policy = shape.policy(rng, &tracked);
         let critics = shape.critics(rng, &tracked);
@@ -168,6 +175,7 @@ impl DirichletSac {
             config,
             scaling,
             shares,
+            assets,
         };
         if let Some(start) = agent.config.start.clone() {
             agent
@@ -203,6 +211,10 @@ impl DirichletSac {
 
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let batch = self.replay.sample_with_replacement(self.config.batch_size, rng);
+        let batch = match &self.assets {
+            Some(assets) => assets.permuted(batch, rng),
+            None => batch,
+        };
         self.update_critics(&batch, rng, record)?;
         let log_pi = self.update_policy(&batch, rng, record)?;
         self.update_temperature(log_pi);

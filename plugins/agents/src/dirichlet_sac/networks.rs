@@ -72,7 +72,12 @@ impl Shape {
     pub(super) fn new(config: &Config, channels: &[Channel], n_shares: usize) -> Result<Self, Error> {
         let assets = match config.network {
             NetworkKind::Dense => None,
-            NetworkKind::Equivariant => Some(AssetChannels::find(NAME, channels, n_shares)?),
+            NetworkKind::Equivariant => Some(AssetChannels::find(
+                NAME,
+                "network: equivariant",
+                channels,
+                n_shares,
+            )?),
         };
         Ok(Self {
             sizes: (channels.len(), n_shares),

@@ -73,11 +73,11 @@ fn the_soft_target_has_the_lower_critic_and_the_entropy() {
 }
 
 #[test]
-fn critics_see_centred_shares() {
-    let (centred, plain) = (
+fn critics_see_shares_or_centred_ones() {
+    let (plain, centred) = (
         agent(tiny()),
         agent(Config {
-            critic_action_scaling: ActionScaling::None,
+            critic_action_scaling: ActionScaling::Centred,
             ..tiny()
         }),
     );

@@ -125,6 +125,13 @@ impl Scenario for PredatorPrey {
             .chain([
                 catches,
                 Metric::new("score", "", about).per_episode(PerEpisode::Sum),
+                Metric::new(
+                    "leaving_penalty",
+                    "",
+                    "what the prey loses by going far from the middle",
+                )
+                .per_episode(PerEpisode::Sum)
+                .lower_is_better(),
             ])
             .collect()
     }
@@ -142,7 +149,7 @@ impl Scenario for PredatorPrey {
         let touching = world.touching_agents() as f64;
         let rewards = vec![predator, predator, predator, prey];
         let total = rewards.iter().sum();
-        (rewards, vec![total, touching, catches, prey - predator])
+        (rewards, vec![total, touching, catches, prey - predator, leaving])
     }
 }
 
