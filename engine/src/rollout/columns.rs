@@ -47,6 +47,13 @@ impl Columns {
             .collect()
     }
 
+    /// The row of the start; `None` where there is nothing to write of it, as where every decision is a point by
+    /// itself.
+    pub(super) fn start(&self, environment: &dyn Environment, seats: &[Vec<f64>]) -> Option<Vec<String>> {
+        let blank = !self.trace.is_empty() && environment.trace().iter().all(|value| value.is_nan());
+        (!blank).then(|| self.row(environment, seats, 0, None))
+    }
+
     /// The row after a decision, or of the start.
     pub(super) fn row(
         &self,

@@ -2,8 +2,8 @@
 //! what happened, a row per decision.
 //!
 //! Columns: `decision`, the environment's trace channels, the action channels that the trace does not hold
-//! already, `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start. Where
-//! seats have names, a seat's columns carry its name in front, as in `agent_0.reward`, and what it observed
+//! already, `reward` (one per seat), `end` (`terminated`, `truncated` or empty). Row 0 is the start, where the
+//! trace says something of it. Where seats have names, a seat's columns carry its name in front, as in `agent_0.reward`, and what it observed
 //! follows the rewards, as `agent_0.obs_0`, ...
 
 mod columns;
@@ -44,7 +44,11 @@ pub fn write(rows: &[Vec<String>], out: &Path) -> Result<u64, Error> {
         csv.write_record(row).map_err(failed)?;
     }
     csv.flush().map_err(Error::file("write", out))?;
-    Ok((rows.len() as u64).saturating_sub(2))
+    let decisions = rows
+        .iter()
+        .skip(1)
+        .filter(|row| row.first().is_some_and(|decision| decision != "0"));
+    Ok(decisions.count() as u64)
 }
 
 /// Header and rows of a rollout, as text; numbers are written so that they read back to the same bits.
@@ -60,7 +64,8 @@ pub fn rows(
     let mut rng = random::stream(&["rollout", "environment", &seed.to_string()]);
     let mut agent_rng = random::stream(&["rollout", "agent", &seed.to_string()]);
     let mut seats = environment.reset(&mut rng)?;
-    let mut rows = vec![columns.header(), columns.row(environment, &seats, 0, None)];
+    let mut rows = vec![columns.header()];
+    rows.extend(columns.start(environment, &seats));
     for decision in 1.. {
         let action = match &mut actions {
             Actions::Given(given) => match given.get(decision as usize - 1) {

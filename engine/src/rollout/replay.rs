@@ -185,7 +185,10 @@ impl Environment for Watched {
         self.watched = begins.then(|| (Columns::of(&*self.inner), 0));
         if let Some((columns, _)) = &self.watched {
             self.send(columns.header());
-            self.send(columns.row(&*self.inner, &seats, 0, None));
+            columns
+                .start(&*self.inner, &seats)
+                .into_iter()
+                .for_each(|row| self.send(row));
         }
         Ok(seats)
     }

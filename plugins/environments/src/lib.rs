@@ -1,7 +1,9 @@
 //! Environments: simulated systems with one or more seats.
 //!
 //! "The thesis" is Y. Tian, "Prescriptive Maintenance and Operation with Deep Reinforcement Learning",
-//! dissertation: chapter 3 for `allocation_bandit`, `simplex_reconstruction` and `battery` (Y. Tian, M. Han,
+//! dissertation: chapter 2 for `turbofan` (Y. Tian, M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Real-time
+//! model calibration with deep reinforcement learning", Mechanical Systems and Signal Processing 165 (2022)
+//! 108284), chapter 3 for `allocation_bandit`, `simplex_reconstruction` and `battery` (Y. Tian, M. Han,
 //! C. Kulkarni and O. Fink, "A prescriptive Dirichlet power allocation policy with deep reinforcement
 //! learning", Reliability Engineering and System Safety 224 (2022) 108529), chapter 4 for the games (Y. Tian,
 //! K.-R. Kladny, Q. Wang, Z. Huang and O. Fink, "Multi-agent actor-critic with time dynamical opponent
@@ -15,6 +17,7 @@ pub mod differential_game;
 pub mod particles;
 mod simplex;
 pub mod simplex_reconstruction;
+pub mod turbofan;
 mod unit_box;
 
 /// Registers every environment of this crate.
@@ -41,6 +44,8 @@ pub fn register(registry: &mut engine::Registry) {
         "recover and sort a point of the simplex of which one entry is hidden",
         simplex_reconstruction::build,
     );
+    let about = "performance of a turbofan over a flight, for the health parameters that actions set";
+    registry.environment("turbofan", 1, about, turbofan::build);
     let about = "two opposed players on the surface of the differential game";
     registry.environment("zero_sum_game", 1, about, differential_game::build_zero_sum);
 }

@@ -1,0 +1,334 @@
+//! A turbofan over a flight: what its sensors read for the health parameters that actions set.
+//!
+//! Thesis, chapter 2. Its two case studies run on programs and data that are not public here, so the engines are
+//! models of our own: component maps and conservation laws, held against pyCycle's high-bypass example and its
+//! N+3 engine (O. J. Jasa et al., OpenMDAO/pyCycle) and NASA's AGTF30. Their parts are in the modules: the
+//! atmosphere, the gas, maps and components, the cycle, its design point, Newton's method.
+//!
+//! One decision is one point of the flight: the action sets the calibrated health parameters, and the engine
+//! finds its operating point. Nothing is earned; the tracking problem of section 2.3 is another environment.
+//!
+//! | thesis | here | unit |
+//! |---|---|---|
+//! | theta | the action, one entry per calibrated parameter, added to 1; 0 is healthy | - |
+//! | w | `altitude_m`, `mach`, `delta_t_k` and what is held | m, -, K |
+//! | x | the trace: speeds, fuel flow, temperatures and pressures by station | SI |
+//!
+//! Stations: 2 behind the inlet, 21 behind the fan, 15 before the bypass nozzle, 24 behind the low-pressure
+//! compressor, 30 behind the high-pressure one, 40 behind the burner, 45 and 48 behind the high-pressure turbine
+//! (pressure and temperature), 50 behind the low-pressure one. `n1_rpm` is the low-pressure shaft, which turns the
+//! fan through the gear, and `n2_rpm` the high-pressure one.
+
+mod atmosphere;
+mod component;
+mod config;
+mod cycle;
+mod design_point;
+mod engine;
+mod flight;
+mod gas;
+mod map;
+mod solver;
+#[cfg(test)]
+mod tests;
+mod transient;
+
+pub use config::{Dynamics, HealthParameter, TurbofanConfig};
+pub use engine::EngineName;
+pub use flight::{Flight, FlightClass};
+
+use crate::unit_box::check_seats;
+use ::engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};
+use config::LARGEST_WEAR;
+use cycle::{Engine, Health, N, Point};
+use flight::{FlightPoint, Route};
+use serde::{Deserialize, Serialize};
+use solver::Operation;
+
+/// What a rollout writes of a point, with units.
+const OUTPUTS: [(&str, &str); 25] = [
+    ("n1_rpm", "rpm"),
+    ("n2_rpm", "rpm"),
+    ("fuel_flow_kg_s", "kg/s"),
+    ("t24_k", "K"),
+    ("p24_pa", "Pa"),
+    ("t30_k", "K"),
+    ("p30_pa", "Pa"),
+    ("t40_k", "K"),
+    ("t48_k", "K"),
+    ("p45_pa", "Pa"),
+    ("t50_k", "K"),
+    ("p50_pa", "Pa"),
+    ("p21_pa", "Pa"),
+    ("bypass_ratio", ""),
+    ("thrust_n", "N"),
+    ("mass_flow_kg_s", "kg/s"),
+    ("fan_rpm", "rpm"),
+    ("t2_k", "K"),
+    ("p2_pa", "Pa"),
+    ("t21_k", "K"),
+    ("p15_pa", "Pa"),
+    ("fuel_air_ratio", ""),
+    ("bypass_nozzle_area_m2", "m^2"),
+    ("n1_acceleration_rpm_s", "rpm/s"),
+    ("n2_acceleration_rpm_s", "rpm/s"),
+];
+
+/// The `turbofan` environment.
+#[derive(Debug)]
+pub struct Turbofan {
+    config: TurbofanConfig,
+    engine: Engine,
+    given_health: Health,
+    route: Route,
+    seats: Vec<Seat>,
+    metrics: Vec<Metric>,
+    progress: Progress,
+}
+
+/// What changes during an episode.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Progress {
+    points: Vec<FlightPoint>,
+    /// Points that were flown.
+    flown: usize,
+    /// The unknowns of the last point, from which the next one is searched.
+    unknowns: [f64; N],
+    /// The operation of the last point.
+    last: Option<Operation>,
+    /// What the last point has, in the order of [`OUTPUTS`]; empty before the first.
+    outputs: Vec<f64>,
+}
+
+/// Builds the environment; registered as `turbofan`.
+///
+/// # Errors
+/// [`Error::Config`] where keys contradict each other, [`Error::File`] and [`Error::Input`] where the file of a
+/// flight cannot be read or understood.
+pub fn build(config: TurbofanConfig) -> Result<Box<dyn Environment>, Error> {
+    Ok(Box::new(Turbofan::new(config)?))
+}
+
+impl Turbofan {
+    /// An engine on the ground; call `reset` before `step`.
+    ///
+    /// # Errors
+    /// As [`build`].
+    pub fn new(config: TurbofanConfig) -> Result<Self, Error> {
+        let engine = Engine::of(config.engine.design());
+        let action = config
+            .calibrated
+            .iter()
+            .map(|parameter| {
+                Channel::new(parameter.name(), "")
+                    .within(-LARGEST_WEAR, LARGEST_WEAR)
+                    .typical(0.0, 0.02)
+            })
+            .collect();
+        let seat = Seat {
+            name: String::new(),
+            observation: Space::Box(flight_channels()),
+            action: Space::Box(action),
+        };
+        Ok(Self {
+            given_health: config.given_health()?,
+            route: Route::new(&config.flight)?,
+            seats: vec![seat],
+            metrics: vec![
+                Metric::new(
+                    "fuel_kg",
+                    "kg",
+                    "fuel burnt over the points, each held for a second",
+                )
+                .lower_is_better(),
+            ],
+            progress: Progress {
+                points: Vec::new(),
+                flown: 0,
+                unknowns: engine.unknowns,
+                last: None,
+                outputs: Vec::new(),
+            },
+            engine,
+            config,
+        })
+    }
+
+    /// The health with what an action sets.
+    fn health(&self, action: &[f64]) -> Result<Health, Error> {
+        let (given, wanted) = (action.len(), self.config.calibrated.len());
+        if given != wanted {
+            let problem = format!("{given} entries in place of {wanted}");
+            return Err(Error::Action { problem });
+        }
+        let mut health = self.given_health;
+        for (parameter, value) in self.config.calibrated.iter().zip(action) {
+            if !(-LARGEST_WEAR..=LARGEST_WEAR).contains(value) {
+                let problem = format!(
+                    "{} {value} is not from -{LARGEST_WEAR} to {LARGEST_WEAR}",
+                    parameter.name()
+                );
+                return Err(Error::Action { problem });
+            }
+            parameter.set(&mut health, *value);
+        }
+        Ok(health)
+    }
+
+    /// Flies the next point.
+    fn fly(&mut self, health: Health) -> Result<(), Error> {
+        let point = self.progress.points[self.progress.flown];
+        let operation = Operation::at(&point, health);
+        let mut unknowns = self.progress.unknowns;
+        let times = (self.config.interval_s, self.config.step_s);
+        let reached = match &self.progress.last {
+            Some(last) if self.config.dynamics == Dynamics::Transient => {
+                self.engine.accelerate(last, &operation, &mut unknowns, times)
+            }
+            _ => self.engine.solve(&operation, &mut unknowns),
+        };
+        let reached = reached.map_err(|failed| Error::Model {
+            model: "turbofan",
+            problem: format!(
+                "point {} (altitude {} m, mach {}, {} K from a standard day, {} {}): the engine finds no \
+                 operating point; its parts disagree by {:.1e} after {} iterations ({})",
+                self.progress.flown + 1,
+                point.altitude_m,
+                point.mach,
+                point.delta_t_k,
+                point.held.name(),
+                point.held.value(),
+                failed.residual,
+                failed.iterations,
+                failed.in_words(),
+            ),
+        })?;
+        self.progress.outputs = self.outputs(&reached, &unknowns);
+        self.progress.unknowns = unknowns;
+        self.progress.last = Some(operation);
+        self.progress.flown += 1;
+        Ok(())
+    }
+
+    fn outputs(&self, point: &Point<f64>, unknowns: &[f64; N]) -> Vec<f64> {
+        let design = &self.engine.design;
+        let n1 = unknowns[0] * design.n1_rpm;
+        let acceleration = self.engine.acceleration_rpm_s(point, unknowns);
+        vec![
+            n1,
+            unknowns[1] * design.n2_rpm,
+            point.fuel_flow,
+            point.lpc.temperature,
+            point.lpc.pressure,
+            point.hpc.temperature,
+            point.hpc.pressure,
+            point.burner.temperature,
+            point.hpt.temperature,
+            point.hpt.pressure,
+            point.lpt.temperature,
+            point.lpt.pressure,
+            point.fan.pressure,
+            point.bypass_ratio,
+            point.thrust,
+            point.inlet.mass_flow,
+            n1 / design.gear_ratio,
+            point.inlet.temperature,
+            point.inlet.pressure,
+            point.fan.temperature,
+            point.bypass.pressure,
+            unknowns[cycle::FUEL],
+            point.bypass_area,
+            acceleration[0],
+            acceleration[1],
+        ]
+    }
+
+    /// The flight condition of the coming point; that of the last where none comes.
+    fn observe(&self) -> Vec<Vec<f64>> {
+        let next = self
+            .progress
+            .flown
+            .min(self.progress.points.len().saturating_sub(1));
+        let seen = self.progress.points.get(next).map_or(vec![0.0; 4], |point| {
+            vec![point.altitude_m, point.mach, point.delta_t_k, point.held.value()]
+        });
+        vec![seen]
+    }
+}
+
+fn flight_channels() -> Vec<Channel> {
+    vec![
+        Channel::new("altitude_m", "m").typical(8000.0, 3000.0),
+        Channel::new("mach", "").typical(0.65, 0.15),
+        Channel::new("delta_t_k", "K").typical(0.0, 10.0),
+        Channel::new("held", "").typical(1400.0, 200.0),
+    ]
+}
+
+impl Environment for Turbofan {
+    fn seats(&self) -> &[Seat] {
+        &self.seats
+    }
+
+    fn metrics(&self) -> &[Metric] {
+        &self.metrics
+    }
+
+    fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        let design = &self.engine.design;
+        let total = atmosphere::Air::at(design.altitude_m, design.mach, 0.0).total_temperature;
+        self.progress = Progress {
+            points: self.route.points(design.turbine_inlet_temperature_k / total, rng),
+            flown: 0,
+            unknowns: self.engine.unknowns,
+            last: None,
+            outputs: Vec::new(),
+        };
+        Ok(self.observe())
+    }
+
+    fn step(&mut self, actions: &[Vec<f64>], _rng: &mut Rng) -> Result<Step, Error> {
+        check_seats(actions, 1)?;
+        let health = self.health(&actions[0])?;
+        if self.progress.flown >= self.progress.points.len() {
+            let problem = format!("the flight has {} points and is over", self.progress.points.len());
+            return Err(Error::Action { problem });
+        }
+        self.fly(health)?;
+        let over = self.progress.flown == self.progress.points.len();
+        Ok(Step {
+            observations: self.observe(),
+            rewards: vec![0.0],
+            info: vec![self.progress.outputs[2]],
+            end: over.then_some(End::Truncated),
+        })
+    }
+
+    fn trace_channels(&self) -> Vec<Channel> {
+        OUTPUTS
+            .iter()
+            .map(|(name, unit)| Channel::new(*name, unit))
+            .collect()
+    }
+
+    fn trace(&self) -> Vec<f64> {
+        if self.progress.outputs.is_empty() {
+            vec![f64::NAN; OUTPUTS.len()]
+        } else {
+            self.progress.outputs.clone()
+        }
+    }
+
+    fn snapshot(&self) -> serde_json::Value {
+        // Plain structs of numbers: serde_json refuses only maps whose keys are no strings.
+        serde_json::to_value(&self.progress).expect("a snapshot serialises")
+    }
+
+    fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), Error> {
+        self.progress = Progress::deserialize(snapshot).map_err(|source| Error::Checkpoint {
+            what: "turbofan",
+            problem: source.to_string(),
+        })?;
+        Ok(())
+    }
+}

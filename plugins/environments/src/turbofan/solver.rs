@@ -1,0 +1,334 @@
+//! Newton's method for the unknowns of a cycle, with exact derivatives.
+
+use super::atmosphere::Air;
+use super::cycle::{Engine, FUEL, Health, N, Point, SPEEDS};
+use super::flight::FlightPoint;
+use super::gas::Number;
+use nalgebra::{SMatrix, SVector};
+use num_dual::{Derivative, DualSVec64};
+use serde::{Deserialize, Serialize};
+
+/// What is held at a point, besides the flight condition.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Held {
+    /// K.
+    TurbineInletTemperature(f64),
+    /// Net thrust, N.
+    Thrust(f64),
+    /// kg/s.
+    FuelFlow(f64),
+}
+
+/// A problem: where an engine flies, how worn it is and what is held.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct Operation {
+    pub air: Air,
+    pub health: Health,
+    pub held: Held,
+    /// The relative speeds of the shafts where they are given, as in a transient; else they are such that no
+    /// shaft accelerates.
+    pub speeds: Option<[f64; 2]>,
+}
+
+/// Why there is no point.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct NotConverged {
+    /// The largest relative disagreement of parts where the search ended.
+    pub residual: f64,
+    /// All of them, in the order of [`super::cycle`].
+    pub residuals: [f64; N],
+    pub iterations: usize,
+}
+
+/// Relative disagreement of parts that counts as none.
+const TOLERANCE: f64 = 1e-9;
+const MOST_ITERATIONS: usize = 40;
+/// How often a step that makes things worse is halved.
+const MOST_HALVINGS: usize = 5;
+/// Largest change of an unknown in one step: in its own unit, from the fifth on in parts of it.
+const LARGEST_STEP: [f64; N] = [0.05, 0.05, 0.3, 0.4, 0.4, 0.1, 0.1, 0.1, 0.15];
+/// Smallest part of the way that a search in steps takes at once.
+const SMALLEST_PART: f64 = 1.0 / 256.0;
+
+impl Engine {
+    /// The point of an operation: from `start`, or where that leads nowhere from the design point in steps.
+    /// `start` is left at the unknowns of the point.
+    ///
+    /// # Errors
+    /// [`NotConverged`] where the parts do not come to agree; `start` is then unchanged.
+    pub(super) fn solve(
+        &self,
+        operation: &Operation,
+        start: &mut [f64; N],
+    ) -> Result<Point<f64>, NotConverged> {
+        let (point, unknowns) = self
+            .search(operation, *start)
+            .or_else(|failed| self.walk(operation).map_err(|_| failed))?;
+        *start = unknowns;
+        Ok(point)
+    }
+
+    /// The point of an operation whose shafts have given speeds, from one that is solved: directly or in steps.
+    ///
+    /// # Errors
+    /// As [`Engine::solve`].
+    pub(super) fn solve_from(
+        &self,
+        from: &Operation,
+        operation: &Operation,
+        start: &mut [f64; N],
+    ) -> Result<Point<f64>, NotConverged> {
+        let (point, unknowns) = self.search(operation, *start).or_else(|failed| {
+            let path = |part| from.towards(operation, part);
+            self.follow(*start, &path).map_err(|_| failed)
+        })?;
+        *start = unknowns;
+        Ok(point)
+    }
+
+    /// Newton's method from one place. A linearisation is kept as long as it makes the residuals a tenth of
+    /// what they were, since it costs twice what they do.
+    fn search(
+        &self,
+        operation: &Operation,
+        mut unknowns: [f64; N],
+    ) -> Result<(Point<f64>, [f64; N]), NotConverged> {
+        let (mut values, jacobian) = self.linearised(&unknowns, operation);
+        let mut factors = jacobian.lu();
+        for iterations in 1..=MOST_ITERATIONS {
+            let step = factors.solve(&-values);
+            let Some(step) = step.filter(|step| step.iter().all(|x| x.is_finite())) else {
+                return Err(NotConverged::of(&values, iterations));
+            };
+            let before = values.norm();
+            let mut part = largest_part(&unknowns, &step);
+            for halving in 0..=MOST_HALVINGS {
+                let there = moved(&unknowns, &step, part);
+                let (point, residuals) = self.residuals(&there, operation);
+                values = SVector::from(residuals);
+                if values.amax() < TOLERANCE {
+                    return Ok((point, there));
+                }
+                // A step may make things a little worse on the way around a bend of a map.
+                if values.norm() < 1.5 * before || halving == MOST_HALVINGS {
+                    unknowns = there;
+                    break;
+                }
+                part /= 2.0;
+            }
+            if part < 1.0 || values.norm() > 0.1 * before {
+                let (anew, jacobian) = self.linearised(&unknowns, operation);
+                (values, factors) = (anew, jacobian.lu());
+            }
+        }
+        Err(NotConverged::of(&values, MOST_ITERATIONS))
+    }
+
+    /// From the design point to an operation in steps: first the flight condition and the wear at a constant
+    /// ratio of turbine inlet and ambient total temperature, then what is held.
+    fn walk(&self, operation: &Operation) -> Result<(Point<f64>, [f64; N]), NotConverged> {
+        let design = self.design_operation();
+        let ratio = self.design.turbine_inlet_temperature_k / design.air.total_temperature;
+        let (point, unknowns) = self.follow(self.unknowns, &|part| {
+            let there = design.towards(operation, part);
+            Operation {
+                held: Held::TurbineInletTemperature(ratio * there.air.total_temperature),
+                ..there
+            }
+        })?;
+        let from = operation.held.with(operation.held.like(&point));
+        self.follow(unknowns, &|part| Operation {
+            held: from.towards(operation.held, part),
+            ..*operation
+        })
+    }
+
+    /// Follows a path of operations, from 0, where `unknowns` solve it nearly, to 1, in steps as long as they
+    /// lead somewhere.
+    fn follow(
+        &self,
+        mut unknowns: [f64; N],
+        path: &dyn Fn(f64) -> Operation,
+    ) -> Result<(Point<f64>, [f64; N]), NotConverged> {
+        let (mut done, mut step) = (0.0, 0.25);
+        loop {
+            let next = f64::min(done + step, 1.0);
+            match self.search(&path(next), unknowns) {
+                Ok((point, found)) if next >= 1.0 => return Ok((point, found)),
+                Ok((_, found)) => {
+                    (unknowns, done) = (found, next);
+                    step *= 1.5;
+                }
+                Err(error) if step < SMALLEST_PART => return Err(error),
+                Err(_) => step /= 2.0,
+            }
+        }
+    }
+
+    fn design_operation(&self) -> Operation {
+        Operation {
+            air: Air::at(self.design.altitude_m, self.design.mach, 0.0),
+            health: Health::default(),
+            held: Held::TurbineInletTemperature(self.design.turbine_inlet_temperature_k),
+            speeds: None,
+        }
+    }
+
+    /// The cycle at the unknowns, and by how much its parts disagree with each other and with what is held.
+    fn residuals<T: Number>(&self, unknowns: &[T; N], operation: &Operation) -> (Point<T>, [T; N]) {
+        let point = self.at(unknowns, &operation.air, &operation.health);
+        let mut residuals = point.residuals;
+        if let Some(speeds) = operation.speeds {
+            for (place, speed) in SPEEDS.into_iter().zip(speeds) {
+                residuals[place] = unknowns[place] - speed;
+            }
+        }
+        residuals[FUEL] = match operation.held {
+            Held::TurbineInletTemperature(kelvin) => point.burner.temperature / kelvin - 1.0,
+            Held::Thrust(newton) => (point.thrust - newton) / point.gross_thrust.re(),
+            Held::FuelFlow(flow) => point.fuel_flow / flow - 1.0,
+        };
+        (point, residuals)
+    }
+
+    /// The residuals and their derivatives by the unknowns.
+    pub(super) fn linearised(
+        &self,
+        unknowns: &[f64; N],
+        operation: &Operation,
+    ) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
+        let mut variables = unknowns.map(DualSVec64::<N>::from);
+        for (place, variable) in variables.iter_mut().enumerate() {
+            variable.eps = Derivative::derivative_generic(nalgebra::Const::<N>, nalgebra::U1, place);
+        }
+        let (_, residuals) = self.residuals(&variables, operation);
+        let derivatives = residuals.map(|it| it.eps.0.unwrap_or_default());
+        let jacobian = SMatrix::from_fn(|row, column| derivatives[row][column]);
+        (SVector::from(residuals.map(|it| it.re)), jacobian)
+    }
+}
+
+/// How much of a step changes no unknown by more than its largest step.
+fn largest_part(unknowns: &[f64; N], step: &SVector<f64, N>) -> f64 {
+    let largest = |place: usize| match place {
+        5.. => LARGEST_STEP[place] * unknowns[place].abs(),
+        _ => LARGEST_STEP[place],
+    };
+    (0..N).fold(1.0, |part: f64, place| {
+        part.min(largest(place) / step[place].abs())
+    })
+}
+
+/// The unknowns after a part of a step; turbines stay turbines.
+fn moved(unknowns: &[f64; N], step: &SVector<f64, N>, part: f64) -> [f64; N] {
+    let mut moved: [f64; N] = std::array::from_fn(|place| unknowns[place] + part * step[place]);
+    for ratio in &mut moved[6..8] {
+        *ratio = ratio.max(1.02);
+    }
+    moved
+}
+
+impl Held {
+    /// Names of what can be held, with units.
+    pub(super) const NAMES: [&'static str; 3] = ["turbine_inlet_temperature_k", "thrust_n", "fuel_flow_kg_s"];
+
+    /// What is held under one of the names.
+    pub(super) fn named(name: &str, value: f64) -> Self {
+        match name {
+            "thrust_n" => Self::Thrust(value),
+            "fuel_flow_kg_s" => Self::FuelFlow(value),
+            _ => Self::TurbineInletTemperature(value),
+        }
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::TurbineInletTemperature(_) => Self::NAMES[0],
+            Self::Thrust(_) => Self::NAMES[1],
+            Self::FuelFlow(_) => Self::NAMES[2],
+        }
+    }
+
+    pub(super) fn value(self) -> f64 {
+        match self {
+            Self::TurbineInletTemperature(value) | Self::Thrust(value) | Self::FuelFlow(value) => value,
+        }
+    }
+
+    /// What a point has of the same kind.
+    fn like(self, point: &Point<f64>) -> f64 {
+        match self {
+            Self::TurbineInletTemperature(_) => point.burner.temperature,
+            Self::Thrust(_) => point.thrust,
+            Self::FuelFlow(_) => point.fuel_flow,
+        }
+    }
+
+    /// The same kind with another value.
+    fn with(self, value: f64) -> Self {
+        Self::named(self.name(), value)
+    }
+
+    /// On the way from here to `other`; at once there where that is of another kind.
+    fn towards(self, other: Self, part: f64) -> Self {
+        if self.name() == other.name() {
+            self.with(self.value() + part * (other.value() - self.value()))
+        } else {
+            other
+        }
+    }
+}
+
+impl Operation {
+    /// A steady point of a flight.
+    pub(super) fn at(point: &FlightPoint, health: Health) -> Self {
+        Self {
+            air: point.air(),
+            health,
+            held: point.held,
+            speeds: None,
+        }
+    }
+
+    /// On the way from here to `other`, whose speeds it has.
+    fn towards(&self, other: &Self, part: f64) -> Self {
+        Self {
+            air: self.air.towards(&other.air, part),
+            health: self.health.towards(&other.health, part),
+            held: self.held.towards(other.held, part),
+            speeds: other.speeds,
+        }
+    }
+}
+
+impl NotConverged {
+    /// Which parts disagree by more than a hundredth of the worst.
+    pub(super) fn in_words(&self) -> String {
+        const PARTS: [&str; N] = [
+            "low-pressure shaft",
+            "high-pressure shaft",
+            "bypass nozzle",
+            "low-pressure compressor",
+            "high-pressure compressor",
+            "core nozzle",
+            "high-pressure turbine",
+            "low-pressure turbine",
+            "what is held",
+        ];
+        let parts = PARTS.iter().zip(self.residuals);
+        let worst = parts.filter(|(_, x)| !x.is_finite() || x.abs() > 0.01 * self.residual);
+        worst
+            .map(|(part, x)| format!("{part} {x:.1e}"))
+            .collect::<Vec<_>>()
+            .join(", ")
+    }
+
+    fn of(values: &SVector<f64, N>, iterations: usize) -> Self {
+        Self {
+            residual: values.iter().fold(0.0, |most: f64, x| most.max(x.abs())),
+            residuals: (*values).into(),
+            iterations,
+        }
+    }
+}
