@@ -46,6 +46,8 @@ pub fn register(registry: &mut engine::Registry) {
     );
     let about = "performance of a turbofan over a flight, for the health parameters that actions set";
     registry.environment("turbofan", 1, about, turbofan::build);
+    let about = "health parameters that let a turbofan's model follow its sensors";
+    registry.environment("turbofan_calibration", 1, about, turbofan::calibration::build);
     let about = "two opposed players on the surface of the differential game";
     registry.environment("zero_sum_game", 1, about, differential_game::build_zero_sum);
 }

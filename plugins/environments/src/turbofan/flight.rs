@@ -146,7 +146,12 @@ impl Route {
 
 /// A flight in three legs. Throttles are shares of the design point's ratio of temperatures: 0.94 to 1 in
 /// climb, 0.82 to 0.94 in cruise, 0.66 to 0.74 in descent, each with slow and small changes.
-fn drawn(class: FlightClass, interval_s: f64, design_ratio: f64, rng: &mut Rng) -> Vec<FlightPoint> {
+pub(super) fn drawn(
+    class: FlightClass,
+    interval_s: f64,
+    design_ratio: f64,
+    rng: &mut Rng,
+) -> Vec<FlightPoint> {
     let mut between = |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
     let hours = match class {
         FlightClass::Short => between(1.0, 3.0),

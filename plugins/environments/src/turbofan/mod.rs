@@ -20,14 +20,19 @@
 //! fan through the gear, and `n2_rpm` the high-pressure one.
 
 mod atmosphere;
+pub mod calibration;
+#[cfg(test)]
+mod calibration_tests;
 mod component;
 mod config;
 mod cycle;
 mod design_point;
 mod engine;
+mod fleet;
 mod flight;
 mod gas;
 mod map;
+mod model;
 mod solver;
 #[cfg(test)]
 mod tests;
@@ -35,7 +40,9 @@ mod transient;
 
 pub use config::{Dynamics, HealthParameter, TurbofanConfig};
 pub use engine::EngineName;
+pub use fleet::{Degradation, Fleet};
 pub use flight::{Flight, FlightClass};
+pub use model::{FlightCondition, SensorModel};
 
 use crate::unit_box::check_seats;
 use ::engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};
@@ -203,44 +210,11 @@ impl Turbofan {
                 failed.in_words(),
             ),
         })?;
-        self.progress.outputs = self.outputs(&reached, &unknowns);
+        self.progress.outputs = outputs(&self.engine, &reached, &unknowns);
         self.progress.unknowns = unknowns;
         self.progress.last = Some(operation);
         self.progress.flown += 1;
         Ok(())
-    }
-
-    fn outputs(&self, point: &Point<f64>, unknowns: &[f64; N]) -> Vec<f64> {
-        let design = &self.engine.design;
-        let n1 = unknowns[0] * design.n1_rpm;
-        let acceleration = self.engine.acceleration_rpm_s(point, unknowns);
-        vec![
-            n1,
-            unknowns[1] * design.n2_rpm,
-            point.fuel_flow,
-            point.lpc.temperature,
-            point.lpc.pressure,
-            point.hpc.temperature,
-            point.hpc.pressure,
-            point.burner.temperature,
-            point.hpt.temperature,
-            point.hpt.pressure,
-            point.lpt.temperature,
-            point.lpt.pressure,
-            point.fan.pressure,
-            point.bypass_ratio,
-            point.thrust,
-            point.inlet.mass_flow,
-            n1 / design.gear_ratio,
-            point.inlet.temperature,
-            point.inlet.pressure,
-            point.fan.temperature,
-            point.bypass.pressure,
-            unknowns[cycle::FUEL],
-            point.bypass_area,
-            acceleration[0],
-            acceleration[1],
-        ]
     }
 
     /// The flight condition of the coming point; that of the last where none comes.
@@ -254,6 +228,40 @@ impl Turbofan {
         });
         vec![seen]
     }
+}
+
+/// What a rollout writes of a point, in the order of [`OUTPUTS`].
+fn outputs(engine: &Engine, point: &Point<f64>, unknowns: &[f64; N]) -> Vec<f64> {
+    let design = &engine.design;
+    let n1 = unknowns[0] * design.n1_rpm;
+    let acceleration = engine.acceleration_rpm_s(point, unknowns);
+    vec![
+        n1,
+        unknowns[1] * design.n2_rpm,
+        point.fuel_flow,
+        point.lpc.temperature,
+        point.lpc.pressure,
+        point.hpc.temperature,
+        point.hpc.pressure,
+        point.burner.temperature,
+        point.hpt.temperature,
+        point.hpt.pressure,
+        point.lpt.temperature,
+        point.lpt.pressure,
+        point.fan.pressure,
+        point.bypass_ratio,
+        point.thrust,
+        point.inlet.mass_flow,
+        n1 / design.gear_ratio,
+        point.inlet.temperature,
+        point.inlet.pressure,
+        point.fan.temperature,
+        point.bypass.pressure,
+        unknowns[cycle::FUEL],
+        point.bypass_area,
+        acceleration[0],
+        acceleration[1],
+    ]
 }
 
 fn flight_channels() -> Vec<Channel> {
@@ -275,10 +283,8 @@ impl Environment for Turbofan {
     }
 
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-        let design = &self.engine.design;
-        let total = atmosphere::Air::at(design.altitude_m, design.mach, 0.0).total_temperature;
         self.progress = Progress {
-            points: self.route.points(design.turbine_inlet_temperature_k / total, rng),
+            points: self.route.points(self.engine.design_ratio(), rng),
             flown: 0,
             unknowns: self.engine.unknowns,
             last: None,

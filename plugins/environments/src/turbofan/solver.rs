@@ -129,7 +129,7 @@ impl Engine {
     /// ratio of turbine inlet and ambient total temperature, then what is held.
     fn walk(&self, operation: &Operation) -> Result<(Point<f64>, [f64; N]), NotConverged> {
         let design = self.design_operation();
-        let ratio = self.design.turbine_inlet_temperature_k / design.air.total_temperature;
+        let ratio = self.design_ratio();
         let (point, unknowns) = self.follow(self.unknowns, &|part| {
             let there = design.towards(operation, part);
             Operation {
@@ -164,6 +164,11 @@ impl Engine {
                 Err(_) => step /= 2.0,
             }
         }
+    }
+
+    /// Ratio of turbine inlet and ambient total temperature at the design point.
+    pub(super) fn design_ratio(&self) -> f64 {
+        self.design.turbine_inlet_temperature_k / self.design_operation().air.total_temperature
     }
 
     fn design_operation(&self) -> Operation {

@@ -82,7 +82,7 @@ fn ours(engine: &Turbofan, row: &Row) -> BTreeMap<&'static str, f64> {
         speeds: None,
     };
     let (point, unknowns) = solved(&engine.engine, &operation);
-    let outputs = engine.outputs(&point, &unknowns);
+    let outputs = outputs(&engine.engine, &point, &unknowns);
     OUTPUTS.iter().map(|(name, _)| *name).zip(outputs).collect()
 }
 
@@ -198,7 +198,7 @@ fn the_geared_engine_is_near_that_of_nasa() {
             speeds: None,
         };
         let (point, unknowns) = solved(&engine.engine, &operation);
-        let outputs = engine.outputs(&point, &unknowns);
+        let outputs = outputs(&engine.engine, &point, &unknowns);
         for (name, value) in published {
             let place = OUTPUTS.iter().position(|(output, _)| *output == name).unwrap();
             let deviation = outputs[place] / value - 1.0;

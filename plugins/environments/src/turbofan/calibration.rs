@@ -1,0 +1,553 @@
+//! Calibration as a tracking problem: health parameters are chosen so that a model follows what an engine's sensors
+//! read (thesis, section 2.3).
+//!
+//! | thesis | here | shape |
+//! |---|---|---|
+//! | x_t, measured | `target_<sensor>`: the engine with its true health, with noise where asked for | `[sensors]` |
+//! | x̂_t = F(w_t, theta_t) | `model_<sensor>`: the model with the health of the last action | `[sensors]` |
+//! | w_t | `altitude_m`, `mach`, `delta_t_k`, `turbine_inlet_temperature_k` | `[4]` |
+//! | s_t = [x̂_t, w_{t+1}, x_{t+1}] | the observation | `[2 sensors + 4]` |
+//! | a_t = theta_{t+1} | the action | `[calibrated]` |
+//! | c_t | minus the reward, from outputs that are scaled to [-1, 1] over the fleet's flights | scalar |
+//!
+//! The model forgets: a steady engine has no state, so that x̂_{t+1} does not depend on x̂_t. In training an episode is
+//! a piece of a trajectory from anywhere; tracked, it is the whole trajectory of one unit after the other.
+
+use super::config::{HealthParameter, LARGEST_WEAR};
+use super::engine::EngineName;
+use super::fleet::Fleet;
+use super::flight::FlightPoint;
+use super::model::{FlightCondition, SensorModel};
+use super::{OUTPUTS, cycle::N};
+use crate::unit_box::check_seats;
+use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use rand::Rng as _;
+use rand_distr::{Distribution, StandardNormal};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// What an error of the outputs costs; e is the Euclidean norm of the scaled errors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Cost {
+    /// The mean of their squares, as the thesis says.
+    MeanSquared,
+    /// e, and ten times as much above 0.01, as the released code has it.
+    #[default]
+    Kinked,
+}
+
+/// Which part of a trajectory an episode is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Episodes {
+    /// A piece of this many samples of any unit, from anywhere.
+    Pieces(#[schemars(range(min = 1, max = 100_000))] usize),
+    /// All of a unit, one unit after the other.
+    Units,
+}
+
+/// Settings of the `turbofan_calibration` environment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CalibrationConfig {
+    /// The engine, and the model of it.
+    pub engine: EngineName,
+    /// The health parameters that actions set and that wear.
+    #[schemars(length(min = 1, max = 10))]
+    pub calibrated: Vec<HealthParameter>,
+    /// The sensors, by names of the outputs of `turbofan`.
+    #[schemars(length(min = 1, max = 25))]
+    pub sensors: Vec<String>,
+    /// Smallest and largest health parameter of an action.
+    #[schemars(inner(range(min = -0.1, max = 0.1)))]
+    pub theta_range: [f64; 2],
+    /// The engines and their wear.
+    pub fleet: Fleet,
+    /// What episodes are.
+    pub episodes: Episodes,
+    /// What an error costs.
+    pub cost: Cost,
+    /// The model's outputs are multiplied by this, as for a model that is wrong.
+    #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
+    pub model_bias: f64,
+    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
+    pub model_noise: f64,
+    /// Ratio of signal and noise of the sensors, null for none: noise of -20 log10 (sd / value) dB.
+    #[schemars(range(min = 0.0, max = 200.0), extend("x-unit" = "dB", "x-source" = "thesis, table 2.5: 70"))]
+    pub sensor_snr_db: Option<f64>,
+}
+
+impl Default for CalibrationConfig {
+    fn default() -> Self {
+        let sensors = [
+            "n1_rpm",
+            "n2_rpm",
+            "fuel_flow_kg_s",
+            "t21_k",
+            "t24_k",
+            "t30_k",
+            "t48_k",
+            "t50_k",
+            "p15_pa",
+            "p21_pa",
+            "p24_pa",
+            "p30_pa",
+            "p45_pa",
+            "p50_pa",
+        ];
+        Self {
+            engine: EngineName::Hbtf,
+            calibrated: vec![HealthParameter::HptEfficiency],
+            sensors: sensors.map(String::from).to_vec(),
+            theta_range: [-0.03, 0.01],
+            fleet: Fleet::default(),
+            episodes: Episodes::Pieces(512),
+            cost: Cost::default(),
+            model_bias: 1.0,
+            model_noise: 0.0,
+            sensor_snr_db: None,
+        }
+    }
+}
+
+impl engine::Config for CalibrationConfig {}
+
+/// The `turbofan_calibration` environment.
+#[derive(Debug)]
+pub struct TurbofanCalibration {
+    config: CalibrationConfig,
+    /// The engine that is measured, and the model.
+    truth: SensorModel,
+    model: SensorModel,
+    /// Middle and half width of each sensor over the fleet's flights.
+    ranges: Vec<(f64, f64)>,
+    seats: Vec<Seat>,
+    metrics: Vec<Metric>,
+    /// The flight of `progress.cycle` of `progress.unit`, which follows from them.
+    flight: Vec<FlightPoint>,
+    progress: Progress,
+}
+
+/// What changes.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Progress {
+    unit: usize,
+    /// The unit of the next episode, where whole units are flown.
+    next_unit: usize,
+    /// Place in the unit's trajectory of the sample that is aimed at.
+    at: usize,
+    /// Samples that are left.
+    left: usize,
+    /// What the sensors read there.
+    target: Vec<f64>,
+    /// What the model said last.
+    model: Vec<f64>,
+    /// True and chosen health of the last decision; empty before the first.
+    theta: Vec<f64>,
+    chosen: Vec<f64>,
+    /// Sums of squared errors of this episode: of health and of scaled outputs.
+    squares: (f64, f64),
+    decisions: u64,
+    /// Where the searches of the two engines are.
+    unknowns: [[f64; N]; 2],
+}
+
+/// Builds the environment; registered as `turbofan_calibration`.
+///
+/// # Errors
+/// [`Error::Config`] where keys contradict each other or a sensor is no output.
+pub fn build(config: CalibrationConfig) -> Result<Box<dyn Environment>, Error> {
+    Ok(Box::new(TurbofanCalibration::new(config)?))
+}
+
+impl TurbofanCalibration {
+    /// # Errors
+    /// As [`build`].
+    pub fn new(config: CalibrationConfig) -> Result<Self, Error> {
+        check(&config)?;
+        let truth = SensorModel::new(config.engine, &config.calibrated, &config.sensors)?;
+        let ranges = ranges(&config, truth.clone())?;
+        let unknowns = truth.unknowns();
+        Ok(Self {
+            seats: vec![seat(&config, &ranges)],
+            metrics: metrics(&config.calibrated),
+            flight: Vec::new(),
+            progress: Progress {
+                unit: 0,
+                next_unit: 0,
+                at: 0,
+                left: 0,
+                target: Vec::new(),
+                model: Vec::new(),
+                theta: Vec::new(),
+                chosen: Vec::new(),
+                squares: (0.0, 0.0),
+                decisions: 0,
+                unknowns: [unknowns; 2],
+            },
+            model: truth.clone(),
+            truth,
+            ranges,
+            config,
+        })
+    }
+
+    /// Samples of a flight, and the cycle and the place in it of a sample.
+    fn place(&self, at: usize) -> (usize, usize) {
+        let samples = match self.config.fleet.degradation {
+            super::fleet::Degradation::Life { samples, .. }
+            | super::fleet::Degradation::Faults { samples } => samples,
+        };
+        (at / samples, at % samples)
+    }
+
+    fn condition(&self, at: usize) -> FlightCondition {
+        FlightCondition::of(&self.flight[self.place(at).1])
+    }
+
+    /// Reads the sensors at a sample, whose flight is loaded.
+    fn measure(&mut self, at: usize, rng: &mut Rng) -> Result<Vec<f64>, Error> {
+        let (cycle, condition) = (self.place(at).0, self.condition(at));
+        let theta = self
+            .config
+            .fleet
+            .theta(self.progress.unit, cycle, &self.config.calibrated);
+        let mut read = self.truth.read(&condition, &theta)?;
+        if let Some(snr_db) = self.config.sensor_snr_db {
+            let sd = 10_f64.powf(-snr_db / 20.0);
+            read.iter_mut().for_each(|value| *value *= 1.0 + sd * normal(rng));
+        }
+        Ok(read)
+    }
+
+    /// Goes to a sample: its flight is loaded, its sensors are read.
+    fn aim(&mut self, at: usize, rng: &mut Rng) -> Result<(), Error> {
+        let (cycle, place) = self.place(at);
+        if place == 0 || self.flight.is_empty() {
+            self.load(cycle);
+        }
+        self.progress.at = at;
+        self.progress.target = self.measure(at, rng)?;
+        Ok(())
+    }
+
+    fn load(&mut self, cycle: usize) {
+        self.flight = self
+            .config
+            .fleet
+            .flight(self.progress.unit, cycle, self.truth.design_ratio());
+    }
+
+    /// Where the next episode begins and how long it is.
+    fn begin(&mut self, rng: &mut Rng) -> (usize, usize) {
+        let (units, length) = (self.config.fleet.units, self.config.fleet.length());
+        match self.config.episodes {
+            Episodes::Units => {
+                self.progress.unit = self.progress.next_unit;
+                self.progress.next_unit = (self.progress.unit + 1) % units;
+                (0, length)
+            }
+            Episodes::Pieces(piece) => {
+                self.progress.unit = rng.random_range(0..units);
+                let piece = piece.min(length);
+                (rng.random_range(0..=length - piece), piece)
+            }
+        }
+    }
+
+    /// What a model says of a sample with the chosen health.
+    fn model_says(&mut self, theta: &[f64], rng: &mut Rng) -> Result<Vec<f64>, Error> {
+        let condition = self.condition(self.progress.at);
+        let mut said = self.model.read(&condition, theta)?;
+        let (bias, noise) = (self.config.model_bias, self.config.model_noise);
+        said.iter_mut().for_each(|value| *value *= bias);
+        if noise > 0.0 {
+            said.iter_mut()
+                .for_each(|value| *value *= 1.0 + noise * normal(rng));
+        }
+        Ok(said)
+    }
+
+    /// Mean and norm of the squared scaled errors of the outputs.
+    fn output_error(&self) -> (f64, f64) {
+        let errors = self
+            .progress
+            .model
+            .iter()
+            .zip(&self.progress.target)
+            .zip(&self.ranges);
+        let sum: f64 = errors
+            .map(|((model, target), (_, half))| ((model - target) / half).powi(2))
+            .sum();
+        (sum / self.ranges.len() as f64, sum.sqrt())
+    }
+
+    fn observe(&self) -> Vec<Vec<f64>> {
+        let condition = self.condition(self.progress.at).to_array();
+        vec![[&self.progress.model[..], &condition, &self.progress.target].concat()]
+    }
+
+    fn checked<'a>(&self, actions: &'a [Vec<f64>]) -> Result<&'a [f64], Error> {
+        check_seats(actions, 1)?;
+        let (given, wanted) = (actions[0].len(), self.config.calibrated.len());
+        if given != wanted {
+            let problem = format!("{given} entries in place of {wanted}");
+            return Err(Error::Action { problem });
+        }
+        let [low, high] = self.config.theta_range;
+        // Squashing functions in single precision round to just beyond the limits.
+        let rounding = 1e-6 * (high - low);
+        for (parameter, value) in self.config.calibrated.iter().zip(&actions[0]) {
+            if !(low - rounding..=high + rounding).contains(value) {
+                let problem = format!("{} {value} is not from {low} to {high}", parameter.name());
+                return Err(Error::Action { problem });
+            }
+        }
+        Ok(&actions[0])
+    }
+}
+
+fn normal(rng: &mut Rng) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+fn check(config: &CalibrationConfig) -> Result<(), Error> {
+    for (place, parameter) in config.calibrated.iter().enumerate() {
+        if config.calibrated[..place].contains(parameter) {
+            let problem = format!("`{}` is calibrated twice", parameter.name());
+            return Err(Error::config("calibrated", problem));
+        }
+    }
+    let [low, high] = config.theta_range;
+    if !(-LARGEST_WEAR..LARGEST_WEAR).contains(&low) || low >= high || high > LARGEST_WEAR {
+        let problem = format!("[{low}, {high}] is no range inside [-{LARGEST_WEAR}, {LARGEST_WEAR}]");
+        return Err(Error::config("theta_range", problem));
+    }
+    Ok(())
+}
+
+/// Middle and half width of each sensor over some flights of the fleet, healthy and worn.
+fn ranges(config: &CalibrationConfig, mut model: SensorModel) -> Result<Vec<(f64, f64)>, Error> {
+    let (fleet, ratio) = (&config.fleet, model.design_ratio());
+    let [low, high] = config.theta_range;
+    let mut ends = vec![(f64::INFINITY, f64::NEG_INFINITY); config.sensors.len()];
+    for unit in 0..fleet.units.min(6) {
+        for point in fleet.flight(unit, 0, ratio) {
+            for theta in [low.max(-0.02), 0.0, high.min(0.01)] {
+                let theta = vec![theta; config.calibrated.len()];
+                let read = model.read(&FlightCondition::of(&point), &theta)?;
+                for (end, value) in ends.iter_mut().zip(read) {
+                    *end = (end.0.min(value), end.1.max(value));
+                }
+            }
+        }
+    }
+    let middle = |(low, high): (f64, f64)| ((low + high) / 2.0, ((high - low) / 2.0).max(1e-9 * high.abs()));
+    Ok(ends.into_iter().map(middle).collect())
+}
+
+fn seat(config: &CalibrationConfig, ranges: &[(f64, f64)]) -> Seat {
+    let unit = |name: &str| {
+        OUTPUTS
+            .iter()
+            .find(|(output, _)| *output == name)
+            .map_or("", |(_, unit)| unit)
+    };
+    let sensor = |prefix: &str| {
+        let named = config.sensors.iter().zip(ranges);
+        let channel = |(name, (middle, half)): (&String, &(f64, f64))| {
+            Channel::new(format!("{prefix}_{name}"), unit(name)).typical(*middle, *half)
+        };
+        named.map(channel).collect::<Vec<_>>()
+    };
+    let [low, high] = config.theta_range;
+    let action = |parameter: &HealthParameter| {
+        Channel::new(parameter.name(), "")
+            .within(low, high)
+            .typical((low + high) / 2.0, (high - low) / 2.0)
+    };
+    let condition = vec![
+        Channel::new("altitude_m", "m").typical(6500.0, 3500.0),
+        Channel::new("mach", "").typical(0.6, 0.2),
+        Channel::new("delta_t_k", "K").typical(0.0, 15.0),
+        Channel::new("turbine_inlet_temperature_k", "K").typical(1400.0, 200.0),
+    ];
+    Seat {
+        name: String::new(),
+        observation: Space::Box([sensor("model"), condition, sensor("target")].concat()),
+        action: Space::Box(config.calibrated.iter().map(action).collect()),
+    }
+}
+
+fn metrics(calibrated: &[HealthParameter]) -> Vec<Metric> {
+    let last = |name: &str, about: &str| {
+        Metric::new(name, "", about)
+            .lower_is_better()
+            .per_episode(PerEpisode::Last)
+    };
+    let mut metrics = vec![
+        last(
+            "theta_rmse",
+            "root of the mean squared error of the health parameters",
+        ),
+        last(
+            "output_rmse",
+            "root of the mean squared error of the outputs, scaled to [-1, 1]",
+        ),
+    ];
+    let of_one = |parameter: &HealthParameter| {
+        let name = format!("{}_squared_error", parameter.name());
+        Metric::new(&name, "", "squared error of this parameter")
+            .lower_is_better()
+            .per_episode(PerEpisode::Mean)
+    };
+    metrics.extend(calibrated.iter().map(of_one));
+    metrics
+}
+
+impl Environment for TurbofanCalibration {
+    fn seats(&self) -> &[Seat] {
+        &self.seats
+    }
+
+    fn metrics(&self) -> &[Metric] {
+        &self.metrics
+    }
+
+    fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        let (at, left) = self.begin(rng);
+        self.truth.restart();
+        self.model.restart();
+        self.load(self.place(at).0);
+        self.aim(at, rng)?;
+        self.progress.left = left;
+        // The model begins with what the sensors read.
+        self.progress.model.clone_from(&self.progress.target);
+        (self.progress.theta, self.progress.chosen) = (Vec::new(), Vec::new());
+        (self.progress.squares, self.progress.decisions) = ((0.0, 0.0), 0);
+        Ok(self.observe())
+    }
+
+    fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
+        let chosen = self.checked(actions)?.to_vec();
+        self.progress.model = self.model_says(&chosen, rng)?;
+        let cycle = self.place(self.progress.at).0;
+        let theta = self
+            .config
+            .fleet
+            .theta(self.progress.unit, cycle, &self.config.calibrated);
+        let squared: Vec<f64> = theta
+            .iter()
+            .zip(&chosen)
+            .map(|(true_one, it)| (true_one - it).powi(2))
+            .collect();
+        let (mean, norm) = self.output_error();
+        let cost = match self.config.cost {
+            Cost::MeanSquared => mean,
+            Cost::Kinked if norm <= 0.01 => norm,
+            Cost::Kinked => 10.0 * norm,
+        };
+        let progress = &mut self.progress;
+        progress.squares.0 += squared.iter().sum::<f64>() / squared.len() as f64;
+        progress.squares.1 += mean;
+        progress.decisions += 1;
+        (progress.theta, progress.chosen) = (theta, chosen);
+        let n = progress.decisions as f64;
+        let rmse = [progress.squares.0, progress.squares.1].map(|sum| (sum / n).sqrt());
+        progress.left -= 1;
+        let over = progress.left == 0;
+        if !over {
+            self.aim(self.progress.at + 1, rng)?;
+        }
+        Ok(Step {
+            observations: self.observe(),
+            rewards: vec![-cost],
+            info: [&rmse[..], &squared].concat(),
+            end: over.then_some(End::Truncated),
+        })
+    }
+
+    fn state_channels(&self) -> Vec<Channel> {
+        let [low, high] = self.config.theta_range;
+        let channel = |parameter: &HealthParameter| {
+            Channel::new(format!("true_{}", parameter.name()), "")
+                .typical((low + high) / 2.0, (high - low) / 2.0)
+        };
+        self.config.calibrated.iter().map(channel).collect()
+    }
+
+    /// The true health of the sample that is aimed at.
+    fn state(&self) -> Vec<f64> {
+        let cycle = self.place(self.progress.at).0;
+        self.config
+            .fleet
+            .theta(self.progress.unit, cycle, &self.config.calibrated)
+    }
+
+    fn trace_channels(&self) -> Vec<Channel> {
+        let parameters = |prefix: &str| {
+            let names = self.config.calibrated.iter();
+            names
+                .map(|it| Channel::new(format!("{prefix}_{}", it.name()), ""))
+                .collect::<Vec<_>>()
+        };
+        let sensors = |prefix: &str| {
+            let names = self.config.sensors.iter();
+            names
+                .map(|it| Channel::new(format!("{prefix}_{it}"), ""))
+                .collect::<Vec<_>>()
+        };
+        [
+            vec![Channel::new("unit", ""), Channel::new("sample", "")],
+            parameters("true"),
+            parameters("inferred"),
+            sensors("target"),
+            sensors("model"),
+        ]
+        .concat()
+    }
+
+    fn trace(&self) -> Vec<f64> {
+        let progress = &self.progress;
+        let (parameters, sensors) = (self.config.calibrated.len(), self.config.sensors.len());
+        let mut row = vec![
+            (self.config.fleet.first_unit + progress.unit) as f64,
+            progress.at as f64,
+        ];
+        let or_blank = |values: &[f64], n: usize| {
+            if values.is_empty() {
+                vec![f64::NAN; n]
+            } else {
+                values.to_vec()
+            }
+        };
+        row.extend(or_blank(&progress.theta, parameters));
+        row.extend(or_blank(&progress.chosen, parameters));
+        row.extend(or_blank(&progress.target, sensors));
+        row.extend(or_blank(&progress.model, sensors));
+        row
+    }
+
+    fn snapshot(&self) -> serde_json::Value {
+        let unknowns = [self.truth.unknowns(), self.model.unknowns()];
+        let progress = Progress {
+            unknowns,
+            ..self.progress.clone()
+        };
+        // Plain structs of numbers: serde_json refuses only maps whose keys are no strings.
+        serde_json::to_value(progress).expect("a snapshot serialises")
+    }
+
+    fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), Error> {
+        self.progress = Progress::deserialize(snapshot).map_err(|source| Error::Checkpoint {
+            what: "turbofan_calibration",
+            problem: source.to_string(),
+        })?;
+        self.truth.set_unknowns(self.progress.unknowns[0]);
+        self.model.set_unknowns(self.progress.unknowns[1]);
+        self.load(self.place(self.progress.at).0);
+        Ok(())
+    }
+}

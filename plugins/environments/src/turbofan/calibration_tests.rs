@@ -1,0 +1,125 @@
+//! The tracking problem: what is right costs nothing, what is wrong is told apart from noise.
+
+use super::calibration::{CalibrationConfig, Cost, TurbofanCalibration};
+use super::*;
+use ::engine::random::stream;
+
+fn environment(config: serde_json::Value) -> TurbofanCalibration {
+    let config: CalibrationConfig = serde_json::from_value(config).unwrap();
+    TurbofanCalibration::new(config).unwrap()
+}
+
+/// Mean reward and the last values of `info` when every action is the true health and `shift`.
+fn followed(environment: &mut TurbofanCalibration, steps: usize, shift: f64) -> (f64, Vec<f64>) {
+    let mut rng = stream(&["followed"]);
+    environment.reset(&mut rng).unwrap();
+    let (mut sum, mut info) = (0.0, Vec::new());
+    for _ in 0..steps {
+        let action: Vec<f64> = environment.state().iter().map(|theta| theta + shift).collect();
+        let step = environment.step(&[action], &mut rng).unwrap();
+        (sum, info) = (sum + step.rewards[0], step.info);
+    }
+    (sum / steps as f64, info)
+}
+
+#[test]
+fn the_true_health_costs_nothing_and_another_one_does() {
+    for engine in ["hbtf", "agtf30"] {
+        let config = serde_json::json!({ "engine": engine, "episodes": { "pieces": 40 } });
+        let mut problem = environment(config);
+        let (right, info) = followed(&mut problem, 40, 0.0);
+        assert!(
+            right.abs() < 1e-6 && info[0] == 0.0 && info[1] < 1e-7,
+            "{engine}: {right} {info:?}"
+        );
+        let (wrong, info) = followed(&mut problem, 40, 0.003);
+        assert!(
+            wrong < -0.05 && (info[0] - 0.003).abs() < 1e-9,
+            "{engine}: {wrong} {info:?}"
+        );
+    }
+}
+
+#[test]
+fn costs_have_a_kink_or_are_squares() {
+    let of = |cost: Cost| {
+        let config = serde_json::json!({ "cost": cost, "episodes": { "pieces": 20 } });
+        -followed(&mut environment(config), 20, 1e-5).0
+    };
+    let (kinked, squared) = (of(Cost::Kinked), of(Cost::MeanSquared));
+    // Below the kink, and 14 sensors: the mean of squares is the square of the norm over 14.
+    assert!(kinked < 0.01 && squared < kinked * kinked, "{kinked} {squared}");
+    let config = serde_json::json!({ "episodes": { "pieces": 20 } });
+    let far = -followed(&mut environment(config), 20, 3e-3).0;
+    assert!(far / 10.0 > 200.0 * kinked, "{far} {kinked}");
+}
+
+#[test]
+fn noise_and_bias_have_the_stated_size() {
+    let seen = |config: serde_json::Value| {
+        let mut problem = environment(config);
+        problem.reset(&mut stream(&["noise"])).unwrap().remove(0)
+    };
+    let exact = seen(serde_json::json!({ "episodes": { "pieces": 200 } }));
+    let noisy = seen(serde_json::json!({ "sensor_snr_db": 70, "episodes": { "pieces": 200 } }));
+    // Behind 14 outputs of the model and the flight condition stand 14 sensors.
+    let squares = noisy
+        .iter()
+        .zip(&exact)
+        .skip(18)
+        .map(|(x, y)| (x / y - 1.0).powi(2));
+    let size = (squares.sum::<f64>() / 14.0).sqrt();
+    assert!((1e-4..6e-4).contains(&size), "3.2e-4 are 70 dB: {size}");
+    let biased = serde_json::json!({ "model_bias": 1.02, "episodes": { "pieces": 5 } });
+    let (cost, _) = followed(&mut environment(biased), 5, 0.0);
+    assert!(cost < -0.1, "{cost}");
+}
+
+#[test]
+fn units_follow_each_other_whole() {
+    let config = serde_json::json!({
+        "episodes": "units",
+        "fleet": { "units": 3, "degradation": { "life": { "cycles": 4, "samples": 5 } } },
+    });
+    let mut problem = environment(config);
+    let mut rng = stream(&["units"]);
+    for unit in [0.0, 1.0, 2.0, 0.0] {
+        problem.reset(&mut rng).unwrap();
+        for sample in 0..20 {
+            assert_eq!(problem.trace()[..2], [unit, sample as f64]);
+            let theta = problem.state();
+            let step = problem.step(&[theta], &mut rng).unwrap();
+            assert_eq!(step.end.is_some(), sample == 19);
+        }
+    }
+}
+
+#[test]
+fn what_contradicts_itself_is_refused() {
+    for (config, message) in [
+        (
+            serde_json::json!({ "sensors": ["t99_k"] }),
+            "no output is called `t99_k`; there are n1_rpm, ",
+        ),
+        (
+            serde_json::json!({ "theta_range": [0.02, -0.02] }),
+            "[0.02, -0.02] is no range",
+        ),
+        (
+            serde_json::json!({ "calibrated": ["lpt_flow", "lpt_flow"] }),
+            "`lpt_flow` is calibrated twice",
+        ),
+    ] {
+        let config: CalibrationConfig = serde_json::from_value(config).unwrap();
+        let error = TurbofanCalibration::new(config).unwrap_err().to_string();
+        assert!(error.contains(message), "{error}");
+    }
+    let mut problem = environment(serde_json::json!({ "episodes": { "pieces": 5 } }));
+    let mut rng = stream(&["refused"]);
+    problem.reset(&mut rng).unwrap();
+    let error = problem.step(&[vec![0.05]], &mut rng).unwrap_err().to_string();
+    assert!(
+        error.contains("hpt_efficiency 0.05 is not from -0.03 to 0.01"),
+        "{error}"
+    );
+}
