@@ -41,7 +41,8 @@ pub struct Updates {
 ///
 /// A protocol steps several environments together, so `act` and `learn` take one row per environment.
 pub trait Agent: Send {
-    /// One action per row; rows are independent of each other.
+    /// One action per row; rows are independent of each other. An agent that
+    /// [`remembers`](Self::remembers) is shown one row at a time, those of an episode in order.
     ///
     /// # Errors
     /// Where the policy produced numbers that are no action ([`Error::NotFinite`]).
@@ -89,6 +90,15 @@ pub trait Agent: Send {
     fn assess(&mut self, _observations: &[Observation], _actions: &[Action]) -> Result<Vec<Vec<f64>>, Error> {
         Ok(Vec::new())
     }
+
+    /// True where an action depends on what was seen before in the episode, as of a filter: its episodes are
+    /// played one after the other, and it is told where one begins.
+    fn remembers(&self) -> bool {
+        false
+    }
+
+    /// Forgets what was seen of the episode: another one begins.
+    fn restart(&mut self) {}
 
     /// True where `act` or `learn` reads [`Observation::state`].
     fn reads_state(&self) -> bool {

@@ -238,6 +238,15 @@ pub trait Environment: Send {
     /// Where the start that the config asks for does not exist.
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error>;
 
+    /// Starts the episode with this number of a measurement. An environment that has a list of episodes, as of
+    /// test cases, starts the one that stands there; for others every episode is like [`reset`](Self::reset).
+    ///
+    /// # Errors
+    /// As `reset`.
+    fn reset_to(&mut self, _episode: u64, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        self.reset(rng)
+    }
+
     /// Applies one action per seat.
     ///
     /// # Errors

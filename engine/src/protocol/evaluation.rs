@@ -13,7 +13,12 @@ use serde_json::Value;
 use std::{cell::RefCell, collections::BTreeMap};
 
 /// Episodes that are stepped together, so that the policy sees many rows at a time.
-const ROWS: usize = 256;
+const ROWS: u64 = 256;
+
+/// The same for an agent: one for an agent that remembers.
+fn rows_of(agent: &dyn Agent) -> u64 {
+    if agent.remembers() { 1 } else { ROWS }
+}
 
 /// What to measure, and under which name it is stored.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,7 +140,8 @@ pub(super) fn measure_and_keep<L: Serialize>(
         mut rng,
         pool,
     } = blocks.unwrap_or_else(begin);
-    let rows = what.episodes.min(ROWS as u64);
+    let together = rows_of(&*run.agent);
+    let rows = what.episodes.min(together);
     let mut pool = open_pool(run, rows, &pool)?;
     while first < what.episodes {
         let blocks = || Blocks {
@@ -158,7 +164,7 @@ pub(super) fn measure_and_keep<L: Serialize>(
         while !active.is_empty() {
             active = advance(run, what, active, &mut rng, &mut pool, kept)?;
         }
-        first += ROWS as u64;
+        first += together;
     }
     Ok(())
 }
@@ -192,7 +198,8 @@ pub fn measure_alone(
 /// Measures again as at the end of a trial that made `step` training steps, until the block of episodes with
 /// `episode` is done.
 pub(crate) fn replay(run: &mut Run<'_>, step: u64, episodes: u64, episode: u64) -> Result<(), Error> {
-    let until = (episode / ROWS as u64 + 1) * ROWS as u64;
+    let together = rows_of(&*run.agent);
+    let until = (episode / together + 1) * together;
     measure(
         run,
         &Measurement::at_the_end(step, episodes.min(until), 0),
@@ -244,7 +251,8 @@ fn start(
     mut environment: Box<dyn Environment>,
 ) -> Result<Episode, Error> {
     let mut rng = run.streams.environment(&what.stream, index);
-    let seats = environment.reset(&mut rng)?;
+    let seats = environment.reset_to(index, &mut rng)?;
+    run.agent.restart();
     let observation = observe(&*run.agent, &*environment, seats);
     let (returns, info) = (
         vec![0.0; environment.seats().len()],

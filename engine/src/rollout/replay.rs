@@ -180,8 +180,12 @@ impl Environment for Watched {
     }
 
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        self.reset_to(0, rng)
+    }
+
+    fn reset_to(&mut self, episode: u64, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
         let begins = *rng == self.start;
-        let seats = self.inner.reset(rng)?;
+        let seats = self.inner.reset_to(episode, rng)?;
         self.watched = begins.then(|| (Columns::of(&*self.inner), 0));
         if let Some((columns, _)) = &self.watched {
             self.send(columns.header());

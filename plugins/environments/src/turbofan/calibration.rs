@@ -43,7 +43,7 @@ pub enum Cost {
 pub enum Episodes {
     /// A piece of this many samples of any unit, from anywhere.
     Pieces(#[schemars(range(min = 1, max = 100_000))] usize),
-    /// All of a unit, one unit after the other.
+    /// All of a unit; those of a measurement are the units in their order.
     Units,
 }
 
@@ -134,8 +134,6 @@ pub struct TurbofanCalibration {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Progress {
     unit: usize,
-    /// The unit of the next episode, where whole units are flown.
-    next_unit: usize,
     /// Place in the unit's trajectory of the sample that is aimed at.
     at: usize,
     /// Samples that are left.
@@ -176,7 +174,6 @@ impl TurbofanCalibration {
             flight: Vec::new(),
             progress: Progress {
                 unit: 0,
-                next_unit: 0,
                 at: 0,
                 left: 0,
                 target: Vec::new(),
@@ -240,21 +237,19 @@ impl TurbofanCalibration {
             .flight(self.progress.unit, cycle, self.truth.design_ratio());
     }
 
-    /// Where the next episode begins and how long it is.
-    fn begin(&mut self, rng: &mut Rng) -> (usize, usize) {
-        let (units, length) = (self.config.fleet.units, self.config.fleet.length());
-        match self.config.episodes {
-            Episodes::Units => {
-                self.progress.unit = self.progress.next_unit;
-                self.progress.next_unit = (self.progress.unit + 1) % units;
-                (0, length)
-            }
-            Episodes::Pieces(piece) => {
-                self.progress.unit = rng.random_range(0..units);
-                let piece = piece.min(length);
-                (rng.random_range(0..=length - piece), piece)
-            }
-        }
+    /// Begins an episode of a unit with the sample `at`.
+    fn begin(&mut self, unit: usize, (at, left): (usize, usize), rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        self.truth.restart();
+        self.model.restart();
+        self.progress.unit = unit;
+        self.load(self.place(at).0);
+        self.aim(at, rng)?;
+        self.progress.left = left;
+        // The model begins with what the sensors read.
+        self.progress.model.clone_from(&self.progress.target);
+        (self.progress.theta, self.progress.chosen) = (Vec::new(), Vec::new());
+        (self.progress.squares, self.progress.decisions) = ((0.0, 0.0), 0);
+        Ok(self.observe())
     }
 
     /// What a model says of a sample with the chosen health.
@@ -417,17 +412,25 @@ impl Environment for TurbofanCalibration {
     }
 
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-        let (at, left) = self.begin(rng);
-        self.truth.restart();
-        self.model.restart();
-        self.load(self.place(at).0);
-        self.aim(at, rng)?;
-        self.progress.left = left;
-        // The model begins with what the sensors read.
-        self.progress.model.clone_from(&self.progress.target);
-        (self.progress.theta, self.progress.chosen) = (Vec::new(), Vec::new());
-        (self.progress.squares, self.progress.decisions) = ((0.0, 0.0), 0);
-        Ok(self.observe())
+        let unit = rng.random_range(0..self.config.fleet.units);
+        let length = self.config.fleet.length();
+        let piece = match self.config.episodes {
+            Episodes::Units => length,
+            Episodes::Pieces(piece) => piece.min(length),
+        };
+        let at = rng.random_range(0..=length - piece);
+        self.begin(unit, (at, piece), rng)
+    }
+
+    fn reset_to(&mut self, episode: u64, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        match self.config.episodes {
+            Episodes::Pieces(_) => self.reset(rng),
+            Episodes::Units => {
+                // The remainder is below the number of units.
+                let unit = (episode % self.config.fleet.units as u64) as usize;
+                self.begin(unit, (0, self.config.fleet.length()), rng)
+            }
+        }
     }
 
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {

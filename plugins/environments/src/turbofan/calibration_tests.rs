@@ -83,8 +83,8 @@ fn units_follow_each_other_whole() {
     });
     let mut problem = environment(config);
     let mut rng = stream(&["units"]);
-    for unit in [0.0, 1.0, 2.0, 0.0] {
-        problem.reset(&mut rng).unwrap();
+    for (episode, unit) in [(0, 0.0), (1, 1.0), (2, 2.0), (3, 0.0)] {
+        problem.reset_to(episode, &mut rng).unwrap();
         for sample in 0..20 {
             assert_eq!(problem.trace()[..2], [unit, sample as f64]);
             let theta = problem.state();
