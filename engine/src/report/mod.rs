@@ -4,6 +4,7 @@
 //! Everything is a function of what is passed in: no clock, no random number and no version control is read
 //! here, so that the same results give the same bytes.
 
+mod basis;
 mod budgets;
 mod by_seed;
 mod claims;
@@ -26,6 +27,7 @@ pub(crate) mod synthetic;
 #[cfg(test)]
 mod tests;
 
+pub use basis::basis;
 pub use budgets::duration;
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
 pub use junit::junit;
@@ -159,6 +161,7 @@ pub fn write(
         contents,
         provenance,
         drawings: &drawings,
+        basis: basis(study, results, contents),
         head: head::lines(contents),
         claims: claims::sheet(contents),
         budgets: budgets::sheet(study, results),
@@ -182,6 +185,8 @@ struct Parts<'a> {
     provenance: &'a Provenance,
     /// SVG of each figure, by name.
     drawings: &'a BTreeMap<&'a str, String>,
+    /// Seeds and what was exploratory.
+    basis: String,
     /// The counts at the head.
     head: Vec<head::Line>,
     claims: Option<Sheet>,

@@ -72,11 +72,12 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
         )
     };
     format!(
-        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n{options}<div \
+        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n{options}<p>{}</p>\n<div \
          class=\"summary\">\n{}\
          <div><h2>Trials</h2><p>{}</p></div>\n<div><h2>Time</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },
+        prose::html(&parts.basis),
         parts.head.iter().map(chips).collect::<String>(),
         escape(&end_states(parts)),
         budgets::cost(parts.results).sentence(),

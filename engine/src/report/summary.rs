@@ -1,6 +1,6 @@
 //! The report in short, for a terminal.
 
-use super::{Contents, StudyInfo, budgets, claims, head};
+use super::{Contents, StudyInfo, basis, budgets, claims, head};
 use crate::{
     results::Results,
     table::{terminal, wrap},
@@ -45,6 +45,7 @@ pub fn summary(
         parts.push(verdicts(contents, width));
     }
     let mut last: Vec<String> = budgets::untrained(results);
+    last.push(basis(study, results, contents));
     last.extend(counts(contents));
     last.push(format!("Time: {}", budgets::cost(results).sentence()));
     last.extend(
