@@ -314,6 +314,14 @@ impl ClaimLine {
         format!("{}{interval}, {}", format.write(difference), verdict.size())
     }
 
+    /// What was found out about why the claim is refuted; `None` where it is not or nothing is written.
+    #[must_use]
+    pub fn cause(&self) -> Option<&str> {
+        let refuted = matches!(&self.verdict, Ok(claim) if claim.verdict == ClaimOutcome::Refuted);
+        let text = self.spec.cause.as_deref().filter(|_| refuted)?.trim();
+        Some(text).filter(|text| !text.is_empty())
+    }
+
     /// What the reader must know besides.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {

@@ -13,7 +13,7 @@ use crate::{
     results::{EPISODE_LENGTH, EndState, Results, TrialResult, UPDATES},
     spec::ClaimSpec,
     statistics::Design,
-    table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
+    table::{Axis, Cause, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
     trial::Part,
 };
 use serde_json::{Value, json};
@@ -514,6 +514,45 @@ fn what_was_used_to_choose_a_setting_is_never_reproduced() {
             .any(|note| note.contains("the load was chosen by it"))
     );
     assert!(!contents.contradicts() && contents.open().is_empty());
+}
+
+#[test]
+fn causes_are_printed_where_something_differs_and_nowhere_else() {
+    let study = |value: f64, text: &str| {
+        let refuted = ClaimSpec {
+            cause: Some("Both share *one* rate.".into()),
+            ..claim(text)
+        };
+        let table = TableSpec {
+            cause: Some(Cause::OfAll("The load is another.".into())),
+            ..published(value)
+        };
+        one_environment(vec![refuted], table)
+    };
+    let texts = |study: &StudyInfo| {
+        let results = two_agents(CLEAR, |_, _| {});
+        let contents = Contents::of(study, &results);
+        let dir = tempfile::tempdir().unwrap();
+        let paths = write(dir.path(), study, &results, &contents, &provenance()).unwrap();
+        [paths.markdown, paths.page].map(|path| fs::read_to_string(path).unwrap())
+    };
+    let [report, page] = texts(&study(99.0, "dsac.cycle_length < equal.cycle_length"));
+    for cause in [
+        "Cause: The load is another.",
+        "Cause (`dsac.cycle_length < equal.cycle_length`): Both share \\*one\\* rate.",
+    ] {
+        assert_eq!(report.matches(cause).count(), 1, "{cause}: {report}");
+    }
+    let claim = "Cause (<code>dsac.cycle_length &lt; equal.cycle_length</code>): Both share *one* rate.";
+    assert!(page.contains("Cause: The load is another.") && page.contains(claim));
+    let exploratory = ClaimSpec {
+        exploratory: true,
+        ..study(99.0, "dsac.cycle_length < equal.cycle_length").claims[0].clone()
+    };
+    let [report, _] = texts(&one_environment(vec![exploratory], published(11.0)));
+    assert_eq!(report.matches("Cause").count(), 1, "{report}");
+    let [report, page] = texts(&study(11.0, "dsac.cycle_length > equal.cycle_length"));
+    assert!(!report.contains("Cause") && !page.contains("Cause"), "{report}");
 }
 
 #[test]

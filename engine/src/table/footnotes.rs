@@ -14,8 +14,8 @@ pub enum Intervals {
 }
 
 impl Grid {
-    /// What the numbers are, how they were made, which seeds are missing, and the notes of the study, a
-    /// sentence each.
+    /// Why values differ, where the study says it; what the numbers are, how they were made, which seeds are
+    /// missing, and the notes of the study, a sentence each.
     #[must_use]
     pub fn footnotes(&self, intervals: Intervals) -> Vec<String> {
         let star = if intervals == Intervals::InBrackets {
@@ -23,7 +23,8 @@ impl Grid {
         } else {
             ""
         };
-        let mut notes = vec![self.reading(intervals)];
+        let mut notes = self.causes();
+        notes.push(self.reading(intervals));
         notes.extend(self.judging());
         notes.extend(self.incomplete().map(|note| format!("{star}{note}")));
         notes.extend(self.grouped(|cell| {

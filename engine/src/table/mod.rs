@@ -1,6 +1,7 @@
 //! Tables: what a study asks for, and how it is computed from the results.
 
 mod aggregate;
+mod cause;
 mod comma_separated;
 mod comparison;
 mod cross_play;
@@ -18,6 +19,7 @@ mod terminal;
 mod tests;
 
 pub use aggregate::{Aggregate, Normalise, SUITE_MEAN};
+pub use cause::Cause;
 pub use comma_separated::{csv, write as write_csv};
 pub use comparison::{AtStep, Axis, Comparison, Form, Improvement, Statistic, Taken, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
@@ -137,6 +139,10 @@ pub struct TableSpec {
     /// True where the comparison was thought of after results were seen; its verdicts are counted apart.
     #[serde(default)]
     pub exploratory: bool,
+    /// What was tried to find out why values differ from the published ones: a paragraph, or one for each
+    /// row. It is printed where a value differs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cause: Option<Cause>,
     /// Sentences under the table: departures, sources.
     #[serde(default)]
     pub notes: Vec<String>,
@@ -154,6 +160,7 @@ impl TableSpec {
             margin: None,
             calibrated_on: None,
             exploratory: false,
+            cause: None,
             notes: Vec::new(),
         }
     }
@@ -196,6 +203,7 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     grid.notes.extend(spec.notes.iter().cloned());
     grid.margin.clone_from(&spec.margin);
     grid.exploratory = spec.exploratory;
+    grid.cause.clone_from(&spec.cause);
     let judging = Judging {
         margin: spec.margin.as_ref(),
         calibrated_on: spec.calibrated_on.as_deref(),

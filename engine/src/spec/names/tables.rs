@@ -4,7 +4,7 @@ use super::{Names, Place};
 use crate::{
     diagnostic::{Span, suggest},
     document::Entry,
-    table::{Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec},
+    table::{Cause, Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec},
 };
 use std::path::Path;
 
@@ -26,6 +26,7 @@ impl Names<'_> {
             self.published(row, published, &rows, &columns, &place);
             self.judgeable(spec.margin.as_ref(), row, published, &place);
         }
+        self.caused(&spec, &rows, &place);
         Some(spec)
     }
 
@@ -87,6 +88,34 @@ impl Names<'_> {
                 );
             }
             self.curve(curve, &place, &all);
+        }
+    }
+
+    /// Only what is published can differ, so that its cause is ever printed.
+    fn caused(&mut self, spec: &TableSpec, rows: &[String], place: &Place<'_>) {
+        let (Some(cause), Some(inner)) = (&spec.cause, place.below("cause")) else {
+            return;
+        };
+        let published: Vec<&str> = if spec.published_curves.is_empty() {
+            spec.published.keys().map(String::as_str).collect()
+        } else {
+            rows.iter().map(String::as_str).collect()
+        };
+        if published.is_empty() {
+            let message = "the table has no published values, so nothing can differ and its cause is never \
+                           printed";
+            return self.say(
+                (inner.key, inner.at),
+                message,
+                "give published values, or remove the cause",
+            );
+        }
+        let Cause::ByRow(causes) = cause else { return };
+        for row in causes.keys().filter(|row| !published.contains(&row.as_str())) {
+            let key = inner.node.entry(row).map_or(inner.key, |entry| entry.key_span);
+            let message = format!("nothing is published of a row `{row}`, so its cause is never printed");
+            let help = suggest(row, published.iter().copied());
+            self.say((key, format!("{}.{row}", inner.at)), message, help);
         }
     }
 
