@@ -1,6 +1,6 @@
 //! Committed results: which program made them, and that nothing else lies beside them.
 
-use crate::program::repository;
+use crate::program::{Bench, repository};
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
@@ -78,6 +78,22 @@ fn committed_folders_hold_what_their_report_wrote_and_nothing_else() {
         seen += 1;
     }
     assert!(seen >= 6, "{seen} folders have a manifest");
+}
+
+#[test]
+fn the_readme_has_the_table_that_overview_makes_of_the_results() {
+    let results = repository().join("results");
+    let table = Bench::new().ok(&["overview", &results.to_string_lossy()]);
+    let readme = read(repository(), "README.md");
+    let block = readme
+        .split_once("<!-- results: begin -->\n")
+        .and_then(|(_, rest)| rest.split_once("<!-- results: end -->\n"))
+        .map(|(block, _)| block);
+    assert_eq!(
+        block.map(str::trim),
+        Some(table.trim()),
+        "write it anew with `regimen overview results --into README.md`"
+    );
 }
 
 fn list(root: &Path, folder: &Path, found: &mut BTreeSet<String>) {

@@ -267,6 +267,7 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         name: study.name.clone(),
         title: study.title.clone(),
         source: study.source.clone(),
+        summary: study.summary.clone(),
         departures: study.departures.clone(),
         tables: study.tables.clone(),
         figures: study.figures.clone(),
@@ -334,7 +335,8 @@ fn as_json(study: &StudyInfo, results: &Results, contents: &Contents, paths: &Re
             .collect()
     };
     json!({
-        "study": study.name, "basis": report::basis(study, results, contents), "published": counts(contents.verdicts(false)),
+        "study": study.name, "basis": report::basis(study, results, contents),
+        "summary": report::sentence(study, contents), "published": counts(contents.verdicts(false)),
         "claims": counts(contents.outcomes(false)),
         "published_holm": counts(contents.verdicts_together()),
         "claims_holm": counts(contents.outcomes_together()),

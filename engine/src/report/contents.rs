@@ -33,6 +33,8 @@ pub struct Contents {
 /// A claim in one environment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClaimLine {
+    /// Its number in the study, from 1.
+    pub number: usize,
     /// The claim as the study has it.
     pub spec: ClaimSpec,
     /// The environment, and the setting where there are several.
@@ -100,7 +102,8 @@ impl Contents {
             claims: study
                 .claims
                 .iter()
-                .flat_map(|spec| claim_lines(spec, study, results))
+                .enumerate()
+                .flat_map(|(index, spec)| claim_lines(index + 1, spec, study, results))
                 .collect(),
         };
         contents.adjust();
@@ -360,10 +363,11 @@ fn notes_of(claim: &ClaimVerdict) -> Vec<String> {
     claim.notes.iter().cloned().chain(stage).chain(more).collect()
 }
 
-fn claim_lines(spec: &ClaimSpec, study: &StudyInfo, results: &Results) -> Vec<ClaimLine> {
+fn claim_lines(number: usize, spec: &ClaimSpec, study: &StudyInfo, results: &Results) -> Vec<ClaimLine> {
     let line = |place: String, verdict| {
         let (looks, rests_on) = (Seeds::default(), BTreeSet::new());
         ClaimLine {
+            number,
             spec: spec.clone(),
             place,
             verdict,

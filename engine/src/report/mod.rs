@@ -19,6 +19,7 @@ mod outcome;
 mod page;
 mod period;
 mod profiles;
+mod row;
 mod sheet;
 mod stages;
 mod summary;
@@ -35,11 +36,17 @@ pub use manifest::{Manifest, Replaced};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use period::Period;
 pub use profiles::{ProfileState, ProfileTrials};
+pub use row::sentence;
 pub use stages::{Stage, Take};
 pub use summary::summary;
 
 use crate::{
-    Build, Error, figure, figure::FigureSpec, results::Results, spec::ClaimSpec, table, table::TableSpec,
+    Build, Error, figure,
+    figure::FigureSpec,
+    results::Results,
+    spec::{ClaimSpec, Summary},
+    table,
+    table::TableSpec,
 };
 use serde_json::Value;
 use sheet::Sheet;
@@ -57,6 +64,8 @@ pub struct StudyInfo {
     pub title: String,
     /// What it reproduces.
     pub source: String,
+    /// What it came to, with placeholders.
+    pub summary: Option<Summary>,
     /// Where it departs from that.
     pub departures: Vec<String>,
     /// Tables by name, in order.
@@ -124,12 +133,12 @@ pub struct ReportPaths {
     pub page: PathBuf,
     /// The report in Markdown.
     pub markdown: PathBuf,
-    /// Files of tables and figures.
+    /// Files of tables and figures, and of the study as a row.
     pub files: Vec<PathBuf>,
 }
 
-/// Writes `tables/`, `figures/`, `report.md` and `index.html` into a folder. Each file appears whole or not
-/// at all.
+/// Writes `tables/`, `figures/`, `report.md`, `index.html` and, of a study with a sentence, `summary.md` into
+/// a folder. Each file appears whole or not at all.
 ///
 /// # Errors
 /// [`Error::File`] where a file cannot be written, [`Error::Render`] where a drawing is refused. A table or
@@ -155,12 +164,14 @@ pub fn write(
             drawings.insert(name.as_str(), svg);
         }
     }
+    files.extend(write_row(dir, study, results, contents)?);
     let parts = Parts {
         study,
         results,
         contents,
         provenance,
         drawings: &drawings,
+        sentence: sentence(study, contents),
         basis: basis(study, results, contents),
         head: head::lines(contents),
         claims: claims::sheet(contents),
@@ -185,6 +196,8 @@ struct Parts<'a> {
     provenance: &'a Provenance,
     /// SVG of each figure, by name.
     drawings: &'a BTreeMap<&'a str, String>,
+    /// What the study came to.
+    sentence: Option<String>,
     /// Seeds and what was exploratory.
     basis: String,
     /// The counts at the head.
@@ -193,6 +206,21 @@ struct Parts<'a> {
     budgets: Option<Sheet>,
     /// The settings that differ, a table per plugin.
     settings: Vec<Sheet>,
+}
+
+/// Writes the study as a row of a table of all results, where it has one.
+fn write_row(
+    dir: &Path,
+    study: &StudyInfo,
+    results: &Results,
+    contents: &Contents,
+) -> Result<Option<PathBuf>, Error> {
+    let Some(row) = row::row(study, results, contents) else {
+        return Ok(None);
+    };
+    let path = dir.join("summary.md");
+    files::write(&path, (row + "\n").as_bytes())?;
+    Ok(Some(path))
 }
 
 fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5], Error> {

@@ -1,7 +1,7 @@
 //! A whole report of synthetic results.
 
 use super::{
-    Contents, Period, ProfileState, ProfileTrials, Provenance, StudyInfo, head, summary,
+    Contents, Period, ProfileState, ProfileTrials, Provenance, StudyInfo, head, sentence, summary,
     synthetic::{AGENTS, ended, study as recorded, trial},
     write,
 };
@@ -11,9 +11,11 @@ use crate::{
     figure::{Bars, FigureSpec, LearningCurve, Trajectory},
     recorder::Row,
     results::{EPISODE_LENGTH, EndState, Results, TrialResult, UPDATES},
-    spec::ClaimSpec,
+    spec::{ClaimSpec, Summary},
     statistics::Design,
-    table::{Axis, Cause, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
+    table::{
+        Axis, Cause, Comparison, Form, Improvement, Intervals, Margin, Published, PublishedValue, TableSpec,
+    },
     trial::Part,
 };
 use serde_json::{Value, json};
@@ -157,6 +159,13 @@ fn info() -> StudyInfo {
         stages: Vec::new(),
         title: "Average improvement of the working cycle <with & without> learning".into(),
         source: "thesis, table 3.2".into(),
+        summary: Some(
+            Summary::parse(
+                "Learning gains {table-3.2: four_cells, dsac} % <against> {table-3.2: four_cells, dsac \
+                 published} % ({claim 1}).",
+            )
+            .unwrap(),
+        ),
         departures: vec![
             "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives \
              none."
@@ -553,6 +562,75 @@ fn causes_are_printed_where_something_differs_and_nowhere_else() {
     assert_eq!(report.matches("Cause").count(), 1, "{report}");
     let [report, page] = texts(&study(11.0, "dsac.cycle_length > equal.cycle_length"));
     assert!(!report.contains("Cause") && !page.contains("Cause"), "{report}");
+}
+
+/// A study whose sentence is `text`, as it is written.
+fn with_summary(text: &str) -> StudyInfo {
+    StudyInfo {
+        summary: Some(Summary::parse(text).unwrap()),
+        options: Vec::new(),
+        ..info()
+    }
+}
+
+#[test]
+fn a_sentence_is_filled_from_tables_and_claims() {
+    let filled = |text: &str| sentence(&with_summary(text), &Contents::of(&info(), &results())).unwrap();
+    assert_eq!(
+        filled("{table-3.2: four_cells, dsac} of {table-3.2: four_cells, ddpg published}"),
+        "16.4 of 15.2"
+    );
+    assert_eq!(
+        filled("{table-3.2: four_cells, ddpg verdict}; {claim 1}; {claim 4}; {{}}"),
+        "DIFFERS; SUPPORTED; NOT READ; {}"
+    );
+    // Nothing is published of the lengths, one table could not be made, and a claim is not there.
+    assert_eq!(
+        filled(
+            "{lengths: equal, four_cells published} {lengths: equal, four_cells verdict} {empty: dsac} {claim 9}"
+        ),
+        "– – – –"
+    );
+    let mut contents = Contents::of(&info(), &results());
+    contents.claims[1].place = "eight_cells".into();
+    contents.claims[1].verdict = Err("not read".into());
+    assert_eq!(
+        sentence(&with_summary("{claim 1}"), &contents).unwrap(),
+        "SUPPORTED in four_cells, NOT READ in eight_cells"
+    );
+    assert_eq!(sentence(&with_summary("a\nb"), &contents).unwrap(), "a b");
+}
+
+#[test]
+fn a_study_is_a_row_where_it_has_a_sentence_and_is_as_written() {
+    let row = |study: &StudyInfo| {
+        let dir = tempfile::tempdir().unwrap();
+        let contents = Contents::of(study, &results());
+        let paths = write(dir.path(), study, &results(), &contents, &provenance()).unwrap();
+        let path = dir.path().join("summary.md");
+        assert_eq!(paths.files.contains(&path), path.exists());
+        fs::read_to_string(path).ok()
+    };
+    assert_eq!(
+        row(&with_summary("a | b {lengths: equal, four_cells}")).unwrap(),
+        "| [table-3.2](results/table-3.2/report.md) | Average improvement of the working cycle \\<with & \
+         without> learning, 3 to 5 seeds | a \\| b 10.03 |\n"
+    );
+    let calibrated = PublishedValue {
+        value: 1.0,
+        calibrated_on: Some("the load".into()),
+        ..PublishedValue::default()
+    };
+    let mut in_sample = with_summary("a");
+    in_sample.tables[1].1.published = BTreeMap::from([("equal".into(), Published::Entry(calibrated))]);
+    assert!(
+        row(&in_sample)
+            .unwrap()
+            .contains(", 3 to 5 seeds, in sample | a |")
+    );
+    let summary = None;
+    assert_eq!(row(&StudyInfo { summary, ..in_sample }), None);
+    assert_eq!(row(&info()), None);
 }
 
 #[test]

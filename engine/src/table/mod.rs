@@ -164,6 +164,12 @@ impl TableSpec {
             notes: Vec::new(),
         }
     }
+
+    /// True where something was chosen with one of the published values in view.
+    #[must_use]
+    pub fn is_calibrated(&self) -> bool {
+        self.calibrated_on.is_some() || self.published.values().any(Published::is_calibrated)
+    }
 }
 
 impl TableKind {

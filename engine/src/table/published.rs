@@ -25,6 +25,18 @@ pub enum Published {
     Columns(BTreeMap<String, PublishedCell>),
 }
 
+impl Published {
+    /// True where something was chosen with one of the values in view.
+    #[must_use]
+    pub fn is_calibrated(&self) -> bool {
+        match self {
+            Published::Value(_) => false,
+            Published::Entry(entry) => entry.calibrated_on.is_some(),
+            Published::Columns(columns) => columns.values().any(|cell| cell.entry().calibrated_on.is_some()),
+        }
+    }
+}
+
 /// A published value of one cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]

@@ -13,6 +13,7 @@ impl Names<'_> {
     /// said.
     pub(super) fn table(&mut self, entry: &Entry, folder: &Path) -> Option<TableSpec> {
         let place = Place::of(entry, format!("tables.{}", entry.key));
+        self.shown.entry(entry.key.clone()).or_default();
         let (mut spec, kind) =
             self.kind::<TableSpec>(&format!("the table `{}`", entry.key), &place, TableKind::ALL)?;
         spec.published_curves
@@ -27,6 +28,7 @@ impl Names<'_> {
             self.judgeable(spec.margin.as_ref(), row, published, &place);
         }
         self.caused(&spec, &rows, &place);
+        self.shown.insert(entry.key.clone(), (rows, columns));
         Some(spec)
     }
 
