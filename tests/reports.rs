@@ -97,6 +97,10 @@ fn a_study_says_in_a_sentence_what_it_came_to_and_is_a_row_of_the_overview() {
     );
     let sentence = format!("An equal split lives {value} | 1.5 decisions; SUPPORTED, REFUTED");
     assert!(said.contains(&sentence) && read("results/one/index.html").contains(&sentence));
+    let verdicts: serde_json::Value = serde_json::from_str(&read("results/one/verdicts.json")).unwrap();
+    let counts = ["judged", "decided", "differing", "exploratory"].map(|key| verdicts[key].as_u64().unwrap());
+    assert_eq!(counts, [2, 2, 1, 0], "{verdicts}");
+    assert_eq!(verdicts["verdicts"][0]["verdict"], "CALIBRATED");
     // Another profile is no result of the study as it is written.
     bench.ok(&["run", "one.yaml", "--profile", "short"]);
     assert!(!bench.path("results/one-short/summary.md").exists());

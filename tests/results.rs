@@ -10,7 +10,7 @@ use std::{
 const IRREPRODUCIBLE: &str = "so that no commit reproduces them";
 
 /// Folders of committed results: those of smoke profiles and of changed runs are not committed.
-fn folders() -> Vec<PathBuf> {
+pub(crate) fn folders() -> Vec<PathBuf> {
     let folders = std::fs::read_dir(repository().join("results"))
         .unwrap()
         .map(|entry| entry.unwrap().path());
@@ -21,13 +21,14 @@ fn folders() -> Vec<PathBuf> {
     folders.filter(is_committed).collect()
 }
 
-fn read(folder: &Path, name: &str) -> String {
+/// A file of a folder.
+pub(crate) fn read(folder: &Path, name: &str) -> String {
     std::fs::read_to_string(folder.join(name))
         .unwrap_or_else(|error| panic!("{}: {error}", folder.join(name).display()))
 }
 
 /// The builds that a report names, of its trials and of itself.
-fn builds(report: &str) -> Vec<&str> {
+pub(crate) fn builds(report: &str) -> Vec<&str> {
     report
         .lines()
         .filter(|line| {

@@ -27,6 +27,7 @@ mod summary;
 pub(crate) mod synthetic;
 #[cfg(test)]
 mod tests;
+mod verdicts;
 
 pub use basis::basis;
 pub use budgets::duration;
@@ -39,6 +40,7 @@ pub use profiles::{ProfileState, ProfileTrials};
 pub use row::sentence;
 pub use stages::{Stage, Take};
 pub use summary::summary;
+pub use verdicts::{Passed, Verdicts};
 
 use crate::{
     Build, Error, figure,
@@ -133,12 +135,12 @@ pub struct ReportPaths {
     pub page: PathBuf,
     /// The report in Markdown.
     pub markdown: PathBuf,
-    /// Files of tables and figures, and of the study as a row.
+    /// Files of tables and figures, of the verdicts and of the study as a row.
     pub files: Vec<PathBuf>,
 }
 
-/// Writes `tables/`, `figures/`, `report.md`, `index.html` and, of a study with a sentence, `summary.md` into
-/// a folder. Each file appears whole or not at all.
+/// Writes `tables/`, `figures/`, `report.md`, `index.html`, `verdicts.json` and, of a study with a sentence,
+/// `summary.md` into a folder. Each file appears whole or not at all.
 ///
 /// # Errors
 /// [`Error::File`] where a file cannot be written, [`Error::Render`] where a drawing is refused. A table or
@@ -150,12 +152,7 @@ pub fn write(
     contents: &Contents,
     provenance: &Provenance,
 ) -> Result<ReportPaths, Error> {
-    let mut files = Vec::new();
-    for (name, grid) in &contents.tables {
-        if let Ok(grid) = grid {
-            files.extend(write_table(&dir.join("tables"), name, grid)?);
-        }
-    }
+    let mut files = write_tables(&dir.join("tables"), contents)?;
     let mut drawings = BTreeMap::new();
     for (name, chart) in &contents.figures {
         if let Ok(chart) = chart {
@@ -164,6 +161,7 @@ pub fn write(
             drawings.insert(name.as_str(), svg);
         }
     }
+    files.push(write_verdicts(dir, &Verdicts::of(study, results, contents))?);
     files.extend(write_row(dir, study, results, contents)?);
     let parts = Parts {
         study,
@@ -208,6 +206,15 @@ struct Parts<'a> {
     settings: Vec<Sheet>,
 }
 
+fn write_verdicts(dir: &Path, verdicts: &Verdicts) -> Result<PathBuf, Error> {
+    let path = dir.join("verdicts.json");
+    let text = serde_json::to_string_pretty(verdicts)
+        .map_err(std::io::Error::from)
+        .map_err(Error::file("write", &path))?;
+    files::write(&path, (text + "\n").as_bytes())?;
+    Ok(path)
+}
+
 /// Writes the study as a row of a table of all results, where it has one.
 fn write_row(
     dir: &Path,
@@ -221,6 +228,16 @@ fn write_row(
     let path = dir.join("summary.md");
     files::write(&path, (row + "\n").as_bytes())?;
     Ok(Some(path))
+}
+
+fn write_tables(dir: &Path, contents: &Contents) -> Result<Vec<PathBuf>, Error> {
+    let mut files = Vec::new();
+    for (name, grid) in &contents.tables {
+        if let Ok(grid) = grid {
+            files.extend(write_table(dir, name, grid)?);
+        }
+    }
+    Ok(files)
 }
 
 fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5], Error> {

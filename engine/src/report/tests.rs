@@ -1,7 +1,7 @@
 //! A whole report of synthetic results.
 
 use super::{
-    Contents, Period, ProfileState, ProfileTrials, Provenance, StudyInfo, head, sentence, summary,
+    Contents, Period, ProfileState, ProfileTrials, Provenance, StudyInfo, Verdicts, head, sentence, summary,
     synthetic::{AGENTS, ended, study as recorded, trial},
     write,
 };
@@ -280,6 +280,10 @@ fn a_report_is_the_same_bytes_each_time_and_loads_nothing() {
     let names: Vec<&str> = one.keys().map(String::as_str).collect();
     insta::assert_snapshot!("files", names.join("\n"));
     insta::assert_snapshot!("report", String::from_utf8(one["report.md"].clone()).unwrap());
+    insta::assert_snapshot!(
+        "verdicts",
+        String::from_utf8(one["verdicts.json"].clone()).unwrap()
+    );
     insta::assert_snapshot!(
         "seeds",
         String::from_utf8(one["tables/lengths-seeds.csv"].clone()).unwrap()
@@ -562,6 +566,57 @@ fn causes_are_printed_where_something_differs_and_nowhere_else() {
     assert_eq!(report.matches("Cause").count(), 1, "{report}");
     let [report, page] = texts(&study(11.0, "dsac.cycle_length > equal.cycle_length"));
     assert!(!report.contains("Cause") && !page.contains("Cause"), "{report}");
+}
+
+#[test]
+fn verdicts_for_programs_have_causes_and_count_what_is_judged() {
+    let refuted = ClaimSpec {
+        cause: Some("one rate".into()),
+        ..claim("dsac.cycle_length < equal.cycle_length")
+    };
+    let exploratory = ClaimSpec {
+        exploratory: true,
+        ..refuted.clone()
+    };
+    let table = TableSpec {
+        cause: Some(Cause::OfAll("another load".into())),
+        ..published(99.0)
+    };
+    let of_nobody = Comparison {
+        agents: vec!["nobody".into()],
+        ..Comparison::default()
+    };
+    let empty = TableSpec {
+        published: table.published.clone(),
+        ..TableSpec::of(of_nobody)
+    };
+    let mut study = one_environment(vec![refuted, exploratory], table);
+    study.tables.push(("empty".into(), empty));
+    let results = two_agents(CLEAR, |_, _| {});
+    let verdicts = Verdicts::of(&study, &results, &Contents::of(&study, &results));
+    let said: Vec<_> = verdicts
+        .verdicts
+        .iter()
+        .map(|it| (it.about.as_str(), it.verdict.as_str(), it.cause.as_deref()))
+        .collect();
+    let text = "dsac.cycle_length < equal.cycle_length in four_cells";
+    let claims = [1, 2].map(|number| format!("claim {number}: {text}"));
+    assert_eq!(
+        said,
+        [
+            ("t: dsac", "DIFFERS", Some("another load")),
+            ("empty", "NOT MADE", None),
+            (claims[0].as_str(), "REFUTED", Some("one rate")),
+            (claims[1].as_str(), "REFUTED", Some("one rate")),
+        ]
+    );
+    let counts = [
+        verdicts.judged,
+        verdicts.decided,
+        verdicts.differing,
+        verdicts.exploratory,
+    ];
+    assert_eq!(counts, [3, 2, 2, 1]);
 }
 
 /// A study whose sentence is `text`, as it is written.
