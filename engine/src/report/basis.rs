@@ -149,7 +149,7 @@ mod tests {
         results::{EndState, TrialResult},
         spec::ClaimSpec,
         statistics::Design,
-        table::{Comparison, Grid, TableSpec},
+        table::{Cell, Comparison, Grid, TableSpec},
     };
 
     /// So many seeds of each agent, named by its place.
@@ -215,11 +215,14 @@ mod tests {
 
     #[test]
     fn a_number_that_was_raised_after_a_look_was_not_fixed() {
-        let mut grid = Grid::default();
-        grid.cells = vec![vec![crate::table::Cell {
+        let seen = Cell {
             seen_at: Some(3),
-            ..Default::default()
-        }]];
+            ..Cell::default()
+        };
+        let grid = Grid {
+            cells: vec![vec![seen]],
+            ..Grid::default()
+        };
         let contents = Contents {
             tables: vec![("t".into(), Ok(grid))],
             ..Contents::default()

@@ -104,6 +104,11 @@ pub(crate) trait Table {
         None
     }
 
+    /// True where the values are shares of seeds with success.
+    fn shows_shares(&self) -> bool {
+        false
+    }
+
     /// Over how many measurements up to each column, a step, published curves are compared; `None` where
     /// columns are no steps or rows no agents.
     fn measurements_by_step(&self) -> Option<u64> {
@@ -187,6 +192,12 @@ impl TableKind {
     #[must_use]
     pub fn metric_of_unit(&self) -> Option<&str> {
         self.it().metric_of_unit()
+    }
+
+    /// True where the values are shares of seeds with success.
+    #[must_use]
+    pub fn shows_shares(&self) -> bool {
+        self.it().shows_shares()
     }
 
     /// Over how many measurements up to each column published curves are compared; `None` where they cannot

@@ -25,7 +25,7 @@ impl Names<'_> {
         self.compared_curves(&spec, &place);
         for (row, published) in &spec.published {
             self.published(row, published, &rows, &columns, &place);
-            self.judgeable(spec.margin.as_ref(), row, published, &place);
+            self.judgeable(&spec, row, published, &place);
         }
         self.caused(&spec, &rows, &place);
         self.shown.insert(entry.key.clone(), (rows, columns));
@@ -155,7 +155,7 @@ impl Names<'_> {
     }
 
     /// A margin of nothing can never be met, and a standard deviation means nothing without a number of runs.
-    fn judgeable(&mut self, margin: Option<&Margin>, row: &str, published: &Published, place: &Place<'_>) {
+    fn judgeable(&mut self, spec: &TableSpec, row: &str, published: &Published, place: &Place<'_>) {
         let Some(inner) = place.below("published").and_then(|section| section.below(row)) else {
             return;
         };
@@ -178,12 +178,14 @@ impl Names<'_> {
                 .collect(),
         };
         for (entry, at) in entries {
-            if entry.sd.is_some() != entry.n.is_some() {
+            if spec.kind.shows_shares() && entry.n.is_some() {
+                self.share(&entry, at.clone());
+            } else if entry.sd.is_some() != entry.n.is_some() {
                 let message = "`sd` and `n` belong together: one alone does not say how uncertain the \
                                published value is";
                 self.say(at.clone(), message, "give both or neither");
             }
-            let (low, high) = Margin::band(margin, entry.value);
+            let (low, high) = Margin::band(spec.margin.as_ref(), entry.value);
             if low >= high && entry.calibrated_on.is_none() {
                 let message = format!(
                     "the margin around {} is nothing, so that it can never count as reproduced",
@@ -195,6 +197,20 @@ impl Names<'_> {
                     "give the table a margin: `margin: { absolute: VALUE, why: TEXT }`",
                 );
             }
+        }
+    }
+
+    /// A published share is one of so many runs, and its spread follows from that.
+    fn share(&mut self, entry: &PublishedValue, at: (Span, String)) {
+        let n = entry.n.unwrap_or(1);
+        if entry.sd.is_some() {
+            let message = "a share has no `sd` of its own: it follows from `value` and `n`";
+            self.say(at, message, "leave `sd` out");
+        } else if entry.share().is_none() {
+            let nearest = (entry.value * f64::from(n)).round().clamp(0.0, f64::from(n));
+            let message = format!("{} is no share of {n} runs", entry.value);
+            let help = format!("the nearest is {:.3}, {nearest} of {n}", nearest / f64::from(n));
+            self.say(at, message, help);
         }
     }
 
