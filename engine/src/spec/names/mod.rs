@@ -1,5 +1,5 @@
-//! Tables, figures, claims and the sentence against what trials record: every metric, agent, environment, setting, channel
-//! and row.
+//! Tables, figures, claims and the sentence against what trials record: every metric, agent, environment,
+//! setting, channel and row.
 
 mod claims;
 mod figures;
@@ -41,8 +41,8 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// Reads the sections `tables`, `figures`, `claims` and `summary`; files are sought from `folder`. What the check
-    /// against the schema refused is passed over.
+    /// Reads the sections `tables`, `figures`, `claims` and `summary`; files are sought from `folder`. What the
+    /// check against the schema refused is passed over.
     #[must_use]
     pub fn read(root: &Node, world: &World, sources: &Sources, folder: &Path) -> Self {
         let mut asked = Self::default();
