@@ -67,6 +67,11 @@ fn results_of_other_options_have_a_folder_of_their_own_and_say_so_at_their_head(
         read(&bench, "results/small-smoke+seeds=2/report.md")
             .contains("Computed with --profile smoke, --seeds 2.")
     );
+    assert!(page_of_profile.contains("Seeds: 2, by `--seeds 2` in place of the study's number."));
+    bench.ok(&["run", "small.yaml", "--profile", "smoke"]);
+    assert!(
+        read(&bench, "results/small-smoke/report.md").contains("Seeds: 1, fixed before the first trial.")
+    );
     bench.ok(&["report", "small.yaml", "--seeds", "1", "-o", "elsewhere"]);
     assert!(read(&bench, "elsewhere/report.md").contains("Computed with --seeds 1."));
     assert_eq!(

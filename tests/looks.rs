@@ -49,11 +49,17 @@ fn report(bench: &Bench) -> String {
 fn what_is_decided_stops_costing_and_what_is_open_goes_on() {
     let bench = Bench::new();
     bench.write("looks.yaml", STUDY);
-    bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one"]);
+    let said = bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one"]);
     let expected =
         [("equal", 3), ("known", 3), ("observed", 9), ("random", 3)].map(|(agent, n)| (agent.to_owned(), n));
     assert_eq!(seeds(&bench, "one"), BTreeMap::from(expected));
     let report = report(&bench);
+    let basis = "Seeds: a design of 3, 6 or 9; 3 combinations used 3, 1 used 9. Nothing was exploratory.";
+    let page = std::fs::read_to_string(bench.path("results/looks/index.html")).unwrap();
+    let json = bench.ok(&["report", "looks.yaml", "--store", "one", "--format", "json"]);
+    for text in [&said, &report, &page, &json] {
+        assert!(text.contains(basis), "{text}");
+    }
     assert!(
         report.contains("decided at look 1 of 3, with 3 seeds"),
         "{report}"
@@ -89,6 +95,7 @@ fn a_verdict_that_was_seen_without_a_plan_is_marked() {
     bench.write("looks.yaml", &fixed(3));
     bench.ok(&["run", "looks.yaml"]);
     assert!(!report(&bench).contains("unplanned look"));
+    assert!(report(&bench).contains("\nSeeds: 3, fixed before the first trial. Nothing was exploratory.\n"));
     // The same number of seeds again is no other look.
     bench.ok(&["report", "looks.yaml"]);
     assert!(!report(&bench).contains("unplanned look"));
@@ -102,6 +109,10 @@ fn a_verdict_that_was_seen_without_a_plan_is_marked() {
         "{text}"
     );
     assert_eq!(text.matches("unplanned look").count(), 4, "{text}");
+    assert!(
+        text.contains("Seeds: 5, not fixed before the first trial: verdicts were seen with 3 before."),
+        "{text}"
+    );
     // Trials that are computed in another way are another experiment.
     bench.write(
         "looks.yaml",

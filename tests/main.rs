@@ -26,6 +26,7 @@ mod other_programs;
 mod pins;
 mod program;
 mod provenance;
+mod record;
 mod reports;
 mod results;
 mod resume;

@@ -1,6 +1,6 @@
 //! Committed results: which program made them, and that nothing else lies beside them.
 
-use crate::program::repository;
+use crate::program::{Bench, repository};
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
@@ -10,7 +10,7 @@ use std::{
 const IRREPRODUCIBLE: &str = "so that no commit reproduces them";
 
 /// Folders of committed results: those of smoke profiles and of changed runs are not committed.
-fn folders() -> Vec<PathBuf> {
+pub(crate) fn folders() -> Vec<PathBuf> {
     let folders = std::fs::read_dir(repository().join("results"))
         .unwrap()
         .map(|entry| entry.unwrap().path());
@@ -21,13 +21,14 @@ fn folders() -> Vec<PathBuf> {
     folders.filter(is_committed).collect()
 }
 
-fn read(folder: &Path, name: &str) -> String {
+/// A file of a folder.
+pub(crate) fn read(folder: &Path, name: &str) -> String {
     std::fs::read_to_string(folder.join(name))
         .unwrap_or_else(|error| panic!("{}: {error}", folder.join(name).display()))
 }
 
 /// The builds that a report names, of its trials and of itself.
-fn builds(report: &str) -> Vec<&str> {
+pub(crate) fn builds(report: &str) -> Vec<&str> {
     report
         .lines()
         .filter(|line| {
@@ -78,6 +79,22 @@ fn committed_folders_hold_what_their_report_wrote_and_nothing_else() {
         seen += 1;
     }
     assert!(seen >= 6, "{seen} folders have a manifest");
+}
+
+#[test]
+fn the_readme_has_the_table_that_overview_makes_of_the_results() {
+    let results = repository().join("results");
+    let table = Bench::new().ok(&["overview", &results.to_string_lossy()]);
+    let readme = read(repository(), "README.md");
+    let block = readme
+        .split_once("<!-- results: begin -->\n")
+        .and_then(|(_, rest)| rest.split_once("<!-- results: end -->\n"))
+        .map(|(block, _)| block);
+    assert_eq!(
+        block.map(str::trim),
+        Some(table.trim()),
+        "write it anew with `regimen overview results --into README.md`"
+    );
 }
 
 fn list(root: &Path, folder: &Path, found: &mut BTreeSet<String>) {

@@ -6,6 +6,7 @@ mod describe;
 mod folders;
 mod fsck;
 mod looks;
+mod overview;
 mod prepare;
 mod profiles;
 mod progress;
@@ -221,6 +222,15 @@ enum Verb {
         #[command(flatten)]
         report: ReportOptions,
     },
+    /// Print the results of all studies as one table: the rows of those that have a `summary`.
+    Overview {
+        /// Folder with the folders of results in it.
+        #[arg(value_name = "DIR")]
+        folder: PathBuf,
+        /// Document to put the table into, between `<!-- results: begin -->` and `<!-- results: end -->`.
+        #[arg(long, value_name = "FILE")]
+        into: Option<PathBuf>,
+    },
     /// Run missing trials from the store until none is left, without a report.
     Worker {
         #[command(flatten)]
@@ -317,6 +327,7 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
             study::status(registry, &selection, common)
         }),
         Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
+        Verb::Overview { folder, into } => overview::overview(&folder, into.as_deref()),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
         Verb::Selftest(options) => selftest::selftest(registry, selftest, &options, common),
         Verb::Worker {

@@ -233,7 +233,7 @@ fn write_report(
     let paths = report::write(&dir, &study, &results, &contents, &provenance)?;
     write_beside(&dir, one, selection, &results, &paths)?;
     say(&match common.format {
-        Format::Json => as_json(&study, &contents, &paths).to_string(),
+        Format::Json => as_json(&study, &results, &contents, &paths).to_string(),
         Format::Text => report::summary(&study, &results, &contents, &paths.page, terminal_width()),
     });
     let ends: Vec<_> = results.trials.iter().map(|result| result.end.clone()).collect();
@@ -267,6 +267,7 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         name: study.name.clone(),
         title: study.title.clone(),
         source: study.source.clone(),
+        summary: study.summary.clone(),
         departures: study.departures.clone(),
         tables: study.tables.clone(),
         figures: study.figures.clone(),
@@ -326,7 +327,7 @@ fn defaults(one: &Planned, registry: &Registry) -> BTreeMap<String, Value> {
     defaults
 }
 
-fn as_json(study: &StudyInfo, contents: &Contents, paths: &ReportPaths) -> serde_json::Value {
+fn as_json(study: &StudyInfo, results: &Results, contents: &Contents, paths: &ReportPaths) -> Value {
     let counts = |counts: Counts| -> serde_json::Map<String, serde_json::Value> {
         counts
             .into_iter()
@@ -334,7 +335,8 @@ fn as_json(study: &StudyInfo, contents: &Contents, paths: &ReportPaths) -> serde
             .collect()
     };
     json!({
-        "study": study.name, "published": counts(contents.verdicts(false)),
+        "study": study.name, "basis": report::basis(study, results, contents),
+        "summary": report::sentence(study, contents), "published": counts(contents.verdicts(false)),
         "claims": counts(contents.outcomes(false)),
         "published_holm": counts(contents.verdicts_together()),
         "claims_holm": counts(contents.outcomes_together()),

@@ -35,20 +35,29 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
     })
 }
 
-/// What many claims share and is said once, under them: with how many seeds no permutation test could decide
-/// anything, and that times are of the machine.
+/// What stands under the claims: why claims are refuted, where the study says it; with how many seeds no
+/// permutation test could decide anything; and that times are of the machine.
 pub(super) fn notes(contents: &Contents) -> Vec<String> {
     let note = |claim: &ClaimVerdict| Some(format!("{}: {}.", claim.size(), claim.permutation?.note(0.05)?));
     let claims = contents
         .claims
         .iter()
         .filter_map(|line| line.verdict.as_ref().ok());
-    let mut notes: Vec<String> = claims
-        .filter_map(note)
-        .collect::<BTreeSet<_>>()
-        .into_iter()
-        .collect();
+    let mut notes = causes(contents);
+    notes.extend(claims.filter_map(note).collect::<BTreeSet<_>>());
     let of_times = contents.claims.iter().any(|line| names_times(&line.spec));
     notes.extend(of_times.then(|| TIMES_ARE_OF_THE_MACHINE.to_owned()));
     notes
+}
+
+/// Why claims are refuted, each said once however many environments it is refuted in.
+fn causes(contents: &Contents) -> Vec<String> {
+    let mut causes: Vec<String> = Vec::new();
+    for line in &contents.claims {
+        let cause = line
+            .cause()
+            .map(|text| format!("Cause (`{}`): {text}", line.spec.claim));
+        causes.extend(cause.filter(|cause| !causes.contains(cause)));
+    }
+    causes
 }

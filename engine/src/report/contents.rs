@@ -33,6 +33,8 @@ pub struct Contents {
 /// A claim in one environment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClaimLine {
+    /// Its number in the study, from 1.
+    pub number: usize,
     /// The claim as the study has it.
     pub spec: ClaimSpec,
     /// The environment, and the setting where there are several.
@@ -100,7 +102,8 @@ impl Contents {
             claims: study
                 .claims
                 .iter()
-                .flat_map(|spec| claim_lines(spec, study, results))
+                .enumerate()
+                .flat_map(|(index, spec)| claim_lines(index + 1, spec, study, results))
                 .collect(),
         };
         contents.adjust();
@@ -314,6 +317,14 @@ impl ClaimLine {
         format!("{}{interval}, {}", format.write(difference), verdict.size())
     }
 
+    /// What was found out about why the claim is refuted; `None` where it is not or nothing is written.
+    #[must_use]
+    pub fn cause(&self) -> Option<&str> {
+        let refuted = matches!(&self.verdict, Ok(claim) if claim.verdict == ClaimOutcome::Refuted);
+        let text = self.spec.cause.as_deref().filter(|_| refuted)?.trim();
+        Some(text).filter(|text| !text.is_empty())
+    }
+
     /// What the reader must know besides.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
@@ -352,10 +363,11 @@ fn notes_of(claim: &ClaimVerdict) -> Vec<String> {
     claim.notes.iter().cloned().chain(stage).chain(more).collect()
 }
 
-fn claim_lines(spec: &ClaimSpec, study: &StudyInfo, results: &Results) -> Vec<ClaimLine> {
+fn claim_lines(number: usize, spec: &ClaimSpec, study: &StudyInfo, results: &Results) -> Vec<ClaimLine> {
     let line = |place: String, verdict| {
         let (looks, rests_on) = (Seeds::default(), BTreeSet::new());
         ClaimLine {
+            number,
             spec: spec.clone(),
             place,
             verdict,

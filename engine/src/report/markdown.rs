@@ -20,6 +20,8 @@ pub(super) fn report(parts: &Parts<'_>) -> String {
             .asked_with()
             .map(|options| format!("**Computed {}.**", escape(&options))),
     );
+    blocks.extend(parts.sentence.as_deref().map(prose::markdown));
+    blocks.push(prose::markdown(&parts.basis));
     blocks.extend(parts.head.iter().map(counts));
     let sections = [
         ("Tables", tables(parts)),

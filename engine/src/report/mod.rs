@@ -4,6 +4,7 @@
 //! Everything is a function of what is passed in: no clock, no random number and no version control is read
 //! here, so that the same results give the same bytes.
 
+mod basis;
 mod budgets;
 mod by_seed;
 mod claims;
@@ -18,6 +19,7 @@ mod outcome;
 mod page;
 mod period;
 mod profiles;
+mod row;
 mod sheet;
 mod stages;
 mod summary;
@@ -25,7 +27,9 @@ mod summary;
 pub(crate) mod synthetic;
 #[cfg(test)]
 mod tests;
+mod verdicts;
 
+pub use basis::basis;
 pub use budgets::duration;
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
 pub use junit::junit;
@@ -33,11 +37,18 @@ pub use manifest::{Manifest, Replaced};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use period::Period;
 pub use profiles::{ProfileState, ProfileTrials};
+pub use row::sentence;
 pub use stages::{Stage, Take};
 pub use summary::summary;
+pub use verdicts::{Passed, Verdicts};
 
 use crate::{
-    Build, Error, figure, figure::FigureSpec, results::Results, spec::ClaimSpec, table, table::TableSpec,
+    Build, Error, figure,
+    figure::FigureSpec,
+    results::Results,
+    spec::{ClaimSpec, Summary},
+    table,
+    table::TableSpec,
 };
 use serde_json::Value;
 use sheet::Sheet;
@@ -55,6 +66,8 @@ pub struct StudyInfo {
     pub title: String,
     /// What it reproduces.
     pub source: String,
+    /// What it came to, with placeholders.
+    pub summary: Option<Summary>,
     /// Where it departs from that.
     pub departures: Vec<String>,
     /// Tables by name, in order.
@@ -122,12 +135,12 @@ pub struct ReportPaths {
     pub page: PathBuf,
     /// The report in Markdown.
     pub markdown: PathBuf,
-    /// Files of tables and figures.
+    /// Files of tables and figures, of the verdicts and of the study as a row.
     pub files: Vec<PathBuf>,
 }
 
-/// Writes `tables/`, `figures/`, `report.md` and `index.html` into a folder. Each file appears whole or not
-/// at all.
+/// Writes `tables/`, `figures/`, `report.md`, `index.html`, `verdicts.json` and, of a study with a sentence,
+/// `summary.md` into a folder. Each file appears whole or not at all.
 ///
 /// # Errors
 /// [`Error::File`] where a file cannot be written, [`Error::Render`] where a drawing is refused. A table or
@@ -139,12 +152,7 @@ pub fn write(
     contents: &Contents,
     provenance: &Provenance,
 ) -> Result<ReportPaths, Error> {
-    let mut files = Vec::new();
-    for (name, grid) in &contents.tables {
-        if let Ok(grid) = grid {
-            files.extend(write_table(&dir.join("tables"), name, grid)?);
-        }
-    }
+    let mut files = write_tables(&dir.join("tables"), contents)?;
     let mut drawings = BTreeMap::new();
     for (name, chart) in &contents.figures {
         if let Ok(chart) = chart {
@@ -153,12 +161,16 @@ pub fn write(
             drawings.insert(name.as_str(), svg);
         }
     }
+    files.push(write_verdicts(dir, &Verdicts::of(study, results, contents))?);
+    files.extend(write_row(dir, study, results, contents)?);
     let parts = Parts {
         study,
         results,
         contents,
         provenance,
         drawings: &drawings,
+        sentence: sentence(study, contents),
+        basis: basis(study, results, contents),
         head: head::lines(contents),
         claims: claims::sheet(contents),
         budgets: budgets::sheet(study, results),
@@ -182,12 +194,50 @@ struct Parts<'a> {
     provenance: &'a Provenance,
     /// SVG of each figure, by name.
     drawings: &'a BTreeMap<&'a str, String>,
+    /// What the study came to.
+    sentence: Option<String>,
+    /// Seeds and what was exploratory.
+    basis: String,
     /// The counts at the head.
     head: Vec<head::Line>,
     claims: Option<Sheet>,
     budgets: Option<Sheet>,
     /// The settings that differ, a table per plugin.
     settings: Vec<Sheet>,
+}
+
+fn write_verdicts(dir: &Path, verdicts: &Verdicts) -> Result<PathBuf, Error> {
+    let path = dir.join("verdicts.json");
+    let text = serde_json::to_string_pretty(verdicts)
+        .map_err(std::io::Error::from)
+        .map_err(Error::file("write", &path))?;
+    files::write(&path, (text + "\n").as_bytes())?;
+    Ok(path)
+}
+
+/// Writes the study as a row of a table of all results, where it has one.
+fn write_row(
+    dir: &Path,
+    study: &StudyInfo,
+    results: &Results,
+    contents: &Contents,
+) -> Result<Option<PathBuf>, Error> {
+    let Some(row) = row::row(study, results, contents) else {
+        return Ok(None);
+    };
+    let path = dir.join("summary.md");
+    files::write(&path, (row + "\n").as_bytes())?;
+    Ok(Some(path))
+}
+
+fn write_tables(dir: &Path, contents: &Contents) -> Result<Vec<PathBuf>, Error> {
+    let mut files = Vec::new();
+    for (name, grid) in &contents.tables {
+        if let Ok(grid) = grid {
+            files.extend(write_table(dir, name, grid)?);
+        }
+    }
+    Ok(files)
 }
 
 fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5], Error> {

@@ -63,6 +63,12 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
     let source = prose::html(&parts.study.source);
     let note = |options: String| format!("<p><strong>Computed {}.</strong></p>\n", escape(&options));
     let options = parts.study.asked_with().map_or_else(String::new, note);
+    let paragraphs: String = parts
+        .sentence
+        .iter()
+        .chain([&parts.basis])
+        .map(|text| format!("<p>{}</p>\n", prose::html(text)))
+        .collect();
     let chips = |counts: &head::Line| {
         let chip = |(word, n): &(&str, usize)| format!("<li><b>{n}</b> {}</li>", verdict_word(word, word));
         format!(
@@ -72,11 +78,12 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
         )
     };
     format!(
-        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n{options}<div \
+        "<header>\n<h1>{title}</h1>\n<p class=\"source\"><code>{}</code>{}{source}</p>\n{options}{}<div \
          class=\"summary\">\n{}\
          <div><h2>Trials</h2><p>{}</p></div>\n<div><h2>Time</h2><p>{}</p></div>\n</div>\n</header>\n",
         escape(&parts.study.name),
         if source.is_empty() { "" } else { " · " },
+        paragraphs,
         parts.head.iter().map(chips).collect::<String>(),
         escape(&end_states(parts)),
         budgets::cost(parts.results).sentence(),

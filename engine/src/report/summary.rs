@@ -1,6 +1,6 @@
 //! The report in short, for a terminal.
 
-use super::{Contents, StudyInfo, budgets, claims, head};
+use super::{Contents, StudyInfo, basis, budgets, claims, head, sentence};
 use crate::{
     results::Results,
     table::{terminal, wrap},
@@ -30,6 +30,7 @@ pub fn summary(
             .asked_with()
             .map(|options| wrap(&format!("Computed {options}."), width)),
     );
+    parts.extend(sentence(study, contents).map(|sentence| wrap(&sentence, width)));
     for (name, grid) in &contents.tables {
         parts.push(match grid {
             Ok(grid) => format!("{name}\n{}", terminal(grid, width).trim_end()),
@@ -45,6 +46,7 @@ pub fn summary(
         parts.push(verdicts(contents, width));
     }
     let mut last: Vec<String> = budgets::untrained(results);
+    last.push(basis(study, results, contents));
     last.extend(counts(contents));
     last.push(format!("Time: {}", budgets::cost(results).sentence()));
     last.extend(

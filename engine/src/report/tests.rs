@@ -1,5 +1,7 @@
 //! A whole report of synthetic results.
 
+mod record;
+
 use super::{
     Contents, Period, ProfileState, ProfileTrials, Provenance, StudyInfo, head, summary,
     synthetic::{AGENTS, ended, study as recorded, trial},
@@ -11,7 +13,7 @@ use crate::{
     figure::{Bars, FigureSpec, LearningCurve, Trajectory},
     recorder::Row,
     results::{EPISODE_LENGTH, EndState, Results, TrialResult, UPDATES},
-    spec::ClaimSpec,
+    spec::{ClaimSpec, Summary},
     statistics::Design,
     table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
     trial::Part,
@@ -157,6 +159,13 @@ fn info() -> StudyInfo {
         stages: Vec::new(),
         title: "Average improvement of the working cycle <with & without> learning".into(),
         source: "thesis, table 3.2".into(),
+        summary: Some(
+            Summary::parse(
+                "Learning gains {table-3.2: four_cells, dsac} % <against> {table-3.2: four_cells, dsac \
+                 published} % ({claim 1}).",
+            )
+            .unwrap(),
+        ),
         departures: vec![
             "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives \
              none."
@@ -271,6 +280,10 @@ fn a_report_is_the_same_bytes_each_time_and_loads_nothing() {
     let names: Vec<&str> = one.keys().map(String::as_str).collect();
     insta::assert_snapshot!("files", names.join("\n"));
     insta::assert_snapshot!("report", String::from_utf8(one["report.md"].clone()).unwrap());
+    insta::assert_snapshot!(
+        "verdicts",
+        String::from_utf8(one["verdicts.json"].clone()).unwrap()
+    );
     insta::assert_snapshot!(
         "seeds",
         String::from_utf8(one["tables/lengths-seeds.csv"].clone()).unwrap()

@@ -22,6 +22,9 @@ pub struct ClaimSpec {
     /// CALIBRATED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
+    /// What was tried to find out why it is refuted; printed where it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cause: Option<String>,
     /// True where it was thought of after results were seen; its verdict is counted apart.
     #[serde(default)]
     pub exploratory: bool,

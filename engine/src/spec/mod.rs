@@ -16,6 +16,7 @@
 //! | `specimens` | what cells would leave, for a check of those that take it |
 //! | `builds` | builds what the cells name, to hear what plugins refuse and what trials record |
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
+//! | `summary` | the sentence that sums a study up, and its placeholders |
 //! | `names` | tables, figures and claims against what trials record |
 //! | `resolved`, `describe` | a study with all defaults written out; plugins described for people |
 //! | `way` | from a folder to a file |
@@ -36,6 +37,7 @@ mod sections;
 mod seeds;
 mod settings;
 mod specimens;
+pub(crate) mod summary;
 mod sweep;
 mod taking;
 mod way;
@@ -47,6 +49,7 @@ pub use describe::describe;
 pub use json_schema::json_schema;
 pub use plugin_config::load_config;
 pub use resolved::resolved_yaml;
+pub use summary::Summary;
 pub use taking::Source;
 pub use way::{along, way};
 
@@ -91,6 +94,8 @@ pub struct Study {
     pub title: String,
     /// Where the published numbers come from; empty where absent.
     pub source: String,
+    /// What it came to, with placeholders; `None` where absent.
+    pub summary: Option<Summary>,
     /// What differs from the source, one sentence each.
     pub departures: Vec<String>,
     /// Names of the environments, in order.
@@ -281,6 +286,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         name: section(root, "study").unwrap_or_default(),
         title: section(root, "title").unwrap_or_default(),
         source: section(root, "source").unwrap_or_default(),
+        summary: asked.summary,
         departures: section(root, "departures").unwrap_or_default(),
         environments: world.environments,
         agents: world.agents,
@@ -332,9 +338,10 @@ fn check_structure(root: &Node, schema: &Value, sources: &Sources) -> Vec<Diagno
 /// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide
 /// others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
-    const SHOWN: [&str; 8] = [
+    const SHOWN: [&str; 9] = [
         "title",
         "source",
+        "summary",
         "departures",
         "success",
         "tables",

@@ -39,6 +39,8 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     let mut sections: Vec<(String, Section)> = texts
         .map(|(key, text)| (key.into(), Section::Plain(json!(text))))
         .into();
+    let summary = study.summary.iter();
+    sections.extend(summary.map(|it| ("summary".into(), Section::Plain(json!(it.text)))));
     sections.push(("departures".into(), Section::Plain(json!(study.departures))));
     // In the resolved configs files are named from the current folder, in sweeps and overrides from the
     // study's.

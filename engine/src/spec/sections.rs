@@ -30,6 +30,9 @@ pub(super) struct Sections {
     title: String,
     /// Where the published numbers come from.
     source: String,
+    /// What it came to, in a sentence with placeholders: `{TABLE: ROW}` or `{TABLE: ROW, COLUMN}` for a
+    /// value, with `published` or `verdict` after it for these, and `{claim N}` for the verdict on a claim.
+    summary: String,
     /// What differs from the source, one sentence each.
     departures: Vec<String>,
     /// Number of replicates N (seeds 0 to N - 1), the seeds themselves, or a design `{ min, max, looks }`.

@@ -25,6 +25,8 @@ pub enum Evidence {
     Share(Share),
     /// A difference of two shares: Newcombe's hybrid score interval.
     Shares(Share, Share),
+    /// A difference of a share from a published one, of few runs: exact bounds of both, squared and added.
+    FromPublished(Share, Share),
 }
 
 impl Evidence {
@@ -34,16 +36,18 @@ impl Evidence {
         match self {
             Evidence::Mean(estimate) => estimate.value,
             Evidence::Share(share) => share.value(),
-            Evidence::Shares(left, right) => left.value() - right.value(),
+            Evidence::Shares(left, right) | Evidence::FromPublished(left, right) => {
+                left.value() - right.value()
+            }
         }
     }
 
-    /// Seeds it rests on; those of the smaller sample where there are two.
+    /// Seeds it rests on; those of the smaller sample where two have seeds.
     #[must_use]
     pub fn n(&self) -> usize {
         match self {
             Evidence::Mean(estimate) => estimate.n(),
-            Evidence::Share(share) => share.n as usize,
+            Evidence::Share(share) | Evidence::FromPublished(share, _) => share.n as usize,
             Evidence::Shares(left, right) => left.n.min(right.n) as usize,
         }
     }
@@ -57,6 +61,7 @@ impl Evidence {
             Evidence::Mean(estimate) => estimate.interval(level),
             Evidence::Share(share) => share.interval(level),
             Evidence::Shares(left, right) => left.interval_of_difference(*right, level),
+            Evidence::FromPublished(left, right) => left.exact_interval_of_difference(*right, level),
         }
     }
 }

@@ -3,7 +3,9 @@
 //! The two one-sided tests of Schuirmann (1987, doi:10.1007/BF01068419) at 5 % each: the 90 % interval of the
 //! mean over seeds is laid against the band of published value and margin. Inside, the value is reproduced;
 //! outside, it differs; across an edge, the seeds do not tell. A published value with a standard deviation
-//! and a number of runs is as uncertain as ours: then the interval is Welch's, of the difference.
+//! and a number of runs is as uncertain as ours: then the interval is Welch's, of the difference. So is a
+//! published share with a number of runs: then the interval is that of the difference of the two shares, made
+//! of the exact bounds of both.
 
 use super::{
     Interval, MeanEstimate,
@@ -100,6 +102,8 @@ pub struct Reference {
     pub value: f64,
     /// Standard deviation and number of the runs behind it, where both are published.
     pub runs: Option<(f64, u32)>,
+    /// Successes and number of the runs behind it, where it is a share and their number is published.
+    pub share: Option<Share>,
     /// Smallest and largest value that count as the same.
     pub band: (f64, f64),
 }
@@ -111,7 +115,18 @@ impl Reference {
         Self {
             value,
             runs: None,
+            share: None,
             band: (value - margin, value + margin),
+        }
+    }
+
+    /// What is to be added to the evidence for a value as it is shown: evidence against an uncertain value is
+    /// the difference from it.
+    fn offset(&self, is_share: bool) -> f64 {
+        match (self.share, self.runs) {
+            (Some(share), _) if is_share => share.value(),
+            (_, Some(_)) if !is_share => self.value,
+            _ => 0.0,
         }
     }
 }
@@ -314,12 +329,7 @@ pub fn judge(
     };
     let decision = statement.decide();
     let taken = &statement.looks[decision.look];
-    // Evidence against an uncertain value is the difference from it.
-    let offset = if reference.runs.is_some() && !is_share {
-        reference.value
-    } else {
-        0.0
-    };
+    let offset = reference.offset(is_share);
     let interval = decision.interval.map(|it| Interval {
         low: it.low + offset,
         high: it.high + offset,
@@ -342,8 +352,15 @@ pub fn judge(
 fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
     let (low, high) = reference.band;
     let deterministic = !is_share && MeanEstimate::of(values).has_no_spread();
+    let difference = Region::between(low - reference.value, high - reference.value);
     let (evidence, region) = match reference.runs {
-        _ if is_share => (share_of(values), Region::between(low, high)),
+        _ if is_share => match reference.share {
+            None => (share_of(values), Region::between(low, high)),
+            Some(published) => (
+                Evidence::FromPublished(successes_of(values), published),
+                difference,
+            ),
+        },
         None => (
             Evidence::Mean(MeanEstimate::of(values)),
             Region::between(low, high),
@@ -357,10 +374,7 @@ fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
                     n,
                 },
             );
-            (
-                Evidence::Mean(estimate),
-                Region::between(low - reference.value, high - reference.value),
-            )
+            (Evidence::Mean(estimate), difference)
         }
     };
     Look {
@@ -373,7 +387,11 @@ fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
 /// Values of 0 and 1 as a share.
 #[must_use]
 pub fn share_of(values: &[f64]) -> Evidence {
-    Evidence::Share(Share::of(values.iter().map(|value| *value > 0.5)))
+    Evidence::Share(successes_of(values))
+}
+
+fn successes_of(values: &[f64]) -> Share {
+    Share::of(values.iter().map(|value| *value > 0.5))
 }
 
 /// About how many more seeds would decide, with a power of 80 %; at least those that are missing to the
@@ -388,7 +406,7 @@ pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
             more.map(|more| more.max(missing))
                 .or((missing > 0).then_some(missing))
         }
-        Evidence::Share(_) | Evidence::Shares(..) => None,
+        Evidence::Share(_) | Evidence::Shares(..) | Evidence::FromPublished(..) => None,
     }
 }
 

@@ -14,8 +14,8 @@ pub enum Intervals {
 }
 
 impl Grid {
-    /// What the numbers are, how they were made, which seeds are missing, and the notes of the study, a
-    /// sentence each.
+    /// Why values differ, where the study says it; what the numbers are, how they were made, which seeds are
+    /// missing, and the notes of the study, a sentence each.
     #[must_use]
     pub fn footnotes(&self, intervals: Intervals) -> Vec<String> {
         let star = if intervals == Intervals::InBrackets {
@@ -23,7 +23,8 @@ impl Grid {
         } else {
             ""
         };
-        let mut notes = vec![self.reading(intervals)];
+        let mut notes = self.causes();
+        notes.push(self.reading(intervals));
         notes.extend(self.judging());
         notes.extend(self.incomplete().map(|note| format!("{star}{note}")));
         notes.extend(self.grouped(|cell| {
@@ -85,12 +86,7 @@ impl Grid {
             "" => "No reason is given for this margin.".into(),
             why => format!("Why this margin: {}.", why.trim_end_matches('.')),
         };
-        let published = if judged().any(|judgement| judgement.reference.runs.is_some()) {
-            "Published values with a standard deviation and a number of runs count as uncertain (Welch), \
-             the others as exact."
-        } else {
-            "Published values count as exact."
-        };
+        let published = self.certainty();
         let when = if self.exploratory {
             "Exploratory: the comparison was thought of after results were seen. "
         } else {
@@ -100,6 +96,24 @@ impl Grid {
             "{when}A value counts as reproduced where the {interval} lies within the published value \
              {margin}. {reason} {published}"
         ))
+    }
+
+    /// How certain the published values count as.
+    fn certainty(&self) -> &'static str {
+        let references = || {
+            let judged = self.cells.iter().flatten().filter_map(|it| it.judgement.as_ref());
+            judged.filter(|it| it.statement.is_some()).map(|it| &it.reference)
+        };
+        if references().any(|it| it.share.is_some()) {
+            "Published shares with a number of runs count as uncertain: the interval is that of the \
+             difference of both shares, its ends made of the exact bounds of both (Clopper and Pearson, \
+             squared and added). The others count as exact."
+        } else if references().any(|it| it.runs.is_some()) {
+            "Published values with a standard deviation and a number of runs count as uncertain (Welch), \
+             the others as exact."
+        } else {
+            "Published values count as exact."
+        }
     }
 
     fn incomplete(&self) -> impl Iterator<Item = String> {

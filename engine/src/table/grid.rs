@@ -1,6 +1,6 @@
 //! A computed table: numbers with what they rest on. Its sentences are made in [`super::footnotes`].
 
-use super::{Form, Margin, Missing, Statistic};
+use super::{Cause, Form, Margin, Missing, Statistic};
 use crate::{
     results::{CellName, Results, TrialResult},
     statistics::{Judgement, Seeds, Verdict},
@@ -32,6 +32,8 @@ pub struct Grid {
     pub margin: Option<Margin>,
     /// True where the comparison was thought of after results were seen.
     pub exploratory: bool,
+    /// What was found out about values that differ; printed where one does.
+    pub cause: Option<Cause>,
     /// Sentences under the table.
     pub notes: Vec<String>,
 }

@@ -1,6 +1,7 @@
 //! Tables: what a study asks for, and how it is computed from the results.
 
 mod aggregate;
+mod cause;
 mod comma_separated;
 mod comparison;
 mod cross_play;
@@ -18,6 +19,7 @@ mod terminal;
 mod tests;
 
 pub use aggregate::{Aggregate, Normalise, SUITE_MEAN};
+pub use cause::Cause;
 pub use comma_separated::{csv, write as write_csv};
 pub use comparison::{AtStep, Axis, Comparison, Form, Improvement, Statistic, Taken, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
@@ -102,6 +104,11 @@ pub(crate) trait Table {
         None
     }
 
+    /// True where the values are shares of seeds with success.
+    fn shows_shares(&self) -> bool {
+        false
+    }
+
     /// Over how many measurements up to each column, a step, published curves are compared; `None` where
     /// columns are no steps or rows no agents.
     fn measurements_by_step(&self) -> Option<u64> {
@@ -137,6 +144,10 @@ pub struct TableSpec {
     /// True where the comparison was thought of after results were seen; its verdicts are counted apart.
     #[serde(default)]
     pub exploratory: bool,
+    /// What was tried to find out why values differ from the published ones: a paragraph, or one for each
+    /// row. It is printed where a value differs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cause: Option<Cause>,
     /// Sentences under the table: departures, sources.
     #[serde(default)]
     pub notes: Vec<String>,
@@ -154,8 +165,15 @@ impl TableSpec {
             margin: None,
             calibrated_on: None,
             exploratory: false,
+            cause: None,
             notes: Vec::new(),
         }
+    }
+
+    /// True where something was chosen with one of the published values in view.
+    #[must_use]
+    pub fn is_calibrated(&self) -> bool {
+        self.calibrated_on.is_some() || self.published.values().any(Published::is_calibrated)
     }
 }
 
@@ -174,6 +192,12 @@ impl TableKind {
     #[must_use]
     pub fn metric_of_unit(&self) -> Option<&str> {
         self.it().metric_of_unit()
+    }
+
+    /// True where the values are shares of seeds with success.
+    #[must_use]
+    pub fn shows_shares(&self) -> bool {
+        self.it().shows_shares()
     }
 
     /// Over how many measurements up to each column published curves are compared; `None` where they cannot
@@ -196,6 +220,7 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     grid.notes.extend(spec.notes.iter().cloned());
     grid.margin.clone_from(&spec.margin);
     grid.exploratory = spec.exploratory;
+    grid.cause.clone_from(&spec.cause);
     let judging = Judging {
         margin: spec.margin.as_ref(),
         calibrated_on: spec.calibrated_on.as_deref(),

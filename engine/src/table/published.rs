@@ -6,6 +6,7 @@ use crate::{
     published_curve::PublishedCurve,
     statistics::{
         Judgement, Reference, Summary, Verdict,
+        binomial::Share,
         verdict::{default_margin, judge},
     },
 };
@@ -23,6 +24,18 @@ pub enum Published {
     Entry(PublishedValue),
     /// Values by column name.
     Columns(BTreeMap<String, PublishedCell>),
+}
+
+impl Published {
+    /// True where something was chosen with one of the values in view.
+    #[must_use]
+    pub fn is_calibrated(&self) -> bool {
+        match self {
+            Published::Value(_) => false,
+            Published::Entry(entry) => entry.calibrated_on.is_some(),
+            Published::Columns(columns) => columns.values().any(|cell| cell.entry().calibrated_on.is_some()),
+        }
+    }
 }
 
 /// A published value of one cell.
@@ -46,7 +59,7 @@ pub struct PublishedValue {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0.0))]
     pub sd: Option<f64>,
-    /// Number of published runs.
+    /// Number of published runs. A share of successes with it counts as uncertain, without `sd`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 2))]
     pub n: Option<u32>,
@@ -54,6 +67,28 @@ pub struct PublishedValue {
     /// CALIBRATED.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibrated_on: Option<String>,
+}
+
+impl PublishedValue {
+    /// The value as a share of the published runs; `None` where their number is not given or the value is no
+    /// share of so many, as printed with two digits or more.
+    #[must_use]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a whole number from 0 to n"
+    )]
+    pub fn share(&self) -> Option<Share> {
+        const ROUNDING: f64 = 0.005;
+        let n = self.n?;
+        let successes = (self.value * f64::from(n)).round();
+        let is_near = (successes / f64::from(n) - self.value).abs() <= ROUNDING;
+        let is_share = is_near && (0.0..=f64::from(n)).contains(&successes);
+        is_share.then_some(Share {
+            successes: successes as u32,
+            n,
+        })
+    }
 }
 
 impl PublishedCell {
@@ -275,6 +310,7 @@ impl Judging<'_> {
         let reference = Reference {
             value: entry.value,
             runs: entry.sd.zip(entry.n),
+            share: entry.share().filter(|_| cell.is_share),
             band: Margin::band(self.margin, entry.value),
         };
         let calibrated = entry.calibrated_on.as_deref().or(self.calibrated_on);
@@ -321,6 +357,36 @@ mod tests {
         assert_eq!(band(r#"{"percent": 10}"#, 20.0), (18.0, 22.0));
         assert_eq!(band(r#"{"ratio": 2}"#, 4.0), (2.0, 8.0));
         assert_eq!(band(r#"{"ratio": 2}"#, -4.0), (-8.0, -2.0));
+    }
+
+    #[test]
+    fn a_value_with_a_number_of_runs_is_a_share_of_them_or_none() {
+        let share = |value: f64, n: u32| {
+            let n = Some(n);
+            PublishedValue {
+                value,
+                n,
+                ..PublishedValue::default()
+            }
+            .share()
+        };
+        assert_eq!(share(0.667, 3), Some(Share { successes: 2, n: 3 }));
+        assert_eq!(share(0.67, 3), Some(Share { successes: 2, n: 3 }));
+        assert_eq!(
+            share(0.5, 300),
+            Some(Share {
+                successes: 150,
+                n: 300
+            })
+        );
+        assert_eq!(
+            [share(1.0, 5), share(0.0, 5)].map(|it| it.map(|it| it.successes)),
+            [Some(5), Some(0)]
+        );
+        assert_eq!(
+            [share(0.5, 3), share(0.7, 3), share(-0.2, 5), share(1.2, 5)],
+            [None; 4]
+        );
     }
 
     #[test]

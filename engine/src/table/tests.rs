@@ -1,15 +1,15 @@
 //! Tables of synthetic results, as every renderer writes them.
 
 use super::{
-    AtStep, Axis, Comparison, Form, Improvement, Margin, Published, PublishedCell, Statistic, TableSpec,
-    Taken, build, csv, html, latex, markdown, terminal,
+    AtStep, Axis, Comparison, Form, Improvement, Intervals, Margin, Published, PublishedCell, PublishedValue,
+    Statistic, TableSpec, Taken, build, csv, html, latex, markdown, terminal,
 };
 use crate::{
     Phase,
     published_curve::PublishedCurve,
     report::synthetic::{ended, study, trial},
     results::{EndState, Results, Success, UPDATES},
-    statistics::Design,
+    statistics::{Design, Verdict},
 };
 use std::collections::BTreeMap;
 
@@ -404,5 +404,50 @@ fn seeds_without_success_complete_a_look() {
             .looks
             .complete,
         0
+    );
+}
+
+#[test]
+fn a_published_share_of_three_runs_decides_less_than_an_exact_one() {
+    let values = (0..20).map(|seed| if seed < 3 { 9.5 } else { 2.0 });
+    let trials = (0..)
+        .zip(values)
+        .map(|(seed, value)| final_value("e", "a", seed, value));
+    let mut results = Results::of(trials.collect());
+    let success = Success {
+        metric: "return".into(),
+        above: Some(9.0),
+        below: None,
+    };
+    results
+        .trials
+        .iter_mut()
+        .for_each(|trial| trial.judge_success(&success));
+    let told = |published: Published| {
+        let comparison = Comparison {
+            value: "success".into(),
+            ..Comparison::default()
+        };
+        let spec = TableSpec {
+            published: BTreeMap::from([("a".into(), published)]),
+            margin: Some(Margin::Absolute(0.2)),
+            ..TableSpec::of(comparison)
+        };
+        let grid = build(&spec, &results).unwrap();
+        let notes = grid.footnotes(Intervals::InBrackets).join(" ");
+        (grid.cells[0][0].verdict().unwrap(), notes)
+    };
+    let (verdict, notes) = told(Published::Value(0.667));
+    assert_eq!(verdict, Verdict::Differs);
+    assert!(notes.contains("Published values count as exact."), "{notes}");
+    let (verdict, notes) = told(Published::Entry(PublishedValue {
+        value: 0.667,
+        n: Some(3),
+        ..PublishedValue::default()
+    }));
+    assert_eq!(verdict, Verdict::Inconclusive);
+    assert!(
+        notes.contains("Published shares with a number of runs count as uncertain"),
+        "{notes}"
     );
 }

@@ -12,16 +12,16 @@ use crate::{
     },
 };
 
-/// The text of a claim and where it stands.
-struct Text<'a> {
-    text: &'a str,
-    span: Span,
-    at: &'a str,
+/// A text, such as a claim, and where it stands.
+pub(super) struct Text<'a> {
+    pub(super) text: &'a str,
+    pub(super) span: Span,
+    pub(super) at: &'a str,
 }
 
 impl Text<'_> {
     /// The place of `length` bytes from byte `start`.
-    fn place(&self, start: usize, length: usize) -> (Span, String) {
+    pub(super) fn place(&self, start: usize, length: usize) -> (Span, String) {
         let characters =
             |from: usize, to: usize| self.text.get(from..to).map_or(0, |part| part.chars().count());
         // The text may begin with a quotation mark, which is part of the span but not of the claim.

@@ -1,12 +1,13 @@
-//! Tables, figures and claims against what trials record: every metric, agent, environment, setting, channel
-//! and row.
+//! Tables, figures, claims and the sentence against what trials record: every metric, agent, environment,
+//! setting, channel and row.
 
 mod claims;
 mod figures;
 mod published_curves;
+mod summary;
 mod tables;
 
-use super::{builds::World, claims::ClaimSpec};
+use super::{builds::World, claims::ClaimSpec, summary::Summary};
 use crate::{
     Metric,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -19,7 +20,10 @@ use crate::{
 use schemars::{JsonSchema, schema_for};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use std::{collections::BTreeSet, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 /// What a study asks for, and what is wrong with it.
 #[derive(Debug, Default)]
@@ -30,19 +34,22 @@ pub struct Asked {
     pub figures: Vec<(String, FigureSpec)>,
     /// Claims.
     pub claims: Vec<ClaimSpec>,
+    /// The sentence that sums the study up.
+    pub summary: Option<Summary>,
     /// Mistakes.
     pub found: Vec<Diagnostic>,
 }
 
 impl Asked {
-    /// Reads the sections `tables`, `figures` and `claims`; files are sought from `folder`. What the check
-    /// against the schema refused is passed over.
+    /// Reads the sections `tables`, `figures`, `claims` and `summary`; files are sought from `folder`. What the
+    /// check against the schema refused is passed over.
     #[must_use]
     pub fn read(root: &Node, world: &World, sources: &Sources, folder: &Path) -> Self {
         let mut asked = Self::default();
         let mut names = Names {
             world,
             sources,
+            shown: BTreeMap::new(),
             found: Vec::new(),
         };
         for entry in root.get("tables").map_or(&[][..], Node::entries) {
@@ -55,11 +62,15 @@ impl Asked {
                 .figures
                 .extend(names.figure(entry, folder).map(|spec| (entry.key.clone(), spec)));
         }
-        for (index, item) in root.get("claims").map_or(&[][..], Node::items).iter().enumerate() {
+        let claims = root.get("claims").map_or(&[][..], Node::items);
+        for (index, item) in claims.iter().enumerate() {
             asked
                 .claims
                 .extend(names.claim(item, &format!("claims[{index}]")));
         }
+        asked.summary = root
+            .get("summary")
+            .and_then(|node| names.summary(node, claims.len()));
         asked.found = names.found;
         asked
     }
@@ -79,6 +90,7 @@ pub fn success(
     let mut names = Names {
         world,
         sources,
+        shown: BTreeMap::new(),
         found: Vec::new(),
     };
     let place = Place::of(entry, "success".into());
@@ -196,6 +208,8 @@ impl<'a> Place<'a> {
 pub(crate) struct Names<'a> {
     pub(crate) world: &'a World,
     sources: &'a Sources,
+    /// Rows and columns of the tables by name; none where a table cannot be read.
+    shown: BTreeMap<String, (Vec<String>, Vec<String>)>,
     found: Vec<Diagnostic>,
 }
 

@@ -4,7 +4,7 @@ use super::{Names, Place};
 use crate::{
     diagnostic::{Span, suggest},
     document::Entry,
-    table::{Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec},
+    table::{Cause, Margin, Published, PublishedCell, PublishedValue, StatedMargin, TableKind, TableSpec},
 };
 use std::path::Path;
 
@@ -13,6 +13,7 @@ impl Names<'_> {
     /// said.
     pub(super) fn table(&mut self, entry: &Entry, folder: &Path) -> Option<TableSpec> {
         let place = Place::of(entry, format!("tables.{}", entry.key));
+        self.shown.entry(entry.key.clone()).or_default();
         let (mut spec, kind) =
             self.kind::<TableSpec>(&format!("the table `{}`", entry.key), &place, TableKind::ALL)?;
         spec.published_curves
@@ -24,8 +25,10 @@ impl Names<'_> {
         self.compared_curves(&spec, &place);
         for (row, published) in &spec.published {
             self.published(row, published, &rows, &columns, &place);
-            self.judgeable(spec.margin.as_ref(), row, published, &place);
+            self.judgeable(&spec, row, published, &place);
         }
+        self.caused(&spec, &rows, &place);
+        self.shown.insert(entry.key.clone(), (rows, columns));
         Some(spec)
     }
 
@@ -90,6 +93,34 @@ impl Names<'_> {
         }
     }
 
+    /// Only what is published can differ, so that its cause is ever printed.
+    fn caused(&mut self, spec: &TableSpec, rows: &[String], place: &Place<'_>) {
+        let (Some(cause), Some(inner)) = (&spec.cause, place.below("cause")) else {
+            return;
+        };
+        let published: Vec<&str> = if spec.published_curves.is_empty() {
+            spec.published.keys().map(String::as_str).collect()
+        } else {
+            rows.iter().map(String::as_str).collect()
+        };
+        if published.is_empty() {
+            let message = "the table has no published values, so nothing can differ and its cause is never \
+                           printed";
+            return self.say(
+                (inner.key, inner.at),
+                message,
+                "give published values, or remove the cause",
+            );
+        }
+        let Cause::ByRow(causes) = cause else { return };
+        for row in causes.keys().filter(|row| !published.contains(&row.as_str())) {
+            let key = inner.node.entry(row).map_or(inner.key, |entry| entry.key_span);
+            let message = format!("nothing is published of a row `{row}`, so its cause is never printed");
+            let help = suggest(row, published.iter().copied());
+            self.say((key, format!("{}.{row}", inner.at)), message, help);
+        }
+    }
+
     /// A margin is on one scale.
     fn margin(&mut self, spec: &TableSpec, place: &Place<'_>) {
         let Some(Margin::Stated(StatedMargin {
@@ -124,7 +155,7 @@ impl Names<'_> {
     }
 
     /// A margin of nothing can never be met, and a standard deviation means nothing without a number of runs.
-    fn judgeable(&mut self, margin: Option<&Margin>, row: &str, published: &Published, place: &Place<'_>) {
+    fn judgeable(&mut self, spec: &TableSpec, row: &str, published: &Published, place: &Place<'_>) {
         let Some(inner) = place.below("published").and_then(|section| section.below(row)) else {
             return;
         };
@@ -147,12 +178,14 @@ impl Names<'_> {
                 .collect(),
         };
         for (entry, at) in entries {
-            if entry.sd.is_some() != entry.n.is_some() {
+            if spec.kind.shows_shares() && entry.n.is_some() {
+                self.share(&entry, at.clone());
+            } else if entry.sd.is_some() != entry.n.is_some() {
                 let message = "`sd` and `n` belong together: one alone does not say how uncertain the \
                                published value is";
                 self.say(at.clone(), message, "give both or neither");
             }
-            let (low, high) = Margin::band(margin, entry.value);
+            let (low, high) = Margin::band(spec.margin.as_ref(), entry.value);
             if low >= high && entry.calibrated_on.is_none() {
                 let message = format!(
                     "the margin around {} is nothing, so that it can never count as reproduced",
@@ -164,6 +197,20 @@ impl Names<'_> {
                     "give the table a margin: `margin: { absolute: VALUE, why: TEXT }`",
                 );
             }
+        }
+    }
+
+    /// A published share is one of so many runs, and its spread follows from that.
+    fn share(&mut self, entry: &PublishedValue, at: (Span, String)) {
+        let n = entry.n.unwrap_or(1);
+        if entry.sd.is_some() {
+            let message = "a share has no `sd` of its own: it follows from `value` and `n`";
+            self.say(at, message, "leave `sd` out");
+        } else if entry.share().is_none() {
+            let nearest = (entry.value * f64::from(n)).round().clamp(0.0, f64::from(n));
+            let message = format!("{} is no share of {n} runs", entry.value);
+            let help = format!("the nearest is {:.3}, {nearest} of {n}", nearest / f64::from(n));
+            self.say(at, message, help);
         }
     }
 

@@ -116,6 +116,40 @@ fn an_uncertain_published_value_widens_the_interval() {
 }
 
 #[test]
+fn a_published_share_of_few_runs_is_uncertain_too() {
+    let judged = |successes: u64, share: Option<Share>| {
+        let seeds: Vec<(u64, f64)> = (0..20)
+            .map(|seed| (seed, f64::from(u8::from(seed < successes))))
+            .collect();
+        let reference = Reference {
+            share,
+            ..Reference::within(0.667, 0.3)
+        };
+        judge(reference, &seeds, 0, &Seeds::default(), true)
+    };
+    let (of_3, of_300) = (
+        Share { successes: 2, n: 3 },
+        Share {
+            successes: 200,
+            n: 300,
+        },
+    );
+    // Against an exact 0.667 a third of the seeds is too few, against two of three runs nothing is said.
+    assert_eq!(judged(3, None).verdict, Verdict::Differs);
+    assert_eq!(judged(3, Some(of_3)).verdict, Verdict::Inconclusive);
+    assert_eq!(judged(3, Some(of_300)).verdict, Verdict::Differs);
+    assert_eq!(judged(13, None).verdict, Verdict::Reproduced);
+    assert_eq!(judged(13, Some(of_3)).verdict, Verdict::Inconclusive);
+    assert_eq!(judged(13, Some(of_300)).verdict, Verdict::Reproduced);
+    // Mean and interval are of our share all the same, and the number of seeds is ours.
+    let [exact, uncertain] = [None, Some(of_3)].map(|share| judged(13, share));
+    assert_close(uncertain.mean.unwrap(), 0.65, 1e-12);
+    assert_eq!((uncertain.n, exact.mean), (20, Some(0.65)));
+    let [narrow, wide] = [exact, uncertain].map(|it| it.interval.unwrap());
+    assert!(wide.low < narrow.low && narrow.high < wide.high && wide.contains(0.65));
+}
+
+#[test]
 fn planned_looks_are_taken_one_by_one() {
     let design = Some(Design::new(vec![3, 6, 9]));
     let seeds: Vec<(u64, f64)> = (0..).zip([100.0, 104.0, 96.0, 100.0, 100.2, 99.8]).collect();

@@ -325,7 +325,7 @@ fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, 
 }
 
 /// True for the share of seeds with success.
-fn is_share(comparison: &Comparison) -> bool {
+pub(super) fn is_share(comparison: &Comparison) -> bool {
     comparison.value == SUCCESS && comparison.resolved_form() == Form::Value
 }
 

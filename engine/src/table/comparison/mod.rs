@@ -163,6 +163,10 @@ impl Table for Comparison {
         has_unit.then_some(&self.value)
     }
 
+    fn shows_shares(&self) -> bool {
+        build::is_share(self)
+    }
+
     fn measurements_by_step(&self) -> Option<u64> {
         match &self.taken {
             Taken::AtSteps { of, .. } if self.rows == Axis::Agent => match of {
@@ -211,6 +215,10 @@ impl Table for Improvement {
 
     fn metric_of_unit(&self) -> Option<&str> {
         self.0.metric_of_unit()
+    }
+
+    fn shows_shares(&self) -> bool {
+        self.0.shows_shares()
     }
 }
 

@@ -1,0 +1,273 @@
+//! What a report rests on, as one line at its head: how many seeds the study's design allowed, how many were
+//! used, and what was thought of after results were seen.
+
+use super::{Contents, StudyInfo};
+use crate::{
+    results::{CellName, Results},
+    trial::Purpose,
+};
+use std::collections::BTreeMap;
+
+/// The line, as in `Seeds: a design of 4, 7 or 10; 3 combinations used 4, 1 used 10. Exploratory: 1 table.`
+#[must_use]
+pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> String {
+    let combinations = Combinations::of(results);
+    let seen = seen_before(contents);
+    let seeds = match &results.design {
+        Some(design) => designed(design.looks(), &combinations, seen),
+        None => fixed(study, &combinations, seen),
+    };
+    format!("Seeds: {seeds}. {}", exploratory(study))
+}
+
+/// How many seeds the combinations of a study used, as in `4 to 10 seeds`.
+pub(super) fn seeds_as_used(results: &Results) -> String {
+    let used = Combinations::of(results).used();
+    match (used.keys().next(), used.keys().last()) {
+        (None, _) | (_, None) => "no seeds".into(),
+        (Some(1), Some(1)) => "1 seed".into(),
+        (Some(least), Some(most)) if least == most => format!("{most} seeds"),
+        (Some(least), Some(most)) => format!("{least} to {most} seeds"),
+    }
+}
+
+fn designed(looks: &[u32], combinations: &Combinations, seen: Option<u32>) -> String {
+    let seen = seen.map_or(String::new(), |seeds| {
+        format!(", planned after verdicts were seen with {seeds}")
+    });
+    format!("a design of {}{seen}; {}", either(looks), combinations.sentence())
+}
+
+fn fixed(study: &StudyInfo, combinations: &Combinations, seen: Option<u32>) -> String {
+    let asked = study.options.iter().find(|option| option.starts_with("--seeds "));
+    let when = match (seen, asked) {
+        (Some(seeds), _) => {
+            format!("not fixed before the first trial: verdicts were seen with {seeds} before")
+        }
+        (None, Some(option)) => format!("by `{option}` in place of the study's number"),
+        (None, None) => "fixed before the first trial".into(),
+    };
+    // Where every combination used all of them nothing else is to be said.
+    let used = if combinations.are_complete() {
+        String::new()
+    } else {
+        format!("; {}", combinations.sentence())
+    };
+    format!("{}, {when}{used}", combinations.most_planned())
+}
+
+/// How many seeds of each combination are planned, and how many ended well.
+struct Combinations(BTreeMap<CellName, (usize, usize)>);
+
+impl Combinations {
+    fn of(results: &Results) -> Self {
+        let mut seeds: BTreeMap<CellName, (usize, usize)> = BTreeMap::new();
+        // The trials of a play are encounters of combinations, which are counted themselves.
+        for trial in results
+            .trials
+            .iter()
+            .filter(|it| it.trial.purpose == Purpose::Cell)
+        {
+            let (planned, used) = seeds.entry(trial.cell()).or_default();
+            *planned += 1;
+            *used += usize::from(trial.is_ok());
+        }
+        Self(seeds)
+    }
+
+    fn most_planned(&self) -> usize {
+        self.0.values().map(|(planned, _)| *planned).max().unwrap_or(0)
+    }
+
+    fn are_complete(&self) -> bool {
+        let most = self.most_planned();
+        self.0.values().all(|(_, used)| *used == most)
+    }
+
+    /// How many combinations used how many seeds.
+    fn used(&self) -> BTreeMap<usize, usize> {
+        let mut counts = BTreeMap::new();
+        for (_, used) in self.0.values() {
+            *counts.entry(*used).or_default() += 1;
+        }
+        counts
+    }
+
+    /// The same in words, as in `3 combinations used 4, 1 used 10`.
+    fn sentence(&self) -> String {
+        let phrase = |(index, (used, count)): (usize, (usize, usize))| match (index, count) {
+            (0, 1) => format!("1 combination used {used}"),
+            (0, _) => format!("{count} combinations used {used}"),
+            _ => format!("{count} used {used}"),
+        };
+        let phrases: Vec<String> = self.used().into_iter().enumerate().map(phrase).collect();
+        if phrases.is_empty() {
+            "no combination has run".into()
+        } else {
+            phrases.join(", ")
+        }
+    }
+}
+
+/// The smallest number of seeds with which a verdict was seen before, without a plan for it.
+fn seen_before(contents: &Contents) -> Option<u32> {
+    let grids = contents.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
+    let cells = grids.flat_map(|grid| grid.cells.iter().flatten());
+    let claims = contents.claims.iter().filter_map(|line| line.seen_at);
+    cells.filter_map(|cell| cell.seen_at).chain(claims).min()
+}
+
+fn exploratory(study: &StudyInfo) -> String {
+    let tables = study.tables.iter().filter(|(_, spec)| spec.exploratory).count();
+    let claims = study.claims.iter().filter(|spec| spec.exploratory).count();
+    let parts: Vec<String> = [(tables, "table"), (claims, "claim")]
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}{}", if count == 1 { "" } else { "s" }))
+        .collect();
+    if parts.is_empty() {
+        "Nothing was exploratory.".into()
+    } else {
+        format!("Exploratory: {}.", parts.join(", "))
+    }
+}
+
+/// Numbers with `or` before the last.
+fn either(numbers: &[u32]) -> String {
+    let words: Vec<String> = numbers.iter().map(u32::to_string).collect();
+    match words.split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+        _ => words.concat(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        report::synthetic::{ended, trial},
+        results::{EndState, TrialResult},
+        spec::ClaimSpec,
+        statistics::Design,
+        table::{Cell, Comparison, Grid, TableSpec},
+    };
+
+    /// So many seeds of each agent, named by its place.
+    fn results(seeds: &[u64]) -> Results {
+        let agents = seeds.iter().enumerate();
+        let of_agent = |(agent, seeds): (usize, &u64)| {
+            let name = format!("agent-{agent}");
+            (0..*seeds)
+                .map(|seed| trial("cells", &name, "", seed, &Vec::new()))
+                .collect::<Vec<_>>()
+        };
+        Results::of(agents.flat_map(of_agent).collect())
+    }
+
+    fn line(study: &StudyInfo, results: &Results) -> String {
+        basis(study, results, &Contents::default())
+    }
+
+    #[test]
+    fn a_design_says_what_it_allowed_and_what_combinations_used() {
+        let results = Results {
+            design: Some(Design::new(vec![4, 7, 10])),
+            ..results(&[4, 10, 4, 4])
+        };
+        assert_eq!(
+            line(&StudyInfo::default(), &results),
+            "Seeds: a design of 4, 7 or 10; 3 combinations used 4, 1 used 10. Nothing was exploratory."
+        );
+        assert_eq!(seeds_as_used(&results), "4 to 10 seeds");
+        let of_nothing = Results {
+            design: results.design,
+            ..Results::default()
+        };
+        assert_eq!(
+            line(&StudyInfo::default(), &of_nothing),
+            "Seeds: a design of 4, 7 or 10; no combination has run. Nothing was exploratory."
+        );
+    }
+
+    #[test]
+    fn a_fixed_number_says_who_fixed_it_and_what_is_missing() {
+        let study = StudyInfo::default();
+        assert_eq!(
+            line(&study, &results(&[10, 10])),
+            "Seeds: 10, fixed before the first trial. Nothing was exploratory."
+        );
+        let mut short = results(&[3, 3]);
+        short.trials[5] = ended(short.trials[5].clone(), EndState::Nan, "told");
+        assert_eq!(
+            line(&study, &short),
+            "Seeds: 3, fixed before the first trial; 1 combination used 2, 1 used 3. Nothing was exploratory."
+        );
+        let asked = StudyInfo {
+            options: vec!["--profile smoke".into(), "--seeds 3".into()],
+            ..StudyInfo::default()
+        };
+        assert!(line(&asked, &results(&[3])).starts_with("Seeds: 3, by `--seeds 3` in place of the study's"));
+        assert_eq!(
+            (seeds_as_used(&results(&[1, 1])), seeds_as_used(&results(&[]))),
+            ("1 seed".into(), "no seeds".into())
+        );
+    }
+
+    #[test]
+    fn a_number_that_was_raised_after_a_look_was_not_fixed() {
+        let seen = Cell {
+            seen_at: Some(3),
+            ..Cell::default()
+        };
+        let grid = Grid {
+            cells: vec![vec![seen]],
+            ..Grid::default()
+        };
+        let contents = Contents {
+            tables: vec![("t".into(), Ok(grid))],
+            ..Contents::default()
+        };
+        let mut results = results(&[5]);
+        let line = |results: &Results| basis(&StudyInfo::default(), results, &contents);
+        assert!(
+            line(&results)
+                .contains("Seeds: 5, not fixed before the first trial: verdicts were seen with 3 before.")
+        );
+        results.design = Some(Design::new(vec![5, 8]));
+        assert!(
+            line(&results).contains(
+                "a design of 5 or 8, planned after verdicts were seen with 3; 1 combination used 5."
+            )
+        );
+    }
+
+    #[test]
+    fn encounters_of_a_play_are_no_combinations() {
+        let mut results = results(&[2]);
+        let encounter = |seed| {
+            let mut it: TrialResult = trial("play", "both", "", seed, &Vec::new());
+            it.trial.purpose = Purpose::Play(BTreeMap::new());
+            it
+        };
+        results.trials.extend((0..4).map(encounter));
+        assert!(line(&StudyInfo::default(), &results).starts_with("Seeds: 2, fixed before the first trial."));
+    }
+
+    #[test]
+    fn what_was_exploratory_is_counted() {
+        let claim = ClaimSpec {
+            exploratory: true,
+            ..ClaimSpec::default()
+        };
+        let table = TableSpec {
+            exploratory: true,
+            ..TableSpec::of(Comparison::default())
+        };
+        let study = StudyInfo {
+            tables: vec![("a".into(), table.clone()), ("b".into(), table)],
+            claims: vec![claim, ClaimSpec::default()],
+            ..StudyInfo::default()
+        };
+        assert!(line(&study, &results(&[2])).ends_with(". Exploratory: 2 tables, 1 claim."));
+    }
+}

@@ -1,0 +1,205 @@
+//! `verdicts.json` of a folder of results: everything that a report passes a verdict on, for programs that
+//! watch over many of them.
+
+use super::{ClaimLine, Contents, StudyInfo, basis};
+use crate::{
+    results::Results,
+    statistics::{ClaimOutcome, Verdict},
+    table::{Grid, TableSpec},
+};
+use serde::{Deserialize, Serialize};
+
+/// The word for published values of a table that could not be made.
+const NOT_MADE: &str = "NOT MADE";
+
+/// The verdicts of a report and how many there are of which kind.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Verdicts {
+    /// Name of the study.
+    pub study: String,
+    /// How many seeds were allowed and used, and what was exploratory.
+    pub basis: String,
+    /// Published values and claims that the seeds were to decide.
+    pub judged: usize,
+    /// Those of them that are decided, either way.
+    pub decided: usize,
+    /// Those of them that differ or are refuted.
+    pub differing: usize,
+    /// What was thought of after results were seen; in none of the other numbers.
+    pub exploratory: usize,
+    /// All of them, tables first.
+    pub verdicts: Vec<Passed>,
+}
+
+/// One verdict.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Passed {
+    /// What it is about, as in `table-3.2: four_cells, dsac` or `claim 2: dsac.success >= 0.8 in four_cells`.
+    pub about: String,
+    /// The word, of this value or claim alone.
+    pub verdict: String,
+    /// The word where all of the study are taken together (Holm) and it is another.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub together: Option<String>,
+    /// True where it was thought of after results were seen.
+    #[serde(default)]
+    pub exploratory: bool,
+    /// What was found out about why it differs or is refuted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cause: Option<String>,
+}
+
+impl Passed {
+    /// True where the seeds were to decide it: it was planned, nothing was chosen by it, what it is about has
+    /// run and learned, and it is not fixed by construction. What failed or cannot be read is judged and not
+    /// decided.
+    #[must_use]
+    pub fn is_judged(&self) -> bool {
+        let unasked = [
+            Verdict::Calibrated.word(),
+            Verdict::NotJudged.word(),
+            Verdict::NotTrained.word(),
+            Verdict::NotRun.word(),
+        ];
+        !self.exploratory && !unasked.contains(&self.verdict.as_str())
+    }
+
+    /// True where the seeds say that it does not hold.
+    #[must_use]
+    pub fn differs(&self) -> bool {
+        [Verdict::Differs.word(), ClaimOutcome::Refuted.word()].contains(&self.verdict.as_str())
+    }
+
+    /// True where the seeds decide it, either way.
+    #[must_use]
+    pub fn is_decided(&self) -> bool {
+        let holds = [Verdict::Reproduced.word(), ClaimOutcome::Supported.word()];
+        self.differs() || holds.contains(&self.verdict.as_str())
+    }
+}
+
+impl Verdicts {
+    /// The verdicts of a report.
+    #[must_use]
+    pub fn of(study: &StudyInfo, results: &Results, contents: &Contents) -> Self {
+        let tables = study.tables.iter().zip(&contents.tables);
+        let values = tables.flat_map(|((name, spec), (_, grid))| match grid {
+            Ok(grid) => of_table(name, grid),
+            Err(_) => not_made(name, spec).into_iter().collect(),
+        });
+        let verdicts: Vec<Passed> = values.chain(contents.claims.iter().map(of_claim)).collect();
+        let count = |counts: &dyn Fn(&Passed) -> bool| verdicts.iter().filter(|it| counts(it)).count();
+        Self {
+            study: study.name.clone(),
+            basis: basis(study, results, contents),
+            judged: count(&Passed::is_judged),
+            decided: count(&|it| it.is_judged() && it.is_decided()),
+            differing: count(&|it| it.is_judged() && it.differs()),
+            exploratory: count(&|it| it.exploratory),
+            verdicts,
+        }
+    }
+}
+
+fn of_table(name: &str, grid: &Grid) -> Vec<Passed> {
+    let mut passed = Vec::new();
+    for (index, (row, cells)) in grid.rows.iter().zip(&grid.cells).enumerate() {
+        for (column, cell) in grid.columns.iter().zip(cells) {
+            let Some(judgement) = &cell.judgement else {
+                continue;
+            };
+            let verdict = judgement.verdict;
+            let together = judgement.adjusted.filter(|adjusted| *adjusted != verdict);
+            let place = if grid.columns.len() == 1 {
+                row.name.clone()
+            } else {
+                format!("{}, {}", row.name, column.name)
+            };
+            let cause = grid.cause(index).filter(|_| verdict == Verdict::Differs);
+            passed.push(Passed {
+                about: format!("{name}: {place}"),
+                verdict: verdict.word().into(),
+                together: together.map(|it| it.word().into()),
+                exploratory: grid.exploratory,
+                cause: cause.map(Into::into),
+            });
+        }
+    }
+    passed
+}
+
+/// Published values that have no table are not passed over.
+fn not_made(name: &str, spec: &TableSpec) -> Option<Passed> {
+    let is_published = !spec.published.is_empty() || !spec.published_curves.is_empty();
+    is_published.then(|| Passed {
+        about: name.into(),
+        verdict: NOT_MADE.into(),
+        exploratory: spec.exploratory,
+        ..Passed::default()
+    })
+}
+
+fn of_claim(line: &ClaimLine) -> Passed {
+    let claim = &line.spec.claim;
+    let place = if line.place.is_empty() || claim.ends_with(&line.place) {
+        String::new()
+    } else {
+        format!(" in {}", line.place)
+    };
+
+    Passed {
+        about: format!("claim {}: {claim}{place}", line.number),
+        verdict: line.word().into(),
+        together: line.together().map(|outcome| outcome.word().into()),
+        exploratory: line.spec.exploratory,
+        cause: line.cause().map(Into::into),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::UNREAD;
+
+    fn passed(verdict: &str, exploratory: bool) -> Passed {
+        Passed {
+            verdict: verdict.into(),
+            exploratory,
+            ..Passed::default()
+        }
+    }
+
+    #[test]
+    fn every_word_is_judged_or_not_and_decided_or_not() {
+        let words: Vec<&str> = Verdict::ALL
+            .map(Verdict::word)
+            .into_iter()
+            .chain(ClaimOutcome::ALL.map(ClaimOutcome::word))
+            .chain([UNREAD, NOT_MADE])
+            .collect();
+        let those = |is: fn(&Passed) -> bool| {
+            let mut found: Vec<&str> = words
+                .iter()
+                .copied()
+                .filter(|word| is(&passed(word, false)))
+                .collect();
+            found.dedup();
+            found
+        };
+        assert_eq!(those(Passed::differs), ["DIFFERS", "REFUTED"]);
+        assert_eq!(
+            those(Passed::is_decided),
+            ["REPRODUCED", "DIFFERS", "SUPPORTED", "REFUTED"]
+        );
+        let judged = those(Passed::is_judged);
+        let open = ["INCONCLUSIVE", "FAILED", "NOT READ", "NOT MADE"];
+        assert!(
+            open.iter()
+                .chain(&those(Passed::is_decided))
+                .all(|word| judged.contains(word))
+        );
+        let unasked = ["CALIBRATED", "NOT JUDGED", "NOT TRAINED", "NOT RUN"];
+        assert!(unasked.iter().all(|word| !judged.contains(word)));
+        assert!(!passed("DIFFERS", true).is_judged());
+    }
+}
