@@ -1,4 +1,4 @@
-//! What the program is made of: the engine's protocols, the environments and the agents, in one registry.
+//! What the program is made of: the engine's protocols, the environments, the agents and the estimators, in one registry.
 
 use engine::{Build, Registry};
 
@@ -18,5 +18,6 @@ pub fn registry() -> Registry {
     engine::protocol::register(&mut registry);
     environments::register(&mut registry);
     agents::register(&mut registry);
+    estimators::register(&mut registry);
     registry
 }

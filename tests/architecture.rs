@@ -14,7 +14,7 @@ fn depends_on(folder: &str, name: &str) -> bool {
 
 #[test]
 fn the_engine_and_numerics_depend_on_no_workspace_crate() {
-    for name in ["engine", "numerics", "environments", "agents"] {
+    for name in ["engine", "numerics", "environments", "agents", "estimators"] {
         assert!(
             !depends_on("plugins/numerics", name),
             "numerics depends on {name}"
@@ -27,6 +27,10 @@ fn the_engine_and_numerics_depend_on_no_workspace_crate() {
 fn agents_and_environments_do_not_know_each_other() {
     assert!(!depends_on("plugins/agents", "environments"));
     assert!(!depends_on("plugins/environments", "agents"));
+    // Estimators carry a model of the plant, and are nobody's part.
+    for folder in ["plugins/agents", "plugins/environments"] {
+        assert!(!depends_on(folder, "estimators"), "{folder}");
+    }
 }
 
 /// So that simulated systems compile without the tensors that learning needs.

@@ -20,6 +20,7 @@ pub mod special;
 pub mod squashed;
 pub mod stein;
 pub mod tensor_file;
+pub mod unscented;
 
 /// Raised whenever a change in this crate changes the numbers of a trial. Together with the engine's own it
 /// is part of every trial's id.

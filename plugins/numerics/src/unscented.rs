@@ -109,10 +109,15 @@ impl UnscentedFilter {
         noise: &[f64],
         mut function: impl FnMut(&[f64]) -> Result<Vec<f64>, E>,
     ) -> Result<(), FilterError<E>> {
-        let points = self.sigma.at(&self.mean, &self.covariance).ok_or(FilterError::Indefinite)?;
+        let points = self
+            .sigma
+            .at(&self.mean, &self.covariance)
+            .ok_or(FilterError::Indefinite)?;
         let predicted = &self.covariance + DMatrix::from_diagonal(&DVector::from_column_slice(walk));
         let points = if self.redraw {
-            self.sigma.at(&self.mean, &predicted).ok_or(FilterError::Indefinite)?
+            self.sigma
+                .at(&self.mean, &predicted)
+                .ok_or(FilterError::Indefinite)?
         } else {
             points
         };
@@ -145,7 +150,10 @@ impl UnscentedFilter {
 
 fn weighed(weights: &[f64], points: &[DVector<f64>]) -> DVector<f64> {
     let sum = DVector::zeros(points[0].len());
-    weights.iter().zip(points).fold(sum, |sum, (weight, point)| sum + point * *weight)
+    weights
+        .iter()
+        .zip(points)
+        .fold(sum, |sum, (weight, point)| sum + point * *weight)
 }
 
 #[cfg(test)]
@@ -167,7 +175,9 @@ mod tests {
     fn a_linear_measurement_gives_the_kalman_filter() {
         // One number, seen directly: gain P / (P + R) by hand.
         let mut filter = UnscentedFilter::new(SIGMA, true, &[1.0], &[2.0]);
-        filter.step(&[1.0], &[3.0], &[5.0], |x| Ok::<_, ()>(vec![x[0]])).unwrap();
+        filter
+            .step(&[1.0], &[3.0], &[5.0], |x| Ok::<_, ()>(vec![x[0]]))
+            .unwrap();
         let gain = 5.0 / 10.0;
         assert!((filter.mean()[0] - (1.0 + gain * 2.0)).abs() < 1e-12);
         assert!((filter.covariance()[(0, 0)] - (1.0 - gain) * 5.0).abs() < 1e-12);
@@ -178,10 +188,15 @@ mod tests {
         let text = include_str!("../../../tests/fixtures/filters/unscented.csv");
         for redraw in [false, true] {
             let mut filter = UnscentedFilter::new(SIGMA, redraw, &[1.0, 0.5], &[0.3, 0.2]);
-            let rows = text.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
+            let rows = text
+                .lines()
+                .skip(1)
+                .map(|line| line.split(',').collect::<Vec<_>>());
             for row in rows.filter(|row| row[0] == if redraw { "redrawn" } else { "kept" }) {
                 let number: Vec<f64> = row[1..].iter().map(|cell| cell.parse().unwrap()).collect();
-                filter.step(&[1e-3, 2e-3], &number[..3], &[0.01, 0.002, 0.02], seen).unwrap();
+                filter
+                    .step(&[1e-3, 2e-3], &number[..3], &[0.01, 0.002, 0.02], seen)
+                    .unwrap();
                 let now = [
                     filter.mean()[0],
                     filter.mean()[1],

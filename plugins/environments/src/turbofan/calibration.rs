@@ -238,7 +238,12 @@ impl TurbofanCalibration {
     }
 
     /// Begins an episode of a unit with the sample `at`.
-    fn begin(&mut self, unit: usize, (at, left): (usize, usize), rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+    fn begin(
+        &mut self,
+        unit: usize,
+        (at, left): (usize, usize),
+        rng: &mut Rng,
+    ) -> Result<Vec<Vec<f64>>, Error> {
         self.truth.restart();
         self.model.restart();
         self.progress.unit = unit;

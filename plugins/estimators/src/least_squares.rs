@@ -1,0 +1,174 @@
+//! Health parameters by least squares over the last samples: moving-horizon estimation with a window of several
+//! samples, and of one sample alone the most that this sample says.
+//!
+//! Minimised is `sum_k |y_k - F(w_k, theta)|^2 + |theta - theta_before|^2 / prior_sd^2`, with sensors in units of their
+//! errors, by the Levenberg-Marquardt method (J. J. Moré 1978) of a library, from the last estimate.
+
+use crate::{Plant, Reading};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use environments::turbofan::EngineName;
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra_of_fits::{DMatrix, DVector, Dyn, Owned};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::{cell::RefCell, collections::VecDeque};
+
+const NAME: &str = "least_squares";
+
+/// What is fitted.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// The engine of the model.
+    pub engine: EngineName,
+    /// Samples that are fitted together, the last ones.
+    #[schemars(range(min = 1, max = 1000))]
+    pub window: usize,
+    /// Standard deviation of a parameter around the last estimate; null for no memory of it.
+    #[schemars(range(min = 1e-9, max = 1.0))]
+    pub prior_sd: Option<f64>,
+    /// Standard deviation of a sensor, in parts of what it reads.
+    #[schemars(range(min = 1e-9, max = 1.0))]
+    pub noise: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            engine: EngineName::default(),
+            window: 5,
+            prior_sd: None,
+            noise: 1e-3,
+        }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The estimator.
+#[derive(Debug, Clone)]
+pub struct LeastSquares {
+    config: Config,
+    plant: Plant,
+    window: VecDeque<Reading>,
+    estimate: Vec<f64>,
+}
+
+/// Registers the estimator.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "an engine's health parameters by least squares over the last samples";
+    registry.agent(NAME, version, about, AgentTraits::default(), build);
+}
+
+fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let plant = Plant::new(NAME, config.engine, config.noise, interface)?;
+    Ok(Box::new(LeastSquares {
+        estimate: vec![0.0; plant.n_parameters()],
+        config,
+        plant,
+        window: VecDeque::new(),
+    }))
+}
+
+/// The sum of squares as the library asks for it. A failure of the engine ends the search, and is kept.
+struct Fit<'a> {
+    plant: RefCell<&'a mut Plant>,
+    window: &'a VecDeque<Reading>,
+    prior: Option<(&'a [f64], f64)>,
+    theta: DVector<f64>,
+    failed: RefCell<Option<Error>>,
+}
+
+impl Fit<'_> {
+    fn kept<T>(&self, result: Result<T, Error>) -> Option<T> {
+        result
+            .map_err(|error| *self.failed.borrow_mut() = Some(error))
+            .ok()
+    }
+}
+
+impl LeastSquaresProblem<f64, Dyn, Dyn> for Fit<'_> {
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+    type ParameterStorage = Owned<f64, Dyn>;
+
+    fn set_params(&mut self, theta: &DVector<f64>) {
+        self.theta.copy_from(theta);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.theta.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        let mut off = Vec::new();
+        for reading in self.window {
+            let said = self.kept(self.plant.borrow_mut().expected(reading, self.theta.as_slice()))?;
+            off.extend(said.iter().zip(&reading.measured).map(|(x, y)| x - y));
+        }
+        if let Some((before, sd)) = self.prior {
+            off.extend(self.theta.iter().zip(before).map(|(x, y)| (x - y) / sd));
+        }
+        Some(DVector::from_vec(off))
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let d = self.theta.len();
+        let mut columns = vec![Vec::new(); d];
+        for reading in self.window {
+            let slopes = self.kept(self.plant.borrow_mut().slopes(reading, self.theta.as_slice()))?;
+            columns
+                .iter_mut()
+                .zip(slopes)
+                .for_each(|(column, slopes)| column.extend(slopes));
+        }
+        if let Some((_, sd)) = self.prior {
+            for (entry, column) in columns.iter_mut().enumerate() {
+                column.extend((0..d).map(|other| if other == entry { 1.0 / sd } else { 0.0 }));
+            }
+        }
+        Some(DMatrix::from_fn(columns[0].len(), d, |row, column| {
+            columns[column][row]
+        }))
+    }
+}
+
+impl Agent for LeastSquares {
+    fn act(
+        &mut self,
+        observations: &[Observation],
+        _mode: Mode,
+        _rng: &mut Rng,
+    ) -> Result<Vec<Action>, Error> {
+        let reading = self.plant.reading(NAME, observations)?;
+        if self.window.len() == self.config.window {
+            self.window.pop_front();
+        }
+        self.window.push_back(reading);
+        let before = self.estimate.clone();
+        let fit = Fit {
+            plant: RefCell::new(&mut self.plant),
+            window: &self.window,
+            prior: self.config.prior_sd.map(|sd| (&before[..], sd)),
+            theta: DVector::from_column_slice(&before),
+            failed: RefCell::new(None),
+        };
+        let (fit, _) = LevenbergMarquardt::new().with_patience(20).minimize(fit);
+        let (theta, failed) = (fit.theta.as_slice().to_vec(), fit.failed.into_inner());
+        if let Some(error) = failed {
+            return Err(error);
+        }
+        self.estimate = self.plant.within(&theta);
+        Ok(self.plant.action(&self.estimate))
+    }
+
+    fn remembers(&self) -> bool {
+        true
+    }
+
+    fn restart(&mut self) {
+        self.plant.model.restart();
+        self.window.clear();
+        self.estimate = vec![0.0; self.plant.n_parameters()];
+    }
+}

@@ -1,0 +1,174 @@
+//! Estimators: agents that carry a model of the plant they watch. Agents that learn know no environment; these
+//! know the simulator behind one, which is why they are a crate of their own.
+//!
+//! Health parameters of turbofans (Y. Tian, M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Real-time model
+//! calibration with deep reinforcement learning", Mechanical Systems and Signal Processing 165 (2022) 108284):
+//! filters and least squares.
+//! They read `target_<sensor>` and the flight condition from what is observed, and choose the health parameters of
+//! the action; their model is the engine itself, as of the environment `turbofan_calibration`. All of them
+//! remember, and begin anew with every episode from a healthy engine.
+
+mod extended_kalman_filter;
+mod least_squares;
+mod particle_filter;
+#[cfg(test)]
+mod tests;
+mod unscented_kalman_filter;
+
+use engine::{Action, Error, Interface, Observation, Registry, Space};
+use environments::turbofan::{EngineName, FlightCondition, HealthParameter, SensorModel};
+
+/// Registers the estimators.
+pub fn register(registry: &mut Registry) {
+    unscented_kalman_filter::register(registry, 1);
+    extended_kalman_filter::register(registry, 1);
+    particle_filter::register(registry, 1);
+    least_squares::register(registry, 1);
+}
+
+/// A model and where its inputs stand in an observation.
+#[derive(Debug, Clone)]
+struct Plant {
+    model: SensorModel,
+    /// Places of the sensors and of the four numbers of the flight condition in what is observed.
+    sensors: Vec<usize>,
+    condition: [usize; 4],
+    /// Smallest and largest value of each parameter.
+    limits: Vec<(f64, f64)>,
+    /// The sensors' errors, in parts of what they read.
+    noise: f64,
+}
+
+/// One sample as an estimator takes it.
+#[derive(Debug, Clone, PartialEq)]
+struct Reading {
+    condition: FlightCondition,
+    /// What the sensors read, in units of their errors.
+    measured: Vec<f64>,
+    /// One over the errors, SI.
+    per_error: Vec<f64>,
+}
+
+impl Plant {
+    /// The engine `engine` behind the seat of an interface; sensors err by `noise`, in parts of what they read.
+    fn new(
+        agent: &'static str,
+        engine: EngineName,
+        noise: f64,
+        interface: &Interface,
+    ) -> Result<Self, Error> {
+        let misfit = |problem: String| Error::Mismatch { agent, problem };
+        let [seat] = &interface.seats[..] else {
+            let seats = interface.seats.len();
+            return Err(misfit(format!("it plays one seat, the environment has {seats}")));
+        };
+        let (Space::Box(seen), Space::Box(acted)) = (&seat.observation, &seat.action) else {
+            return Err(misfit(
+                "it estimates numbers of a box from numbers of a box".into(),
+            ));
+        };
+        let place = |name: &str| seen.iter().position(|channel| channel.name == name);
+        let needed = |name: &str| {
+            place(name).ok_or_else(|| misfit(format!("it reads `{name}`, which is not observed")))
+        };
+        let condition = [
+            needed("altitude_m")?,
+            needed("mach")?,
+            needed("delta_t_k")?,
+            needed("turbine_inlet_temperature_k")?,
+        ];
+        let sensors: Vec<(usize, String)> = (0..)
+            .zip(seen)
+            .filter_map(|(place, channel)| Some((place, channel.name.strip_prefix("target_")?.to_owned())))
+            .collect();
+        let parameter = |name: &String| {
+            serde_json::from_value::<HealthParameter>(serde_json::json!(name))
+                .map_err(|_| misfit(format!("the action `{name}` is no health parameter of an engine")))
+        };
+        let names: Vec<String> = acted.iter().map(|channel| channel.name.clone()).collect();
+        let calibrated = names.iter().map(parameter).collect::<Result<Vec<_>, _>>()?;
+        let (sensors, names): (Vec<usize>, Vec<String>) = sensors.into_iter().unzip();
+        Ok(Self {
+            model: SensorModel::new(engine, &calibrated, &names)?,
+            sensors,
+            condition,
+            limits: acted.iter().map(|channel| (channel.low, channel.high)).collect(),
+            noise,
+        })
+    }
+
+    fn n_parameters(&self) -> usize {
+        self.limits.len()
+    }
+
+    /// The one row that an agent that remembers is shown.
+    fn reading(&self, agent: &'static str, observations: &[Observation]) -> Result<Reading, Error> {
+        let [observation] = observations else {
+            let problem = format!(
+                "{} rows at a time for an estimator that remembers",
+                observations.len()
+            );
+            return Err(Error::Mismatch { agent, problem });
+        };
+        let seen = &observation.seats[0];
+        let values: Vec<f64> = self.sensors.iter().map(|place| seen[*place]).collect();
+        let per_error: Vec<f64> = values
+            .iter()
+            .map(|value| 1.0 / (self.noise * value.abs()).max(f64::MIN_POSITIVE))
+            .collect();
+        Ok(Reading {
+            condition: FlightCondition::from_array(self.condition.map(|place| seen[place])),
+            measured: values
+                .iter()
+                .zip(&per_error)
+                .map(|(value, per)| value * per)
+                .collect(),
+            per_error,
+        })
+    }
+
+    /// What the model says of a reading, in units of the sensors' errors.
+    fn expected(&mut self, reading: &Reading, theta: &[f64]) -> Result<Vec<f64>, Error> {
+        let held = self.within(theta);
+        let said = self.model.read(&reading.condition, &held)?;
+        Ok(said
+            .iter()
+            .zip(&reading.per_error)
+            .map(|(value, per)| value * per)
+            .collect())
+    }
+
+    /// Derivatives of what the model says by each parameter, by central differences.
+    fn slopes(&mut self, reading: &Reading, theta: &[f64]) -> Result<Vec<Vec<f64>>, Error> {
+        let step = 1e-5;
+        let moved = |entry: usize, by: f64| {
+            let mut moved = theta.to_vec();
+            moved[entry] += by;
+            moved
+        };
+        (0..theta.len())
+            .map(|entry| {
+                let above = self.expected(reading, &moved(entry, step))?;
+                let below = self.expected(reading, &moved(entry, -step))?;
+                Ok(above
+                    .iter()
+                    .zip(below)
+                    .map(|(above, below)| (above - below) / (2.0 * step))
+                    .collect())
+            })
+            .collect()
+    }
+
+    /// Parameters inside their limits.
+    fn within(&self, theta: &[f64]) -> Vec<f64> {
+        theta
+            .iter()
+            .zip(&self.limits)
+            .map(|(value, (low, high))| value.clamp(*low, *high))
+            .collect()
+    }
+
+    fn action(&self, theta: &[f64]) -> Vec<Action> {
+        vec![vec![self.within(theta)]]
+    }
+}

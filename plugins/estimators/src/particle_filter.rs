@@ -1,0 +1,169 @@
+//! A particle filter of health parameters that walk at random (N. J. Gordon, D. J. Salmond and A. F. M. Smith 1993;
+//! systematic resampling where the effective number of particles falls below half).
+
+use crate::Plant;
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use environments::turbofan::EngineName;
+use numerics::gaussian::standard_normal;
+use rand::Rng as _;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+const NAME: &str = "particle_filter";
+
+/// What the filter assumes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// The engine of the model.
+    pub engine: EngineName,
+    /// Number of particles, each a run of the engine per sample.
+    #[schemars(range(min = 2, max = 1_000_000))]
+    pub particles: usize,
+    /// Standard deviation of a parameter's change from one sample to the next.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub walk_sd: f64,
+    /// Standard deviation of a sensor, in parts of what it reads.
+    #[schemars(range(min = 1e-9, max = 1.0))]
+    pub noise: f64,
+    /// Standard deviation of a parameter before the first sample, around a healthy engine.
+    #[schemars(range(min = 1e-9, max = 1.0))]
+    pub first_sd: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            engine: EngineName::default(),
+            particles: 100,
+            walk_sd: 1e-4,
+            noise: 3e-3,
+            first_sd: 5e-3,
+        }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The estimator.
+#[derive(Debug, Clone)]
+pub struct ParticleFilter {
+    config: Config,
+    plant: Plant,
+    /// Parameters and weights; none before the first sample.
+    particles: Vec<(Vec<f64>, f64)>,
+}
+
+/// Registers the estimator.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "particle filter of an engine's health parameters";
+    registry.agent(NAME, version, about, AgentTraits::default(), build);
+}
+
+fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let plant = Plant::new(NAME, config.engine, config.noise, interface)?;
+    Ok(Box::new(ParticleFilter {
+        config,
+        plant,
+        particles: Vec::new(),
+    }))
+}
+
+impl ParticleFilter {
+    /// Particles of a healthy engine, or those of the last sample after a step of their walk.
+    fn walk(&mut self, rng: &mut Rng) {
+        let Config {
+            particles,
+            walk_sd,
+            first_sd,
+            ..
+        } = self.config;
+        let d = self.plant.n_parameters();
+        if self.particles.is_empty() {
+            let weight = 1.0 / particles as f64;
+            let mut drawn = || (0..d).map(|_| first_sd * standard_normal(rng)).collect();
+            self.particles = (0..particles).map(|_| (drawn(), weight)).collect();
+            return;
+        }
+        for (theta, _) in &mut self.particles {
+            theta
+                .iter_mut()
+                .for_each(|entry| *entry += walk_sd * standard_normal(rng));
+        }
+    }
+
+    /// Weighs particles by the likelihood of a reading.
+    fn weigh(&mut self, reading: &crate::Reading) -> Result<(), Error> {
+        let mut logs = Vec::with_capacity(self.particles.len());
+        for (theta, weight) in &self.particles {
+            let expected = self.plant.expected(reading, theta)?;
+            let off = expected
+                .iter()
+                .zip(&reading.measured)
+                .map(|(x, y)| (x - y).powi(2));
+            logs.push(weight.ln() - 0.5 * off.sum::<f64>());
+        }
+        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let weights: Vec<f64> = logs.iter().map(|log| (log - most).exp()).collect();
+        let total: f64 = weights.iter().sum();
+        for ((_, weight), new) in self.particles.iter_mut().zip(weights) {
+            *weight = new / total;
+        }
+        Ok(())
+    }
+
+    fn mean(&self) -> Vec<f64> {
+        let sum = |entry: usize| {
+            self.particles
+                .iter()
+                .map(|(theta, weight)| weight * theta[entry])
+                .sum()
+        };
+        (0..self.plant.n_parameters()).map(sum).collect()
+    }
+
+    /// Draws particles anew by their weights where few carry them.
+    fn resample(&mut self, rng: &mut Rng) {
+        let n = self.particles.len();
+        let squares: f64 = self.particles.iter().map(|(_, weight)| weight * weight).sum();
+        if 1.0 / squares > 0.5 * n as f64 {
+            return;
+        }
+        let offset = rng.random::<f64>();
+        let (mut sum, mut at) = (self.particles[0].1, 0);
+        let drawn = (0..n).map(|index| {
+            let place = (index as f64 + offset) / n as f64;
+            while sum < place && at + 1 < n {
+                at += 1;
+                sum += self.particles[at].1;
+            }
+            (self.particles[at].0.clone(), 1.0 / n as f64)
+        });
+        self.particles = drawn.collect();
+    }
+}
+
+impl Agent for ParticleFilter {
+    fn act(
+        &mut self,
+        observations: &[Observation],
+        _mode: Mode,
+        rng: &mut Rng,
+    ) -> Result<Vec<Action>, Error> {
+        let reading = self.plant.reading(NAME, observations)?;
+        self.walk(rng);
+        self.weigh(&reading)?;
+        let mean = self.mean();
+        self.resample(rng);
+        Ok(self.plant.action(&mean))
+    }
+
+    fn remembers(&self) -> bool {
+        true
+    }
+
+    fn restart(&mut self) {
+        self.plant.model.restart();
+        self.particles.clear();
+    }
+}

@@ -1,0 +1,131 @@
+//! Every estimator finds the health of an engine that it can see well.
+
+use super::*;
+use engine::{Agent, Environment as _, Mode, random::stream};
+use environments::turbofan::calibration::{CalibrationConfig, TurbofanCalibration};
+use serde_json::json;
+
+fn registry() -> Registry {
+    let mut registry = Registry::default();
+    register(&mut registry);
+    registry
+}
+
+fn built(name: &str, config: &serde_json::Value, problem: &TurbofanCalibration) -> Box<dyn Agent> {
+    let registry = registry();
+    let entry = &registry.agents[name];
+    (entry.build)(config, &problem.interface(), &mut stream(&["estimator"])).unwrap()
+}
+
+fn problem(config: serde_json::Value) -> TurbofanCalibration {
+    let config: CalibrationConfig = serde_json::from_value(config).unwrap();
+    TurbofanCalibration::new(config).unwrap()
+}
+
+/// Root of the mean squared error over the second half of a unit's life.
+fn error_of(agent: &mut dyn Agent, problem: &mut TurbofanCalibration, unit: u64) -> f64 {
+    let (mut rng, mut agent_rng) = (stream(&["life"]), stream(&["agent"]));
+    let mut seen = problem.reset_to(unit, &mut rng).unwrap();
+    agent.restart();
+    let mut squares = Vec::new();
+    loop {
+        let theta = problem.state();
+        let observation = Observation {
+            seats: seen,
+            state: Vec::new(),
+        };
+        let action = agent
+            .act(&[observation], Mode::Evaluate, &mut agent_rng)
+            .unwrap()
+            .remove(0);
+        let off = theta
+            .iter()
+            .zip(&action[0])
+            .map(|(x, y)| (x - y).powi(2))
+            .sum::<f64>();
+        squares.push(off / theta.len() as f64);
+        let step = problem.step(&action, &mut rng).unwrap();
+        seen = step.observations;
+        if step.end.is_some() {
+            break;
+        }
+    }
+    let late = &squares[squares.len() / 2..];
+    (late.iter().sum::<f64>() / late.len() as f64).sqrt()
+}
+
+fn lives(snr_db: Option<f64>) -> serde_json::Value {
+    json!({
+        "episodes": "units", "sensor_snr_db": snr_db,
+        "fleet": { "units": 2, "degradation": { "life": { "cycles": 30, "samples": 5 } } },
+    })
+}
+
+#[test]
+fn estimators_find_the_health_of_an_engine_with_good_sensors() {
+    for (name, most) in [
+        ("unscented_kalman_filter", 3e-4),
+        ("extended_kalman_filter", 3e-4),
+        ("particle_filter", 1e-3),
+        ("least_squares", 6e-4),
+    ] {
+        let mut problem = problem(lives(Some(70.0)));
+        let config = match name {
+            "particle_filter" => json!({ "walk_sd": 5e-4, "noise": 1e-3 }),
+            "least_squares" => json!({ "window": 3 }),
+            _ => json!({ "walk_sd": 3e-4, "noise": 3.2e-4 }),
+        };
+        let mut agent = built(name, &config, &problem);
+        let error = error_of(&mut *agent, &mut problem, 1);
+        assert!(error < most, "{name}: {error}");
+        // A healthy guess is wrong by far more.
+        assert!(error < 0.2 * 5e-3, "{name}: {error}");
+        // What was seen is forgotten: the same life gives the same errors.
+        let (again, other) = (
+            error_of(&mut *agent, &mut problem, 1),
+            error_of(&mut *agent, &mut problem, 0),
+        );
+        if name != "particle_filter" {
+            assert!((again - error).abs() < 1e-9, "{name}: {again} {error}");
+        }
+        assert!(other < most, "{name}: {other}");
+    }
+}
+
+#[test]
+fn one_exact_sample_says_all() {
+    let mut problem = problem(json!({
+        "engine": "agtf30", "episodes": "units", "theta_range": [-0.06, 0.06],
+        "calibrated": ["hpt_efficiency", "hpt_flow", "lpt_efficiency", "lpt_flow"],
+        "fleet": { "units": 3, "degradation": { "faults": { "samples": 4 } } },
+    }));
+    let mut agent = built(
+        "least_squares",
+        &json!({ "engine": "agtf30", "window": 1 }),
+        &problem,
+    );
+    let error = error_of(&mut *agent, &mut problem, 2);
+    assert!(error < 1e-6, "{error}");
+}
+
+#[test]
+fn other_environments_are_refused() {
+    let registry = registry();
+    let seat = engine::Seat {
+        name: String::new(),
+        observation: Space::Box(vec![engine::Channel::new("position", "m")]),
+        action: Space::Box(vec![engine::Channel::new("force", "N")]),
+    };
+    let interface = Interface {
+        seats: vec![seat],
+        state: Vec::new(),
+    };
+    for entry in registry.agents.values() {
+        let built = (entry.build)(&json!({}), &interface, &mut stream(&["refused"]));
+        let error = built.map(|_| ()).unwrap_err().to_string();
+        assert!(
+            error.contains("it reads `altitude_m`, which is not observed"),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,126 @@
+//! The unscented Kalman filter of health parameters that walk at random and are seen through the engine.
+//!
+//! Thesis, section 2.5 (its `UKF`); the filter itself is in [`numerics::unscented`]. The thesis states neither the
+//! variances nor the sigma points; it runs the engine for `2 (2 d + 1)` points a sample, those of the prediction too.
+//! A random walk predicts without an engine, so that `2 d + 1` runs are needed here.
+
+use crate::Plant;
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use environments::turbofan::EngineName;
+use numerics::unscented::{FilterError, SigmaPoints, UnscentedFilter};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+const NAME: &str = "unscented_kalman_filter";
+
+/// What the filter assumes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// The engine of the model.
+    pub engine: EngineName,
+    /// Standard deviation of a parameter's change from one sample to the next.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub walk_sd: f64,
+    /// Standard deviation of a sensor, in parts of what it reads.
+    #[schemars(range(min = 1e-9, max = 1.0))]
+    pub noise: f64,
+    /// Standard deviation of a parameter before the first sample, around a healthy engine.
+    #[schemars(range(min = 1e-9, max = 1.0))]
+    pub first_sd: f64,
+    /// Spread of the sigma points. Far below 0.1 the weights cancel beyond what the engine is solved to.
+    #[schemars(range(min = 1e-3, max = 10.0))]
+    pub alpha: f64,
+    /// 2 is best for normal beliefs.
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub beta: f64,
+    /// A second spread of the sigma points.
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub kappa: f64,
+    /// Draw the sigma points again between prediction and update.
+    pub redraw: bool,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            engine: EngineName::default(),
+            walk_sd: 2e-5,
+            noise: 1e-3,
+            first_sd: 5e-3,
+            alpha: 0.5,
+            beta: 2.0,
+            kappa: 0.0,
+            redraw: true,
+        }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The estimator.
+#[derive(Debug, Clone)]
+pub struct UnscentedKalmanFilter {
+    config: Config,
+    plant: Plant,
+    belief: UnscentedFilter,
+}
+
+/// Registers the estimator.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "unscented Kalman filter of an engine's health parameters";
+    registry.agent(NAME, version, about, AgentTraits::default(), build);
+}
+
+fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let plant = Plant::new(NAME, config.engine, config.noise, interface)?;
+    let belief = healthy(&config, plant.n_parameters());
+    Ok(Box::new(UnscentedKalmanFilter {
+        config,
+        plant,
+        belief,
+    }))
+}
+
+/// The belief before the first sample.
+fn healthy(config: &Config, n_parameters: usize) -> UnscentedFilter {
+    let Config {
+        alpha, beta, kappa, ..
+    } = *config;
+    let (mean, sd) = (vec![0.0; n_parameters], vec![config.first_sd; n_parameters]);
+    UnscentedFilter::new(SigmaPoints { alpha, beta, kappa }, config.redraw, &mean, &sd)
+}
+
+impl Agent for UnscentedKalmanFilter {
+    fn act(
+        &mut self,
+        observations: &[Observation],
+        _mode: Mode,
+        _rng: &mut Rng,
+    ) -> Result<Vec<Action>, Error> {
+        let reading = self.plant.reading(NAME, observations)?;
+        let walk = vec![self.config.walk_sd.powi(2); self.plant.n_parameters()];
+        let ones = vec![1.0; reading.measured.len()];
+        let (plant, belief) = (&mut self.plant, &mut self.belief);
+        let stepped = belief.step(&walk, &reading.measured, &ones, |theta| {
+            plant.expected(&reading, theta)
+        });
+        stepped.map_err(|failed| match failed {
+            FilterError::Function(error) => error,
+            FilterError::Indefinite => Error::Model {
+                model: NAME,
+                problem: failed.to_string(),
+            },
+        })?;
+        Ok(self.plant.action(self.belief.mean()))
+    }
+
+    fn remembers(&self) -> bool {
+        true
+    }
+
+    fn restart(&mut self) {
+        self.plant.model.restart();
+        self.belief = healthy(&self.config, self.plant.n_parameters());
+    }
+}
