@@ -237,6 +237,16 @@ impl TrialResult {
         (count > 0).then(|| sum / f64::from(count))
     }
 
+    /// Root of the mean square of a metric over the episodes (and seats) of a phase; `None` where nothing was
+    /// recorded.
+    #[must_use]
+    pub fn root_mean_square(&self, phase: Phase, metric: &str) -> Option<f64> {
+        let (sum, count) = self.select(phase, metric).fold((0.0, 0u32), |(sum, count), row| {
+            (sum + row.value * row.value, count + 1)
+        });
+        (count > 0).then(|| (sum / f64::from(count)).sqrt())
+    }
+
     /// Mean of a metric over episodes (and seats) at each step of a phase, in the order of steps.
     #[must_use]
     pub fn curve(&self, phase: Phase, metric: &str) -> Vec<(u64, f64)> {

@@ -15,11 +15,6 @@ use std::{cell::RefCell, collections::BTreeMap};
 /// Episodes that are stepped together, so that the policy sees many rows at a time.
 const ROWS: u64 = 256;
 
-/// The same for an agent: one for an agent that remembers.
-fn rows_of(agent: &dyn Agent) -> u64 {
-    if agent.remembers() { 1 } else { ROWS }
-}
-
 /// What to measure, and under which name it is stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
@@ -36,6 +31,8 @@ pub struct Measurement {
     stream: String,
     /// How the agent acts.
     mode: Mode,
+    /// True where episodes are played one after the other, whoever plays them.
+    one_by_one: bool,
 }
 
 impl Measurement {
@@ -50,6 +47,7 @@ impl Measurement {
             traced: 0,
             stream: format!("evaluate {index}"),
             mode: Mode::Evaluate,
+            one_by_one: false,
         }
     }
 
@@ -63,6 +61,24 @@ impl Measurement {
             traced,
             stream: "final".into(),
             mode: Mode::Evaluate,
+            one_by_one: false,
+        }
+    }
+
+    /// The measurement at the end of a trial that follows episodes one after the other.
+    pub(super) fn one_by_one(episodes: u64, traced: u64) -> Self {
+        Self {
+            one_by_one: true,
+            ..Self::at_the_end(0, episodes, traced)
+        }
+    }
+
+    /// Episodes that are stepped together by an agent: one, where it remembers.
+    fn together(&self, agent: &dyn Agent) -> u64 {
+        if self.one_by_one || agent.remembers() {
+            1
+        } else {
+            ROWS
         }
     }
 
@@ -75,6 +91,7 @@ impl Measurement {
             traced: 0,
             stream: "gather".into(),
             mode,
+            one_by_one: false,
         }
     }
 }
@@ -140,7 +157,7 @@ pub(super) fn measure_and_keep<L: Serialize>(
         mut rng,
         pool,
     } = blocks.unwrap_or_else(begin);
-    let together = rows_of(&*run.agent);
+    let together = what.together(&*run.agent);
     let rows = what.episodes.min(together);
     let mut pool = open_pool(run, rows, &pool)?;
     while first < what.episodes {
@@ -198,14 +215,14 @@ pub fn measure_alone(
 /// Measures again as at the end of a trial that made `step` training steps, until the block of episodes with
 /// `episode` is done.
 pub(crate) fn replay(run: &mut Run<'_>, step: u64, episodes: u64, episode: u64) -> Result<(), Error> {
-    let together = rows_of(&*run.agent);
+    let what = Measurement::at_the_end(step, episodes, 0);
+    let together = what.together(&*run.agent);
     let until = (episode / together + 1) * together;
-    measure(
-        run,
-        &Measurement::at_the_end(step, episodes.min(until), 0),
-        None,
-        || None::<()>,
-    )
+    let what = Measurement {
+        episodes: episodes.min(until),
+        ..what
+    };
+    measure(run, &what, None, || None::<()>)
 }
 
 /// Environments, each free while it plays no episode.

@@ -14,6 +14,7 @@ mod position;
 mod supervised_fit;
 #[cfg(test)]
 mod tests;
+mod track;
 mod train_evaluate;
 
 use crate::{
@@ -30,6 +31,7 @@ pub use gather::{Gather, GatherMode};
 pub use offline_fit::OfflineFit;
 pub use position::{Blocks, Position, restored};
 pub use supervised_fit::SupervisedFit;
+pub use track::Track;
 pub use train_evaluate::TrainEvaluate;
 
 /// Registers the protocols of the engine.
@@ -39,6 +41,7 @@ pub fn register(registry: &mut Registry) {
     estimator_tracking::register(registry);
     gather::register(registry);
     offline_fit::register(registry);
+    track::register(registry);
 }
 
 /// A protocol that measures whole episodes of policies which learn no more, as part of a trial's key.

@@ -51,16 +51,19 @@ pub enum Aggregate {
     Min,
     /// Mean of the final measurement, of seeds with success only.
     GivenSuccess,
+    /// Root of the mean square over the episodes of the final measurement.
+    Rms,
 }
 
 impl Aggregate {
     /// All of them, in the order of the documentation.
-    pub const ALL: [Aggregate; 5] = [
+    pub const ALL: [Aggregate; 6] = [
         Aggregate::Final,
         Aggregate::Auc,
         Aggregate::Max,
         Aggregate::Min,
         Aggregate::GivenSuccess,
+        Aggregate::Rms,
     ];
 
     /// The word that is written in a claim.
@@ -72,6 +75,7 @@ impl Aggregate {
             Aggregate::Max => "max",
             Aggregate::Min => "min",
             Aggregate::GivenSuccess => "given_success",
+            Aggregate::Rms => "rms",
         }
     }
 
@@ -84,6 +88,7 @@ impl Aggregate {
             Aggregate::Max => "The largest point of the learning curve.",
             Aggregate::Min => "The smallest point of the learning curve.",
             Aggregate::GivenSuccess => "Mean of the final measurement, of the seeds with success alone.",
+            Aggregate::Rms => "Root of the mean square over the episodes of the final measurement.",
         }
     }
 
@@ -104,6 +109,7 @@ impl Aggregate {
             Aggregate::GivenSuccess => trial
                 .mean(Phase::Final, metric)
                 .filter(|_| trial.succeeded() == Some(true)),
+            Aggregate::Rms => trial.root_mean_square(Phase::Final, metric),
         }
     }
 }
@@ -310,10 +316,11 @@ mod tests {
         ];
         let trial = trial(&[&rows[..], &[(Final, 20, 7.0), (Final, 20, 8.0)]].concat());
         let numbers = Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "return"));
-        assert_eq!(numbers, [Some(7.5), Some(2.0), Some(3.0), Some(1.0), None]);
+        let rms = Some(f64::sqrt((49.0 + 64.0) / 2.0));
+        assert_eq!(numbers, [Some(7.5), Some(2.0), Some(3.0), Some(1.0), None, rms]);
         assert_eq!(
             Aggregate::ALL.map(|aggregate| aggregate.of_trial(&trial, "cost")),
-            [None; 5]
+            [None; 6]
         );
     }
 }

@@ -96,6 +96,7 @@ fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picke
     }
     let while_learning = match &spec.taken {
         Taken::Final => None,
+        Taken::RootMeanSquare => Some("root_mean_square"),
         Taken::Last(_) => Some("last"),
         Taken::StepsUntilAbove { .. } => Some("steps_until_above"),
         Taken::AtSteps { .. } => Some("at_steps"),

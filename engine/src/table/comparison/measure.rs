@@ -93,18 +93,22 @@ impl Measure<'_> {
                 },
                 _,
             ) if !values.is_empty() => Ok(mean_of_last(*last, &values)),
-            _ => self.at_the_end(trial),
+            (Taken::RootMeanSquare, _) => self.recorded(trial, TrialResult::root_mean_square),
+            _ => self.recorded(trial, TrialResult::mean),
         }
     }
 
-    fn at_the_end(&self, trial: &TrialResult) -> Result<f64, NoValue> {
+    /// What the episodes of the final measurement become.
+    fn recorded(
+        &self,
+        trial: &TrialResult,
+        pooled: fn(&TrialResult, Phase, &str) -> Option<f64>,
+    ) -> Result<f64, NoValue> {
         let (seed, metric) = (trial.trial.key.seed, &self.comparison.value);
-        trial
-            .mean(Phase::Final, metric)
-            .ok_or_else(|| NoValue::NotRecorded {
-                seed,
-                metric: metric.clone(),
-            })
+        pooled(trial, Phase::Final, metric).ok_or_else(|| NoValue::NotRecorded {
+            seed,
+            metric: metric.clone(),
+        })
     }
 }
 
@@ -146,6 +150,7 @@ impl Taken {
     pub(super) fn phrase(&self, value: &str) -> String {
         match self {
             Taken::Final => value.into(),
+            Taken::RootMeanSquare => format!("{value}, root of the mean square over episodes"),
             Taken::Last(last) => format!("{value}, mean of the last {last} measurements"),
             Taken::StepsUntilAbove { level, smooth } => {
                 format!(

@@ -61,6 +61,8 @@ pub enum Taken {
     /// The final measurement.
     #[default]
     Final,
+    /// The root of the mean square over the episodes of the final measurement.
+    RootMeanSquare,
     /// The mean of the last so many measurements during learning.
     Last(u64),
     /// The environment steps until the moving average of the measurements during learning is above a level.

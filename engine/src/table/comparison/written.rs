@@ -28,6 +28,9 @@ pub(super) struct Written {
     /// the final one.
     #[schemars(range(min = 1))]
     last: Option<u64>,
+    /// Take the root of the mean square over the episodes of the final measurement in place of their mean, as for
+    /// errors that are roots of mean squares themselves.
+    root_mean_square: bool,
     /// Take the environment steps until the moving average of the measurements during learning is above this
     /// value.
     steps_until_above: Option<f64>,
@@ -81,6 +84,7 @@ impl Written {
             ("smooth", over_steps && self.smooth.is_some() && !until),
             ("steps_until_above", until),
             ("last", self.last.is_some()),
+            ("root_mean_square", self.root_mean_square),
         ];
         let given: Vec<&'static str> = kinds
             .into_iter()
@@ -105,6 +109,7 @@ impl Written {
     fn taken(&self) -> Taken {
         let weight = |usual| self.smooth.unwrap_or(usual);
         match (self.steps_until_above, self.last) {
+            _ if self.root_mean_square => Taken::RootMeanSquare,
             (Some(level), _) => Taken::StepsUntilAbove {
                 level,
                 smooth: weight(WEIGHT_UNTIL_ABOVE),
@@ -127,6 +132,10 @@ impl Written {
         let weight = |smooth: f64, usual: f64| Some(smooth).filter(|smooth| *smooth != usual);
         match taken {
             Taken::Final => self,
+            Taken::RootMeanSquare => Self {
+                root_mean_square: true,
+                ..self
+            },
             Taken::Last(last) => Self {
                 last: Some(last),
                 ..self
@@ -195,6 +204,7 @@ impl From<Comparison> for Written {
             value: comparison.value,
             statistic: comparison.statistic,
             last: None,
+            root_mean_square: false,
             steps_until_above: None,
             at_steps: Vec::new(),
             smooth: None,
@@ -225,6 +235,7 @@ mod tests {
         let cases = [
             (json!({}), Taken::Final),
             (json!({"last": 5}), Taken::Last(5)),
+            (json!({"root_mean_square": true}), Taken::RootMeanSquare),
             (
                 json!({"steps_until_above": 3.0}),
                 Taken::StepsUntilAbove {
@@ -291,6 +302,10 @@ mod tests {
         assert_eq!(
             message(json!({"at_steps": [1], "steps_until_above": 2})),
             "`steps_until_above` and `at_steps` are two different values"
+        );
+        assert_eq!(
+            message(json!({"last": 5, "root_mean_square": true})),
+            "`root_mean_square` and `last` are two different values"
         );
         assert!(message(json!({"smooth": 0.5})).starts_with("`smooth` has no effect without"));
         assert_eq!(
