@@ -6,8 +6,8 @@
 //!
 //! "The thesis" is everywhere: Y. Tian, "Prescriptive Maintenance and Operation with Deep Reinforcement
 //! Learning", dissertation. It collects four published articles; those that agents here come from:
-//! - chapter 2, `clac` and `lac`: Y. Tian, M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Real-time model
-//!   calibration with deep reinforcement learning", Mechanical Systems and Signal Processing 165 (2022)
+//! - chapter 2, `clac` and `lac`: Y. Tian, M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Real-time
+//!   model calibration with deep reinforcement learning", Mechanical Systems and Signal Processing 165 (2022)
 //!   108284;
 //! - chapter 3, `dirichlet_sac` and what it is compared with: Y. Tian, M. Han, C. Kulkarni and O. Fink, "A
 //!   prescriptive Dirichlet power allocation policy with deep reinforcement learning", Reliability

@@ -1,5 +1,5 @@
-//! A rod on a pivot, to be swung up and held upright: `Pendulum-v1` of Gymnasium 1.x (class `PendulumEnv`, MIT
-//! licence; Farama Foundation).
+//! A rod on a pivot, to be swung up and held upright: `Pendulum-v1` of Gymnasium (Farama Foundation, MIT
+//! licence).
 //!
 //! | symbol | here | range |
 //! |---|---|---|

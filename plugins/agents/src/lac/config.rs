@@ -200,7 +200,8 @@ impl engine::Config for Config {
             },
             Preset {
                 name: "released_code",
-                about: "the thesis group's released code for LAC; `decline_steps` is the length of its training",
+                about: "the thesis group's released code for LAC; `decline_steps` is the length of its \
+                        training",
                 values: released_code(),
             },
         ]

@@ -1,8 +1,8 @@
 //! Lyapunov actor-critic (`lac`), and the constrained one (`clac`) whose actions are to be smooth.
 //!
-//! M. Han, L. Zhang, J. Wang and W. Pan 2020, "Actor-critic reinforcement learning for control with stability
-//! guarantee", arXiv:2004.14288, and the authors' code; thesis, section 2.3.3, for `clac` (equations are its).
-//! "Released code" is that of the thesis' group for the calibration of models.
+//! M. Han, L. Zhang, J. Wang and W. Pan 2020, "Actor-critic reinforcement learning for control with
+//! stability guarantee", arXiv:2004.14288, and the authors' code; thesis, section 2.3.3, for `clac`
+//! (equations are its). "Released code" is that of the thesis' group for the calibration of models.
 //!
 //! | thesis | here | shape |
 //! |---|---|---|
@@ -157,7 +157,7 @@ fn build(
 
 /// What [`LyapunovActorCritic::learn`] records.
 fn metrics() -> Vec<Metric> {
-    let of = |name, unit, about| Metric::new(name, unit, about);
+    let of = Metric::new;
     vec![
         of(
             "lyapunov_loss",

@@ -21,8 +21,8 @@
 //! - No uniform first actions: the untrained policy acts until learning starts.
 //! - Observations are scaled by what is typical of their channels; `observation_scaling: none` leaves them as
 //!   they are.
-//! - Weights are initialised after He et al. 2015, and the policy's last layer a tenth as large, so that first
-//!   means are close to zero and first deviations close to 1.
+//! - Weights are initialised after He et al. 2015, and the policy's last layer a tenth as large, so that
+//!   first means are close to zero and first deviations close to 1.
 //!
 //! Metrics, means over the updates since the last measurement: `critic_loss` half the squared error summed
 //! over both critics, `policy_loss` eq. 9, `policy_entropy` `-mean(log pi)`, `temperature` alpha,
