@@ -315,7 +315,8 @@ fn learns_as_told(registry: &Registry, name: &str) -> bool {
         .any(|key| {
             let record = match crate::datasets::run(registry, &key, None, &mut NoKeeper) {
                 Ok(record) => record,
-                Err(Error::Mismatch { .. }) => return false,
+                // An agent that does not fit the environment, or an environment that gives no datasets.
+                Err(Error::Mismatch { .. } | Error::ManySeats { .. }) => return false,
                 Err(error) => panic!("{name} in {}: {error}", key.environment.plugin),
             };
             let environment =

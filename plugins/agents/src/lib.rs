@@ -6,6 +6,9 @@
 //!
 //! "The thesis" is everywhere: Y. Tian, "Prescriptive Maintenance and Operation with Deep Reinforcement
 //! Learning", dissertation. It collects four published articles; those that agents here come from:
+//! - chapter 2, `clac` and `lac`: Y. Tian, M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Real-time
+//!   model calibration with deep reinforcement learning", Mechanical Systems and Signal Processing 165 (2022)
+//!   108284;
 //! - chapter 3, `dirichlet_sac` and what it is compared with: Y. Tian, M. Han, C. Kulkarni and O. Fink, "A
 //!   prescriptive Dirichlet power allocation policy with deep reinforcement learning", Reliability
 //!   Engineering and System Safety 224 (2022) 108529;
@@ -29,6 +32,7 @@ pub mod gaussian_softmax_gradient;
 pub mod gaussian_softmax_regression;
 pub mod gaussian_softmax_sac;
 pub mod independent_sac;
+pub mod lac;
 pub mod maddpg;
 pub mod masql;
 pub mod opponent_gradients;
@@ -38,6 +42,7 @@ pub mod random_allocation;
 pub mod rank_rule;
 pub mod rommeo;
 pub mod shared;
+pub mod soft_actor_critic;
 pub mod td3_bc;
 pub mod tdom_ac;
 pub mod water_filling;
@@ -57,6 +62,8 @@ pub fn register(registry: &mut Registry) {
     gaussian_softmax_regression::register(registry, 1);
     gaussian_softmax_sac::register(registry, 1);
     independent_sac::register(registry, 1);
+    lac::register(registry, 1);
+    lac::register_constrained(registry, 1);
     maddpg::register(registry, 1);
     masql::register(registry, 1);
     opponent_gradients::register(registry, 1);
@@ -65,6 +72,7 @@ pub fn register(registry: &mut Registry) {
     random_allocation::register(registry, 1);
     rank_rule::register(registry, 1);
     rommeo::register(registry, 1);
+    soft_actor_critic::register(registry, 1);
     td3_bc::register(registry, 1);
     tdom_ac::register(registry, 1);
     water_filling::register(registry, 1);

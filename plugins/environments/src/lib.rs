@@ -15,6 +15,7 @@ pub mod allocation_bandit;
 pub mod battery;
 pub mod differential_game;
 pub mod particles;
+pub mod pendulum;
 mod simplex;
 pub mod simplex_reconstruction;
 pub mod turbofan;
@@ -38,6 +39,8 @@ pub fn register(registry: &mut engine::Registry) {
     registry.environment("differential_game", 1, about, differential_game::build);
     let about = "agents push discs in a plane: cooperative navigation, or predators and prey";
     registry.environment("particles", 2, about, particles::build);
+    let about = "swing a rod up on its pivot and hold it upright";
+    registry.environment("pendulum", 1, about, pendulum::build);
     registry.environment(
         "simplex_reconstruction",
         1,

@@ -116,6 +116,36 @@ impl Mlp {
         }
     }
 
+    /// A network whose weights are uniform in `+-sqrt(6 / (inputs + outputs))` (Glorot and Bengio 2010,
+    /// "Understanding the difficulty of training deep feedforward neural networks", eq. 16) and whose biases
+    /// start at 0. With one activation per layer the last layer has one too: the outputs are those of a
+    /// hidden layer.
+    ///
+    /// # Panics
+    /// Where the number of activations is neither that of the layers nor that of the hidden ones.
+    pub fn glorot(
+        sizes: &[usize],
+        activations: &[Activation],
+        rng: &mut impl RngCore,
+        device: &Device,
+    ) -> Self {
+        assert!(
+            [1, 2].contains(&(sizes.len() - activations.len())),
+            "one activation per layer of {sizes:?}, or per hidden layer, got {activations:?}"
+        );
+        let layers = sizes.windows(2).map(|pair| {
+            let [inputs, outputs] = [pair[0], pair[1]];
+            #[allow(clippy::cast_precision_loss, reason = "a layer size is far below 2^52")]
+            let bound = (6.0 / (inputs + outputs) as f64).sqrt();
+            let weight = uniform(inputs * outputs, bound, rng);
+            linear(weight, vec![0.0; outputs], inputs, device)
+        });
+        Self {
+            layers: layers.collect(),
+            activations: activations.to_vec(),
+        }
+    }
+
     /// A network whose weights and biases are uniform in `+-1 / sqrt(inputs)`, as PyTorch starts its linear
     /// layers.
     ///
@@ -167,7 +197,7 @@ impl Mlp {
             .collect()
     }
 
-    /// The activation of each hidden layer.
+    /// The activation of each hidden layer, and of the last one where it has one.
     #[must_use]
     pub fn activations(&self) -> &[Activation] {
         &self.activations
@@ -266,6 +296,29 @@ mod tests {
         let out = values(network.forward(matrix(vec![1.0, 2.0], 2)));
         assert!((out[0] - 10.95).abs() < 1e-5, "{out:?}");
         assert_eq!(network.sizes(), [2, 2, 1]);
+    }
+
+    #[test]
+    fn weights_after_glorot_have_the_variance_of_their_bound() {
+        let network = Mlp::glorot(&[50, 400, 1], &[Activation::Relu], &mut rng(), &device());
+        let numbers = parameters(&network);
+        let weight = &numbers[0].values;
+        assert!(weight.iter().all(|w| w.abs() <= (6.0f32 / 450.0).sqrt()));
+        let variance = weight.iter().map(|w| w * w).sum::<f32>() / weight.len() as f32;
+        assert!((variance / (2.0 / 450.0) - 1.0).abs() < 0.03, "{variance}");
+        assert!(numbers[1].values.iter().all(|bias| *bias == 0.0));
+    }
+
+    #[test]
+    fn the_last_layer_can_have_an_activation() {
+        let network = |activations: &[Activation]| {
+            let network = Mlp::glorot(&[2, 3, 8], activations, &mut rng(), &device());
+            values(network.forward(matrix(vec![1.0, 2.0, -0.5, 0.3], 2)))
+        };
+        let before = network(&[Activation::Tanh]);
+        let rectified = network(&[Activation::Tanh, Activation::Relu]);
+        assert!(before.iter().any(|z| *z < 0.0) && before.iter().any(|z| *z > 0.0));
+        assert_eq!(rectified, before.iter().map(|z| z.max(0.0)).collect::<Vec<_>>());
     }
 
     #[test]

@@ -44,6 +44,11 @@ impl Adam {
         }
     }
 
+    /// Another learning rate from the next step on; the moments stay.
+    pub fn set_learning_rate(&mut self, learning_rate: f64) {
+        self.learning_rate = learning_rate;
+    }
+
     /// The module after one step against the gradients of a loss; parameters that the loss does not reach
     /// stay.
     pub fn step<M: Module>(&mut self, module: M, loss_gradients: Gradients) -> M {
@@ -133,6 +138,11 @@ impl<M: Module + Default> Trained<M> {
     /// Puts another network of the same shape in the place of this one; the optimiser stays as it is.
     pub fn set_network(&mut self, network: M) {
         self.network = network;
+    }
+
+    /// Another learning rate from the next step on.
+    pub fn set_learning_rate(&mut self, learning_rate: f64) {
+        self.adam.set_learning_rate(learning_rate);
     }
 
     /// One step against the gradient of a loss of shape `[1]`.
@@ -279,6 +289,11 @@ impl ScalarAdam {
         }
     }
 
+    /// Another learning rate from the next step on; the moments stay.
+    pub fn set_learning_rate(&mut self, learning_rate: f64) {
+        self.learning_rate = learning_rate;
+    }
+
     /// The number after one step against a gradient.
     #[must_use]
     pub fn step(&mut self, x: f64, gradient: f64) -> f64 {
@@ -325,6 +340,28 @@ mod tests {
         let x2 = adam.step(x1, -2.0);
         let expected = x1 + 0.1 * (0.11 / 0.19) / ((0.004_999f64 / 0.001_999).sqrt() + 1e-8);
         assert!((x2 - expected).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_new_learning_rate_scales_the_next_step() {
+        let moved = |rate: f64| {
+            let mut adam = Adam::new(0.01, None);
+            adam.set_learning_rate(rate);
+            let before = parameters(&network())[0].values.clone();
+            let after = parameters(&step(network(), &mut adam))[0].values.clone();
+            before.iter().zip(after).map(|(b, a)| a - b).collect::<Vec<f32>>()
+        };
+        assert!(moved(0.0).iter().all(|change| *change == 0.0));
+        let (one, two) = (moved(0.01), moved(0.02));
+        assert!(
+            one.iter()
+                .zip(&two)
+                .all(|(one, two)| (2.0 * one - two).abs() < 1e-6)
+        );
+        assert!(one.iter().any(|change| change.abs() > 1e-3));
+        let mut scalar = ScalarAdam::new(0.1);
+        scalar.set_learning_rate(0.05);
+        assert!((scalar.step(1.0, 3.0) - 0.95).abs() < 1e-8);
     }
 
     #[test]

@@ -4,13 +4,17 @@
 pub mod allocation;
 #[cfg(test)]
 pub(crate) mod bandit;
+pub mod box_seat;
 pub mod checkpoint;
 #[cfg(test)]
 pub(crate) mod coordination;
 pub mod dataset_actor;
 pub(crate) mod gradient_moments;
 pub mod joint;
+pub mod multiplier;
 pub mod opponent_modelling;
+#[cfg(test)]
+pub(crate) mod regulator;
 pub mod replay;
 pub mod scaling;
 pub mod schedule;

@@ -133,7 +133,8 @@ pub fn mismatch(agent: &'static str, problem: impl Into<String>) -> Error {
     }
 }
 
-fn kind(space: &Space) -> &'static str {
+/// The kind of a space, as messages name it.
+pub(super) fn kind(space: &Space) -> &'static str {
     match space {
         Space::Box(_) => "a box",
         Space::Simplex(names) if names.is_empty() => "an empty simplex",

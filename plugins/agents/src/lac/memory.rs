@@ -1,0 +1,230 @@
+//! The replay buffer of the Lyapunov actor-critics: transitions with their costs and, where it is asked for,
+//! what was seen before each.
+//!
+//! What was seen before lies behind the action in a row of the buffer, so that drawing keeps them together. A
+//! transition without, the first one of an episode, is not stored then.
+
+use crate::shared::joint::columns;
+use crate::shared::replay::Replay;
+use crate::shared::scaling::Scaling;
+use burn::tensor::Tensor;
+use engine::{End, Rng, Transition};
+use numerics::tensor_file::{TensorFile, TensorFileError};
+
+/// The buffer, and what was seen last by each environment that is stepped.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Memory {
+    replay: Replay,
+    n_acted: usize,
+    options: Options,
+    before: Before,
+}
+
+/// What is stored of a transition.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Options {
+    /// What was seen before it.
+    pub before: bool,
+    /// That a value still follows it where its episode was only cut off.
+    pub bootstrap_at_time_limit: bool,
+}
+
+/// What was seen, scaled, before the next transition of each environment; none where an episode begins.
+pub type Before = Vec<Option<Vec<f64>>>;
+
+/// Transitions that were drawn, as plain tensors.
+#[derive(Debug, Clone)]
+pub struct Drawn {
+    /// What was seen, `[batch, observed]`.
+    pub observations: Tensor<2>,
+    /// What was done, `[batch, n]`.
+    pub actions: Tensor<2>,
+    /// What it cost, `[batch, 1]`.
+    pub costs: Tensor<2>,
+    /// What was seen next, `[batch, observed]`.
+    pub next_observations: Tensor<2>,
+    /// 1 where a value follows, else 0, `[batch, 1]`.
+    pub continues: Tensor<2>,
+    /// What was seen before, `[batch, observed]`, where it is stored.
+    pub before: Option<Tensor<2>>,
+}
+
+impl Memory {
+    /// An empty buffer for `capacity` transitions with `n_observed` and `n_acted` entries.
+    #[must_use]
+    pub fn new(capacity: usize, n_observed: usize, n_acted: usize, options: Options) -> Self {
+        let beside = if options.before { n_observed } else { 0 };
+        Self {
+            replay: Replay::new(capacity, n_observed, n_acted + beside, 1),
+            n_acted,
+            options,
+            before: Vec::new(),
+        }
+    }
+
+    /// True before the first transition that is stored.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.replay.is_empty()
+    }
+
+    /// Takes in one step of every environment, always in the same order.
+    pub fn push(&mut self, transitions: &[Transition], scaling: &Scaling) {
+        self.before.resize(transitions.len(), None);
+        for (at, transition) in transitions.iter().enumerate() {
+            let mut stored = transition.clone();
+            if stored.end == Some(End::Truncated) && !self.options.bootstrap_at_time_limit {
+                stored.end = Some(End::Terminated);
+            }
+            if self.options.before {
+                let seen = || scaling.apply(&transition.observation.seats[0]).map(f64::from);
+                let now = transition.end.is_none().then(|| seen().collect());
+                let Some(before) = std::mem::replace(&mut self.before[at], now) else {
+                    // The first step of an episode.
+                    continue;
+                };
+                stored.action.push(before);
+            }
+            self.replay.push_scaled(&stored, scaling);
+        }
+    }
+
+    /// At most `n` different transitions, drawn uniformly.
+    pub fn sample(&self, n: usize, rng: &mut Rng) -> Drawn {
+        let batch = self.replay.sample_distinct(n.min(self.replay.len()), rng);
+        let stored = batch.actions.dims()[1];
+        let before = self.n_acted..stored;
+        Drawn {
+            observations: batch.observations,
+            actions: columns(&batch.actions, 0..self.n_acted),
+            costs: batch.rewards.neg(),
+            next_observations: batch.next_observations,
+            continues: batch.continues,
+            before: (!before.is_empty()).then(|| columns(&batch.actions, before)),
+        }
+    }
+
+    /// What was seen last, to be stored beside [`Memory::store`].
+    #[must_use]
+    pub fn before(&self) -> &Before {
+        &self.before
+    }
+
+    /// Puts the buffer into a file.
+    pub fn store(&self, file: &mut TensorFile) {
+        self.replay.store(file);
+    }
+
+    /// Continues from what [`Memory::store`] put into a file, and from what was seen last.
+    ///
+    /// # Errors
+    /// [`TensorFileError`] where the file holds no buffer or one of another shape.
+    pub fn restore(&mut self, file: &TensorFile, before: Before) -> Result<(), TensorFileError> {
+        self.replay.restore(file)?;
+        self.before = before;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shared::scaling::ObservationScaling;
+    use engine::{Channel, Observation, random::stream};
+    use numerics::network::values;
+
+    fn memory(before: bool, bootstrap_at_time_limit: bool) -> Memory {
+        let options = Options {
+            before,
+            bootstrap_at_time_limit,
+        };
+        Memory::new(16, 1, 2, options)
+    }
+
+    /// One step from `x` to `x + 1` that costs `10 x`.
+    fn transition(x: f64, end: Option<End>) -> Transition {
+        let observe = |x: f64| Observation {
+            seats: vec![vec![x]],
+            state: Vec::new(),
+        };
+        Transition {
+            observation: observe(x),
+            action: vec![vec![x / 2.0, -x]],
+            rewards: vec![-10.0 * x],
+            next_observation: observe(x + 1.0),
+            end,
+        }
+    }
+
+    /// Observations are halved.
+    fn scaling() -> Scaling {
+        Scaling::new(
+            ObservationScaling::Typical,
+            &[Channel::new("x", "").typical(0.0, 2.0)],
+        )
+    }
+
+    /// Columns of everything that is stored, sorted by what was seen.
+    fn rows(memory: &Memory) -> Vec<[f32; 6]> {
+        let drawn = memory.sample(99, &mut stream(&["memory"]));
+        let [seen, done, costs, next, goes_on] = [
+            &drawn.observations,
+            &drawn.actions,
+            &drawn.costs,
+            &drawn.next_observations,
+            &drawn.continues,
+        ]
+        .map(|it| values(it.clone()));
+        let before = drawn.before.map_or(vec![f32::NAN; seen.len()], values);
+        let row = |at: usize| {
+            [
+                before[at],
+                seen[at],
+                done[2 * at],
+                costs[at],
+                next[at],
+                goes_on[at],
+            ]
+        };
+        let mut rows: Vec<_> = (0..seen.len()).map(row).collect();
+        rows.sort_by(|a, b| a[1].total_cmp(&b[1]));
+        rows
+    }
+
+    /// Two environments: one goes from 1 to 4, the other is cut off after 11 and starts again at 14.
+    fn filled(mut memory: Memory) -> Memory {
+        let ends = [None, Some(End::Truncated), None, None];
+        let others = [10.0, 11.0, 14.0, 15.0];
+        for ((x, end), other) in [1.0, 2.0, 3.0, 4.0].into_iter().zip(ends).zip(others) {
+            memory.push(&[transition(x, None), transition(other, end)], &scaling());
+        }
+        memory
+    }
+
+    #[test]
+    fn what_was_seen_before_stays_beside_a_transition_and_in_its_episode() {
+        let found = rows(&filled(memory(true, true)));
+        // Not the first steps of episodes: from 1, from 10 and from 14.
+        let row = |x: f32| [(x - 1.0) / 2.0, x / 2.0, x / 2.0, 10.0 * x, (x + 1.0) / 2.0, 1.0];
+        assert_eq!(found, [2.0, 3.0, 4.0, 11.0, 15.0].map(row));
+    }
+
+    #[test]
+    fn without_it_every_transition_is_stored() {
+        let found = rows(&filled(memory(false, true)));
+        assert_eq!(found.len(), 8);
+        assert!(found.iter().all(|row| row[0].is_nan() && row[2] == row[1]));
+    }
+
+    #[test]
+    fn a_time_limit_ends_the_value_where_it_shall() {
+        for (bootstrap, expected) in [(true, 1.0), (false, 0.0)] {
+            let mut memory = memory(false, bootstrap);
+            memory.push(&[transition(1.0, Some(End::Truncated))], &scaling());
+            memory.push(&[transition(2.0, None)], &scaling());
+            memory.push(&[transition(3.0, Some(End::Terminated))], &scaling());
+            let goes_on: Vec<f32> = rows(&memory).iter().map(|row| row[5]).collect();
+            assert_eq!(goes_on, [expected, 1.0, 0.0]);
+        }
+    }
+}

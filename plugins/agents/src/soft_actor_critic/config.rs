@@ -1,0 +1,144 @@
+//! The hyper-parameters of soft actor-critic, each with the source of its default.
+
+use crate::shared::scaling::ObservationScaling;
+use crate::shared::seat_network::{Hidden, check_batch};
+use engine::{Error, Preset};
+use numerics::network::Activation;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+/// Hyper-parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Step size of Adam for the policy.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub actor_learning_rate: f64,
+    /// Step size of Adam for both critics.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub critic_learning_rate: f64,
+    /// How the weight alpha of the entropy is found.
+    pub temperature: Temperature,
+    /// Temperature before learning, which a fixed one keeps.
+    #[schemars(range(min = 1e-9, max = 1e3), extend("x-source" = "Haarnoja et al. 2018, authors' code"))]
+    pub first_temperature: f64,
+    /// Step size of Adam for the logarithm of an automatic temperature.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub temperature_learning_rate: f64,
+    /// Entropy in nats that an automatic temperature steers to; null for minus the number of entries of an
+    /// action.
+    #[schemars(extend("x-source" = "Haarnoja et al. 2018, table 1: null"))]
+    pub target_entropy: Option<f64>,
+    /// Transitions per update.
+    #[schemars(range(min = 1, max = 65536), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub batch_size: usize,
+    /// Discount gamma.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub discount: f64,
+    /// Smoothing tau of the target critics.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub target_smoothing: f64,
+    /// Updates per environment step, all environments counted.
+    #[schemars(range(min = 0.0, max = 64.0), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub updates_per_step: f64,
+    /// Units of each hidden layer.
+    #[schemars(range(min = 1, max = 4096), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub width: usize,
+    /// Hidden layers of every network.
+    #[schemars(range(min = 1, max = 8), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub hidden_layers: usize,
+    /// What follows each hidden layer.
+    #[schemars(extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub activation: Activation,
+    /// Transitions that the replay buffer holds.
+    #[schemars(range(min = 1, max = 100_000_000), extend("x-source" = "Haarnoja et al. 2018, table 1"))]
+    pub replay_capacity: usize,
+    /// Environment steps before the first update; until then the untrained policy acts.
+    #[schemars(range(min = 1), extend("x-source" = "Haarnoja et al. 2018, authors' code"))]
+    pub learning_starts: u64,
+    /// Largest Euclidean norm of a gradient, or null for no limit.
+    #[schemars(range(min = 0.0))]
+    pub gradient_clip: Option<f64>,
+    /// How observations reach the networks.
+    pub observation_scaling: ObservationScaling,
+}
+
+/// How the weight of the entropy is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Temperature {
+    /// It steers the policy to the target entropy.
+    #[default]
+    Automatic,
+    /// It stays as it starts.
+    Fixed,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            actor_learning_rate: 3e-4,
+            critic_learning_rate: 3e-4,
+            temperature: Temperature::Automatic,
+            first_temperature: 1.0,
+            temperature_learning_rate: 3e-4,
+            target_entropy: None,
+            batch_size: 256,
+            discount: 0.99,
+            target_smoothing: 0.005,
+            updates_per_step: 1.0,
+            width: 256,
+            hidden_layers: 2,
+            activation: Activation::Relu,
+            replay_capacity: 1_000_000,
+            learning_starts: 1_000,
+            gradient_clip: None,
+            observation_scaling: ObservationScaling::Typical,
+        }
+    }
+}
+
+impl engine::Config for Config {
+    fn presets() -> Vec<Preset> {
+        let haarnoja = json!({
+            "actor_learning_rate": 3e-4, "critic_learning_rate": 3e-4, "temperature": "automatic",
+            "first_temperature": 1.0, "temperature_learning_rate": 3e-4, "target_entropy": null,
+            "batch_size": 256, "discount": 0.99, "target_smoothing": 0.005, "updates_per_step": 1.0,
+            "width": 256, "hidden_layers": 2, "activation": "relu", "replay_capacity": 1_000_000,
+            "observation_scaling": "none",
+        });
+        vec![Preset {
+            name: "haarnoja",
+            about: "Haarnoja et al. 2018, table 1, on observations as they are",
+            values: haarnoja,
+        }]
+    }
+}
+
+impl Config {
+    /// Refuses settings that contradict each other.
+    ///
+    /// # Errors
+    /// [`Error::Config`], which names the key.
+    pub fn check(&self) -> Result<(), Error> {
+        check_batch(self.batch_size, self.replay_capacity)?;
+        if self.temperature == Temperature::Automatic || self.target_entropy.is_none() {
+            return Ok(());
+        }
+        Err(Error::config(
+            "target_entropy",
+            "a fixed temperature steers to no entropy; leave it out or set `temperature: automatic`",
+        ))
+    }
+
+    /// The hidden layers of every network.
+    #[must_use]
+    pub fn hidden(&self) -> Hidden {
+        Hidden {
+            width: self.width,
+            layers: self.hidden_layers,
+            activation: self.activation,
+        }
+    }
+}
