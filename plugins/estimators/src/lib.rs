@@ -4,8 +4,8 @@
 //! Health parameters of turbofans (Y. Tian, M. Arias Chao, C. Kulkarni, K. Goebel and O. Fink, "Real-time model
 //! calibration with deep reinforcement learning", Mechanical Systems and Signal Processing 165 (2022) 108284):
 //! filters and least squares.
-//! They read `target_<sensor>` and the flight condition from what is observed, and choose the health parameters of
-//! the action; their model is the engine itself, as of the environment `turbofan_calibration`. All of them
+//! They read `target_<sensor>` and the flight condition from what is observed, and choose the health parameters that
+//! the action stands for; their model is the engine itself, as of the environment `turbofan_calibration`. All of them
 //! remember, and begin anew with every episode from a healthy engine.
 
 mod extended_kalman_filter;
@@ -49,6 +49,20 @@ struct Reading {
     per_error: Vec<f64>,
 }
 
+const NO_LIMITS: &str = "the state has no channel `true_<parameter>` whose limits say what actions stand for";
+
+/// What actions of -1 and 1 stand for: the limits of the true parameters.
+fn limits(interface: &Interface, names: &[String]) -> Option<Vec<(f64, f64)>> {
+    let of_name = |name: &String| {
+        let channel = interface
+            .state
+            .iter()
+            .find(|channel| channel.name == format!("true_{name}"))?;
+        Some((channel.low, channel.high))
+    };
+    names.iter().map(of_name).collect()
+}
+
 impl Plant {
     /// The engine `engine` behind the seat of an interface; sensors err by `noise`, in parts of what they read.
     fn new(
@@ -85,14 +99,14 @@ impl Plant {
             serde_json::from_value::<HealthParameter>(serde_json::json!(name))
                 .map_err(|_| misfit(format!("the action `{name}` is no health parameter of an engine")))
         };
-        let names: Vec<String> = acted.iter().map(|channel| channel.name.clone()).collect();
-        let calibrated = names.iter().map(parameter).collect::<Result<Vec<_>, _>>()?;
+        let acted_names: Vec<String> = acted.iter().map(|channel| channel.name.clone()).collect();
+        let calibrated = acted_names.iter().map(parameter).collect::<Result<Vec<_>, _>>()?;
         let (sensors, names): (Vec<usize>, Vec<String>) = sensors.into_iter().unzip();
         Ok(Self {
             model: SensorModel::new(engine, &calibrated, &names)?,
             sensors,
             condition,
-            limits: acted.iter().map(|channel| (channel.low, channel.high)).collect(),
+            limits: limits(interface, &acted_names).ok_or_else(|| misfit(NO_LIMITS.into()))?,
             noise,
         })
     }
@@ -168,7 +182,15 @@ impl Plant {
             .collect()
     }
 
+    /// The action that stands for parameters: -1 and 1 are the limits.
     fn action(&self, theta: &[f64]) -> Vec<Action> {
-        vec![vec![self.within(theta)]]
+        let unit = |(value, (low, high)): (f64, &(f64, f64))| (2.0 * value - low - high) / (high - low);
+        vec![vec![
+            self.within(theta)
+                .into_iter()
+                .zip(&self.limits)
+                .map(unit)
+                .collect(),
+        ]]
     }
 }

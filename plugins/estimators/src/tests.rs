@@ -38,9 +38,13 @@ fn error_of(agent: &mut dyn Agent, problem: &mut TurbofanCalibration, unit: u64)
             .act(&[observation], Mode::Evaluate, &mut agent_rng)
             .unwrap()
             .remove(0);
+        let limits = problem.state_channels();
+        let chosen = action[0].iter().zip(&limits).map(|(unit, channel)| {
+            (channel.low + channel.high) / 2.0 + (channel.high - channel.low) / 2.0 * unit
+        });
         let off = theta
             .iter()
-            .zip(&action[0])
+            .zip(chosen)
             .map(|(x, y)| (x - y).powi(2))
             .sum::<f64>();
         squares.push(off / theta.len() as f64);

@@ -7,7 +7,7 @@
 //! | x̂_t = F(w_t, theta_t) | `model_<sensor>`: the model with the health of the last action | `[sensors]` |
 //! | w_t | `altitude_m`, `mach`, `delta_t_k`, `turbine_inlet_temperature_k` | `[4]` |
 //! | s_t = [x̂_t, w_{t+1}, x_{t+1}] | the observation | `[2 sensors + 4]` |
-//! | a_t = theta_{t+1} | the action | `[calibrated]` |
+//! | a_t | the action, -1 to 1 for the smallest to the largest theta_{t+1} | `[calibrated]` |
 //! | c_t | minus the reward, from outputs that are scaled to [-1, 1] over the fleet's flights | scalar |
 //!
 //! The model forgets: a steady engine has no state, so that x̂_{t+1} does not depend on x̂_t. In training an episode is
@@ -289,7 +289,8 @@ impl TurbofanCalibration {
         vec![[&self.progress.model[..], &condition, &self.progress.target].concat()]
     }
 
-    fn checked<'a>(&self, actions: &'a [Vec<f64>]) -> Result<&'a [f64], Error> {
+    /// The health parameters that an action stands for.
+    fn chosen(&self, actions: &[Vec<f64>]) -> Result<Vec<f64>, Error> {
         check_seats(actions, 1)?;
         let (given, wanted) = (actions[0].len(), self.config.calibrated.len());
         if given != wanted {
@@ -297,15 +298,20 @@ impl TurbofanCalibration {
             return Err(Error::Action { problem });
         }
         let [low, high] = self.config.theta_range;
-        // Squashing functions in single precision round to just beyond the limits.
-        let rounding = 1e-6 * (high - low);
-        for (parameter, value) in self.config.calibrated.iter().zip(&actions[0]) {
-            if !(low - rounding..=high + rounding).contains(value) {
-                let problem = format!("{} {value} is not from {low} to {high}", parameter.name());
-                return Err(Error::Action { problem });
+        let of_unit = |(parameter, unit): (&HealthParameter, &f64)| {
+            // Squashing functions in single precision round to just beyond 1.
+            if unit.abs() <= 1.0 + 1e-6 {
+                return Ok((low + high) / 2.0 + (high - low) / 2.0 * unit.clamp(-1.0, 1.0));
             }
-        }
-        Ok(&actions[0])
+            let problem = format!("{} is {unit}, outside [-1, 1]", parameter.name());
+            Err(Error::Action { problem })
+        };
+        self.config
+            .calibrated
+            .iter()
+            .zip(&actions[0])
+            .map(of_unit)
+            .collect()
     }
 }
 
@@ -362,12 +368,7 @@ fn seat(config: &CalibrationConfig, ranges: &[(f64, f64)]) -> Seat {
         };
         named.map(channel).collect::<Vec<_>>()
     };
-    let [low, high] = config.theta_range;
-    let action = |parameter: &HealthParameter| {
-        Channel::new(parameter.name(), "")
-            .within(low, high)
-            .typical((low + high) / 2.0, (high - low) / 2.0)
-    };
+    let action = |parameter: &HealthParameter| Channel::new(parameter.name(), "").within(-1.0, 1.0);
     let condition = vec![
         Channel::new("altitude_m", "m").typical(6500.0, 3500.0),
         Channel::new("mach", "").typical(0.6, 0.2),
@@ -439,7 +440,7 @@ impl Environment for TurbofanCalibration {
     }
 
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
-        let chosen = self.checked(actions)?.to_vec();
+        let chosen = self.chosen(actions)?;
         self.progress.model = self.model_says(&chosen, rng)?;
         let cycle = self.place(self.progress.at).0;
         let theta = self
@@ -477,10 +478,12 @@ impl Environment for TurbofanCalibration {
         })
     }
 
+    /// Their limits are what actions of -1 and 1 stand for.
     fn state_channels(&self) -> Vec<Channel> {
         let [low, high] = self.config.theta_range;
         let channel = |parameter: &HealthParameter| {
             Channel::new(format!("true_{}", parameter.name()), "")
+                .within(low, high)
                 .typical((low + high) / 2.0, (high - low) / 2.0)
         };
         self.config.calibrated.iter().map(channel).collect()
