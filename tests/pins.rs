@@ -164,7 +164,7 @@ fn advice(pin: &Pin) -> String {
     format!(
         "Raise the version of what you changed:\n\
          - environment `{}` (now {}): the number after its name in plugins/environments/src/lib.rs\n\
-         - agent `{}` (now {}): the number after its name in plugins/agents/src/lib.rs\n\
+         - agent `{}` (now {}): the number after its name in the plugins/*/src/lib.rs that registers it\n\
          - protocol `{}` (now {}): the number after its name in engine/src/protocol/{4}.rs\n\
          - shared code (now {} together): `VERSION` in plugins/numerics/src/lib.rs, or `NUMERICS_VERSION` in \
          engine/src/registry.rs\n\

@@ -86,7 +86,7 @@ impl Summary {
     /// Reads a sentence.
     ///
     /// # Errors
-    /// [`SummaryError`] for the first placeholder or brace that does not fit the grammar.
+    /// An error for the first placeholder or brace that does not fit the grammar.
     pub fn parse(text: &str) -> Result<Self, SummaryError> {
         let mut pieces = Vec::new();
         let mut at = 0;

@@ -157,6 +157,7 @@ fn is_ninety_percent(row: &Row, rows: &[Row]) -> bool {
 
 /// Rows of NASA's AGTF30 at cruise and at take-off: the engine meets what is published within these parts.
 #[test]
+#[expect(clippy::print_stdout, reason = "what differs is shown, not hidden")]
 fn the_geared_engine_is_near_that_of_nasa() {
     const POUND: f64 = 0.453_592_37;
     const PSI: f64 = 6894.757;
@@ -244,6 +245,7 @@ fn drawn(engine: &Engine, worst: f64, rng: &mut Rng) -> Operation {
 /// All parts worn by up to 5 %: nearly every operation has a point. By up to 10 %, which is the whole box of actions and
 /// more than any part of N-CMAPSS loses but the fan, some engines cannot sustain themselves at low power.
 #[test]
+#[expect(clippy::print_stdout, reason = "what does not converge is shown, not hidden")]
 fn the_whole_envelope_converges_and_balances() {
     for (name, worst, most_failures) in [
         (EngineName::Hbtf, 0.05, 0),
