@@ -60,7 +60,7 @@ fn error_of(agent: &mut dyn Agent, problem: &mut TurbofanCalibration, unit: u64)
 
 fn lives(snr_db: Option<f64>) -> serde_json::Value {
     json!({
-        "episodes": "units", "sensor_snr_db": snr_db,
+        "trajectory": "units", "sensor_snr_db": snr_db,
         "fleet": { "units": 2, "degradation": { "life": { "cycles": 30, "samples": 5 } } },
     })
 }
@@ -99,7 +99,7 @@ fn estimators_find_the_health_of_an_engine_with_good_sensors() {
 #[test]
 fn one_exact_sample_says_all() {
     let mut problem = problem(json!({
-        "engine": "agtf30", "episodes": "units", "theta_range": [-0.06, 0.06],
+        "engine": "agtf30", "trajectory": "units", "theta_range": [-0.06, 0.06],
         "calibrated": ["hpt_efficiency", "hpt_flow", "lpt_efficiency", "lpt_flow"],
         "fleet": { "units": 3, "degradation": { "faults": { "samples": 4 } } },
     }));

@@ -40,9 +40,9 @@ pub enum Cost {
 /// Which part of a trajectory an episode is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Episodes {
+pub enum Trajectory {
     /// A piece of this many samples of any unit, from anywhere.
-    Pieces(#[schemars(range(min = 1, max = 100_000))] usize),
+    Piece(#[schemars(range(min = 1, max = 100_000))] usize),
     /// All of a unit; those of a measurement are the units in their order.
     Units,
 }
@@ -65,7 +65,7 @@ pub struct CalibrationConfig {
     /// The engines and their wear.
     pub fleet: Fleet,
     /// What episodes are.
-    pub episodes: Episodes,
+    pub trajectory: Trajectory,
     /// What an error costs.
     pub cost: Cost,
     /// The model's outputs are multiplied by this, as for a model that is wrong.
@@ -103,7 +103,7 @@ impl Default for CalibrationConfig {
             sensors: sensors.map(String::from).to_vec(),
             theta_range: [-0.03, 0.01],
             fleet: Fleet::default(),
-            episodes: Episodes::Pieces(512),
+            trajectory: Trajectory::Piece(512),
             cost: Cost::default(),
             model_bias: 1.0,
             model_noise: 0.0,
@@ -420,18 +420,18 @@ impl Environment for TurbofanCalibration {
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
         let unit = rng.random_range(0..self.config.fleet.units);
         let length = self.config.fleet.length();
-        let piece = match self.config.episodes {
-            Episodes::Units => length,
-            Episodes::Pieces(piece) => piece.min(length),
+        let piece = match self.config.trajectory {
+            Trajectory::Units => length,
+            Trajectory::Piece(piece) => piece.min(length),
         };
         let at = rng.random_range(0..=length - piece);
         self.begin(unit, (at, piece), rng)
     }
 
     fn reset_to(&mut self, episode: u64, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-        match self.config.episodes {
-            Episodes::Pieces(_) => self.reset(rng),
-            Episodes::Units => {
+        match self.config.trajectory {
+            Trajectory::Piece(_) => self.reset(rng),
+            Trajectory::Units => {
                 // The remainder is below the number of units.
                 let unit = (episode % self.config.fleet.units as u64) as usize;
                 self.begin(unit, (0, self.config.fleet.length()), rng)

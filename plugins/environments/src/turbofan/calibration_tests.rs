@@ -34,7 +34,7 @@ fn followed(environment: &mut TurbofanCalibration, steps: usize, shift: f64) -> 
 #[test]
 fn the_true_health_costs_nothing_and_another_one_does() {
     for engine in ["hbtf", "agtf30"] {
-        let config = serde_json::json!({ "engine": engine, "episodes": { "pieces": 40 } });
+        let config = serde_json::json!({ "engine": engine, "trajectory": { "piece": 40 } });
         let mut problem = environment(config);
         let (right, info) = followed(&mut problem, 40, 0.0);
         assert!(
@@ -52,13 +52,13 @@ fn the_true_health_costs_nothing_and_another_one_does() {
 #[test]
 fn costs_have_a_kink_or_are_squares() {
     let of = |cost: Cost| {
-        let config = serde_json::json!({ "cost": cost, "episodes": { "pieces": 20 } });
+        let config = serde_json::json!({ "cost": cost, "trajectory": { "piece": 20 } });
         -followed(&mut environment(config), 20, 1e-5).0
     };
     let (kinked, squared) = (of(Cost::Kinked), of(Cost::MeanSquared));
     // Below the kink, and 14 sensors: the mean of squares is the square of the norm over 14.
     assert!(kinked < 0.01 && squared < kinked * kinked, "{kinked} {squared}");
-    let config = serde_json::json!({ "episodes": { "pieces": 20 } });
+    let config = serde_json::json!({ "trajectory": { "piece": 20 } });
     let far = -followed(&mut environment(config), 20, 3e-3).0;
     assert!(far / 10.0 > 200.0 * kinked, "{far} {kinked}");
 }
@@ -69,8 +69,8 @@ fn noise_and_bias_have_the_stated_size() {
         let mut problem = environment(config);
         problem.reset(&mut stream(&["noise"])).unwrap().remove(0)
     };
-    let exact = seen(serde_json::json!({ "episodes": { "pieces": 200 } }));
-    let noisy = seen(serde_json::json!({ "sensor_snr_db": 70, "episodes": { "pieces": 200 } }));
+    let exact = seen(serde_json::json!({ "trajectory": { "piece": 200 } }));
+    let noisy = seen(serde_json::json!({ "sensor_snr_db": 70, "trajectory": { "piece": 200 } }));
     // Behind 14 outputs of the model and the flight condition stand 14 sensors.
     let squares = noisy
         .iter()
@@ -79,7 +79,7 @@ fn noise_and_bias_have_the_stated_size() {
         .map(|(x, y)| (x / y - 1.0).powi(2));
     let size = (squares.sum::<f64>() / 14.0).sqrt();
     assert!((1e-4..6e-4).contains(&size), "3.2e-4 are 70 dB: {size}");
-    let biased = serde_json::json!({ "model_bias": 1.02, "episodes": { "pieces": 5 } });
+    let biased = serde_json::json!({ "model_bias": 1.02, "trajectory": { "piece": 5 } });
     let (cost, _) = followed(&mut environment(biased), 5, 0.0);
     assert!(cost < -0.1, "{cost}");
 }
@@ -87,7 +87,7 @@ fn noise_and_bias_have_the_stated_size() {
 #[test]
 fn units_follow_each_other_whole() {
     let config = serde_json::json!({
-        "episodes": "units",
+        "trajectory": "units",
         "fleet": { "units": 3, "degradation": { "life": { "cycles": 4, "samples": 5 } } },
     });
     let mut problem = environment(config);
@@ -123,7 +123,7 @@ fn what_contradicts_itself_is_refused() {
         let error = TurbofanCalibration::new(config).unwrap_err().to_string();
         assert!(error.contains(message), "{error}");
     }
-    let mut problem = environment(serde_json::json!({ "episodes": { "pieces": 5 } }));
+    let mut problem = environment(serde_json::json!({ "trajectory": { "piece": 5 } }));
     let mut rng = stream(&["refused"]);
     problem.reset(&mut rng).unwrap();
     let error = problem.step(&[vec![1.05]], &mut rng).unwrap_err().to_string();
