@@ -334,16 +334,19 @@ fn check(config: &CalibrationConfig) -> Result<(), Error> {
     Ok(())
 }
 
-/// Middle and half width of each sensor over some flights of the fleet, healthy and worn.
+/// Middle and half width of each sensor over some points of some flights of the fleet, with the smallest and the
+/// largest health that flights are seen with. Environments are built often: few points must do.
 fn ranges(config: &CalibrationConfig, mut model: SensorModel) -> Result<Vec<(f64, f64)>, Error> {
     let (fleet, ratio) = (&config.fleet, model.design_ratio());
     let [low, high] = config.theta_range;
     let mut ends = vec![(f64::INFINITY, f64::NEG_INFINITY); config.sensors.len()];
-    for unit in 0..fleet.units.min(6) {
-        for point in fleet.flight(unit, 0, ratio) {
-            for theta in [low.max(-0.02), 0.0, high.min(0.01)] {
+    for unit in 0..fleet.units.min(3) {
+        let flight = fleet.flight(unit, 0, ratio);
+        let corners = (0..4).map(|corner| &flight[corner * (flight.len() - 1) / 3]);
+        for point in corners {
+            for theta in [low.max(-0.02), high.min(0.01)] {
                 let theta = vec![theta; config.calibrated.len()];
-                let read = model.read(&FlightCondition::of(&point), &theta)?;
+                let read = model.read(&FlightCondition::of(point), &theta)?;
                 for (end, value) in ends.iter_mut().zip(read) {
                     *end = (end.0.min(value), end.1.max(value));
                 }

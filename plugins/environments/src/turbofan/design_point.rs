@@ -136,7 +136,7 @@ fn turbine(
     };
     let expanded = |ratio: f64| turbine_of(ratio).expand(inlet, &cooling, 1.0, ratio, (0.0, 0.0));
     let (mut low, mut high) = (0.0_f64, 4.0_f64);
-    for _ in 0..200 {
+    for _ in 0..64 {
         let middle = (low + high) / 2.0;
         if expanded(middle.exp()).power < power {
             low = middle;
