@@ -35,6 +35,7 @@ pub mod independent_sac;
 pub mod lac;
 pub mod maddpg;
 pub mod masql;
+pub mod network_regression;
 pub mod opponent_gradients;
 pub mod pr2;
 pub mod random_action;
@@ -66,6 +67,7 @@ pub fn register(registry: &mut Registry) {
     lac::register_constrained(registry, 1);
     maddpg::register(registry, 1);
     masql::register(registry, 1);
+    network_regression::register(registry, 1);
     opponent_gradients::register(registry, 1);
     pr2::register(registry, 1);
     random_action::register(registry, 1);

@@ -51,6 +51,8 @@ pub fn register(registry: &mut engine::Registry) {
     registry.environment("turbofan", 1, about, turbofan::build);
     let about = "health parameters that let a turbofan's model follow its sensors";
     registry.environment("turbofan_calibration", 1, about, turbofan::calibration::build);
+    let about = "what a turbofan's sensors read, sample by sample: examples for a surrogate";
+    registry.environment("turbofan_samples", 1, about, turbofan::samples::build);
     let about = "two opposed players on the surface of the differential game";
     registry.environment("zero_sum_game", 1, about, differential_game::build_zero_sum);
 }

@@ -9,7 +9,7 @@
 
 use crate::Plant;
 use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
-use environments::turbofan::EngineName;
+use environments::turbofan::{EngineName, Model};
 use nalgebra::{DMatrix, DVector};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -20,8 +20,10 @@ const NAME: &str = "extended_kalman_filter";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The engine of the model.
+    /// The engine.
     pub engine: EngineName,
+    /// What stands for it.
+    pub model: Model,
     /// Standard deviation of a parameter's change from one sample to the next.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub walk_sd: f64,
@@ -37,6 +39,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             engine: EngineName::default(),
+            model: Model::default(),
             walk_sd: 2e-5,
             noise: 1e-3,
             first_sd: 5e-3,
@@ -62,7 +65,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 }
 
 fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let plant = Plant::new(NAME, config.engine, config.noise, interface)?;
+    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?;
     let d = plant.n_parameters();
     let mut filter = ExtendedKalmanFilter {
         config,

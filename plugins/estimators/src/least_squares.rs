@@ -6,7 +6,7 @@
 
 use crate::{Plant, Reading};
 use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
-use environments::turbofan::EngineName;
+use environments::turbofan::{EngineName, Model};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra_of_fits::{DMatrix, DVector, Dyn, Owned};
 use schemars::JsonSchema;
@@ -19,8 +19,10 @@ const NAME: &str = "least_squares";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The engine of the model.
+    /// The engine.
     pub engine: EngineName,
+    /// What stands for it.
+    pub model: Model,
     /// Samples that are fitted together, the last ones.
     #[schemars(range(min = 1, max = 1000))]
     pub window: usize,
@@ -36,6 +38,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             engine: EngineName::default(),
+            model: Model::default(),
             window: 5,
             prior_sd: None,
             noise: 1e-3,
@@ -61,7 +64,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 }
 
 fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let plant = Plant::new(NAME, config.engine, config.noise, interface)?;
+    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?;
     Ok(Box::new(LeastSquares {
         estimate: vec![0.0; plant.n_parameters()],
         config,

@@ -5,8 +5,8 @@
 //! calibration with deep reinforcement learning", Mechanical Systems and Signal Processing 165 (2022) 108284):
 //! filters and least squares.
 //! They read `target_<sensor>` and the flight condition from what is observed, and choose the health parameters that
-//! the action stands for; their model is the engine itself, as of the environment `turbofan_calibration`. All of them
-//! remember, and begin anew with every episode from a healthy engine.
+//! the action stands for; their model is the engine itself or a surrogate of it, as of the environment
+//! `turbofan_calibration`. All of them remember, and begin anew with every episode from a healthy engine.
 
 mod extended_kalman_filter;
 mod least_squares;
@@ -16,7 +16,7 @@ mod tests;
 mod unscented_kalman_filter;
 
 use engine::{Action, Error, Interface, Observation, Registry, Space};
-use environments::turbofan::{EngineName, FlightCondition, HealthParameter, SensorModel};
+use environments::turbofan::{EngineName, FlightCondition, HealthParameter, Model, SensorModel};
 
 /// Registers the estimators.
 pub fn register(registry: &mut Registry) {
@@ -68,6 +68,7 @@ impl Plant {
     fn new(
         agent: &'static str,
         engine: EngineName,
+        model: &Model,
         noise: f64,
         interface: &Interface,
     ) -> Result<Self, Error> {
@@ -103,7 +104,7 @@ impl Plant {
         let calibrated = acted_names.iter().map(parameter).collect::<Result<Vec<_>, _>>()?;
         let (sensors, names): (Vec<usize>, Vec<String>) = sensors.into_iter().unzip();
         Ok(Self {
-            model: SensorModel::new(engine, &calibrated, &names)?,
+            model: SensorModel::new(engine, model, &calibrated, &names)?,
             sensors,
             condition,
             limits: limits(interface, &acted_names).ok_or_else(|| misfit(NO_LIMITS.into()))?,

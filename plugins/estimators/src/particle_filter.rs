@@ -3,7 +3,7 @@
 
 use crate::Plant;
 use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
-use environments::turbofan::EngineName;
+use environments::turbofan::{EngineName, Model};
 use numerics::gaussian::standard_normal;
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -15,8 +15,10 @@ const NAME: &str = "particle_filter";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// The engine of the model.
+    /// The engine.
     pub engine: EngineName,
+    /// What stands for it.
+    pub model: Model,
     /// Number of particles, each a run of the engine per sample.
     #[schemars(range(min = 2, max = 1_000_000))]
     pub particles: usize,
@@ -35,6 +37,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             engine: EngineName::default(),
+            model: Model::default(),
             particles: 100,
             walk_sd: 1e-4,
             noise: 3e-3,
@@ -61,7 +64,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 }
 
 fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let plant = Plant::new(NAME, config.engine, config.noise, interface)?;
+    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?;
     Ok(Box::new(ParticleFilter {
         config,
         plant,

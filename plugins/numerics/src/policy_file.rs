@@ -8,7 +8,8 @@
 //! x = (observation - center) / spread
 //! for k, activation in enumerate(activations):          # "relu", "leaky_relu" (0.01 below zero), "tanh"
 //!     x = activation(x @ weight[k] + bias[k])
-//! x = x @ weight[-1] + bias[-1]                          # then the head
+//! x = x @ weight[-1] + bias[-1]                          # then the head, then
+//! action = action_center + action_spread * head(x)       # where the header has these
 //! ```
 
 use crate::network::{Activation, Mlp, device};
@@ -61,6 +62,12 @@ pub struct PolicyHeader {
     pub outputs: Vec<String>,
     /// How the first `outputs.len()` outputs of the network become the action.
     pub head: Head,
+    /// What each entry of the action is multiplied by after the head; absent for nothing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub action_spread: Vec<f64>,
+    /// What is added to each entry after that; absent for nothing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub action_center: Vec<f64>,
 }
 
 /// A policy that can be evaluated.
@@ -104,11 +111,20 @@ impl Policy {
             spread,
             outputs,
             head,
+            action_spread: Vec::new(),
+            action_center: Vec::new(),
         };
         Self {
             header,
             network: burn::module::Module::valid(network),
         }
+    }
+
+    /// The same policy with actions that are multiplied by `spread` and moved by `center` after the head.
+    #[must_use]
+    pub fn in_units(mut self, center: Vec<f64>, spread: Vec<f64>) -> Self {
+        (self.header.action_center, self.header.action_spread) = (center, spread);
+        self
     }
 
     /// Writes `policy.safetensors` into `dir`.
@@ -153,6 +169,8 @@ impl Policy {
             spread,
             outputs,
             head,
+            action_center,
+            action_spread,
             ..
         } = &self.header;
         assert_eq!(observation.len(), center.len(), "entries of an observation");
@@ -165,7 +183,16 @@ impl Policy {
             .collect();
         let out = crate::network::values(self.network.forward(crate::network::matrix(scaled, center.len())));
         let out: Vec<f64> = out.into_iter().take(outputs.len()).map(f64::from).collect();
-        head.apply(&out)
+        let mut action = head.apply(&out);
+        action
+            .iter_mut()
+            .zip(action_spread)
+            .for_each(|(it, spread)| *it *= spread);
+        action
+            .iter_mut()
+            .zip(action_center)
+            .for_each(|(it, center)| *it += center);
+        action
     }
 }
 
@@ -282,6 +309,21 @@ mod tests {
         assert!(close(Head::SoftmaxMean.apply(&[0.0, ln(3.0)]), [0.25, 0.75]));
         assert_eq!(Head::Argmax.apply(&[0.1, 2.0, -1.0]), [1.0]);
         assert!(softmax(&[1e4, 0.0])[0] > 0.999 && softplus(1e4) == 1e4);
+    }
+
+    #[test]
+    fn actions_in_units_are_scaled_after_the_head() {
+        let dir = tempfile::tempdir().unwrap();
+        let plain = policy(Head::Identity);
+        let scaled = plain
+            .clone()
+            .in_units(vec![700.0, 0.0, 1.0], vec![50.0, 2.0, 1.0]);
+        scaled.write(dir.path()).unwrap();
+        let (x, y) = (
+            plain.act(&[3.5, 30.0]),
+            Policy::read(dir.path()).unwrap().act(&[3.5, 30.0]),
+        );
+        assert_eq!(y, [700.0 + 50.0 * x[0], 2.0 * x[1], 1.0 + x[2]]);
     }
 
     #[test]

@@ -134,7 +134,8 @@ pub fn mismatch(agent: &'static str, problem: impl Into<String>) -> Error {
 }
 
 /// The kind of a space, as messages name it.
-pub(super) fn kind(space: &Space) -> &'static str {
+#[must_use]
+pub fn kind(space: &Space) -> &'static str {
     match space {
         Space::Box(_) => "a box",
         Space::Simplex(names) if names.is_empty() => "an empty simplex",

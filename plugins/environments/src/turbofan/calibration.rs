@@ -13,12 +13,13 @@
 //! The model forgets: a steady engine has no state, so that x̂_{t+1} does not depend on x̂_t. In training an episode is
 //! a piece of a trajectory from anywhere; tracked, it is the whole trajectory of one unit after the other.
 
-use super::config::{HealthParameter, LARGEST_WEAR};
+use super::config::HealthParameter;
+use super::cycle::N;
 use super::engine::EngineName;
 use super::fleet::Fleet;
 use super::flight::FlightPoint;
-use super::model::{FlightCondition, SensorModel};
-use super::{OUTPUTS, cycle::N};
+use super::model::{FlightCondition, Model, SensorModel};
+use super::sensors::{SENSORS, check, ranges, sensor_channels};
 use crate::unit_box::check_seats;
 use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
@@ -51,8 +52,10 @@ pub enum Trajectory {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CalibrationConfig {
-    /// The engine, and the model of it.
+    /// The engine.
     pub engine: EngineName,
+    /// What stands for it where actions are tried.
+    pub model: Model,
     /// The health parameters that actions set and that wear.
     #[schemars(length(min = 1, max = 10))]
     pub calibrated: Vec<HealthParameter>,
@@ -81,26 +84,11 @@ pub struct CalibrationConfig {
 
 impl Default for CalibrationConfig {
     fn default() -> Self {
-        let sensors = [
-            "n1_rpm",
-            "n2_rpm",
-            "fuel_flow_kg_s",
-            "t21_k",
-            "t24_k",
-            "t30_k",
-            "t48_k",
-            "t50_k",
-            "p15_pa",
-            "p21_pa",
-            "p24_pa",
-            "p30_pa",
-            "p45_pa",
-            "p50_pa",
-        ];
         Self {
             engine: EngineName::Hbtf,
+            model: Model::Engine,
             calibrated: vec![HealthParameter::HptEfficiency],
-            sensors: sensors.map(String::from).to_vec(),
+            sensors: SENSORS.map(String::from).to_vec(),
             theta_range: [-0.03, 0.01],
             fleet: Fleet::default(),
             trajectory: Trajectory::Piece(512),
@@ -164,9 +152,15 @@ impl TurbofanCalibration {
     /// # Errors
     /// As [`build`].
     pub fn new(config: CalibrationConfig) -> Result<Self, Error> {
-        check(&config)?;
-        let truth = SensorModel::new(config.engine, &config.calibrated, &config.sensors)?;
-        let ranges = ranges(&config, truth.clone())?;
+        check(&config.calibrated, config.theta_range)?;
+        let of = |model: &Model| SensorModel::new(config.engine, model, &config.calibrated, &config.sensors);
+        let (truth, model) = (of(&Model::Engine)?, of(&config.model)?);
+        let ranges = ranges(
+            &config.fleet,
+            config.theta_range,
+            config.calibrated.len(),
+            truth.clone(),
+        )?;
         let unknowns = truth.unknowns();
         Ok(Self {
             seats: vec![seat(&config, &ranges)],
@@ -184,19 +178,16 @@ impl TurbofanCalibration {
                 decisions: 0,
                 unknowns: [unknowns; 2],
             },
-            model: truth.clone(),
+            model,
             truth,
             ranges,
             config,
         })
     }
 
-    /// Samples of a flight, and the cycle and the place in it of a sample.
+    /// The cycle and the place in it of a sample.
     fn place(&self, at: usize) -> (usize, usize) {
-        let samples = match self.config.fleet.degradation {
-            super::fleet::Degradation::Life { samples, .. }
-            | super::fleet::Degradation::Faults { samples } => samples,
-        };
+        let samples = self.config.fleet.samples();
         (at / samples, at % samples)
     }
 
@@ -319,68 +310,13 @@ fn normal(rng: &mut Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-fn check(config: &CalibrationConfig) -> Result<(), Error> {
-    for (place, parameter) in config.calibrated.iter().enumerate() {
-        if config.calibrated[..place].contains(parameter) {
-            let problem = format!("`{}` is calibrated twice", parameter.name());
-            return Err(Error::config("calibrated", problem));
-        }
-    }
-    let [low, high] = config.theta_range;
-    if !(-LARGEST_WEAR..LARGEST_WEAR).contains(&low) || low >= high || high > LARGEST_WEAR {
-        let problem = format!("[{low}, {high}] is no range inside [-{LARGEST_WEAR}, {LARGEST_WEAR}]");
-        return Err(Error::config("theta_range", problem));
-    }
-    Ok(())
-}
-
-/// Middle and half width of each sensor over some points of some flights of the fleet, with the smallest and the
-/// largest health that flights are seen with. Environments are built often: few points must do.
-fn ranges(config: &CalibrationConfig, mut model: SensorModel) -> Result<Vec<(f64, f64)>, Error> {
-    let (fleet, ratio) = (&config.fleet, model.design_ratio());
-    let [low, high] = config.theta_range;
-    let mut ends = vec![(f64::INFINITY, f64::NEG_INFINITY); config.sensors.len()];
-    for unit in 0..fleet.units.min(3) {
-        let flight = fleet.flight(unit, 0, ratio);
-        let corners = (0..4).map(|corner| &flight[corner * (flight.len() - 1) / 3]);
-        for point in corners {
-            for theta in [low.max(-0.02), high.min(0.01)] {
-                let theta = vec![theta; config.calibrated.len()];
-                let read = model.read(&FlightCondition::of(point), &theta)?;
-                for (end, value) in ends.iter_mut().zip(read) {
-                    *end = (end.0.min(value), end.1.max(value));
-                }
-            }
-        }
-    }
-    let middle = |(low, high): (f64, f64)| ((low + high) / 2.0, ((high - low) / 2.0).max(1e-9 * high.abs()));
-    Ok(ends.into_iter().map(middle).collect())
-}
-
 fn seat(config: &CalibrationConfig, ranges: &[(f64, f64)]) -> Seat {
-    let unit = |name: &str| {
-        OUTPUTS
-            .iter()
-            .find(|(output, _)| *output == name)
-            .map_or("", |(_, unit)| unit)
-    };
-    let sensor = |prefix: &str| {
-        let named = config.sensors.iter().zip(ranges);
-        let channel = |(name, (middle, half)): (&String, &(f64, f64))| {
-            Channel::new(format!("{prefix}_{name}"), unit(name)).typical(*middle, *half)
-        };
-        named.map(channel).collect::<Vec<_>>()
-    };
+    let sensors = |prefix| sensor_channels(prefix, &config.sensors, ranges);
     let action = |parameter: &HealthParameter| Channel::new(parameter.name(), "").within(-1.0, 1.0);
-    let condition = vec![
-        Channel::new("altitude_m", "m").typical(6500.0, 3500.0),
-        Channel::new("mach", "").typical(0.6, 0.2),
-        Channel::new("delta_t_k", "K").typical(0.0, 15.0),
-        Channel::new("turbine_inlet_temperature_k", "K").typical(1400.0, 200.0),
-    ];
+    let observed = [sensors("model_"), FlightCondition::channels(), sensors("target_")].concat();
     Seat {
         name: String::new(),
-        observation: Space::Box([sensor("model"), condition, sensor("target")].concat()),
+        observation: Space::Box(observed),
         action: Space::Box(config.calibrated.iter().map(action).collect()),
     }
 }

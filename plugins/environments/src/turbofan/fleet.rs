@@ -7,7 +7,7 @@
 //! place without what comes before.
 
 use super::config::HealthParameter;
-use super::flight::{FlightClass, FlightPoint, drawn};
+use super::flight::{DrawnFlight, FlightClass, FlightPoint};
 use engine::{Rng, random::stream};
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -92,8 +92,31 @@ impl Fleet {
         }
     }
 
+    /// Samples of a flight.
+    #[must_use]
+    pub(super) fn samples(&self) -> usize {
+        match self.degradation {
+            Degradation::Life { samples, .. } | Degradation::Faults { samples } => samples,
+        }
+    }
+
     /// The flight of a cycle of a unit, thinned to its samples.
     pub(super) fn flight(&self, unit: usize, cycle: usize, design_ratio: f64) -> Vec<FlightPoint> {
+        let thinned = self.thinned(unit, cycle, design_ratio);
+        (0..self.samples()).map(|sample| thinned.at(sample)).collect()
+    }
+
+    /// One sample of it.
+    pub(super) fn point(
+        &self,
+        unit: usize,
+        (cycle, sample): (usize, usize),
+        design_ratio: f64,
+    ) -> FlightPoint {
+        self.thinned(unit, cycle, design_ratio).at(sample)
+    }
+
+    fn thinned(&self, unit: usize, cycle: usize, design_ratio: f64) -> Thinned {
         let unit = self.first_unit + unit;
         match self.degradation {
             Degradation::Life { samples, .. } => {
@@ -102,19 +125,23 @@ impl Fleet {
                     1 => FlightClass::Medium,
                     _ => FlightClass::Long,
                 };
-                let mut rng = self.stream("flight", unit, cycle);
-                thinned(&drawn(class, 30.0, design_ratio, &mut rng), samples, 0.0, 1.0)
+                Thinned {
+                    flight: DrawnFlight::of(class, design_ratio, &mut self.stream("flight", unit, cycle)),
+                    interval_s: 30.0,
+                    samples,
+                    part: (0.0, 1.0),
+                }
             }
             Degradation::Faults { samples } => {
                 // One unit's flight; each fault is met somewhere in it.
-                let points = drawn(
-                    FlightClass::Short,
-                    10.0,
-                    design_ratio,
-                    &mut self.stream("flight", 0, 0),
-                );
+                let mut rng = self.stream("flight", 0, 0);
                 let begin = 0.8 * self.stream("part", unit, 0).random::<f64>();
-                thinned(&points, samples, begin, begin + 0.2)
+                Thinned {
+                    flight: DrawnFlight::of(FlightClass::Short, design_ratio, &mut rng),
+                    interval_s: 10.0,
+                    samples,
+                    part: (begin, begin + 0.2),
+                }
             }
         }
     }
@@ -154,12 +181,21 @@ fn worn(part: f64, rng: &mut Rng) -> f64 {
 }
 
 /// So many points between two parts of a flight.
-fn thinned(points: &[FlightPoint], samples: usize, begin: f64, end: f64) -> Vec<FlightPoint> {
-    let last = (points.len() - 1) as f64;
-    let place = |index: usize| begin + (end - begin) * index as f64 / (samples - 1).max(1) as f64;
-    (0..samples)
-        .map(|index| points[(place(index) * last).round() as usize])
-        .collect()
+struct Thinned {
+    flight: DrawnFlight,
+    /// Between the points that samples are taken from.
+    interval_s: f64,
+    samples: usize,
+    part: (f64, f64),
+}
+
+impl Thinned {
+    fn at(&self, sample: usize) -> FlightPoint {
+        let last = (self.flight.n_points(self.interval_s) - 1) as f64;
+        let (begin, end) = self.part;
+        let place = begin + (end - begin) * sample as f64 / (self.samples - 1).max(1) as f64;
+        self.flight.at((place * last).round() * self.interval_s)
+    }
 }
 
 #[cfg(test)]

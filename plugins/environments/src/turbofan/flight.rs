@@ -139,57 +139,81 @@ impl Route {
     pub(super) fn points(&self, design_ratio: f64, rng: &mut Rng) -> Vec<FlightPoint> {
         match self {
             Self::Given(points) => points.clone(),
-            Self::Drawn { class, interval_s } => drawn(*class, *interval_s, design_ratio, rng),
+            Self::Drawn { class, interval_s } => {
+                let flight = DrawnFlight::of(*class, design_ratio, rng);
+                (0..flight.n_points(*interval_s))
+                    .map(|index| flight.at(index as f64 * interval_s))
+                    .collect()
+            }
         }
     }
 }
 
 /// A flight in three legs. Throttles are shares of the design point's ratio of temperatures: 0.94 to 1 in
 /// climb, 0.82 to 0.94 in cruise, 0.66 to 0.74 in descent, each with slow and small changes.
-pub(super) fn drawn(
-    class: FlightClass,
-    interval_s: f64,
+#[derive(Debug, Clone, Copy)]
+pub(super) struct DrawnFlight {
+    duration_s: f64,
+    cruise_m: f64,
+    cruise_mach: f64,
+    delta_t_k: f64,
+    /// Of climb, cruise and descent.
+    throttles: [f64; 3],
+    phase: f64,
+    /// 20 to 25 minutes up and down.
+    climb_s: f64,
+    descent_s: f64,
     design_ratio: f64,
-    rng: &mut Rng,
-) -> Vec<FlightPoint> {
-    let mut between = |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
-    let hours = match class {
-        FlightClass::Short => between(1.0, 3.0),
-        FlightClass::Medium => between(3.0, 5.0),
-        FlightClass::Long => between(5.0, 7.0),
-    };
-    let cruise_m = between(28_000.0, 36_000.0) * FOOT;
-    let cruise_mach = between(0.7, 0.8);
-    let delta_t_k = between(-15.0, 15.0);
-    let throttles = [between(0.94, 1.0), between(0.82, 0.94), between(0.66, 0.74)];
-    let phase = between(0.0, std::f64::consts::TAU);
-    let duration_s = hours * 3600.0;
-    // 20 to 25 minutes up and down.
-    let (climb_s, descent_s) = (between(1200.0, 1500.0), between(1200.0, 1500.0));
-    let n_points = (duration_s / interval_s).floor() as usize + 1;
-    let point = |index: usize| {
-        let time_s = index as f64 * interval_s;
-        let left_s = duration_s - time_s;
-        let height = (time_s / climb_s).min(left_s / descent_s).min(1.0);
-        let throttle = if time_s < climb_s {
-            throttles[0]
-        } else if left_s < descent_s {
-            throttles[2]
-        } else {
-            throttles[1]
+}
+
+impl DrawnFlight {
+    pub(super) fn of(class: FlightClass, design_ratio: f64, rng: &mut Rng) -> Self {
+        let mut between = |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
+        let hours = match class {
+            FlightClass::Short => between(1.0, 3.0),
+            FlightClass::Medium => between(3.0, 5.0),
+            FlightClass::Long => between(5.0, 7.0),
         };
-        let altitude_m = 3048.0 + (cruise_m - 3048.0) * height;
-        let mach = 0.42 + (cruise_mach - 0.42) * height;
-        let wave = 0.01 * (time_s / 600.0 + phase).sin();
-        let total = Air::at(altitude_m, mach, delta_t_k).total_temperature;
+        // Fields are drawn in the order in which they stand here.
+        Self {
+            duration_s: hours * 3600.0,
+            cruise_m: between(28_000.0, 36_000.0) * FOOT,
+            cruise_mach: between(0.7, 0.8),
+            delta_t_k: between(-15.0, 15.0),
+            throttles: [between(0.94, 1.0), between(0.82, 0.94), between(0.66, 0.74)],
+            phase: between(0.0, std::f64::consts::TAU),
+            climb_s: between(1200.0, 1500.0),
+            descent_s: between(1200.0, 1500.0),
+            design_ratio,
+        }
+    }
+
+    /// Number of points with `interval_s` between them, the first and the last of the flight included.
+    pub(super) fn n_points(&self, interval_s: f64) -> usize {
+        (self.duration_s / interval_s).floor() as usize + 1
+    }
+
+    pub(super) fn at(&self, time_s: f64) -> FlightPoint {
+        let left_s = self.duration_s - time_s;
+        let height = (time_s / self.climb_s).min(left_s / self.descent_s).min(1.0);
+        let throttle = if time_s < self.climb_s {
+            self.throttles[0]
+        } else if left_s < self.descent_s {
+            self.throttles[2]
+        } else {
+            self.throttles[1]
+        };
+        let altitude_m = 3048.0 + (self.cruise_m - 3048.0) * height;
+        let mach = 0.42 + (self.cruise_mach - 0.42) * height;
+        let wave = 0.01 * (time_s / 600.0 + self.phase).sin();
+        let total = Air::at(altitude_m, mach, self.delta_t_k).total_temperature;
         FlightPoint {
             altitude_m,
             mach,
-            delta_t_k,
-            held: Held::TurbineInletTemperature((throttle + wave) * design_ratio * total),
+            delta_t_k: self.delta_t_k,
+            held: Held::TurbineInletTemperature((throttle + wave) * self.design_ratio * total),
         }
-    };
-    (0..n_points).map(point).collect()
+    }
 }
 
 /// Reads the points of a file.
@@ -198,67 +222,91 @@ fn points(file: &DataFile) -> Result<Vec<FlightPoint>, Error> {
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .from_reader(text.as_bytes());
-    let wrong = |line: Option<u64>, column: Option<&str>, problem: String| Error::Input {
+    let unreadable = |error: csv::Error| {
+        let line = error.position().map(csv::Position::line);
+        wrong(file, line, None, error.to_string())
+    };
+    let columns = Columns::of(file, reader.headers().map_err(unreadable)?)?;
+    let points = reader
+        .records()
+        .map(|record| columns.point(file, &record.map_err(unreadable)?))
+        .collect::<Result<Vec<_>, Error>>()?;
+    if points.is_empty() {
+        return Err(wrong(file, None, None, "there is no point".into()));
+    }
+    Ok(points)
+}
+
+fn wrong(file: &DataFile, line: Option<u64>, column: Option<&str>, problem: String) -> Error {
+    Error::Input {
         path: file.path().into(),
         line,
         column: column.map(Into::into),
         problem,
-    };
-    let unreadable = |error: csv::Error| {
-        let line = error.position().map(csv::Position::line);
-        wrong(line, None, error.to_string())
-    };
-    let header = reader.headers().map_err(unreadable)?.clone();
-    let place = |name: &str| header.iter().position(|column| column == name);
-    let needed = |name: &str| {
-        place(name).ok_or_else(|| {
-            let known: Vec<&str> = header.iter().collect();
-            wrong(
-                Some(1),
-                None,
-                format!("column `{name}` is missing; there are {}", known.join(", ")),
-            )
+    }
+}
+
+/// Where the columns of a file of points stand.
+struct Columns {
+    header: csv::StringRecord,
+    /// Altitude, Mach number and how much warmer than a standard day it is.
+    conditions: [usize; 3],
+    held: (&'static str, usize),
+}
+
+impl Columns {
+    fn of(file: &DataFile, header: &csv::StringRecord) -> Result<Self, Error> {
+        let place = |name: &str| header.iter().position(|column| column == name);
+        let needed = |name: &str| {
+            place(name).ok_or_else(|| {
+                let known: Vec<&str> = header.iter().collect();
+                let problem = format!("column `{name}` is missing; there are {}", known.join(", "));
+                wrong(file, Some(1), None, problem)
+            })
+        };
+        let conditions = [needed("altitude_m")?, needed("mach")?, needed("delta_t_k")?];
+        let held: Vec<(&str, usize)> = Held::NAMES
+            .into_iter()
+            .filter_map(|name| Some((name, place(name)?)))
+            .collect();
+        let [held] = held[..] else {
+            let problem = format!(
+                "exactly one of the columns {} says what is held; there are {}",
+                Held::NAMES.join(", "),
+                held.len()
+            );
+            return Err(wrong(file, Some(1), None, problem));
+        };
+        Ok(Self {
+            header: header.clone(),
+            conditions,
+            held,
         })
-    };
-    let conditions = [needed("altitude_m")?, needed("mach")?, needed("delta_t_k")?];
-    let held: Vec<(&str, usize)> = Held::NAMES
-        .into_iter()
-        .filter_map(|name| Some((name, place(name)?)))
-        .collect();
-    let [(held_name, held_place)] = held[..] else {
-        let problem = format!(
-            "exactly one of the columns {} says what is held; there are {}",
-            Held::NAMES.join(", "),
-            held.len()
-        );
-        return Err(wrong(Some(1), None, problem));
-    };
-    let mut points = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(unreadable)?;
+    }
+
+    fn point(&self, file: &DataFile, record: &csv::StringRecord) -> Result<FlightPoint, Error> {
         let line = record.position().map(csv::Position::line);
         let number = |place: usize| {
             let cell = record.get(place).unwrap_or_default();
             let number = cell.parse().ok().filter(|number: &f64| number.is_finite());
-            number.ok_or_else(|| wrong(line, header.get(place), format!("`{cell}` is no number")))
+            number.ok_or_else(|| {
+                wrong(
+                    file,
+                    line,
+                    self.header.get(place),
+                    format!("`{cell}` is no number"),
+                )
+            })
         };
         let point = FlightPoint {
-            altitude_m: number(conditions[0])?,
-            mach: number(conditions[1])?,
-            delta_t_k: number(conditions[2])?,
-            held: Held::named(held_name, number(held_place)?),
+            altitude_m: number(self.conditions[0])?,
+            mach: number(self.conditions[1])?,
+            delta_t_k: number(self.conditions[2])?,
+            held: Held::named(self.held.0, number(self.held.1)?),
         };
-        if let Some(problem) = point.outside() {
-            return Err(wrong(
-                line,
-                None,
-                format!("the point lies outside the envelope: {problem}"),
-            ));
-        }
-        points.push(point);
+        point.outside().map_or(Ok(point), |problem| {
+            let problem = format!("the point lies outside the envelope: {problem}");
+            Err(wrong(file, line, None, problem))
+        })
     }
-    if points.is_empty() {
-        return Err(wrong(None, None, "there is no point".into()));
-    }
-    Ok(points)
 }

@@ -33,7 +33,10 @@ mod flight;
 mod gas;
 mod map;
 mod model;
+pub mod samples;
+mod sensors;
 mod solver;
+mod surrogate;
 #[cfg(test)]
 mod tests;
 mod transient;
@@ -42,7 +45,7 @@ pub use config::{Dynamics, HealthParameter, TurbofanConfig};
 pub use engine::EngineName;
 pub use fleet::{Degradation, Fleet};
 pub use flight::{Flight, FlightClass};
-pub use model::{FlightCondition, SensorModel};
+pub use model::{FlightCondition, Model, SensorModel};
 
 use crate::unit_box::check_seats;
 use ::engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};

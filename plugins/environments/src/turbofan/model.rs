@@ -5,17 +5,34 @@ use super::cycle::{Engine, Health, N};
 use super::engine::EngineName;
 use super::flight::FlightPoint;
 use super::solver::{Held, Operation};
+use super::surrogate::Surrogate;
 use super::{OUTPUTS, outputs};
-use engine::Error;
+use engine::{Channel, Error, Product, product::Policy};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
-/// A steady engine with warm starts.
+/// What stands for an engine.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Model {
+    /// The engine itself.
+    #[default]
+    Engine,
+    /// A network that was fitted to it: what `network_regression` leaves after `turbofan_samples`.
+    Surrogate(Product<Policy>),
+}
+
+/// A steady engine, or a surrogate of one, as its sensors show it.
 #[derive(Debug, Clone)]
 pub struct SensorModel {
     engine: Engine,
     calibrated: Vec<HealthParameter>,
     /// Places of the sensors among the outputs.
     sensors: Vec<usize>,
+    /// Where the last point was, from which the next one is searched.
     unknowns: [f64; N],
+    /// What reads in the engine's place.
+    surrogate: Option<Surrogate>,
 }
 
 /// A flight condition.
@@ -32,33 +49,34 @@ pub struct FlightCondition {
 }
 
 impl SensorModel {
-    /// An engine whose sensors are outputs by name.
+    /// An engine, or a model of it, whose sensors are outputs by name.
     ///
     /// # Errors
-    /// [`Error::Config`] with the key `sensors` for a name that is no output.
+    /// [`Error::Config`] with the key `sensors` for a name that is no output, and where a surrogate is one of other
+    /// inputs or cannot be read.
     pub fn new(
         engine: EngineName,
+        model: &Model,
         calibrated: &[HealthParameter],
         sensors: &[String],
     ) -> Result<Self, Error> {
         let engine = Engine::of(engine.design());
-        let place = |name: &String| {
-            OUTPUTS
-                .iter()
-                .position(|(output, _)| output == name)
-                .ok_or_else(|| {
-                    let known: Vec<&str> = OUTPUTS.iter().map(|(output, _)| *output).collect();
-                    Error::config(
-                        "sensors",
-                        format!("no output is called `{name}`; there are {}", known.join(", ")),
-                    )
-                })
+        let surrogate = match model {
+            Model::Engine => None,
+            Model::Surrogate(product) => {
+                let inputs = FlightCondition::NAMES
+                    .into_iter()
+                    .chain(calibrated.iter().map(|it| it.name()));
+                let inputs: Vec<String> = inputs.map(String::from).collect();
+                Some(Surrogate::read(product, &inputs, sensors)?)
+            }
         };
         Ok(Self {
             unknowns: engine.unknowns,
-            sensors: sensors.iter().map(place).collect::<Result<_, _>>()?,
+            sensors: sensors.iter().map(output).collect::<Result<_, _>>()?,
             calibrated: calibrated.to_vec(),
             engine,
+            surrogate,
         })
     }
 
@@ -67,6 +85,10 @@ impl SensorModel {
     /// # Errors
     /// [`Error::Model`] where the engine finds no operating point.
     pub fn read(&mut self, condition: &FlightCondition, theta: &[f64]) -> Result<Vec<f64>, Error> {
+        if let Some(surrogate) = &self.surrogate {
+            let inputs = condition.to_array().into_iter().chain(theta.iter().copied());
+            return Ok(surrogate.read_sensors(inputs));
+        }
         let mut health = Health::default();
         for (parameter, value) in self.calibrated.iter().zip(theta) {
             parameter.set(&mut health, value.clamp(-LARGEST_WEAR, LARGEST_WEAR));
@@ -103,7 +125,30 @@ impl SensorModel {
     }
 }
 
+/// Place of a sensor among the outputs.
+fn output(name: &String) -> Result<usize, Error> {
+    let found = OUTPUTS.iter().position(|(output, _)| output == name);
+    found.ok_or_else(|| {
+        let known: Vec<&str> = OUTPUTS.iter().map(|(output, _)| *output).collect();
+        let problem = format!("no output is called `{name}`; there are {}", known.join(", "));
+        Error::config("sensors", problem)
+    })
+}
+
 impl FlightCondition {
+    /// Names of its numbers, in the order of observations.
+    pub const NAMES: [&str; 4] = ["altitude_m", "mach", "delta_t_k", "turbine_inlet_temperature_k"];
+
+    /// Its channels in observations.
+    pub(super) fn channels() -> Vec<Channel> {
+        vec![
+            Channel::new(Self::NAMES[0], "m").typical(6500.0, 3500.0),
+            Channel::new(Self::NAMES[1], "").typical(0.6, 0.2),
+            Channel::new(Self::NAMES[2], "K").typical(0.0, 15.0),
+            Channel::new(Self::NAMES[3], "K").typical(1400.0, 200.0),
+        ]
+    }
+
     fn point(&self) -> FlightPoint {
         FlightPoint {
             altitude_m: self.altitude_m,

@@ -1,0 +1,395 @@
+//! A network that is fitted to what an environment knows: the surrogate of an engine (thesis, section 2.4: three
+//! hidden layers of 100 rectifiers, Adam), and the supervised baseline that the thesis calls `End-to-End`.
+//!
+//! The input is what is observed, the target the environment's full state, entry by entry the answer that an action
+//! stands for: the typical value and deviation of a state channel are those of the action's channel in its units.
+//!
+//! | symbol | here | shape |
+//! |---|---|---|
+//! | x | chosen channels of what is observed, less their typical values, in parts of their typical deviations | `[batch, inputs]` |
+//! | f(x) | the network's outputs | `[batch, n]` |
+//! | y | states, scaled in the same way | `[batch, n]` |
+//! | a | `center + spread f(x)` with those of the action's channels, inside their limits | `[batch, n]` |
+//!
+//! What is minimised is the mean of `(f(x) - y)^2` over batch and entries. With no input at all the network is one
+//! constant: the best that can be said without looking, a floor for what looks.
+//!
+//! Departure: the step size is halved at a steady pace where `halved_every` is given; the thesis says nothing of it.
+//!
+//! Metric, mean over the updates since the last measurement: `fit_loss`, what is minimised.
+
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::scaling::{ObservationScaling, Scaling};
+use crate::shared::seat;
+use burn::module::Module;
+use engine::{
+    Action, Agent, AgentTraits, Channel, Error, Interface, Metric, Mode, Observation, Recorder, Registry,
+    Rng, Space, Transition, Updates,
+};
+use numerics::network::{Activation, Mlp, device, matrix, values};
+use numerics::optimizer::{Adam, Trained};
+use numerics::policy_file::{Head, Policy};
+use numerics::tensor_file::TensorFile;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+const NAME: &str = "network_regression";
+
+/// Hyper-parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Step size of Adam.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub learning_rate: f64,
+    /// Updates after which the step size is half of what it was, little by little; null for a constant one.
+    #[schemars(range(min = 1))]
+    pub halved_every: Option<u64>,
+    /// Units of each hidden layer.
+    #[schemars(range(min = 1, max = 4096), extend("x-source" = "thesis, section 2.4"))]
+    pub width: usize,
+    /// Hidden layers.
+    #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 2.4"))]
+    pub layers: usize,
+    /// What the names of the channels that it sees begin with; null for all, an empty list for none.
+    pub inputs: Option<Vec<String>>,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            learning_rate: 1e-3,
+            halved_every: None,
+            width: 100,
+            layers: 3,
+            inputs: None,
+        }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The agent.
+#[derive(Debug, Clone)]
+pub struct NetworkRegression {
+    config: Config,
+    /// Places of the inputs in what is observed.
+    places: Vec<usize>,
+    /// Their scaling.
+    inputs: Scaling,
+    targets: Scaling,
+    actions: Vec<Channel>,
+    network: Trained<Mlp>,
+    n_updates: u64,
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "regression of what an environment knows, by a network: surrogates, supervised baselines";
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        learns_from_examples: true,
+        ..AgentTraits::default()
+    };
+    registry.agent(NAME, version, about, traits, build);
+}
+
+/// Builds the agent for one seat in boxes, in an environment whose state is the answer.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other environment and for inputs that are not there.
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    Ok(Box::new(NetworkRegression::new(config, interface, rng)?))
+}
+
+/// What [`NetworkRegression::learn`] records.
+fn metrics() -> Vec<Metric> {
+    vec![Metric::new("fit_loss", "", "what the regression minimises").lower_is_better()]
+}
+
+impl NetworkRegression {
+    fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+        let seat = seat::only_seat(NAME, interface)?;
+        let Space::Box(actions) = &seat.action else {
+            let problem = format!(
+                "its answers are numbers in a box, the environment takes {}",
+                seat::kind(&seat.action)
+            );
+            return Err(seat::mismatch(NAME, problem));
+        };
+        seat::state_of_length(NAME, interface, actions.len())?;
+        let observed = seat::observed(NAME, seat)?;
+        let places = places(config.inputs.as_deref(), observed)?;
+        let chosen: Vec<Channel> = places.iter().map(|place| observed[*place].clone()).collect();
+        // A network without inputs sees one that is always 0.
+        let hidden = vec![config.width; config.layers];
+        let sizes = [vec![chosen.len().max(1)], hidden, vec![actions.len()]].concat();
+        let activations = vec![Activation::Relu; config.layers];
+        let network = Mlp::new(&sizes, &activations, 1.0, rng, &device().autodiff());
+        let adam = Adam::new(config.learning_rate, None);
+        Ok(Self {
+            inputs: Scaling::new(ObservationScaling::Typical, &chosen),
+            targets: Scaling::new(ObservationScaling::Typical, &interface.state),
+            actions: actions.clone(),
+            network: Trained::new(network, adam),
+            places,
+            config,
+            n_updates: 0,
+        })
+    }
+
+    /// Rows of inputs as the network sees them.
+    fn seen<'a>(&self, observations: impl Iterator<Item = &'a Observation>) -> Vec<f32> {
+        let row = |observation: &Observation| {
+            if self.places.is_empty() {
+                return vec![0.0];
+            }
+            let seen = &observation.seats[0];
+            let chosen: Vec<f64> = self.places.iter().map(|place| seen[*place]).collect();
+            self.inputs.apply(&chosen).collect()
+        };
+        observations.flat_map(row).collect()
+    }
+
+    fn n_inputs(&self) -> usize {
+        self.places.len().max(1)
+    }
+
+    /// An action of scaled outputs.
+    fn action(&self, outputs: &[f32]) -> Result<Action, Error> {
+        let entry = |(output, channel): (&f32, &Channel)| {
+            let number = finite("action", self.n_updates, *output)?;
+            Ok((channel.center + channel.spread * number).clamp(channel.low, channel.high))
+        };
+        let entries = outputs.iter().zip(&self.actions).map(entry);
+        Ok(vec![entries.collect::<Result<_, Error>>()?])
+    }
+
+    #[allow(clippy::cast_precision_loss, reason = "a number of updates is far below 2^52")]
+    fn learning_rate(&self) -> f64 {
+        let halvings = self
+            .config
+            .halved_every
+            .map_or(0.0, |every| self.n_updates as f64 / every as f64);
+        self.config.learning_rate * (-halvings).exp2()
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.actions.iter().map(|channel| channel.name.clone()).collect()
+    }
+}
+
+/// Places of the channels whose names begin as wanted.
+fn places(wanted: Option<&[String]>, observed: &[Channel]) -> Result<Vec<usize>, Error> {
+    let Some(wanted) = wanted else {
+        return Ok((0..observed.len()).collect());
+    };
+    let begins = |channel: &Channel, word: &String| channel.name.starts_with(word.as_str());
+    for word in wanted {
+        if !observed.iter().any(|channel| begins(channel, word)) {
+            let known: Vec<&str> = observed.iter().map(|channel| channel.name.as_str()).collect();
+            let problem = format!("no channel begins with `{word}`; there are: {}", known.join(", "));
+            return Err(seat::mismatch(NAME, problem));
+        }
+    }
+    let is_wanted = |channel: &Channel| wanted.iter().any(|word| begins(channel, word));
+    Ok((0..observed.len())
+        .filter(|place| is_wanted(&observed[*place]))
+        .collect())
+}
+
+impl Agent for NetworkRegression {
+    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
+        let seen = matrix(self.seen(observations.iter()), self.n_inputs());
+        let outputs = values(self.network.network().valid().forward(seen));
+        outputs
+            .chunks(self.actions.len())
+            .map(|row| self.action(row))
+            .collect()
+    }
+
+    fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        let seen = matrix(
+            self.seen(transitions.iter().map(|it| &it.observation)),
+            self.n_inputs(),
+        );
+        let states = transitions.iter().map(|it| &it.observation.state);
+        let wanted = states.flat_map(|state| self.targets.apply(state)).collect();
+        let off = self.network.network().forward(seen) - matrix(wanted, self.actions.len());
+        let loss = off.powf_scalar(2.0).mean();
+        record.mean(
+            "fit_loss",
+            finite("fit_loss", self.n_updates, values(loss.clone())[0])?,
+        );
+        self.network.set_learning_rate(self.learning_rate());
+        self.network.descend(&loss);
+        self.n_updates += 1;
+        Ok(())
+    }
+
+    fn reads_state(&self) -> bool {
+        true
+    }
+
+    fn updates(&self) -> Option<Updates> {
+        Some(Updates {
+            made: self.n_updates,
+            first_after: 1,
+        })
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        let mut file = TensorFile::default();
+        self.network.store("network", &mut file);
+        checkpoint::write(NAME, dir, file, &self.n_updates)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        let (file, n_updates) = checkpoint::read(NAME, dir)?;
+        self.network
+            .restore("network", &file)
+            .map_err(checkpoint::error_of(NAME))?;
+        self.n_updates = n_updates;
+        Ok(())
+    }
+
+    fn export(&self, dir: &Path) -> Result<bool, Error> {
+        let ports = self.inputs.ports(&self.names());
+        let (center, spread) = self.actions.iter().map(|it| (it.center, it.spread)).unzip();
+        let policy = Policy::new(self.network.network(), ports, Head::Identity).in_units(center, spread);
+        policy.write(dir).map_err(checkpoint::error_of(NAME))?;
+        Ok(true)
+    }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        let ports = self.inputs.ports(&self.names());
+        checkpoint::import_policy(NAME, &mut self.network, dir, &ports, Head::Identity)?;
+        Ok(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use engine::{End, Seat, random::stream};
+    use rand::Rng as _;
+
+    /// Two channels, of which one says twice the answer in other units.
+    fn interface() -> Interface {
+        let channel = |name: &str, center, spread| Channel::new(name, "").typical(center, spread);
+        Interface {
+            seats: vec![Seat {
+                name: String::new(),
+                observation: Space::Box(vec![channel("noise", 0.0, 1.0), channel("signal_1", 10.0, 2.0)]),
+                action: Space::Box(vec![Channel::new("answer", "").within(-1.0, 1.0)]),
+            }],
+            state: vec![channel("true_answer", 100.0, 50.0)],
+        }
+    }
+
+    fn example(rng: &mut Rng) -> Transition {
+        let (answer, noise) = (rng.random_range(-1.0..1.0), rng.random_range(-1.0..1.0));
+        let observation = Observation {
+            seats: vec![vec![noise, 10.0 + 2.0 * answer]],
+            state: vec![100.0 + 50.0 * answer],
+        };
+        Transition {
+            next_observation: observation.clone(),
+            observation,
+            action: Vec::new(),
+            rewards: Vec::new(),
+            end: Some(End::Terminated),
+        }
+    }
+
+    /// The agent after some batches, and its mean absolute error.
+    fn fitted(config: Config, batches: usize) -> (NetworkRegression, f64) {
+        let mut rng = stream(&["regression"]);
+        let mut agent = NetworkRegression::new(config, &interface(), &mut rng).unwrap();
+        let mut record = Recorder::default();
+        for _ in 0..batches {
+            let batch: Vec<Transition> = (0..32).map(|_| example(&mut rng)).collect();
+            agent.learn(&batch, &mut rng, &mut record).unwrap();
+        }
+        let tests: Vec<Observation> = (0..200).map(|_| example(&mut rng).observation).collect();
+        let acted = agent.act(&tests, Mode::Evaluate, &mut rng).unwrap();
+        let pairs = acted.iter().zip(&tests);
+        let off: f64 = pairs
+            .map(|(action, it)| (action[0][0] - (it.state[0] - 100.0) / 50.0).abs())
+            .sum();
+        (agent, off / 200.0)
+    }
+
+    fn tiny(inputs: Option<&[&str]>) -> Config {
+        Config {
+            width: 16,
+            layers: 2,
+            learning_rate: 3e-3,
+            halved_every: Some(200),
+            inputs: inputs.map(|words| words.iter().map(ToString::to_string).collect()),
+        }
+    }
+
+    #[test]
+    fn it_finds_the_answer_where_it_sees_it_and_the_mean_where_it_does_not() {
+        assert!(fitted(tiny(None), 0).1 > 0.2);
+        assert!(fitted(tiny(None), 500).1 < 0.05);
+        assert!(fitted(tiny(Some(&["signal_"])), 500).1 < 0.05);
+        for blind in [&[] as &[&str], &["noise"]] {
+            let (_, off) = fitted(tiny(Some(blind)), 500);
+            // Of a uniform answer around 0 the mean is off by a half.
+            assert!((0.4..0.6).contains(&off), "{off}");
+        }
+    }
+
+    #[test]
+    fn steps_are_halved_little_by_little() {
+        let (agent, _) = fitted(tiny(None), 100);
+        assert!((agent.learning_rate() - 3e-3 * 0.5_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_saved_agent_continues_and_an_exported_one_acts_the_same() {
+        let (mut agent, _) = fitted(tiny(None), 20);
+        let folder = tempfile::tempdir().unwrap();
+        agent.save(folder.path()).unwrap();
+        assert!(agent.export(folder.path()).unwrap());
+        let mut rng = stream(&["again"]);
+        let mut again = NetworkRegression::new(tiny(None), &interface(), &mut rng).unwrap();
+        let mut imported = again.clone();
+        again.load(folder.path()).unwrap();
+        imported.import(folder.path()).unwrap();
+        let batch: Vec<Transition> = (0..32).map(|_| example(&mut rng)).collect();
+        let seen: Vec<Observation> = batch.iter().map(|it| it.observation.clone()).collect();
+        let mut act = |agent: &mut NetworkRegression| agent.act(&seen, Mode::Evaluate, &mut rng).unwrap();
+        let expected = act(&mut agent);
+        assert_eq!(act(&mut imported), expected);
+        let policy = Policy::read(folder.path()).unwrap();
+        assert!((policy.act(&seen[0].seats[0])[0] - expected[0][0][0]).abs() < 1e-6);
+        let mut record = Recorder::default();
+        for agent in [&mut agent, &mut again] {
+            agent.learn(&batch, &mut stream(&["x"]), &mut record).unwrap();
+        }
+        assert_eq!(act(&mut agent), act(&mut again));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let message = |config: Config, interface: &Interface| {
+            let built = NetworkRegression::new(config, interface, &mut stream(&["x"]));
+            built.unwrap_err().to_string()
+        };
+        let unknown = message(tiny(Some(&["target_"])), &interface());
+        assert!(
+            unknown.contains("no channel begins with `target_`; there are: noise, signal_1"),
+            "{unknown}"
+        );
+        let mut stateless = interface();
+        stateless.state.clear();
+        assert!(message(tiny(None), &stateless).contains("state of 1 channels"));
+        let shares = seat::tests::allocation(&["x"], &["a", "b"], 2);
+        assert!(message(tiny(None), &shares).contains("numbers in a box"));
+    }
+}

@@ -1,0 +1,298 @@
+//! What an engine's sensors read, one sample at a time: the examples that a surrogate is fitted to (thesis, section
+//! 2.4, its surrogate of three hidden layers).
+//!
+//! An episode is one decision. A sample of a flight of the fleet and health parameters are drawn, evenly in their
+//! range, whatever the fleet's own health; both are observed. The action is to say what the sensors read, in SI
+//! units; the environment's full state is what they do read. The reward is minus the mean squared error of the
+//! outputs, scaled by their ranges over the fleet.
+
+use super::config::HealthParameter;
+use super::cycle::N;
+use super::engine::EngineName;
+use super::fleet::Fleet;
+use super::model::{FlightCondition, Model, SensorModel};
+use super::sensors::{SENSORS, check, ranges, sensor_channels};
+use crate::unit_box::check_seats;
+use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use rand::Rng as _;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Settings of the `turbofan_samples` environment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SamplesConfig {
+    /// The engine.
+    pub engine: EngineName,
+    /// The health parameters that are drawn.
+    #[schemars(length(min = 1, max = 10))]
+    pub calibrated: Vec<HealthParameter>,
+    /// The sensors, by names of the outputs of `turbofan`.
+    #[schemars(length(min = 1, max = 25))]
+    pub sensors: Vec<String>,
+    /// Smallest and largest health parameter.
+    #[schemars(inner(range(min = -0.1, max = 0.1)))]
+    pub theta_range: [f64; 2],
+    /// Whose flights are drawn from.
+    pub fleet: Fleet,
+}
+
+impl Default for SamplesConfig {
+    fn default() -> Self {
+        Self {
+            engine: EngineName::Hbtf,
+            calibrated: vec![HealthParameter::HptEfficiency],
+            sensors: SENSORS.map(String::from).to_vec(),
+            theta_range: [-0.03, 0.01],
+            fleet: Fleet::default(),
+        }
+    }
+}
+
+impl engine::Config for SamplesConfig {}
+
+/// The `turbofan_samples` environment.
+#[derive(Debug)]
+pub struct TurbofanSamples {
+    config: SamplesConfig,
+    engine: SensorModel,
+    /// The sensors with middle and half width over the fleet.
+    channels: Vec<Channel>,
+    seats: Vec<Seat>,
+    metrics: Vec<Metric>,
+    sample: Sample,
+}
+
+/// What changes.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Sample {
+    /// Flight condition and health, as observed.
+    inputs: Vec<f64>,
+    /// What the sensors read.
+    read: Vec<f64>,
+    /// What was said, once something was.
+    said: Option<Vec<f64>>,
+    /// From where the next operating point is searched.
+    unknowns: [f64; N],
+}
+
+/// Builds the environment; registered as `turbofan_samples`.
+///
+/// # Errors
+/// [`Error::Config`] where keys contradict each other or a sensor is no output.
+pub fn build(config: SamplesConfig) -> Result<Box<dyn Environment>, Error> {
+    Ok(Box::new(TurbofanSamples::new(config)?))
+}
+
+impl TurbofanSamples {
+    fn new(config: SamplesConfig) -> Result<Self, Error> {
+        let SamplesConfig {
+            calibrated,
+            sensors,
+            theta_range,
+            fleet,
+            ..
+        } = &config;
+        check(calibrated, *theta_range)?;
+        let engine = SensorModel::new(config.engine, &Model::Engine, calibrated, sensors)?;
+        let ranges = ranges(fleet, *theta_range, calibrated.len(), engine.clone())?;
+        let channels = sensor_channels("", sensors, &ranges);
+        let [low, high] = *theta_range;
+        let health = |parameter: &HealthParameter| {
+            let channel = Channel::new(parameter.name(), "").within(low, high);
+            channel.typical((low + high) / 2.0, (high - low) / 2.0)
+        };
+        let observed = FlightCondition::channels().into_iter();
+        let seat = Seat {
+            name: String::new(),
+            observation: Space::Box(observed.chain(calibrated.iter().map(health)).collect()),
+            action: Space::Box(channels.clone()),
+        };
+        Ok(Self {
+            sample: Sample {
+                inputs: vec![0.0; 4 + calibrated.len()],
+                read: vec![0.0; sensors.len()],
+                said: None,
+                unknowns: engine.unknowns(),
+            },
+            seats: vec![seat],
+            metrics: metrics(),
+            channels,
+            engine,
+            config,
+        })
+    }
+
+    /// Errors of what is said, in parts of the half widths.
+    fn errors<'a>(&'a self, said: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
+        let pairs = said.iter().zip(&self.sample.read).zip(&self.channels);
+        pairs.map(|((said, read), channel)| (said - read) / channel.spread)
+    }
+}
+
+fn metrics() -> Vec<Metric> {
+    let last = |name: &str, unit: &str, about: &str| {
+        let metric = Metric::new(name, unit, about).lower_is_better();
+        metric.per_episode(PerEpisode::Last)
+    };
+    vec![
+        last(
+            "squared_error",
+            "",
+            "mean squared error of the outputs, scaled to [-1, 1]",
+        ),
+        last(
+            "largest_error",
+            "",
+            "largest error of an output, scaled to [-1, 1]",
+        ),
+        last(
+            "relative_error",
+            "%",
+            "mean absolute error of the outputs in parts of what they read",
+        ),
+    ]
+}
+
+impl Environment for TurbofanSamples {
+    fn seats(&self) -> &[Seat] {
+        &self.seats
+    }
+
+    fn metrics(&self) -> &[Metric] {
+        &self.metrics
+    }
+
+    fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        let fleet = &self.config.fleet;
+        let unit = rng.random_range(0..fleet.units);
+        let at = rng.random_range(0..fleet.length());
+        let place = (at / fleet.samples(), at % fleet.samples());
+        let condition = FlightCondition::of(&fleet.point(unit, place, self.engine.design_ratio()));
+        let [low, high] = self.config.theta_range;
+        let theta: Vec<f64> = (0..self.config.calibrated.len())
+            .map(|_| low + (high - low) * rng.random::<f64>())
+            .collect();
+        let read = self.engine.read(&condition, &theta)?;
+        self.sample = Sample {
+            inputs: [&condition.to_array()[..], &theta].concat(),
+            read,
+            said: None,
+            unknowns: self.engine.unknowns(),
+        };
+        Ok(vec![self.sample.inputs.clone()])
+    }
+
+    fn step(&mut self, actions: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
+        check_seats(actions, 1)?;
+        let said = &actions[0];
+        let (given, wanted) = (said.len(), self.channels.len());
+        if given != wanted {
+            let problem = format!("{given} entries in place of {wanted}");
+            return Err(Error::Action { problem });
+        }
+        let squared = self.errors(said).map(|it| it * it).sum::<f64>() / wanted as f64;
+        let largest = self.errors(said).fold(0.0, |most: f64, it| most.max(it.abs()));
+        let parts = said.iter().zip(&self.sample.read);
+        let relative = parts
+            .map(|(said, read)| ((said - read) / read).abs())
+            .sum::<f64>()
+            / wanted as f64;
+        self.sample.said = Some(said.clone());
+        Ok(Step {
+            observations: vec![self.sample.inputs.clone()],
+            rewards: vec![-squared],
+            info: vec![squared, largest, 100.0 * relative],
+            end: Some(End::Terminated),
+        })
+    }
+
+    fn state_channels(&self) -> Vec<Channel> {
+        self.channels.clone()
+    }
+
+    /// What the sensors read.
+    fn state(&self) -> Vec<f64> {
+        self.sample.read.clone()
+    }
+
+    fn trace_channels(&self) -> Vec<Channel> {
+        let sensors = |prefix: &str| {
+            let named = self.channels.iter();
+            let channel = |it: &Channel| Channel::new(format!("{prefix}_{}", it.name), &it.unit);
+            named.map(channel).collect::<Vec<_>>()
+        };
+        let inputs = self.seats[0].observation.names().into_iter();
+        let inputs = inputs.map(|name| Channel::new(name, "")).collect();
+        [inputs, sensors("read"), sensors("said")].concat()
+    }
+
+    fn trace(&self) -> Vec<f64> {
+        let blank = || vec![f64::NAN; self.channels.len()];
+        let said = self.sample.said.clone().unwrap_or_else(blank);
+        [&self.sample.inputs[..], &self.sample.read, &said].concat()
+    }
+
+    fn snapshot(&self) -> serde_json::Value {
+        let sample = Sample {
+            unknowns: self.engine.unknowns(),
+            ..self.sample.clone()
+        };
+        // Plain structs of numbers: serde_json refuses only maps whose keys are no strings.
+        serde_json::to_value(sample).expect("a snapshot serialises")
+    }
+
+    fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), Error> {
+        self.sample = Sample::deserialize(snapshot).map_err(|source| Error::Checkpoint {
+            what: "turbofan_samples",
+            problem: source.to_string(),
+        })?;
+        self.engine.set_unknowns(self.sample.unknowns);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use engine::random::stream;
+
+    #[test]
+    fn samples_are_of_the_engine_and_what_it_reads_costs_nothing() {
+        let mut samples = TurbofanSamples::new(SamplesConfig::default()).unwrap();
+        let mut rng = stream(&["samples"]);
+        let mut engine = samples.engine.clone();
+        for _ in 0..20 {
+            let seen = samples.reset(&mut rng).unwrap().remove(0);
+            // Values of one state are one, from wherever they are searched.
+            engine.restart();
+            let condition = FlightCondition::from_array(std::array::from_fn(|place| seen[place]));
+            let read = engine.read(&condition, &seen[4..]).unwrap();
+            let state = samples.state();
+            assert!(
+                state.iter().zip(&read).all(|(x, y)| (x / y - 1.0).abs() < 1e-6),
+                "{state:?} {read:?}"
+            );
+            let step = samples.step(&[state], &mut rng).unwrap();
+            assert_eq!((step.rewards, step.info), (vec![0.0], vec![0.0; 3]));
+        }
+    }
+
+    #[test]
+    fn errors_by_hand() {
+        let mut samples = TurbofanSamples::new(SamplesConfig::default()).unwrap();
+        let mut rng = stream(&["errors"]);
+        samples.reset(&mut rng).unwrap();
+        let mut said = samples.state();
+        said[2] += 0.28 * samples.channels[2].spread;
+        let expected = 100.0 * (said[2] / samples.state()[2] - 1.0) / 14.0;
+        let info = samples.step(&[said], &mut rng).unwrap().info;
+        let close = |x: f64, y: f64| (x - y).abs() < 1e-12;
+        assert!(
+            close(info[0], 0.28 * 0.28 / 14.0) && close(info[1], 0.28) && close(info[2], expected),
+            "{info:?}"
+        );
+        let error = samples.step(&[vec![1.0]], &mut rng).unwrap_err().to_string();
+        assert!(error.contains("1 entries in place of 14"), "{error}");
+    }
+}
