@@ -141,6 +141,10 @@ pub struct TableSpec {
     /// verdict is CALIBRATED.
     #[serde(default)]
     pub calibrated_on: Option<String>,
+    /// What the published values belong to, where it is another system than the one here: they are printed
+    /// and not judged.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub of_another_system: Option<String>,
     /// True where the comparison was thought of after results were seen; its verdicts are counted apart.
     #[serde(default)]
     pub exploratory: bool,
@@ -164,6 +168,7 @@ impl TableSpec {
             published_curves: Vec::new(),
             margin: None,
             calibrated_on: None,
+            of_another_system: None,
             exploratory: false,
             cause: None,
             notes: Vec::new(),
@@ -218,12 +223,18 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     let (mut grid, baselines) = (kind.build(results)?, kind.baselines(results));
     grid.caption.clone_from(&spec.caption);
     grid.notes.extend(spec.notes.iter().cloned());
+    if let Some(system) = &spec.of_another_system {
+        grid.notes.push(format!(
+            "Published values are of another system and are not judged: {system}."
+        ));
+    }
     grid.margin.clone_from(&spec.margin);
     grid.exploratory = spec.exploratory;
     grid.cause.clone_from(&spec.cause);
     let judging = Judging {
         margin: spec.margin.as_ref(),
         calibrated_on: spec.calibrated_on.as_deref(),
+        of_another_system: spec.of_another_system.is_some(),
         baselines: &baselines,
     };
     let last = usize::try_from(kind.measurements_by_step().unwrap_or(1)).unwrap_or(usize::MAX);

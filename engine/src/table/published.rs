@@ -199,6 +199,8 @@ pub(super) struct Judging<'a> {
     pub(super) margin: Option<&'a Margin>,
     /// What was chosen with all published values in view.
     pub(super) calibrated_on: Option<&'a str>,
+    /// Whether they belong to another system.
+    pub(super) of_another_system: bool,
     /// Agents that a row's single published value does not speak of.
     pub(super) baselines: &'a [String],
 }
@@ -315,7 +317,7 @@ impl Judging<'_> {
         };
         let calibrated = entry.calibrated_on.as_deref().or(self.calibrated_on);
         let unjudged = match calibrated {
-            _ if cell.fixed.is_some() => Some(Verdict::NotJudged),
+            _ if cell.fixed.is_some() || self.of_another_system => Some(Verdict::NotJudged),
             _ if cell.is_untrained() => Some(Verdict::NotTrained),
             Some(_) => Some(Verdict::Calibrated),
             None => None,

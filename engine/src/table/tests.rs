@@ -408,6 +408,27 @@ fn seeds_without_success_complete_a_look() {
 }
 
 #[test]
+fn values_of_another_system_are_printed_and_not_judged() {
+    let trials = (0..5).map(|seed| final_value("e", "a", seed, 9.5 + seed as f64));
+    let results = Results::of(trials.collect());
+    let mut spec = TableSpec::of(Comparison::default());
+    spec.published.insert("a".into(), Published::Value(1.0));
+    let verdict = |spec: &TableSpec| {
+        let grid = super::build(spec, &results).unwrap();
+        let judgement = grid.cells[0][0].judgement.clone().unwrap();
+        (judgement.verdict, grid.notes)
+    };
+    assert_eq!(verdict(&spec).0, Verdict::Differs);
+    spec.of_another_system = Some("an engine that is not public".into());
+    let (verdict, notes) = verdict(&spec);
+    assert_eq!(verdict, Verdict::NotJudged);
+    assert_eq!(
+        notes,
+        ["Published values are of another system and are not judged: an engine that is not public."]
+    );
+}
+
+#[test]
 fn a_published_share_of_three_runs_decides_less_than_an_exact_one() {
     let values = (0..20).map(|seed| if seed < 3 { 9.5 } else { 2.0 });
     let trials = (0..)

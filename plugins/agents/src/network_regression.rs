@@ -14,7 +14,8 @@
 //! What is minimised is the mean of `(f(x) - y)^2` over batch and entries. With no input at all the network is one
 //! constant: the best that can be said without looking, a floor for what looks.
 //!
-//! Departure: the step size is halved at a steady pace where `halved_every` is given; the thesis says nothing of it.
+//! Departures: the step size is halved at a steady pace where `halved_every` is given, and examples are seen again
+//! where `updates_per_batch` says so; the thesis says nothing of either.
 //!
 //! Metric, mean over the updates since the last measurement: `fit_loss`, what is minimised.
 
@@ -30,6 +31,7 @@ use numerics::network::{Activation, Mlp, device, matrix, values};
 use numerics::optimizer::{Adam, Trained};
 use numerics::policy_file::{Head, Policy};
 use numerics::tensor_file::TensorFile;
+use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -52,6 +54,13 @@ pub struct Config {
     /// Hidden layers.
     #[schemars(range(min = 1, max = 8), extend("x-source" = "thesis, section 2.4"))]
     pub layers: usize,
+    /// Updates for each batch of examples: the first on the batch, the others on as many that were seen before,
+    /// drawn with replacement.
+    #[schemars(range(min = 1, max = 1000))]
+    pub updates_per_batch: u64,
+    /// Examples that are remembered for it, the last ones; 0 where each is seen once.
+    #[schemars(range(min = 0, max = 1_000_000))]
+    pub memory: usize,
     /// What the names of the channels that it sees begin with; null for all, an empty list for none.
     pub inputs: Option<Vec<String>>,
 }
@@ -63,6 +72,8 @@ impl Default for Config {
             halved_every: None,
             width: 100,
             layers: 3,
+            updates_per_batch: 1,
+            memory: 0,
             inputs: None,
         }
     }
@@ -81,7 +92,16 @@ pub struct NetworkRegression {
     targets: Scaling,
     actions: Vec<Channel>,
     network: Trained<Mlp>,
+    counts: Counts,
+    /// The remembered examples row by row, inputs before targets; row `n_examples mod memory` is the oldest.
+    memory: Vec<f32>,
+}
+
+/// What was learned from so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Counts {
     n_updates: u64,
+    n_examples: u64,
 }
 
 /// Registers the agent.
@@ -129,6 +149,12 @@ impl NetworkRegression {
         let activations = vec![Activation::Relu; config.layers];
         let network = Mlp::new(&sizes, &activations, 1.0, rng, &device().autodiff());
         let adam = Adam::new(config.learning_rate, None);
+        if config.updates_per_batch > 1 && config.memory == 0 {
+            return Err(Error::config(
+                "memory",
+                "updates of remembered examples need some: 10000, say",
+            ));
+        }
         Ok(Self {
             inputs: Scaling::new(ObservationScaling::Typical, &chosen),
             targets: Scaling::new(ObservationScaling::Typical, &interface.state),
@@ -136,7 +162,8 @@ impl NetworkRegression {
             network: Trained::new(network, adam),
             places,
             config,
-            n_updates: 0,
+            counts: Counts::default(),
+            memory: Vec::new(),
         })
     }
 
@@ -160,7 +187,7 @@ impl NetworkRegression {
     /// An action of scaled outputs.
     fn action(&self, outputs: &[f32]) -> Result<Action, Error> {
         let entry = |(output, channel): (&f32, &Channel)| {
-            let number = finite("action", self.n_updates, *output)?;
+            let number = finite("action", self.counts.n_updates, *output)?;
             Ok((channel.center + channel.spread * number).clamp(channel.low, channel.high))
         };
         let entries = outputs.iter().zip(&self.actions).map(entry);
@@ -172,8 +199,62 @@ impl NetworkRegression {
         let halvings = self
             .config
             .halved_every
-            .map_or(0.0, |every| self.n_updates as f64 / every as f64);
+            .map_or(0.0, |every| self.counts.n_updates as f64 / every as f64);
         self.config.learning_rate * (-halvings).exp2()
+    }
+
+    /// Examples `[rows, inputs + n]`, inputs before targets.
+    fn rows(&self, transitions: &[Transition]) -> Vec<f32> {
+        let row = |it: &Transition| {
+            let mut row = self.seen(std::iter::once(&it.observation));
+            row.extend(self.targets.apply(&it.observation.state));
+            row
+        };
+        transitions.iter().flat_map(row).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.n_inputs() + self.actions.len()
+    }
+
+    fn remember(&mut self, rows: &[f32]) {
+        let width = self.width();
+        for row in rows.chunks(width).filter(|_| self.config.memory > 0) {
+            if self.memory.len() < self.config.memory * width {
+                self.memory.extend(row);
+            } else {
+                // The remainder is below the number of remembered examples.
+                let oldest = (self.counts.n_examples % self.config.memory as u64) as usize * width;
+                self.memory[oldest..oldest + width].copy_from_slice(row);
+            }
+            self.counts.n_examples += 1;
+        }
+    }
+
+    /// As many remembered examples, drawn with replacement.
+    fn drawn(&self, n: usize, rng: &mut Rng) -> Vec<f32> {
+        let width = self.width();
+        let n_remembered = self.memory.len() / width;
+        let draw = |_| {
+            let at = rng.random_range(0..n_remembered as u64) as usize * width;
+            self.memory[at..at + width].to_vec()
+        };
+        (0..n).flat_map(draw).collect()
+    }
+
+    /// One update on examples, row by row.
+    fn update(&mut self, rows: &[f32], record: &mut Recorder) -> Result<(), Error> {
+        let (inputs, n) = (self.n_inputs(), self.actions.len());
+        let both = matrix(rows.to_vec(), inputs + n);
+        let seen = both.clone().narrow(1, 0, inputs);
+        let off = self.network.network().forward(seen) - both.narrow(1, inputs, n);
+        let loss = off.powf_scalar(2.0).mean();
+        let value = finite("fit_loss", self.counts.n_updates, values(loss.clone())[0])?;
+        record.mean("fit_loss", value);
+        self.network.set_learning_rate(self.learning_rate());
+        self.network.descend(&loss);
+        self.counts.n_updates += 1;
+        Ok(())
     }
 
     fn names(&self) -> Vec<String> {
@@ -210,22 +291,19 @@ impl Agent for NetworkRegression {
             .collect()
     }
 
-    fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        let seen = matrix(
-            self.seen(transitions.iter().map(|it| &it.observation)),
-            self.n_inputs(),
-        );
-        let states = transitions.iter().map(|it| &it.observation.state);
-        let wanted = states.flat_map(|state| self.targets.apply(state)).collect();
-        let off = self.network.network().forward(seen) - matrix(wanted, self.actions.len());
-        let loss = off.powf_scalar(2.0).mean();
-        record.mean(
-            "fit_loss",
-            finite("fit_loss", self.n_updates, values(loss.clone())[0])?,
-        );
-        self.network.set_learning_rate(self.learning_rate());
-        self.network.descend(&loss);
-        self.n_updates += 1;
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
+        let rows = self.rows(transitions);
+        self.remember(&rows);
+        self.update(&rows, record)?;
+        for _ in 1..self.config.updates_per_batch {
+            let rows = self.drawn(transitions.len(), rng);
+            self.update(&rows, record)?;
+        }
         Ok(())
     }
 
@@ -235,7 +313,7 @@ impl Agent for NetworkRegression {
 
     fn updates(&self) -> Option<Updates> {
         Some(Updates {
-            made: self.n_updates,
+            made: self.counts.n_updates,
             first_after: 1,
         })
     }
@@ -243,15 +321,17 @@ impl Agent for NetworkRegression {
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
         self.network.store("network", &mut file);
-        checkpoint::write(NAME, dir, file, &self.n_updates)
+        file.insert_vector("memory", self.memory.clone());
+        checkpoint::write(NAME, dir, file, &self.counts)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, n_updates) = checkpoint::read(NAME, dir)?;
-        self.network
-            .restore("network", &file)
-            .map_err(checkpoint::error_of(NAME))?;
-        self.n_updates = n_updates;
+        let (file, counts) = checkpoint::read(NAME, dir)?;
+        let misfit = checkpoint::error_of(NAME);
+        self.network.restore("network", &file).map_err(&misfit)?;
+        self.memory
+            .clone_from(&file.get("memory").map_err(&misfit)?.values);
+        self.counts = counts;
         Ok(())
     }
 
@@ -274,7 +354,6 @@ impl Agent for NetworkRegression {
 mod tests {
     use super::*;
     use engine::{End, Seat, random::stream};
-    use rand::Rng as _;
 
     /// Two channels, of which one says twice the answer in other units.
     fn interface() -> Interface {
@@ -328,6 +407,8 @@ mod tests {
             layers: 2,
             learning_rate: 3e-3,
             halved_every: Some(200),
+            updates_per_batch: 2,
+            memory: 100,
             inputs: inputs.map(|words| words.iter().map(ToString::to_string).collect()),
         }
     }
@@ -346,7 +427,7 @@ mod tests {
 
     #[test]
     fn steps_are_halved_little_by_little() {
-        let (agent, _) = fitted(tiny(None), 100);
+        let (agent, _) = fitted(tiny(None), 50);
         assert!((agent.learning_rate() - 3e-3 * 0.5_f64.sqrt()).abs() < 1e-12);
     }
 
@@ -376,6 +457,17 @@ mod tests {
     }
 
     #[test]
+    fn the_last_examples_are_remembered() {
+        let (agent, _) = fitted(tiny(Some(&["signal_"])), 4);
+        // 128 examples of which 100 are kept: each is its signal and its answer, which are one.
+        assert_eq!(agent.memory.len(), 200);
+        assert!(agent.memory.chunks(2).all(|row| (row[0] - row[1]).abs() < 1e-6));
+        let all = fitted(tiny(Some(&["signal_"])), 3).0;
+        assert_eq!(agent.memory[56..192], all.memory[56..]);
+        assert_ne!(agent.memory[..56], all.memory[..56]);
+    }
+
+    #[test]
     fn what_does_not_fit_is_refused() {
         let message = |config: Config, interface: &Interface| {
             let built = NetworkRegression::new(config, interface, &mut stream(&["x"]));
@@ -391,5 +483,10 @@ mod tests {
         assert!(message(tiny(None), &stateless).contains("state of 1 channels"));
         let shares = seat::tests::allocation(&["x"], &["a", "b"], 2);
         assert!(message(tiny(None), &shares).contains("numbers in a box"));
+        let forgetful = Config {
+            memory: 0,
+            ..tiny(None)
+        };
+        assert!(message(forgetful, &interface()).contains("updates of remembered examples"));
     }
 }

@@ -24,6 +24,12 @@ pub struct Config {
     pub engine: EngineName,
     /// What stands for it.
     pub model: Model,
+    /// The model's outputs are multiplied by this, as for a model that is wrong.
+    #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
+    pub model_bias: f64,
+    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
+    pub model_noise: f64,
     /// Standard deviation of a parameter's change from one sample to the next.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub walk_sd: f64,
@@ -40,6 +46,8 @@ impl Default for Config {
         Self {
             engine: EngineName::default(),
             model: Model::default(),
+            model_bias: 1.0,
+            model_noise: 0.0,
             walk_sd: 2e-5,
             noise: 1e-3,
             first_sd: 5e-3,
@@ -65,7 +73,8 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 }
 
 fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?;
+    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?
+        .distorted(config.model_bias, config.model_noise);
     let d = plant.n_parameters();
     let mut filter = ExtendedKalmanFilter {
         config,
@@ -82,14 +91,14 @@ impl Agent for ExtendedKalmanFilter {
         &mut self,
         observations: &[Observation],
         _mode: Mode,
-        _rng: &mut Rng,
+        rng: &mut Rng,
     ) -> Result<Vec<Action>, Error> {
         let reading = self.plant.reading(NAME, observations)?;
         let (d, m) = (self.mean.len(), reading.measured.len());
         let theta = self.plant.within(self.mean.as_slice());
-        let slopes = self.plant.slopes(&reading, &theta)?;
+        let slopes = self.plant.slopes(&reading, &theta, rng)?;
         let slopes = DMatrix::from_fn(m, d, |sensor, parameter| slopes[parameter][sensor]);
-        let expected = DVector::from_vec(self.plant.expected(&reading, &theta)?);
+        let expected = DVector::from_vec(self.plant.expected(&reading, &theta, rng)?);
         let predicted = &self.covariance + DMatrix::identity(d, d) * self.config.walk_sd.powi(2);
         let spread = &slopes * &predicted * slopes.transpose() + DMatrix::identity(m, m);
         let inverse = spread.cholesky().ok_or_else(|| Error::Model {

@@ -23,6 +23,12 @@ pub struct Config {
     pub engine: EngineName,
     /// What stands for it.
     pub model: Model,
+    /// The model's outputs are multiplied by this, as for a model that is wrong.
+    #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
+    pub model_bias: f64,
+    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
+    pub model_noise: f64,
     /// Samples that are fitted together, the last ones.
     #[schemars(range(min = 1, max = 1000))]
     pub window: usize,
@@ -39,6 +45,8 @@ impl Default for Config {
         Self {
             engine: EngineName::default(),
             model: Model::default(),
+            model_bias: 1.0,
+            model_noise: 0.0,
             window: 5,
             prior_sd: None,
             noise: 1e-3,
@@ -64,7 +72,8 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 }
 
 fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?;
+    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?
+        .distorted(config.model_bias, config.model_noise);
     Ok(Box::new(LeastSquares {
         estimate: vec![0.0; plant.n_parameters()],
         config,
@@ -76,6 +85,8 @@ fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dy
 /// The sum of squares as the library asks for it. A failure of the engine ends the search, and is kept.
 struct Fit<'a> {
     plant: RefCell<&'a mut Plant>,
+    /// Of the model's noise, where it has any.
+    rng: RefCell<&'a mut Rng>,
     window: &'a VecDeque<Reading>,
     prior: Option<(&'a [f64], f64)>,
     theta: DVector<f64>,
@@ -106,7 +117,11 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Fit<'_> {
     fn residuals(&self) -> Option<DVector<f64>> {
         let mut off = Vec::new();
         for reading in self.window {
-            let said = self.kept(self.plant.borrow_mut().expected(reading, self.theta.as_slice()))?;
+            let said = self.kept(self.plant.borrow_mut().expected(
+                reading,
+                self.theta.as_slice(),
+                *self.rng.borrow_mut(),
+            ))?;
             off.extend(said.iter().zip(&reading.measured).map(|(x, y)| x - y));
         }
         if let Some((before, sd)) = self.prior {
@@ -119,7 +134,11 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Fit<'_> {
         let d = self.theta.len();
         let mut columns = vec![Vec::new(); d];
         for reading in self.window {
-            let slopes = self.kept(self.plant.borrow_mut().slopes(reading, self.theta.as_slice()))?;
+            let slopes = self.kept(self.plant.borrow_mut().slopes(
+                reading,
+                self.theta.as_slice(),
+                *self.rng.borrow_mut(),
+            ))?;
             columns
                 .iter_mut()
                 .zip(slopes)
@@ -141,7 +160,7 @@ impl Agent for LeastSquares {
         &mut self,
         observations: &[Observation],
         _mode: Mode,
-        _rng: &mut Rng,
+        rng: &mut Rng,
     ) -> Result<Vec<Action>, Error> {
         let reading = self.plant.reading(NAME, observations)?;
         if self.window.len() == self.config.window {
@@ -151,6 +170,7 @@ impl Agent for LeastSquares {
         let before = self.estimate.clone();
         let fit = Fit {
             plant: RefCell::new(&mut self.plant),
+            rng: RefCell::new(rng),
             window: &self.window,
             prior: self.config.prior_sd.map(|sd| (&before[..], sd)),
             theta: DVector::from_column_slice(&before),

@@ -15,8 +15,9 @@ mod particle_filter;
 mod tests;
 mod unscented_kalman_filter;
 
-use engine::{Action, Error, Interface, Observation, Registry, Space};
+use engine::{Action, Error, Interface, Observation, Registry, Rng, Space};
 use environments::turbofan::{EngineName, FlightCondition, HealthParameter, Model, SensorModel};
+use rand_distr::{Distribution, StandardNormal};
 
 /// Registers the estimators.
 pub fn register(registry: &mut Registry) {
@@ -37,6 +38,9 @@ struct Plant {
     limits: Vec<(f64, f64)>,
     /// The sensors' errors, in parts of what they read.
     noise: f64,
+    /// What the model's outputs are multiplied by: a bias, and noise around it.
+    bias: f64,
+    model_noise: f64,
 }
 
 /// One sample as an estimator takes it.
@@ -109,7 +113,18 @@ impl Plant {
             condition,
             limits: limits(interface, &acted_names).ok_or_else(|| misfit(NO_LIMITS.into()))?,
             noise,
+            bias: 1.0,
+            model_noise: 0.0,
         })
+    }
+
+    /// The same plant with a model that is wrong.
+    fn distorted(self, bias: f64, model_noise: f64) -> Self {
+        Self {
+            bias,
+            model_noise,
+            ..self
+        }
     }
 
     fn n_parameters(&self) -> usize {
@@ -143,18 +158,21 @@ impl Plant {
     }
 
     /// What the model says of a reading, in units of the sensors' errors.
-    fn expected(&mut self, reading: &Reading, theta: &[f64]) -> Result<Vec<f64>, Error> {
+    fn expected(&mut self, reading: &Reading, theta: &[f64], rng: &mut Rng) -> Result<Vec<f64>, Error> {
         let held = self.within(theta);
-        let said = self.model.read(&reading.condition, &held)?;
-        Ok(said
-            .iter()
-            .zip(&reading.per_error)
-            .map(|(value, per)| value * per)
-            .collect())
+        let mut said = self.model.read(&reading.condition, &held)?;
+        for (value, per) in said.iter_mut().zip(&reading.per_error) {
+            *value *= self.bias * per;
+            if self.model_noise > 0.0 {
+                let noise: f64 = StandardNormal.sample(rng);
+                *value *= 1.0 + self.model_noise * noise;
+            }
+        }
+        Ok(said)
     }
 
     /// Derivatives of what the model says by each parameter, by central differences.
-    fn slopes(&mut self, reading: &Reading, theta: &[f64]) -> Result<Vec<Vec<f64>>, Error> {
+    fn slopes(&mut self, reading: &Reading, theta: &[f64], rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
         let step = 1e-5;
         let moved = |entry: usize, by: f64| {
             let mut moved = theta.to_vec();
@@ -163,8 +181,8 @@ impl Plant {
         };
         (0..theta.len())
             .map(|entry| {
-                let above = self.expected(reading, &moved(entry, step))?;
-                let below = self.expected(reading, &moved(entry, -step))?;
+                let above = self.expected(reading, &moved(entry, step), rng)?;
+                let below = self.expected(reading, &moved(entry, -step), rng)?;
                 Ok(above
                     .iter()
                     .zip(below)

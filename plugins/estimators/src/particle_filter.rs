@@ -19,6 +19,12 @@ pub struct Config {
     pub engine: EngineName,
     /// What stands for it.
     pub model: Model,
+    /// The model's outputs are multiplied by this, as for a model that is wrong.
+    #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
+    pub model_bias: f64,
+    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
+    pub model_noise: f64,
     /// Number of particles, each a run of the engine per sample.
     #[schemars(range(min = 2, max = 1_000_000))]
     pub particles: usize,
@@ -38,6 +44,8 @@ impl Default for Config {
         Self {
             engine: EngineName::default(),
             model: Model::default(),
+            model_bias: 1.0,
+            model_noise: 0.0,
             particles: 100,
             walk_sd: 1e-4,
             noise: 3e-3,
@@ -64,7 +72,8 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 }
 
 fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?;
+    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?
+        .distorted(config.model_bias, config.model_noise);
     Ok(Box::new(ParticleFilter {
         config,
         plant,
@@ -96,10 +105,10 @@ impl ParticleFilter {
     }
 
     /// Weighs particles by the likelihood of a reading.
-    fn weigh(&mut self, reading: &crate::Reading) -> Result<(), Error> {
+    fn weigh(&mut self, reading: &crate::Reading, rng: &mut Rng) -> Result<(), Error> {
         let mut logs = Vec::with_capacity(self.particles.len());
         for (theta, weight) in &self.particles {
-            let expected = self.plant.expected(reading, theta)?;
+            let expected = self.plant.expected(reading, theta, rng)?;
             let off = expected
                 .iter()
                 .zip(&reading.measured)
@@ -155,7 +164,7 @@ impl Agent for ParticleFilter {
     ) -> Result<Vec<Action>, Error> {
         let reading = self.plant.reading(NAME, observations)?;
         self.walk(rng);
-        self.weigh(&reading)?;
+        self.weigh(&reading, rng)?;
         let mean = self.mean();
         self.resample(rng);
         Ok(self.plant.action(&mean))

@@ -133,3 +133,28 @@ fn other_environments_are_refused() {
         );
     }
 }
+
+#[test]
+fn a_model_that_is_wrong_leads_astray() {
+    let config = json!({
+        "trajectory": "units",
+        "fleet": { "units": 1, "degradation": { "life": { "cycles": 10, "samples": 5 } } },
+    });
+    let error = |settings: serde_json::Value| {
+        let mut problem = problem(config.clone());
+        let mut agent = built("unscented_kalman_filter", &settings, &problem);
+        error_of(agent.as_mut(), &mut problem, 0)
+    };
+    let filter = |bias: f64, noise: f64| {
+        json!({
+            "walk_sd": 1e-4, "noise": 5e-4, "first_sd": 5e-3, "alpha": 0.5, "beta": 2.0, "kappa": 0.0, "redraw": true,
+            "engine": "hbtf", "model": "engine", "model_bias": bias, "model_noise": noise,
+        })
+    };
+    let right = error(filter(1.0, 0.0));
+    assert!(right < 5e-4, "{right}");
+    for wrong in [filter(1.02, 0.0), filter(1.0, 0.1)] {
+        let off = error(wrong);
+        assert!(off > 10.0 * right, "{off} {right}");
+    }
+}

@@ -21,6 +21,12 @@ pub struct Config {
     pub engine: EngineName,
     /// What stands for it.
     pub model: Model,
+    /// The model's outputs are multiplied by this, as for a model that is wrong.
+    #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
+    pub model_bias: f64,
+    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
+    pub model_noise: f64,
     /// Standard deviation of a parameter's change from one sample to the next.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub walk_sd: f64,
@@ -48,6 +54,8 @@ impl Default for Config {
         Self {
             engine: EngineName::default(),
             model: Model::default(),
+            model_bias: 1.0,
+            model_noise: 0.0,
             walk_sd: 2e-5,
             noise: 1e-3,
             first_sd: 5e-3,
@@ -76,7 +84,8 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 }
 
 fn build(config: Config, interface: &Interface, _rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?;
+    let plant = Plant::new(NAME, config.engine, &config.model, config.noise, interface)?
+        .distorted(config.model_bias, config.model_noise);
     let belief = healthy(&config, plant.n_parameters());
     Ok(Box::new(UnscentedKalmanFilter {
         config,
@@ -99,14 +108,14 @@ impl Agent for UnscentedKalmanFilter {
         &mut self,
         observations: &[Observation],
         _mode: Mode,
-        _rng: &mut Rng,
+        rng: &mut Rng,
     ) -> Result<Vec<Action>, Error> {
         let reading = self.plant.reading(NAME, observations)?;
         let walk = vec![self.config.walk_sd.powi(2); self.plant.n_parameters()];
         let ones = vec![1.0; reading.measured.len()];
         let (plant, belief) = (&mut self.plant, &mut self.belief);
         let stepped = belief.step(&walk, &reading.measured, &ones, |theta| {
-            plant.expected(&reading, theta)
+            plant.expected(&reading, theta, rng)
         });
         stepped.map_err(|failed| match failed {
             FilterError::Function(error) => error,

@@ -128,8 +128,10 @@ struct Progress {
     left: usize,
     /// What the sensors read there.
     target: Vec<f64>,
-    /// What the model said last.
+    /// What the model said last, and of which sample and what the sensors had read there.
     model: Vec<f64>,
+    said_of: usize,
+    said_against: Vec<f64>,
     /// True and chosen health of the last decision; empty before the first.
     theta: Vec<f64>,
     chosen: Vec<f64>,
@@ -159,7 +161,7 @@ impl TurbofanCalibration {
             &config.fleet,
             config.theta_range,
             config.calibrated.len(),
-            truth.clone(),
+            (&mut truth.clone(), SensorModel::read),
         )?;
         let unknowns = truth.unknowns();
         Ok(Self {
@@ -172,6 +174,8 @@ impl TurbofanCalibration {
                 left: 0,
                 target: Vec::new(),
                 model: Vec::new(),
+                said_of: 0,
+                said_against: Vec::new(),
                 theta: Vec::new(),
                 chosen: Vec::new(),
                 squares: (0.0, 0.0),
@@ -243,6 +247,7 @@ impl TurbofanCalibration {
         self.progress.left = left;
         // The model begins with what the sensors read.
         self.progress.model.clone_from(&self.progress.target);
+        self.told();
         (self.progress.theta, self.progress.chosen) = (Vec::new(), Vec::new());
         (self.progress.squares, self.progress.decisions) = ((0.0, 0.0), 0);
         Ok(self.observe())
@@ -259,6 +264,12 @@ impl TurbofanCalibration {
                 .for_each(|value| *value *= 1.0 + noise * normal(rng));
         }
         Ok(said)
+    }
+
+    /// Keeps what the model spoke of, which is aimed past with the next sample.
+    fn told(&mut self) {
+        self.progress.said_of = self.progress.at;
+        self.progress.said_against.clone_from(&self.progress.target);
     }
 
     /// Mean and norm of the squared scaled errors of the outputs.
@@ -381,6 +392,7 @@ impl Environment for TurbofanCalibration {
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
         let chosen = self.chosen(actions)?;
         self.progress.model = self.model_says(&chosen, rng)?;
+        self.told();
         let cycle = self.place(self.progress.at).0;
         let theta = self
             .config
@@ -464,7 +476,7 @@ impl Environment for TurbofanCalibration {
         let (parameters, sensors) = (self.config.calibrated.len(), self.config.sensors.len());
         let mut row = vec![
             (self.config.fleet.first_unit + progress.unit) as f64,
-            progress.at as f64,
+            progress.said_of as f64,
         ];
         let or_blank = |values: &[f64], n: usize| {
             if values.is_empty() {
@@ -475,7 +487,7 @@ impl Environment for TurbofanCalibration {
         };
         row.extend(or_blank(&progress.theta, parameters));
         row.extend(or_blank(&progress.chosen, parameters));
-        row.extend(or_blank(&progress.target, sensors));
+        row.extend(or_blank(&progress.said_against, sensors));
         row.extend(or_blank(&progress.model, sensors));
         row
     }

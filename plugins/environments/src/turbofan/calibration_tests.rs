@@ -95,10 +95,18 @@ fn units_follow_each_other_whole() {
     for (episode, number) in [(0, 0.0), (1, 1.0), (2, 2.0), (3, 0.0)] {
         problem.reset_to(episode, &mut rng).unwrap();
         for sample in 0..20 {
-            assert_eq!(problem.trace()[..2], [number, sample as f64]);
+            assert_eq!(problem.trace()[0], number);
             let action = unit(&problem, 0.0);
             let step = problem.step(&[action], &mut rng).unwrap();
             assert_eq!(step.end.is_some(), sample == 19);
+            // What is traced belongs to one sample: its target and what the model says of it with the true health.
+            let row = problem.trace();
+            assert_eq!(row[..2], [number, sample as f64]);
+            let (target, model) = row[4..].split_at(14);
+            assert!(
+                target.iter().zip(model).all(|(x, y)| (x / y - 1.0).abs() < 1e-6),
+                "{row:?}"
+            );
         }
     }
 }

@@ -1,9 +1,11 @@
 //! An engine as estimators see it: what its sensors read for a flight condition and the calibrated health.
 
+use super::atmosphere::Air;
 use super::config::{HealthParameter, LARGEST_WEAR};
 use super::cycle::{Engine, Health, N};
 use super::engine::EngineName;
 use super::flight::FlightPoint;
+use super::sensors::Correction;
 use super::solver::{Held, Operation};
 use super::surrogate::Surrogate;
 use super::{OUTPUTS, outputs};
@@ -64,11 +66,8 @@ impl SensorModel {
         let surrogate = match model {
             Model::Engine => None,
             Model::Surrogate(product) => {
-                let inputs = FlightCondition::NAMES
-                    .into_iter()
-                    .chain(calibrated.iter().map(|it| it.name()));
-                let inputs: Vec<String> = inputs.map(String::from).collect();
-                Some(Surrogate::read(product, &inputs, sensors)?)
+                let health: Vec<&str> = calibrated.iter().map(|it| it.name()).collect();
+                Some(Surrogate::read(product, &health, sensors)?)
             }
         };
         Ok(Self {
@@ -86,8 +85,7 @@ impl SensorModel {
     /// [`Error::Model`] where the engine finds no operating point.
     pub fn read(&mut self, condition: &FlightCondition, theta: &[f64]) -> Result<Vec<f64>, Error> {
         if let Some(surrogate) = &self.surrogate {
-            let inputs = condition.to_array().into_iter().chain(theta.iter().copied());
-            return Ok(surrogate.read_sensors(inputs));
+            return Ok(surrogate.read_sensors(condition, theta));
         }
         let mut health = Health::default();
         for (parameter, value) in self.calibrated.iter().zip(theta) {
@@ -104,6 +102,23 @@ impl SensorModel {
         })?;
         let all = outputs(&self.engine, &point, &self.unknowns);
         Ok(self.sensors.iter().map(|place| all[*place]).collect())
+    }
+
+    /// What the sensors would read of corrected outputs.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub(super) fn read_corrected(
+        &mut self,
+        condition: &FlightCondition,
+        theta: &[f64],
+    ) -> Result<Vec<f64>, Error> {
+        let correction = Correction::of(condition);
+        let mut read = self.read(condition, theta)?;
+        for (value, place) in read.iter_mut().zip(&self.sensors) {
+            *value /= correction.factor(OUTPUTS[*place].0);
+        }
+        Ok(read)
     }
 
     /// Ratio of turbine inlet and ambient total temperature at the design point.
@@ -124,6 +139,9 @@ impl SensorModel {
         self.unknowns = unknowns;
     }
 }
+
+/// The turbine inlet temperature on a standard day at sea level, as surrogates know it.
+const CORRECTED_TEMPERATURE: &str = "corrected_turbine_inlet_temperature_k";
 
 /// Place of a sensor among the outputs.
 fn output(name: &String) -> Result<usize, Error> {
@@ -147,6 +165,18 @@ impl FlightCondition {
             Channel::new(Self::NAMES[2], "K").typical(0.0, 15.0),
             Channel::new(Self::NAMES[3], "K").typical(1400.0, 200.0),
         ]
+    }
+
+    /// The air that the engine flies in.
+    pub(super) fn air(&self) -> Air {
+        Air::at(self.altitude_m, self.mach, self.delta_t_k)
+    }
+
+    /// The channels of a flight condition whose turbine inlet temperature is corrected.
+    pub(super) fn corrected_channels() -> Vec<Channel> {
+        let mut channels = Self::channels();
+        channels[3] = Channel::new(CORRECTED_TEMPERATURE, "K").typical(1600.0, 150.0);
+        channels
     }
 
     fn point(&self) -> FlightPoint {

@@ -5,13 +5,17 @@
 //! range, whatever the fleet's own health; both are observed. The action is to say what the sensors read, in SI
 //! units; the environment's full state is what they do read. The reward is minus the mean squared error of the
 //! outputs, scaled by their ranges over the fleet.
+//!
+//! With `corrected`, temperatures, pressures, speeds and flows are those of the same operating point in the air of a
+//! standard day at sea level, which leaves a network less to learn; the thesis' network is given the last outputs
+//! instead, which say the same of the air.
 
 use super::config::HealthParameter;
 use super::cycle::N;
 use super::engine::EngineName;
 use super::fleet::Fleet;
 use super::model::{FlightCondition, Model, SensorModel};
-use super::sensors::{SENSORS, check, ranges, sensor_channels};
+use super::sensors::{Correction, Read, SENSORS, check, ranges, sensor_channels};
 use crate::unit_box::check_seats;
 use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
@@ -35,6 +39,8 @@ pub struct SamplesConfig {
     pub theta_range: [f64; 2],
     /// Whose flights are drawn from.
     pub fleet: Fleet,
+    /// Whether inputs and outputs are those of a standard day at sea level.
+    pub corrected: bool,
 }
 
 impl Default for SamplesConfig {
@@ -45,6 +51,7 @@ impl Default for SamplesConfig {
             sensors: SENSORS.map(String::from).to_vec(),
             theta_range: [-0.03, 0.01],
             fleet: Fleet::default(),
+            corrected: true,
         }
     }
 }
@@ -56,6 +63,8 @@ impl engine::Config for SamplesConfig {}
 pub struct TurbofanSamples {
     config: SamplesConfig,
     engine: SensorModel,
+    /// How it is read.
+    read: Read,
     /// The sensors with middle and half width over the fleet.
     channels: Vec<Channel>,
     seats: Vec<Seat>,
@@ -94,15 +103,21 @@ impl TurbofanSamples {
             ..
         } = &config;
         check(calibrated, *theta_range)?;
-        let engine = SensorModel::new(config.engine, &Model::Engine, calibrated, sensors)?;
-        let ranges = ranges(fleet, *theta_range, calibrated.len(), engine.clone())?;
+        let mut engine = SensorModel::new(config.engine, &Model::Engine, calibrated, sensors)?;
+        let (read, condition): (Read, _) = if config.corrected {
+            (SensorModel::read_corrected, FlightCondition::corrected_channels())
+        } else {
+            (SensorModel::read, FlightCondition::channels())
+        };
+        let ranges = ranges(fleet, *theta_range, calibrated.len(), (&mut engine, read))?;
+        engine.restart();
         let channels = sensor_channels("", sensors, &ranges);
         let [low, high] = *theta_range;
         let health = |parameter: &HealthParameter| {
             let channel = Channel::new(parameter.name(), "").within(low, high);
             channel.typical((low + high) / 2.0, (high - low) / 2.0)
         };
-        let observed = FlightCondition::channels().into_iter();
+        let observed = condition.into_iter();
         let seat = Seat {
             name: String::new(),
             observation: Space::Box(observed.chain(calibrated.iter().map(health)).collect()),
@@ -119,6 +134,7 @@ impl TurbofanSamples {
             metrics: metrics(),
             channels,
             engine,
+            read,
             config,
         })
     }
@@ -173,9 +189,14 @@ impl Environment for TurbofanSamples {
         let theta: Vec<f64> = (0..self.config.calibrated.len())
             .map(|_| low + (high - low) * rng.random::<f64>())
             .collect();
-        let read = self.engine.read(&condition, &theta)?;
+        let read = (self.read)(&mut self.engine, &condition, &theta)?;
+        let seen = if self.config.corrected {
+            Correction::of(&condition).corrected(&condition)
+        } else {
+            condition
+        };
         self.sample = Sample {
-            inputs: [&condition.to_array()[..], &theta].concat(),
+            inputs: [&seen.to_array()[..], &theta].concat(),
             read,
             said: None,
             unknowns: self.engine.unknowns(),
@@ -259,7 +280,11 @@ mod tests {
 
     #[test]
     fn samples_are_of_the_engine_and_what_it_reads_costs_nothing() {
-        let mut samples = TurbofanSamples::new(SamplesConfig::default()).unwrap();
+        let config = SamplesConfig {
+            corrected: false,
+            ..SamplesConfig::default()
+        };
+        let mut samples = TurbofanSamples::new(config).unwrap();
         let mut rng = stream(&["samples"]);
         let mut engine = samples.engine.clone();
         for _ in 0..20 {
@@ -275,6 +300,27 @@ mod tests {
             );
             let step = samples.step(&[state], &mut rng).unwrap();
             assert_eq!((step.rewards, step.info), (vec![0.0], vec![0.0; 3]));
+        }
+    }
+
+    #[test]
+    fn corrected_outputs_hardly_depend_on_the_air() {
+        // The same corrected temperature and Mach number in thin cold air and on a warm day.
+        let mut engine = TurbofanSamples::new(SamplesConfig::default()).unwrap().engine;
+        let mut at = |altitude_m: f64, delta_t_k: f64, read: Read| {
+            let mut condition = FlightCondition::from_array([altitude_m, 0.6, delta_t_k, 1.0]);
+            let corrected = Correction::of(&condition).corrected(&condition);
+            condition.turbine_inlet_temperature_k = 1600.0 / corrected.turbine_inlet_temperature_k;
+            read(&mut engine, &condition, &[0.0]).unwrap()
+        };
+        let mut apart = |read: Read| -> Vec<f64> {
+            let (high, low) = (at(9000.0, -10.0, read), at(4000.0, 10.0, read));
+            high.iter().zip(&low).map(|(x, y)| (x / y).ln().abs()).collect()
+        };
+        let (plain, corrected) = (apart(SensorModel::read), apart(SensorModel::read_corrected));
+        for (sensor, (corrected, plain)) in SENSORS.iter().zip(corrected.iter().zip(&plain)) {
+            // What is left is that hot gas takes up more heat, and power that is taken off.
+            assert!(corrected < &(0.3 * plain), "{sensor}: {corrected} {plain}");
         }
     }
 

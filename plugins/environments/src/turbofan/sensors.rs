@@ -1,6 +1,7 @@
 //! Sensors of an engine: which there are, over which ranges they read, and what may be calibrated from them.
 
 use super::OUTPUTS;
+use super::atmosphere::SEA_LEVEL;
 use super::config::{HealthParameter, LARGEST_WEAR};
 use super::fleet::Fleet;
 use super::model::{FlightCondition, SensorModel};
@@ -24,6 +25,9 @@ pub(super) const SENSORS: [&str; 14] = [
     "p50_pa",
 ];
 
+/// What is read of an engine: [`SensorModel::read`] or [`SensorModel::read_corrected`].
+pub(super) type Read = fn(&mut SensorModel, &FlightCondition, &[f64]) -> Result<Vec<f64>, Error>;
+
 /// Middle and half width of each sensor over some points of some flights of the fleet, with the smallest and the
 /// largest health that flights are seen with. Environments are built often: few points must do.
 ///
@@ -33,14 +37,15 @@ pub(super) fn ranges(
     fleet: &Fleet,
     [low, high]: [f64; 2],
     n_parameters: usize,
-    mut engine: SensorModel,
+    (engine, read): (&mut SensorModel, Read),
 ) -> Result<Vec<(f64, f64)>, Error> {
     let mut reads = Vec::new();
     for unit in 0..fleet.units.min(3) {
         let flight = fleet.flight(unit, 0, engine.design_ratio());
         for point in (0..4).map(|corner| &flight[corner * (flight.len() - 1) / 3]) {
             for theta in [low.max(-0.02), high.min(0.01)] {
-                reads.push(engine.read(&FlightCondition::of(point), &vec![theta; n_parameters])?);
+                let theta = vec![theta; n_parameters];
+                reads.push(read(engine, &FlightCondition::of(point), &theta)?);
             }
         }
     }
@@ -55,12 +60,54 @@ pub(super) fn ranges(
     Ok((0..reads[0].len()).map(range).collect())
 }
 
+/// What outputs are multiplied by where an engine of the same corrected speeds and temperatures breathes other air: a
+/// factor for each unit, of theta = T / 288.15 K and delta = p / 101325 Pa of the air's total temperature and pressure
+/// (P. P. Walsh and P. Fletcher, "Gas turbine performance", chapter 4). A surrogate of corrected outputs need not learn
+/// what dimensions say.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Correction {
+    theta: f64,
+    delta: f64,
+}
+
+impl Correction {
+    pub(super) fn of(condition: &FlightCondition) -> Self {
+        let air = condition.air();
+        Self {
+            theta: air.total_temperature / SEA_LEVEL.0,
+            delta: air.total_pressure / SEA_LEVEL.1,
+        }
+    }
+
+    /// The factor of an output.
+    pub(super) fn factor(&self, output: &str) -> f64 {
+        let Self { theta, delta } = *self;
+        match unit(output) {
+            "K" => theta,
+            "Pa" | "N" => delta,
+            "rpm" => theta.sqrt(),
+            "kg/s" if output == "fuel_flow_kg_s" => delta * theta.sqrt(),
+            "kg/s" => delta / theta.sqrt(),
+            _ => 1.0,
+        }
+    }
+
+    /// The flight condition with the turbine inlet temperature of a standard day at sea level.
+    pub(super) fn corrected(&self, condition: &FlightCondition) -> FlightCondition {
+        FlightCondition {
+            turbine_inlet_temperature_k: condition.turbine_inlet_temperature_k / self.theta,
+            ..*condition
+        }
+    }
+}
+
+fn unit(output: &str) -> &'static str {
+    let known = OUTPUTS.iter().find(|(name, _)| *name == output);
+    known.map_or("", |(_, unit)| unit)
+}
+
 /// Channels of sensors with their ranges.
 pub(super) fn sensor_channels(prefix: &str, sensors: &[String], ranges: &[(f64, f64)]) -> Vec<Channel> {
-    let unit = |name: &str| {
-        let known = OUTPUTS.iter().find(|(output, _)| *output == name);
-        known.map_or("", |(_, unit)| unit)
-    };
     let channel = |(name, (middle, half)): (&String, &(f64, f64))| {
         Channel::new(format!("{prefix}{name}"), unit(name)).typical(*middle, *half)
     };

@@ -2,7 +2,8 @@
 //! left, and evaluated in plain double precision.
 //!
 //! The file is a policy of the agent `network_regression` in the environment `turbofan_samples`: observations are the
-//! flight condition and the health parameters, actions are the sensors, both in SI units.
+//! flight condition and the health parameters, actions are the sensors, both in SI units and corrected where the
+//! environment says so.
 //!
 //! | symbol | here | shape |
 //! |---|---|---|
@@ -11,7 +12,9 @@
 //! | h | `max(0, x W + b)` in hidden layers | `[outputs]` |
 //! | y | `action_center + action_spread h` | `[sensors]` |
 
-use engine::{Error, Product, product::Policy};
+use super::model::FlightCondition;
+use super::sensors::Correction;
+use engine::{Channel, Error, Product, product::Policy};
 use safetensors::SafeTensors;
 use serde::Deserialize;
 use std::path::Path;
@@ -23,6 +26,8 @@ pub(super) struct Surrogate {
     layers: Vec<Layer>,
     /// Where the output of each wanted sensor stands.
     sensors: Vec<usize>,
+    /// True where it was fitted to corrected outputs.
+    is_corrected: bool,
 }
 
 /// What the file says of its inputs and outputs.
@@ -54,20 +59,20 @@ fn misfit(problem: impl Into<String>) -> Error {
 }
 
 impl Surrogate {
-    /// The network that a trial left, for these inputs in this order and these sensors.
+    /// The network that a trial left, for these health parameters in this order and these sensors.
     ///
     /// # Errors
     /// [`Error::Source`] outside a trial, [`Error::File`] where the file is not there and [`Error::Config`] where it
     /// is no such network or one of other inputs.
     pub(super) fn read(
         product: &Product<Policy>,
-        inputs: &[String],
+        health: &[&str],
         sensors: &[String],
     ) -> Result<Self, Error> {
-        Self::open(&product.folder()?.join(FILE), inputs, sensors)
+        Self::open(&product.folder()?.join(FILE), health, sensors)
     }
 
-    fn open(path: &Path, inputs: &[String], sensors: &[String]) -> Result<Self, Error> {
+    fn open(path: &Path, health: &[&str], sensors: &[String]) -> Result<Self, Error> {
         let bytes = std::fs::read(path).map_err(|source| Error::File {
             doing: "read",
             path: path.into(),
@@ -79,11 +84,12 @@ impl Surrogate {
         let text = metadata.metadata().as_ref().and_then(|it| it.get("header"));
         let header: Header =
             serde_json::from_str(text.map_or("", |text| text)).map_err(|error| damaged(&error))?;
-        let sensors = header.check(inputs, sensors)?;
+        let is_corrected = header.is_corrected(health)?;
+        let sensors = header.check(sensors)?;
         let layers = (0..=header.activations.len())
             .map(|layer| Layer::read(&file, layer).ok_or_else(|| damaged(&"a layer is missing")))
             .collect::<Result<Vec<_>, Error>>()?;
-        let mut width = inputs.len();
+        let mut width = header.inputs.len();
         for layer in &layers {
             if layer.weight.len() != width * layer.bias.len() {
                 return Err(damaged(&"its layers do not follow each other"));
@@ -99,11 +105,25 @@ impl Surrogate {
             header,
             layers,
             sensors,
+            is_corrected,
         })
     }
 
     /// What the sensors read, SI.
-    pub(super) fn read_sensors(&self, inputs: impl Iterator<Item = f64>) -> Vec<f64> {
+    pub(super) fn read_sensors(&self, condition: &FlightCondition, theta: &[f64]) -> Vec<f64> {
+        if !self.is_corrected {
+            return self.outputs(condition, theta);
+        }
+        let correction = Correction::of(condition);
+        let mut read = self.outputs(&correction.corrected(condition), theta);
+        for (value, place) in read.iter_mut().zip(&self.sensors) {
+            *value *= correction.factor(&self.header.outputs[*place]);
+        }
+        read
+    }
+
+    fn outputs(&self, condition: &FlightCondition, theta: &[f64]) -> Vec<f64> {
+        let inputs = condition.to_array().into_iter().chain(theta.iter().copied());
         let scaled = inputs.zip(&self.header.center).zip(&self.header.spread);
         let mut x: Vec<f64> = scaled
             .map(|((x, center), spread)| (x - center) / spread)
@@ -124,21 +144,33 @@ impl Surrogate {
 }
 
 impl Header {
-    /// Places of the wanted sensors.
-    fn check(&self, inputs: &[String], sensors: &[String]) -> Result<Vec<usize>, Error> {
-        if self.inputs != inputs {
-            return Err(misfit(format!(
-                "it was fitted to [{}], and [{}] are given here: the keys `calibrated` must be the same",
-                self.inputs.join(", "),
-                inputs.join(", ")
-            )));
+    /// Whether it was fitted to corrected outputs, of these health parameters.
+    fn is_corrected(&self, health: &[&str]) -> Result<bool, Error> {
+        let inputs = |channels: Vec<Channel>| -> Vec<String> {
+            let names = channels.into_iter().map(|channel| channel.name);
+            names.chain(health.iter().map(ToString::to_string)).collect()
+        };
+        let (plain, corrected) = (FlightCondition::channels(), FlightCondition::corrected_channels());
+        match &self.inputs {
+            known if *known == inputs(corrected) => Ok(true),
+            known if *known == inputs(plain) => Ok(false),
+            other => Err(misfit(format!(
+                "it was fitted to [{}], and the health parameters here are [{}]: the keys `calibrated` must be \
+                 the same",
+                other.join(", "),
+                health.join(", ")
+            ))),
         }
+    }
+
+    /// Places of the wanted sensors.
+    fn check(&self, sensors: &[String]) -> Result<Vec<usize>, Error> {
         let n = self.outputs.len();
         let is_one = self.head == "identity"
             && self.activations.iter().all(|it| it == "relu")
             && [&self.center, &self.spread]
                 .iter()
-                .all(|it| it.len() == inputs.len())
+                .all(|it| it.len() == self.inputs.len())
             && [&self.action_center, &self.action_spread]
                 .iter()
                 .all(|it| it.len() == n);
@@ -198,19 +230,22 @@ mod tests {
 
     fn header() -> Value {
         json!({
-            "inputs": ["mach", "lpt_flow"], "center": [0.6, 0.0], "spread": [0.2, 0.02],
-            "outputs": ["t30_k", "t50_k"], "action_center": [700.0, 900.0], "action_spread": [50.0, 10.0],
-            "head": "identity", "activations": ["relu"], "sizes": [2, 3, 2], "format": 1,
+            "inputs": ["altitude_m", "mach", "delta_t_k", "turbine_inlet_temperature_k", "lpt_flow"],
+            "center": [0.0, 0.6, 0.0, 1500.0, 0.0], "spread": [1e3, 0.2, 10.0, 100.0, 0.02],
+            "outputs": ["t30_k", "p50_pa"], "action_center": [700.0, 9e4], "action_spread": [50.0, 1e3],
+            "head": "identity", "activations": ["relu"], "sizes": [5, 3, 2], "format": 1,
         })
     }
 
-    /// Two inputs, three units, two outputs.
+    /// Three units see Mach number and health alone.
     fn written(header: &Value) -> tempfile::TempDir {
         let tensors: [(&str, Vec<usize>, &[f32]); 4] = [
             (
                 "policy.layers.0.weight",
-                vec![2, 3],
-                &[1.0, -1.0, 0.5, 2.0, 0.0, -4.0],
+                vec![5, 3],
+                &[
+                    0.0, 0.0, 0.0, 1.0, -1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, -4.0,
+                ],
             ),
             ("policy.layers.0.bias", vec![3], &[0.0, 0.5, 1.0]),
             (
@@ -240,48 +275,69 @@ mod tests {
         folder
     }
 
-    fn open(header: &Value, inputs: &[&str], sensors: &[&str]) -> Result<Surrogate, Error> {
-        let words = |words: &[&str]| words.iter().map(ToString::to_string).collect::<Vec<_>>();
-        Surrogate::open(
-            &written(header).path().join(FILE),
-            &words(inputs),
-            &words(sensors),
-        )
+    fn open(header: &Value, health: &[&str], sensors: &[&str]) -> Result<Surrogate, Error> {
+        let sensors: Vec<String> = sensors.iter().map(ToString::to_string).collect();
+        Surrogate::open(&written(header).path().join(FILE), health, &sensors)
+    }
+
+    fn condition() -> FlightCondition {
+        FlightCondition::from_array([5000.0, 0.8, 10.0, 1500.0])
     }
 
     #[test]
     fn a_network_by_hand() {
-        let surrogate = open(&header(), &["mach", "lpt_flow"], &["t50_k", "t30_k"]).unwrap();
+        let surrogate = open(&header(), &["lpt_flow"], &["p50_pa", "t30_k"]).unwrap();
         // x = (1, -1/2): hidden (1 - 1, -1 + 0.5, 0.5 + 2 + 1) = (0, 0, 3.5), y = (3.75, 3.25).
-        let read = surrogate.read_sensors([0.8, -0.01].into_iter());
+        let read = surrogate.read_sensors(&condition(), &[-0.01]);
         assert!(
-            (read[0] - 932.5).abs() < 1e-9 && (read[1] - 887.5).abs() < 1e-9,
+            (read[0] - 93_250.0).abs() < 1e-6 && (read[1] - 887.5).abs() < 1e-9,
+            "{read:?}"
+        );
+    }
+
+    #[test]
+    fn corrected_outputs_are_brought_back_to_the_air_of_the_flight() {
+        let mut header = header();
+        header["inputs"][3] = json!("corrected_turbine_inlet_temperature_k");
+        let surrogate = open(&header, &["lpt_flow"], &["p50_pa", "t30_k"]).unwrap();
+        let read = surrogate.read_sensors(&condition(), &[-0.01]);
+        let air = condition().air();
+        let expected = [
+            93_250.0 * air.total_pressure / 101_325.0,
+            887.5 * air.total_temperature / 288.15,
+        ];
+        assert!(
+            read.iter()
+                .zip(expected)
+                .all(|(x, y)| (x / y - 1.0).abs() < 1e-12),
             "{read:?}"
         );
     }
 
     #[test]
     fn what_is_no_surrogate_of_these_inputs_is_refused() {
-        let of = |header: &Value, inputs: &[&str], sensors: &[&str]| {
-            open(header, inputs, sensors).unwrap_err().to_string()
+        let of = |header: &Value, health: &[&str], sensors: &[&str]| {
+            open(header, health, sensors).unwrap_err().to_string()
         };
-        let inputs = ["mach", "lpt_flow"];
-        let other = of(&header(), &["mach", "hpt_flow"], &["t30_k"]);
+        let health = ["lpt_flow"];
+        let other = of(&header(), &["hpt_flow"], &["t30_k"]);
         assert!(
-            other.contains("fitted to [mach, lpt_flow], and [mach, hpt_flow]"),
+            other.contains(
+                "turbine_inlet_temperature_k, lpt_flow], and the health parameters here are [hpt_flow]"
+            ),
             "{other}"
         );
-        let unknown = of(&header(), &inputs, &["p30_pa"]);
+        let unknown = of(&header(), &health, &["p30_pa"]);
         assert!(
-            unknown.contains("nothing of `p30_pa`; it gives t30_k, t50_k"),
+            unknown.contains("nothing of `p30_pa`; it gives t30_k, p50_pa"),
             "{unknown}"
         );
         let mut policy = header();
         policy["head"] = json!("tanh");
-        assert!(of(&policy, &inputs, &["t30_k"]).contains("it is no surrogate"));
+        assert!(of(&policy, &health, &["t30_k"]).contains("it is no surrogate"));
         let mut short = header();
         short["activations"] = json!(["relu", "relu"]);
-        assert!(of(&short, &inputs, &["t30_k"]).contains("a layer is missing"));
+        assert!(of(&short, &health, &["t30_k"]).contains("a layer is missing"));
         let empty = tempfile::tempdir().unwrap();
         let missing = Surrogate::open(&empty.path().join(FILE), &[], &[]).unwrap_err();
         assert!(matches!(missing, Error::File { .. }), "{missing}");
