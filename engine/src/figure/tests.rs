@@ -318,6 +318,41 @@ fn trajectories_have_a_row_per_channel_and_a_column_per_agent() {
 }
 
 #[test]
+fn references_lie_behind_and_episodes_follow_each_other() {
+    let mut results = study();
+    let of_first = |results: &Results| {
+        let kind = Trajectory {
+            channels: names(&["load"]),
+            references: names(&["voltage_1"]),
+            agents: names(&["equal"]),
+            episodes: Some(2),
+            ..Trajectory::default()
+        };
+        chart(&FigureSpec::of(kind), results)
+    };
+    let points = |chart: &Chart, series: usize| match &chart.panels[0].series[series].shape {
+        Shape::Line(points) => points.iter().map(|point| point.x).collect::<Vec<f64>>(),
+        other => panic!("{other:?}"),
+    };
+    let once = of_first(&results);
+    assert_eq!(once.panels[0].series[0].label, "voltage 1");
+    assert_eq!(once.panels[0].series[1].label, "");
+    for trial in &mut results.trials {
+        let second = trial.rows.iter().filter(|row| row.phase == Phase::Trace);
+        let second: Vec<_> = second
+            .map(|row| crate::recorder::Row { episode: 1, ..*row })
+            .collect();
+        trial.rows.extend(second);
+    }
+    let twice = of_first(&results);
+    let (one, two) = (points(&once, 1), points(&twice, 1));
+    let last = one.iter().copied().fold(0.0, f64::max);
+    let after: Vec<f64> = one.iter().map(|x| x + last).collect();
+    assert_eq!(two, [one, after].concat());
+    assert_eq!(twice.notes, ["Episodes 0 to 1 of seed 0 in four_cells."]);
+}
+
+#[test]
 fn a_contour_has_the_measurements_in_their_order_and_the_highest_point() {
     let (spec, results) = contour(5);
     let chart = chart(&spec, &results);

@@ -13,6 +13,7 @@ use crate::{
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Step-by-step values of one recorded episode.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -21,6 +22,8 @@ pub struct Trajectory {
     /// Trace channels to draw; a word without a number (`voltage`) stands for all channels `voltage_1`,
     /// `voltage_2`, ... One row of panels each.
     pub channels: Vec<String>,
+    /// Trace channels that are drawn behind `channels`, in grey: the first behind the first, and so on.
+    pub references: Vec<String>,
     /// Which agents, one column of panels each.
     pub agents: Vec<String>,
     /// Which environment; the first where absent.
@@ -29,6 +32,9 @@ pub struct Trajectory {
     pub seed: Option<u64>,
     /// Which recorded episode, from 0.
     pub episode: u64,
+    /// How many episodes from there are drawn one after the other; one where absent.
+    #[schemars(range(min = 1, max = 1000))]
+    pub episodes: Option<u64>,
     /// A horizontal line at this value in the first row of panels.
     pub threshold: Option<f64>,
 }
@@ -42,6 +48,7 @@ impl Figure for Trajectory {
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         let picked = names.pick(at).of_one_environment();
         names.channels(at, "channels", 1, usize::MAX, &picked);
+        names.channels(at, "references", 0, self.channels.len(), &picked);
         names.seed(self.seed, at);
     }
 
@@ -68,6 +75,11 @@ fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<C
             .iter()
             .map(|trial| panel(kind, spec, context, channel, trial))
             .collect();
+        if let Some(reference) = kind.references.get(row) {
+            for (panel, trial) in of_row.iter_mut().zip(&trials) {
+                panel.series.splice(0..0, behind(kind, spec, reference, trial));
+            }
+        }
         for (column, panel) in of_row.iter_mut().enumerate().filter(|_| row == 0) {
             panel.title = label(spec, &trials[column].trial.agent);
             panel.series.extend(kind.threshold.map(threshold));
@@ -76,9 +88,12 @@ fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<C
     }
     name_once(&mut panels);
     let trial = &trials[0].trial;
+    let which = match kind.episodes.unwrap_or(1) {
+        1 => format!("Episode {}", kind.episode),
+        several => format!("Episodes {} to {}", kind.episode, kind.episode + several - 1),
+    };
     let note = format!(
-        "Episode {} of seed {} in {}.",
-        kind.episode,
+        "{which} of seed {} in {}.",
         trial.key.seed,
         label(spec, &trial.environment)
     );
@@ -161,6 +176,20 @@ fn panel(
     }
 }
 
+/// A reference channel as grey lines.
+fn behind(kind: &Trajectory, spec: &FigureSpec, channel: &str, trial: &TrialResult) -> Vec<Series> {
+    let series = |(name, points): (String, Vec<Point>)| Series {
+        label: label(spec, &name).replace('_', " "),
+        seeds: None,
+        style: Style {
+            hue: Hue::Grey,
+            variant: 0,
+        },
+        shape: Shape::Line(points),
+    };
+    lines(kind, trial, channel).into_iter().map(series).collect()
+}
+
 /// The lines of a channel: the channel itself, or all `channel_1`, `channel_2`, ..., in numerical order, for
 /// each seat.
 fn lines(kind: &Trajectory, trial: &TrialResult, channel: &str) -> Vec<(String, Vec<Point>)> {
@@ -181,14 +210,23 @@ fn lines(kind: &Trajectory, trial: &TrialResult, channel: &str) -> Vec<(String, 
 }
 
 fn seats(kind: &Trajectory, trial: &TrialResult, name: &str) -> Vec<(String, Vec<Point>)> {
-    let mut seats: std::collections::BTreeMap<u16, Vec<Point>> = std::collections::BTreeMap::new();
-    for row in trial
-        .select(Phase::Trace, name)
-        .filter(|row| row.episode == kind.episode)
-    {
+    let mut seats: BTreeMap<u16, Vec<Point>> = BTreeMap::new();
+    let last = kind.episode + kind.episodes.unwrap_or(1).max(1) - 1;
+    let drawn = || {
+        let rows = trial.select(Phase::Trace, name);
+        rows.filter(|row| (kind.episode..=last).contains(&row.episode))
+    };
+    // An episode begins where the one before it ended.
+    let mut lengths: BTreeMap<u64, u64> = BTreeMap::new();
+    for row in drawn() {
+        let length = lengths.entry(row.episode).or_default();
+        *length = (*length).max(row.step);
+    }
+    for row in drawn() {
+        let before: u64 = lengths.range(..row.episode).map(|(_, length)| length).sum();
         #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
         seats.entry(row.seat).or_default().push(Point {
-            x: row.step as f64,
+            x: (before + row.step) as f64,
             y: row.value,
             interval: None,
         });

@@ -90,6 +90,8 @@ impl Names<'_> {
         if items.len() < least || items.len() > most {
             let wanted = if least == most {
                 most.to_string()
+            } else if items.len() > most {
+                format!("at most {most}")
             } else {
                 format!("at least {least}")
             };

@@ -109,7 +109,7 @@ pub struct TurbofanCalibration {
     /// The engine that is measured, and the model.
     truth: SensorModel,
     model: SensorModel,
-    /// Middle and half width of each sensor over the fleet's flights.
+    /// Middle and half width of each sensor over the flights of a fleet.
     ranges: Vec<(f64, f64)>,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
@@ -158,7 +158,6 @@ impl TurbofanCalibration {
         let of = |model: &Model| SensorModel::new(config.engine, model, &config.calibrated, &config.sensors);
         let (truth, model) = (of(&Model::Engine)?, of(&config.model)?);
         let ranges = ranges(
-            &config.fleet,
             config.theta_range,
             config.calibrated.len(),
             (&mut truth.clone(), SensorModel::read),

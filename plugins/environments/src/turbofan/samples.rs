@@ -99,7 +99,6 @@ impl TurbofanSamples {
             calibrated,
             sensors,
             theta_range,
-            fleet,
             ..
         } = &config;
         check(calibrated, *theta_range)?;
@@ -109,7 +108,7 @@ impl TurbofanSamples {
         } else {
             (SensorModel::read, FlightCondition::channels())
         };
-        let ranges = ranges(fleet, *theta_range, calibrated.len(), (&mut engine, read))?;
+        let ranges = ranges(*theta_range, calibrated.len(), (&mut engine, read))?;
         engine.restart();
         let channels = sensor_channels("", sensors, &ranges);
         let [low, high] = *theta_range;

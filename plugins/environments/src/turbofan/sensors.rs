@@ -28,20 +28,20 @@ pub(super) const SENSORS: [&str; 14] = [
 /// What is read of an engine: [`SensorModel::read`] or [`SensorModel::read_corrected`].
 pub(super) type Read = fn(&mut SensorModel, &FlightCondition, &[f64]) -> Result<Vec<f64>, Error>;
 
-/// Middle and half width of each sensor over some points of some flights of the fleet, with the smallest and the
-/// largest health that flights are seen with. Environments are built often: few points must do.
+/// Middle and half width of each sensor over some points of some flights of the default fleet, with the smallest and
+/// the largest health that flights are seen with: what is trained with one fleet is measured with another.
+/// Environments are built often: few points must do.
 ///
 /// # Errors
 /// [`Error::Model`] where the engine finds no operating point.
 pub(super) fn ranges(
-    fleet: &Fleet,
     [low, high]: [f64; 2],
     n_parameters: usize,
     (engine, read): (&mut SensorModel, Read),
 ) -> Result<Vec<(f64, f64)>, Error> {
     let mut reads = Vec::new();
-    for unit in 0..fleet.units.min(3) {
-        let flight = fleet.flight(unit, 0, engine.design_ratio());
+    for unit in 0..3 {
+        let flight = Fleet::default().flight(unit, 0, engine.design_ratio());
         for point in (0..4).map(|corner| &flight[corner * (flight.len() - 1) / 3]) {
             for theta in [low.max(-0.02), high.min(0.01)] {
                 let theta = vec![theta; n_parameters];
