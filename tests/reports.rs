@@ -54,80 +54,89 @@ fn a_report_tells_budgets_settings_profiles_and_dates() {
     assert_eq!(seeds.lines().count(), 5, "{seeds}");
 }
 
-#[test]
-fn a_study_says_in_a_sentence_what_it_came_to_and_is_a_row_of_the_overview() {
+const SENTENCE: &str = "summary: \"An equal split lives {lengths: equal} | {lengths: equal published} decisions; {claim 1}, {claim 2}\"\n";
+
+/// A study of one rule with a sentence on its result.
+fn with_sentence(name: &str) -> String {
+    let learner = "  dsac: { dirichlet_sac: { width: 16, batch_size: 16, learning_starts: 64 } }\n";
+    let published =
+        "rows: agent, value: cycle_length }, published: { equal: { value: 1.5, calibrated_on: the load } } }";
+    let study = STUDY
+        .replace("study: small", &format!("study: {name}"))
+        .replace(learner, "")
+        .replace("  wide: { dsac.width: 32 }\n", "")
+        .replace("seeds: 2", "seeds: 3")
+        .replace("value: cycle_length } }", published);
+    format!(
+        "{study}{SENTENCE}title: Two rules\nclaims:\n  - equal.cycle_length > 0\n  - equal.cycle_length < 0\n"
+    )
+}
+
+/// Two such studies, run, and what was said.
+fn two_sentences() -> (Bench, String) {
     let bench = Bench::new();
-    let summary = "summary: \"An equal split lives {lengths: equal} | {lengths: equal published} decisions; \
-                   {claim 1}, {claim 2}\"\n";
-    let study = |name: &str| {
-        format!(
-            "{}{summary}title: Two rules\nclaims:\n  - equal.cycle_length > 0\n  \
-             - equal.cycle_length < 0\n",
-            STUDY
-                .replace("study: small", &format!("study: {name}"))
-                .replace(
-                    "  dsac: { dirichlet_sac: { width: 16, batch_size: 16, learning_starts: 64 } }\n",
-                    ""
-                )
-                .replace("  wide: { dsac.width: 32 }\n", "")
-                .replace("seeds: 2", "seeds: 3")
-                .replace(
-                    "value: cycle_length } }",
-                    "rows: agent, value: cycle_length }, published: { equal: { value: 1.5, calibrated_on: \
-                     the load } } }"
-                )
-        )
-    };
     for name in ["two", "one"] {
-        bench.write(&format!("{name}.yaml"), &study(name));
+        bench.write(&format!("{name}.yaml"), &with_sentence(name));
     }
     let said = bench.ok(&["run", "two.yaml", "one.yaml"]);
-    let read = |name: &str| std::fs::read_to_string(bench.path(name)).unwrap();
-    let row = read("results/one/summary.md");
+    (bench, said)
+}
+
+fn read(bench: &Bench, name: &str) -> String {
+    std::fs::read_to_string(bench.path(name)).unwrap()
+}
+
+#[test]
+fn a_study_says_in_a_sentence_what_it_came_to() {
+    let (bench, said) = two_sentences();
+    let row = read(&bench, "results/one/summary.md");
     let rest = row.strip_prefix(
         "| [one](results/one/report.md) | Two rules, 3 seeds, in sample | An equal split lives ",
     );
     let rest = rest.unwrap_or_else(|| panic!("{row}"));
     let (value, words) = rest.split_once(' ').unwrap();
     assert_eq!(words, "\\| 1.5 decisions; SUPPORTED, REFUTED |\n");
-    let report = read("results/one/report.md");
+    let report = read(&bench, "results/one/report.md");
     assert!(
         report.contains(&format!("| equal | {value} [")),
         "{value}: {report}"
     );
     let sentence = format!("An equal split lives {value} | 1.5 decisions; SUPPORTED, REFUTED");
-    assert!(said.contains(&sentence) && read("results/one/index.html").contains(&sentence));
-    let verdicts: serde_json::Value = serde_json::from_str(&read("results/one/verdicts.json")).unwrap();
+    assert!(said.contains(&sentence) && read(&bench, "results/one/index.html").contains(&sentence));
+    let verdicts: serde_json::Value =
+        serde_json::from_str(&read(&bench, "results/one/verdicts.json")).unwrap();
     let counts = ["judged", "decided", "differing", "exploratory"].map(|key| verdicts[key].as_u64().unwrap());
     assert_eq!(counts, [2, 2, 1, 0], "{verdicts}");
     assert_eq!(verdicts["verdicts"][0]["verdict"], "CALIBRATED");
     // Another profile is no result of the study as it is written.
     bench.ok(&["run", "one.yaml", "--profile", "short"]);
     assert!(!bench.path("results/one-short/summary.md").exists());
+}
+
+#[test]
+fn the_sentences_of_studies_are_the_rows_of_the_overview() {
+    let (bench, _) = two_sentences();
+    let row = read(&bench, "results/one/summary.md");
     let table = bench.ok(&["overview", "results"]);
     let rows: Vec<&str> = table.lines().collect();
     assert_eq!(rows[..2], ["| study | what | result |", "|---|---|---|"]);
     assert_eq!((rows.len(), rows[2]), (4, row.trim_end()));
-    let readme = bench.write(
-        "README.md",
-        "before\n<!-- results: begin -->\n<!-- results: end -->\nafter\n",
-    );
+    let marked = "before\n<!-- results: begin -->\n<!-- results: end -->\nafter\n";
+    bench.write("README.md", marked);
     bench.ok(&["overview", "results", "--into", "README.md"]);
-    let text = std::fs::read_to_string(&readme).unwrap();
+    let text = read(&bench, "README.md");
     assert!(text.contains(&table) && text.starts_with("before\n") && text.ends_with("-->\nafter\n"));
     bench.write("README.md", "before\n");
     let refused = bench.run(&["overview", "results", "--into", "README.md"]);
-    assert_eq!(refused.code, 2);
+    let message = "README.md: no line reads `<!-- results: begin -->`";
     assert!(
-        refused
-            .err
-            .contains("README.md: no line reads `<!-- results: begin -->`"),
+        refused.code == 2 && refused.err.contains(message),
         "{}",
         refused.err
     );
-    assert_eq!(read("README.md"), "before\n");
+    assert_eq!(read(&bench, "README.md"), "before\n");
     // A study whose sentence went loses its row.
-    bench.write("one.yaml", &study("one").replace(summary, ""));
+    bench.write("one.yaml", &with_sentence("one").replace(SENTENCE, ""));
     bench.ok(&["report", "one.yaml"]);
     assert_eq!(bench.ok(&["overview", "results"]).lines().count(), 3);
 }

@@ -132,83 +132,21 @@ fn improvement() -> TableSpec {
 }
 
 fn info() -> StudyInfo {
-    let comparison = Comparison {
-        value: "cycle_length".into(),
-        ..Comparison::default()
-    };
-    let curve = LearningCurve {
-        metric: "cycle_length".into(),
-        ..LearningCurve::default()
-    };
-    let trajectory = Trajectory {
-        channels: vec!["voltage".into(), "load".into()],
-        threshold: Some(3.2),
-        ..Trajectory::default()
-    };
-    let bars = Comparison {
-        rows: Axis::Environment,
-        value: "cycle_length".into(),
-        ..Comparison::default()
-    };
-    let of_nobody = Comparison {
-        agents: vec!["nobody".into()],
-        ..Comparison::default()
-    };
+    let summary = "Learning gains {table-3.2: four_cells, dsac} % <against> {table-3.2: four_cells, dsac published} \
+                   % ({claim 1}).";
+    let departure =
+        "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives none.";
+    let unit = |(name, unit): (&str, &str)| (name.to_string(), unit.to_string());
     StudyInfo {
         name: "table-3.2".into(),
         stages: Vec::new(),
         title: "Average improvement of the working cycle <with & without> learning".into(),
         source: "thesis, table 3.2".into(),
-        summary: Some(
-            Summary::parse(
-                "Learning gains {table-3.2: four_cells, dsac} % <against> {table-3.2: four_cells, dsac \
-                 published} % ({claim 1}).",
-            )
-            .unwrap(),
-        ),
-        departures: vec![
-            "The load profile of `four_cells` is drawn from a uniform distribution, since the text gives \
-             none."
-                .into(),
-        ],
-        tables: vec![
-            ("table-3.2".into(), improvement()),
-            ("lengths".into(), TableSpec::of(comparison)),
-            ("empty".into(), TableSpec::of(of_nobody)),
-        ],
-        figures: vec![
-            (
-                "learning-curve".into(),
-                FigureSpec {
-                    caption: "Cycle length while \
-                                                             learning."
-                        .into(),
-                    ..FigureSpec::of(curve)
-                },
-            ),
-            (
-                "voltages".into(),
-                FigureSpec {
-                    caption: "One \
-                                                       discharge."
-                        .into(),
-                    ..FigureSpec::of(trajectory)
-                },
-            ),
-            ("bars".into(), FigureSpec::of(Bars { of: bars })),
-        ],
-        claims: vec![
-            claim("dsac.cycle_length > equal.cycle_length"),
-            ClaimSpec {
-                environment: Some("four_cells".into()),
-                ..claim(
-                    "ddpg.cycle_length > \
-                                                                         dsac.cycle_length",
-                )
-            },
-            claim("dsac.cycle_length ~ bound.cycle_length in eight_cells"),
-            claim("dsac.cycle_length >"),
-        ],
+        summary: Some(Summary::parse(summary).unwrap()),
+        departures: vec![departure.into()],
+        tables: tables(),
+        figures: figures(),
+        claims: claims(),
         agents: AGENTS.map(String::from).into(),
         environments: vec!["four_cells".into(), "eight_cells".into()],
         learners: BTreeSet::from(["dsac".into(), "ddpg".into()]),
@@ -222,13 +160,70 @@ fn info() -> StudyInfo {
             ]
             .into_iter(),
         ),
-        units: BTreeMap::from([
-            ("cycle_length".into(), "h".into()),
-            ("voltage".into(), "V".into()),
-            ("load".into(), "W".into()),
-        ]),
+        units: BTreeMap::from([("cycle_length", "h"), ("voltage", "V"), ("load", "W")].map(unit)),
         options: vec!["--set dsac.discount=0.9".into(), "--seeds 5".into()],
     }
+}
+
+/// One with published values, one without, and one of an agent that is not there.
+fn tables() -> Vec<(String, TableSpec)> {
+    let lengths = Comparison {
+        value: "cycle_length".into(),
+        ..Comparison::default()
+    };
+    let of_nobody = Comparison {
+        agents: vec!["nobody".into()],
+        ..Comparison::default()
+    };
+    vec![
+        ("table-3.2".into(), improvement()),
+        ("lengths".into(), TableSpec::of(lengths)),
+        ("empty".into(), TableSpec::of(of_nobody)),
+    ]
+}
+
+fn figures() -> Vec<(String, FigureSpec)> {
+    let curve = LearningCurve {
+        metric: "cycle_length".into(),
+        ..LearningCurve::default()
+    };
+    let trajectory = Trajectory {
+        channels: vec!["voltage".into(), "load".into()],
+        threshold: Some(3.2),
+        ..Trajectory::default()
+    };
+    let of = Comparison {
+        rows: Axis::Environment,
+        value: "cycle_length".into(),
+        ..Comparison::default()
+    };
+    let with_caption = |caption: &str, figure: FigureSpec| FigureSpec {
+        caption: caption.into(),
+        ..figure
+    };
+    vec![
+        (
+            "learning-curve".into(),
+            with_caption("Cycle length while learning.", FigureSpec::of(curve)),
+        ),
+        (
+            "voltages".into(),
+            with_caption("One discharge.", FigureSpec::of(trajectory)),
+        ),
+        ("bars".into(), FigureSpec::of(Bars { of })),
+    ]
+}
+
+fn claims() -> Vec<ClaimSpec> {
+    vec![
+        claim("dsac.cycle_length > equal.cycle_length"),
+        ClaimSpec {
+            environment: Some("four_cells".into()),
+            ..claim("ddpg.cycle_length > dsac.cycle_length")
+        },
+        claim("dsac.cycle_length ~ bound.cycle_length in eight_cells"),
+        claim("dsac.cycle_length >"),
+    ]
 }
 
 fn claim(text: &str) -> ClaimSpec {

@@ -424,68 +424,67 @@ impl Reader<'_> {
 
     /// Roles with their seats; every seat has one.
     fn roles(&mut self, seats: &[String]) -> Vec<(String, Vec<String>)> {
-        let mut roles: Vec<(String, Vec<String>)> = Vec::new();
-        let mut taken: Vec<(&str, &str)> = Vec::new();
         let named = self.named;
-        for role in named.config.get("roles").map_or(&[][..], Node::entries) {
+        let written = named.config.get("roles").map_or(&[][..], Node::entries);
+        let mut taken: Vec<(&str, &str)> = Vec::new();
+        for role in written {
             for item in role.value.items() {
-                let Some(seat) = item.as_str() else { continue };
-                let at = format!("roles.{}", role.key);
-                if !seats.iter().any(|known| known == seat) {
-                    let help = suggest(seat, seats.iter().map(String::as_str));
-                    self.say(
-                        item.span,
-                        &at,
-                        format!("the environment has no seat `{seat}`"),
-                        help,
-                    );
-                } else if let Some((_, other)) = taken.iter().find(|(known, _)| *known == seat) {
-                    self.say(
-                        item.span,
-                        &at,
-                        format!("`{seat}` has a role already: `{other}`"),
-                        "every seat has one role",
-                    );
-                } else {
+                if let Some(seat) = item
+                    .as_str()
+                    .filter(|_| self.is_free(item, &role.key, seats, &taken))
+                {
                     taken.push((seat, &role.key));
                 }
             }
-            let own = seats
-                .iter()
-                .filter(|seat| taken.contains(&(seat.as_str(), &role.key)))
-                .cloned()
-                .collect();
-            roles.push((role.key.clone(), own));
         }
-        let left: Vec<String> = seats
+        let own = |role: &str| {
+            let own = seats.iter().filter(|seat| taken.contains(&(seat.as_str(), role)));
+            own.cloned().collect()
+        };
+        let mut roles: Vec<(String, Vec<String>)> = written
             .iter()
-            .filter(|seat| !taken.iter().any(|(known, _)| known == seat))
-            .cloned()
+            .map(|role| (role.key.clone(), own(&role.key)))
             .collect();
-        if !left.is_empty() && self.found.is_empty() {
-            let left = left
-                .iter()
-                .map(|seat| format!("`{seat}`"))
-                .collect::<Vec<_>>()
-                .join(", ");
-            self.say(
-                self.span_of("roles"),
-                "roles",
-                format!("no role for {left}"),
-                "every seat of the environment has one role",
-            );
-        }
+        let is_left = |seat: &&String| !taken.iter().any(|(known, _)| known == seat);
+        self.nobody_is_left(&seats.iter().filter(is_left).collect::<Vec<_>>());
         if roles.len() < 2 && self.found.is_empty() {
             let help = "agents that play all seats together are what their own trials measure";
-            self.say(
-                self.span_of("roles"),
-                "roles",
-                "agents meet only where there are at least two roles",
-                help,
-            );
+            let message = "agents meet only where there are at least two roles";
+            self.say(self.span_of("roles"), "roles", message, help);
         }
         roles.sort();
         roles
+    }
+
+    /// Whether a seat is there and no role has it yet.
+    fn is_free(&mut self, item: &Node, role: &str, seats: &[String], taken: &[(&str, &str)]) -> bool {
+        let Some(seat) = item.as_str() else { return false };
+        let at = format!("roles.{role}");
+        if !seats.iter().any(|known| known == seat) {
+            let help = suggest(seat, seats.iter().map(String::as_str));
+            let message = format!("the environment has no seat `{seat}`");
+            self.say(item.span, &at, message, help);
+            return false;
+        }
+        let other = taken.iter().find(|(known, _)| *known == seat);
+        if let Some((_, other)) = other {
+            let message = format!("`{seat}` has a role already: `{other}`");
+            self.say(item.span, &at, message, "every seat has one role");
+        }
+        other.is_none()
+    }
+
+    fn nobody_is_left(&mut self, left: &[&String]) {
+        if left.is_empty() || !self.found.is_empty() {
+            return;
+        }
+        let left: Vec<String> = left.iter().map(|seat| format!("`{seat}`")).collect();
+        self.say(
+            self.span_of("roles"),
+            "roles",
+            format!("no role for {}", left.join(", ")),
+            "every seat of the environment has one role",
+        );
     }
 
     fn too_many(&mut self, players: usize, roles: usize, per_combination: Option<u64>) {

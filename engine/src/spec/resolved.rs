@@ -131,22 +131,12 @@ pub fn sections(
     let environments = parts(&sections.written.environments, Target::Environment);
     let agents = parts(&sections.written.agents, Target::Agent);
     let protocol = full(Target::Protocol, &sections.written.protocol);
-    let counted = plan
-        .seeds
-        .iter()
-        .enumerate()
-        .all(|(index, seed)| index as u64 == *seed);
-    let seeds = match &plan.design {
-        Some(design) => json!({ "min": design.looks()[0], "max": design.most(), "looks": design.looks() }),
-        None if counted => json!(plan.seeds.len()),
-        None => json!(plan.seeds),
-    };
     let exclude = root.get("exclude").map_or_else(|| json!([]), Node::to_value);
     let mut all = vec![
         ("environments".into(), environments),
         ("agents".into(), agents),
         ("protocol".into(), Section::Plain(protocol)),
-        ("seeds".into(), Section::Plain(seeds)),
+        ("seeds".into(), Section::Plain(seeds(plan))),
         ("sweep".into(), sweep(root, sections)),
         ("exclude".into(), Section::Plain(exclude)),
         ("overrides".into(), Section::Plain(overrides(root, sections))),
@@ -168,6 +158,15 @@ pub fn sections(
         ));
     }
     all
+}
+
+fn seeds(plan: &SeedPlan) -> Value {
+    let mut numbered = (0..).zip(&plan.seeds);
+    match &plan.design {
+        Some(design) => json!({ "min": design.looks()[0], "max": design.most(), "looks": design.looks() }),
+        None if numbered.all(|(index, seed)| index == *seed) => json!(plan.seeds.len()),
+        None => json!(plan.seeds),
+    }
 }
 
 /// An entry of `prepare`; what it takes from the study stays a name.

@@ -391,41 +391,40 @@ impl Names<'_> {
                 environments.clone()
             },
         };
-        let has_trial = |pair| world.recorded.contains_key(&pair);
         let before = self.found.len();
         for agent in agents {
-            if !picked
-                .environments
-                .iter()
-                .any(|environment| has_trial((*environment, agent)))
-            {
-                let message = format!("no trial feeds the agent `{}` here", world.agents[agent]);
-                self.say(
-                    place.value("agents"),
-                    message,
-                    "`exclude` leaves out its combinations with these environments",
-                );
-            }
+            self.meets(place, &picked, ("agents", "agent", agent));
         }
         // One remark is enough for agents and environments that never meet.
-        for environment in environments
-            .into_iter()
-            .filter(|_| before == self.found.len())
-            .collect::<Vec<_>>()
-        {
-            if !picked.agents.iter().any(|agent| has_trial((environment, *agent))) {
-                let message = format!(
-                    "no trial feeds the environment `{}` here",
-                    world.environments[environment]
-                );
-                self.say(
-                    place.value("environments"),
-                    message,
-                    "`exclude` leaves out its combinations with these agents",
-                );
+        if before == self.found.len() {
+            for environment in environments {
+                self.meets(place, &picked, ("environments", "environment", environment));
             }
         }
         picked
+    }
+
+    /// Says where an agent or an environment that is named has no trial among those that are picked.
+    fn meets(&mut self, place: &Place<'_>, picked: &Picked, (key, kind, index): (&str, &str, usize)) {
+        let world = self.world;
+        let has_trial = |pair| world.recorded.contains_key(&pair);
+        let (name, others, meets) = if kind == "agent" {
+            let mut environments = picked.environments.iter();
+            let meets = environments.any(|environment| has_trial((*environment, index)));
+            (&world.agents[index], "environments", meets)
+        } else {
+            let mut agents = picked.agents.iter();
+            (
+                &world.environments[index],
+                "agents",
+                agents.any(|agent| has_trial((index, *agent))),
+            )
+        };
+        if !meets {
+            let message = format!("no trial feeds the {kind} `{name}` here");
+            let help = format!("`exclude` leaves out its combinations with these {others}");
+            self.say(place.value(key), message, help);
+        }
     }
 
     fn listed(&mut self, place: &Place<'_>, key: &str, kind: &str, known: &[String]) -> Vec<usize> {

@@ -58,20 +58,9 @@ impl Engine {
         let bypass = behind_fan.part((1.0 - core_fraction) * (1.0 - bleeds.bypass));
         let bypass = duct(4, bypass, ducts.bypass);
         let area = |flow: &Flow<f64>| flow.mass_flow / Throat::of(flow, air.pressure).flux;
-        let third = if design.fan_lines.is_some() { 1.0 } else { 0.0 };
-        let unknowns: [f64; N] = [
-            1.0,
-            1.0,
-            third,
-            0.0,
-            0.0,
-            design.bypass_ratio,
-            hpt.pressure_ratio,
-            lpt.pressure_ratio,
-            far,
-        ];
         Self {
             areas: (area(&core), area(&bypass)),
+            unknowns: unknowns(&design, (hpt.pressure_ratio, lpt.pressure_ratio), far),
             design,
             fan,
             lpc,
@@ -79,9 +68,14 @@ impl Engine {
             hpt,
             lpt,
             duct_flows,
-            unknowns,
         }
     }
+}
+
+/// What the search for the design point would find, from the pressure ratios of the turbines and the fuel-air ratio.
+fn unknowns(design: &Design, (hpt, lpt): (f64, f64), far: f64) -> [f64; N] {
+    let third = if design.fan_lines.is_some() { 1.0 } else { 0.0 };
+    [1.0, 1.0, third, 0.0, 0.0, design.bypass_ratio, hpt, lpt, far]
 }
 
 /// A compressor of a pressure ratio and an isentropic efficiency at its design point, and what leaves it there.
