@@ -369,6 +369,18 @@ fn nothing_to_show_is_said() {
     assert!(message(&no_other, &study()).contains("`relative_to` must name"));
 }
 
+/// Success is a return above 9.
+fn judge_above_nine(results: &mut Results) -> Success {
+    let success = Success {
+        metric: "return".into(),
+        above: Some(9.0),
+        below: None,
+    };
+    let trials = results.trials.iter_mut();
+    trials.for_each(|trial| trial.judge_success(&success));
+    success
+}
+
 /// A seed without success has ended too: its look is complete, though the value rests on the other seeds
 /// alone.
 #[test]
@@ -379,15 +391,7 @@ fn seeds_without_success_complete_a_look() {
             .map(|(seed, value)| final_value("e", "a", seed, value))
             .collect(),
     );
-    let success = Success {
-        metric: "return".into(),
-        above: Some(9.0),
-        below: None,
-    };
-    results
-        .trials
-        .iter_mut()
-        .for_each(|trial| trial.judge_success(&success));
+    let success = judge_above_nine(&mut results);
     (results.design, results.success) = (Some(Design::new(vec![3, 6])), Some(success));
     let comparison = Comparison {
         given_success: true,
@@ -435,15 +439,7 @@ fn a_published_share_of_three_runs_decides_less_than_an_exact_one() {
         .zip(values)
         .map(|(seed, value)| final_value("e", "a", seed, value));
     let mut results = Results::of(trials.collect());
-    let success = Success {
-        metric: "return".into(),
-        above: Some(9.0),
-        below: None,
-    };
-    results
-        .trials
-        .iter_mut()
-        .for_each(|trial| trial.judge_success(&success));
+    judge_above_nine(&mut results);
     let told = |published: Published| {
         let comparison = Comparison {
             value: "success".into(),
