@@ -20,6 +20,7 @@
 //! Metric, mean over the updates since the last measurement: `fit_loss`, what is minimised.
 
 use crate::shared::checkpoint::{self, finite};
+use crate::shared::ring::Ring;
 use crate::shared::scaling::{ObservationScaling, Scaling};
 use crate::shared::seat;
 use burn::module::Module;
@@ -92,16 +93,9 @@ pub struct NetworkRegression {
     targets: Scaling,
     actions: Vec<Channel>,
     network: Trained<Mlp>,
-    counts: Counts,
-    /// The remembered examples row by row, inputs before targets; row `n_examples mod memory` is the oldest.
-    memory: Vec<f32>,
-}
-
-/// What was learned from so far.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-struct Counts {
     n_updates: u64,
-    n_examples: u64,
+    /// The remembered examples, inputs before targets.
+    memory: Ring,
 }
 
 /// Registers the agent.
@@ -155,6 +149,7 @@ impl NetworkRegression {
                 "updates of remembered examples need some: 10000, say",
             ));
         }
+        let memory = Ring::new(config.memory, chosen.len().max(1) + actions.len());
         Ok(Self {
             inputs: Scaling::new(ObservationScaling::Typical, &chosen),
             targets: Scaling::new(ObservationScaling::Typical, &interface.state),
@@ -162,8 +157,8 @@ impl NetworkRegression {
             network: Trained::new(network, adam),
             places,
             config,
-            counts: Counts::default(),
-            memory: Vec::new(),
+            n_updates: 0,
+            memory,
         })
     }
 
@@ -187,7 +182,7 @@ impl NetworkRegression {
     /// An action of scaled outputs.
     fn action(&self, outputs: &[f32]) -> Result<Action, Error> {
         let entry = |(output, channel): (&f32, &Channel)| {
-            let number = finite("action", self.counts.n_updates, *output)?;
+            let number = finite("action", self.n_updates, *output)?;
             Ok((channel.center + channel.spread * number).clamp(channel.low, channel.high))
         };
         let entries = outputs.iter().zip(&self.actions).map(entry);
@@ -199,7 +194,7 @@ impl NetworkRegression {
         let halvings = self
             .config
             .halved_every
-            .map_or(0.0, |every| self.counts.n_updates as f64 / every as f64);
+            .map_or(0.0, |every| self.n_updates as f64 / every as f64);
         self.config.learning_rate * (-halvings).exp2()
     }
 
@@ -213,33 +208,23 @@ impl NetworkRegression {
         transitions.iter().flat_map(row).collect()
     }
 
-    fn width(&self) -> usize {
-        self.n_inputs() + self.actions.len()
-    }
-
     fn remember(&mut self, rows: &[f32]) {
-        let width = self.width();
-        for row in rows.chunks(width).filter(|_| self.config.memory > 0) {
-            if self.memory.len() < self.config.memory * width {
-                self.memory.extend(row);
-            } else {
-                // The remainder is below the number of remembered examples.
-                let oldest = (self.counts.n_examples % self.config.memory as u64) as usize * width;
-                self.memory[oldest..oldest + width].copy_from_slice(row);
+        if self.config.memory > 0 {
+            for row in rows.chunks(self.memory.width()) {
+                self.memory.push(row);
             }
-            self.counts.n_examples += 1;
         }
     }
 
     /// As many remembered examples, drawn with replacement.
     fn drawn(&self, n: usize, rng: &mut Rng) -> Vec<f32> {
-        let width = self.width();
-        let n_remembered = self.memory.len() / width;
-        let draw = |_| {
-            let at = rng.random_range(0..n_remembered as u64) as usize * width;
-            self.memory[at..at + width].to_vec()
-        };
-        (0..n).flat_map(draw).collect()
+        let n_remembered = self.memory.len() as u64;
+        let mut drawn = Vec::with_capacity(n * self.memory.width());
+        for _ in 0..n {
+            // Below the number of rows.
+            drawn.extend(self.memory.row(rng.random_range(0..n_remembered) as usize));
+        }
+        drawn
     }
 
     /// One update on examples, row by row.
@@ -249,11 +234,11 @@ impl NetworkRegression {
         let seen = both.clone().narrow(1, 0, inputs);
         let off = self.network.network().forward(seen) - both.narrow(1, inputs, n);
         let loss = off.powf_scalar(2.0).mean();
-        let value = finite("fit_loss", self.counts.n_updates, values(loss.clone())[0])?;
+        let value = finite("fit_loss", self.n_updates, values(loss.clone())[0])?;
         record.mean("fit_loss", value);
         self.network.set_learning_rate(self.learning_rate());
         self.network.descend(&loss);
-        self.counts.n_updates += 1;
+        self.n_updates += 1;
         Ok(())
     }
 
@@ -313,7 +298,7 @@ impl Agent for NetworkRegression {
 
     fn updates(&self) -> Option<Updates> {
         Some(Updates {
-            made: self.counts.n_updates,
+            made: self.n_updates,
             first_after: 1,
         })
     }
@@ -321,17 +306,16 @@ impl Agent for NetworkRegression {
     fn save(&self, dir: &Path) -> Result<(), Error> {
         let mut file = TensorFile::default();
         self.network.store("network", &mut file);
-        file.insert_vector("memory", self.memory.clone());
-        checkpoint::write(NAME, dir, file, &self.counts)
+        self.memory.store("memory", &mut file);
+        checkpoint::write(NAME, dir, file, &self.n_updates)
     }
 
     fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        let (file, counts) = checkpoint::read(NAME, dir)?;
+        let (file, n_updates) = checkpoint::read(NAME, dir)?;
         let misfit = checkpoint::error_of(NAME);
         self.network.restore("network", &file).map_err(&misfit)?;
-        self.memory
-            .clone_from(&file.get("memory").map_err(&misfit)?.values);
-        self.counts = counts;
+        self.memory.restore("memory", &file).map_err(&misfit)?;
+        self.n_updates = n_updates;
         Ok(())
     }
 
@@ -460,11 +444,11 @@ mod tests {
     fn the_last_examples_are_remembered() {
         let (agent, _) = fitted(tiny(Some(&["signal_"])), 4);
         // 128 examples of which 100 are kept: each is its signal and its answer, which are one.
-        assert_eq!(agent.memory.len(), 200);
-        assert!(agent.memory.chunks(2).all(|row| (row[0] - row[1]).abs() < 1e-6));
+        assert_eq!(agent.memory.len(), 100);
+        assert!(agent.memory.rows().all(|row| (row[0] - row[1]).abs() < 1e-6));
         let all = fitted(tiny(Some(&["signal_"])), 3).0;
-        assert_eq!(agent.memory[56..192], all.memory[56..]);
-        assert_ne!(agent.memory[..56], all.memory[..56]);
+        assert!((28..96).all(|at| agent.memory.row(at) == all.memory.row(at)));
+        assert!((0..28).all(|at| agent.memory.row(at) != all.memory.row(at)));
     }
 
     #[test]

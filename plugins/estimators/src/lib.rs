@@ -16,8 +16,7 @@ mod tests;
 mod unscented_kalman_filter;
 
 use engine::{Action, Error, Interface, Observation, Registry, Rng, Space};
-use environments::turbofan::{EngineName, FlightCondition, HealthParameter, Model, SensorModel};
-use rand_distr::{Distribution, StandardNormal};
+use environments::turbofan::{Distortion, EngineName, FlightCondition, HealthParameter, Model, SensorModel};
 
 /// Registers the estimators.
 pub fn register(registry: &mut Registry) {
@@ -38,9 +37,8 @@ struct Plant {
     limits: Vec<(f64, f64)>,
     /// The sensors' errors, in parts of what they read.
     noise: f64,
-    /// What the model's outputs are multiplied by: a bias, and noise around it.
-    bias: f64,
-    model_noise: f64,
+    /// How the model is wrong.
+    distortion: Distortion,
 }
 
 /// One sample as an estimator takes it.
@@ -90,12 +88,8 @@ impl Plant {
         let needed = |name: &str| {
             place(name).ok_or_else(|| misfit(format!("it reads `{name}`, which is not observed")))
         };
-        let condition = [
-            needed("altitude_m")?,
-            needed("mach")?,
-            needed("delta_t_k")?,
-            needed("turbine_inlet_temperature_k")?,
-        ];
+        let [altitude, mach, delta_t, inlet] = FlightCondition::NAMES.map(needed);
+        let condition = [altitude?, mach?, delta_t?, inlet?];
         let sensors: Vec<(usize, String)> = (0..)
             .zip(seen)
             .filter_map(|(place, channel)| Some((place, channel.name.strip_prefix("target_")?.to_owned())))
@@ -113,16 +107,17 @@ impl Plant {
             condition,
             limits: limits(interface, &acted_names).ok_or_else(|| misfit(NO_LIMITS.into()))?,
             noise,
-            bias: 1.0,
-            model_noise: 0.0,
+            distortion: Distortion {
+                bias: 1.0,
+                noise: 0.0,
+            },
         })
     }
 
     /// The same plant with a model that is wrong.
-    fn distorted(self, bias: f64, model_noise: f64) -> Self {
+    fn distorted(self, bias: f64, noise: f64) -> Self {
         Self {
-            bias,
-            model_noise,
+            distortion: Distortion { bias, noise },
             ..self
         }
     }
@@ -161,13 +156,10 @@ impl Plant {
     fn expected(&mut self, reading: &Reading, theta: &[f64], rng: &mut Rng) -> Result<Vec<f64>, Error> {
         let held = self.within(theta);
         let mut said = self.model.read(&reading.condition, &held)?;
-        for (value, per) in said.iter_mut().zip(&reading.per_error) {
-            *value *= self.bias * per;
-            if self.model_noise > 0.0 {
-                let noise: f64 = StandardNormal.sample(rng);
-                *value *= 1.0 + self.model_noise * noise;
-            }
-        }
+        self.distortion.apply(&mut said, rng);
+        said.iter_mut()
+            .zip(&reading.per_error)
+            .for_each(|(value, per)| *value *= per);
         Ok(said)
     }
 

@@ -16,6 +16,7 @@ pub mod opponent_modelling;
 #[cfg(test)]
 pub(crate) mod regulator;
 pub mod replay;
+pub mod ring;
 pub mod scaling;
 pub mod schedule;
 pub mod seat;

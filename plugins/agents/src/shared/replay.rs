@@ -9,11 +9,12 @@
 //! | mu_i, sigma_i | [`Replay::reward_moments`], over everything that is stored | scalars |
 
 use super::joint::{JointLayout, columns};
+use super::ring::Ring;
 use super::scaling::Scaling;
 use burn::tensor::Tensor;
 use engine::{End, Observation, Transition};
 use numerics::network::matrix;
-use numerics::tensor_file::{HostTensor, TensorFile, TensorFileError};
+use numerics::tensor_file::{TensorFile, TensorFileError};
 use rand::{Rng, RngCore};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
@@ -24,11 +25,9 @@ const SMALLEST_SD: f64 = 1e-8;
 /// A ring of transitions, each one row of `f32`: observation, action, rewards, next observation, continues.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Replay {
-    capacity: usize,
     n_observed: usize,
     n_acted: usize,
-    rows: Vec<f32>,
-    oldest: usize,
+    rows: Ring,
     sums: Vec<RewardSums>,
 }
 
@@ -62,11 +61,9 @@ impl Replay {
     pub fn new(capacity: usize, n_observed: usize, n_acted: usize, n_seats: usize) -> Self {
         let sums = vec![RewardSums::default(); n_seats];
         Self {
-            capacity: capacity.max(1),
             n_observed,
             n_acted,
-            rows: Vec::new(),
-            oldest: 0,
+            rows: Ring::new(capacity, 2 * n_observed + n_acted + n_seats + 1),
             sums,
         }
     }
@@ -80,7 +77,7 @@ impl Replay {
     /// Number of transitions that are stored.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.rows.len() / self.row_length()
+        self.rows.len()
     }
 
     /// True before the first transition.
@@ -112,7 +109,6 @@ impl Replay {
 
     fn insert(&mut self, transition: &Transition, seen: impl Fn(&Observation) -> Vec<f32>) {
         let row = row(transition, seen);
-        assert_eq!(row.len(), self.row_length(), "entries of a transition");
         assert_eq!(
             transition.rewards.len(),
             self.n_seats(),
@@ -121,11 +117,15 @@ impl Replay {
         if self.is_empty() {
             self.start_sums(&row);
         }
-        if self.len() < self.capacity {
-            self.add_to_sums(&row, 1.0);
-            self.rows.extend(row);
-        } else {
-            self.replace_oldest(&row);
+        match self.rows.push(&row) {
+            None => self.add_to_sums(&row, 1.0),
+            Some(left) => {
+                self.add_to_sums(&left, -1.0);
+                self.add_to_sums(&row, 1.0);
+                if self.rows.oldest() == 0 {
+                    self.sum_anew();
+                }
+            }
         }
     }
 
@@ -152,7 +152,7 @@ impl Replay {
     pub fn latest(&self, n: usize) -> Batch {
         let (stored, n) = (self.len(), n.min(self.len()));
         let picked: Vec<usize> = (stored - n..stored)
-            .map(|age| (self.oldest + age) % stored)
+            .map(|age| (self.rows.oldest() + age) % stored)
             .collect();
         self.picked(&picked)
     }
@@ -192,15 +192,8 @@ impl Replay {
 
     /// Puts the buffer into a file.
     pub fn store(&self, file: &mut TensorFile) {
-        let shape = vec![self.len(), self.row_length()];
-        file.insert(
-            "replay",
-            HostTensor {
-                shape,
-                values: self.rows.clone(),
-            },
-        );
-        file.header["replay"] = serde_json::json!({ "oldest": self.oldest, "reward_sums": self.sums });
+        self.rows.store("replay", file);
+        file.header["replay"]["reward_sums"] = serde_json::json!(self.sums);
     }
 
     /// Continues from what [`Replay::store`] put into a file.
@@ -208,41 +201,26 @@ impl Replay {
     /// # Errors
     /// [`TensorFileError`] where the file holds no buffer or one of another shape.
     pub fn restore(&mut self, file: &TensorFile) -> Result<(), TensorFileError> {
-        let stored = file.get("replay")?;
-        let header = &file.header["replay"];
-        let missing = |name: &str| TensorFileError::Missing {
-            name: format!("replay.{name}"),
-        };
-        let oldest = header["oldest"]
-            .as_u64()
-            .and_then(|oldest| usize::try_from(oldest).ok());
-        let oldest = oldest.ok_or_else(|| missing("oldest"))?;
-        let sums: Vec<RewardSums> =
-            serde_json::from_value(header["reward_sums"].clone()).map_err(|_| missing("reward_sums"))?;
-        let fits = stored.shape.len() == 2
-            && stored.shape[1] == self.row_length()
-            && stored.shape[0] <= self.capacity;
-        if !fits || oldest >= self.capacity || sums.len() != self.n_seats() {
-            let (n_seats, row) = (self.n_seats(), self.row_length());
-            let expected = format!(
-                "at most {} transitions of {row} numbers for {n_seats} seats",
-                self.capacity
-            );
+        let sums = &file.header["replay"]["reward_sums"];
+        let sums = Vec::<RewardSums>::deserialize(sums).map_err(|_| TensorFileError::Missing {
+            name: "replay.reward_sums".into(),
+        })?;
+        if sums.len() != self.n_seats() {
             return Err(TensorFileError::Shape {
-                expected,
-                found: format!("{:?}", stored.shape),
+                expected: format!("transitions of {} seats", self.n_seats()),
+                found: format!("those of {}", sums.len()),
             });
         }
-        (self.rows, self.oldest, self.sums) = (stored.values.clone(), oldest, sums);
+        self.rows.restore("replay", file)?;
+        self.sums = sums;
         Ok(())
     }
 
     fn picked(&self, picked: &[usize]) -> Batch {
-        let row = self.row_length();
         let columns = |from: usize, count: usize| {
             let values = picked
                 .iter()
-                .flat_map(|at| &self.rows[at * row + from..at * row + from + count]);
+                .flat_map(|at| &self.rows.row(*at)[from..from + count]);
             matrix(values.copied().collect(), count)
         };
         let (observed, acted, seats) = (self.n_observed, self.n_acted, self.n_seats());
@@ -251,19 +229,7 @@ impl Replay {
             actions: columns(observed, acted),
             rewards: columns(observed + acted, seats),
             next_observations: columns(observed + acted + seats, observed),
-            continues: columns(row - 1, 1),
-        }
-    }
-
-    fn replace_oldest(&mut self, row: &[f32]) {
-        let place = self.oldest * row.len()..(self.oldest + 1) * row.len();
-        let leaving = self.rows[place.clone()].to_vec();
-        self.add_to_sums(&leaving, -1.0);
-        self.add_to_sums(row, 1.0);
-        self.rows[place].copy_from_slice(row);
-        self.oldest = (self.oldest + 1) % self.capacity;
-        if self.oldest == 0 {
-            self.sum_anew();
+            continues: columns(self.rows.width() - 1, 1),
         }
     }
 
@@ -288,24 +254,17 @@ impl Replay {
 
     /// Once per turn of the ring, so that the rounding of additions and subtractions does not pile up.
     fn sum_anew(&mut self) {
-        let rows = std::mem::take(&mut self.rows);
-        self.sums.iter_mut().for_each(|sums| {
-            *sums = RewardSums {
-                origin: sums.origin,
-                ..RewardSums::default()
-            }
-        });
-        rows.chunks(self.row_length())
-            .for_each(|row| self.add_to_sums(row, 1.0));
-        self.rows = rows;
+        for sums in &mut self.sums {
+            (sums.sum, sums.sum_of_squares) = (0.0, 0.0);
+        }
+        for at in 0..self.rows.len() {
+            let row = self.rows.row(at).to_vec();
+            self.add_to_sums(&row, 1.0);
+        }
     }
 
     fn n_seats(&self) -> usize {
         self.sums.len()
-    }
-
-    fn row_length(&self) -> usize {
-        2 * self.n_observed + self.n_acted + self.n_seats() + 1
     }
 }
 

@@ -18,7 +18,7 @@ use super::cycle::N;
 use super::engine::EngineName;
 use super::fleet::Fleet;
 use super::flight::FlightPoint;
-use super::model::{FlightCondition, Model, SensorModel};
+use super::model::{Distortion, FlightCondition, Model, SensorModel};
 use super::sensors::{SENSORS, check, ranges, sensor_channels};
 use crate::unit_box::check_seats;
 use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
@@ -256,12 +256,11 @@ impl TurbofanCalibration {
     fn model_says(&mut self, theta: &[f64], rng: &mut Rng) -> Result<Vec<f64>, Error> {
         let condition = self.condition(self.progress.at);
         let mut said = self.model.read(&condition, theta)?;
-        let (bias, noise) = (self.config.model_bias, self.config.model_noise);
-        said.iter_mut().for_each(|value| *value *= bias);
-        if noise > 0.0 {
-            said.iter_mut()
-                .for_each(|value| *value *= 1.0 + noise * normal(rng));
-        }
+        let distortion = Distortion {
+            bias: self.config.model_bias,
+            noise: self.config.model_noise,
+        };
+        distortion.apply(&mut said, rng);
         Ok(said)
     }
 

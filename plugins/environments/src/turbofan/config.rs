@@ -131,12 +131,7 @@ impl TurbofanConfig {
     /// # Errors
     /// [`Error::Config`] where a parameter is calibrated twice, both given and calibrated, or out of its range.
     pub(super) fn given_health(&self) -> Result<Health, Error> {
-        for (place, parameter) in self.calibrated.iter().enumerate() {
-            if self.calibrated[..place].contains(parameter) {
-                let problem = format!("`{}` is calibrated twice", parameter.name());
-                return Err(Error::config("calibrated", problem));
-            }
-        }
+        check_calibrated(&self.calibrated)?;
         let mut health = Health::default();
         for (parameter, value) in &self.health {
             let key = format!("health.{}", parameter.name());
@@ -151,4 +146,15 @@ impl TurbofanConfig {
         }
         Ok(health)
     }
+}
+
+/// Refuses parameters that are named twice.
+pub(super) fn check_calibrated(calibrated: &[HealthParameter]) -> Result<(), Error> {
+    for (place, parameter) in calibrated.iter().enumerate() {
+        if calibrated[..place].contains(parameter) {
+            let problem = format!("`{}` is calibrated twice", parameter.name());
+            return Err(Error::config("calibrated", problem));
+        }
+    }
+    Ok(())
 }

@@ -45,7 +45,7 @@ pub use config::{Dynamics, HealthParameter, TurbofanConfig};
 pub use engine::EngineName;
 pub use fleet::{Degradation, Fleet};
 pub use flight::{Flight, FlightClass};
-pub use model::{FlightCondition, Model, SensorModel};
+pub use model::{Distortion, FlightCondition, Model, SensorModel};
 
 use crate::unit_box::check_seats;
 use ::engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step};

@@ -9,7 +9,8 @@ use super::sensors::Correction;
 use super::solver::{Held, Operation};
 use super::surrogate::Surrogate;
 use super::{OUTPUTS, outputs};
-use engine::{Channel, Error, Product, product::Policy};
+use engine::{Channel, Error, Product, Rng, product::Policy};
+use rand_distr::{Distribution, StandardNormal};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +23,28 @@ pub enum Model {
     Engine,
     /// A network that was fitted to it: what `network_regression` leaves after `turbofan_samples`.
     Surrogate(Product<Policy>),
+}
+
+/// How a model is wrong: its outputs are multiplied (thesis, table 2.4).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Distortion {
+    /// The factor of all outputs; 1 for none.
+    pub bias: f64,
+    /// Standard deviation of a normal factor around 1, drawn for each output; 0 for none.
+    pub noise: f64,
+}
+
+impl Distortion {
+    /// Multiplies outputs, in any unit.
+    pub fn apply(&self, outputs: &mut [f64], rng: &mut Rng) {
+        for value in outputs {
+            *value *= self.bias;
+            if self.noise > 0.0 {
+                let drawn: f64 = StandardNormal.sample(rng);
+                *value *= 1.0 + self.noise * drawn;
+            }
+        }
+    }
 }
 
 /// A steady engine, or a surrogate of one, as its sensors show it.

@@ -2,7 +2,7 @@
 
 use super::OUTPUTS;
 use super::atmosphere::SEA_LEVEL;
-use super::config::{HealthParameter, LARGEST_WEAR};
+use super::config::{HealthParameter, LARGEST_WEAR, check_calibrated};
 use super::fleet::Fleet;
 use super::model::{FlightCondition, SensorModel};
 use engine::{Channel, Error};
@@ -116,12 +116,7 @@ pub(super) fn sensor_channels(prefix: &str, sensors: &[String], ranges: &[(f64, 
 
 /// Refuses parameters that are named twice and a range of theta outside of what engines are made for.
 pub(super) fn check(calibrated: &[HealthParameter], [low, high]: [f64; 2]) -> Result<(), Error> {
-    for (place, parameter) in calibrated.iter().enumerate() {
-        if calibrated[..place].contains(parameter) {
-            let problem = format!("`{}` is calibrated twice", parameter.name());
-            return Err(Error::config("calibrated", problem));
-        }
-    }
+    check_calibrated(calibrated)?;
     if !(-LARGEST_WEAR..LARGEST_WEAR).contains(&low) || low >= high || high > LARGEST_WEAR {
         let problem = format!("[{low}, {high}] is no range inside [-{LARGEST_WEAR}, {LARGEST_WEAR}]");
         return Err(Error::config("theta_range", problem));
