@@ -86,6 +86,7 @@ fn fill(study: &Path, root: &Path) -> usize {
         state: EndState::Ok,
         reason: String::new(),
         wall_s: 1.0,
+        decision_s: None,
         digest: "0".repeat(32),
     };
     for trial in &plan.trials {

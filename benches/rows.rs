@@ -87,6 +87,7 @@ fn fill(study: &Path, root: &Path, rows: u64) -> usize {
             state: EndState::Ok,
             reason: String::new(),
             wall_s: 1.0,
+            decision_s: None,
             digest: engine::store::digest(&bytes),
         };
         let folder = store.folder(&trial.id);

@@ -139,6 +139,8 @@ compare("battery (cell-seconds/s)", "cell_seconds_per_s", lambda: bench("battery
 for scenario, words in (("cooperative_navigation", "cooperative navigation"), ("predator_prey", "predators and prey")):
     ours = lambda: bench("particles", scenario, 3)
     compare(f"particles, {words} (steps/s)", "steps_per_s", ours, lambda: peer("particles_mpe2.py", scenario, 3, cpu=0), True)
+for gas in ("TABULAR", "CEA"):
+    compare(f"turbofan, warm point, {gas} (s)", "s_per_point", lambda: bench("turbofan", 3), lambda: peer("turbofan_pycycle.py", 10, gas, cpu=0), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_optuna.py", 2000), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_hydra.py", 100), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_ray.py", 40), False)

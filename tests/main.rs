@@ -27,6 +27,7 @@ mod pins;
 mod program;
 mod provenance;
 mod record;
+mod recorded_flights;
 mod reports;
 mod results;
 mod resume;

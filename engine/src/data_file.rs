@@ -3,25 +3,28 @@
 //!
 //! A plan hashes the content. A trial reads each file once, holds it against the hash, and hands its plugins
 //! a config with the content beside the path: however often a plugin is built, and whatever becomes of the
-//! file meanwhile, it reads the same.
+//! file meanwhile, it reads the same. Binary files may be larger than memory: of them a config gets the hash,
+//! and plugins read them by their path.
 
-use crate::{Error, store};
+use crate::{Error, parquet, store};
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{
     borrow::Cow,
-    fs, io,
+    fs,
+    io::{self, Read as _},
     path::{Path, PathBuf},
     sync::Arc,
 };
 
-/// A file of text in a config: its path in a study, its path and content inside a trial.
+/// A data file in a config: its path in a study, its path and content or hash inside a trial.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "Form", into = "PathBuf")]
 pub struct DataFile {
     path: PathBuf,
     content: Option<Arc<str>>,
+    digest: Option<Arc<str>>,
 }
 
 /// What stands in a config.
@@ -30,6 +33,35 @@ pub struct DataFile {
 enum Form {
     Named(PathBuf),
     Read { path: PathBuf, content: String },
+    Checked { path: PathBuf, digest: String },
+}
+
+/// How a file holds what it holds, as its first bytes say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FileFormat {
+    /// Text, as far as its first bytes go.
+    Text,
+    /// Apache Parquet.
+    Parquet,
+    /// HDF5.
+    Hdf5,
+}
+
+impl FileFormat {
+    /// # Errors
+    /// [`Error::File`] where the file cannot be read.
+    fn of(path: &Path) -> Result<Self, Error> {
+        let file = fs::File::open(path).map_err(Error::file("read", path))?;
+        let mut first = Vec::new();
+        file.take(8)
+            .read_to_end(&mut first)
+            .map_err(Error::file("read", path))?;
+        Ok(match first[..] {
+            [b'P', b'A', b'R', b'1', ..] => Self::Parquet,
+            [0x89, b'H', b'D', b'F', b'\r', b'\n', 0x1a, b'\n'] => Self::Hdf5,
+            _ => Self::Text,
+        })
+    }
 }
 
 impl DataFile {
@@ -39,6 +71,7 @@ impl DataFile {
         Self {
             path: path.into(),
             content: None,
+            digest: None,
         }
     }
 
@@ -60,6 +93,40 @@ impl DataFile {
                 .map_err(Error::file("read", &self.path)),
         }
     }
+
+    /// How the file holds what it holds.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be read.
+    pub fn format(&self) -> Result<FileFormat, Error> {
+        match self.content {
+            Some(_) => Ok(FileFormat::Text),
+            None => FileFormat::of(&self.path),
+        }
+    }
+
+    /// Hash of what the file holds: inside a trial the one that the trial's id names.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be read.
+    pub fn digest(&self) -> Result<Cow<'_, str>, Error> {
+        match (&self.digest, &self.content) {
+            (Some(digest), _) => Ok(Cow::Borrowed(digest)),
+            (None, Some(content)) => Ok(Cow::Owned(store::digest(content.as_bytes()))),
+            (None, None) => digest_of(&self.path).map(Cow::Owned),
+        }
+    }
+
+    /// Columns of a Parquet file as numbers, in the order of `names`.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be read, [`Error::Damaged`] where it is no such file, and [`Error::Input`]
+    /// with the column that is missing or holds something else, and the row of a cell that is empty.
+    pub fn parquet_columns(&self, names: &[&str]) -> Result<Vec<Vec<f64>>, Error> {
+        let bytes = fs::read(&self.path).map_err(Error::file("read", &self.path))?;
+        let table = parquet::Table::decode(bytes, &self.path)?;
+        names.iter().map(|name| table.numbers(name)).collect()
+    }
 }
 
 impl From<Form> for DataFile {
@@ -69,6 +136,12 @@ impl From<Form> for DataFile {
             Form::Read { path, content } => Self {
                 path,
                 content: Some(content.into()),
+                digest: None,
+            },
+            Form::Checked { path, digest } => Self {
+                path,
+                content: None,
+                digest: Some(digest.into()),
             },
         }
     }
@@ -97,20 +170,32 @@ impl JsonSchema for DataFile {
 /// Hash of what the file at `path` holds, as it enters ids; `None` where it cannot be read.
 #[must_use]
 pub fn hash_of(path: &Path) -> Option<String> {
-    fs::read(path).ok().map(|bytes| store::digest(&bytes))
+    digest_of(path).ok()
 }
 
-/// The config's value of the [`DataFile`] at the path `named`, with its content.
+fn digest_of(path: &Path) -> Result<String, Error> {
+    let read = || store::digest_of_file(fs::File::open(path)?);
+    read().map_err(Error::file("read", path))
+}
+
+/// The config's value of the [`DataFile`] at the path `named`, with its content, or its hash where it is binary.
 ///
 /// # Errors
 /// [`Error::DataFileChanged`] where its hash is not `expected`, and [`Error::File`] where it cannot be read
 /// or is no UTF-8.
 pub(crate) fn read(named: &str, expected: &str) -> Result<Value, Error> {
     let path = Path::new(named);
-    let bytes = fs::read(path).map_err(Error::file("read", path))?;
-    if store::digest(&bytes) != expected {
-        return Err(Error::DataFileChanged { path: path.into() });
+    let unchanged = |digest: String| {
+        (digest == expected)
+            .then_some(())
+            .ok_or_else(|| Error::DataFileChanged { path: path.into() })
+    };
+    if FileFormat::of(path)? != FileFormat::Text {
+        unchanged(digest_of(path)?)?;
+        return Ok(json!({ "path": named, "digest": expected }));
     }
+    let bytes = fs::read(path).map_err(Error::file("read", path))?;
+    unchanged(store::digest(&bytes))?;
     let text = String::from_utf8(bytes).map_err(|source| io::Error::new(io::ErrorKind::InvalidData, source));
     Ok(json!({ "path": named, "content": text.map_err(Error::file("read", path))? }))
 }
@@ -153,5 +238,51 @@ mod tests {
             message.contains("load.csv` does not hold what this trial's id names; restore it"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn of_a_binary_file_a_trial_has_the_hash() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("flights.h5");
+        fs::write(&path, b"\x89HDF\r\n\x1a\n and more").unwrap();
+        let hash = hash_of(&path).unwrap();
+        assert_eq!(hash, store::digest(b"\x89HDF\r\n\x1a\n and more"));
+        let value = read(path.to_str().unwrap(), &hash).unwrap();
+        let file: DataFile = serde_json::from_value(value).unwrap();
+        assert_eq!(
+            (file.format().unwrap(), file.digest().unwrap()),
+            (FileFormat::Hdf5, hash.as_str().into())
+        );
+        fs::write(&path, b"PAR1 another").unwrap();
+        assert_eq!(DataFile::new(&path).format().unwrap(), FileFormat::Parquet);
+        assert!(matches!(
+            read(path.to_str().unwrap(), &hash),
+            Err(Error::DataFileChanged { .. })
+        ));
+    }
+
+    #[test]
+    fn columns_of_a_parquet_file_are_numbers_or_named() {
+        use crate::parquet::Values;
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("flights.parquet");
+        let columns = vec![
+            ("unit", Values::U32(vec![1, 2])),
+            ("alt", Values::F64(vec![3.5, 4.5])),
+            ("class", Values::Text(vec!["a", "b"])),
+        ];
+        fs::write(&path, parquet::encode(&path, columns, &[]).unwrap()).unwrap();
+        let file = DataFile::new(&path);
+        assert_eq!(
+            file.parquet_columns(&["alt", "unit"]).unwrap(),
+            [[3.5, 4.5], [1.0, 2.0]]
+        );
+        for (name, expected) in [
+            ("mach", "column `mach`: is missing; there are unit, alt, class"),
+            ("class", "column `class`: holds no numbers"),
+        ] {
+            let message = file.parquet_columns(&[name]).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
     }
 }

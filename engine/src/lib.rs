@@ -52,7 +52,7 @@ pub mod trial;
 pub use agent::{Agent, Mode, Transition, Updates};
 pub use build::Build;
 pub use checkpoint::{Keeper, NoKeeper};
-pub use data_file::DataFile;
+pub use data_file::{DataFile, FileFormat};
 pub use dataset::Dataset;
 pub use environment::{
     Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, RewardSurface,

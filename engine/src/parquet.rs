@@ -184,6 +184,36 @@ impl<'a> Table<'a> {
         Ok(rows)
     }
 
+    /// A column of numbers of any kind.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where it is missing or holds something else or nothing in some row.
+    pub(crate) fn numbers(&self, name: &str) -> Result<Vec<f64>, Error> {
+        let wrong = |row: Option<u64>, problem: String| Error::Input {
+            path: self.path.to_path_buf(),
+            line: row,
+            column: Some(name.into()),
+            problem,
+        };
+        let column = self.frame.column(name).map_err(|_| {
+            let known = self.frame.get_column_names();
+            let known: Vec<&str> = known
+                .into_iter()
+                .map(polars::prelude::PlSmallStr::as_str)
+                .collect();
+            wrong(None, format!("is missing; there are {}", known.join(", ")))
+        })?;
+        let numbers = Some(column)
+            .filter(|column| column.dtype().is_primitive_numeric())
+            .and_then(|column| column.cast(&DataType::Float64).ok());
+        let numbers = numbers.ok_or_else(|| wrong(None, "holds no numbers".into()))?;
+        let values = numbers.f64().map_err(|source| unreadable(self.path, &source))?;
+        let cell = |(row, value): (u64, Option<f64>)| {
+            value.ok_or_else(|| wrong(Some(row), "the cell is empty".into()))
+        };
+        (1..).zip(values.iter()).map(cell).collect()
+    }
+
     fn column(&self, name: &str) -> Result<&Column, Error> {
         self.frame
             .column(name)

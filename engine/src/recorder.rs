@@ -2,7 +2,7 @@
 
 use crate::{Error, checkpoint::exact};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, time::Duration};
 
 /// Which part of a trial a row belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -60,6 +60,15 @@ pub struct Recorder {
     running: Running,
     /// Index of the first row whose value is not finite.
     not_finite: Option<usize>,
+    deciding: Deciding,
+}
+
+/// How long the agent took for the decisions of the final measurement, of those made in this process: a
+/// measurement of the machine, which is no row.
+#[derive(Debug, Clone, Copy, Default)]
+struct Deciding {
+    decisions: usize,
+    time: Duration,
 }
 
 /// What has not become rows yet.
@@ -87,6 +96,7 @@ impl Recorder {
             rows,
             running,
             not_finite,
+            deciding: Deciding::default(),
         }
     }
 
@@ -157,6 +167,23 @@ impl Recorder {
             step: row.step,
             value: row.value,
         })
+    }
+
+    /// Adds decisions of the final measurement and the time that the agent took for them.
+    pub fn decided(&mut self, decisions: usize, time: Duration) {
+        self.deciding.decisions += decisions;
+        self.deciding.time += time;
+    }
+
+    /// Mean time of a decision in the final measurement, in seconds; `None` where none was made.
+    #[must_use]
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "a count of decisions is far below 2^52"
+    )]
+    pub fn decision_s(&self) -> Option<f64> {
+        let Deciding { decisions, time } = self.deciding;
+        (decisions > 0).then(|| time.as_secs_f64() / decisions as f64)
     }
 
     /// Metric names in the order of their first use.

@@ -28,6 +28,10 @@ pub const WALL_TIME: &str = "wall_time";
 /// updates that they made, in seconds.
 pub const TIME_PER_UPDATE: &str = "time_per_update";
 
+/// The metric that trials which measure episodes at their end have when results are read: how long the agent
+/// took for a decision there, in seconds.
+pub const TIME_PER_DECISION: &str = "time_per_decision";
+
 /// What is said wherever a time is shown.
 pub const TIMES_ARE_OF_THE_MACHINE: &str = "Times are measurements of the machine that computed the trials \
                                             and of what else it did; they differ from run to run.";
@@ -49,6 +53,15 @@ pub fn time_per_update_metric() -> Metric {
         .per_episode(PerEpisode::Last)
 }
 
+/// What [`TIME_PER_DECISION`] says, for names, units and directions.
+#[must_use]
+pub fn time_per_decision_metric() -> Metric {
+    let about = "wall-clock time that the agent took for a decision of the final measurement";
+    Metric::new(TIME_PER_DECISION, "s", about)
+        .lower_is_better()
+        .per_episode(PerEpisode::Last)
+}
+
 /// True where one of the words of `asked`, a part of a study, is the name of a time.
 #[must_use]
 pub fn names_times(asked: &impl Serialize) -> bool {
@@ -60,7 +73,7 @@ fn has_time(asked: &Value) -> bool {
     match asked {
         Value::String(text) => text
             .split(|letter| !is_name(letter))
-            .any(|word| [WALL_TIME, TIME_PER_UPDATE].contains(&word)),
+            .any(|word| [WALL_TIME, TIME_PER_UPDATE, TIME_PER_DECISION].contains(&word)),
         Value::Array(items) => items.iter().any(has_time),
         Value::Object(entries) => entries.values().any(has_time),
         _ => false,
@@ -128,6 +141,9 @@ pub struct TrialEnd {
     pub reason: String,
     /// Wall-clock time it took.
     pub wall_s: f64,
+    /// Mean wall-clock time of a decision of the final measurement, where one was made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decision_s: Option<f64>,
     /// Hash of the metrics file, empty where there is none.
     pub digest: String,
 }
@@ -186,13 +202,14 @@ impl TrialResult {
         self.add(SUCCESS, f64::from(u8::from(success.holds(value))), last);
     }
 
-    /// Adds the metrics [`WALL_TIME`] and, where the agent made updates, [`TIME_PER_UPDATE`], from how the
-    /// trial ended. They are measurements of the machine: no trial records them, and its numbers do not
-    /// depend on them.
+    /// Adds the metrics [`WALL_TIME`], [`TIME_PER_UPDATE`] where the agent made updates, and
+    /// [`TIME_PER_DECISION`] where it made decisions at the end, from how the trial ended. They are measurements
+    /// of the machine: no trial records them, and its numbers do not depend on them.
     pub fn add_times(&mut self) {
-        let Some(wall_s) = self.end.as_ref().map(|end| end.wall_s).filter(|_| self.is_ok()) else {
+        let Some(end) = self.end.as_ref().filter(|_| self.is_ok()) else {
             return;
         };
+        let (wall_s, per_decision) = (end.wall_s, end.decision_s);
         let Some(last) = self.rows.iter().rfind(|row| row.phase == Phase::Final).copied() else {
             return;
         };
@@ -200,7 +217,12 @@ impl TrialResult {
             .updates()
             .filter(|made| *made > 0.0)
             .map(|made| wall_s / made);
-        for (name, value) in [(WALL_TIME, Some(wall_s)), (TIME_PER_UPDATE, per_update)] {
+        let times = [
+            (WALL_TIME, Some(wall_s)),
+            (TIME_PER_UPDATE, per_update),
+            (TIME_PER_DECISION, per_decision),
+        ];
+        for (name, value) in times {
             // What a plugin records under the name is what the name means then.
             if let Some(value) = value.filter(|_| !self.names.iter().any(|known| known == name)) {
                 self.add(name, value, last);
@@ -398,10 +420,15 @@ mod tests {
                 .select(Phase::Final, TIME_PER_UPDATE)
                 .all(|row| row.step == 8)
         );
+        assert_eq!(learner.mean(Phase::Final, TIME_PER_DECISION), None);
         let mut rule = trial("cells", "rule", "", 0, &vec![(Phase::Final, 0, 0, "return", 1.0)]);
+        if let Some(end) = &mut rule.end {
+            end.decision_s = Some(0.25);
+        }
         rule.add_times();
         assert_eq!(rule.mean(Phase::Final, WALL_TIME), Some(1.0));
         assert_eq!(rule.mean(Phase::Final, TIME_PER_UPDATE), None);
+        assert_eq!(rule.mean(Phase::Final, TIME_PER_DECISION), Some(0.25));
         let mut failed = ended(rule, EndState::Failed, "told");
         (failed.names, failed.rows) = (Vec::new(), Vec::new());
         failed.add_times();

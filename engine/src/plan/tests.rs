@@ -191,6 +191,7 @@ fn end_states_are_reasons_of_their_own() {
             state,
             reason: String::new(),
             wall_s: 1.0,
+            decision_s: None,
             digest: String::new(),
         })
     };

@@ -5,12 +5,12 @@ use super::{
     position::{Blocks, Position, restored},
 };
 use crate::{
-    End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, dataset,
-    results::EPISODE_LENGTH,
+    Action, End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent,
+    dataset, results::EPISODE_LENGTH,
 };
 use serde::Serialize;
 use serde_json::Value;
-use std::{cell::RefCell, collections::BTreeMap};
+use std::{cell::RefCell, collections::BTreeMap, time::Instant};
 
 /// Episodes that are stepped together, so that the policy sees many rows at a time.
 const ROWS: u64 = 256;
@@ -303,7 +303,7 @@ fn advance(
     kept: Option<&Kept>,
 ) -> Result<Vec<Episode>, Error> {
     let observations: Vec<Observation> = active.iter().map(|episode| episode.observation.clone()).collect();
-    let actions = run.agent.act(&observations, what.mode, rng)?;
+    let actions = decide(run, what, &observations, rng)?;
     for (episode, values) in active.iter_mut().zip(run.agent.assess(&observations, &actions)?) {
         episode.assessed.resize(values.len(), 0.0);
         episode
@@ -340,6 +340,25 @@ fn advance(
         }
     }
     Ok(going_on)
+}
+
+/// The agent's actions. How long it took for those of the final measurement is kept beside the rows.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "times are no rows: no number depends on them"
+)]
+fn decide(
+    run: &mut Run<'_>,
+    what: &Measurement,
+    observations: &[Observation],
+    rng: &mut Rng,
+) -> Result<Vec<Action>, Error> {
+    let asked = Instant::now();
+    let actions = run.agent.act(observations, what.mode, rng)?;
+    if what.phase == Phase::Final {
+        run.record.decided(actions.len(), asked.elapsed());
+    }
+    Ok(actions)
 }
 
 impl Gathered {

@@ -133,6 +133,7 @@ pub(super) mod tests {
                     state,
                     reason,
                     wall_s: 1.5,
+                    decision_s: None,
                     digest: String::new(),
                 }),
             )

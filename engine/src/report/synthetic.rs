@@ -81,6 +81,7 @@ fn end(state: EndState, reason: &str) -> TrialEnd {
         state,
         reason: reason.into(),
         wall_s: 1.0,
+        decision_s: None,
         digest: String::new(),
     }
 }

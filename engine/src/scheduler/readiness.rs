@@ -102,6 +102,7 @@ mod tests {
                 state,
                 reason: "told".into(),
                 wall_s: 0.0,
+                decision_s: None,
                 digest: String::new(),
             };
             store.acknowledge(trial, &end).unwrap();

@@ -273,6 +273,7 @@ impl<'a> Slot<'a> {
             state,
             reason,
             wall_s,
+            decision_s: None,
             digest: String::new(),
         };
         // The process may have stored its trial and died before it could say so.

@@ -195,6 +195,7 @@ fn attempt(
         state,
         reason: one_line(&reason),
         wall_s,
+        decision_s: None,
         digest: String::new(),
     };
     store.acknowledge(trial, &end)?;

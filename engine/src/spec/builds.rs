@@ -13,7 +13,9 @@ use crate::{
     diagnostic::{Diagnostic, in_order},
     random,
     registry::AgentEntry,
-    results::{time_per_update_metric, updates_metric, wall_time_metric},
+    results::{
+        EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
+    },
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -186,7 +188,9 @@ fn address(part: &Arc<Resolved>) -> usize {
 /// What the trials of a pair record and trace; `of_agent` is what its agent records.
 fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Metric], world: &mut World) {
     let environment = facts.metrics.iter().filter(|_| measures.of_environment);
-    let added = [wall_time_metric()];
+    let decides = measures.metrics.iter().any(|it| it.name == EPISODE_LENGTH);
+    let per_decision = decides.then(time_per_decision_metric);
+    let added: Vec<Metric> = [wall_time_metric()].into_iter().chain(per_decision).collect();
     world.record(
         pair,
         measures

@@ -291,6 +291,7 @@ mod tests {
             state,
             reason: "told".into(),
             wall_s: 1.0,
+            decision_s: None,
             digest: String::new(),
         };
         store.acknowledge(trial, &end).unwrap();

@@ -38,7 +38,7 @@ pub use metrics_file::{
 };
 pub use owner::Owner;
 pub use running::RunningTrial;
-pub use seal::hash as digest;
+pub use seal::{hash as digest, hash_of_file as digest_of_file};
 
 use crate::{
     Build, Error, Recorder,
@@ -175,6 +175,7 @@ impl Store {
             state: EndState::Ok,
             reason: String::new(),
             wall_s,
+            decision_s: record.decision_s(),
             digest: seal::hash(&bytes),
         };
         self.acknowledge_with(trial, &end, products::exported(&folder)?)?;

@@ -1,5 +1,7 @@
 //! A check value at the end of a JSON object, so that a changed bit anywhere in the file is noticed.
 
+use std::io::{self, Read};
+
 const LENGTH: usize = 32;
 const BEFORE: &[u8] = b",\"check\":\"";
 const AFTER: &[u8] = b"\"}";
@@ -25,6 +27,16 @@ pub(super) fn is_sealed(text: &[u8]) -> bool {
 /// The first 32 hexadecimal digits of a BLAKE3 hash, as files are known by.
 pub fn hash(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex()[..LENGTH].to_string()
+}
+
+/// [`hash`] of what a file holds, piece by piece: it may be larger than memory.
+///
+/// # Errors
+/// Where it cannot be read.
+pub fn hash_of_file(file: impl Read) -> io::Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(file)?;
+    Ok(hasher.finalize().to_hex()[..LENGTH].to_string())
 }
 
 #[cfg(test)]

@@ -55,6 +55,18 @@ impl Air {
         }
     }
 
+    /// How much warmer than the standard the day is on which the air has a total temperature (K).
+    pub(super) fn delta_t_k(altitude_m: f64, mach: f64, total_temperature: f64) -> f64 {
+        let (standard, _) = standard(altitude_m);
+        let mut delta_t_k = 0.0;
+        // The ratio of total and static temperature hardly depends on the day.
+        for _ in 0..8 {
+            let found = Self::at(altitude_m, mach, delta_t_k).total_temperature;
+            delta_t_k -= (found - total_temperature) * (standard + delta_t_k) / found;
+        }
+        delta_t_k
+    }
+
     /// The air on the way from here to `other`.
     pub(super) fn towards(&self, other: &Self, part: f64) -> Self {
         let between = |from: f64, to: f64| from + part * (to - from);

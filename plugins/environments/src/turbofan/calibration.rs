@@ -14,12 +14,13 @@
 //! a piece of a trajectory from anywhere; tracked, it is the whole trajectory of one unit after the other.
 
 use super::config::HealthParameter;
+use super::course::Course;
 use super::cycle::N;
 use super::engine::EngineName;
 use super::fleet::Fleet;
-use super::flight::FlightPoint;
 use super::model::{Distortion, FlightCondition, Model, SensorModel};
-use super::sensors::{SENSORS, check, ranges, sensor_channels};
+use super::recorded::{Recorded, Sample};
+use super::sensors::{SENSORS, Watched, sensor_channels};
 use crate::unit_box::check_seats;
 use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
@@ -67,6 +68,9 @@ pub struct CalibrationConfig {
     pub theta_range: [f64; 2],
     /// The engines and their wear.
     pub fleet: Fleet,
+    /// Recorded flights in their place. The engine then serves as a model, where no surrogate does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recorded: Option<Recorded>,
     /// What episodes are.
     pub trajectory: Trajectory,
     /// What an error costs.
@@ -91,6 +95,7 @@ impl Default for CalibrationConfig {
             sensors: SENSORS.map(String::from).to_vec(),
             theta_range: [-0.03, 0.01],
             fleet: Fleet::default(),
+            recorded: None,
             trajectory: Trajectory::Piece(512),
             cost: Cost::default(),
             model_bias: 1.0,
@@ -113,8 +118,9 @@ pub struct TurbofanCalibration {
     ranges: Vec<(f64, f64)>,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
-    /// The flight of `progress.cycle` of `progress.unit`, which follows from them.
-    flight: Vec<FlightPoint>,
+    course: Course,
+    /// The sample that is aimed at, which follows from `progress.unit` and `progress.at`.
+    sample: Sample,
     progress: Progress,
 }
 
@@ -154,19 +160,24 @@ impl TurbofanCalibration {
     /// # Errors
     /// As [`build`].
     pub fn new(config: CalibrationConfig) -> Result<Self, Error> {
-        check(&config.calibrated, config.theta_range)?;
         let of = |model: &Model| SensorModel::new(config.engine, model, &config.calibrated, &config.sensors);
+        let watched = Watched {
+            sensors: &config.sensors,
+            calibrated: &config.calibrated,
+            theta_range: config.theta_range,
+            fleet: config.fleet,
+            recorded: config.recorded.as_ref(),
+        };
+        watched.check()?;
         let (truth, model) = (of(&Model::Engine)?, of(&config.model)?);
-        let ranges = ranges(
-            config.theta_range,
-            config.calibrated.len(),
-            (&mut truth.clone(), SensorModel::read),
-        )?;
+        let course = watched.course(truth.design_ratio())?;
+        let ranges = watched.ranges(&course, (&mut truth.clone(), false))?;
         let unknowns = truth.unknowns();
         Ok(Self {
             seats: vec![seat(&config, &ranges)],
             metrics: metrics(&config.calibrated),
-            flight: Vec::new(),
+            sample: course.sample(0, 0),
+            course,
             progress: Progress {
                 unit: 0,
                 at: 0,
@@ -188,24 +199,17 @@ impl TurbofanCalibration {
         })
     }
 
-    /// The cycle and the place in it of a sample.
-    fn place(&self, at: usize) -> (usize, usize) {
-        let samples = self.config.fleet.samples();
-        (at / samples, at % samples)
-    }
-
-    fn condition(&self, at: usize) -> FlightCondition {
-        FlightCondition::of(&self.flight[self.place(at).1])
-    }
-
-    /// Reads the sensors at a sample, whose flight is loaded.
-    fn measure(&mut self, at: usize, rng: &mut Rng) -> Result<Vec<f64>, Error> {
-        let (cycle, condition) = (self.place(at).0, self.condition(at));
-        let theta = self
-            .config
-            .fleet
-            .theta(self.progress.unit, cycle, &self.config.calibrated);
-        let mut read = self.truth.read(&condition, &theta)?;
+    /// Reads the sensors at the sample that is aimed at.
+    fn measure(&mut self, rng: &mut Rng) -> Result<Vec<f64>, Error> {
+        let Sample {
+            condition,
+            theta,
+            read,
+        } = &self.sample;
+        let mut read = match read {
+            Some(read) => read.clone(),
+            None => self.truth.read(condition, theta)?,
+        };
         if let Some(snr_db) = self.config.sensor_snr_db {
             let sd = 10_f64.powf(-snr_db / 20.0);
             read.iter_mut().for_each(|value| *value *= 1.0 + sd * normal(rng));
@@ -213,22 +217,12 @@ impl TurbofanCalibration {
         Ok(read)
     }
 
-    /// Goes to a sample: its flight is loaded, its sensors are read.
+    /// Goes to a sample of the unit, whose sensors are read.
     fn aim(&mut self, at: usize, rng: &mut Rng) -> Result<(), Error> {
-        let (cycle, place) = self.place(at);
-        if place == 0 || self.flight.is_empty() {
-            self.load(cycle);
-        }
         self.progress.at = at;
-        self.progress.target = self.measure(at, rng)?;
+        self.sample = self.course.sample(self.progress.unit, at);
+        self.progress.target = self.measure(rng)?;
         Ok(())
-    }
-
-    fn load(&mut self, cycle: usize) {
-        self.flight = self
-            .config
-            .fleet
-            .flight(self.progress.unit, cycle, self.truth.design_ratio());
     }
 
     /// Begins an episode of a unit with the sample `at`.
@@ -241,7 +235,6 @@ impl TurbofanCalibration {
         self.truth.restart();
         self.model.restart();
         self.progress.unit = unit;
-        self.load(self.place(at).0);
         self.aim(at, rng)?;
         self.progress.left = left;
         // The model begins with what the sensors read.
@@ -254,8 +247,7 @@ impl TurbofanCalibration {
 
     /// What a model says of a sample with the chosen health.
     fn model_says(&mut self, theta: &[f64], rng: &mut Rng) -> Result<Vec<f64>, Error> {
-        let condition = self.condition(self.progress.at);
-        let mut said = self.model.read(&condition, theta)?;
+        let mut said = self.model.read(&self.sample.condition, theta)?;
         let distortion = Distortion {
             bias: self.config.model_bias,
             noise: self.config.model_noise,
@@ -285,7 +277,7 @@ impl TurbofanCalibration {
     }
 
     fn observe(&self) -> Vec<Vec<f64>> {
-        let condition = self.condition(self.progress.at).to_array();
+        let condition = self.sample.condition.to_array();
         vec![[&self.progress.model[..], &condition, &self.progress.target].concat()]
     }
 
@@ -366,8 +358,8 @@ impl Environment for TurbofanCalibration {
     }
 
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-        let unit = rng.random_range(0..self.config.fleet.units);
-        let length = self.config.fleet.length();
+        let unit = rng.random_range(0..self.course.n_units());
+        let length = self.course.length(unit);
         let piece = match self.config.trajectory {
             Trajectory::Units => length,
             Trajectory::Piece(piece) => piece.min(length),
@@ -381,8 +373,8 @@ impl Environment for TurbofanCalibration {
             Trajectory::Piece(_) => self.reset(rng),
             Trajectory::Units => {
                 // The remainder is below the number of units.
-                let unit = (episode % self.config.fleet.units as u64) as usize;
-                self.begin(unit, (0, self.config.fleet.length()), rng)
+                let unit = (episode % self.course.n_units() as u64) as usize;
+                self.begin(unit, (0, self.course.length(unit)), rng)
             }
         }
     }
@@ -391,11 +383,7 @@ impl Environment for TurbofanCalibration {
         let chosen = self.chosen(actions)?;
         self.progress.model = self.model_says(&chosen, rng)?;
         self.told();
-        let cycle = self.place(self.progress.at).0;
-        let theta = self
-            .config
-            .fleet
-            .theta(self.progress.unit, cycle, &self.config.calibrated);
+        let theta = self.sample.theta.clone();
         let squared: Vec<f64> = theta
             .iter()
             .zip(&chosen)
@@ -440,10 +428,7 @@ impl Environment for TurbofanCalibration {
 
     /// The true health of the sample that is aimed at.
     fn state(&self) -> Vec<f64> {
-        let cycle = self.place(self.progress.at).0;
-        self.config
-            .fleet
-            .theta(self.progress.unit, cycle, &self.config.calibrated)
+        self.sample.theta.clone()
     }
 
     fn trace_channels(&self) -> Vec<Channel> {
@@ -472,10 +457,7 @@ impl Environment for TurbofanCalibration {
     fn trace(&self) -> Vec<f64> {
         let progress = &self.progress;
         let (parameters, sensors) = (self.config.calibrated.len(), self.config.sensors.len());
-        let mut row = vec![
-            (self.config.fleet.first_unit + progress.unit) as f64,
-            progress.said_of as f64,
-        ];
+        let mut row = vec![self.course.number(progress.unit) as f64, progress.said_of as f64];
         let or_blank = |values: &[f64], n: usize| {
             if values.is_empty() {
                 vec![f64::NAN; n]
@@ -507,7 +489,7 @@ impl Environment for TurbofanCalibration {
         })?;
         self.truth.set_unknowns(self.progress.unknowns[0]);
         self.model.set_unknowns(self.progress.unknowns[1]);
-        self.load(self.place(self.progress.at).0);
+        self.sample = self.course.sample(self.progress.unit, self.progress.at);
         Ok(())
     }
 }

@@ -2,20 +2,22 @@
 //! 2.4, its surrogate of three hidden layers).
 //!
 //! An episode is one decision. A sample of a flight of the fleet and health parameters are drawn, evenly in their
-//! range, whatever the fleet's own health; both are observed. The action is to say what the sensors read, in SI
-//! units; the environment's full state is what they do read. The reward is minus the mean squared error of the
-//! outputs, scaled by their ranges over the fleet.
+//! range, whatever the fleet's own health; both are observed. Of recorded flights a sample is drawn with the health
+//! that was recorded with it. The action is to say what the sensors read, in SI units; the environment's full state
+//! is what they do read. The reward is minus the mean squared error of the outputs, scaled by their ranges.
 //!
 //! With `corrected`, temperatures, pressures, speeds and flows are those of the same operating point in the air of a
 //! standard day at sea level, which leaves a network less to learn; the thesis' network is given the last outputs
 //! instead, which say the same of the air.
 
 use super::config::HealthParameter;
+use super::course::Course;
 use super::cycle::N;
 use super::engine::EngineName;
 use super::fleet::Fleet;
 use super::model::{FlightCondition, Model, SensorModel};
-use super::sensors::{Correction, Read, SENSORS, check, ranges, sensor_channels};
+use super::recorded::Recorded;
+use super::sensors::{Correction, SENSORS, Watched, sensor_channels};
 use crate::unit_box::check_seats;
 use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
@@ -39,6 +41,9 @@ pub struct SamplesConfig {
     pub theta_range: [f64; 2],
     /// Whose flights are drawn from.
     pub fleet: Fleet,
+    /// Recorded flights in their place, with the health that was recorded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recorded: Option<Recorded>,
     /// Whether inputs and outputs are those of a standard day at sea level.
     pub corrected: bool,
 }
@@ -51,6 +56,7 @@ impl Default for SamplesConfig {
             sensors: SENSORS.map(String::from).to_vec(),
             theta_range: [-0.03, 0.01],
             fleet: Fleet::default(),
+            recorded: None,
             corrected: true,
         }
     }
@@ -63,8 +69,7 @@ impl engine::Config for SamplesConfig {}
 pub struct TurbofanSamples {
     config: SamplesConfig,
     engine: SensorModel,
-    /// How it is read.
-    read: Read,
+    course: Course,
     /// The sensors with middle and half width over the fleet.
     channels: Vec<Channel>,
     seats: Vec<Seat>,
@@ -99,16 +104,25 @@ impl TurbofanSamples {
             calibrated,
             sensors,
             theta_range,
+            corrected,
             ..
         } = &config;
-        check(calibrated, *theta_range)?;
-        let mut engine = SensorModel::new(config.engine, &Model::Engine, calibrated, sensors)?;
-        let (read, condition): (Read, _) = if config.corrected {
-            (SensorModel::read_corrected, FlightCondition::corrected_channels())
-        } else {
-            (SensorModel::read, FlightCondition::channels())
+        let watched = Watched {
+            sensors,
+            calibrated,
+            theta_range: *theta_range,
+            fleet: config.fleet,
+            recorded: config.recorded.as_ref(),
         };
-        let ranges = ranges(*theta_range, calibrated.len(), (&mut engine, read))?;
+        watched.check()?;
+        let mut engine = SensorModel::new(config.engine, &Model::Engine, calibrated, sensors)?;
+        let condition = if *corrected {
+            FlightCondition::corrected_channels()
+        } else {
+            FlightCondition::channels()
+        };
+        let course = watched.course(engine.design_ratio())?;
+        let ranges = watched.ranges(&course, (&mut engine, *corrected))?;
         engine.restart();
         let channels = sensor_channels("", sensors, &ranges);
         let [low, high] = *theta_range;
@@ -133,9 +147,25 @@ impl TurbofanSamples {
             metrics: metrics(),
             channels,
             engine,
-            read,
+            course,
             config,
         })
+    }
+
+    /// A flight condition, health and what the sensors read there.
+    fn drawn(&mut self, rng: &mut Rng) -> Result<(FlightCondition, Vec<f64>, Vec<f64>), Error> {
+        let unit = rng.random_range(0..self.course.n_units());
+        let at = rng.random_range(0..self.course.length(unit));
+        let sample = self.course.sample(unit, at);
+        if let Some(read) = sample.read {
+            return Ok((sample.condition, sample.theta, read));
+        }
+        let [low, high] = self.config.theta_range;
+        let theta: Vec<f64> = (0..self.config.calibrated.len())
+            .map(|_| low + (high - low) * rng.random::<f64>())
+            .collect();
+        let read = self.engine.read(&sample.condition, &theta)?;
+        Ok((sample.condition, theta, read))
     }
 
     /// Errors of what is said, in parts of the half widths.
@@ -179,18 +209,11 @@ impl Environment for TurbofanSamples {
     }
 
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-        let fleet = &self.config.fleet;
-        let unit = rng.random_range(0..fleet.units);
-        let at = rng.random_range(0..fleet.length());
-        let place = (at / fleet.samples(), at % fleet.samples());
-        let condition = FlightCondition::of(&fleet.point(unit, place, self.engine.design_ratio()));
-        let [low, high] = self.config.theta_range;
-        let theta: Vec<f64> = (0..self.config.calibrated.len())
-            .map(|_| low + (high - low) * rng.random::<f64>())
-            .collect();
-        let read = (self.read)(&mut self.engine, &condition, &theta)?;
+        let (condition, theta, mut read) = self.drawn(rng)?;
         let seen = if self.config.corrected {
-            Correction::of(&condition).corrected(&condition)
+            let correction = Correction::of(&condition);
+            correction.correct(&self.config.sensors, &mut read);
+            correction.corrected(&condition)
         } else {
             condition
         };
@@ -306,17 +329,21 @@ mod tests {
     fn corrected_outputs_hardly_depend_on_the_air() {
         // The same corrected temperature and Mach number in thin cold air and on a warm day.
         let mut engine = TurbofanSamples::new(SamplesConfig::default()).unwrap().engine;
-        let mut at = |altitude_m: f64, delta_t_k: f64, read: Read| {
+        let mut at = |altitude_m: f64, delta_t_k: f64, is_corrected: bool| {
             let mut condition = FlightCondition::from_array([altitude_m, 0.6, delta_t_k, 1.0]);
             let corrected = Correction::of(&condition).corrected(&condition);
             condition.turbine_inlet_temperature_k = 1600.0 / corrected.turbine_inlet_temperature_k;
-            read(&mut engine, &condition, &[0.0]).unwrap()
+            if is_corrected {
+                engine.read_corrected(&condition, &[0.0]).unwrap()
+            } else {
+                engine.read(&condition, &[0.0]).unwrap()
+            }
         };
-        let mut apart = |read: Read| -> Vec<f64> {
-            let (high, low) = (at(9000.0, -10.0, read), at(4000.0, 10.0, read));
+        let mut apart = |is_corrected: bool| -> Vec<f64> {
+            let (high, low) = (at(9000.0, -10.0, is_corrected), at(4000.0, 10.0, is_corrected));
             high.iter().zip(&low).map(|(x, y)| (x / y).ln().abs()).collect()
         };
-        let (plain, corrected) = (apart(SensorModel::read), apart(SensorModel::read_corrected));
+        let (plain, corrected) = (apart(false), apart(true));
         for (sensor, (corrected, plain)) in SENSORS.iter().zip(corrected.iter().zip(&plain)) {
             // What is left is that hot gas takes up more heat, and power that is taken off.
             assert!(corrected < &(0.3 * plain), "{sensor}: {corrected} {plain}");

@@ -3,8 +3,10 @@
 use super::OUTPUTS;
 use super::atmosphere::SEA_LEVEL;
 use super::config::{HealthParameter, LARGEST_WEAR, check_calibrated};
+use super::course::{Course, MadeUp};
 use super::fleet::Fleet;
 use super::model::{FlightCondition, SensorModel};
+use super::recorded::{Asked, Recorded, Recording};
 use engine::{Channel, Error};
 
 /// What is measured by default: the sensors of N-CMAPSS that say something of health.
@@ -25,39 +27,103 @@ pub(super) const SENSORS: [&str; 14] = [
     "p50_pa",
 ];
 
-/// What is read of an engine: [`SensorModel::read`] or [`SensorModel::read_corrected`].
-pub(super) type Read = fn(&mut SensorModel, &FlightCondition, &[f64]) -> Result<Vec<f64>, Error>;
+/// What is watched of which engines: the part of a config that the environments share.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Watched<'a> {
+    pub sensors: &'a [String],
+    pub calibrated: &'a [HealthParameter],
+    pub theta_range: [f64; 2],
+    pub fleet: Fleet,
+    pub recorded: Option<&'a Recorded>,
+}
 
-/// Middle and half width of each sensor over some points of some flights of the default fleet, with the smallest and
-/// the largest health that flights are seen with: what is trained with one fleet is measured with another.
-/// Environments are built often: few points must do.
-///
-/// # Errors
-/// [`Error::Model`] where the engine finds no operating point.
-pub(super) fn ranges(
-    [low, high]: [f64; 2],
-    n_parameters: usize,
-    (engine, read): (&mut SensorModel, Read),
-) -> Result<Vec<(f64, f64)>, Error> {
-    let mut reads = Vec::new();
-    for unit in 0..3 {
-        let flight = Fleet::default().flight(unit, 0, engine.design_ratio());
-        for point in (0..4).map(|corner| &flight[corner * (flight.len() - 1) / 3]) {
-            for theta in [low.max(-0.02), high.min(0.01)] {
-                let theta = vec![theta; n_parameters];
-                reads.push(read(engine, &FlightCondition::of(point), &theta)?);
+impl Watched<'_> {
+    /// Refuses parameters that are named twice, a range of theta outside of what engines are made for, and a fleet
+    /// beside recorded flights.
+    ///
+    /// # Errors
+    /// [`Error::Config`] with the key.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        check_calibrated(self.calibrated)?;
+        let [low, high] = self.theta_range;
+        if !(-LARGEST_WEAR..LARGEST_WEAR).contains(&low) || low >= high || high > LARGEST_WEAR {
+            let problem = format!("[{low}, {high}] is no range inside [-{LARGEST_WEAR}, {LARGEST_WEAR}]");
+            return Err(Error::config("theta_range", problem));
+        }
+        if self.recorded.is_some() && self.fleet != Fleet::default() {
+            let problem = "flights are recorded, so that there is no fleet: leave one of the two out";
+            return Err(Error::config("fleet", problem));
+        }
+        Ok(())
+    }
+
+    /// The flights and their health.
+    ///
+    /// # Errors
+    /// As [`Recording::of`].
+    pub(super) fn course(&self, design_ratio: f64) -> Result<Course, Error> {
+        let Self {
+            sensors,
+            calibrated,
+            theta_range,
+            ..
+        } = *self;
+        let Some(recorded) = self.recorded else {
+            return Ok(Course::MadeUp(MadeUp {
+                fleet: self.fleet,
+                calibrated: calibrated.to_vec(),
+                design_ratio,
+            }));
+        };
+        let asked = Asked {
+            sensors,
+            calibrated,
+            theta_range,
+        };
+        Recording::of(recorded, &asked).map(Course::Recorded)
+    }
+
+    /// Middle and half width of each sensor, as it is read or corrected: those of the whole recording, or over some points of
+    /// some flights of the default fleet, with the smallest and the largest health that flights are seen with: what
+    /// is trained with one fleet is measured with another. Environments are built often: few points must do.
+    ///
+    /// # Errors
+    /// [`Error::Model`] where the engine finds no operating point.
+    pub(super) fn ranges(
+        &self,
+        course: &Course,
+        (engine, is_corrected): (&mut SensorModel, bool),
+    ) -> Result<Vec<(f64, f64)>, Error> {
+        if let Course::Recorded(recording) = course {
+            return Ok(recording.ranges(is_corrected));
+        }
+        let read = if is_corrected {
+            SensorModel::read_corrected
+        } else {
+            SensorModel::read
+        };
+        let [low, high] = self.theta_range;
+        let mut reads = Vec::new();
+        for unit in 0..3 {
+            let flight = Fleet::default().flight(unit, 0, engine.design_ratio());
+            for point in (0..4).map(|corner| &flight[corner * (flight.len() - 1) / 3]) {
+                for theta in [low.max(-0.02), high.min(0.01)] {
+                    let theta = vec![theta; self.calibrated.len()];
+                    reads.push(read(engine, &FlightCondition::of(point), &theta)?);
+                }
             }
         }
+        let of_sensor = |sensor: usize| range(reads.iter().map(|read| read[sensor]));
+        Ok((0..reads[0].len()).map(of_sensor).collect())
     }
-    let range = |sensor: usize| {
-        let values = || reads.iter().map(|read| read[sensor]);
-        let (low, high) = (
-            values().fold(f64::INFINITY, f64::min),
-            values().fold(f64::NEG_INFINITY, f64::max),
-        );
-        ((low + high) / 2.0, ((high - low) / 2.0).max(1e-9 * high.abs()))
-    };
-    Ok((0..reads[0].len()).map(range).collect())
+}
+
+/// Middle and half width of some values, which is never 0.
+pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+        (low.min(value), high.max(value))
+    });
+    ((low + high) / 2.0, ((high - low) / 2.0).max(1e-9 * high.abs()))
 }
 
 /// What outputs are multiplied by where an engine of the same corrected speeds and temperatures breathes other air: a
@@ -92,6 +158,13 @@ impl Correction {
         }
     }
 
+    /// Corrects what sensors read.
+    pub(super) fn correct(&self, sensors: &[String], read: &mut [f64]) {
+        for (value, sensor) in read.iter_mut().zip(sensors) {
+            *value /= self.factor(sensor);
+        }
+    }
+
     /// The flight condition with the turbine inlet temperature of a standard day at sea level.
     pub(super) fn corrected(&self, condition: &FlightCondition) -> FlightCondition {
         FlightCondition {
@@ -112,14 +185,4 @@ pub(super) fn sensor_channels(prefix: &str, sensors: &[String], ranges: &[(f64, 
         Channel::new(format!("{prefix}{name}"), unit(name)).typical(*middle, *half)
     };
     sensors.iter().zip(ranges).map(channel).collect()
-}
-
-/// Refuses parameters that are named twice and a range of theta outside of what engines are made for.
-pub(super) fn check(calibrated: &[HealthParameter], [low, high]: [f64; 2]) -> Result<(), Error> {
-    check_calibrated(calibrated)?;
-    if !(-LARGEST_WEAR..LARGEST_WEAR).contains(&low) || low >= high || high > LARGEST_WEAR {
-        let problem = format!("[{low}, {high}] is no range inside [-{LARGEST_WEAR}, {LARGEST_WEAR}]");
-        return Err(Error::config("theta_range", problem));
-    }
-    Ok(())
 }
