@@ -209,6 +209,51 @@ fn the_geared_engine_is_near_that_of_nasa() {
     }
 }
 
+/// C-MAPSS at sea level with full throttle (the first healthy row of its data set FD001) is an engine of the same kind,
+/// of a higher pressure and bypass ratio. With its fuel-air ratio ours differs as shown: nothing is fitted to it.
+#[test]
+#[expect(clippy::print_stdout, reason = "what differs is shown, not hidden")]
+fn how_far_the_first_engine_is_from_c_mapss() {
+    let engine = Turbofan::new(TurbofanConfig::default()).unwrap();
+    let at = |held: f64| {
+        let operation = Operation {
+            air: Air::at(0.0, 0.0, 0.0),
+            health: Health::default(),
+            held: Held::TurbineInletTemperature(held),
+            speeds: None,
+        };
+        let (point, unknowns) = solved(&engine.engine, &operation);
+        let outputs = outputs(&engine.engine, &point, &unknowns);
+        move |name: &str| outputs[OUTPUTS.iter().position(|(output, _)| *output == name).unwrap()]
+    };
+    let (mut cold, mut hot) = (1300.0, 1900.0);
+    while hot - cold > 1e-6 {
+        let middle = f64::midpoint(cold, hot);
+        if at(middle)("fuel_air_ratio") < 0.03 {
+            cold = middle;
+        } else {
+            hot = middle;
+        }
+    }
+    let found = at(hot);
+    let parts = [
+        ("t24_k", found("t24_k"), 642.0 / 1.8, 0.2),
+        ("t30_k", found("t30_k"), 1589.7 / 1.8, 0.1),
+        ("p15 / p2", found("p15_pa") / found("p2_pa"), 21.61 / 14.62, 0.25),
+        ("p30 / p2", found("p30_pa") / found("p2_pa"), 554.36 / 14.62, 0.25),
+        ("bypass ratio", found("bypass_ratio"), 8.4195, 0.45),
+        ("t50_k", found("t50_k"), 1400.6 / 1.8, 0.25),
+    ];
+    for (name, found, published, most) in parts {
+        let deviation = found / published - 1.0;
+        println!(
+            "{name}: {found:.4} against {published:.4}, {:+.1} %",
+            100.0 * deviation
+        );
+        assert!(deviation.abs() < most, "{name}: {:.1} %", 100.0 * deviation);
+    }
+}
+
 /// An operation drawn from the envelope and the box of health. The throttle is a part of the design point's ratio
 /// of turbine inlet and ambient temperature, as long as that is not hotter than the turbine may be.
 fn drawn(engine: &Engine, worst: f64, rng: &mut Rng) -> Operation {
