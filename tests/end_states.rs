@@ -70,6 +70,30 @@ fn a_panic_ends_as_panicked() {
 }
 
 #[test]
+fn an_engine_without_an_operating_point_ends_as_failed_and_leaves_the_others_alone() {
+    let bench = Bench::new();
+    let header = "altitude_m,mach,delta_t_k,thrust_n\n10000,0.8,0,20000\n";
+    bench.write("calm.csv", header);
+    bench.write("hopeless.csv", &format!("{header}10000,0.8,0,200000\n"));
+    bench.write(
+        "study.yaml",
+        "study: engines\nenvironments:\n\
+         \x20 calm: { turbofan: { calibrated: [hpt_efficiency], flight: { file: calm.csv } } }\n\
+         \x20 hopeless: { turbofan: { calibrated: [hpt_efficiency], flight: { file: hopeless.csv } } }\n\
+         agents: { healthy: { zero_action: {} } }\n\
+         protocol: { track: { episodes: 1, trace_episodes: 0 } }\n",
+    );
+    let answer = bench.run(&["run", "study.yaml", "-j", "1"]);
+    assert_eq!(answer.code, 100, "{}", answer.err);
+    assert!(answer.err.contains("ok       calm healthy"), "{}", answer.err);
+    assert!(answer.err.contains("failed   hopeless healthy"), "{}", answer.err);
+    let status = bench.run(&["status", "study.yaml"]).out;
+    let named = "turbofan: point 2 (altitude 10000 m, mach 0.8, 0 K from a standard day, thrust_n 200000): the \
+                 engine finds no operating point; its parts disagree by";
+    assert!(status.contains(named), "{status}");
+}
+
+#[test]
 fn an_abort_ends_as_panicked() {
     ends_as("{ how: abort }", &[], "panicked", "aborted");
 }
