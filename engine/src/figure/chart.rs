@@ -74,6 +74,8 @@ pub enum Hue {
     Ramp(usize, usize),
     /// Dark grey, for thresholds.
     Grey,
+    /// Pale grey and wide, for what lines are held against: it shows behind a line that covers it.
+    Behind,
 }
 
 impl Default for Hue {

@@ -49,7 +49,7 @@ fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<M
         Shape::Line(points) => marks.extend(dashed(
             &places(points, frame),
             series.style.dashes(),
-            LINE_WIDTH,
+            series.style.width(),
             color,
         )),
         Shape::Curve(curve) => marks.extend(line(curve, series.style, &places(&curve.points, frame))),
@@ -91,7 +91,7 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
     let ends = [(x, y), (x + length, y)];
     let middle = (x + length / 2.0, y);
     match &series.shape {
-        Shape::Line(_) => marks.extend(dashed(&ends, series.style.dashes(), LINE_WIDTH, color)),
+        Shape::Line(_) => marks.extend(dashed(&ends, series.style.dashes(), series.style.width(), color)),
         Shape::Curve(curve) => {
             if curve.points.iter().any(|point| point.interval.is_some()) {
                 marks.push(Mark::Fill {

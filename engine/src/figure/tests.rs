@@ -353,6 +353,25 @@ fn references_lie_behind_and_episodes_follow_each_other() {
 }
 
 #[test]
+fn several_references_share_a_name_and_steps_are_cut_out() {
+    let kind = Trajectory {
+        channels: names(&["load", "voltage_3"]),
+        references: names(&["voltage_1", "voltage_2"]),
+        agents: names(&["equal"]),
+        steps: Some([1, 2]),
+        ..Trajectory::default()
+    };
+    let chart = chart(&FigureSpec::of(kind), &study());
+    for panel in &chart.panels {
+        assert_eq!(panel.series[0].label, "voltage");
+        let Shape::Line(points) = &panel.series[1].shape else {
+            panic!("{:?}", panel.series[1].shape);
+        };
+        assert_eq!(points.iter().map(|point| point.x).collect::<Vec<_>>(), [1.0, 2.0]);
+    }
+}
+
+#[test]
 fn a_contour_has_the_measurements_in_their_order_and_the_highest_point() {
     let (spec, results) = contour(5);
     let chart = chart(&spec, &results);

@@ -22,7 +22,7 @@ pub struct Trajectory {
     /// Trace channels to draw; a word without a number (`voltage`) stands for all channels `voltage_1`,
     /// `voltage_2`, ... One row of panels each.
     pub channels: Vec<String>,
-    /// Trace channels that are drawn behind `channels`, in grey: the first behind the first, and so on.
+    /// Trace channels that are drawn behind `channels`, wide and grey: the first behind the first, and so on.
     pub references: Vec<String>,
     /// Which agents, one column of panels each.
     pub agents: Vec<String>,
@@ -35,6 +35,8 @@ pub struct Trajectory {
     /// How many episodes from there are drawn one after the other; one where absent.
     #[schemars(range(min = 1, max = 1000))]
     pub episodes: Option<u64>,
+    /// The first and the last step that are drawn, counted over all drawn episodes; all where absent.
+    pub steps: Option<[u64; 2]>,
     /// A horizontal line at this value in the first row of panels.
     pub threshold: Option<f64>,
 }
@@ -50,6 +52,10 @@ impl Figure for Trajectory {
         names.channels(at, "channels", 1, usize::MAX, &picked);
         names.channels(at, "references", 0, self.channels.len(), &picked);
         names.seed(self.seed, at);
+        if let Some([first, last]) = self.steps.filter(|[first, last]| first > last) {
+            let message = format!("step {first} comes after step {last}");
+            names.say(at.value("steps"), message, "write the smaller one first");
+        }
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
@@ -176,18 +182,32 @@ fn panel(
     }
 }
 
-/// A reference channel as grey lines.
+/// A reference channel as grey lines. All of them look alike, so that the legend has the words that they share.
 fn behind(kind: &Trajectory, spec: &FigureSpec, channel: &str, trial: &TrialResult) -> Vec<Series> {
+    let shared = shared_words(&kind.references);
     let series = |(name, points): (String, Vec<Point>)| Series {
-        label: label(spec, &name).replace('_', " "),
+        label: shared
+            .clone()
+            .unwrap_or_else(|| label(spec, &name))
+            .replace('_', " "),
         seeds: None,
         style: Style {
-            hue: Hue::Grey,
+            hue: Hue::Behind,
             variant: 0,
         },
         shape: Shape::Line(points),
     };
     lines(kind, trial, channel).into_iter().map(series).collect()
+}
+
+/// What several names begin with, in whole words; `None` for one name, and where they share no word.
+fn shared_words(names: &[String]) -> Option<String> {
+    let (first, others) = names.split_first()?;
+    let words: Vec<&str> = first.split('_').collect();
+    let begins = |name: &String, n: usize| name.split('_').take(n).eq(words[..n].iter().copied());
+    let shares = |n: &usize| others.iter().all(|name| begins(name, *n));
+    let n = (1..=words.len()).take_while(shares).last()?;
+    (!others.is_empty()).then(|| words[..n].join("_"))
 }
 
 /// The lines of a channel: the channel itself, or all `channel_1`, `channel_2`, ..., in numerical order, for
@@ -222,8 +242,12 @@ fn seats(kind: &Trajectory, trial: &TrialResult, name: &str) -> Vec<(String, Vec
         let length = lengths.entry(row.episode).or_default();
         *length = (*length).max(row.step);
     }
+    let [first_step, last_step] = kind.steps.unwrap_or([0, u64::MAX]);
     for row in drawn() {
         let before: u64 = lengths.range(..row.episode).map(|(_, length)| length).sum();
+        if !(first_step..=last_step).contains(&(before + row.step)) {
+            continue;
+        }
         #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
         seats.entry(row.seat).or_default().push(Point {
             x: (before + row.step) as f64,
