@@ -21,8 +21,6 @@
 
 mod atmosphere;
 pub mod calibration;
-#[cfg(test)]
-mod calibration_tests;
 mod component;
 mod config;
 mod course;

@@ -13,99 +13,24 @@
 //! The model forgets: a steady engine has no state, so that x̂_{t+1} does not depend on x̂_t. In training an episode is
 //! a piece of a trajectory from anywhere; tracked, it is the whole trajectory of one unit after the other.
 
+mod config;
+#[cfg(test)]
+mod tests;
+
+pub use config::{CalibrationConfig, Cost, Trajectory};
+
 use super::config::HealthParameter;
 use super::course::Course;
 use super::cycle::N;
-use super::engine::EngineName;
-use super::fleet::Fleet;
-use super::model::{Distortion, FlightCondition, Model, SensorModel};
-use super::recorded::{Recorded, Sample};
-use super::sensors::{SENSORS, Watched, sensor_channels};
+use super::model::{Distortion, Model, SensorModel};
+use super::recorded::Sample;
+use super::sensors::Watched;
 use crate::unit_box::check_seats;
-use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
+use config::{metrics, seat};
+use engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Step};
 use rand::Rng as _;
 use rand_distr::{Distribution, StandardNormal};
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-/// What an error of the outputs costs; e is the Euclidean norm of the scaled errors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Cost {
-    /// The mean of their squares, as the thesis says.
-    MeanSquared,
-    /// e, and ten times as much above 0.01, as the released code has it.
-    #[default]
-    Kinked,
-}
-
-/// Which part of a trajectory an episode is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Trajectory {
-    /// A piece of this many samples of any unit, from anywhere.
-    Piece(#[schemars(range(min = 1, max = 100_000))] usize),
-    /// All of a unit; those of a measurement are the units in their order.
-    Units,
-}
-
-/// Settings of the `turbofan_calibration` environment.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct CalibrationConfig {
-    /// The engine.
-    pub engine: EngineName,
-    /// What stands for it where actions are tried.
-    pub model: Model,
-    /// The health parameters that actions set and that wear.
-    #[schemars(length(min = 1, max = 10))]
-    pub calibrated: Vec<HealthParameter>,
-    /// The sensors, by names of the outputs of `turbofan`.
-    #[schemars(length(min = 1, max = 25))]
-    pub sensors: Vec<String>,
-    /// Smallest and largest health parameter of an action.
-    #[schemars(inner(range(min = -0.1, max = 0.1)))]
-    pub theta_range: [f64; 2],
-    /// The engines and their wear.
-    pub fleet: Fleet,
-    /// Recorded flights in their place. The engine then serves as a model, where no surrogate does.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub recorded: Option<Recorded>,
-    /// What episodes are.
-    pub trajectory: Trajectory,
-    /// What an error costs.
-    pub cost: Cost,
-    /// The model's outputs are multiplied by this, as for a model that is wrong.
-    #[schemars(range(min = 0.5, max = 2.0), extend("x-source" = "thesis, table 2.4: 1.02"))]
-    pub model_bias: f64,
-    /// Standard deviation of the noise by which each of the model's outputs is multiplied.
-    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "thesis, table 2.4: 0.1"))]
-    pub model_noise: f64,
-    /// Ratio of signal and noise of the sensors, null for none: noise of -20 log10 (sd / value) dB.
-    #[schemars(range(min = 0.0, max = 200.0), extend("x-unit" = "dB", "x-source" = "thesis, table 2.5: 70"))]
-    pub sensor_snr_db: Option<f64>,
-}
-
-impl Default for CalibrationConfig {
-    fn default() -> Self {
-        Self {
-            engine: EngineName::Hbtf,
-            model: Model::Engine,
-            calibrated: vec![HealthParameter::HptEfficiency],
-            sensors: SENSORS.map(String::from).to_vec(),
-            theta_range: [-0.03, 0.01],
-            fleet: Fleet::default(),
-            recorded: None,
-            trajectory: Trajectory::Piece(512),
-            cost: Cost::default(),
-            model_bias: 1.0,
-            model_noise: 0.0,
-            sensor_snr_db: None,
-        }
-    }
-}
-
-impl engine::Config for CalibrationConfig {}
 
 /// The `turbofan_calibration` environment.
 #[derive(Debug)]
@@ -309,43 +234,6 @@ impl TurbofanCalibration {
 
 fn normal(rng: &mut Rng) -> f64 {
     StandardNormal.sample(rng)
-}
-
-fn seat(config: &CalibrationConfig, ranges: &[(f64, f64)]) -> Seat {
-    let sensors = |prefix| sensor_channels(prefix, &config.sensors, ranges);
-    let action = |parameter: &HealthParameter| Channel::new(parameter.name(), "").within(-1.0, 1.0);
-    let observed = [sensors("model_"), FlightCondition::channels(), sensors("target_")].concat();
-    Seat {
-        name: String::new(),
-        observation: Space::Box(observed),
-        action: Space::Box(config.calibrated.iter().map(action).collect()),
-    }
-}
-
-fn metrics(calibrated: &[HealthParameter]) -> Vec<Metric> {
-    let last = |name: &str, about: &str| {
-        Metric::new(name, "", about)
-            .lower_is_better()
-            .per_episode(PerEpisode::Last)
-    };
-    let mut metrics = vec![
-        last(
-            "theta_rmse",
-            "root of the mean squared error of the health parameters",
-        ),
-        last(
-            "output_rmse",
-            "root of the mean squared error of the outputs, scaled to [-1, 1]",
-        ),
-    ];
-    let of_one = |parameter: &HealthParameter| {
-        let name = format!("{}_squared_error", parameter.name());
-        Metric::new(&name, "", "squared error of this parameter")
-            .lower_is_better()
-            .per_episode(PerEpisode::Mean)
-    };
-    metrics.extend(calibrated.iter().map(of_one));
-    metrics
 }
 
 impl Environment for TurbofanCalibration {

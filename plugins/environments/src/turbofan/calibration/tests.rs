@@ -1,7 +1,7 @@
 //! The tracking problem: what is right costs nothing, what is wrong is told apart from noise.
 
-use super::calibration::{CalibrationConfig, Cost, TurbofanCalibration};
-use super::*;
+use super::{CalibrationConfig, Cost, TurbofanCalibration};
+use crate::turbofan::*;
 use ::engine::random::stream;
 
 fn environment(config: serde_json::Value) -> TurbofanCalibration {
