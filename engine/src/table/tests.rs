@@ -1,8 +1,8 @@
 //! Tables of synthetic results, as every renderer writes them.
 
 use super::{
-    AtStep, Axis, Comparison, Form, Improvement, Intervals, Margin, Published, PublishedCell, PublishedValue,
-    Statistic, TableSpec, Taken, build, csv, html, latex, markdown, terminal,
+    AtStep, Axis, Comparison, Form, Improvement, Intervals, Margin, NumberFormat, Published, PublishedCell,
+    PublishedValue, Statistic, TableSpec, Taken, build, csv, html, latex, markdown, terminal,
 };
 use crate::{
     Phase,
@@ -116,7 +116,7 @@ fn last_two_until(steps: &[u64]) -> Taken {
 fn the_last_measurements_during_learning() {
     let comparison = Comparison {
         taken: Taken::Last(2),
-        decimals: Some(2),
+        format: Some(NumberFormat::Fixed(2)),
         ..Comparison::default()
     };
     let grid = build(&TableSpec::of(comparison), &learning()).unwrap();
@@ -136,13 +136,30 @@ fn the_last_measurements_during_learning() {
 }
 
 #[test]
+fn values_of_many_sizes_have_powers_of_ten() {
+    let comparison: Comparison =
+        serde_json::from_value(serde_json::json!({ "significant_digits": 3, "last": 2 })).unwrap();
+    let table = build(&TableSpec::of(comparison.clone()), &learning()).unwrap();
+    assert!(
+        markdown(&table).contains("| 7.50e0 [1.15e0, 1.39e1] |"),
+        "{}",
+        markdown(&table)
+    );
+    let written = serde_json::to_value(comparison).unwrap();
+    assert_eq!(
+        (&written["significant_digits"], &written["decimals"]),
+        (&3.into(), &serde_json::Value::Null)
+    );
+}
+
+#[test]
 fn results_against_the_budget() {
     let comparison = Comparison {
         taken: Taken::AtSteps {
             steps: vec![15, 30, 31],
             of: AtStep::Average(0.5),
         },
-        decimals: Some(1),
+        format: Some(NumberFormat::Fixed(1)),
         ..Comparison::default()
     };
     let published = BTreeMap::from([(

@@ -380,8 +380,8 @@ pub(super) fn counterpart<'a>(
 }
 
 fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFormat {
-    match (comparison.decimals, form) {
-        (Some(decimals), _) => NumberFormat::Fixed(decimals),
+    match (comparison.format, form) {
+        (Some(format), _) => format,
         (None, Form::PercentChange) => NumberFormat::Fixed(1),
         _ => NumberFormat::fitting(cells.iter().flatten().filter_map(|cell| cell.estimate)),
     }

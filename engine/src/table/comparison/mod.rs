@@ -8,7 +8,7 @@ mod written;
 pub use build::compare;
 pub(super) use build::summarise;
 
-use super::{Grid, Table};
+use super::{Grid, NumberFormat, Table};
 use crate::{
     Error,
     kinds::Contradiction,
@@ -48,8 +48,8 @@ pub struct Comparison {
     pub agents: Vec<String>,
     /// Which environments, in this order; all where empty.
     pub environments: Vec<String>,
-    /// Digits after the decimal point.
-    pub decimals: Option<usize>,
+    /// How numbers are written; as they need where absent.
+    pub format: Option<NumberFormat>,
     /// Names to print instead of the study's own.
     pub labels: BTreeMap<String, String>,
 }
@@ -104,7 +104,7 @@ impl Default for Comparison {
             form: None,
             agents: Vec::new(),
             environments: Vec::new(),
-            decimals: None,
+            format: None,
             labels: BTreeMap::new(),
         }
     }

@@ -1,7 +1,7 @@
 //! A comparison as studies write it: one flat mapping, in which some options exclude each other.
 
 use super::{AtStep, Axis, Comparison, Form, Statistic, Taken};
-use crate::kinds::Contradiction;
+use crate::{kinds::Contradiction, table::NumberFormat};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -57,6 +57,9 @@ pub(super) struct Written {
     /// Digits after the decimal point.
     #[schemars(range(max = 9))]
     decimals: Option<usize>,
+    /// Digits of every number, which has a power of ten: for values of many sizes.
+    #[schemars(range(min = 1, max = 10))]
+    significant_digits: Option<usize>,
     /// Names to print instead of the study's own.
     labels: BTreeMap<String, String>,
 }
@@ -92,6 +95,11 @@ impl Written {
             .map(|(kind, _)| kind)
             .collect();
         match given.as_slice() {
+            _ if self.decimals.is_some() && self.significant_digits.is_some() => found(
+                "significant_digits",
+                "`significant_digits` and `decimals` are two ways to write a number".into(),
+                "remove one of the two",
+            ),
             [first, .., last] => found(
                 last,
                 format!("`{last}` and `{first}` are two different values"),
@@ -190,7 +198,10 @@ impl TryFrom<Written> for Comparison {
             form: written.form,
             agents: written.agents,
             environments: written.environments,
-            decimals: written.decimals,
+            format: match (written.decimals, written.significant_digits) {
+                (Some(decimals), _) => Some(NumberFormat::Fixed(decimals)),
+                (None, digits) => digits.map(|digits| NumberFormat::Scientific(digits.saturating_sub(1))),
+            },
             labels: written.labels,
         })
     }
@@ -214,7 +225,14 @@ impl From<Comparison> for Written {
             form: comparison.form,
             agents: comparison.agents,
             environments: comparison.environments,
-            decimals: comparison.decimals,
+            decimals: match comparison.format {
+                Some(NumberFormat::Fixed(decimals)) => Some(decimals),
+                _ => None,
+            },
+            significant_digits: match comparison.format {
+                Some(NumberFormat::Scientific(decimals)) => Some(decimals + 1),
+                _ => None,
+            },
             labels: comparison.labels,
         };
         plain.taking(comparison.taken)
