@@ -240,66 +240,91 @@ impl Builder<'_> {
         if !self.sources_are_there(cell)? {
             return Ok(());
         }
-        let [environment, agent, protocol] = &cell.parts;
         self.environment(cell)?;
         self.protocol(cell)?;
         let first = cell.pair().is_none_or(|pair| !world.recorded.contains_key(&pair));
+        let Some(interface) = self.accepted_interface(cell)? else {
+            return Ok(());
+        };
+        self.extra += usize::from(!first);
+        self.build_once(cell, &interface, first, world)?;
+        if let (Some(pair), Some(entry)) = (cell.pair(), self.entry(cell)) {
+            let updates = entry.learns.then(|| [updates_metric(), time_per_update_metric()]);
+            let of_agent = entry.metrics.iter().cloned();
+            let of_agent: Vec<Metric> = of_agent.chain(updates.into_iter().flatten()).collect();
+            self.note(cell, pair, &of_agent, world);
+        }
+        self.warn_of_short_training(cell, world);
+        Ok(())
+    }
+
+    /// What the registry has of the cell's agent; `None` for a policy of another trial.
+    fn entry(&self, cell: &Cell) -> Option<&AgentEntry> {
+        let sections = self.sections;
+        sections.registry.agents.get(cell.parts[1].part.plugin.as_str())
+    }
+
+    /// What the cell's environment shows, once its protocol has accepted that and gives the agent what it learns
+    /// from; `None` where one of the two could not be built, which was said.
+    fn accepted_interface(&mut self, cell: &Cell) -> Outcome<Option<Interface>> {
+        let [environment, agent, protocol] = &cell.parts;
         let (Some(Some(facts)), Some(Some(measures))) = (
             self.environments.get(&environment.id),
             self.protocols.get(&protocol.id),
         ) else {
-            return Ok(());
+            return Ok(None);
         };
-        let (interface, steps, experience) = (facts.interface.clone(), measures.steps, measures.experience);
-        let sections = self.sections;
-        let entry = sections.registry.agents.get(agent.part.plugin.as_str());
-        let learns = entry.is_some_and(|entry| entry.learns);
-        if let Some(why) = entry.and_then(|entry| measures.gives_another(entry)) {
+        if let Some(why) = self.entry(cell).and_then(|entry| measures.gives_another(entry)) {
             return Err(Box::new(self.learns_otherwise(agent, &protocol.part.plugin, why)));
         }
-        if self
-            .accepted
-            .insert((environment.id.clone(), protocol.id.clone()))
-        {
-            measures
-                .protocol
-                .accepts(&interface)
-                .map_err(|error| Box::new(self.refused(protocol, &error)))?;
+        let pair = (environment.id.clone(), protocol.id.clone());
+        if self.accepted.insert(pair) {
+            let accepts = measures.protocol.accepts(&facts.interface);
+            accepts.map_err(|error| Box::new(self.refused(protocol, &error)))?;
         }
-        let addresses = (address(environment), address(agent));
-        self.extra += usize::from(!first);
-        if !self.agents.contains_key(&addresses) {
-            // One that is not built, or is refused, may learn from the first step on.
-            self.agents.insert(addresses, 1);
-            if first || self.extra <= MOST_SETTINGS_BUILT {
-                let built = self.agent(cell, &interface)?;
-                self.agents.insert(
-                    addresses,
-                    built.updates().map_or(0, |updates| updates.first_after).max(1),
-                );
-                if let Some(pair) = cell.pair().filter(|_| entry.is_none()) {
-                    self.note(cell, pair, &built.decision_metrics(), world);
-                }
-            }
+        Ok(self.interface(cell))
+    }
+
+    /// Builds an agent in an environment, unless it was or too many settings of its pair were.
+    fn build_once(
+        &mut self,
+        cell: &Cell,
+        interface: &Interface,
+        first: bool,
+        world: &mut World,
+    ) -> Outcome<()> {
+        let addresses = (address(&cell.parts[0]), address(&cell.parts[1]));
+        if self.agents.contains_key(&addresses) {
+            return Ok(());
         }
-        if let (Some(pair), Some(entry)) = (cell.pair(), entry) {
-            let updates = learns.then(|| [updates_metric(), time_per_update_metric()]);
-            let of_agent: Vec<Metric> = entry
-                .metrics
-                .iter()
-                .cloned()
-                .chain(updates.into_iter().flatten())
-                .collect();
-            self.note(cell, pair, &of_agent, world);
+        // One that is not built, or is refused, may learn from the first step on.
+        self.agents.insert(addresses, 1);
+        if !first && self.extra > MOST_SETTINGS_BUILT {
+            return Ok(());
         }
-        let learns_after = self.agents[&addresses];
-        let is_useless = learns && learns_after > experience;
+        let built = self.agent(cell, interface)?;
+        let learns_after = built.updates().map_or(0, |updates| updates.first_after).max(1);
+        self.agents.insert(addresses, learns_after);
+        if let Some(pair) = cell.pair().filter(|_| self.entry(cell).is_none()) {
+            self.note(cell, pair, &built.decision_metrics(), world);
+        }
+        Ok(())
+    }
+
+    /// Warns of a learner whose protocol ends before it learns, once for each agent and length.
+    fn warn_of_short_training(&mut self, cell: &Cell, world: &mut World) {
+        let [environment, agent, protocol] = &cell.parts;
+        let learns_after = self.agents[&(address(environment), address(agent))];
+        let Some(Some(measures)) = self.protocols.get(&protocol.id) else {
+            return;
+        };
+        let (steps, experience) = (measures.steps, measures.experience);
+        let is_useless = self.entry(cell).is_some_and(|entry| entry.learns) && learns_after > experience;
         if is_useless && self.warned.insert((agent.given.target, learns_after, steps)) {
             world
                 .warnings
                 .push(self.learns_nothing(agent, learns_after, steps));
         }
-        Ok(())
     }
 
     /// Notes, once for each variant of environment and protocol, what the trials of a pair record.
