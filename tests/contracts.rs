@@ -30,6 +30,7 @@ fn random_action(environment: &dyn Environment, rng: &mut Rng) -> Action {
         Space::Discrete(names) => vec![f64::from(
             rng.random_range(0..u32::try_from(names.len()).unwrap()),
         )],
+        Space::Choices(_) => (0..space.len()).map(|_| rng.random_range(-1.0..=1.0)).collect(),
     };
     environment
         .seats()

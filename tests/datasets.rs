@@ -78,6 +78,7 @@ fn draw(space: &Space, rng: &mut Rng) -> Vec<f64> {
         Space::Discrete(names) => vec![f64::from(
             rng.random_range(0..u32::try_from(names.len()).unwrap()),
         )],
+        Space::Choices(_) => (0..space.len()).map(|_| rng.random_range(-1.0..=1.0)).collect(),
     }
 }
 

@@ -100,6 +100,12 @@ pub trait Agent: Send {
     /// Forgets what was seen of the episode: another one begins.
     fn restart(&mut self) {}
 
+    /// Asked by the protocol `search` after every step that ends no episode: true where the rest of the design
+    /// is not worth its evaluations, so that another one begins.
+    fn gives_up(&mut self) -> bool {
+        false
+    }
+
     /// True where `act` or `learn` reads [`Observation::state`].
     fn reads_state(&self) -> bool {
         false

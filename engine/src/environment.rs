@@ -1,6 +1,10 @@
 //! What an environment is: seats with spaces, `reset`, `step`.
 
-use crate::{Error, Rng, checkpoint::exact};
+use crate::{
+    Error, Rng,
+    checkpoint::exact,
+    choice::{self, Choice},
+};
 use serde::{Deserialize, Serialize};
 
 /// One entry of an observation, action or state vector.
@@ -62,6 +66,9 @@ pub enum Space {
     Simplex(Vec<String>),
     /// One of several named choices; the vector has one entry, the index.
     Discrete(Vec<String>),
+    /// Several choices at once, each among named options: one value in [-1, 1] per option, and of each choice the
+    /// option with the largest value is taken. See [`choice`](crate::choice).
+    Choices(Vec<Choice>),
 }
 
 impl Space {
@@ -72,6 +79,7 @@ impl Space {
             Space::Box(channels) => channels.len(),
             Space::Simplex(names) => names.len(),
             Space::Discrete(_) => 1,
+            Space::Choices(choices) => choice::n_options(choices),
         }
     }
 
@@ -88,6 +96,7 @@ impl Space {
             Space::Box(channels) => channels.iter().map(|channel| channel.name.clone()).collect(),
             Space::Simplex(names) => names.clone(),
             Space::Discrete(_) => vec!["choice".into()],
+            Space::Choices(choices) => choice::names(choices),
         }
     }
 }

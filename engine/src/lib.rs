@@ -17,10 +17,12 @@ pub mod agent;
 pub mod build;
 pub mod cast;
 pub mod checkpoint;
+pub mod choice;
 pub mod cli;
 pub mod cross_play;
 pub mod data_file;
 pub mod dataset;
+pub mod design;
 pub mod diagnostic;
 pub mod document;
 pub mod environment;
@@ -52,8 +54,10 @@ pub mod trial;
 pub use agent::{Agent, Mode, Transition, Updates};
 pub use build::Build;
 pub use checkpoint::{Keeper, NoKeeper};
+pub use choice::Choice;
 pub use data_file::{DataFile, FileFormat};
 pub use dataset::Dataset;
+pub use design::{Design, Designs};
 pub use environment::{
     Action, Better, Channel, End, Environment, Interface, Metric, Observation, PerEpisode, RewardSurface,
     Seat, Space, Step,

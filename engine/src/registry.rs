@@ -78,6 +78,8 @@ pub struct AgentEntry {
     pub learns_from_examples: bool,
     /// Whether it can learn from what others gathered.
     pub datasets: UseOfDatasets,
+    /// True where it proposes whole designs, one after the other.
+    pub designs: bool,
     /// Makes it from a resolved config for the seats of an environment.
     pub build: BuildAgent,
 }
@@ -123,6 +125,8 @@ pub struct AgentTraits {
     pub learns_from_examples: bool,
     /// Whether it can learn from what others gathered.
     pub datasets: UseOfDatasets,
+    /// True where it proposes whole designs, one after the other, and has to be asked for them by a protocol.
+    pub designs: bool,
 }
 
 /// Whether an agent can learn from transitions that others gathered.
@@ -198,6 +202,7 @@ impl Registry {
             metrics: traits.metrics,
             learns_from_examples: traits.learns_from_examples,
             datasets: traits.datasets,
+            designs: traits.designs,
             build: Box::new(move |raw, interface, rng| build(typed(raw)?, interface, rng)),
         };
         assert!(

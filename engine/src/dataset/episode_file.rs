@@ -95,7 +95,9 @@ fn rows(table: &Table<'_>, name: &str, space: &Space, path: &Path) -> Result<Vec
             .into_iter()
             .map(choice)
             .collect()),
-        Space::Box(_) | Space::Simplex(_) => full(table.vectors(name)?.into_iter(), name, path),
+        Space::Box(_) | Space::Simplex(_) | Space::Choices(_) => {
+            full(table.vectors(name)?.into_iter(), name, path)
+        }
     }
 }
 

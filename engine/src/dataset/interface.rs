@@ -72,6 +72,7 @@ fn entries(space: &Space, quality: &Quality) -> Vec<String> {
         Space::Simplex(names) | Space::Discrete(names) => {
             names.iter().map(|name| format!("`{name}`")).collect()
         }
+        Space::Choices(_) => space.names().iter().map(|name| format!("`{name}`")).collect(),
     }
 }
 
@@ -80,6 +81,7 @@ fn kind(space: &Space) -> &'static str {
         Space::Box(_) => "a box",
         Space::Simplex(_) => "a simplex",
         Space::Discrete(_) => "a choice",
+        Space::Choices(_) => "a set of choices",
     }
 }
 

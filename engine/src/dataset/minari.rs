@@ -72,6 +72,10 @@ fn space(space: &Space) -> String {
             let all = |limit: f64| list(names.iter().map(|_| limit));
             boxed(names.len(), &all(0.0), &all(1.0))
         }
+        Space::Choices(_) => {
+            let all = |limit: f64| list((0..space.len()).map(|_| limit));
+            boxed(space.len(), &all(-1.0), &all(1.0))
+        }
         Space::Discrete(names) => {
             json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": names.len() }).to_string()
         }
@@ -117,6 +121,10 @@ mod tests {
         let expected =
             r#"{"type": "Box", "dtype": "float64", "shape": [2], "low": [0.0, 0.0], "high": [1.0, 1.0]}"#;
         assert_eq!(space(&Space::Simplex(names())), expected);
+        let choices = Space::Choices(vec![crate::Choice::new("norm", &["none", "batch"])]);
+        let expected =
+            r#"{"type": "Box", "dtype": "float64", "shape": [2], "low": [-1.0, -1.0], "high": [1.0, 1.0]}"#;
+        assert_eq!(super::space(&choices), expected);
         let choice: Value = serde_json::from_str(&space(&Space::Discrete(names()))).unwrap();
         assert_eq!(
             choice,

@@ -395,7 +395,7 @@ pub fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<
     Observation { seats, state }
 }
 
-fn accumulate(sums: &mut [f64], metrics: &[Metric], info: &[f64]) {
+pub(super) fn accumulate(sums: &mut [f64], metrics: &[Metric], info: &[f64]) {
     for ((sum, metric), value) in sums.iter_mut().zip(metrics).zip(info) {
         match metric.per_episode {
             PerEpisode::Sum | PerEpisode::Mean => *sum += value,

@@ -11,6 +11,7 @@ mod offline_fit;
 #[cfg(test)]
 mod offline_tests;
 mod position;
+mod search;
 mod supervised_fit;
 #[cfg(test)]
 mod tests;
@@ -30,6 +31,7 @@ pub use evaluation::{Measurement, measure, measure_alone, metrics as measurement
 pub use gather::{Gather, GatherMode};
 pub use offline_fit::OfflineFit;
 pub use position::{Blocks, Position, restored};
+pub use search::{Choose, Search};
 pub use supervised_fit::SupervisedFit;
 pub use track::Track;
 pub use train_evaluate::TrainEvaluate;
@@ -41,6 +43,7 @@ pub fn register(registry: &mut Registry) {
     estimator_tracking::register(registry);
     gather::register(registry);
     offline_fit::register(registry);
+    search::register(registry);
     track::register(registry);
 }
 
@@ -142,6 +145,20 @@ pub trait Protocol: Send + Sync {
     /// True where the environment's metrics are recorded per episode under their names.
     fn records_environment_metrics(&self) -> bool {
         true
+    }
+
+    /// What is recorded of an environment with these metrics.
+    fn metrics_of_environment(&self, of: &[Metric]) -> Vec<Metric> {
+        if self.records_environment_metrics() {
+            of.to_vec()
+        } else {
+            Vec::new()
+        }
+    }
+
+    /// True where the agent is asked for one whole design after the other, and told what each was worth.
+    fn asks_for_designs(&self) -> bool {
+        false
     }
 
     /// True where agents are given examples to learn from, without actions and rewards.

@@ -80,6 +80,7 @@ struct Measures {
     of_environment: bool,
     gives_examples: bool,
     gives_datasets: bool,
+    asks_for_designs: bool,
     experience: u64,
     steps: u64,
     protocol: Box<dyn Protocol>,
@@ -92,6 +93,7 @@ impl Measures {
             of_environment: protocol.records_environment_metrics(),
             gives_examples: protocol.gives_examples(),
             gives_datasets: protocol.gives_datasets(),
+            asks_for_designs: protocol.asks_for_designs(),
             experience: protocol.experience(),
             steps: protocol.total_steps(),
             protocol,
@@ -101,6 +103,7 @@ impl Measures {
     /// What is given in the place of what an agent learns from; `None` where it can learn from it.
     fn gives_another(&self, entry: &AgentEntry) -> Option<Given> {
         match entry.datasets {
+            _ if entry.designs && !self.asks_for_designs && self.experience > 0 => Some(Given::NoDemand),
             _ if !entry.learns => None,
             _ if self.gives_examples && !entry.learns_from_examples => Some(Given::Examples),
             _ if self.experience == 0 => None,
@@ -117,6 +120,7 @@ enum Given {
     Examples,
     DecisionsOfOthers,
     NoDataset,
+    NoDemand,
 }
 
 /// Builds the cells' parts.
@@ -187,7 +191,7 @@ fn address(part: &Arc<Resolved>) -> usize {
 
 /// What the trials of a pair record and trace; `of_agent` is what its agent records.
 fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Metric], world: &mut World) {
-    let environment = facts.metrics.iter().filter(|_| measures.of_environment);
+    let of_environment = measures.protocol.metrics_of_environment(&facts.metrics);
     let decides = measures.metrics.iter().any(|it| it.name == EPISODE_LENGTH);
     let per_decision = decides.then(time_per_decision_metric);
     let added: Vec<Metric> = [wall_time_metric()].into_iter().chain(per_decision).collect();
@@ -196,7 +200,7 @@ fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Me
         measures
             .metrics
             .iter()
-            .chain(environment)
+            .chain(&of_environment)
             .chain(of_agent)
             .chain(&added),
     );
@@ -411,6 +415,10 @@ impl Builder<'_> {
             Given::NoDataset => (
                 format!("from datasets; `{protocol}` gives none"),
                 "the protocol `offline_fit` gives it what trials with the protocol `gather` left".into(),
+            ),
+            Given::NoDemand => (
+                format!("from whole designs that it proposes; `{protocol}` asks for none"),
+                "the protocol `search` asks for one design after the other".into(),
             ),
         };
         sections

@@ -2,12 +2,14 @@
 //!
 //! An entry of a box is uniform between its limits, shares are uniform on the simplex (see
 //! [`random_allocation`]), one of several choices is as likely as another. It draws in both modes, learns
-//! nothing and records nothing.
+//! nothing and records nothing. Under the protocol `search` it is random search.
 //!
 //! [`random_allocation`]: crate::random_allocation
 
 use crate::shared::{allocation::uniform_shares, seat::mismatch};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng, Space};
+use engine::{
+    Action, Agent, AgentTraits, Choice, Error, Interface, Mode, Observation, Registry, Rng, Space, choice,
+};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -74,7 +76,16 @@ fn draw(space: &Space, rng: &mut Rng) -> Vec<f64> {
         // Not `usize`, whose width would reach the stream.
         #[allow(clippy::cast_possible_truncation, reason = "nobody names 2^32 choices")]
         Space::Discrete(names) => vec![f64::from(rng.random_range(0..names.len() as u32))],
+        Space::Choices(choices) => choice::vector(choices, &random_design(choices, rng)),
     }
+}
+
+/// One option of each choice, each as likely as another.
+pub(crate) fn random_design(choices: &[Choice], rng: &mut Rng) -> Vec<usize> {
+    // Not `usize`, whose width would reach the stream.
+    #[allow(clippy::cast_possible_truncation, reason = "nobody names 2^32 options")]
+    let draw = |choice: &Choice| rng.random_range(0..choice.options.len() as u32) as usize;
+    choices.iter().map(draw).collect()
 }
 
 #[cfg(test)]

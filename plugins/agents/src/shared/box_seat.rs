@@ -1,10 +1,10 @@
 //! The only seat of an environment, where it observes a box of channels and acts in a box with limits -1 and
-//! 1.
+//! 1; choices among options are such a box, and the largest of a choice's entries decides.
 
 use super::joint::unit_box;
 use super::scaling::{ObservationScaling, Scaling};
 use super::seat::{kind, mismatch, observed, only_seat};
-use engine::{Action, Error, Interface, Observation, Space};
+use engine::{Action, Error, Interface, Observation, Seat, Space};
 use numerics::policy_file::Ports;
 
 /// How observations become numbers for networks, and their outputs actions.
@@ -28,18 +28,12 @@ impl BoxSeat {
         interface: &Interface,
     ) -> Result<Self, Error> {
         let seat = only_seat(agent, interface)?;
-        if !matches!(seat.action, Space::Box(_)) {
-            let taken = kind(&seat.action);
-            return Err(mismatch(
-                agent,
-                format!("its actions are vectors in a box, the environment takes {taken}"),
-            ));
-        }
-        let (seen, done) = (observed(agent, seat)?, unit_box(agent, seat)?);
+        let seen = observed(agent, seat)?;
+        let done = acted(agent, seat)?;
         Ok(Self {
             scaling: Scaling::new(scaling, seen),
             seen: seen.iter().map(|channel| channel.name.clone()).collect(),
-            done: done.iter().map(|channel| channel.name.clone()).collect(),
+            done,
         })
     }
 
@@ -105,6 +99,22 @@ impl BoxSeat {
     #[must_use]
     pub fn ports(&self) -> Ports {
         self.scaling.ports(&self.done)
+    }
+}
+
+/// Names of the entries of an action: of a box, or of choices, whose options are values between -1 and 1.
+fn acted(agent: &'static str, seat: &Seat) -> Result<Vec<String>, Error> {
+    match &seat.action {
+        Space::Box(_) => {
+            let channels = unit_box(agent, seat)?;
+            Ok(channels.iter().map(|channel| channel.name.clone()).collect())
+        }
+        Space::Choices(choices) if !choices.is_empty() => Ok(seat.action.names()),
+        other => {
+            let taken = kind(other);
+            let problem = format!("its actions are vectors in a box, the environment takes {taken}");
+            Err(mismatch(agent, problem))
+        }
     }
 }
 

@@ -141,6 +141,7 @@ pub fn kind(space: &Space) -> &'static str {
         Space::Simplex(names) if names.is_empty() => "an empty simplex",
         Space::Simplex(_) => "a simplex",
         Space::Discrete(_) => "a discrete choice",
+        Space::Choices(_) => "a set of choices",
     }
 }
 
