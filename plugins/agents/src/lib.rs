@@ -22,11 +22,13 @@
 //!    number.
 //! 3. A saved and loaded agent continues to the same bits.
 
+pub mod autogan;
 pub mod behaviour_cloning;
 pub mod ddpg;
 pub mod dirichlet_gradient;
 pub mod dirichlet_regression;
 pub mod dirichlet_sac;
+pub mod e2gan;
 pub mod equal_split;
 pub mod gaussian_softmax_gradient;
 pub mod gaussian_softmax_regression;
@@ -41,11 +43,13 @@ pub mod pr2;
 pub mod random_action;
 pub mod random_allocation;
 pub mod rank_rule;
+pub mod regularised_evolution;
 pub mod rommeo;
 pub mod shared;
 pub mod soft_actor_critic;
 pub mod td3_bc;
 pub mod tdom_ac;
+pub mod tree_parzen;
 pub mod water_filling;
 pub mod zero_action;
 
@@ -53,11 +57,13 @@ use engine::Registry;
 
 /// Registers every agent of this crate, with its version.
 pub fn register(registry: &mut Registry) {
+    autogan::register(registry, 1);
     behaviour_cloning::register(registry, 1);
     ddpg::register(registry, 1);
     dirichlet_gradient::register(registry, 1);
     dirichlet_regression::register(registry, 1);
     dirichlet_sac::register(registry, 1);
+    e2gan::register(registry, 1);
     equal_split::register(registry, 1);
     gaussian_softmax_gradient::register(registry, 2);
     gaussian_softmax_regression::register(registry, 1);
@@ -73,10 +79,12 @@ pub fn register(registry: &mut Registry) {
     random_action::register(registry, 1);
     random_allocation::register(registry, 1);
     rank_rule::register(registry, 1);
+    regularised_evolution::register(registry, 1);
     rommeo::register(registry, 1);
     soft_actor_critic::register(registry, 1);
     td3_bc::register(registry, 1);
     tdom_ac::register(registry, 1);
+    tree_parzen::register(registry, 1);
     water_filling::register(registry, 1);
     water_filling::register_true_state(registry, 1);
     zero_action::register(registry, 1);

@@ -5,7 +5,7 @@
 //! `m <- b1 m + (1 - b1) g`, `v <- b2 v + (1 - b2) g^2`,
 //! `x <- x - rate (m / (1 - b1^t)) / (sqrt(v / (1 - b2^t)) + epsilon)`.
 //!
-//! `b1 = 0.9`, `b2 = 0.999`, `epsilon = 1e-8` as in the paper. `burn`'s own optimiser clips the gradient of
+//! `b1 = 0.9`, `b2 = 0.999`, `epsilon = 1e-8` as in the paper, where no other decay is asked for. `burn`'s own optimiser clips the gradient of
 //! each parameter by itself; the algorithms here clip by the Euclidean norm over all parameters of a network.
 //! One pass over each parameter on the host does the whole step; the state can be stored and continues to the
 //! same bits.
@@ -25,6 +25,7 @@ const EPSILON: f64 = 1e-8;
 pub struct Adam {
     learning_rate: f64,
     largest_norm: Option<f64>,
+    decay: [f64; 2],
     n_steps: u64,
     first: Vec<Vec<f32>>,
     second: Vec<Vec<f32>>,
@@ -38,9 +39,19 @@ impl Adam {
         Self {
             learning_rate,
             largest_norm,
+            decay: [BETA_1, BETA_2],
             n_steps: 0,
             first: Vec::new(),
             second: Vec::new(),
+        }
+    }
+
+    /// The same with other shares of the moments that stay from step to step: `b1` and `b2`.
+    #[must_use]
+    pub fn with_decay(self, first: f64, second: f64) -> Self {
+        Self {
+            decay: [first, second],
+            ..self
         }
     }
 
@@ -70,7 +81,7 @@ impl Adam {
         self.n_steps += 1;
         self.first.resize_with(gradients.len(), Vec::new);
         self.second.resize_with(gradients.len(), Vec::new);
-        let rates = Rates::at(self.n_steps, self.learning_rate);
+        let rates = Rates::at(self.n_steps, self.learning_rate, self.decay);
         let mut at = 0;
         map_values(module, &mut |values| {
             if !gradients[at].is_empty() {
@@ -224,28 +235,30 @@ pub fn clip(gradients: &mut [Vec<f32>], largest: f64) -> f64 {
 struct Rates {
     step: f32,
     root_correction: f32,
+    decay: [f32; 2],
 }
 
 impl Rates {
     #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
-    fn at(t: u64, learning_rate: f64) -> Self {
-        let (bias_1, bias_2) = bias_corrections(t);
+    fn at(t: u64, learning_rate: f64, decay: [f64; 2]) -> Self {
+        let (bias_1, bias_2) = bias_corrections(t, decay);
         Self {
             step: (learning_rate / bias_1) as f32,
             root_correction: (1.0 / bias_2.sqrt()) as f32,
+            decay: decay.map(|share| share as f32),
         }
     }
 }
 
 /// `1 - b1^t` and `1 - b2^t`.
 #[allow(clippy::cast_precision_loss, reason = "a number of steps is far below 2^52")]
-fn bias_corrections(t: u64) -> (f64, f64) {
-    (1.0 - BETA_1.powf(t as f64), 1.0 - BETA_2.powf(t as f64))
+fn bias_corrections(t: u64, [first, second]: [f64; 2]) -> (f64, f64) {
+    (1.0 - first.powf(t as f64), 1.0 - second.powf(t as f64))
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "parameters are f32")]
 fn descend(rates: &Rates, x: &mut [f32], gradient: &[f32], first: &mut Vec<f32>, second: &mut Vec<f32>) {
-    let (b1, b2, epsilon) = (BETA_1 as f32, BETA_2 as f32, EPSILON as f32);
+    let ([b1, b2], epsilon) = (rates.decay, EPSILON as f32);
     first.resize(x.len(), 0.0);
     second.resize(x.len(), 0.0);
     for (((x, g), m), v) in x.iter_mut().zip(gradient).zip(first).zip(second) {
@@ -300,7 +313,7 @@ impl ScalarAdam {
         self.n_steps += 1;
         self.first = BETA_1 * self.first + (1.0 - BETA_1) * gradient;
         self.second = BETA_2 * self.second + (1.0 - BETA_2) * gradient * gradient;
-        let (bias_1, bias_2) = bias_corrections(self.n_steps);
+        let (bias_1, bias_2) = bias_corrections(self.n_steps, [BETA_1, BETA_2]);
         x - self.learning_rate * (self.first / bias_1) / ((self.second / bias_2).sqrt() + EPSILON)
     }
 }
@@ -340,6 +353,20 @@ mod tests {
         let x2 = adam.step(x1, -2.0);
         let expected = x1 + 0.1 * (0.11 / 0.19) / ((0.004_999f64 / 0.001_999).sqrt() + 1e-8);
         assert!((x2 - expected).abs() < 1e-12);
+    }
+
+    /// Without a first moment every step goes along its own gradient: with `g = 1` and then `g = -2` at rate 0.1 and
+    /// `b2 = 0.9`, 0.1 down and `0.1 * 2 / sqrt((0.9 * 0.1 + 0.1 * 4) / 0.19)` up.
+    #[test]
+    fn another_decay_by_hand() {
+        let rates = |t| Rates::at(t, 0.1, [0.0, 0.9]);
+        let (mut x, mut first, mut second) = (vec![1.0], Vec::new(), Vec::new());
+        descend(&rates(1), &mut x, &[1.0], &mut first, &mut second);
+        assert!((x[0] - 0.9).abs() < 1e-6);
+        descend(&rates(2), &mut x, &[-2.0], &mut first, &mut second);
+        let expected = 0.9 + 0.2 / (0.49f32 / 0.19).sqrt();
+        assert!((x[0] - expected).abs() < 1e-6, "{} {expected}", x[0]);
+        assert_eq!(Adam::new(0.1, None).with_decay(0.0, 0.9).decay, [0.0, 0.9]);
     }
 
     #[test]

@@ -95,6 +95,17 @@ impl BoxSeat {
             .collect())
     }
 
+    /// Blinds the seat to the channels whose names begin with none of `prefixes`: they reach networks as their typical
+    /// value. Without prefixes it sees everything.
+    ///
+    /// # Errors
+    /// Says which prefix no channel begins with.
+    pub fn see_only(&mut self, prefixes: &[String]) -> Result<(), String> {
+        let seen = self.positions(prefixes)?;
+        self.scaling.flatten(|at| !seen.contains(&at));
+        Ok(())
+    }
+
     /// What a policy file says of its inputs and outputs.
     #[must_use]
     pub fn ports(&self) -> Ports {

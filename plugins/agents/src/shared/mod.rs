@@ -9,6 +9,7 @@ pub mod checkpoint;
 #[cfg(test)]
 pub(crate) mod coordination;
 pub mod dataset_actor;
+pub(crate) mod designs;
 pub(crate) mod gradient_moments;
 pub mod joint;
 pub mod multiplier;

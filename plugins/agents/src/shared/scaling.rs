@@ -54,6 +54,13 @@ impl Scaling {
         }
     }
 
+    /// Lets the channels at these positions reach networks as 0, whatever is observed: divided by a spread so large
+    /// that nothing is left in single precision.
+    pub fn flatten(&mut self, blind: impl Fn(usize) -> bool) {
+        let flattened = self.spread.iter_mut().enumerate().filter(|(at, _)| blind(*at));
+        flattened.for_each(|(_, spread)| *spread = f64::MAX);
+    }
+
     /// Number of channels.
     #[must_use]
     pub fn n_channels(&self) -> usize {

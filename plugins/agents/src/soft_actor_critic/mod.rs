@@ -103,7 +103,7 @@ fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn
 }
 
 /// What [`SoftActorCritic::learn`] records.
-fn metrics() -> Vec<Metric> {
+pub(crate) fn metrics() -> Vec<Metric> {
     vec![
         Metric::new("critic_loss", "", "half the squared error of both critics").lower_is_better(),
         Metric::new(
@@ -127,7 +127,6 @@ fn metrics() -> Vec<Metric> {
 }
 
 impl SoftActorCritic {
-    #[allow(clippy::cast_precision_loss, reason = "a number of entries is far below 2^52")]
     fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         let seat = BoxSeat::new(NAME, config.observation_scaling, interface)?;
         config.check()?;
@@ -138,8 +137,15 @@ impl SoftActorCritic {
             first: critic(),
             second: critic(),
         };
+        Ok(Self::assemble(config, seat, policy, critics))
+    }
+
+    /// The algorithm around given networks: a policy `[observed]` to `[2 n]`, critics `[observed + n]` to `[1]`.
+    #[allow(clippy::cast_precision_loss, reason = "a number of entries is far below 2^52")]
+    pub(crate) fn assemble(config: Config, seat: BoxSeat, policy: Mlp, critics: TwinMlp) -> Self {
+        let (n_seen, n_done) = (seat.n_observed(), seat.n_acted());
         let adam = |rate| Adam::new(rate, config.gradient_clip);
-        Ok(Self {
+        Self {
             target_entropy: config.target_entropy.unwrap_or(-(n_done as f64)),
             target_critics: critics.valid(),
             policy: Trained::new(policy, adam(config.actor_learning_rate)),
@@ -149,15 +155,45 @@ impl SoftActorCritic {
             schedule: UpdateSchedule::new(),
             config,
             seat,
-        })
+        }
     }
 
-    fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+    /// Takes a transition into the replay buffer, and no more.
+    pub(crate) fn remember(&mut self, transition: &Transition) {
+        self.replay.push_scaled(transition, &self.seat.scaling);
+    }
+
+    /// Transitions that are remembered.
+    pub(crate) fn n_remembered(&self) -> usize {
+        self.replay.len()
+    }
+
+    /// Updates so far.
+    pub(crate) fn n_updates(&self) -> u64 {
+        self.schedule.n_updates()
+    }
+
+    /// One update with a batch drawn from what is remembered.
+    pub(crate) fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let batch = self
             .replay
             .sample_distinct(self.config.batch_size.min(self.replay.len()), rng);
-        self.update_critics(&batch, rng, record)?;
-        let log_pi = self.update_policy(&batch, rng, record)?;
+        self.improve(&batch, rng, record)
+    }
+
+    /// One update with all that is remembered as the batch.
+    pub(crate) fn update_with_everything(
+        &mut self,
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
+        let batch = self.replay.latest(self.replay.len());
+        self.improve(&batch, rng, record)
+    }
+
+    fn improve(&mut self, batch: &Batch, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        self.update_critics(batch, rng, record)?;
+        let log_pi = self.update_policy(batch, rng, record)?;
         if self.config.temperature == Temperature::Automatic {
             // Eq. 18: it rises where the entropy is below its target.
             self.temperature.rise_with(log_pi + self.target_entropy);
@@ -250,7 +286,7 @@ impl Agent for SoftActorCritic {
         record: &mut Recorder,
     ) -> Result<(), Error> {
         for transition in transitions {
-            self.replay.push_scaled(transition, &self.seat.scaling);
+            self.remember(transition);
         }
         let Config {
             learning_starts,

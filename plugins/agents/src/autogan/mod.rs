@@ -1,0 +1,394 @@
+//! AutoGAN's search: a recurrent controller draws the options one after the other and is improved by REINFORCE; the
+//! design grows cell by cell, each stage on top of the best designs of the one before.
+//!
+//! Gong, Chang, Jiang and Wang 2019, "AutoGAN: neural architecture search for generative adversarial networks", ICCV,
+//! and its released code; Williams 1992 for REINFORCE.
+//!
+//! | paper | here | shape |
+//! |---|---|---|
+//! | h, c | state of the controller, an LSTM, that goes from option to option and from cell to cell | `[1, width]` |
+//! | a | the option taken of a choice, drawn from the softmax of its outputs | |
+//! | R | what the design has earned up to this cell, plus `entropy_bonus` times the entropy of its options | |
+//! | b | moving mean of R, with `baseline_decay` | |
+//!
+//! A stage designs one cell. Its designs begin with one of `kept_designs`, drawn uniformly, and are given up after the
+//! cell of the stage, so that a stage pays for no cell that it does not design. Every design brings one step of Adam
+//! against `-(R - b) ln pi`. When `growth_at` says so, `derived_designs` are drawn from the controller, the best
+//! `kept_designs` of them become the beginnings of the next stage, and a new controller starts. Where it is scored it
+//! takes the most likely options, from the best beginning on.
+//!
+//! Departures
+//! - The released code shares the weights of all designs within a stage and trains them 15 epochs between 30 steps of
+//!   the controller; here every design is trained as the environment trains it, so that all searches pay alike.
+//! - The released code starts a stage anew where the losses of the shared weights collapse; there are none here.
+//!
+//! Metrics, means since the last design: `controller_loss`, `controller_entropy` (nats of a cell), `baseline`.
+
+mod controller;
+#[cfg(test)]
+mod tests;
+
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::designs::{Options, Tried, UnderWay, choices};
+use controller::Controller;
+use engine::{
+    Action, Agent, AgentTraits, Choice, Error, Interface, Metric, Mode, Observation, Preset, Recorder,
+    Registry, Rng, Transition, Updates, choice,
+};
+use numerics::network::values;
+use numerics::optimizer::{Adam, Trained};
+use numerics::tensor_file::TensorFile;
+use rand::Rng as _;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::path::Path;
+
+const NAME: &str = "autogan";
+
+/// Hyper-parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Evaluations after which the design grows by another cell, rising; one cell more than there are entries.
+    #[schemars(extend("x-source" = "released code: 15 and 35 of 65 iterations, here of 300 evaluations"))]
+    pub growth_at: Vec<u64>,
+    /// Designs that are drawn when a stage ends.
+    #[schemars(range(min = 1, max = 1000), extend("x-source" = "released code"))]
+    pub derived_designs: usize,
+    /// Of these, designs that the next stage begins with.
+    #[schemars(range(min = 1, max = 1000), extend("x-source" = "released code"))]
+    pub kept_designs: usize,
+    /// Units of the LSTM and of the embedding of an option.
+    #[schemars(range(min = 1, max = 4096), extend("x-source" = "released code"))]
+    pub width: usize,
+    /// Step size of Adam.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "released code"))]
+    pub learning_rate: f64,
+    /// What a nat of entropy adds to the reward.
+    #[schemars(range(min = 0.0, max = 1e3), extend("x-source" = "released code"))]
+    pub entropy_bonus: f64,
+    /// Share of the old baseline that stays.
+    #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "released code"))]
+    pub baseline_decay: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            growth_at: vec![69, 162],
+            derived_designs: 10,
+            kept_designs: 5,
+            width: 100,
+            learning_rate: 3.5e-4,
+            entropy_bonus: 1e-3,
+            baseline_decay: 0.9,
+        }
+    }
+}
+
+impl engine::Config for Config {
+    fn presets() -> Vec<Preset> {
+        vec![Preset {
+            name: "released_code",
+            about: "AutoGAN's released code, its stages as shares of 300 evaluations",
+            values: json!({
+                "growth_at": [69, 162], "derived_designs": 10, "kept_designs": 5, "width": 100,
+                "learning_rate": 3.5e-4, "entropy_bonus": 1e-3, "baseline_decay": 0.9,
+            }),
+        }]
+    }
+}
+
+impl Config {
+    fn check(&self) -> Result<(), Error> {
+        if self.growth_at.windows(2).any(|pair| pair[0] >= pair[1]) {
+            let problem = format!(
+                "{:?} do not rise; write the evaluations in their order",
+                self.growth_at
+            );
+            return Err(Error::config("growth_at", problem));
+        }
+        if self.kept_designs > self.derived_designs {
+            let problem = format!(
+                "{} are kept of {} derived ones; lower it",
+                self.kept_designs, self.derived_designs
+            );
+            return Err(Error::config("kept_designs", problem));
+        }
+        Ok(())
+    }
+}
+
+/// The agent.
+#[derive(Debug, Clone)]
+pub struct AutoGan {
+    config: Config,
+    choices: Vec<Choice>,
+    controller: Trained<Controller>,
+    state: State,
+    /// The design under way where it is scored.
+    scored: Options,
+}
+
+/// What changes while it searches, besides the controller.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+struct State {
+    n_evaluations: u64,
+    n_updates: u64,
+    /// The number of the stage: cells of a design that are already chosen.
+    stage: usize,
+    /// What designs of this stage begin with; one empty beginning in the first stage.
+    beginnings: Vec<Options>,
+    /// What was derived so far for the next stage; `None` while the controller learns.
+    derived: Option<Vec<Tried>>,
+    beginning: Options,
+    under_way: UnderWay,
+    baseline: Option<f64>,
+    gives_up: bool,
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "AutoGAN's search: a recurrent controller with REINFORCE, stage by stage on the best designs";
+    let metrics = vec![
+        Metric::new(
+            "controller_loss",
+            "",
+            "the advantage of a cell times minus its log probability",
+        )
+        .lower_is_better(),
+        Metric::new("controller_entropy", "nat", "entropy of the options of a cell"),
+        Metric::new("baseline", "", "moving mean of what designs of the stage earned"),
+    ];
+    let traits = AgentTraits {
+        learns: true,
+        metrics,
+        designs: true,
+        ..AgentTraits::default()
+    };
+    registry.agent(NAME, version, about, traits, build);
+}
+
+/// Builds the agent for one seat that chooses among options.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other seat, [`Error::Config`] for settings that contradict each other.
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    Ok(Box::new(AutoGan::new(config, interface, rng)?))
+}
+
+impl AutoGan {
+    fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+        let choices = choices(NAME, interface)?;
+        config.check()?;
+        let state = State {
+            beginnings: vec![Options::new()],
+            ..State::default()
+        };
+        Ok(Self {
+            controller: fresh(&config, &choices, rng),
+            config,
+            choices,
+            state,
+            scored: Options::new(),
+        })
+    }
+
+    /// Options of the next step of a design that began like this: given ones, or drawn.
+    fn decide(&self, so_far: &Options, beginning: &Options, rng: &mut Rng) -> Vec<usize> {
+        let mut draw = |probabilities: &[f32]| drawn(probabilities, rng.random());
+        match beginning.get(so_far.len()) {
+            Some(given) => given.clone(),
+            None => self.controller.network().decide(so_far, &mut draw),
+        }
+    }
+
+    /// Takes in the cell of the stage: what the design earned up to here is what the cell is worth.
+    fn improve(&mut self, record: &mut Recorder) -> Result<(), Error> {
+        let UnderWay { options, earned } = &self.state.under_way;
+        let (log_probability, entropy) = self.controller.network().judged(options);
+        let entropy = f64::from(values(entropy)[0]);
+        let reward = earned + self.config.entropy_bonus * entropy;
+        let decay = self.config.baseline_decay;
+        let baseline = self
+            .state
+            .baseline
+            .map_or(reward, |before| decay * before + (1.0 - decay) * reward);
+        let loss = log_probability * (baseline - reward);
+        record.mean(
+            "controller_loss",
+            finite(
+                "controller_loss",
+                self.state.n_evaluations,
+                values(loss.clone())[0],
+            )?,
+        );
+        record.mean("controller_entropy", entropy);
+        record.mean("baseline", baseline);
+        self.controller.descend(&loss);
+        self.state.baseline = Some(baseline);
+        self.state.n_updates += 1;
+        Ok(())
+    }
+
+    /// What a design that ends with the cell of its stage brings.
+    fn end_of_stage_design(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        match &mut self.state.derived {
+            None => self.improve(record)?,
+            Some(derived) => {
+                let UnderWay { options, earned } = self.state.under_way.clone();
+                derived.push(Tried {
+                    options,
+                    value: earned,
+                });
+            }
+        }
+        self.state.under_way = UnderWay::default();
+        let growth = self.config.growth_at.get(self.state.stage).copied();
+        let due = growth.is_some_and(|at| self.state.n_evaluations >= at);
+        if due && self.state.derived.is_none() {
+            self.state.derived = Some(Vec::new());
+        }
+        let full = |derived: &Vec<Tried>| derived.len() >= self.config.derived_designs;
+        if self.state.derived.as_ref().is_some_and(full) {
+            self.grow(rng);
+        }
+        Ok(())
+    }
+
+    /// The best different designs become the beginnings of the next stage.
+    fn grow(&mut self, rng: &mut Rng) {
+        let mut derived = self.state.derived.take().unwrap_or_default();
+        derived.sort_by(|one, other| other.value.total_cmp(&one.value));
+        let mut kept: Vec<Options> = Vec::new();
+        for tried in derived {
+            if kept.len() < self.config.kept_designs && !kept.contains(&tried.options) {
+                kept.push(tried.options);
+            }
+        }
+        self.state.beginnings = kept;
+        self.state.stage += 1;
+        self.state.baseline = None;
+        self.controller = fresh(&self.config, &self.choices, rng);
+    }
+}
+
+fn fresh(config: &Config, choices: &[Choice], rng: &mut Rng) -> Trained<Controller> {
+    let sizes: Vec<usize> = choices.iter().map(|choice| choice.options.len()).collect();
+    let controller = Controller::new(&sizes, config.width, rng);
+    Trained::new(
+        controller,
+        Adam::new(config.learning_rate, None).with_decay(0.0, 0.9),
+    )
+}
+
+/// The option at which the sum of the probabilities passes a number that is uniform in 0..1.
+fn drawn(probabilities: &[f32], uniform: f64) -> usize {
+    let mut left = uniform;
+    let passed = |share: &f32| {
+        left -= f64::from(*share);
+        left < 0.0
+    };
+    probabilities
+        .iter()
+        .position(passed)
+        .unwrap_or(probabilities.len() - 1)
+}
+
+fn most_likely(probabilities: &[f32]) -> usize {
+    let better = |best: usize, at: usize| {
+        if probabilities[at] > probabilities[best] {
+            at
+        } else {
+            best
+        }
+    };
+    (0..probabilities.len()).fold(0, better)
+}
+
+impl Agent for AutoGan {
+    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        let mut row = |_| {
+            let taken = match mode {
+                Mode::Train => {
+                    let so_far = self.state.under_way.options.clone();
+                    if so_far.is_empty() {
+                        #[allow(clippy::cast_possible_truncation, reason = "a few designs are kept")]
+                        let at = rng.random_range(0..self.state.beginnings.len() as u32) as usize;
+                        self.state.beginning = self.state.beginnings[at].clone();
+                    }
+                    self.decide(&so_far, &self.state.beginning, rng)
+                }
+                Mode::Evaluate => {
+                    let given = self.state.beginnings[0].get(self.scored.len()).cloned();
+                    let network = self.controller.network();
+                    let taken = given.unwrap_or_else(|| network.decide(&self.scored, &mut most_likely));
+                    self.scored.push(taken.clone());
+                    taken
+                }
+            };
+            vec![choice::vector(&self.choices, &taken)]
+        };
+        Ok(observations.iter().map(&mut row).collect())
+    }
+
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
+        for transition in transitions {
+            self.state.n_evaluations += 1;
+            self.state
+                .under_way
+                .options
+                .push(choice::taken(&self.choices, &transition.action[0])?);
+            self.state.under_way.earned += transition.rewards[0];
+            let cell_of_stage = self.state.under_way.options.len() > self.state.stage;
+            // In the last stage a design goes on to its end, whose cells are all of the controller.
+            let grows = self.state.stage < self.config.growth_at.len();
+            let ended = transition.end.is_some();
+            self.state.gives_up = grows && cell_of_stage && !ended;
+            if ended || self.state.gives_up {
+                self.end_of_stage_design(rng, record)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn updates(&self) -> Option<Updates> {
+        Some(Updates {
+            made: self.state.n_updates,
+            first_after: 1,
+        })
+    }
+
+    fn remembers(&self) -> bool {
+        true
+    }
+
+    fn restart(&mut self) {
+        self.scored.clear();
+    }
+
+    fn gives_up(&mut self) -> bool {
+        self.state.gives_up
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        let mut file = TensorFile::default();
+        self.controller.store("controller", &mut file);
+        checkpoint::write(NAME, dir, file, &self.state)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        let (file, state) = checkpoint::read(NAME, dir)?;
+        self.controller
+            .restore("controller", &file)
+            .map_err(checkpoint::error_of(NAME))?;
+        self.state = state;
+        Ok(())
+    }
+}

@@ -1,0 +1,325 @@
+//! The tree-structured Parzen estimator over choices: options that are common among good designs and rare among the
+//! others.
+//!
+//! Bergstra, Bardenet, Bengio and Kegl 2011, "Algorithms for hyper-parameter optimization", NeurIPS, section 4.
+//!
+//! | paper | here |
+//! |---|---|
+//! | gamma | `good_share`: the best designs are the good ones, at most `most_good` of them |
+//! | l(x), g(x) | how often an option was taken among the good designs and among the others, each count raised by `prior` |
+//! | l(x) / g(x) | what a proposal is judged by: the largest of `n_candidates` drawn from l |
+//!
+//! Every choice of every step has densities of its own (the form for independent parameters), except that a step is
+//! proposed as a whole: its candidates are judged by the product over its choices. The first `n_startup` designs are
+//! drawn uniformly. Where it is scored it makes the best design that it has seen.
+//!
+//! Metrics, means since the last design: `proposal_score`, ln(l / g) of what was proposed.
+
+use crate::random_action::random_design;
+use crate::shared::checkpoint;
+use crate::shared::designs::{Tried, UnderWay, best, choices};
+use engine::{
+    Action, Agent, AgentTraits, Choice, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates, choice,
+};
+use numerics::tensor_file::TensorFile;
+use rand::Rng as _;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+const NAME: &str = "tree_parzen";
+
+/// Hyper-parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Designs that are drawn uniformly before any is proposed.
+    #[schemars(range(min = 1, max = 100_000), extend("x-source" = "optuna 4: 10"))]
+    pub n_startup: usize,
+    /// Share of the designs that counts as good.
+    #[schemars(range(min = 0.001, max = 0.999), extend("x-source" = "optuna 4: 0.1"))]
+    pub good_share: f64,
+    /// At most so many designs count as good.
+    #[schemars(range(min = 1, max = 100_000), extend("x-source" = "optuna 4: 25"))]
+    pub most_good: usize,
+    /// Candidates of which the best one is proposed.
+    #[schemars(range(min = 1, max = 100_000), extend("x-source" = "optuna 4: 24"))]
+    pub n_candidates: usize,
+    /// What every option counts before it was taken.
+    #[schemars(range(min = 1e-6, max = 1e6), extend("x-source" = "optuna 4: 1"))]
+    pub prior: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            n_startup: 10,
+            good_share: 0.1,
+            most_good: 25,
+            n_candidates: 24,
+            prior: 1.0,
+        }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The agent.
+#[derive(Debug, Clone)]
+pub struct TreeParzen {
+    config: Config,
+    choices: Vec<Choice>,
+    state: State,
+    /// Steps of the design that is made where it is scored.
+    scored: usize,
+}
+
+/// What changes while it searches.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+struct State {
+    under_way: UnderWay,
+    tried: Vec<Tried>,
+    n_proposals: u64,
+    /// ln(l / g) of the last proposal.
+    score: f64,
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about =
+        "tree-structured Parzen estimator: options that are common among good designs and rare among others";
+    let metric = Metric::new(
+        "proposal_score",
+        "",
+        "log ratio of the densities of good designs and of others",
+    );
+    let traits = AgentTraits {
+        learns: true,
+        metrics: vec![metric],
+        designs: true,
+        ..AgentTraits::default()
+    };
+    registry.agent(NAME, version, about, traits, build);
+}
+
+/// Builds the agent for one seat that chooses among options.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other seat.
+fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    Ok(Box::new(TreeParzen {
+        choices: choices(NAME, interface)?,
+        config,
+        state: State::default(),
+        scored: 0,
+    }))
+}
+
+/// How likely each option of each choice is, at one step.
+type Density = Vec<Vec<f64>>;
+
+impl TreeParzen {
+    fn decide(&mut self, rng: &mut Rng) -> Vec<usize> {
+        if self.state.tried.len() < self.config.n_startup {
+            return random_design(&self.choices, rng);
+        }
+        let step = self.state.under_way.options.len();
+        let (good, others) = self.split();
+        let (likely, unlikely) = (self.density(&good, step), self.density(&others, step));
+        let candidate = |_| {
+            let taken: Vec<usize> = likely.iter().map(|of_choice| drawn(of_choice, rng)).collect();
+            let score = log_likelihood(&likely, &taken) - log_likelihood(&unlikely, &taken);
+            (taken, score)
+        };
+        let better =
+            |best: (Vec<usize>, f64), other: (Vec<usize>, f64)| if other.1 > best.1 { other } else { best };
+        // At least one candidate is drawn, so there is a best one.
+        let (taken, score) = (0..self.config.n_candidates)
+            .map(candidate)
+            .reduce(better)
+            .unwrap_or_default();
+        self.state.n_proposals += 1;
+        self.state.score = score;
+        taken
+    }
+
+    /// The good designs and the others; of equal ones the earlier one is the better.
+    fn split(&self) -> (Vec<&Tried>, Vec<&Tried>) {
+        let mut ranked: Vec<&Tried> = self.state.tried.iter().collect();
+        ranked.sort_by(|one, other| other.value.total_cmp(&one.value));
+        #[allow(
+            clippy::cast_precision_loss,
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a share of a count is a count"
+        )]
+        let n_good = (ranked.len() as f64 * self.config.good_share).ceil() as usize;
+        let others = ranked.split_off(n_good.min(self.config.most_good).min(ranked.len()));
+        (ranked, others)
+    }
+
+    fn density(&self, designs: &[&Tried], step: usize) -> Density {
+        let of_choice = |(at, choice): (usize, &Choice)| {
+            let mut counts = vec![self.config.prior; choice.options.len()];
+            for design in designs {
+                if let Some(taken) = design.options.get(step) {
+                    counts[taken[at]] += 1.0;
+                }
+            }
+            let sum: f64 = counts.iter().sum();
+            counts.into_iter().map(|count| count / sum).collect()
+        };
+        self.choices.iter().enumerate().map(of_choice).collect()
+    }
+
+    fn best_so_far(&mut self, rng: &mut Rng) -> Vec<usize> {
+        let taken = best(&self.state.tried).and_then(|best| best.options.get(self.scored));
+        self.scored += 1;
+        taken
+            .cloned()
+            .unwrap_or_else(|| random_design(&self.choices, rng))
+    }
+}
+
+/// One option, each as likely as its density says.
+fn drawn(density: &[f64], rng: &mut Rng) -> usize {
+    let mut left: f64 = rng.random();
+    let passed = |share: &f64| {
+        left -= share;
+        left < 0.0
+    };
+    density.iter().position(passed).unwrap_or(density.len() - 1)
+}
+
+fn log_likelihood(density: &Density, taken: &[usize]) -> f64 {
+    density
+        .iter()
+        .zip(taken)
+        .map(|(of_choice, at)| of_choice[*at].ln())
+        .sum()
+}
+
+impl Agent for TreeParzen {
+    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        let mut row = |_| {
+            let taken = match mode {
+                Mode::Train => self.decide(rng),
+                Mode::Evaluate => self.best_so_far(rng),
+            };
+            vec![choice::vector(&self.choices, &taken)]
+        };
+        Ok(observations.iter().map(&mut row).collect())
+    }
+
+    fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        for transition in transitions {
+            record.mean("proposal_score", self.state.score);
+            if let Some(tried) = self.state.under_way.take(&self.choices, transition)? {
+                self.state.tried.push(tried);
+            }
+        }
+        Ok(())
+    }
+
+    fn updates(&self) -> Option<Updates> {
+        Some(Updates {
+            made: self.state.n_proposals,
+            first_after: self.config.n_startup as u64,
+        })
+    }
+
+    fn remembers(&self) -> bool {
+        true
+    }
+
+    fn restart(&mut self) {
+        self.scored = 0;
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        checkpoint::write(NAME, dir, TensorFile::default(), &self.state)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        (_, self.state) = checkpoint::read(NAME, dir)?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shared::designs::tests::{BEST, interface, scored, search};
+
+    fn agent(config: Config) -> TreeParzen {
+        TreeParzen {
+            choices: choices(NAME, &interface()).unwrap(),
+            config,
+            state: State::default(),
+            scored: 0,
+        }
+    }
+
+    #[test]
+    fn it_finds_the_best_design_and_makes_it_where_it_is_scored() {
+        let (mut agent, mut rng) = (agent(Config::default()), engine::random::stream(&["parzen"]));
+        let values = search(&mut agent, 60, &mut rng);
+        let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+        assert!(mean(&values[40..]) > mean(&values[..10]) + 1.0, "{values:?}");
+        assert_eq!(scored(&mut agent, &mut rng), BEST);
+        assert_eq!(agent.updates().unwrap().made, 100);
+    }
+
+    /// Two of the four designs are good; `norm` 2 was taken by both and by none of the others.
+    #[test]
+    fn densities_by_hand() {
+        let mut agent = agent(Config {
+            good_share: 0.5,
+            ..Config::default()
+        });
+        let tried = |conv: usize, norm: usize, value: f64| Tried {
+            options: vec![vec![conv, norm]],
+            value,
+        };
+        agent.state.tried = vec![
+            tried(0, 2, 4.0),
+            tried(1, 2, 3.0),
+            tried(0, 0, 1.0),
+            tried(0, 1, 2.0),
+        ];
+        let (good, others) = agent.split();
+        assert_eq!(good.iter().map(|one| one.value).collect::<Vec<_>>(), [4.0, 3.0]);
+        let close = |density: &Density, expected: &[&[f64]]| {
+            for (found, expected) in density.iter().zip(expected) {
+                assert!(
+                    found.iter().zip(*expected).all(|(a, b)| (a - b).abs() < 1e-15),
+                    "{found:?}"
+                );
+            }
+        };
+        close(&agent.density(&good, 0), &[&[0.5, 0.5], &[0.2, 0.2, 0.6]]);
+        close(&agent.density(&others, 0), &[&[0.75, 0.25], &[0.4, 0.4, 0.2]]);
+        close(&agent.density(&good, 1), &[&[0.5, 0.5], &[1.0 / 3.0; 3]]);
+        let ratio = log_likelihood(&agent.density(&good, 0), &[1, 2])
+            - log_likelihood(&agent.density(&others, 0), &[1, 2]);
+        assert!((ratio - (2.0f64 * 3.0).ln()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn options_are_drawn_as_often_as_their_density_says() {
+        let mut rng = engine::random::stream(&["density"]);
+        let counts = (0..30_000).fold([0.0; 3], |mut counts, _| {
+            counts[drawn(&[0.2, 0.7, 0.1], &mut rng)] += 1.0 / 30_000.0;
+            counts
+        });
+        let expected = [0.2, 0.7, 0.1];
+        assert!(
+            counts
+                .iter()
+                .zip(expected)
+                .all(|(a, b): (&f64, f64)| (a - b).abs() < 0.01),
+            "{counts:?}"
+        );
+    }
+}
