@@ -1,0 +1,361 @@
+//! Normalisation of the channels of images, with a rectifier where asked for, as one autodiff operation.
+//!
+//! Batch normalisation (Ioffe and Szegedy 2015, arXiv:1502.03167, algorithm 1) takes the statistics of each
+//! channel over all pixels of the batch, instance normalisation (Ulyanov et al. 2016, arXiv:1607.08022) over
+//! those of one image.
+//!
+//! | paper | here | shape |
+//! |---|---|---|
+//! | x, y | image, output | `[batch, height, width, channels]` |
+//! | mu, sigma^2 | [`Statistics`]: mean and biased variance | `[channels]` |
+//! | gamma, beta | weight, bias | `[channels]` |
+//! | epsilon | [`EPSILON`] | scalar |
+//!
+//! `y = gamma (x - mu) / sqrt(sigma^2 + epsilon) + beta`, then `max(y, 0)` with a rectifier. Backward, with `m`
+//! pixels, `h` the standardised input and `dy` zero where the rectifier is: `dgamma = sum(dy h)`, `dbeta =
+//! sum(dy)`, `dx = gamma (m dy - sum(dy) - h sum(dy h)) / (m sqrt(sigma^2 + epsilon))`; with given statistics
+//! `dx = gamma dy / sqrt(sigma^2 + epsilon)`.
+
+use super::operation::{Host, Operation, host, of_one, of_three, shape};
+use super::pointwise::{rectified, rectified_gradient};
+use super::widest;
+use burn::Tensor;
+use std::sync::{Arc, OnceLock};
+
+/// What keeps a constant channel from being divided by zero (PyTorch's default).
+pub const EPSILON: f32 = 1e-5;
+
+/// Mean and biased variance of each channel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Statistics {
+    /// `[channels]`.
+    pub mean: Vec<f32>,
+    /// `[channels]`.
+    pub variance: Vec<f32>,
+}
+
+/// Batch normalisation of `image` `[batch, height, width, channels]` with `weight` and `bias` `[channels]`, and
+/// a rectifier after it where `relu` is set; also the statistics of the batch.
+///
+/// # Panics
+/// Where the shapes do not fit, one of them is 0, or a tensor is not `f32`.
+#[must_use]
+pub fn normalise_batch(
+    image: Tensor<4>,
+    weight: Tensor<1>,
+    bias: Tensor<1>,
+    relu: bool,
+) -> (Tensor<4>, Statistics) {
+    let operation = Arc::new(Normalisation::of_batch(relu));
+    let output = affine(image, weight, bias, operation.clone());
+    // The forward pass has just filled it.
+    let statistics = operation
+        .statistics
+        .get()
+        .expect("statistics of the forward pass");
+    (output, statistics[0].clone())
+}
+
+/// As [`normalise_batch`], by given statistics: the form for evaluation.
+///
+/// # Panics
+/// Where the shapes do not fit, one of them is 0, or a tensor is not `f32`.
+#[must_use]
+pub fn normalise_by(
+    image: Tensor<4>,
+    weight: Tensor<1>,
+    bias: Tensor<1>,
+    statistics: Statistics,
+    relu: bool,
+) -> Tensor<4> {
+    let n_channels = weight.dims()[0];
+    assert_eq!(
+        [statistics.mean.len(), statistics.variance.len()],
+        [n_channels; 2],
+        "one mean and one variance per channel"
+    );
+    affine(image, weight, bias, Arc::new(Normalisation::by(statistics, relu)))
+}
+
+/// Instance normalisation of `image` `[batch, height, width, channels]` without weights, and a rectifier after
+/// it where `relu` is set.
+///
+/// # Panics
+/// Where a dimension is 0 or the tensor is not `f32`.
+#[must_use]
+pub fn normalise_instances(image: Tensor<4>, relu: bool) -> Tensor<4> {
+    of_one(image, Arc::new(Normalisation::of_instances(relu)))
+}
+
+fn affine(image: Tensor<4>, weight: Tensor<1>, bias: Tensor<1>, operation: Arc<Normalisation>) -> Tensor<4> {
+    let [.., n_channels] = image.dims();
+    assert_eq!(
+        [weight.dims(), bias.dims()],
+        [[n_channels]; 2],
+        "one weight and one bias per channel"
+    );
+    of_three(image, weight, bias, operation)
+}
+
+/// Whose pixels are normalised together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Over {
+    Batch,
+    Instance,
+}
+
+#[derive(Debug)]
+struct Normalisation {
+    over: Over,
+    /// The statistics are constants.
+    given: bool,
+    relu: bool,
+    /// One entry per group of pixels; those of the inputs are filled in by the forward pass.
+    statistics: OnceLock<Vec<Statistics>>,
+}
+
+/// Factors of one channel each, `y = scale x + shift` in the forward pass.
+type Channels = Vec<f32>;
+
+impl Normalisation {
+    fn of_batch(relu: bool) -> Self {
+        Self {
+            over: Over::Batch,
+            given: false,
+            relu,
+            statistics: OnceLock::new(),
+        }
+    }
+
+    fn of_instances(relu: bool) -> Self {
+        Self {
+            over: Over::Instance,
+            ..Self::of_batch(relu)
+        }
+    }
+
+    fn by(statistics: Statistics, relu: bool) -> Self {
+        Self {
+            given: true,
+            statistics: vec![statistics].into(),
+            ..Self::of_batch(relu)
+        }
+    }
+
+    /// Numbers of a group of pixels.
+    fn group(&self, [n_images, height, width, n_channels]: [usize; 4]) -> usize {
+        let n_images = if self.over == Over::Batch { n_images } else { 1 };
+        n_images * height * width * n_channels
+    }
+}
+
+impl Operation for Normalisation {
+    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+        let (x, shape) = (inputs[0].storage::<f32>(), shape(&inputs[0]));
+        let (group, n_channels) = (self.group(shape), shape[3]);
+        let (weight, bias) = (numbers(inputs.get(1)), numbers(inputs.get(2)));
+        let mut y = vec![0.0; x.len()];
+        let statistics = self
+            .statistics
+            .get_or_init(|| x.chunks_exact(group).map(|x| statistics(x, n_channels)).collect());
+        for ((x, y), statistics) in x
+            .chunks_exact(group)
+            .zip(y.chunks_exact_mut(group))
+            .zip(statistics)
+        {
+            let scale = scale(statistics, weight);
+            let shift = shift(statistics, &scale, bias);
+            apply(x, y, &scale, &shift, self.relu);
+        }
+        let output = host(y, shape);
+        let mut kept = inputs;
+        kept.truncate(2);
+        if self.relu {
+            kept.push(output.clone());
+        }
+        (output, kept)
+    }
+
+    fn backward(&self, kept: &[Host], upstream: &Host, wanted: &[bool]) -> Vec<Option<Host>> {
+        let shape = shape(upstream);
+        let (group, n_channels) = (self.group(shape), shape[3]);
+        let weight = numbers((wanted.len() == 3).then(|| &kept[1]));
+        let masked = self.relu.then(|| masked(&kept[kept.len() - 1], upstream));
+        let dy = masked.as_deref().unwrap_or_else(|| upstream.storage::<f32>());
+        let mut dx = vec![0.0; dy.len()];
+        let (mut d_weight, mut d_bias) = (vec![0.0; n_channels], vec![0.0; n_channels]);
+        // The forward pass has filled it.
+        let statistics = self.statistics.get().expect("statistics of the forward pass");
+        let groups = kept[0]
+            .storage::<f32>()
+            .chunks_exact(group)
+            .zip(dy.chunks_exact(group));
+        for (((x, dy), dx), statistics) in groups.zip(dx.chunks_exact_mut(group)).zip(statistics) {
+            let sums = gradient_sums(x, dy, statistics);
+            add(&mut d_weight, &sums.with_input);
+            add(&mut d_bias, &sums.alone);
+            let scale = scale(statistics, weight);
+            input_gradient(x, dy, dx, (!self.given).then_some((&sums, statistics)), &scale);
+        }
+        let mut found = vec![wanted[0].then(|| host(dx, shape))];
+        if let [_, of_weight, of_bias] = wanted {
+            found.push(of_weight.then(|| host(d_weight, [n_channels])));
+            found.push(of_bias.then(|| host(d_bias, [n_channels])));
+        }
+        found
+    }
+}
+
+fn numbers(tensor: Option<&Host>) -> Option<&[f32]> {
+    tensor.map(Host::storage::<f32>)
+}
+
+fn masked(output: &Host, upstream: &Host) -> Vec<f32> {
+    let (y, dy) = (output.storage::<f32>(), upstream.storage::<f32>());
+    widest(
+        #[inline(always)]
+        || rectified_gradient(y, dy),
+    )
+}
+
+fn add(sums: &mut [f32], other: &[f32]) {
+    sums.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+}
+
+/// Mean and biased variance of each channel of pixels that lie one after the other.
+#[allow(
+    clippy::cast_precision_loss,
+    reason = "a batch has far fewer than 2^24 pixels"
+)]
+fn statistics(pixels: &[f32], n_channels: usize) -> Statistics {
+    let n_pixels = (pixels.len() / n_channels) as f32;
+    let mut mean = super::column_sums(pixels, n_channels);
+    mean.iter_mut().for_each(|sum| *sum /= n_pixels);
+    let mut variance = vec![0.0; n_channels];
+    widest(
+        #[inline(always)]
+        || {
+            for pixel in pixels.chunks_exact(n_channels) {
+                for ((sum, x), mean) in variance.iter_mut().zip(pixel).zip(&mean) {
+                    *sum += (x - mean) * (x - mean);
+                }
+            }
+        },
+    );
+    variance.iter_mut().for_each(|sum| *sum /= n_pixels);
+    Statistics { mean, variance }
+}
+
+fn inverse_sd(variance: f32) -> f32 {
+    1.0 / (variance + EPSILON).sqrt()
+}
+
+/// `gamma / sqrt(sigma^2 + epsilon)`.
+fn scale(statistics: &Statistics, weight: Option<&[f32]>) -> Channels {
+    let inverse = statistics.variance.iter().map(|variance| inverse_sd(*variance));
+    match weight {
+        Some(weight) => inverse
+            .zip(weight)
+            .map(|(inverse, weight)| inverse * weight)
+            .collect(),
+        None => inverse.collect(),
+    }
+}
+
+/// `beta - mu scale`.
+fn shift(statistics: &Statistics, scale: &[f32], bias: Option<&[f32]>) -> Channels {
+    let means = statistics
+        .mean
+        .iter()
+        .zip(scale)
+        .map(|(mean, scale)| mean * scale);
+    match bias {
+        Some(bias) => means.zip(bias).map(|(mean, bias)| bias - mean).collect(),
+        None => means.map(|mean| -mean).collect(),
+    }
+}
+
+fn apply(x: &[f32], y: &mut [f32], scale: &[f32], shift: &[f32], relu: bool) {
+    let n_channels = scale.len();
+    let pixels = x.chunks_exact(n_channels).zip(y.chunks_exact_mut(n_channels));
+    widest(
+        #[inline(always)]
+        || {
+            for (x, y) in pixels {
+                for ((y, x), (scale, shift)) in y.iter_mut().zip(x).zip(scale.iter().zip(shift)) {
+                    *y = x * scale + shift;
+                }
+                if relu {
+                    y.iter_mut().for_each(|y| *y = rectified(*y));
+                }
+            }
+        },
+    );
+}
+
+/// Sums over pixels, one number per channel.
+struct GradientSums {
+    /// `sum(dy)`.
+    alone: Channels,
+    /// `sum(dy h)`.
+    with_input: Channels,
+}
+
+fn gradient_sums(x: &[f32], dy: &[f32], statistics: &Statistics) -> GradientSums {
+    let n_channels = statistics.mean.len();
+    let (mut alone, mut with_input) = (vec![0.0; n_channels], vec![0.0; n_channels]);
+    widest(
+        #[inline(always)]
+        || {
+            for (x, dy) in x.chunks_exact(n_channels).zip(dy.chunks_exact(n_channels)) {
+                let sums = alone.iter_mut().zip(&mut with_input);
+                for (((alone, product), mean), (x, dy)) in sums.zip(&statistics.mean).zip(x.iter().zip(dy)) {
+                    *alone += dy;
+                    *product += dy * (x - mean);
+                }
+            }
+        },
+    );
+    let inverse = statistics.variance.iter().map(|variance| inverse_sd(*variance));
+    with_input
+        .iter_mut()
+        .zip(inverse)
+        .for_each(|(sum, inverse)| *sum *= inverse);
+    GradientSums { alone, with_input }
+}
+
+/// `dx = scale dy + of_x x + constant`; the last two are zero where the statistics are constants.
+#[allow(
+    clippy::cast_precision_loss,
+    reason = "a batch has far fewer than 2^24 pixels"
+)]
+fn input_gradient(
+    x: &[f32],
+    dy: &[f32],
+    dx: &mut [f32],
+    through_statistics: Option<(&GradientSums, &Statistics)>,
+    scale: &[f32],
+) {
+    let n_channels = scale.len();
+    let (mut of_x, mut constant) = (vec![0.0; n_channels], vec![0.0; n_channels]);
+    if let Some((sums, statistics)) = through_statistics {
+        let share = 1.0 / (x.len() / n_channels) as f32;
+        for k in 0..n_channels {
+            of_x[k] = -scale[k] * share * sums.with_input[k] * inverse_sd(statistics.variance[k]);
+            constant[k] = -scale[k] * share * sums.alone[k] - of_x[k] * statistics.mean[k];
+        }
+    }
+    let pixels = x.chunks_exact(n_channels).zip(dy.chunks_exact(n_channels));
+    let pixels = pixels.zip(dx.chunks_exact_mut(n_channels));
+    widest(
+        #[inline(always)]
+        || {
+            for ((x, dy), dx) in pixels {
+                let factors = scale.iter().zip(&of_x).zip(&constant);
+                for (((dx, x), dy), ((scale, of_x), constant)) in dx.iter_mut().zip(x).zip(dy).zip(factors) {
+                    *dx = scale * dy + of_x * x + constant;
+                }
+            }
+        },
+    );
+}
