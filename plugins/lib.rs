@@ -1,4 +1,5 @@
-//! What the program is made of: the engine's protocols, the environments, the agents and the estimators, in one registry.
+//! What the program is made of: the engine's protocols, the environments, the agents, the estimators and the generators, in
+//! one registry.
 
 use engine::{Build, Registry};
 
@@ -19,5 +20,6 @@ pub fn registry() -> Registry {
     environments::register(&mut registry);
     agents::register(&mut registry);
     estimators::register(&mut registry);
+    generators::register(&mut registry);
     registry
 }

@@ -14,7 +14,14 @@ fn depends_on(folder: &str, name: &str) -> bool {
 
 #[test]
 fn the_engine_and_numerics_depend_on_no_workspace_crate() {
-    for name in ["engine", "numerics", "environments", "agents", "estimators"] {
+    for name in [
+        "engine",
+        "numerics",
+        "environments",
+        "agents",
+        "estimators",
+        "generators",
+    ] {
         assert!(
             !depends_on("plugins/numerics", name),
             "numerics depends on {name}"
@@ -29,7 +36,10 @@ fn agents_and_environments_do_not_know_each_other() {
     assert!(!depends_on("plugins/environments", "agents"));
     // Estimators carry a model of the plant, and are nobody's part.
     for folder in ["plugins/agents", "plugins/environments"] {
-        assert!(!depends_on(folder, "estimators"), "{folder}");
+        assert!(
+            !depends_on(folder, "estimators") && !depends_on(folder, "generators"),
+            "{folder}"
+        );
     }
 }
 

@@ -45,6 +45,8 @@ pub enum FileFormat {
     Parquet,
     /// HDF5.
     Hdf5,
+    /// Bytes that are no text, in a layout that the plugin knows which asks for the file.
+    Binary,
 }
 
 impl FileFormat {
@@ -53,15 +55,27 @@ impl FileFormat {
     fn of(path: &Path) -> Result<Self, Error> {
         let file = fs::File::open(path).map_err(Error::file("read", path))?;
         let mut first = Vec::new();
-        file.take(8)
+        file.take(4096)
             .read_to_end(&mut first)
             .map_err(Error::file("read", path))?;
         Ok(match first[..] {
             [b'P', b'A', b'R', b'1', ..] => Self::Parquet,
-            [0x89, b'H', b'D', b'F', b'\r', b'\n', 0x1a, b'\n'] => Self::Hdf5,
-            _ => Self::Text,
+            [0x89, b'H', b'D', b'F', b'\r', b'\n', 0x1a, b'\n', ..] => Self::Hdf5,
+            _ if is_text(&first) => Self::Text,
+            _ => Self::Binary,
         })
     }
+}
+
+/// True where the first bytes of a file are UTF-8, maybe cut inside a character, without control characters.
+fn is_text(first: &[u8]) -> bool {
+    let whole = match str::from_utf8(first) {
+        Ok(text) => text,
+        Err(error) if error.error_len().is_some() => return false,
+        // Valid up to there, as the error says.
+        Err(error) => str::from_utf8(&first[..error.valid_up_to()]).unwrap_or_default(),
+    };
+    !whole.contains(|character: char| character.is_control() && !"\t\r\n\u{c}".contains(character))
 }
 
 impl DataFile {
@@ -227,10 +241,20 @@ mod tests {
         let named = path.to_str().unwrap();
         assert_eq!(hash_of(&path), None);
         assert!(matches!(read(named, ""), Err(Error::File { .. })));
-        fs::write(&path, b"\xff").unwrap();
+        // Text at its beginning, and none at its end.
+        fs::write(&path, [vec![b'1'; 5000], vec![0xff]].concat()).unwrap();
         let message = read(named, &hash_of(&path).unwrap()).unwrap_err().to_string();
         assert!(
             message.contains("load.csv") && message.contains("utf-8"),
+            "{message}"
+        );
+        fs::write(&path, b"\xff").unwrap();
+        let file = read(named, &hash_of(&path).unwrap()).unwrap();
+        let file: DataFile = serde_json::from_value(file).unwrap();
+        assert_eq!(file.format().unwrap(), FileFormat::Binary);
+        let message = file.text().unwrap_err().to_string();
+        assert!(
+            message.contains("load.csv") && message.contains("UTF-8"),
             "{message}"
         );
         let message = read(named, "another hash").unwrap_err().to_string();
@@ -259,6 +283,13 @@ mod tests {
             read(path.to_str().unwrap(), &hash),
             Err(Error::DataFileChanged { .. })
         ));
+    }
+
+    #[test]
+    fn text_is_told_from_other_bytes() {
+        let cut = "time,überhang".as_bytes();
+        assert!(is_text(b"") && is_text(b"a,b\r\n1\t2\n") && is_text(&cut[..6]));
+        assert!(!is_text(&[3, 200, 201]) && !is_text(&[9, 10, 1]) && !is_text(b"a\0b"));
     }
 
     #[test]

@@ -12,7 +12,7 @@
 //!
 //! The agent draws its actions for `exploration_steps`, and takes the mean of its policy after that. Once
 //! `learning_starts` transitions are remembered, each step of the first phase brings one update and each of the second
-//! ten. What a soft actor-critic is stands in [`soft_actor_critic`](crate::soft_actor_critic).
+//! ten. What a soft actor-critic is stands in [`SoftActorCritic`].
 //!
 //! The text and the released code differ:
 //!
@@ -34,7 +34,7 @@
 use crate::shared::box_seat::BoxSeat;
 use crate::shared::scaling::ObservationScaling;
 use crate::shared::seat_network::check_batch;
-use crate::soft_actor_critic::{self as sac, SoftActorCritic, Temperature};
+use crate::shared::soft_actor_critic::{self as sac, SoftActorCritic, Temperature};
 use engine::{
     Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Preset, Recorder, Registry, Rng,
     Transition, Updates,

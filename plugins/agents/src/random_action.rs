@@ -6,10 +6,8 @@
 //!
 //! [`random_allocation`]: crate::random_allocation
 
-use crate::shared::{allocation::uniform_shares, seat::mismatch};
-use engine::{
-    Action, Agent, AgentTraits, Choice, Error, Interface, Mode, Observation, Registry, Rng, Space, choice,
-};
+use crate::shared::{allocation::uniform_shares, designs::random_design, seat::mismatch};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng, Space, choice};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -78,14 +76,6 @@ fn draw(space: &Space, rng: &mut Rng) -> Vec<f64> {
         Space::Discrete(names) => vec![f64::from(rng.random_range(0..names.len() as u32))],
         Space::Choices(choices) => choice::vector(choices, &random_design(choices, rng)),
     }
-}
-
-/// One option of each choice, each as likely as another.
-pub(crate) fn random_design(choices: &[Choice], rng: &mut Rng) -> Vec<usize> {
-    // Not `usize`, whose width would reach the stream.
-    #[allow(clippy::cast_possible_truncation, reason = "nobody names 2^32 options")]
-    let draw = |choice: &Choice| rng.random_range(0..choice.options.len() as u32) as usize;
-    choices.iter().map(draw).collect()
 }
 
 #[cfg(test)]

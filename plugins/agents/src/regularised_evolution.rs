@@ -11,9 +11,8 @@
 //!
 //! Metrics, means since the last design: `population_return` the mean return of the population.
 
-use crate::random_action::random_design;
 use crate::shared::checkpoint;
-use crate::shared::designs::{Options, Tried, UnderWay, best, choices};
+use crate::shared::designs::{Options, Tried, UnderWay, best, choices, random_design};
 use engine::{
     Action, Agent, AgentTraits, Choice, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates, choice,

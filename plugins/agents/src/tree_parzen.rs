@@ -15,9 +15,8 @@
 //!
 //! Metrics, means since the last design: `proposal_score`, ln(l / g) of what was proposed.
 
-use crate::random_action::random_design;
 use crate::shared::checkpoint;
-use crate::shared::designs::{Tried, UnderWay, best, choices};
+use crate::shared::designs::{Tried, UnderWay, best, choices, random_design};
 use engine::{
     Action, Agent, AgentTraits, Choice, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
     Transition, Updates, choice,

@@ -1,7 +1,8 @@
 //! What an agent that proposes whole designs keeps: the design under way, and what those that it tried were worth.
 
 use super::seat::{kind, mismatch, only_seat};
-use engine::{Choice, Error, Interface, Space, Transition, choice};
+use engine::{Choice, Error, Interface, Rng, Space, Transition, choice};
+use rand::Rng as _;
 use serde::{Deserialize, Serialize};
 
 /// The option taken of each choice, step by step.
@@ -59,6 +60,15 @@ pub fn choices(agent: &'static str, interface: &Interface) -> Result<Vec<Choice>
     }
 }
 
+/// One option of each choice, each as likely as another.
+#[must_use]
+pub fn random_design(choices: &[Choice], rng: &mut Rng) -> Vec<usize> {
+    // Not `usize`, whose width would reach the stream.
+    #[allow(clippy::cast_possible_truncation, reason = "nobody names 2^32 options")]
+    let draw = |choice: &Choice| rng.random_range(0..choice.options.len() as u32) as usize;
+    choices.iter().map(draw).collect()
+}
+
 /// The best of what was tried, the first of equals.
 #[must_use]
 pub fn best(tried: &[Tried]) -> Option<&Tried> {
@@ -70,7 +80,7 @@ pub fn best(tried: &[Tried]) -> Option<&Tried> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use engine::{Action, Agent, Channel, End, Mode, Observation, Recorder, Rng, Seat};
+    use engine::{Action, Agent, Channel, End, Mode, Observation, Recorder, Seat};
 
     /// Two choices in each of two steps; a design is worth the number of second options that it takes, and three
     /// more where it takes the third one of `norm` in the second step.

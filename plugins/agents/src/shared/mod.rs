@@ -23,4 +23,5 @@ pub mod schedule;
 pub mod seat;
 pub mod seat_network;
 pub mod simplex_regression;
+pub mod soft_actor_critic;
 pub mod targets;

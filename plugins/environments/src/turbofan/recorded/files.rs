@@ -12,7 +12,8 @@ pub(super) type Row<'a> = dyn FnMut(u64, &[f64]) -> Result<(), Error> + 'a;
 /// or has no such column or no number in one; and what `row` says.
 pub(super) fn read(file: &DataFile, names: &[&str], row: &mut Row<'_>) -> Result<(), Error> {
     match file.format()? {
-        FileFormat::Text => csv(file, names, row),
+        // Of bytes that are nothing known, the reader of text says where they begin.
+        FileFormat::Text | FileFormat::Binary => csv(file, names, row),
         FileFormat::Parquet => parquet(file, names, row),
         #[cfg(feature = "hdf5")]
         FileFormat::Hdf5 => super::hdf5::read(file.path(), names, row),

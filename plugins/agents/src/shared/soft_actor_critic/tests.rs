@@ -183,7 +183,9 @@ fn contradictions_and_seats_that_do_not_fit_are_refused() {
 
 #[test]
 fn a_saved_agent_continues() {
-    regulator::assert_continues(|rng| build(tiny(), &regulator::interface(), rng).unwrap());
+    regulator::assert_continues(|rng| {
+        Box::new(SoftActorCritic::new(tiny(), &regulator::interface(), rng).unwrap())
+    });
 }
 
 #[test]
@@ -193,5 +195,7 @@ fn what_it_records_is_declared() {
 
 #[test]
 fn the_exported_policy_acts_as_the_agent_is_scored() {
-    regulator::assert_exports(|rng| build(tiny(), &regulator::interface(), rng).unwrap());
+    regulator::assert_exports(|rng| {
+        Box::new(SoftActorCritic::new(tiny(), &regulator::interface(), rng).unwrap())
+    });
 }

@@ -43,8 +43,7 @@ use crate::shared::targets::{bootstrapped, half_squared_error, mean};
 use burn::module::Module;
 use burn::tensor::Tensor;
 use engine::{
-    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates, UseOfDatasets,
+    Action, Agent, Error, Interface, Metric, Mode, Observation, Recorder, Rng, Transition, Updates,
 };
 use numerics::network::{Mlp, TwinMlp, matrix, values};
 use numerics::optimizer::{Adam, Trained};
@@ -80,28 +79,6 @@ struct Counters {
     schedule: UpdateSchedule,
 }
 
-/// Registers the agent.
-pub(crate) fn register(registry: &mut Registry, version: u32) {
-    let about = "soft actor-critic for one seat that acts in a box";
-    // Off the policy: a replay buffer does not ask who decided.
-    let datasets = UseOfDatasets::Also;
-    let traits = AgentTraits {
-        learns: true,
-        metrics: metrics(),
-        datasets,
-        ..AgentTraits::default()
-    };
-    registry.agent(NAME, version, about, traits, build);
-}
-
-/// Builds the agent for one seat that observes a box and acts in a box with limits -1 and 1.
-///
-/// # Errors
-/// [`Error::Mismatch`] for any other seat, [`Error::Config`] for settings that contradict each other.
-fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    Ok(Box::new(SoftActorCritic::new(config, interface, rng)?))
-}
-
 /// What [`SoftActorCritic::learn`] records.
 pub(crate) fn metrics() -> Vec<Metric> {
     vec![
@@ -127,7 +104,11 @@ pub(crate) fn metrics() -> Vec<Metric> {
 }
 
 impl SoftActorCritic {
-    fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+    /// The algorithm for one seat that observes a box and acts in a box with limits -1 and 1.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] for any other seat, [`Error::Config`] for settings that contradict each other.
+    pub(crate) fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
         let seat = BoxSeat::new(NAME, config.observation_scaling, interface)?;
         config.check()?;
         let (n_seen, n_done, hidden) = (seat.n_observed(), seat.n_acted(), config.hidden());

@@ -1,0 +1,31 @@
+//! Soft actor-critic as an agent: [`SoftActorCritic`] with an update or more per step of the environment.
+//!
+//! Haarnoja et al. 2018, "Soft actor-critic algorithms and applications", arXiv:1812.05905. What it computes, its
+//! departures and its metrics stand with the algorithm, which other agents are made of too.
+
+use crate::shared::soft_actor_critic::{Config, SoftActorCritic, metrics};
+use engine::{Agent, AgentTraits, Error, Interface, Registry, Rng, UseOfDatasets};
+
+const NAME: &str = "soft_actor_critic";
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "soft actor-critic for one seat that acts in a box";
+    // Off the policy: a replay buffer does not ask who decided.
+    let datasets = UseOfDatasets::Also;
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        datasets,
+        ..AgentTraits::default()
+    };
+    registry.agent(NAME, version, about, traits, build);
+}
+
+/// Builds the agent for one seat that observes a box and acts in a box with limits -1 and 1.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other seat, [`Error::Config`] for settings that contradict each other.
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    Ok(Box::new(SoftActorCritic::new(config, interface, rng)?))
+}

@@ -1,0 +1,355 @@
+//! Agent `image_classifier`: a [`FeatureNetwork`] that learns to say the class of an image.
+//!
+//! It descends the cross entropy of batches of examples with Adam. What it leaves as its policy is the network with
+//! which scores see generated images.
+//!
+//! Metrics, means over the batches since the last measurement: `cross_entropy`.
+
+use crate::feature_network::{FeatureNetwork, Form};
+use burn::module::Module;
+use burn::tensor::activation::log_softmax;
+use burn::tensor::{Tensor, TensorData};
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng, Space,
+    Transition, Updates,
+};
+use numerics::network::{device, matrix, values};
+use numerics::optimizer::{Adam, Trained};
+use numerics::tensor_file::{TensorFile, TensorFileError};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::path::Path;
+
+const NAME: &str = "image_classifier";
+const STATE: &str = "agent.safetensors";
+
+/// Hyper-parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Channels of the first layer; features are four times as many.
+    #[schemars(range(min = 1, max = 512))]
+    pub channels: usize,
+    /// Step size of Adam.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub learning_rate: f64,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            channels: 16,
+            learning_rate: 1e-3,
+        }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The agent.
+#[derive(Debug, Clone)]
+pub struct ImageClassifier {
+    form: Form,
+    network: Trained<FeatureNetwork>,
+    n_updates: u64,
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry) {
+    let about =
+        "a convolutional network that says the class of an image, and whose features scores are made of";
+    let metric = Metric::new(
+        "cross_entropy",
+        "nat",
+        "minus the mean log probability of the right class",
+    );
+    let traits = AgentTraits {
+        learns: true,
+        metrics: vec![metric.lower_is_better()],
+        learns_from_examples: true,
+        ..AgentTraits::default()
+    };
+    registry.agent(NAME, 1, about, traits, build);
+}
+
+/// Builds the agent for one seat that observes a square image and says one of several classes.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other seat.
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let form = form(&config, interface)?;
+    Ok(Box::new(ImageClassifier {
+        form,
+        network: Trained::new(
+            FeatureNetwork::new(form, rng),
+            Adam::new(config.learning_rate, None),
+        ),
+        n_updates: 0,
+    }))
+}
+
+fn form(config: &Config, interface: &Interface) -> Result<Form, Error> {
+    let mismatch = |problem: String| Error::Mismatch { agent: NAME, problem };
+    let [seat] = interface.seats.as_slice() else {
+        let seats = interface.seats.len();
+        return Err(mismatch(format!(
+            "it plays one seat, the environment has {seats}"
+        )));
+    };
+    let (Space::Box(pixels), Space::Discrete(classes)) = (&seat.observation, &seat.action) else {
+        return Err(mismatch(
+            "it says the class of an image, and there is none to see or none to say".into(),
+        ));
+    };
+    if interface.state.len() != classes.len() {
+        return Err(mismatch(
+            "it learns from a state that says the class, and there is none".into(),
+        ));
+    }
+    let size = (1..)
+        .find(|size| crate::source::n_numbers(*size) >= pixels.len())
+        .unwrap_or(1);
+    if crate::source::n_numbers(size) != pixels.len() || !size.is_multiple_of(4) {
+        let problem = format!(
+            "it sees square colour images whose sides are multiples of 4; {} numbers are none",
+            pixels.len()
+        );
+        return Err(mismatch(problem));
+    }
+    Ok(Form {
+        size,
+        channels: config.channels,
+        classes: classes.len(),
+    })
+}
+
+impl ImageClassifier {
+    #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+    fn images<'a>(&self, observations: impl Iterator<Item = &'a Observation>) -> Tensor<4> {
+        let numbers: Vec<f32> = observations
+            .flat_map(|one| one.seats[0].iter().map(|number| *number as f32))
+            .collect();
+        let size = self.form.size;
+        let n = numbers.len() / crate::source::n_numbers(size);
+        Tensor::from_data(TensorData::new(numbers, [n, size, size, 3]), &device())
+    }
+}
+
+fn error_of(error: TensorFileError) -> Error {
+    match error {
+        TensorFileError::File { doing, path, source } => Error::File { doing, path, source },
+        other => Error::Checkpoint {
+            what: NAME,
+            problem: other.to_string(),
+        },
+    }
+}
+
+impl Agent for ImageClassifier {
+    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
+        let images = self.images(observations.iter());
+        let logits = values(self.network.network().valid().see(images).logits);
+        let largest = |row: &[f32]| {
+            let better = |best: usize, at: usize| if row[at] > row[best] { at } else { best };
+            (0..row.len()).fold(0, better)
+        };
+        #[allow(clippy::cast_precision_loss, reason = "few classes")]
+        let said = |row: &[f32]| vec![vec![largest(row) as f64]];
+        Ok(logits.chunks_exact(self.form.classes).map(said).collect())
+    }
+
+    #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+    fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        let images = self.images(transitions.iter().map(|one| &one.observation));
+        let answers = transitions
+            .iter()
+            .flat_map(|one| one.observation.state.iter().map(|is| *is as f32));
+        let answers = Tensor::from_inner(matrix(answers.collect(), self.form.classes));
+        let logs = log_softmax(self.network.network().see(Tensor::from_inner(images)).logits, 1);
+        #[allow(clippy::cast_precision_loss, reason = "a batch is small")]
+        let loss = (logs * answers).sum() * (-1.0 / transitions.len() as f64);
+        let value = f64::from(values(loss.clone())[0]);
+        if !value.is_finite() {
+            return Err(Error::NotFinite {
+                what: "cross_entropy".into(),
+                step: self.n_updates,
+                value,
+            });
+        }
+        record.mean("cross_entropy", value);
+        self.network.descend(&loss);
+        self.n_updates += 1;
+        Ok(())
+    }
+
+    fn reads_state(&self) -> bool {
+        true
+    }
+
+    fn updates(&self) -> Option<Updates> {
+        Some(Updates {
+            made: self.n_updates,
+            first_after: 1,
+        })
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        let mut file = TensorFile::default();
+        file.header = json!({ "n_updates": self.n_updates });
+        self.network.store("network", &mut file);
+        file.write(&dir.join(STATE)).map_err(error_of)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        let file = TensorFile::read(&dir.join(STATE)).map_err(error_of)?;
+        self.network.restore("network", &file).map_err(error_of)?;
+        self.n_updates = file.header["n_updates"]
+            .as_u64()
+            .ok_or_else(|| Error::Checkpoint {
+                what: NAME,
+                problem: "it does not say how many updates were made".into(),
+            })?;
+        Ok(())
+    }
+
+    fn export(&self, dir: &Path) -> Result<bool, Error> {
+        self.network.network().write(self.form, dir).map_err(error_of)?;
+        Ok(true)
+    }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        let (_, form) = FeatureNetwork::read(dir).map_err(error_of)?;
+        if form != self.form {
+            return Err(Error::Checkpoint {
+                what: NAME,
+                problem: format!("the network is {form:?}, here {:?}", self.form),
+            });
+        }
+        let file = TensorFile::read(&dir.join(numerics::policy_file::FILE_NAME)).map_err(error_of)?;
+        self.network.restore_network("network", &file).map_err(error_of)?;
+        Ok(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::samples;
+    use engine::{Environment, random::stream};
+
+    fn shapes() -> Box<dyn Environment> {
+        let mut registry = Registry::default();
+        samples::register(&mut registry);
+        let config = json!({ "images": { "shapes": { "count": 400 } }, "size": 8, "held_out": 0.25 });
+        (registry.environments["image_samples"].build)(&config).unwrap()
+    }
+
+    fn agent(interface: &Interface) -> Box<dyn Agent> {
+        let config = Config {
+            channels: 8,
+            learning_rate: 3e-3,
+        };
+        build(config, interface, &mut stream(&["classifier"])).unwrap()
+    }
+
+    fn example(shows: &mut dyn Environment, rng: &mut Rng) -> Transition {
+        let observation = Observation {
+            seats: shows.reset(rng).unwrap(),
+            state: shows.state(),
+        };
+        Transition {
+            next_observation: observation.clone(),
+            observation,
+            action: Vec::new(),
+            rewards: Vec::new(),
+            end: None,
+        }
+    }
+
+    fn accuracy(agent: &mut dyn Agent, shows: &mut dyn Environment, rng: &mut Rng) -> f64 {
+        let right = |episode: u64| {
+            let seats = shows.reset_to(episode, rng).unwrap();
+            let seen = Observation {
+                seats,
+                state: Vec::new(),
+            };
+            let action = agent.act(&[seen], Mode::Evaluate, rng).unwrap().remove(0);
+            shows.step(&action, rng).unwrap().rewards[0]
+        };
+        (0..100).map(right).sum::<f64>() / 100.0
+    }
+
+    #[test]
+    fn it_learns_classes_that_it_was_not_shown_and_leaves_its_network() {
+        let (mut shows, mut rng) = (shapes(), stream(&["learns"]));
+        let mut agent = agent(&shows.interface());
+        assert!(accuracy(&mut *agent, &mut *shows, &mut rng) < 0.3);
+        let mut record = Recorder::default();
+        for _ in 0..200 {
+            let batch: Vec<Transition> = (0..32).map(|_| example(&mut *shows, &mut rng)).collect();
+            agent.learn(&batch, &mut rng, &mut record).unwrap();
+        }
+        let learned = accuracy(&mut *agent, &mut *shows, &mut rng);
+        assert!(learned > 0.4, "{learned}");
+        let folder = tempfile::tempdir().unwrap();
+        assert!(agent.export(folder.path()).unwrap());
+        let mut another = self::agent(&shows.interface());
+        assert!(another.import(folder.path()).unwrap());
+        assert_eq!(accuracy(&mut *another, &mut *shows, &mut rng), learned);
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_cross_entropy() {
+        let (mut shows, mut rng) = (shapes(), stream(&["slope"]));
+        let form = Form {
+            size: 8,
+            channels: 2,
+            classes: 10,
+        };
+        let network = FeatureNetwork::new(form, &mut rng);
+        let agent = ImageClassifier {
+            form,
+            network: Trained::new(network.clone(), Adam::new(1e-3, None)),
+            n_updates: 0,
+        };
+        let example = example(&mut *shows, &mut rng);
+        let loss = |network: &FeatureNetwork| {
+            let images = agent.images(std::iter::once(&example.observation));
+            let logs = log_softmax(network.see(Tensor::from_inner(images)).logits, 1);
+            let answer: Vec<f32> = example.observation.state.iter().map(|is| *is as f32).collect();
+            (logs * Tensor::from_inner(matrix(answer, 10))).sum().neg()
+        };
+        let found = numerics::optimizer::gradients(&network, &mut loss(&network).backward());
+        let all = numerics::parameters::parameters(&network);
+        for (at, parameter) in all.iter().enumerate() {
+            let entry = parameter.values.len() / 2;
+            let moved = |by: f32| {
+                let mut changed = all.clone();
+                changed[at].values[entry] += by;
+                let network = numerics::parameters::with_parameters(network.clone(), &changed).unwrap();
+                f64::from(values(loss(&network))[0])
+            };
+            let expected = (moved(1e-2) - moved(-1e-2)) / 2e-2;
+            let gradient = f64::from(found[at][entry]);
+            assert!(
+                (gradient - expected).abs() < 5e-3,
+                "{}: {gradient} {expected}",
+                parameter.name
+            );
+        }
+    }
+
+    #[test]
+    fn what_is_no_image_is_refused() {
+        let mut interface = shapes().interface();
+        if let Space::Box(pixels) = &mut interface.seats[0].observation {
+            pixels.pop();
+        }
+        let text = build(Config::default(), &interface, &mut stream(&[]))
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(text.contains("191 numbers are none"), "{text}");
+    }
+}

@@ -1,0 +1,20 @@
+//! Generative adversarial networks and the space of their architectures: images, networks, scores, and the search
+//! of chapter 5 of the thesis as an environment.
+//!
+//! Images are `[batch, height, width, 3]` in [-1, 1], channels last, everywhere: the kernels of
+//! [`numerics::image`] read whole pixels at once, which is faster than planes.
+
+pub mod classifier;
+pub mod feature_network;
+pub mod images;
+pub mod samples;
+pub mod scores;
+pub mod source;
+
+use engine::Registry;
+
+/// Registers the environments and agents of this crate.
+pub fn register(registry: &mut Registry) {
+    samples::register(registry);
+    classifier::register(registry);
+}
