@@ -14,8 +14,10 @@
 pub mod allocation_bandit;
 pub mod battery;
 pub mod differential_game;
+pub mod grid_reconfiguration;
 pub mod particles;
 pub mod pendulum;
+pub mod redundancy;
 mod simplex;
 pub mod simplex_reconstruction;
 pub mod turbofan;
@@ -37,10 +39,14 @@ pub fn register(registry: &mut engine::Registry) {
     );
     let about = "players share the higher of two hills, of which the wider one is a trap";
     registry.environment("differential_game", 1, about, differential_game::build);
+    let about = "switches of a distribution feeder, so that most load is supplied after faults";
+    registry.environment("grid_reconfiguration", 1, about, grid_reconfiguration::build);
     let about = "agents push discs in a plane: cooperative navigation, or predators and prey";
     registry.environment("particles", 2, about, particles::build);
     let about = "swing a rod up on its pivot and hold it upright";
     registry.environment("pendulum", 1, about, pendulum::build);
+    let about = "spare components of a system in series, for the best reliability that a budget buys";
+    registry.environment("redundancy", 1, about, redundancy::build);
     registry.environment(
         "simplex_reconstruction",
         1,
