@@ -33,6 +33,7 @@ pub mod equal_split;
 pub mod gaussian_softmax_gradient;
 pub mod gaussian_softmax_regression;
 pub mod gaussian_softmax_sac;
+pub mod given_design;
 pub mod independent_sac;
 pub mod lac;
 pub mod maddpg;
@@ -68,6 +69,7 @@ pub fn register(registry: &mut Registry) {
     gaussian_softmax_gradient::register(registry, 2);
     gaussian_softmax_regression::register(registry, 1);
     gaussian_softmax_sac::register(registry, 1);
+    given_design::register(registry, 1);
     independent_sac::register(registry, 1);
     lac::register(registry, 1);
     lac::register_constrained(registry, 1);

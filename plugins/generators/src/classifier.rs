@@ -241,7 +241,7 @@ mod tests {
     fn shapes() -> Box<dyn Environment> {
         let mut registry = Registry::default();
         samples::register(&mut registry);
-        let config = json!({ "images": { "shapes": { "count": 400 } }, "size": 8, "held_out": 0.25 });
+        let config = json!({ "images": { "shapes": { "count": 1000 } }, "size": 8, "held_out": 0.25 });
         (registry.environments["image_samples"].build)(&config).unwrap()
     }
 
@@ -286,7 +286,7 @@ mod tests {
         let mut agent = agent(&shows.interface());
         assert!(accuracy(&mut *agent, &mut *shows, &mut rng) < 0.3);
         let mut record = Recorder::default();
-        for _ in 0..200 {
+        for _ in 0..400 {
             let batch: Vec<Transition> = (0..32).map(|_| example(&mut *shows, &mut rng)).collect();
             agent.learn(&batch, &mut rng, &mut record).unwrap();
         }

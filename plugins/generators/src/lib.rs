@@ -9,7 +9,9 @@ pub mod feature_network;
 pub mod images;
 pub mod samples;
 pub mod scores;
+pub mod search_space;
 pub mod source;
+pub mod tabular;
 
 use engine::Registry;
 
@@ -17,4 +19,5 @@ use engine::Registry;
 pub fn register(registry: &mut Registry) {
     samples::register(registry);
     classifier::register(registry);
+    tabular::register(registry);
 }

@@ -162,6 +162,18 @@ impl Images {
         }
     }
 
+    /// The first images of the set, all where it has fewer.
+    #[must_use]
+    pub fn first(&self, count: usize) -> Self {
+        let count = count.min(self.count());
+        Self {
+            size: self.size,
+            pixels: self.pixels[..count * self.per_image()].to_vec(),
+            labels: self.labels().map(|labels| labels[..count].to_vec()),
+            class_names: self.class_names,
+        }
+    }
+
     /// These images and then those of another set, with labels if both have them.
     ///
     /// # Panics

@@ -1,0 +1,219 @@
+//! Makes a given design: one that a search chose, or one that a study writes out.
+//!
+//! It takes the options of the design step by step, whatever it sees, and begins anew with every episode. So a design
+//! can be measured where building it costs more than a search could pay.
+
+use crate::shared::designs::choices;
+use engine::{
+    Action, Agent, AgentTraits, Choice, Designs, Error, Interface, Mode, Observation, Product, Registry, Rng,
+    choice, product,
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+const NAME: &str = "given_design";
+
+/// Which design.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// The search whose choice it makes: an entry whose protocol is `search`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub design: Option<Product<product::Choice>>,
+    /// Which of the designs that the search chose, 0 for the best one.
+    pub rank: usize,
+    /// The options by name, step by step, in the order of the choices; in the place of `design`. A step beyond the
+    /// last one is made like the last one.
+    pub options: Vec<Vec<String>>,
+}
+
+impl engine::Config for Config {}
+
+/// The agent.
+#[derive(Debug, Clone)]
+pub struct GivenDesign {
+    actions: Vec<Vec<f64>>,
+    at: usize,
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "makes a given design: one that a search chose, or one that is written out";
+    registry.agent(NAME, version, about, AgentTraits::default(), build);
+}
+
+/// Builds the agent for one seat that chooses among options.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other seat, [`Error::Config`] for options that are not there or a rank that the search
+/// did not leave, and what reading its choice says.
+fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    let choices = choices(NAME, interface)?;
+    let actions = match (&config.design, config.options.as_slice()) {
+        (Some(_), [_, ..]) => {
+            let problem = "a design is given twice; leave out `options` or `design`";
+            return Err(Error::config("options", problem));
+        }
+        (Some(design), []) => chosen(design, config.rank, &choices)?,
+        (None, []) => vec![choice::vector(&choices, &vec![0; choices.len()])],
+        (None, written) => written
+            .iter()
+            .enumerate()
+            .map(|(step, options)| written_out(step, options, &choices))
+            .collect::<Result<_, Error>>()?,
+    };
+    Ok(Box::new(GivenDesign { actions, at: 0 }))
+}
+
+fn chosen(
+    design: &Product<product::Choice>,
+    rank: usize,
+    choices: &[Choice],
+) -> Result<Vec<Vec<f64>>, Error> {
+    let designs = Designs::read(design.folder()?)?.designs;
+    if designs.is_empty() {
+        // As a search leaves it before it ran: any design shows whether the choices fit.
+        return Ok(vec![choice::vector(choices, &vec![0; choices.len()])]);
+    }
+    let Some(design) = designs.get(rank) else {
+        let problem = format!(
+            "the search left {} designs, 0 to {}",
+            designs.len(),
+            designs.len() - 1
+        );
+        return Err(Error::config("rank", problem));
+    };
+    for action in &design.actions {
+        choice::taken(choices, action)?;
+    }
+    Ok(design.actions.clone())
+}
+
+fn written_out(step: usize, options: &[String], choices: &[Choice]) -> Result<Vec<f64>, Error> {
+    let problem = |problem: String| Error::config(format!("options.{step}"), problem);
+    if options.len() != choices.len() {
+        let names: Vec<&str> = choices.iter().map(|choice| choice.name.as_str()).collect();
+        let found = options.len();
+        return Err(problem(format!(
+            "{found} options; one is needed for each of: {}",
+            names.join(", ")
+        )));
+    }
+    let place = |(option, choice): (&String, &Choice)| {
+        choice
+            .options
+            .iter()
+            .position(|known| known == option)
+            .ok_or_else(|| {
+                let (name, known) = (&choice.name, choice.options.join(", "));
+                problem(format!("`{option}` is no option of `{name}`; there are: {known}"))
+            })
+    };
+    let taken: Vec<usize> = options
+        .iter()
+        .zip(choices)
+        .map(place)
+        .collect::<Result<_, Error>>()?;
+    Ok(choice::vector(choices, &taken))
+}
+
+impl Agent for GivenDesign {
+    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
+        // There is at least one action, and the last one stands for all that follow.
+        let action = self.actions[self.at.min(self.actions.len() - 1)].clone();
+        self.at += 1;
+        Ok(vec![vec![action]; observations.len()])
+    }
+
+    fn remembers(&self) -> bool {
+        true
+    }
+
+    fn restart(&mut self) {
+        self.at = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shared::designs::tests::{interface, scored};
+    use engine::{Design, random::stream};
+
+    fn with(options: &[[&str; 2]]) -> Result<Box<dyn Agent>, Error> {
+        let options = options
+            .iter()
+            .map(|step| step.map(str::to_owned).to_vec())
+            .collect();
+        let config = Config {
+            options,
+            ..Config::default()
+        };
+        build(config, &interface(), &mut stream(&[]))
+    }
+
+    #[test]
+    fn a_written_design_is_made_in_every_episode() {
+        let mut agent = with(&[["pre", "batch"], ["pre", "instance"]]).unwrap();
+        for _ in 0..2 {
+            assert_eq!(scored(&mut *agent, &mut stream(&[])), 6.0);
+        }
+        assert_eq!(
+            scored(&mut *with(&[["pre", "none"]]).unwrap(), &mut stream(&[])),
+            2.0
+        );
+    }
+
+    #[test]
+    fn options_that_are_not_there_are_named() {
+        let text = with(&[["pre", "group"]]).err().unwrap().to_string();
+        assert!(
+            text.contains("`options.0`: `group` is no option of `norm`; there are: none, batch, instance"),
+            "{text}"
+        );
+        let config = Config {
+            options: vec![vec!["pre".into()]],
+            ..Config::default()
+        };
+        let text = build(config, &interface(), &mut stream(&[]))
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(
+            text.contains("1 options; one is needed for each of: conv, norm"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn what_a_search_chose_is_made_by_its_rank() {
+        let folder = tempfile::tempdir().unwrap();
+        let Some(engine::Space::Choices(choices)) = interface().seats.pop().map(|seat| seat.action) else {
+            unreachable!()
+        };
+        let design = |candidate: u64, taken: [usize; 2]| Design {
+            candidate,
+            observed_return: 0.0,
+            actions: vec![choice::vector(&choices, &taken); 2],
+            options: Vec::new(),
+        };
+        let designs = vec![design(4, [1, 2]), design(1, [0, 1])];
+        Designs { designs }.write(folder.path()).unwrap();
+        let of_rank = |rank: usize| {
+            let product = serde_json::json!({ "from": "search", "folder": folder.path() });
+            let config = Config {
+                design: Some(serde_json::from_value(product).unwrap()),
+                rank,
+                ..Config::default()
+            };
+            build(config, &interface(), &mut stream(&[]))
+        };
+        assert_eq!(scored(&mut *of_rank(0).unwrap(), &mut stream(&[])), 5.0);
+        assert_eq!(scored(&mut *of_rank(1).unwrap(), &mut stream(&[])), 2.0);
+        let text = of_rank(2).err().unwrap().to_string();
+        assert!(
+            text.contains("`rank`: the search left 2 designs, 0 to 1"),
+            "{text}"
+        );
+    }
+}

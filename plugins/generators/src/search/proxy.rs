@@ -1,0 +1,173 @@
+//! A generator under construction: what it is made of, how it is trained and how it is looked at.
+
+use super::Config;
+use super::scoring::{Scores, Scoring};
+use crate::adversarial::{Adversaries, Training, training_device};
+use crate::architecture::CellArchitecture;
+use crate::discriminator::Discriminator;
+use crate::generator::{Generator, GeneratorSizes};
+use crate::images::Images;
+use burn::module::Module;
+use burn::tensor::{Tensor, TensorData};
+use engine::{Error, Rng};
+use numerics::gaussian::standard_normal;
+use numerics::network::{device, matrix, values};
+use rand::Rng as _;
+use std::sync::Arc;
+
+/// Images that are generated at once to be looked at.
+const ROWS: usize = 100;
+
+/// A generator with its adversary, as far as it was built.
+#[derive(Debug, Clone)]
+pub(super) struct Proxy {
+    networks: Adversaries,
+    rng: Rng,
+    /// Real images of each stage so far.
+    n_cells: usize,
+}
+
+/// What is seen of it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Look {
+    pub(super) scores: Scores,
+    /// Mean over the images of the last map's central pixels, `[channels]`.
+    pub(super) features: Vec<f64>,
+    /// False where a number is not finite: the scores are then the worst ones.
+    pub(super) finite: bool,
+}
+
+/// Losses, means over the steps of a training.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Losses {
+    pub(super) critic: f64,
+    pub(super) generator: f64,
+}
+
+impl Proxy {
+    /// The stem and the head without a cell.
+    pub(super) fn new(config: &Config, mut rng: Rng) -> Self {
+        let sizes = GeneratorSizes {
+            bottom: config.bottom(),
+            channels: config.generator_channels,
+            latent: config.latent,
+        };
+        let generator = Generator::new(sizes, &mut rng, &training_device());
+        let discriminator = Discriminator::new(config.discriminator_channels, &mut rng, &training_device());
+        let training = Training {
+            learning_rate: config.learning_rate,
+            average_decay: config.average_decay.unwrap_or(0.0),
+            ..Training::default()
+        };
+        Self {
+            networks: Adversaries::new(generator, discriminator, training),
+            rng,
+            n_cells: 0,
+        }
+    }
+
+    pub(super) fn grow(&mut self, cell: &CellArchitecture) {
+        self.networks.grow(cell, &mut self.rng);
+        self.n_cells += 1;
+    }
+
+    /// Trains all cells so far with `steps` steps of the critic on `real` images of the generator's size.
+    pub(super) fn train(&mut self, config: &Config, real: &Images, steps: u64) -> Losses {
+        let (mut critic, mut generator, mut n_generator) = (0.0, 0.0, 0u64);
+        for step in 0..steps {
+            let batch = self.drawn(real, config.batch);
+            let latents = self.latents(config.batch, config.latent);
+            critic += f64::from(self.networks.critic_step(Tensor::from_inner(batch), Tensor::from_inner(latents)));
+            if step.is_multiple_of(config.critic_steps_per_generator_step) {
+                let latents = self.latents(config.generator_batch, config.latent);
+                generator += f64::from(self.networks.generator_step(Tensor::from_inner(latents)));
+                n_generator += 1;
+            }
+        }
+        #[allow(clippy::cast_precision_loss, reason = "few steps")]
+        let mean = |sum: f64, n: u64| if n == 0 { 0.0 } else { sum / n as f64 };
+        Losses {
+            critic: mean(critic, steps),
+            generator: mean(generator, n_generator),
+        }
+    }
+
+    fn drawn(&mut self, real: &Images, count: usize) -> Tensor<4> {
+        let n = real.count() as u64;
+        // Below the number of images, which is a usize.
+        let rows: Vec<usize> = (0..count).map(|_| self.rng.random_range(0..n) as usize).collect();
+        let size = real.size();
+        Tensor::from_data(TensorData::new(real.batch(&rows), [count, size, size, 3]), &device())
+    }
+
+    fn latents(&mut self, count: usize, length: usize) -> Tensor<2> {
+        matrix(normal(count * length, &mut self.rng), length)
+    }
+
+    /// The generator that is looked at: the averaged one where an average is kept.
+    fn shown(&self, config: &Config) -> Generator {
+        if config.average_decay.is_some() && self.n_cells > 0 {
+            self.networks.averaged_generator()
+        } else {
+            self.networks.generator().valid()
+        }
+    }
+
+    /// Looks at images of latent vectors that are the same for every generator.
+    ///
+    /// # Errors
+    /// Where scores cannot be made.
+    pub(super) fn look(&self, config: &Config, scoring: &Arc<Scoring>) -> Result<Look, Error> {
+        let generator = self.shown(config);
+        let stage = generator.side();
+        let mut seen = scoring.begin(stage);
+        let mut sums = vec![0.0; config.generator_channels];
+        let mut finite = true;
+        for (batch, first) in (0..config.scored_images).step_by(ROWS).enumerate() {
+            let count = ROWS.min(config.scored_images - first);
+            let generated = generator.evaluate(fixed_latents(batch, count, config.latent));
+            finite &= values(generated.images.clone()).iter().all(|number| number.is_finite());
+            let features = generated.central_features();
+            finite &= features.iter().all(|number| number.is_finite());
+            if !finite {
+                break;
+            }
+            #[allow(clippy::cast_precision_loss, reason = "few images")]
+            let share = count as f64 / config.scored_images as f64;
+            sums.iter_mut()
+                .zip(&features)
+                .for_each(|(sum, feature)| *sum += share * f64::from(*feature));
+            seen.add(scoring, generated.images)?;
+        }
+        if !finite {
+            return Ok(Look {
+                scores: scoring.worst(stage),
+                features: vec![0.0; config.generator_channels],
+                finite,
+            });
+        }
+        Ok(Look {
+            scores: seen.scores(scoring)?,
+            features: sums,
+            finite,
+        })
+    }
+
+    /// The first images that are looked at, as bytes, one after the other.
+    pub(super) fn samples(&self, config: &Config, count: usize) -> (usize, Vec<u8>) {
+        let generator = self.shown(config);
+        let images = generator.evaluate(fixed_latents(0, count, config.latent)).images;
+        (generator.side(), crate::images::to_bytes(&values(images)))
+    }
+}
+
+/// Latent vectors number `batch` of those that every generator is looked at with.
+fn fixed_latents(batch: usize, count: usize, length: usize) -> Tensor<2> {
+    let mut rng = engine::random::stream(&["latent vectors to look at", &batch.to_string()]);
+    matrix(normal(count * length, &mut rng), length)
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
+fn normal(count: usize, rng: &mut Rng) -> Vec<f32> {
+    (0..count).map(|_| standard_normal(rng) as f32).collect()
+}

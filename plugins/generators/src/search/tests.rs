@@ -1,0 +1,115 @@
+//! The search as an environment, with generators of two channels.
+
+use super::*;
+use engine::random::stream;
+
+fn small() -> Config {
+    Config {
+        images: serde_json::from_value(json!({ "shapes": { "count": 60 } })).unwrap(),
+        size: 8,
+        critic_steps: 5,
+        batch: 4,
+        generator_batch: 4,
+        generator_channels: 4,
+        discriminator_channels: 4,
+        latent: 6,
+        scored_images: 40,
+        reference_images: 60,
+        splits: 2,
+        ..Config::default()
+    }
+}
+
+fn action(taken: [usize; 6]) -> Vec<Vec<f64>> {
+    vec![choice::vector(&choices(), &taken)]
+}
+
+/// Steps of a whole design.
+fn built(search: &mut GeneratorSearch, cells: [[usize; 6]; 3], rng: &mut Rng) -> (Vec<f64>, Vec<Step>) {
+    let start = search.reset(rng).unwrap().remove(0);
+    let steps = cells.map(|cell| search.step(&action(cell), rng).unwrap());
+    (start, steps.to_vec())
+}
+
+const PUBLISHED: [[usize; 6]; 3] = [[0, 1, 0, 1, 0, 0], [0, 1, 2, 1, 0, 0], [0, 1, 0, 1, 0, 1]];
+
+#[test]
+fn rewards_add_up_to_what_the_scores_gained() {
+    let (mut search, mut rng) = (GeneratorSearch::new(small()).unwrap(), stream(&["gain"]));
+    let (start, steps) = built(&mut search, PUBLISHED, &mut rng);
+    assert_eq!(start.len(), 3 + 4);
+    let gained: f64 = steps.iter().map(|step| step.rewards[0]).sum();
+    let last = &steps[2];
+    assert!((gained - (last.info[0] - (start[1] - start[2]))).abs() < 1e-9);
+    assert!((last.info[0] - (last.info[1] - 0.01 * last.info[2])).abs() < 1e-9);
+    assert_eq!(last.observations[0][..3], [3.0, last.info[1], 0.01 * last.info[2]]);
+    assert_eq!(last.end, Some(End::Terminated));
+    assert!(steps.iter().all(|step| step.info[5] == 0.0));
+    assert!(search.step(&action([0; 6]), &mut rng).is_err());
+}
+
+#[test]
+fn a_design_goes_on_from_a_snapshot_to_the_same_bits() {
+    let (mut search, mut rng) = (GeneratorSearch::new(small()).unwrap(), stream(&["again"]));
+    search.reset(&mut rng).unwrap();
+    search.step(&action(PUBLISHED[0]), &mut rng).unwrap();
+    let text = search.snapshot().to_string();
+    let mut other = GeneratorSearch::new(small()).unwrap();
+    other.reset(&mut stream(&["another"])).unwrap();
+    other.restore(&serde_json::from_str(&text).unwrap()).unwrap();
+    for cell in &PUBLISHED[1..] {
+        let one = search.step(&action(*cell), &mut rng).unwrap();
+        let two = other.step(&action(*cell), &mut stream(&["unused"])).unwrap();
+        assert_eq!(one, two);
+    }
+}
+
+#[test]
+fn a_whole_design_is_trained_once_and_scored_once() {
+    let config = Config {
+        schedule: Schedule::WholeDesign,
+        average_decay: Some(0.9),
+        ..small()
+    };
+    let (mut search, mut rng) = (GeneratorSearch::new(config).unwrap(), stream(&["whole"]));
+    let (start, steps) = built(&mut search, PUBLISHED, &mut rng);
+    assert_eq!((steps[0].rewards[0], steps[1].rewards[0]), (0.0, 0.0));
+    assert_eq!(steps[1].observations[0][1..], start[1..]);
+    assert!(steps[2].rewards[0] != 0.0);
+}
+
+#[test]
+fn designs_leave_a_graph_and_images() {
+    let (mut search, mut rng) = (GeneratorSearch::new(small()).unwrap(), stream(&["left"]));
+    search.reset(&mut rng).unwrap();
+    assert!(search.graph().is_none() && search.images().unwrap().is_empty());
+    built(&mut search, PUBLISHED, &mut rng);
+    search.graph().unwrap().check().unwrap();
+    let images = search.images().unwrap();
+    assert_eq!((images.len(), images[0].width, images[0].pixels.len()), (64, 8, 8 * 8 * 3));
+}
+
+#[test]
+fn every_option_can_be_built() {
+    let mut rng = stream(&["options"]);
+    let config = Config {
+        critic_steps: 1,
+        ..small()
+    };
+    let mut search = GeneratorSearch::new(config).unwrap();
+    for norm in 0..3 {
+        for upsampling in 0..3 {
+            let flags = (norm + upsampling) % 2;
+            let cell = [flags, norm, upsampling, 1 - flags, 1, flags];
+            let (_, steps) = built(&mut search, [cell; 3], &mut rng);
+            assert!(steps[2].info.iter().all(|value| value.is_finite()));
+        }
+    }
+}
+
+#[test]
+fn sizes_that_three_cells_cannot_make_are_refused() {
+    let config = Config { size: 12, ..small() };
+    let text = GeneratorSearch::new(config).err().unwrap().to_string();
+    assert!(text.contains("`size`: three cells double a side each"), "{text}");
+}

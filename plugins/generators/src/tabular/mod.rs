@@ -1,0 +1,434 @@
+//! Environment `tabular_search`: the search for an architecture, where what a design is worth is looked up.
+//!
+//! It looks and pays like `generator_search`, and costs nothing: both scores and the features of the state come from a
+//! fit to architectures that searches really trained (`measured`), or from a landscape that is drawn from a seed
+//! (`drawn`), which stands for no generator and is there to try searches with. All 373 248 architectures are known, so
+//! that the best one is, and what a search misses of it.
+//!
+//! | | |
+//! |---|---|
+//! | score of a design | `IS - w FID`, with `w` = `frechet_weight` |
+//! | reward | what a cell adds to the score as it is observed |
+//! | `regret` | the score of the best architecture less that of the design, both without noise |
+//!
+//! With `noise`, scores are observed as they scatter around the fit, so that a search meets the noise of training.
+
+mod ridge;
+mod surrogate;
+
+use crate::search_space::{CellOptions, N_CELLS, choices, effective};
+use engine::{
+    Channel, Dataset, End, Environment, Error, Metric, PerEpisode, Product, Registry, Rng, Seat, Space, Step,
+    choice, product,
+};
+use rand::Rng as _;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError, Weak},
+};
+use surrogate::{Measured, Quality, Surrogate, quality};
+
+const NAME: &str = "tabular_search";
+/// Architectures of a drawn landscape that the fit is made of.
+const N_DRAWN: usize = 1_000;
+
+/// Settings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// What architectures are worth.
+    pub landscape: Landscape,
+    /// How much a Frechet distance of 1 takes from the score; 0 for the inception score alone.
+    #[schemars(range(min = 0.0, max = 10.0), extend("x-source" = "thesis, section 5.5.1"))]
+    pub frechet_weight: f64,
+    /// Whether scores are observed with noise.
+    pub noise: bool,
+}
+
+/// What architectures are worth.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Landscape {
+    /// As those that searches with `generator_search` tried.
+    Measured {
+        /// What searches left, which is joined.
+        datasets: Vec<Product<product::Dataset>>,
+    },
+    /// As effects of options and of pairs of options that are drawn.
+    Drawn {
+        /// Names the stream that they are drawn from.
+        #[serde(default)]
+        seed: u64,
+    },
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            landscape: Landscape::Drawn { seed: 0 },
+            frechet_weight: 0.01,
+            noise: true,
+        }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The environment.
+#[derive(Debug)]
+pub struct TabularSearch {
+    config: Config,
+    seats: Vec<Seat>,
+    metrics: Vec<Metric>,
+    table: Arc<Table>,
+    design: Design,
+}
+
+/// What is known of all architectures.
+#[derive(Debug)]
+struct Table {
+    surrogate: Surrogate,
+    quality: Quality,
+    /// The score of the best architecture.
+    best: f64,
+    n_features: usize,
+}
+
+/// The design under way.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+struct Design {
+    cells: Vec<CellOptions>,
+    /// Both scores as they were observed last.
+    observed: [f64; 2],
+}
+
+/// Registers the environment.
+pub(crate) fn register(registry: &mut Registry) {
+    let about = "the search for a generator's architecture, where what a design is worth is looked up";
+    registry.environment(NAME, 1, about, build);
+}
+
+fn build(config: Config) -> Result<Box<dyn Environment>, Error> {
+    let table = Table::of(&config)?;
+    let seat = Seat {
+        name: String::new(),
+        observation: Space::Box(channels(table.n_features)),
+        action: Space::Choices(choices()),
+    };
+    Ok(Box::new(TabularSearch {
+        seats: vec![seat],
+        metrics: metrics(),
+        design: Design::default(),
+        table,
+        config,
+    }))
+}
+
+/// What the searches see: the layer, both scores and the features of the last cell.
+pub(crate) fn channels(n_features: usize) -> Vec<Channel> {
+    let fixed = [
+        Channel::new("layer", "")
+            .within(0.0, N_CELLS as f64)
+            .typical(1.5, 1.1),
+        Channel::new("inception_score", "").typical(2.5, 1.0),
+        Channel::new("frechet_distance_hundredth", "").typical(0.5, 0.5),
+    ];
+    let features = (1..=n_features).map(|number| Channel::new(format!("feature_{number}"), ""));
+    fixed.into_iter().chain(features).collect()
+}
+
+fn metrics() -> Vec<Metric> {
+    let last = |metric: Metric| metric.per_episode(PerEpisode::Last);
+    vec![
+        last(Metric::new(
+            "score",
+            "",
+            "inception score less the weighted Frechet distance, without noise",
+        )),
+        last(Metric::new(
+            "inception_score",
+            "",
+            "inception score, without noise",
+        )),
+        last(Metric::new("frechet_distance", "", "Frechet distance, without noise").lower_is_better()),
+        last(Metric::new("regret", "", "score that is missed of the best architecture's").lower_is_better()),
+        last(
+            Metric::new(
+                "surrogate_error",
+                "",
+                "error of the score of held-out architectures, root mean square",
+            )
+            .lower_is_better(),
+        ),
+        last(Metric::new(
+            "surrogate_rank_correlation",
+            "",
+            "Spearman's, of the score of held-out architectures",
+        )),
+    ]
+}
+
+impl Table {
+    /// The table of a config, made once for all environments that are in use.
+    fn of(config: &Config) -> Result<Arc<Self>, Error> {
+        static IN_USE: Mutex<BTreeMap<String, Weak<Table>>> = Mutex::new(BTreeMap::new());
+        let key = format!("{} {}", config.frechet_weight, identity(&config.landscape)?);
+        // What panicked while it held the lock has left the map as it was.
+        let mut in_use = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = in_use.get(&key).and_then(Weak::upgrade) {
+            return Ok(known);
+        }
+        let made = Arc::new(Self::made(&measured(&config.landscape)?, config.frechet_weight));
+        in_use.retain(|_, table| table.strong_count() > 0);
+        in_use.insert(key, Arc::downgrade(&made));
+        Ok(made)
+    }
+
+    fn made(measured: &[Measured], weight: f64) -> Self {
+        let surrogate = Surrogate::fit(measured);
+        Self {
+            quality: quality(measured, weight),
+            best: surrogate.best(weight).0,
+            n_features: measured[0].seen[0].len() - 2,
+            surrogate,
+        }
+    }
+}
+
+/// What tells a landscape from others within a process.
+fn identity(landscape: &Landscape) -> Result<String, Error> {
+    match landscape {
+        Landscape::Drawn { seed } => Ok(format!("drawn {seed}")),
+        Landscape::Measured { datasets } => {
+            let folders = datasets
+                .iter()
+                .map(Product::folder)
+                .collect::<Result<Vec<_>, _>>()?;
+            Ok(format!("measured {folders:?}"))
+        }
+    }
+}
+
+fn measured(landscape: &Landscape) -> Result<Vec<Measured>, Error> {
+    match landscape {
+        Landscape::Drawn { seed } => Ok(drawn(*seed)),
+        Landscape::Measured { datasets } => {
+            let mut all = Vec::new();
+            for product in datasets {
+                let dataset = Dataset::read(product.folder()?)?;
+                all.extend(tried(&dataset, product.source())?);
+            }
+            if all.is_empty() {
+                // As a search leaves it before it ran: one design, so that there is something to look up.
+                all.push(Measured {
+                    cells: vec![[0; 6]; N_CELLS],
+                    seen: vec![vec![0.0; 3]; N_CELLS + 1],
+                });
+            }
+            if all.iter().any(|one| one.cells.len() == N_CELLS) {
+                return Ok(all);
+            }
+            Err(Error::config(
+                "landscape.measured.datasets",
+                "they hold no whole architecture",
+            ))
+        }
+    }
+}
+
+/// The architectures of a dataset that a search of generators left.
+fn tried(dataset: &Dataset, source: &str) -> Result<Vec<Measured>, Error> {
+    let seat = &dataset.interface.seats[0];
+    let own = choices();
+    let fits = matches!(&seat.action, Space::Choices(choices) if *choices == own)
+        && matches!(&seat.observation, Space::Box(channels) if channels.len() > 3 && channels[1].name == "inception_score");
+    if !fits {
+        let problem = format!("`{source}` left no designs of generators");
+        return Err(Error::config("landscape.measured.datasets", problem));
+    }
+    let one = |episode: &engine::dataset::Episode| {
+        let cells = episode.actions.iter().enumerate().map(|(step, action)| {
+            let taken = choice::taken(&own, action)?;
+            Ok(effective(step, &taken))
+        });
+        let seen = |row: &Vec<f64>| {
+            let mut seen = vec![row[1], 100.0 * row[2]];
+            seen.extend(&row[3..]);
+            seen
+        };
+        Ok(Measured {
+            cells: cells.collect::<Result<_, Error>>()?,
+            seen: episode.observations.iter().map(seen).collect(),
+        })
+    };
+    dataset.episodes.iter().map(one).collect()
+}
+
+/// Architectures of a landscape whose effects are drawn: each option of a cell adds to the score, and so does each pair
+/// of options, a third as much.
+fn drawn(seed: u64) -> Vec<Measured> {
+    let effect = |words: &[String]| {
+        let words: Vec<&str> = std::iter::once("landscape")
+            .chain(words.iter().map(String::as_str))
+            .collect();
+        engine::random::stream(&words).random::<f64>() - 0.5
+    };
+    let named = |step: usize, at: usize, option: usize| format!("{seed} {step} {at} {option}");
+    let worth = |cells: &[CellOptions]| {
+        let options: Vec<String> = cells
+            .iter()
+            .enumerate()
+            .flat_map(|(step, cell)| {
+                cell.iter()
+                    .enumerate()
+                    .map(move |(at, option)| named(step, at, *option))
+            })
+            .collect();
+        let alone: f64 = options.iter().map(|one| effect(std::slice::from_ref(one))).sum();
+        let pairs: f64 = (0..options.len())
+            .flat_map(|at| (0..at).map(move |other| (other, at)))
+            .map(|(one, other)| effect(&[options[one].clone(), options[other].clone()]))
+            .sum();
+        alone * 0.3 + pairs * 0.1
+    };
+    let mut rng = engine::random::stream(&["architectures", &seed.to_string()]);
+    (0..N_DRAWN)
+        .map(|_| {
+            let draw = |step: usize, rng: &mut Rng| {
+                let taken: Vec<usize> = [2u32, 3, 3, 2, 2, 2]
+                    .iter()
+                    .map(|size| rng.random_range(0..*size) as usize)
+                    .collect();
+                effective(step, &taken)
+            };
+            let cells: Vec<CellOptions> = (0..N_CELLS).map(|step| draw(step, &mut rng)).collect();
+            let seen = (0..=N_CELLS).map(|n| {
+                let worth = worth(&cells[..n]);
+                vec![
+                    2.0 + n as f64 * 0.5 + worth,
+                    80.0 - 10.0 * n as f64 - 10.0 * worth,
+                    worth,
+                ]
+            });
+            Measured {
+                seen: seen.collect(),
+                cells,
+            }
+        })
+        .collect()
+}
+
+impl TabularSearch {
+    fn score(&self, [inception, frechet]: [f64; 2]) -> f64 {
+        inception - self.config.frechet_weight * frechet
+    }
+
+    /// Both scores of the design so far, without noise.
+    fn exact(&self) -> [f64; 2] {
+        let seen = self.table.surrogate.seen(&self.design.cells);
+        [seen[0], seen[1]]
+    }
+
+    /// What is observed of it.
+    fn look(&mut self, rng: &mut Rng) -> Vec<Vec<f64>> {
+        let mut seen = self.table.surrogate.seen(&self.design.cells);
+        let n_cells = self.design.cells.len();
+        if self.config.noise && n_cells > 0 {
+            let spread = self.table.surrogate.spread(n_cells);
+            (0..2).for_each(|score| seen[score] += spread[score] * normal(rng));
+        }
+        self.design.observed = [seen[0], seen[1]];
+        vec![self.observation()]
+    }
+
+    fn observation(&self) -> Vec<f64> {
+        let [inception, frechet] = self.design.observed;
+        let features = self.table.surrogate.seen(&self.design.cells).split_off(2);
+        let fixed = [self.design.cells.len() as f64, inception, 0.01 * frechet];
+        fixed.into_iter().chain(features).collect()
+    }
+}
+
+/// By Box and Muller.
+fn normal(rng: &mut Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
+    radius * (std::f64::consts::TAU * rng.random::<f64>()).cos()
+}
+
+impl Environment for TabularSearch {
+    fn seats(&self) -> &[Seat] {
+        &self.seats
+    }
+
+    fn metrics(&self) -> &[Metric] {
+        &self.metrics
+    }
+
+    fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        self.design = Design::default();
+        Ok(self.look(rng))
+    }
+
+    fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
+        let step = self.design.cells.len();
+        if step == N_CELLS {
+            let problem = format!("the design has its {N_CELLS} cells");
+            return Err(Error::Action { problem });
+        }
+        let taken = choice::taken(&choices(), &actions[0])?;
+        let before = self.score(self.design.observed);
+        self.design.cells.push(effective(step, &taken));
+        let observations = self.look(rng);
+        let exact = self.exact();
+        let score = self.score(exact);
+        let Quality {
+            error,
+            rank_correlation,
+            ..
+        } = self.table.quality;
+        let whole = self.design.cells.len() == N_CELLS;
+        Ok(Step {
+            observations,
+            rewards: vec![self.score(self.design.observed) - before],
+            info: vec![
+                score,
+                exact[0],
+                exact[1],
+                self.table.best - score,
+                error,
+                rank_correlation,
+            ],
+            end: whole.then_some(End::Terminated),
+        })
+    }
+
+    fn trace_channels(&self) -> Vec<Channel> {
+        vec![
+            Channel::new("inception_score", ""),
+            Channel::new("frechet_distance", ""),
+        ]
+    }
+
+    fn trace(&self) -> Vec<f64> {
+        self.design.observed.to_vec()
+    }
+
+    fn snapshot(&self) -> Value {
+        // Small numbers: nothing that JSON cannot say.
+        serde_json::to_value(&self.design).expect("a design serialises")
+    }
+
+    fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
+        self.design = Design::deserialize(snapshot).map_err(|source| Error::Checkpoint {
+            what: NAME,
+            problem: source.to_string(),
+        })?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;
