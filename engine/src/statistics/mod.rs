@@ -16,6 +16,7 @@ pub mod mean_estimate;
 pub mod normal;
 pub mod power;
 mod quadrature;
+pub mod rank_correlation;
 pub mod spending;
 pub mod statement;
 pub mod student_t;
@@ -27,6 +28,7 @@ pub use claim::{Aggregate, Claim, ClaimError, ClaimOutcome, ClaimVerdict, Operan
 pub use comparison::PermutationTest;
 pub use mean_estimate::{MeanEstimate, PublishedMean};
 pub use power::Room;
+pub use rank_correlation::{rank_correlation, rank_correlation_interval};
 pub use spending::Design;
 pub use statement::{Outcome, Statement, holm};
 pub use verdict::{Judgement, Reference, Seeds, Verdict};

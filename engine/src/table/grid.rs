@@ -90,6 +90,8 @@ pub enum OneNumber {
     Share,
     /// By a statistic of its own in each column.
     Aggregates,
+    /// As the correlation of the ranks of their means.
+    RankCorrelation,
 }
 
 impl OneNumber {
@@ -100,6 +102,7 @@ impl OneNumber {
             OneNumber::Of(statistic) => statistic.name(),
             OneNumber::Share => "share",
             OneNumber::Aggregates => "aggregates",
+            OneNumber::RankCorrelation => "rank correlation of means",
         }
     }
 }

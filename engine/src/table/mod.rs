@@ -13,6 +13,7 @@ mod markdown;
 mod missing;
 pub(crate) mod prose;
 mod published;
+mod rank_correlation;
 mod seeds;
 mod terminal;
 #[cfg(test)]
@@ -31,6 +32,7 @@ pub use latex::latex;
 pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
 pub use missing::{Missing, NoValue};
 pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMargin};
+pub use rank_correlation::RankCorrelation;
 pub use seeds::Scope;
 pub use terminal::{terminal, wrap};
 
@@ -60,6 +62,8 @@ kinds! {
              with both means.";
         "aggregate" => Aggregate(Aggregate),
             "Aggregates of normalised scores over several environments, one row per agent.";
+        "rank_correlation" => RankCorrelation(RankCorrelation),
+            "How well environments rank agents and settings as one of them (`against`) does, by a metric.";
     }
 }
 

@@ -1,9 +1,9 @@
-//! Makes a given design: one that a search chose, or one that a study writes out.
+//! Makes a given design: one that a search chose, one that a study writes out, or one that a number names.
 //!
 //! It takes the options of the design step by step, whatever it sees, and begins anew with every episode. So a design
 //! can be measured where building it costs more than a search could pay.
 
-use crate::shared::designs::choices;
+use crate::shared::designs::{choices, random_design};
 use engine::{
     Action, Agent, AgentTraits, Choice, Designs, Error, Interface, Mode, Observation, Product, Registry, Rng,
     choice, product,
@@ -25,6 +25,10 @@ pub struct Config {
     /// The options by name, step by step, in the order of the choices; in the place of `design`. A step beyond the
     /// last one is made like the last one.
     pub options: Vec<Vec<String>>,
+    /// The number of a design whose options are drawn, each as likely as another; in the place of the others. The same
+    /// number is the same design wherever the choices are the same.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drawn: Option<u64>,
 }
 
 impl engine::Config for Config {}
@@ -32,13 +36,23 @@ impl engine::Config for Config {}
 /// The agent.
 #[derive(Debug, Clone)]
 pub struct GivenDesign {
-    actions: Vec<Vec<f64>>,
+    design: Given,
+    choices: Vec<Choice>,
     at: usize,
+}
+
+/// What is given of it.
+#[derive(Debug, Clone)]
+enum Given {
+    /// One action per step, at least one.
+    Actions(Vec<Vec<f64>>),
+    Drawn(u64),
 }
 
 /// Registers the agent.
 pub(crate) fn register(registry: &mut Registry, version: u32) {
-    let about = "makes a given design: one that a search chose, or one that is written out";
+    let about =
+        "makes a given design: one that a search chose, one that is written out, or one that a number names";
     registry.agent(NAME, version, about, AgentTraits::default(), build);
 }
 
@@ -49,20 +63,31 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// did not leave, and what reading its choice says.
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let choices = choices(NAME, interface)?;
-    let actions = match (&config.design, config.options.as_slice()) {
-        (Some(_), [_, ..]) => {
-            let problem = "a design is given twice; leave out `options` or `design`";
+    let design = match (&config.design, config.options.as_slice(), config.drawn) {
+        (Some(design), [], None) => Given::Actions(chosen(design, config.rank, &choices)?),
+        (None, [], None) => Given::Actions(vec![choice::vector(&choices, &vec![0; choices.len()])]),
+        (None, [], Some(number)) => Given::Drawn(number),
+        (None, written, None) => {
+            let steps = written.iter().enumerate();
+            let actions = steps.map(|(step, options)| written_out(step, options, &choices));
+            Given::Actions(actions.collect::<Result<_, Error>>()?)
+        }
+        _ => {
+            let problem = "a design is given twice; leave one of `design`, `options` and `drawn`";
             return Err(Error::config("options", problem));
         }
-        (Some(design), []) => chosen(design, config.rank, &choices)?,
-        (None, []) => vec![choice::vector(&choices, &vec![0; choices.len()])],
-        (None, written) => written
-            .iter()
-            .enumerate()
-            .map(|(step, options)| written_out(step, options, &choices))
-            .collect::<Result<_, Error>>()?,
     };
-    Ok(Box::new(GivenDesign { actions, at: 0 }))
+    Ok(Box::new(GivenDesign {
+        design,
+        choices,
+        at: 0,
+    }))
+}
+
+/// The options of a step of a drawn design.
+fn drawn(number: u64, step: usize, choices: &[Choice]) -> Vec<f64> {
+    let mut rng = engine::random::stream(&["design", &number.to_string(), &step.to_string()]);
+    choice::vector(choices, &random_design(choices, &mut rng))
 }
 
 fn chosen(
@@ -119,8 +144,11 @@ fn written_out(step: usize, options: &[String], choices: &[Choice]) -> Result<Ve
 
 impl Agent for GivenDesign {
     fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        // There is at least one action, and the last one stands for all that follow.
-        let action = self.actions[self.at.min(self.actions.len() - 1)].clone();
+        let action = match &self.design {
+            Given::Drawn(number) => drawn(*number, self.at, &self.choices),
+            // There is at least one action, and the last one stands for all that follow.
+            Given::Actions(actions) => actions[self.at.min(actions.len() - 1)].clone(),
+        };
         self.at += 1;
         Ok(vec![vec![action]; observations.len()])
     }
@@ -162,6 +190,33 @@ mod tests {
             scored(&mut *with(&[["pre", "none"]]).unwrap(), &mut stream(&[])),
             2.0
         );
+    }
+
+    #[test]
+    fn a_number_names_a_design() {
+        let worth = |number: u64| {
+            let config = Config {
+                drawn: Some(number),
+                ..Config::default()
+            };
+            let mut agent = build(config, &interface(), &mut stream(&[])).unwrap();
+            let first = scored(&mut *agent, &mut stream(&["one"]));
+            assert_eq!(scored(&mut *agent, &mut stream(&["another"])), first);
+            first
+        };
+        let all: Vec<f64> = (0..300).map(worth).collect();
+        let mean = all.iter().sum::<f64>() / 300.0;
+        assert!((mean - 2.83).abs() < 0.3 && all.contains(&6.0), "{mean}");
+        let twice = Config {
+            drawn: Some(1),
+            options: vec![vec!["pre".into(), "none".into()]],
+            ..Config::default()
+        };
+        let text = build(twice, &interface(), &mut stream(&[]))
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(text.contains("a design is given twice"), "{text}");
     }
 
     #[test]

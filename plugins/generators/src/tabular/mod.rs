@@ -25,10 +25,7 @@ use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::{
-    collections::BTreeMap,
-    sync::{Arc, Mutex, PoisonError, Weak},
-};
+use std::sync::{Arc, Mutex, PoisonError};
 use surrogate::{Measured, Quality, Surrogate, quality};
 
 const NAME: &str = "tabular_search";
@@ -172,18 +169,17 @@ fn metrics() -> Vec<Metric> {
 }
 
 impl Table {
-    /// The table of a config, made once for all environments that are in use.
+    /// The table of a config, made once as long as no other one is asked for: the trials of a worker ask for the same.
     fn of(config: &Config) -> Result<Arc<Self>, Error> {
-        static IN_USE: Mutex<BTreeMap<String, Weak<Table>>> = Mutex::new(BTreeMap::new());
+        static LAST: Mutex<Option<(String, Arc<Table>)>> = Mutex::new(None);
         let key = format!("{} {}", config.frechet_weight, identity(&config.landscape)?);
-        // What panicked while it held the lock has left the map as it was.
-        let mut in_use = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = in_use.get(&key).and_then(Weak::upgrade) {
-            return Ok(known);
+        // What panicked while it held the lock has left the last table as it was.
+        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, known)) = last.as_ref().filter(|(last, _)| *last == key) {
+            return Ok(Arc::clone(known));
         }
         let made = Arc::new(Self::made(&measured(&config.landscape)?, config.frechet_weight));
-        in_use.retain(|_, table| table.strong_count() > 0);
-        in_use.insert(key, Arc::downgrade(&made));
+        *last = Some((key, Arc::clone(&made)));
         Ok(made)
     }
 

@@ -9,6 +9,7 @@
 use super::ridge::Ridge;
 use crate::search_space::{CellOptions, N_CELLS, all_cells, n_options};
 use engine::random::stream;
+use engine::statistics::rank_correlation;
 use rand::Rng as _;
 use std::collections::BTreeMap;
 
@@ -139,36 +140,13 @@ pub(super) fn quality(measured: &[Measured], weight: f64) -> Quality {
         .sum::<f64>();
     Quality {
         error: (squares / pairs.len() as f64).sqrt(),
-        rank_correlation: rank_correlation(&pairs),
+        rank_correlation: rank_correlation(&pairs).unwrap_or(0.0),
         held_out: pairs.len(),
     }
 }
 
 fn is_held_out(one: &Measured) -> bool {
     stream(&["held out", &format!("{:?}", one.cells)]).random::<f64>() < 0.2
-}
-
-/// Spearman's: Pearson's correlation of the ranks, equal values sharing the mean of theirs.
-pub(super) fn rank_correlation(pairs: &[(f64, f64)]) -> f64 {
-    let (one, other): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
-    let (one, other) = (ranks(&one), ranks(&other));
-    let mean = (pairs.len() as f64 + 1.0) / 2.0;
-    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - mean) * (b - mean)).sum::<f64>();
-    let scale = (product(&one, &one) * product(&other, &other)).sqrt();
-    if scale == 0.0 {
-        0.0
-    } else {
-        product(&one, &other) / scale
-    }
-}
-
-fn ranks(values: &[f64]) -> Vec<f64> {
-    let rank = |value: &f64| {
-        let below = values.iter().filter(|other| *other < value).count();
-        let equal = values.iter().filter(|other| *other == value).count();
-        below as f64 + (equal as f64 + 1.0) / 2.0
-    };
-    values.iter().map(rank).collect()
 }
 
 fn residual_sd(fit: &Ridge, rows: &[Vec<usize>], answers: &[Vec<f64>], score: usize) -> f64 {
@@ -315,13 +293,6 @@ pub(super) mod tests {
         }
         let quality = quality(&measured, 0.01);
         assert!(quality.rank_correlation.abs() < 0.3, "{quality:?}");
-    }
-
-    #[test]
-    fn ranks_share_the_mean_of_equal_values() {
-        assert_eq!(ranks(&[3.0, 1.0, 3.0, 9.0]), [2.5, 1.0, 2.5, 4.0]);
-        assert!((rank_correlation(&[(1.0, 2.0), (2.0, 1.0), (3.0, 3.0)]) - 0.5).abs() < 1e-12);
-        assert_eq!(rank_correlation(&[(1.0, 2.0), (1.0, 3.0)]), 0.0);
     }
 
     #[test]
