@@ -23,6 +23,7 @@ pub mod data_file;
 pub mod dataset;
 pub mod diagnostic;
 pub mod document;
+pub mod drawing;
 pub mod environment;
 pub mod error;
 pub mod executor;
