@@ -9,6 +9,8 @@ mod curve_notes;
 #[cfg(test)]
 mod curve_tests;
 mod drawn;
+#[cfg(test)]
+mod drawn_tests;
 mod graph;
 mod graph_drawing;
 mod grouped_lines;

@@ -6,6 +6,10 @@ use std::{collections::BTreeSet, ops::Range};
 /// A stack is not made shorter than this many ranks for the sake of width.
 const SHORTEST: usize = 4;
 
+/// Texts of boxes are broken to the first of these widths, in points, and to the second where that saves a
+/// longer fold.
+const TEXT_WIDTHS: [f64; 2] = [84.0, 50.0];
+
 /// Where a flow leads on paper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Flow {
@@ -28,6 +32,8 @@ pub(super) struct Group {
 #[derive(Debug, Clone)]
 pub(super) struct Arrangement {
     pub flow: Flow,
+    /// The widest line of text in a box, in points.
+    pub text_width: f64,
     /// The rank of each node: the place of its column among those that there are.
     pub ranks: Vec<usize>,
     /// The lane of each node, among those of its stack.
@@ -52,8 +58,11 @@ impl Arrangement {
         folds.dedup();
         let line = std::iter::once((Flow::Right, std::iter::once(0..count).collect()));
         let down = folds.into_iter().map(|stacks| (Flow::Down, stacks));
-        line.chain(down).map(move |(flow, stacks)| Self {
+        let folds = line.chain(down);
+        let folds = folds.flat_map(|(flow, stacks)| TEXT_WIDTHS.map(|width| (flow, stacks.clone(), width)));
+        folds.map(move |(flow, stacks, text_width)| Self {
             flow,
+            text_width,
             lanes: lanes(graph, &ranks, &stacks),
             ranks: ranks.clone(),
             groups: groups.clone(),

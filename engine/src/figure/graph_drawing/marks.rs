@@ -3,7 +3,7 @@
 use super::{
     arrangement::Flow,
     places::{Frame, NodeBox, Places, Span},
-    routes::Route,
+    routes::{Point, Route},
 };
 use crate::{
     drawing::Graph,
@@ -30,6 +30,8 @@ const CORNER: f64 = 3.0;
 /// Lines of a text in a box lie so far apart.
 const TEXT_LINE: f64 = 8.8;
 const LABEL: f64 = 6.5;
+/// Where a name may stand on a line, the best place first.
+const PARTS: [f64; 5] = [0.5, 0.35, 0.65, 0.2, 0.8];
 /// Colours that differ with any kind of colour vision and are not black.
 const HUES: usize = 6;
 
@@ -49,7 +51,7 @@ pub(super) fn all(graph: &Graph, flow: Flow, places: &Places, routes: &[Route]) 
         let hue = hues.get(word(&node.label)).copied();
         marks.extend(node_box(place, hue.unwrap_or(GREY), flow));
     }
-    marks.extend(routes.iter().flat_map(|route| label(route, places, flow)));
+    marks.extend((0..routes.len()).flat_map(|number| label(number, routes, places, flow)));
     marks
 }
 
@@ -172,37 +174,45 @@ fn line(route: &Route, flow: Flow) -> Vec<Mark> {
     marks
 }
 
-/// The name of an arrow in the middle of its longest straight piece, on the ground that is there.
-fn label(route: &Route, places: &Places, flow: Flow) -> Vec<Mark> {
+/// The name of an arrow on its longest straight piece, as near to the middle as other lines allow.
+fn label(number: usize, routes: &[Route], places: &Places, flow: Flow) -> Vec<Mark> {
+    let route = &routes[number];
     let longest = route.points.windows(2).max_by(|one, other| {
-        let length = |ends: &[(f64, f64)]| (ends[1].0 - ends[0].0).hypot(ends[1].1 - ends[0].1);
+        let length = |ends: &[Point]| (ends[1].0 - ends[0].0).hypot(ends[1].1 - ends[0].1);
         length(one).total_cmp(&length(other))
     });
     let (Some(ends), false) = (longest, route.label.is_empty()) else {
         return Vec::new();
     };
-    let middle = (
-        f64::midpoint(ends[0].0, ends[1].0),
-        f64::midpoint(ends[0].1, ends[1].1),
-    );
+    let runs_along = (ends[0].0 - ends[1].0).abs() > (ends[0].1 - ends[1].1).abs();
+    let upright = runs_along == (flow == Flow::Down);
+    let (long, short) = (text_width(&route.label, LABEL) / 2.0 + 1.5, LABEL * 0.6);
+    let (dx, dy) = if upright { (short, long) } else { (long, short) };
+    let others: Vec<Place> = (0..routes.len())
+        .filter(|other| *other != number)
+        .flat_map(|other| sampled(&routes[other], flow))
+        .collect();
+    let is_free = |at: &Point| {
+        let middle = place(flow, *at);
+        let is_under = |(x, y): &Place| (x - middle.0).abs() < dx && (y - middle.1).abs() < dy;
+        !others.iter().any(is_under)
+    };
+    let middle = PARTS.map(|part| between(ends[0], ends[1], part));
+    let middle = middle.into_iter().find(is_free).unwrap_or(middle[0]);
     let is_in = |frame: &Frame| {
         let within = |span: Span, at: f64| at > span.low && at < span.high;
         within(frame.along, middle.0) && within(frame.across, middle.1)
     };
-    let ground = if places.frames.iter().any(is_in) {
+    let color = if places.frames.iter().any(is_in) {
         GROUND
     } else {
         WHITE
     };
-    let (start, end) = (place(flow, ends[0]), place(flow, ends[1]));
-    let upright = (end.1 - start.1).abs() > (end.0 - start.0).abs();
     let at = place(flow, middle);
-    let (long, short) = (text_width(&route.label, LABEL) / 2.0 + 1.5, LABEL * 0.6);
-    let (dx, dy) = if upright { (short, long) } else { (long, short) };
     vec![
         Mark::Fill {
             points: rectangle((at.0 - dx, at.1 - dy), (at.0 + dx, at.1 + dy)),
-            color: ground,
+            color,
             opacity: 1.0,
         },
         Mark::Text {
@@ -213,6 +223,21 @@ fn label(route: &Route, places: &Places, flow: Flow) -> Vec<Mark> {
             upright,
         },
     ]
+}
+
+fn between(from: Point, to: Point, part: f64) -> Point {
+    (from.0 + (to.0 - from.0) * part, from.1 + (to.1 - from.1) * part)
+}
+
+/// Places on a line, close enough together that no name lies between two of them unseen.
+fn sampled(route: &Route, flow: Flow) -> impl Iterator<Item = Place> + '_ {
+    const PIECES: u32 = 128;
+    let part = |piece: u32| f64::from(piece) / f64::from(PIECES);
+    let of_piece = move |ends: &[Point]| {
+        let (from, to) = (ends[0], ends[1]);
+        (0..=PIECES).map(move |piece| place(flow, between(from, to, part(piece))))
+    };
+    route.points.windows(2).flat_map(of_piece)
 }
 
 /// A line with rounded corners.

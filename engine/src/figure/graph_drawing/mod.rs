@@ -16,7 +16,7 @@ use super::{
     chart::{Chart, Shape},
     drawn::shapes,
     layout::{DOUBLE, SINGLE, text},
-    paint::{Drawing, Mark},
+    paint::{Drawing, Extent, Mark},
 };
 use crate::drawing::Graph;
 use arrangement::Arrangement;
@@ -95,7 +95,7 @@ impl Sketch {
         let routes = routes::all(graph, arrangement, &ways, &places);
         let marks = marks::all(graph, arrangement.flow, &places, &routes);
         let extent = marks.iter().filter_map(Mark::extent);
-        let Some(extent) = extent.reduce(|one, other| one.with(other)) else {
+        let Some(extent) = extent.reduce(Extent::with) else {
             return Self {
                 marks,
                 width: 0.0,

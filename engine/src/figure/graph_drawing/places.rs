@@ -13,10 +13,9 @@ use crate::{
     },
 };
 
-/// Room around the text of a box, the height of a line of it, and the widest line.
+/// Room around the text of a box, and the height of a line of it.
 const PADDING: (f64, f64) = (4.0, 2.2);
 const LINE: f64 = 8.8;
-const WIDEST: f64 = 84.0;
 const NARROWEST: f64 = 22.0;
 /// Diameter of the circle of a node whose label is a single character.
 const CIRCLE: f64 = 12.0;
@@ -108,7 +107,7 @@ impl Places {
         let sizes: Vec<Size> = graph
             .nodes
             .iter()
-            .map(|node| size(&node.label, arrangement.flow))
+            .map(|node| size(&node.label, arrangement))
             .collect();
         let ranks = ranks(arrangement, ways, &sizes);
         let track = if ways.named { NAMED_TRACK } else { TRACK };
@@ -185,8 +184,8 @@ impl Places {
     }
 }
 
-fn size(label: &str, flow: Flow) -> Size {
-    let lines = break_lines(label, WIDEST);
+fn size(label: &str, arrangement: &Arrangement) -> Size {
+    let lines = break_lines(label, arrangement.text_width);
     let round = label.chars().count() == 1;
     let text = lines
         .iter()
@@ -194,7 +193,7 @@ fn size(label: &str, flow: Flow) -> Size {
         .fold(0.0, f64::max);
     let width = (text + 2.0 * PADDING.0).max(NARROWEST);
     let height = LINE * count(lines.len().max(1)) + 2.0 * PADDING.1;
-    let (along, across) = match flow {
+    let (along, across) = match arrangement.flow {
         _ if round => (CIRCLE, CIRCLE),
         Flow::Right => (width, height),
         Flow::Down => (height, width),
@@ -253,10 +252,13 @@ fn ranks(arrangement: &Arrangement, ways: &Ways, sizes: &[Size]) -> Vec<Span> {
     ranks
 }
 
-/// The room that the name of a group asks for where the group is one rank of a flow to the right.
+/// The least that a rank takes: that of a line of text, so that circles and boxes stand at one height; in a flow
+/// to the right the name of a group that is one rank.
 fn least(arrangement: &Arrangement, rank: usize) -> f64 {
-    let is_here =
-        |group: &&Group| arrangement.flow == Flow::Right && (group.first, group.last) == (rank, rank);
+    if arrangement.flow == Flow::Down {
+        return LINE + 2.0 * PADDING.1;
+    }
+    let is_here = |group: &&Group| (group.first, group.last) == (rank, rank);
     let here = arrangement.groups.iter().filter(is_here);
     here.map(|group| named(&group.name) - 2.0 * FRAME)
         .fold(0.0, f64::max)

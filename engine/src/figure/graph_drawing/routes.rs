@@ -9,7 +9,7 @@ use crate::{
     drawing::{Edge, Graph},
     figure::layout::count,
 };
-use std::collections::BTreeMap;
+use std::{cmp::Ordering, collections::BTreeMap};
 
 /// Between two arrows at one side of a box, at most.
 const PORT: f64 = 4.0;
@@ -49,6 +49,10 @@ struct End {
     side: Side,
     /// Where its line comes from or leads to, along the flow.
     toward: f64,
+    /// Its place among others at one side: lines that come down beside the stack, the nearest first, then those
+    /// of other stacks, then lines that go down beside it, the furthest first. So none crosses another there.
+    /// Of lines that pass whole stacks the nearest to these is first where they pass behind, last where before.
+    order: [f64; 3],
     /// Where it meets the box, along the flow.
     at: f64,
 }
@@ -111,13 +115,26 @@ impl<'a> Plan<'a> {
             None => (middle(edge.to), middle(edge.from)),
         };
         let out = if way == Way::Over { Side::High } else { Side::Low };
-        let end = |node, side, toward| End {
+        let track = match self.around.get(&index) {
+            Some((true, track)) => count(*track),
+            Some((false, track)) => -count(*track),
+            None => 0.0,
+        };
+        let end = |node, side, toward: f64, class| End {
             node,
             side: self.free(node, side),
             toward,
+            order: if way == Way::Over {
+                [1.0, toward, track]
+            } else {
+                [class, -toward, 0.0]
+            },
             at: middle(node),
         };
-        [end(edge.from, out, to_source), end(edge.to, Side::Low, to_target)]
+        [
+            end(edge.from, out, to_source, 2.0),
+            end(edge.to, Side::Low, to_target, 0.0),
+        ]
     }
 
     /// The side itself where no box stands between it and the way around.
@@ -134,7 +151,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Spreads the arrows that meet one side of a box, in the order of where they come from. One that comes
+    /// Spreads the arrows that meet one side of a box, in their order. One that comes
     /// from a box at the same height keeps the middle, so that it is straight.
     fn spread(&mut self, ways: &Ways) {
         let mut sides: BTreeMap<(usize, Side), Vec<(usize, usize)>> = BTreeMap::new();
@@ -148,8 +165,8 @@ impl<'a> Plan<'a> {
         }
         for ((node, _), mut ends) in sides {
             ends.sort_by(|one, other| {
-                let toward = |&(edge, which): &(usize, usize)| self.ends[edge][which].toward;
-                toward(one).total_cmp(&toward(other)).then(one.cmp(other))
+                let order = |&(edge, which): &(usize, usize)| self.ends[edge][which].order;
+                by_numbers(order(one), order(other)).then(one.cmp(other))
             });
             let along = self.places.boxes[node].along;
             let is_level = |&(edge, which): &(usize, usize)| {
@@ -168,7 +185,7 @@ impl<'a> Plan<'a> {
     /// Which track each arrow has in each gap between stacks that it runs along: leaving ones first, so that
     /// as few as possible cross.
     fn gaps(&self, ways: &Ways) -> BTreeMap<(usize, usize), usize> {
-        let mut gaps: BTreeMap<usize, Vec<(bool, f64, usize)>> = BTreeMap::new();
+        let mut gaps: BTreeMap<usize, Vec<([f64; 3], usize)>> = BTreeMap::new();
         for (edge, ends) in self.ends.iter().enumerate() {
             if ways.ways[edge] != Way::Over {
                 continue;
@@ -177,27 +194,24 @@ impl<'a> Plan<'a> {
                 self.arrangement.stack(ends[0].node),
                 self.arrangement.stack(ends[1].node),
             );
-            let (from, to) = (ends[0].at, ends[0].toward.min(f64::MAX).max(f64::MIN));
+            let (from, to) = (ends[0].at, ends[0].toward);
+            let around = self.around.get(&edge).map_or(0.0, |(_, track)| count(*track));
             // Of those that lead back, the one that leads furthest is nearest; so of those that lead on.
             let order = if to < from { to } else { -to };
-            gaps.entry(first).or_default().push((false, order, edge));
+            gaps.entry(first).or_default().push(([0.0, order, -around], edge));
             if last > first + 1 {
-                gaps.entry(last - 1).or_default().push((true, -ends[1].at, edge));
+                let order = [1.0, around, -ends[1].at];
+                gaps.entry(last - 1).or_default().push((order, edge));
             }
         }
         let mut tracks = BTreeMap::new();
         for (gap, mut edges) in gaps {
-            edges.sort_by(|one, other| {
-                one.0
-                    .cmp(&other.0)
-                    .then(one.1.total_cmp(&other.1))
-                    .then(one.2.cmp(&other.2))
-            });
+            edges.sort_by(|one, other| by_numbers(one.0, other.0).then(one.1.cmp(&other.1)));
             tracks.extend(
                 edges
                     .into_iter()
                     .enumerate()
-                    .map(|(track, (.., edge))| ((edge, gap), track)),
+                    .map(|(track, (_, edge))| ((edge, gap), track)),
             );
         }
         tracks
@@ -308,6 +322,14 @@ impl<'a> Plan<'a> {
         let across = node.across.middle();
         (vec![(along, across), (node.along.low, across)], along)
     }
+}
+
+fn by_numbers(one: [f64; 3], other: [f64; 3]) -> Ordering {
+    let pairs = one.iter().zip(&other);
+    let mut differing = pairs
+        .map(|(one, other)| one.total_cmp(other))
+        .filter(|order| order.is_ne());
+    differing.next().unwrap_or(Ordering::Equal)
 }
 
 /// Across the flow, where a line meets a box or a circle.

@@ -94,6 +94,37 @@ pub(in crate::figure) fn cell() -> Graph {
     graph.0
 }
 
+/// Cells with an entry, branches side by side and shortcuts of their own, and named skips between them: folded,
+/// with every kind of way.
+pub(in crate::figure) fn branched() -> Graph {
+    let mut graph = Growing::default();
+    let mut last = graph.node("x", "");
+    let mut sums = Vec::new();
+    for cell in ["cell 1", "cell 2", "cell 3"] {
+        let entry = graph.then("up 2×", cell);
+        for label in ["conv 3×3", "BN", "ReLU", "conv 3×3", "BN"] {
+            graph.then(label, cell);
+        }
+        let sum = graph.then("+", cell);
+        graph.edge(entry, sum, "1×1", true);
+        let side = graph.0.nodes.len();
+        graph.0.nodes.push(Node {
+            label: "dilated conv 5×5, separable".into(),
+            column: graph.0.nodes[entry + 2].column,
+            lane: 1,
+            group: cell.into(),
+        });
+        graph.edge(entry + 1, side, "", false);
+        graph.edge(side, sum, "", false);
+        last = graph.node("ReLU", cell);
+        graph.edge(sum, last, "", false);
+        sums.push(last);
+    }
+    graph.edge(sums[0], sums[2], "skip", true);
+    graph.edge(0, last, "long skip", true);
+    graph.0
+}
+
 /// Everything that is placed for the arrangement that is drawn.
 fn placed(graph: &Graph) -> (Arrangement, Ways, Places, Vec<Route>) {
     let fits =
@@ -178,6 +209,16 @@ fn a_cell_fits_into_one_line_of_one_column() {
     assert!(places.frames[0].across.low < places.beside(0, 0, true));
     assert!(places.frames[0].across.low > places.beside(0, 0, false));
     assert!(Sketch::of(&graph).width > SINGLE);
+    hold(&graph);
+}
+
+#[test]
+fn branches_and_skips_keep_apart_where_the_flow_is_folded() {
+    let graph = branched();
+    graph.check().unwrap();
+    let (arrangement, ways, ..) = placed(&graph);
+    assert_eq!((arrangement.flow, arrangement.stacks.len()), (Flow::Down, 4));
+    assert_eq!(ways.beside, [(0, 0), (1, 0), (1, 0), (1, 0)]);
     hold(&graph);
 }
 

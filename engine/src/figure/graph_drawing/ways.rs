@@ -1,6 +1,6 @@
 //! Which way each arrow takes, before anything has a place.
 
-use super::arrangement::{Arrangement, Flow};
+use super::arrangement::Arrangement;
 use crate::drawing::Graph;
 use std::collections::BTreeSet;
 
@@ -133,8 +133,9 @@ fn wide(graph: &Graph, arrangement: &Arrangement, ways: &[Way]) -> BTreeSet<usiz
         let lanes = (arrangement.lanes[edge.from], arrangement.lanes[edge.to]);
         match way {
             Way::Direct(rank) if lanes.0 != lanes.1 => drop(wide.insert(*rank)),
+            Way::Direct(_) => {}
             // An arrow whose way out of its rank is not free leaves through the gap.
-            _ if arrangement.flow == Flow::Down || matches!(way, Way::Beside { .. }) => {
+            Way::Beside { .. } | Way::Over => {
                 let (from, to) = (arrangement.ranks[edge.from], arrangement.ranks[edge.to]);
                 if arrangement.at(from).count() > 1 {
                     wide.insert(from);
@@ -143,7 +144,6 @@ fn wide(graph: &Graph, arrangement: &Arrangement, ways: &[Way]) -> BTreeSet<usiz
                     wide.insert(to - 1);
                 }
             }
-            _ => {}
         }
     }
     wide
