@@ -11,6 +11,7 @@ mod crashes;
 mod cross_play;
 mod datasets;
 mod disk;
+mod drawings;
 mod end_states;
 mod experiments;
 mod folders;

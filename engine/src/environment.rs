@@ -4,6 +4,7 @@ use crate::{
     Error, Rng,
     checkpoint::exact,
     choice::{self, Choice},
+    drawing::{Graph, Image},
 };
 use serde::{Deserialize, Serialize};
 
@@ -283,6 +284,21 @@ pub trait Environment: Send {
     /// episodes trace it too.
     fn reward_surface(&self) -> Option<RewardSurface> {
         None
+    }
+
+    /// What the design of the episode that just ended looks like, where an environment has designs. Protocols
+    /// that search leave it for figures.
+    fn graph(&self) -> Option<Graph> {
+        None
+    }
+
+    /// Samples of what the design of the episode that just ended makes, square and of one size; none where it
+    /// makes nothing to be seen. Protocols that search leave them for figures.
+    ///
+    /// # Errors
+    /// Where they cannot be made.
+    fn images(&mut self) -> Result<Vec<Image>, Error> {
+        Ok(Vec::new())
     }
 
     /// Everything that changes during an episode, so that a stopped trial continues to the same bits.

@@ -122,6 +122,9 @@ pub enum Error {
         /// What is wrong with it.
         problem: String,
     },
+    /// An environment gives something to draw that cannot be drawn.
+    #[error(transparent)]
+    Drawing(#[from] crate::drawing::DrawingError),
     /// A table, figure or claim could not be made from what is stored.
     #[error("{what}: {problem}")]
     Render {

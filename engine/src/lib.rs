@@ -25,6 +25,7 @@ pub mod dataset;
 pub mod design;
 pub mod diagnostic;
 pub mod document;
+pub mod drawing;
 pub mod environment;
 pub mod error;
 pub mod executor;

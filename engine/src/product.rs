@@ -5,7 +5,10 @@
 //! leads to a product, through any number of steps, is part of what it is. A trial is handed the folder of
 //! each product after its files were held against their acknowledged hashes.
 
-use crate::Error;
+use crate::{
+    Error,
+    drawing::{GRAPH_FILE, IMAGES_FILE},
+};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -30,11 +33,22 @@ pub enum ProductKind {
     Dataset,
     /// A config that was chosen: `choice.json`.
     Choice,
+    /// The graph of a design that was found: `graph.json`.
+    Graph,
+    /// Samples of what was made: `images.png`.
+    Images,
 }
 
 impl ProductKind {
     /// Every kind.
-    pub const ALL: [Self; 4] = [Self::Policy, Self::Networks, Self::Dataset, Self::Choice];
+    pub const ALL: [Self; 6] = [
+        Self::Policy,
+        Self::Networks,
+        Self::Dataset,
+        Self::Choice,
+        Self::Graph,
+        Self::Images,
+    ];
 
     /// The word in studies and messages.
     #[must_use]
@@ -44,6 +58,8 @@ impl ProductKind {
             Self::Networks => "networks",
             Self::Dataset => "dataset",
             Self::Choice => "choice",
+            Self::Graph => "graph",
+            Self::Images => "images",
         }
     }
 
@@ -59,6 +75,8 @@ impl ProductKind {
             Self::Networks => beside_or_below("networks.safetensors"),
             Self::Dataset => folder.join("dataset").is_dir(),
             Self::Choice => folder.join("choice.json").is_file(),
+            Self::Graph => folder.join(GRAPH_FILE).is_file(),
+            Self::Images => folder.join(IMAGES_FILE).is_file(),
         }
     }
 
@@ -71,6 +89,8 @@ impl ProductKind {
             Self::Networks => last == "networks.safetensors",
             Self::Dataset => path.starts_with("dataset/"),
             Self::Choice => path == "choice.json",
+            Self::Graph => path == GRAPH_FILE,
+            Self::Images => path == IMAGES_FILE,
         }
     }
 }
@@ -364,18 +384,15 @@ mod tests {
 
     #[test]
     fn files_belong_to_one_kind() {
-        let kinds = [
-            ProductKind::Policy,
-            ProductKind::Networks,
-            ProductKind::Dataset,
-            ProductKind::Choice,
-        ];
+        let kinds = ProductKind::ALL;
         let paths = [
             "policy.safetensors",
             "good_0/policy.safetensors",
             "networks.safetensors",
             "dataset/data/0/part-0.parquet",
             "choice.json",
+            "graph.json",
+            "images.png",
         ];
         for path in paths {
             assert_eq!(

@@ -2,6 +2,7 @@
 
 use crate::{
     Metric, PerEpisode,
+    drawing::Drawings,
     recorder::{Phase, Row},
     statistics::{Seeds, spending::Design},
     store::is_missing,
@@ -325,6 +326,8 @@ pub struct Results {
     pub design: Option<Design>,
     /// What the study counts as a success.
     pub success: Option<Success>,
+    /// What trials left to be shown, by id, as far as figures of the study show it.
+    pub drawings: BTreeMap<String, Drawings>,
 }
 
 /// Environment, agent and setting, by their names in the study: what seeds are replicates of.

@@ -1,9 +1,10 @@
-//! The program that tests misuse: all plugins of `regimen`, an agent that misbehaves on request, and the hook
-//! that ends the process at a boundary between two steps of writing. Built by `cargo test` alone; the program
-//! that people run has neither.
+//! The program that tests misuse: all plugins of `regimen`, an agent that misbehaves on request, an environment
+//! and a protocol that leave drawings, and the hook that ends the process at a boundary between two steps of
+//! writing. Built by `cargo test` alone; the program that people run has none of them.
 
 mod crash;
 mod misbehaving;
+mod painter;
 
 use std::process::ExitCode;
 
@@ -11,5 +12,6 @@ fn main() -> ExitCode {
     crash::install();
     let mut registry = plugins::registry();
     misbehaving::register(&mut registry);
+    painter::register(&mut registry);
     engine::cli::main(&registry, plugins::SELFTEST)
 }

@@ -9,7 +9,10 @@ use super::{
     submit::{self, Asked},
 };
 use crate::{
-    Registry, executor,
+    Error, ProductKind, Registry,
+    drawing::Drawings,
+    executor,
+    product::Taken,
     report::{self, Contents, Counts, Period, ReportPaths, StudyInfo},
     results::{Results, TrialResult, names_times},
     spec,
@@ -391,9 +394,42 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
     if let Some(success) = &one.study.success {
         trials.iter_mut().for_each(|trial| trial.judge_success(success));
     }
+    let drawings = match mend {
+        Some(_) => drawings(one, store, &trials),
+        // Who only looks at verdicts shows no figure.
+        None => BTreeMap::new(),
+    };
     Results {
-        design: one.study.design.clone(),
-        success: one.study.success.clone(),
+        design: study.design.clone(),
+        success: study.success.clone(),
+        drawings,
         ..Results::of(trials)
     }
+}
+
+/// What trials left that figures of the study show, by id. What cannot be read is said, and the figure says it
+/// too.
+fn drawings(one: &Planned, store: &Store, trials: &[TrialResult]) -> BTreeMap<String, Drawings> {
+    let figures = one.study.figures.iter();
+    let kinds: BTreeSet<ProductKind> = figures.filter_map(|(_, spec)| spec.kind.shows()).collect();
+    let mut all: BTreeMap<String, Drawings> = BTreeMap::new();
+    for trial in trials.iter().filter(|trial| trial.is_ok()) {
+        for kind in &kinds {
+            let (id, drawings) = (&trial.trial.id, all.entry(trial.trial.id.clone()).or_default());
+            if let Err(error) = read_drawing(store, id, *kind, drawings) {
+                complain(&format!("warning: {error}; it is not shown"));
+                drawings.problem = Some(error.to_string());
+            }
+        }
+    }
+    all
+}
+
+fn read_drawing(store: &Store, id: &str, kind: ProductKind, drawings: &mut Drawings) -> Result<(), Error> {
+    let taken = Taken {
+        trial: id.to_owned(),
+        kind,
+    };
+    let folder = store.product_if_left(&taken)?;
+    folder.map_or(Ok(()), |folder| drawings.read(kind, &folder))
 }

@@ -1,6 +1,11 @@
 //! A computed figure: panels with series, as data.
 
-use crate::{Error, table::write_csv};
+use super::drawn;
+use crate::{
+    Error,
+    drawing::{Graph, Image},
+    table::write_csv,
+};
 
 /// A figure as data: what the drawing and the CSV file read.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -136,6 +141,23 @@ pub enum Shape {
     Path(Vec<Point>),
     /// Points marked by a cross.
     Crosses(Vec<Point>),
+    /// Images in rows, without axes.
+    Images(Tiles),
+    /// Boxes and arrows, without axes.
+    Graph(Graph),
+}
+
+/// Images in rows.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Tiles {
+    /// Id of the trial that left them, in whose folder the file with all of them lies.
+    pub trial: String,
+    /// The images that are shown, all of one size.
+    pub images: Vec<Image>,
+    /// How many stand in a row, at least one.
+    pub columns: usize,
+    /// The side of an image on paper in millimetres; as large as there is room where absent.
+    pub size_mm: Option<f64>,
 }
 
 /// A point, with the interval of its vertical value where there is one.
@@ -163,7 +185,7 @@ pub struct Surface {
 }
 
 impl Shape {
-    /// The points of a series, without single runs; none for a level and a surface.
+    /// The points of a series, without single runs; none for a level, a surface and what has no axes.
     #[must_use]
     pub fn points(&self) -> &[Point] {
         match self {
@@ -174,7 +196,7 @@ impl Shape {
             | Shape::Bars(points, _)
             | Shape::Path(points)
             | Shape::Crosses(points) => points,
-            Shape::Level(_) | Shape::Surface(_) => &[],
+            Shape::Level(_) | Shape::Surface(_) | Shape::Images(_) | Shape::Graph(_) => &[],
         }
     }
 
@@ -257,16 +279,15 @@ impl Chart {
     /// # Errors
     /// [`Error::Render`] where the writer refuses.
     pub fn csv(&self) -> Result<String, Error> {
+        if let Some(lines) = drawn::lines(self) {
+            return write_csv(&lines);
+        }
         let header = ["panel", "series", "n", "x", "y", "low", "high", "z", "run"]
             .map(String::from)
             .to_vec();
         let mut lines = vec![header];
         for (index, panel) in self.panels.iter().enumerate() {
-            let name = if panel.title.is_empty() {
-                (index + 1).to_string()
-            } else {
-                panel.title.clone()
-            };
+            let name = panel.name(index);
             for series in &panel.series {
                 let n = series.seeds.map_or(String::new(), |(n, _)| n.to_string());
                 let head = [name.clone(), series.label.clone(), n];
@@ -278,6 +299,17 @@ impl Chart {
             }
         }
         write_csv(&lines)
+    }
+}
+
+impl Panel {
+    /// What it is called in files: its title, or its number from 1.
+    pub(super) fn name(&self, index: usize) -> String {
+        if self.title.is_empty() {
+            (index + 1).to_string()
+        } else {
+            self.title.clone()
+        }
     }
 }
 

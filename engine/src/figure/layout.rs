@@ -3,7 +3,7 @@
 use super::{
     axes::{self, Frame, Range, TEXT},
     chart::{Chart, Panel, Scale, Shape},
-    legend,
+    graph_drawing, image_tiles, legend,
     paint::{Drawing, Mark, text_width},
     series, surface,
     ticks::Tick,
@@ -11,9 +11,9 @@ use super::{
 use plotters::style::text_anchor::HPos;
 
 /// Width of one column of a paper, 85 mm, in points.
-const SINGLE: f64 = 241.0;
+pub(super) const SINGLE: f64 = 241.0;
 /// Width of two columns with the gap between them, 174 mm.
-const DOUBLE: f64 = 493.0;
+pub(super) const DOUBLE: f64 = 493.0;
 /// Height of a line of text.
 const LINE: f64 = 10.0;
 /// Room between a row's axis labels and the next row.
@@ -23,8 +23,12 @@ const OVERHANG: f64 = 9.0;
 /// Room for the colour bar of surfaces, its numbers and label.
 const COLOR_BAR: f64 = 42.0;
 
-/// Lays a chart out for paper: one column wide with one column of panels, else two columns wide.
+/// Lays a chart out for paper: one column wide with one column of panels, else two columns wide. What has no
+/// axes has a layout of its own.
 pub(super) fn draw(chart: &Chart) -> Drawing {
+    if let Some(drawing) = image_tiles::draw(chart).or_else(|| graph_drawing::draw(chart)) {
+        return drawing;
+    }
     let width = if chart.columns <= 1 { SINGLE } else { DOUBLE };
     let mut marks = Vec::new();
     let top = legend::draw(chart, width, &mut marks);

@@ -8,7 +8,14 @@ mod contour;
 mod curve_notes;
 #[cfg(test)]
 mod curve_tests;
+mod drawn;
+#[cfg(test)]
+mod drawn_tests;
+mod graph;
+mod graph_drawing;
 mod grouped_lines;
+mod image_tiles;
+mod images;
 mod layout;
 mod learning_curve;
 mod legend;
@@ -26,15 +33,19 @@ mod trajectory;
 
 pub use bars::Bars;
 pub use build::{Context, build};
-pub use chart::{Chart, Curve, CurveOf, Hue, Panel, Point, RunLine, Scale, Series, Shape, Style, Surface};
+pub use chart::{
+    Chart, Curve, CurveOf, Hue, Panel, Point, RunLine, Scale, Series, Shape, Style, Surface, Tiles,
+};
 pub use contour::Contour;
+pub use graph::GraphFigure;
 pub use grouped_lines::GroupedLines;
+pub use images::Images;
 pub use learning_curve::{Automatic, Band, LearningCurve, Line, SeedLines};
 pub use scatter::Scatter;
 pub use trajectory::Trajectory;
 
 use crate::{
-    Error,
+    Error, ProductKind,
     kinds::{Contradiction, kinds},
     published_curve::PublishedCurve,
     spec::names::{Names, Place},
@@ -60,6 +71,10 @@ kinds! {
         "contour" => Contour(Contour),
             "A surface traced as x, y, z, as filled contours, with what was measured during learning as \
              points over it.";
+        "images" => Images(Images),
+            "Samples that trials left as images, a grid of them per agent.";
+        "graph" => GraphFigure(GraphFigure),
+            "The graph of a design that a trial left, as boxes and arrows, one drawing per agent.";
     }
 }
 
@@ -81,6 +96,11 @@ pub(crate) trait Figure {
 
     /// Checks every name in it against what trials record.
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>);
+
+    /// What it shows of that which trials leave; `None` where it shows what they record.
+    fn shows(&self) -> Option<ProductKind> {
+        None
+    }
 
     /// Computes its panels.
     ///
@@ -149,6 +169,18 @@ impl FigureKind {
     pub(crate) fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
         self.it().check(names, at);
     }
+
+    /// What it shows of that which trials leave; `None` where it shows what they record.
+    #[must_use]
+    pub fn shows(&self) -> Option<ProductKind> {
+        self.it().shows()
+    }
+}
+
+/// True where a chart is drawn as wide as two columns of a paper.
+#[must_use]
+pub fn is_wide(chart: &Chart) -> bool {
+    layout::draw(chart).width > layout::SINGLE
 }
 
 /// A chart as an SVG file, sized in millimetres for one or two columns of a paper.

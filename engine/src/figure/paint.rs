@@ -2,7 +2,8 @@
 //! clock.
 
 use super::style::{INK, Rgb};
-use crate::Error;
+use crate::{Error, drawing::Image};
+use base64::{Engine as _, prelude::BASE64_STANDARD};
 use plotters::{
     backend::{BitMapBackend, DrawingBackend, SVGBackend},
     style::{
@@ -20,7 +21,7 @@ static FONT: &[u8] = include_bytes!("../../assets/DejaVuSans.ttf");
 /// SVG units per point: coordinates are whole numbers.
 const SVG_SCALE: f64 = 10.0;
 /// PNG pixels per point, 288 per inch.
-const PNG_SCALE: f64 = 4.0;
+pub(super) const PNG_SCALE: f64 = 4.0;
 /// Each pixel of a PNG is the mean of a square of this side.
 const OVERSAMPLING: usize = 2;
 /// plotters-svg writes a font size as this part of the style's size.
@@ -61,6 +62,85 @@ pub(super) enum Mark {
         align: HPos,
         upright: bool,
     },
+    /// A square image whose pixels stay squares. Images lie over all other marks.
+    Image { corner: Place, side: f64, image: Image },
+}
+
+/// What marks take, in points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Extent {
+    pub left: f64,
+    pub top: f64,
+    pub right: f64,
+    pub bottom: f64,
+}
+
+impl Extent {
+    /// The smallest that holds both.
+    pub(super) fn with(self, other: Self) -> Self {
+        Self {
+            left: self.left.min(other.left),
+            top: self.top.min(other.top),
+            right: self.right.max(other.right),
+            bottom: self.bottom.max(other.bottom),
+        }
+    }
+}
+
+impl Mark {
+    /// The same mark, made larger or smaller, then moved.
+    pub(super) fn moved(&self, scale: f64, by: Place) -> Self {
+        let place = |(x, y): &Place| (x * scale + by.0, y * scale + by.1);
+        let all = |points: &[Place]| points.iter().map(place).collect();
+        match self.clone() {
+            Self::Line { points, width, color } => Self::Line {
+                points: all(&points),
+                width: width * scale,
+                color,
+            },
+            Self::Fill {
+                points,
+                color,
+                opacity,
+            } => Self::Fill {
+                points: all(&points),
+                color,
+                opacity,
+            },
+            Self::Text {
+                at,
+                text,
+                size,
+                align,
+                upright,
+            } => Self::Text {
+                at: place(&at),
+                text,
+                size: size * scale,
+                align,
+                upright,
+            },
+            Self::Image { corner, side, image } => Self::Image {
+                corner: place(&corner),
+                side: side * scale,
+                image,
+            },
+        }
+    }
+
+    /// What the points of a line or an area take; `None` for other marks.
+    pub(super) fn extent(&self) -> Option<Extent> {
+        let (Self::Line { points, .. } | Self::Fill { points, .. }) = self else {
+            return None;
+        };
+        let of = |&(x, y): &Place| Extent {
+            left: x,
+            top: y,
+            right: x,
+            bottom: y,
+        };
+        points.iter().map(of).reduce(Extent::with)
+    }
 }
 
 /// Width of a text in points.
@@ -99,7 +179,29 @@ pub(super) fn svg(drawing: &Drawing) -> Result<String, Error> {
         millimetres(drawing.width),
         millimetres(drawing.height)
     );
-    Ok(text.replacen(&size, &format!("{on_paper} stroke-linejoin=\"round\""), 1))
+    let text = text.replacen(&size, &format!("{on_paper} stroke-linejoin=\"round\""), 1);
+    let images = drawing
+        .marks
+        .iter()
+        .map(embedded)
+        .collect::<Result<String, Error>>()?;
+    match text.rfind("</svg>") {
+        Some(end) if !images.is_empty() => Ok(format!("{}{images}{}", &text[..end], &text[end..])),
+        _ => Ok(text),
+    }
+}
+
+/// An image inside an SVG file; nothing for other marks.
+fn embedded(mark: &Mark) -> Result<String, Error> {
+    let Mark::Image { corner, side, image } = mark else {
+        return Ok(String::new());
+    };
+    let png = BASE64_STANDARD.encode(image.png()?);
+    let [x, y, side] = [corner.0, corner.1, *side].map(|length| whole(length * SVG_SCALE));
+    Ok(format!(
+        "<image x=\"{x}\" y=\"{y}\" width=\"{side}\" height=\"{side}\" preserveAspectRatio=\"none\" \
+         style=\"image-rendering:pixelated\" href=\"data:image/png;base64,{png}\"/>\n"
+    ))
 }
 
 /// Writes the drawing as a PNG file; the path must end in `.png`.
@@ -120,9 +222,13 @@ pub(super) fn png(drawing: &Drawing, path: &Path) -> Result<(), Error> {
         by_segments: true,
     };
     pen.paint(&mut BitMapBackend::with_buffer(&mut fine, size), drawing)?;
+    let mut pixels = shrink(&fine, w, h);
+    for mark in &drawing.marks {
+        paste(mark, &mut pixels, (width as usize, height as usize));
+    }
     let mut backend = BitMapBackend::new(path, (width, height));
     backend
-        .blit_bitmap((0, 0), (width, height), &shrink(&fine, w, h))
+        .blit_bitmap((0, 0), (width, height), &pixels)
         .map_err(refused)?;
     backend.present().map_err(refused)
 }
@@ -139,6 +245,25 @@ fn shrink(fine: &[u8], width: usize, height: usize) -> Vec<u8> {
     pixels
         .flat_map(|(x, y)| [mean(x, y, 0), mean(x, y, 1), mean(x, y, 2)])
         .collect()
+}
+
+/// Copies an image into the pixels of a PNG file, `[height, width, 3]`, so that each pixel of it becomes a
+/// rectangle of one colour; does nothing for other marks.
+fn paste(mark: &Mark, pixels: &mut [u8], (width, height): (usize, usize)) {
+    let Mark::Image { corner, side, image } = mark else {
+        return;
+    };
+    let [left, top, side] =
+        [corner.0, corner.1, *side].map(|length| whole(length * PNG_SCALE).unsigned_abs() as usize);
+    let source = |at: usize, count: u32| at * count as usize / side;
+    for y in top..(top + side).min(height) {
+        for x in left..(left + side).min(width) {
+            let from =
+                3 * (source(y - top, image.height) * image.width as usize + source(x - left, image.width));
+            let to = 3 * (y * width + x);
+            pixels[to..to + 3].copy_from_slice(&image.pixels[from..from + 3]);
+        }
+    }
 }
 
 /// What differs between the two formats.
@@ -195,6 +320,8 @@ impl Pen {
                 align,
                 upright,
             } => self.text(backend, *at, text, *size, (*align, *upright)),
+            // Neither of the two backends keeps pixels sharp: see `embedded` and `paste`.
+            Mark::Image { .. } => Ok(()),
         }
     }
 

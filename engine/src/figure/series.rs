@@ -82,6 +82,8 @@ fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<M
         Shape::Crosses(points) => places(points, frame)
             .into_iter()
             .for_each(|at| marks.extend(cross(at))),
+        // What has no axes is drawn by painters of its own, and has no entry in a legend.
+        Shape::Images(_) | Shape::Graph(_) => {}
     }
 }
 
@@ -115,6 +117,7 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
             path(&points, marks);
         }
         Shape::Crosses(_) => marks.extend(cross(middle)),
+        Shape::Images(_) | Shape::Graph(_) => {}
         Shape::Bars(..) | Shape::Surface(_) => {
             marks.push(Mark::Fill {
                 points: rectangle((middle.0 - 4.0, y - 3.5), (middle.0 + 4.0, y + 3.5)),
@@ -196,7 +199,7 @@ fn rim(places: &[Place]) -> Mark {
 }
 
 /// A line cut into dashes, since the painters draw full lines only.
-fn dashed(points: &[Place], dashes: &[f64], width: f64, color: Rgb) -> Vec<Mark> {
+pub(super) fn dashed(points: &[Place], dashes: &[f64], width: f64, color: Rgb) -> Vec<Mark> {
     let line = |points: Vec<Place>| Mark::Line { points, width, color };
     if dashes.is_empty() {
         return vec![line(points.to_vec())];
@@ -280,7 +283,7 @@ fn bars(points: &[Point], width: f64, frame: &Frame, color: Rgb, marks: &mut Vec
     marks.extend(whiskers(points, frame, INK));
 }
 
-fn rectangle((left, top): Place, (right, bottom): Place) -> Vec<Place> {
+pub(super) fn rectangle((left, top): Place, (right, bottom): Place) -> Vec<Place> {
     vec![(left, top), (right, top), (right, bottom), (left, bottom)]
 }
 

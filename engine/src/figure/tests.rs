@@ -2,7 +2,7 @@
 
 use super::{
     Band, Bars, Chart, Context, Contour, FigureKind, FigureSpec, GroupedLines, LearningCurve, Scatter, Shape,
-    Trajectory, build, curve_tests, png, svg,
+    Trajectory, build, curve_tests, drawn_tests, png, svg,
 };
 use crate::{
     Phase,
@@ -33,7 +33,7 @@ pub(super) fn chart(spec: &FigureSpec, results: &Results) -> Chart {
     .unwrap()
 }
 
-fn names(names: &[&str]) -> Vec<String> {
+pub(super) fn names(names: &[&str]) -> Vec<String> {
     names.iter().map(|name| (*name).into()).collect()
 }
 
@@ -228,6 +228,7 @@ fn all(dir: &Path) -> Vec<(&'static str, Chart)> {
         ("contour", chart(&contour, &contour_results)),
     ];
     all.extend(curve_tests::pictures(dir));
+    all.extend(drawn_tests::pictures());
     all
 }
 

@@ -5,6 +5,7 @@ use super::Kind;
 use crate::{
     Phase,
     diagnostic::Diagnostic,
+    drawing::{Drawings, Edge, Graph, Image, Node},
     figure::{self, Context, FigureKind},
     report::synthetic,
     results::{Results, TrialResult},
@@ -47,14 +48,15 @@ fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnost
     spec::load_text(&text, "study.yaml", Path::new(""), &toys(), &Options::default())
 }
 
-/// The first of some words that a kind's example has, replaced by one that no study knows.
-fn with_unknown(kind: &Kind, words: &[&str]) -> String {
+/// Kinds that show what trials leave, not what they record, and name no metric.
+const WITHOUT_METRICS: [&str; 2] = ["graph", "images"];
+
+/// The first of some words that a kind's example has, replaced by one that no study knows; `None` where it has
+/// none.
+fn with_unknown(kind: &Kind, words: &[&str]) -> Option<String> {
     let example = (kind.example)();
-    let word = words.iter().find(|word| example.contains(*word));
-    example.replace(
-        word.unwrap_or_else(|| panic!("{} names none of {words:?}", kind.name)),
-        "nonsense",
-    )
+    let word = words.iter().find(|word| example.contains(*word))?;
+    Some(example.replace(word, "nonsense"))
 }
 
 /// Values that differ by agent and seed, during learning, at the end and in a trace of a full grid.
@@ -72,6 +74,31 @@ fn made_up(trial: Trial) -> TrialResult {
     TrialResult {
         trial,
         ..synthetic::trial("", "", "", 0, &rows)
+    }
+}
+
+/// Two boxes with an arrow, and a grey image.
+fn drawn() -> Drawings {
+    let node = |label: &str, column| Node {
+        label: label.into(),
+        column,
+        ..Node::default()
+    };
+    let edge = Edge {
+        to: 1,
+        ..Edge::default()
+    };
+    Drawings {
+        graph: Some(Graph {
+            nodes: vec![node("a", 0), node("b", 1)],
+            edges: vec![edge],
+        }),
+        images: vec![Image {
+            width: 2,
+            height: 2,
+            pixels: vec![128; 12],
+        }],
+        problem: None,
     }
 }
 
@@ -110,7 +137,14 @@ fn every_kind_refuses_what_it_does_not_know_where_it_stands() {
         let unknown_key = (kind.example)().replacen('{', "{ nonsense: 1,", 1);
         let metric = with_unknown(kind, &["return", "height"]);
         let agent = with_unknown(kind, &["learner", "runner"]);
-        for options in [unknown_key, metric, agent] {
+        assert!(agent.is_some(), "{} names no agent", kind.name);
+        assert_eq!(
+            metric.is_none(),
+            WITHOUT_METRICS.contains(&kind.name),
+            "{} and its metrics",
+            kind.name
+        );
+        for options in [Some(unknown_key), metric, agent].into_iter().flatten() {
             let Err(found) = load(section, kind, &options) else {
                 panic!("{}: {options} passes", kind.name)
             };
@@ -129,7 +163,12 @@ fn every_kind_builds_what_its_example_asks_for() {
     for (section, kind) in all() {
         let study = load(section, kind, (kind.example)());
         let study = study.unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
-        let results = Results::of(study.plan().trials.into_iter().map(made_up).collect());
+        let trials = study.plan().trials;
+        let drawings = trials.iter().map(|trial| (trial.id.clone(), drawn())).collect();
+        let results = Results {
+            drawings,
+            ..Results::of(trials.into_iter().map(made_up).collect())
+        };
         for (_, spec) in &study.tables {
             let grid = table::build(spec, &results).unwrap();
             assert!(

@@ -7,7 +7,7 @@ use super::{
     stages,
 };
 use crate::{
-    figure::{Chart, FigureSpec},
+    figure::{Chart, FigureSpec, is_wide},
     table::{Grid, escape_html as escape, html, prose, verdict_word},
 };
 
@@ -129,7 +129,7 @@ fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &F
                 "."
             };
             let caption = prose::html(&format!("{}{stop} {}", spec.caption, chart.notes.join(" ")));
-            let width = if chart.columns > 1 { "double" } else { "single" };
+            let width = if is_wide(chart) { "double" } else { "single" };
             let drawing = inline(
                 svg,
                 if spec.caption.is_empty() {

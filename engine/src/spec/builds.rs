@@ -9,7 +9,7 @@ use super::{
     specimens::Specimens,
 };
 use crate::{
-    Agent, Environment, Error, Interface, Metric, Protocol, UseOfDatasets,
+    Agent, Environment, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     diagnostic::{Diagnostic, in_order},
     random,
     registry::AgentEntry,
@@ -34,6 +34,8 @@ pub struct World {
     pub agents: Vec<String>,
     /// Metrics by environment and agent; pairs without trials are absent.
     pub recorded: BTreeMap<(usize, usize), BTreeSet<String>>,
+    /// What protocols leave for others, by environment and agent.
+    pub left: BTreeMap<(usize, usize), BTreeSet<ProductKind>>,
     /// Names of what traces hold, by environment.
     pub traced: BTreeMap<usize, BTreeSet<String>>,
     /// Points of the sweep, in order; one empty point without a sweep.
@@ -204,6 +206,11 @@ fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Me
             .chain(of_agent)
             .chain(&added),
     );
+    world
+        .left
+        .entry(pair)
+        .or_default()
+        .extend(measures.protocol.leaves());
     let traced = world.traced.entry(pair.0).or_default();
     traced.extend(facts.traced.iter().cloned());
     world.units.extend(facts.units.clone());

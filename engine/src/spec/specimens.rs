@@ -170,6 +170,9 @@ impl Builder<'_> {
                 "take it from an entry of `prepare` whose protocol gathers one, as `gather` does"
             }
             ProductKind::Choice => "take it from an entry that searches",
+            ProductKind::Graph | ProductKind::Images => {
+                "take it from an entry whose protocol leaves drawings"
+            }
         };
         self.at(
             cell,

@@ -1,8 +1,8 @@
 //! Toy plugins for tests: a corridor, an agent that always walks the same way, one that learns, a protocol.
 
 use crate::{
-    Action, Agent, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation, Protocol,
-    Registry, Rng, Seat, Space, Step, Updates,
+    Action, Agent, Channel, DataFile, Environment, Error, Interface, Metric, Mode, Observation, ProductKind,
+    Protocol, Registry, Rng, Seat, Space, Step, Updates,
     registry::{AgentTraits, Config, Preset},
 };
 use schemars::JsonSchema;
@@ -286,6 +286,14 @@ impl Protocol for Train {
             Metric::new("return", "", "sum of rewards"),
             Metric::new("length", "", "steps of an episode"),
         ]
+    }
+    fn leaves(&self) -> Vec<ProductKind> {
+        // Agents that do not learn are given no steps, and leave nothing.
+        if self.0 > 0 {
+            vec![ProductKind::Graph, ProductKind::Images]
+        } else {
+            Vec::new()
+        }
     }
     fn total_steps(&self) -> u64 {
         self.0

@@ -141,6 +141,8 @@ mod tests {
             "policy.safetensors",
             "agent_3/critic.safetensors",
             "choice.json",
+            "graph.json",
+            "images.png",
             "dataset/data/0/part-0.parquet",
         ] {
             assert!(is_product(name), "{name}");
@@ -155,6 +157,8 @@ mod tests {
             "a\\b.safetensors",
             ".hidden.safetensors",
             "trial.json",
+            "seat/graph.json",
+            "other.png",
             "",
         ];
         for name in others {

@@ -5,7 +5,8 @@
 //! <root>/trials/<first two digits>/<id>/metrics.parquet   what an `ok` trial recorded, long form
 //!                                       trial.json        key, end state, digest of metrics.parquet: the
 //! acknowledgement policy.safetensors  the learned policy, where there is one, or <seat>/policy.safetensors
-//! networks.safetensors, dataset/, choice.json   what else it left, see [`ProductKind`](crate::ProductKind)
+//! networks.safetensors, dataset/, choice.json, graph.json, images.png   what else it left, see
+//! [`ProductKind`](crate::ProductKind)
 //! earlier.json      how it ended before, while it is tried again running/         while it runs: rows so far
 //! and a checkpoint, see [`RunningTrial`]
 //! ```
@@ -81,7 +82,7 @@ pub struct TrialFile {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build: Option<Build>,
     /// Hashes of what the trial left for others, by path inside its folder: a policy, networks, a dataset, a
-    /// choice.
+    /// choice, drawings.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub files: BTreeMap<String, String>,
 }

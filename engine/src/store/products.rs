@@ -20,6 +20,22 @@ impl Store {
     /// [`Error::Source`] where the trial did not end `ok`, left no such product, or left one that is damaged
     /// now.
     pub fn product(&self, taken: &Taken) -> Result<PathBuf, Error> {
+        let problem = || Error::Source {
+            trial: taken.trial.clone(),
+            problem: format!(
+                "it left no {} that was acknowledged, as trials of older versions did; remove its folder to \
+                 run it again",
+                taken.kind
+            ),
+        };
+        self.product_if_left(taken)?.ok_or_else(problem)
+    }
+
+    /// The same, and `None` where the trial left no such product.
+    ///
+    /// # Errors
+    /// [`Error::Source`] where the trial did not end `ok`, or left one that is damaged now.
+    pub fn product_if_left(&self, taken: &Taken) -> Result<Option<PathBuf>, Error> {
         let Taken { trial: id, kind } = taken;
         let unusable = |problem: String| Error::Source {
             trial: id.into(),
@@ -38,16 +54,12 @@ impl Store {
             .filter(|(name, _)| kind.has_file(name))
             .peekable();
         if files.peek().is_none() {
-            let problem = format!(
-                "it left no {kind} that was acknowledged, as trials of older versions did; remove its \
-                 folder to run it again"
-            );
-            return Err(unusable(problem));
+            return Ok(None);
         }
         let folder = self.folder(id);
         match files.find(|(name, digest)| !is_whole(&folder, name, digest)) {
             Some((name, _)) => Err(unusable(format!("`{name}` {DAMAGED}"))),
-            None => Ok(folder),
+            None => Ok(Some(folder)),
         }
     }
 

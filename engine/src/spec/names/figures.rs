@@ -2,6 +2,7 @@
 
 use super::{Names, Picked, Place};
 use crate::{
+    ProductKind,
     diagnostic::suggest,
     document::Entry,
     figure::{FigureKind, FigureSpec},
@@ -73,6 +74,45 @@ impl Names<'_> {
                 format!("no trial has the seed {seed}"),
                 format!("seeds of this study: {seeds}"),
             );
+        }
+    }
+
+    /// Checks that protocols leave what a figure shows: that of every agent that is named, or of any where
+    /// none is.
+    pub(crate) fn leaves(&mut self, kind: ProductKind, place: &Place<'_>, picked: &Picked) {
+        let world = self.world;
+        let what = match kind {
+            ProductKind::Images => kind.to_string(),
+            _ => format!("a {kind}"),
+        };
+        let leaves = |agent: usize| {
+            let mut pairs = picked
+                .environments
+                .iter()
+                .map(|environment| (*environment, agent));
+            pairs.any(|pair| world.left.get(&pair).is_some_and(|left| left.contains(&kind)))
+        };
+        let runs = |agent: &usize| {
+            let mut pairs = picked
+                .environments
+                .iter()
+                .map(|environment| (*environment, *agent));
+            pairs.any(|pair| world.left.contains_key(&pair))
+        };
+        let help = format!("a protocol that leaves {what} has to run it");
+        let named = place
+            .node
+            .entry("agents")
+            .is_some_and(|list| !list.value.items().is_empty());
+        let agents: Vec<usize> = picked.agents.iter().copied().filter(runs).collect();
+        if named {
+            for agent in agents.into_iter().filter(|agent| !leaves(*agent)) {
+                let message = format!("no trial of `{}` leaves {what}", world.agents[agent]);
+                self.say(place.value("agents"), message, help.clone());
+            }
+        } else if !agents.is_empty() && !agents.into_iter().any(leaves) {
+            let message = format!("no trial here leaves {what}");
+            self.say((place.key, place.at.clone()), message, help);
         }
     }
 

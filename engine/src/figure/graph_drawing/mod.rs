@@ -1,0 +1,127 @@
+//! Draws graphs of designs: boxes along a flow, arrows between them, frames around groups.
+//!
+//! The flow runs to the right in one line where that fits the paper. Else it runs down, folded into stacks that
+//! stand side by side; a stack begins where a group begins, so that each group is seen as a whole. Arrows that
+//! pass something are led around it.
+
+mod arrangement;
+mod marks;
+mod places;
+mod routes;
+#[cfg(test)]
+pub(super) mod tests;
+mod ways;
+
+use super::{
+    chart::{Chart, Shape},
+    drawn::shapes,
+    layout::{DOUBLE, SINGLE, text},
+    paint::{Drawing, Extent, Mark},
+};
+use crate::drawing::Graph;
+use arrangement::Arrangement;
+use places::Places;
+use plotters::style::text_anchor::HPos;
+use ways::Ways;
+
+/// Height of a title with its room, room around a drawing, and between two of them.
+const TITLE: f64 = 12.0;
+const MARGIN: f64 = 4.0;
+const GAP: f64 = 10.0;
+/// The height of a page; what is higher is drawn smaller.
+const TALLEST: f64 = 640.0;
+
+/// A chart of graphs, one below the other; `None` for another one.
+pub(super) fn draw(chart: &Chart) -> Option<Drawing> {
+    let sketches: Vec<(&str, Sketch)> = shapes(chart)
+        .filter_map(|(_, panel, shape)| match shape {
+            Shape::Graph(graph) => Some((panel.title.as_str(), Sketch::of(graph))),
+            _ => None,
+        })
+        .collect();
+    let widest = sketches.iter().map(|(_, sketch)| sketch.width).reduce(f64::max)?;
+    let width = if widest + 2.0 * MARGIN <= SINGLE {
+        SINGLE
+    } else {
+        DOUBLE
+    };
+    let (mut marks, mut top) = (Vec::new(), MARGIN);
+    for (title, sketch) in sketches {
+        if !title.is_empty() {
+            marks.push(text((width / 2.0, top + TITLE / 2.0 - 1.0), title, HPos::Center));
+            top += TITLE;
+        }
+        let by = ((width - sketch.width) / 2.0, top);
+        marks.extend(sketch.marks.iter().map(|mark| mark.moved(1.0, by)));
+        top += sketch.height + GAP;
+    }
+    Some(Drawing {
+        width,
+        height: top - GAP + MARGIN,
+        marks,
+    })
+}
+
+/// A graph that is drawn, from the origin on.
+struct Sketch {
+    marks: Vec<Mark>,
+    width: f64,
+    height: f64,
+}
+
+impl Sketch {
+    /// The first arrangement that fits the paper; the last one, made smaller, where none does.
+    fn of(graph: &Graph) -> Self {
+        let room = DOUBLE - 2.0 * MARGIN;
+        let mut sketches = Arrangement::all(graph).map(|arrangement| Self::arranged(graph, &arrangement));
+        let mut chosen = sketches.next().unwrap_or(Self {
+            marks: Vec::new(),
+            width: 0.0,
+            height: 0.0,
+        });
+        while chosen.width > room {
+            match sketches.next() {
+                Some(next) => chosen = next,
+                None => break,
+            }
+        }
+        let scale = (room / chosen.width).min(TALLEST / chosen.height);
+        chosen.shrunk(scale)
+    }
+
+    fn arranged(graph: &Graph, arrangement: &Arrangement) -> Self {
+        let ways = Ways::of(graph, arrangement);
+        let places = Places::of(graph, arrangement, &ways);
+        let routes = routes::all(graph, arrangement, &ways, &places);
+        let marks = marks::all(graph, arrangement.flow, &places, &routes);
+        let extent = marks.iter().filter_map(Mark::extent);
+        let Some(extent) = extent.reduce(Extent::with) else {
+            return Self {
+                marks,
+                width: 0.0,
+                height: 0.0,
+            };
+        };
+        let by = (-extent.left, -extent.top);
+        Self {
+            marks: marks.iter().map(|mark| mark.moved(1.0, by)).collect(),
+            width: extent.right - extent.left,
+            height: extent.bottom - extent.top,
+        }
+    }
+
+    fn shrunk(self, scale: f64) -> Self {
+        if scale >= 1.0 || !scale.is_finite() {
+            return self;
+        }
+        Self {
+            marks: self
+                .marks
+                .iter()
+                .map(|mark| mark.moved(scale, (0.0, 0.0)))
+                .collect(),
+            width: self.width * scale,
+            height: self.height * scale,
+        }
+    }
+}

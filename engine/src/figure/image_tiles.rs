@@ -1,0 +1,142 @@
+//! Draws grids of images, a panel beside the other, each pixel as a square.
+
+use super::{
+    axes::TEXT,
+    chart::{Chart, Panel, Shape, Tiles},
+    drawn::shapes,
+    layout::{DOUBLE, SINGLE, count, text},
+    paint::{Drawing, Mark, PNG_SCALE, text_width},
+    series::rectangle,
+    style::FAINT,
+};
+use plotters::style::text_anchor::HPos;
+
+/// Points in a millimetre.
+const POINTS_PER_MM: f64 = 72.0 / 25.4;
+/// Room between two images, and between two panels.
+const GAP: f64 = 1.0;
+const PANEL_GAP: f64 = 14.0;
+/// Height of a title with its room.
+const TITLE: f64 = 12.0;
+const MARGIN: f64 = 4.0;
+/// No image is drawn larger than this where the study does not say a size.
+const LARGEST: f64 = 24.0 * POINTS_PER_MM;
+/// Width of the line around an image, which shows where a light one ends.
+const RIM: f64 = 0.3;
+
+/// A chart of images; `None` for another one.
+pub(super) fn draw(chart: &Chart) -> Option<Drawing> {
+    let grids: Vec<(&Panel, &Tiles)> = shapes(chart)
+        .filter_map(|(_, panel, shape)| match shape {
+            Shape::Images(tiles) => Some((panel, tiles)),
+            _ => None,
+        })
+        .collect();
+    if grids.is_empty() {
+        return None;
+    }
+    let columns = chart.columns.clamp(1, grids.len());
+    let width = if columns == 1 && natural(&grids, SINGLE) <= SINGLE {
+        SINGLE
+    } else {
+        DOUBLE
+    };
+    let slot = (width - 2.0 * MARGIN - PANEL_GAP * count(columns - 1)) / count(columns);
+    let titled = grids.iter().any(|(panel, _)| !panel.title.is_empty());
+    // Panels that do not fill their slots stand together in the middle.
+    let own = |(panel, tiles): &(&Panel, &Tiles)| {
+        span(side(tiles, slot), tiles.columns).max(text_width(&panel.title, TEXT))
+    };
+    let slot = grids.iter().map(own).fold(0.0, f64::max).min(slot);
+    let used = slot * count(columns) + PANEL_GAP * count(columns - 1);
+    let (mut marks, mut top) = (Vec::new(), MARGIN);
+    for row in grids.chunks(columns) {
+        top += if titled { TITLE } else { 0.0 };
+        let mut lowest = top;
+        for (column, (panel, tiles)) in row.iter().enumerate() {
+            let left = (width - used) / 2.0 + (slot + PANEL_GAP) * count(column);
+            lowest = lowest.max(grid(panel, tiles, (left, top), slot, &mut marks));
+        }
+        top = lowest + PANEL_GAP / 2.0;
+    }
+    Some(Drawing {
+        width,
+        height: top - PANEL_GAP / 2.0 + MARGIN,
+        marks,
+    })
+}
+
+/// The width that one column of panels takes.
+fn natural(grids: &[(&Panel, &Tiles)], width: f64) -> f64 {
+    let wanted = |tiles: &Tiles| span(side(tiles, width - 2.0 * MARGIN), tiles.columns) + 2.0 * MARGIN;
+    grids.iter().map(|(_, tiles)| wanted(tiles)).fold(0.0, f64::max)
+}
+
+/// Draws a panel in the middle of its slot; returns where it ends.
+fn grid(panel: &Panel, tiles: &Tiles, (left, top): (f64, f64), slot: f64, marks: &mut Vec<Mark>) -> f64 {
+    // A size that the study gives never makes the grid wider than its slot.
+    let fitting = fit(tiles, slot);
+    let side = side(tiles, slot).min(fitting);
+    let start = on_pixel(left + ((slot - span(side, tiles.columns)) / 2.0).max(0.0));
+    let top = on_pixel(top);
+    if !panel.title.is_empty() {
+        marks.push(text(
+            (left + slot / 2.0, top - TITLE / 2.0),
+            &panel.title,
+            HPos::Center,
+        ));
+    }
+    for (index, image) in tiles.images.iter().enumerate() {
+        let (row, column) = (index / tiles.columns, index % tiles.columns);
+        let corner = (
+            start + (side + GAP) * count(column),
+            top + (side + GAP) * count(row),
+        );
+        let end = (corner.0 + side + RIM, corner.1 + side + RIM);
+        marks.push(Mark::Fill {
+            points: rectangle((corner.0 - RIM, corner.1 - RIM), end),
+            color: FAINT,
+            opacity: 1.0,
+        });
+        marks.push(Mark::Image {
+            corner,
+            side,
+            image: image.clone(),
+        });
+    }
+    top + span(side, tiles.images.len().div_ceil(tiles.columns))
+}
+
+/// Room of some images and the gaps between them.
+fn span(side: f64, images: usize) -> f64 {
+    side * count(images) + GAP * count(images.saturating_sub(1))
+}
+
+/// The side of an image: as the study says, else what there is room for.
+fn side(tiles: &Tiles, room: f64) -> f64 {
+    match tiles.size_mm {
+        Some(size_mm) => size_mm * POINTS_PER_MM,
+        None => whole_pixels(tiles, fit(tiles, room).min(LARGEST)),
+    }
+}
+
+fn fit(tiles: &Tiles, room: f64) -> f64 {
+    (room - GAP * count(tiles.columns.saturating_sub(1))) / count(tiles.columns.max(1))
+}
+
+/// The largest side up to `most` at which a pixel of the image is a whole number of pixels of the PNG file, so
+/// that all of them are equally large.
+fn whole_pixels(tiles: &Tiles, most: f64) -> f64 {
+    let pixels = f64::from(tiles.images.first().map_or(1, |image| image.width.max(1)));
+    let times = (most * PNG_SCALE / pixels).floor();
+    if times >= 1.0 {
+        times * pixels / PNG_SCALE
+    } else {
+        most
+    }
+}
+
+/// The nearest place where a pixel of the PNG file begins.
+fn on_pixel(place: f64) -> f64 {
+    (place * PNG_SCALE).round() / PNG_SCALE
+}
