@@ -305,20 +305,28 @@ impl Tile<'_> {
                 }
             }
         }
-        let first = self.panel.first + self.column;
-        for (sums, output) in sums.iter().zip(output.chunks_exact_mut(self.sizes.n_outputs)) {
-            for (r, sum) in sums.iter().enumerate() {
-                let first = first + r * S::F32_LANES;
-                if first + S::F32_LANES <= output.len() {
-                    store(simd, *sum, &mut output[first..]);
-                } else if first < output.len() {
-                    let mut whole = [0.0; PANEL];
-                    store(simd, *sum, &mut whole);
-                    let left = output.len() - first;
-                    output[first..].copy_from_slice(&whole[..left]);
+        let (first, n_outputs) = (self.panel.first + self.column, self.sizes.n_outputs);
+        // Constant bounds, so that the sums stay in registers.
+        for (p, sums) in sums.into_iter().enumerate() {
+            if p < self.at.len() {
+                let output = &mut output[p * n_outputs..][..n_outputs];
+                for (r, sum) in sums.into_iter().enumerate() {
+                    store_within(simd, sum, output, first + r * S::F32_LANES);
                 }
             }
         }
+    }
+}
+
+/// What of a vector that begins at `first` lies within a row.
+#[inline(always)]
+fn store_within<S: Simd>(simd: S, vector: S::f32s, row: &mut [f32], first: usize) {
+    if first + S::F32_LANES <= row.len() {
+        store(simd, vector, &mut row[first..]);
+    } else if first < row.len() {
+        let (mut whole, left) = ([0.0; PANEL], row.len() - first);
+        store(simd, vector, &mut whole);
+        row[first..].copy_from_slice(&whole[..left]);
     }
 }
 
@@ -427,17 +435,19 @@ impl Group<'_> {
             let dy: [S::f32s; R] =
                 std::array::from_fn(|r| load(simd, &upstream[column + r * S::F32_LANES..]));
             let x = &self.frames[at + shift + k..][..K];
-            for (sums, x) in block.iter_mut().zip(x) {
+            // Constant bounds, so that the sums stay in registers.
+            for (sums, x) in (0..K).zip(x) {
                 let x = simd.splat_f32s(*x);
                 for r in 0..R {
-                    sums[r] = simd.mul_add_e_f32s(x, dy[r], sums[r]);
+                    block[sums][r] = simd.mul_add_e_f32s(x, dy[r], block[sums][r]);
                 }
             }
         }
-        for (row, block) in sums[k * self.width..].chunks_exact_mut(self.width).zip(&block) {
-            for (r, sum) in block.iter().enumerate() {
-                let place = &mut row[column + r * S::F32_LANES..];
-                store(simd, simd.add_f32s(load(simd, place), *sum), place);
+        let rows = &mut sums[k * self.width..][..K * self.width];
+        for (at, block) in block.into_iter().enumerate() {
+            for (r, sum) in block.into_iter().enumerate() {
+                let place = &mut rows[at * self.width + column + r * S::F32_LANES..];
+                store(simd, simd.add_f32s(load(simd, place), sum), place);
             }
         }
         K
