@@ -29,7 +29,11 @@ fn main() {
     let image = numbers([batch, side, side, inputs]);
     let weight = numbers([n_weights(name, inputs, outputs)]);
     let bias = numbers([outputs]);
-    let output = compute(name, [image.clone(), weight.clone().reshape([1, 1, 1, -1])], bias.clone());
+    let output = compute(
+        name,
+        [image.clone(), weight.clone().reshape([1, 1, 1, -1])],
+        bias.clone(),
+    );
     let upstream = Tensor::from_inner(numbers(output.dims()));
     let leaf = |x: &Tensor<4>| Tensor::from_inner(x.clone()).require_grad();
     let vector = |x: &Tensor<1>| Tensor::from_inner(x.clone()).require_grad();

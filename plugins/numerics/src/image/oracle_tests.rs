@@ -151,7 +151,7 @@ fn values_and_gradients_agree_with_pytorch() {
         for (name, leaf) in [("weight", &leaves.weight), ("bias", &leaves.bias)] {
             match expected.get(name) {
                 Some(expected) => {
-                    assert_close(&values(leaf.grad(&gradients).unwrap()), expected, &what(name))
+                    assert_close(&values(leaf.grad(&gradients).unwrap()), expected, &what(name));
                 }
                 None => assert!(leaf.grad(&gradients).is_none(), "{}", what(name)),
             }
@@ -296,12 +296,23 @@ fn rows_of_the_batch_are_independent() {
         let whole = values(compute(&case, &all));
         let n_images = all.image.dims()[0];
         for row in 0..n_images {
-            let image = all.image.clone().slice([row..row + 1]);
+            let image = all.image.clone().narrow(0, row, 1);
             let alone = values(compute(&case, &Leaves { image, ..all.clone() }));
             let length = whole.len() / n_images;
             assert_eq!(alone, whole[row * length..][..length], "{}", case["operation"]);
         }
     }
+}
+
+#[test]
+fn running_statistics_move_by_the_momentum() {
+    let mut running = normalisation::Statistics::neutral(1);
+    let batch = normalisation::Statistics {
+        mean: vec![2.0],
+        variance: vec![3.0],
+    };
+    running.absorb(&batch, 4);
+    assert!((running.mean[0] - 0.2).abs() < 1e-7 && (running.variance[0] - (0.9 + 0.4)).abs() < 1e-7);
 }
 
 #[test]
