@@ -146,6 +146,18 @@ compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: pee
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_ray.py", 40), False)
 for agent in ("tdom_ac", "rommeo", "pr2"):
     compare(f"joint update of {agent} (s)", "median_s", lambda: bench("joint_learning", agent, 5), lambda: peer("joint_torch.py", agent, 5, cpu=0), False)
+IMAGES = [("convolve_3x3", 16, 16, 16), ("convolve_3x3", 32, 32, 16), ("convolve_3x3", 3, 16, 32), ("convolve_3x3", 16, 3, 32)]
+POINTWISE = ("batch", "batch_relu", "instance", "instance_relu", "bilinear", "nearest", "pool", "relu", "tanh", "spectral")
+IMAGES += [(name, 32, 32, 16) for name in ("convolve_1x1", "deconvolve_2x2", *POINTWISE)]
+for layout in ("first", "last"):
+    for name, *sizes in IMAGES:
+        what = f"{name} on images, {sizes[0]} to {sizes[1]} channels, {sizes[2]} x {sizes[2]} (s)"
+        ours = lambda: bench("images", name, 32, *sizes, 2)
+        compare(what, "median_s", ours, lambda: peer("images_torch.py", layout, name, 32, *sizes, 2, cpu=0), False)
+    for channels, bottom in ((16, 2), (16, 4), (32, 4)):
+        what = f"step of critic and generator, {channels} channels, {8 * bottom} x {8 * bottom} images (s)"
+        ours = lambda: bench("adversaries", channels, bottom, 3, 32, 5)
+        compare(what, "median_s", ours, lambda: peer("adversaries_torch.py", layout, channels, bottom, 3, 32, 5, cpu=0), False)
 if not ONLY or "scale" in ONLY:
     scale()
 if decision:

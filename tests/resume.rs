@@ -29,6 +29,11 @@ fn small() -> Value {
         "batch": 4, "examples": 3, "final_examples": 260, "batches": 30,
         "trajectory": { "piece": 5 }, "particles": 3, "flight": { "drawn": { "interval_s": 900.0 } },
         "weights": [0.4, 0.6], "datasets": [{ "from": "given" }],
+        "evaluations": 24, "exploration_steps": 12, "growth_at": [6, 15], "derived_designs": 2, "kept_designs": 1,
+        "population": 2, "n_startup": 2, "tournament": 2,
+        "images": { "shapes": { "count": 20 } }, "size": 8, "critic_steps": 1, "generator_batch": 2,
+        "generator_channels": 2, "discriminator_channels": 2, "latent": 2, "scored_images": 10,
+        "reference_images": 20, "splits": 1, "channels": 2,
     })
 }
 

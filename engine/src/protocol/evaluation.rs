@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     Action, End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent,
-    dataset, results::EPISODE_LENGTH,
+    dataset, drawing, results::EPISODE_LENGTH,
 };
 use serde::Serialize;
 use serde_json::Value;
@@ -33,6 +33,8 @@ pub struct Measurement {
     mode: Mode,
     /// True where episodes are played one after the other, whoever plays them.
     one_by_one: bool,
+    /// True where the environment's drawings of the last episode are left.
+    drawn: bool,
 }
 
 impl Measurement {
@@ -48,6 +50,7 @@ impl Measurement {
             stream: format!("evaluate {index}"),
             mode: Mode::Evaluate,
             one_by_one: false,
+            drawn: false,
         }
     }
 
@@ -62,6 +65,7 @@ impl Measurement {
             stream: "final".into(),
             mode: Mode::Evaluate,
             one_by_one: false,
+            drawn: false,
         }
     }
 
@@ -71,6 +75,12 @@ impl Measurement {
             one_by_one: true,
             ..Self::at_the_end(0, episodes, traced)
         }
+    }
+
+    /// The same, which leaves the environment's drawings of its last episode.
+    #[must_use]
+    pub fn with_drawings(self) -> Self {
+        Self { drawn: true, ..self }
     }
 
     /// Episodes that are stepped together by an agent: one, where it remembers.
@@ -92,6 +102,7 @@ impl Measurement {
             stream: "gather".into(),
             mode,
             one_by_one: false,
+            drawn: false,
         }
     }
 }
@@ -331,6 +342,12 @@ fn advance(
             None => going_on.push(episode),
             Some(end) => {
                 finish(run, what, &episode);
+                if let Some(folder) = run
+                    .folder
+                    .filter(|_| what.drawn && episode.index + 1 == what.episodes)
+                {
+                    drawing::leave(&mut *episode.environment, folder)?;
+                }
                 if let (Some(kept), Some(gathered)) = (kept, episode.gathered.take()) {
                     kept.borrow_mut()
                         .insert(episode.index, gathered.whole(&mut episode.observation, end));

@@ -3,13 +3,13 @@
 //!
 //! Episodes are the environment's own in their order, where it has a list of them
 //! ([`reset_to`](crate::Environment::reset_to)), and an agent that remembers begins anew with each. What they record
-//! is the final measurement, an episode each.
+//! is the final measurement, an episode each. What the environment draws of the last one is left.
 
 use super::{
     Protocol, Run,
     evaluation::{self, Measurement, measure_alone},
 };
-use crate::{Config, Error, Metric, Registry};
+use crate::{Config, Error, Metric, ProductKind, Registry};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -51,6 +51,10 @@ impl Protocol for Track {
         evaluation::metrics()
     }
 
+    fn leaves(&self) -> Vec<ProductKind> {
+        vec![ProductKind::Graph, ProductKind::Images]
+    }
+
     fn total_steps(&self) -> u64 {
         self.episodes
     }
@@ -60,7 +64,7 @@ impl Protocol for Track {
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
-        let all = Measurement::one_by_one(self.episodes, self.trace_episodes);
+        let all = Measurement::one_by_one(self.episodes, self.trace_episodes).with_drawings();
         measure_alone(run, std::iter::once(all), self.episodes)
     }
 }

@@ -4,11 +4,20 @@
 //! Images are `[batch, height, width, 3]` in [-1, 1], channels last, everywhere: the kernels of
 //! [`numerics::image`] read whole pixels at once, which is faster than planes.
 
+pub mod adversarial;
+pub mod architecture;
 pub mod classifier;
+pub mod discriminator;
 pub mod feature_network;
+pub mod generator;
 pub mod images;
+pub mod layers;
+pub mod memory;
+#[cfg(test)]
+mod reference;
 pub mod samples;
 pub mod scores;
+pub mod search;
 pub mod search_space;
 pub mod source;
 pub mod tabular;
@@ -19,5 +28,6 @@ use engine::Registry;
 pub fn register(registry: &mut Registry) {
     samples::register(registry);
     classifier::register(registry);
+    search::register(registry);
     tabular::register(registry);
 }

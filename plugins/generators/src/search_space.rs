@@ -4,12 +4,8 @@
 //! forms. Every step decides one cell with the same choices. Skips that a cell cannot have (the first has none, the
 //! second has one) are decided all the same and count for nothing, as in the released code of E2GAN.
 
+pub use crate::architecture::N_CELLS;
 use engine::Choice;
-
-/// Cells of a generator.
-pub const N_CELLS: usize = 3;
-/// Architectures in all.
-pub const N_ARCHITECTURES: usize = 36 * 72 * 144;
 
 /// The choices of a step, in the order of the released code's heads.
 #[must_use]
@@ -84,6 +80,7 @@ pub fn genotype(cells: &[CellOptions]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::architecture::{Architecture, E2GAN, N_ARCHITECTURES};
     use std::collections::BTreeSet;
 
     #[test]
@@ -102,6 +99,7 @@ mod tests {
     fn the_published_genotype() {
         let cells = [[0, 1, 0, 1, 0, 0], [0, 1, 2, 1, 0, 0], [0, 1, 0, 1, 0, 1]];
         assert_eq!(genotype(&cells), [0, 1, 0, 1, 0, 1, 2, 1, 0, 0, 1, 0, 1, 2]);
+        assert_eq!(Architecture::from_genotype(&genotype(&cells)), Ok(E2GAN));
     }
 
     #[test]

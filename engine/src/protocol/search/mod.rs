@@ -12,7 +12,8 @@
 //! | the same | final | of the chosen design, built again on random numbers that the search never met |
 //!
 //! The best of many noisy observations is better than it will ever be again, so the last row is the one to compare.
-//! A trial leaves all designs as a dataset, and the best ones as `choice.json`.
+//! A trial leaves all designs as a dataset, the best ones as `choice.json`, and what the environment draws of the chosen
+//! one when it was built for the last time.
 
 mod candidates;
 #[cfg(test)]
@@ -124,7 +125,12 @@ impl Protocol for Search {
     }
 
     fn leaves(&self) -> Vec<ProductKind> {
-        vec![ProductKind::Dataset, ProductKind::Choice]
+        vec![
+            ProductKind::Dataset,
+            ProductKind::Choice,
+            ProductKind::Graph,
+            ProductKind::Images,
+        ]
     }
 
     fn write_specimen(&self, interface: &Interface, folder: &Path) -> Result<(), Error> {
@@ -192,7 +198,8 @@ impl Search {
         candidates: &Candidates,
         blocks: Option<Blocks>,
     ) -> Result<(), Error> {
-        let what = Measurement::at_the_end(self.evaluations, self.final_episodes, self.trace_episodes);
+        let what = Measurement::at_the_end(self.evaluations, self.final_episodes, self.trace_episodes)
+            .with_drawings();
         let saved = || Some(Saved::Searched(candidates.clone()));
         let chosen = match self.choose {
             Choose::Policy => None,

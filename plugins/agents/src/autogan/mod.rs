@@ -277,10 +277,7 @@ impl AutoGan {
 fn fresh(config: &Config, choices: &[Choice], rng: &mut Rng) -> Trained<Controller> {
     let sizes: Vec<usize> = choices.iter().map(|choice| choice.options.len()).collect();
     let controller = Controller::new(&sizes, config.width, rng);
-    Trained::new(
-        controller,
-        Adam::new(config.learning_rate, None).with_decay(0.0, 0.9),
-    )
+    Trained::new(controller, Adam::with_betas(config.learning_rate, [0.0, 0.9]))
 }
 
 /// The option at which the sum of the probabilities passes a number that is uniform in 0..1.

@@ -1,8 +1,7 @@
 //! A generator as a graph: blocks from left to right, shortcuts and skips beside them.
 
 use crate::architecture::{CellArchitecture, N_CELLS, Normalisation, Order, Upsampling};
-use engine::Graph;
-use engine::drawing::{Edge, Node};
+use engine::drawing::{Edge, Graph, Node};
 
 /// The graph of a generator with these cells.
 pub(super) fn graph(cells: &[CellArchitecture; N_CELLS]) -> Graph {
@@ -15,7 +14,12 @@ pub(super) fn graph(cells: &[CellArchitecture; N_CELLS]) -> Graph {
         let sum = drawn.node(block(cell, false), 0, &name);
         drawn.edge(from, first, "", false);
         drawn.edge(first, sum, "", false);
-        for (earlier, _) in cell.skips.iter().enumerate().filter(|(earlier, skip)| **skip && *earlier < at) {
+        for (earlier, _) in cell
+            .skips
+            .iter()
+            .enumerate()
+            .filter(|(earlier, skip)| **skip && *earlier < at)
+        {
             drawn.edge(skip_outputs[earlier], sum, "skip", true);
         }
         skip_outputs.push(first);
@@ -101,7 +105,15 @@ mod tests {
             .map(|edge| (edge.from, edge.to, edge.label.as_str()))
             .collect();
         // The skip leaves the first block of cell 1 and enters the second of cell 3.
-        assert_eq!(bypasses, [(0, 3, "shortcut"), (3, 6, "shortcut"), (1, 8, "skip"), (6, 9, "shortcut")]);
+        assert_eq!(
+            bypasses,
+            [
+                (0, 3, "shortcut"),
+                (3, 6, "shortcut"),
+                (1, 8, "skip"),
+                (6, 9, "shortcut")
+            ]
+        );
     }
 
     #[test]

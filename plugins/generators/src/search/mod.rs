@@ -35,8 +35,8 @@ use crate::search_space::{CellOptions, choices, effective, genotype};
 use crate::source::{Source, shrunk};
 use crate::tabular::channels;
 use engine::{
-    Channel, End, Environment, Error, Graph, Image, Metric, PerEpisode, Preset, Registry, Rng, Seat, Space, Step,
-    choice,
+    Channel, End, Environment, Error, Metric, PerEpisode, Preset, Registry, Rng, Seat, Space, Step, choice,
+    drawing::{Graph, Image},
 };
 use proxy::{Look, Losses, Proxy};
 use rand::RngCore as _;
@@ -188,7 +188,10 @@ impl Config {
         if self.size.is_multiple_of(1 << N_CELLS) {
             return Ok(());
         }
-        let problem = format!("three cells double a side each, so that {} has to be a multiple of 8", self.size);
+        let problem = format!(
+            "three cells double a side each, so that {} has to be a multiple of 8",
+            self.size
+        );
         Err(Error::config("size", problem))
     }
 }
@@ -230,12 +233,48 @@ fn build(config: Config) -> Result<Box<dyn Environment>, Error> {
 fn metrics() -> Vec<Metric> {
     let last = |metric: Metric| metric.per_episode(PerEpisode::Last);
     vec![
-        last(Metric::new("score", "", "inception score less the weighted Frechet distance")),
-        last(Metric::new("inception_score", "", "inception score at the stage's resolution")),
-        last(Metric::new("frechet_distance", "", "Frechet distance at the stage's resolution").lower_is_better()),
-        last(Metric::new("critic_loss", "", "hinge loss of the critic, mean over the last training").lower_is_better()),
-        last(Metric::new("generator_loss", "", "loss of the generator, mean over the last training").lower_is_better()),
-        last(Metric::new("not_finite", "", "1 where the generator's numbers are no longer finite").lower_is_better()),
+        last(Metric::new(
+            "score",
+            "",
+            "inception score less the weighted Frechet distance",
+        )),
+        last(Metric::new(
+            "inception_score",
+            "",
+            "inception score at the stage's resolution",
+        )),
+        last(
+            Metric::new(
+                "frechet_distance",
+                "",
+                "Frechet distance at the stage's resolution",
+            )
+            .lower_is_better(),
+        ),
+        last(
+            Metric::new(
+                "critic_loss",
+                "",
+                "hinge loss of the critic, mean over the last training",
+            )
+            .lower_is_better(),
+        ),
+        last(
+            Metric::new(
+                "generator_loss",
+                "",
+                "loss of the generator, mean over the last training",
+            )
+            .lower_is_better(),
+        ),
+        last(
+            Metric::new(
+                "not_finite",
+                "",
+                "1 where the generator's numbers are no longer finite",
+            )
+            .lower_is_better(),
+        ),
     ]
 }
 
@@ -346,7 +385,13 @@ impl Environment for GeneratorSearch {
 
     fn step(&mut self, actions: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
         let step = self.design.cells.len();
-        let Some(before) = self.design.seen.last().map(|look| look.scores).filter(|_| step < N_CELLS) else {
+        let Some(before) = self
+            .design
+            .seen
+            .last()
+            .map(|look| look.scores)
+            .filter(|_| step < N_CELLS)
+        else {
             let problem = format!("the design has its {N_CELLS} cells, or none was begun");
             return Err(Error::Action { problem });
         };
@@ -373,7 +418,10 @@ impl Environment for GeneratorSearch {
     }
 
     fn trace_channels(&self) -> Vec<Channel> {
-        vec![Channel::new("inception_score", ""), Channel::new("frechet_distance", "")]
+        vec![
+            Channel::new("inception_score", ""),
+            Channel::new("frechet_distance", ""),
+        ]
     }
 
     fn trace(&self) -> Vec<f64> {

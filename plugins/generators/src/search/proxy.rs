@@ -77,7 +77,10 @@ impl Proxy {
         for step in 0..steps {
             let batch = self.drawn(real, config.batch);
             let latents = self.latents(config.batch, config.latent);
-            critic += f64::from(self.networks.critic_step(Tensor::from_inner(batch), Tensor::from_inner(latents)));
+            critic += f64::from(
+                self.networks
+                    .critic_step(Tensor::from_inner(batch), Tensor::from_inner(latents)),
+            );
             if step.is_multiple_of(config.critic_steps_per_generator_step) {
                 let latents = self.latents(config.generator_batch, config.latent);
                 generator += f64::from(self.networks.generator_step(Tensor::from_inner(latents)));
@@ -97,7 +100,10 @@ impl Proxy {
         // Below the number of images, which is a usize.
         let rows: Vec<usize> = (0..count).map(|_| self.rng.random_range(0..n) as usize).collect();
         let size = real.size();
-        Tensor::from_data(TensorData::new(real.batch(&rows), [count, size, size, 3]), &device())
+        Tensor::from_data(
+            TensorData::new(real.batch(&rows), [count, size, size, 3]),
+            &device(),
+        )
     }
 
     fn latents(&mut self, count: usize, length: usize) -> Tensor<2> {
@@ -126,7 +132,9 @@ impl Proxy {
         for (batch, first) in (0..config.scored_images).step_by(ROWS).enumerate() {
             let count = ROWS.min(config.scored_images - first);
             let generated = generator.evaluate(fixed_latents(batch, count, config.latent));
-            finite &= values(generated.images.clone()).iter().all(|number| number.is_finite());
+            finite &= values(generated.images.clone())
+                .iter()
+                .all(|number| number.is_finite());
             let features = generated.central_features();
             finite &= features.iter().all(|number| number.is_finite());
             if !finite {

@@ -2,8 +2,7 @@
 
 use crate::feature_network::{FeatureNetwork, Form};
 use crate::images::Images;
-use crate::scores::frechet_distance::{Moments, MomentSums, frechet_distance};
-use crate::scores::inception_score::{class_probabilities, inception_score};
+use crate::scores::{MomentSums, Moments, class_probabilities, frechet_distance, inception_score};
 use crate::source::{Source, n_numbers, shrunk};
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
@@ -13,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
-    sync::{Arc, Mutex, PoisonError, Weak},
+    sync::{Arc, Mutex, PoisonError},
 };
 
 /// Images that are seen at once.
@@ -69,12 +68,13 @@ pub struct Reference<'a> {
 }
 
 impl Scoring {
-    /// The scoring of a reference, made once for all environments that are in use.
+    /// The scoring of a reference, made once as long as no other one is asked for: the trials of a worker ask for the
+    /// same.
     ///
     /// # Errors
     /// What reading images and the network say, [`Error::Config`] where there are too few images.
     pub fn of(reference: &Reference<'_>) -> Result<Arc<Self>, Error> {
-        static IN_USE: Mutex<BTreeMap<String, Weak<Scoring>>> = Mutex::new(BTreeMap::new());
+        static LAST: Mutex<Option<(String, Arc<Scoring>)>> = Mutex::new(None);
         let sight = match reference.sight {
             Sight::Untrained => "untrained".to_owned(),
             Sight::Classifier(product) => product.folder()?.display().to_string(),
@@ -87,15 +87,17 @@ impl Scoring {
             n_splits,
             ..
         } = reference;
-        let key = format!("{} {sight} {size} {stages:?} {count} {n_splits}", source.identity()?);
-        // What panicked while it held the lock has left the map as it was.
-        let mut in_use = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = in_use.get(&key).and_then(Weak::upgrade) {
-            return Ok(known);
+        let key = format!(
+            "{} {sight} {size} {stages:?} {count} {n_splits}",
+            source.identity()?
+        );
+        // What panicked while it held the lock has left the last scoring as it was.
+        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, known)) = last.as_ref().filter(|(last, _)| *last == key) {
+            return Ok(Arc::clone(known));
         }
         let made = Arc::new(Self::made(reference)?);
-        in_use.retain(|_, scoring| scoring.strong_count() > 0);
-        in_use.insert(key, Arc::downgrade(&made));
+        *last = Some((key, Arc::clone(&made)));
         Ok(made)
     }
 
@@ -121,8 +123,12 @@ impl Scoring {
             let moments = scoring.moments_of(&images, reference.count, *stage)?;
             let grey = vec![0.0; ROWS * n_numbers(*stage)];
             let mut seen = Seen::new(&scoring, *stage);
-            seen.add(&scoring, Tensor::from_data(TensorData::new(grey, [ROWS, *stage, *stage, 3]), &device()))?;
-            let grey = frechet_distance(&seen.moments.moments().map_err(score_error)?, &moments).map_err(score_error)?;
+            seen.add(
+                &scoring,
+                Tensor::from_data(TensorData::new(grey, [ROWS, *stage, *stage, 3]), &device()),
+            )?;
+            let grey = frechet_distance(&seen.moments.moments().map_err(score_error)?, &moments)
+                .map_err(score_error)?;
             scoring.grey.insert(*stage, grey.distance);
             scoring.real.insert(*stage, moments);
         }
@@ -217,8 +223,8 @@ impl Seen {
     /// # Errors
     /// [`Error::Model`] where there are too few images.
     pub fn scores(&self, scoring: &Scoring) -> Result<Scores, Error> {
-        let inception =
-            inception_score(&self.probabilities, scoring.form.classes, scoring.n_splits).map_err(score_error)?;
+        let inception = inception_score(&self.probabilities, scoring.form.classes, scoring.n_splits)
+            .map_err(score_error)?;
         let generated = self.moments.moments().map_err(score_error)?;
         let frechet = frechet_distance(&generated, &scoring.real[&self.stage]).map_err(score_error)?;
         Ok(Scores {
@@ -253,10 +259,14 @@ mod tests {
     }
 
     fn images(seed: u64, size: usize, numbers: usize) -> Tensor<4> {
-        let source: Source = serde_json::from_value(json!({ "shapes": { "count": 300, "seed": seed } })).unwrap();
+        let source: Source =
+            serde_json::from_value(json!({ "shapes": { "count": 300, "seed": seed } })).unwrap();
         let images = shrunk((*source.load(8).unwrap()).clone(), size).unwrap();
         let all: Vec<usize> = (0..numbers).collect();
-        Tensor::from_data(TensorData::new(images.batch(&all), [numbers, size, size, 3]), &device())
+        Tensor::from_data(
+            TensorData::new(images.batch(&all), [numbers, size, size, 3]),
+            &device(),
+        )
     }
 
     #[test]
@@ -271,7 +281,10 @@ mod tests {
             let same = scores(images(0, size, 300));
             assert!(same.frechet < 1e-6, "{same:?}");
             let others = scores(images(1, size, 300));
-            assert!(others.frechet > 1e-6 && others.frechet < 0.2 * scoring.worst(size).frechet, "{others:?}");
+            assert!(
+                others.frechet > 1e-6 && others.frechet < 0.2 * scoring.worst(size).frechet,
+                "{others:?}"
+            );
             assert!(others.inception >= 1.0);
         }
     }
@@ -291,6 +304,9 @@ mod tests {
     #[test]
     fn more_images_than_there_are_is_refused() {
         let text = scoring(301).unwrap_err().to_string();
-        assert!(text.contains("`reference_images`: 301 images are to be compared with, and there are 300"), "{text}");
+        assert!(
+            text.contains("`reference_images`: 301 images are to be compared with, and there are 300"),
+            "{text}"
+        );
     }
 }

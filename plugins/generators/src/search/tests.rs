@@ -42,7 +42,10 @@ fn rewards_add_up_to_what_the_scores_gained() {
     let last = &steps[2];
     assert!((gained - (last.info[0] - (start[1] - start[2]))).abs() < 1e-9);
     assert!((last.info[0] - (last.info[1] - 0.01 * last.info[2])).abs() < 1e-9);
-    assert_eq!(last.observations[0][..3], [3.0, last.info[1], 0.01 * last.info[2]]);
+    assert_eq!(
+        last.observations[0][..3],
+        [3.0, last.info[1], 0.01 * last.info[2]]
+    );
     assert_eq!(last.end, Some(End::Terminated));
     assert!(steps.iter().all(|step| step.info[5] == 0.0));
     assert!(search.step(&action([0; 6]), &mut rng).is_err());
@@ -86,7 +89,10 @@ fn designs_leave_a_graph_and_images() {
     built(&mut search, PUBLISHED, &mut rng);
     search.graph().unwrap().check().unwrap();
     let images = search.images().unwrap();
-    assert_eq!((images.len(), images[0].width, images[0].pixels.len()), (64, 8, 8 * 8 * 3));
+    assert_eq!(
+        (images.len(), images[0].width, images[0].pixels.len()),
+        (64, 8, 8 * 8 * 3)
+    );
 }
 
 #[test]

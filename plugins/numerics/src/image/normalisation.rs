@@ -25,13 +25,43 @@ use std::sync::{Arc, OnceLock};
 /// What keeps a constant channel from being divided by zero (PyTorch's default).
 pub const EPSILON: f32 = 1e-5;
 
-/// Mean and biased variance of each channel.
+/// Weight of a new batch in running statistics (PyTorch's default).
+pub const MOMENTUM: f32 = 0.1;
+
+/// Mean and variance of each channel; that of a batch is biased.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statistics {
     /// `[channels]`.
     pub mean: Vec<f32>,
     /// `[channels]`.
     pub variance: Vec<f32>,
+}
+
+impl Statistics {
+    /// Mean 0 and variance 1 of each channel.
+    #[must_use]
+    pub fn neutral(n_channels: usize) -> Self {
+        Self {
+            mean: vec![0.0; n_channels],
+            variance: vec![1.0; n_channels],
+        }
+    }
+
+    /// Running statistics move towards those of a batch of `n_pixels`; the variance that counts is the unbiased
+    /// one, so the variance of running statistics is unbiased.
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "a batch has far fewer than 2^24 pixels"
+    )]
+    pub fn absorb(&mut self, batch: &Self, n_pixels: usize) {
+        let unbiased = n_pixels as f32 / (n_pixels as f32 - 1.0).max(1.0);
+        let follow = |running: &mut Vec<f32>, batch: &[f32], factor: f32| {
+            let pairs = running.iter_mut().zip(batch);
+            pairs.for_each(|(running, batch)| *running += MOMENTUM * (factor * batch - *running));
+        };
+        follow(&mut self.mean, &batch.mean, 1.0);
+        follow(&mut self.variance, &batch.variance, unbiased);
+    }
 }
 
 /// Batch normalisation of `image` `[batch, height, width, channels]` with `weight` and `bias` `[channels]`, and
@@ -114,7 +144,7 @@ struct Normalisation {
     statistics: OnceLock<Vec<Statistics>>,
 }
 
-/// Factors of one channel each, `y = scale x + shift` in the forward pass.
+/// One number per channel.
 type Channels = Vec<f32>;
 
 impl Normalisation {
@@ -153,7 +183,8 @@ impl Operation for Normalisation {
     fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
         let (x, shape) = (inputs[0].storage::<f32>(), shape(&inputs[0]));
         let (group, n_channels) = (self.group(shape), shape[3]);
-        let (weight, bias) = (numbers(inputs.get(1)), numbers(inputs.get(2)));
+        let weight = numbers(inputs.get(1));
+        let bias = numbers(inputs.get(2)).map_or_else(|| vec![0.0; n_channels], <[f32]>::to_vec);
         let mut y = vec![0.0; x.len()];
         let statistics = self
             .statistics
@@ -164,8 +195,7 @@ impl Operation for Normalisation {
             .zip(statistics)
         {
             let scale = scale(statistics, weight);
-            let shift = shift(statistics, &scale, bias);
-            apply(x, y, &scale, &shift, self.relu);
+            apply(x, y, [&statistics.mean, &scale, &bias], self.relu);
         }
         let output = host(y, shape);
         let mut kept = inputs;
@@ -195,7 +225,7 @@ impl Operation for Normalisation {
             add(&mut d_weight, &sums.with_input);
             add(&mut d_bias, &sums.alone);
             let scale = scale(statistics, weight);
-            input_gradient(x, dy, dx, (!self.given).then_some((&sums, statistics)), &scale);
+            input_gradient(x, dy, dx, statistics, (!self.given).then_some(&sums), &scale);
         }
         let mut found = vec![wanted[0].then(|| host(dx, shape))];
         if let [_, of_weight, of_bias] = wanted {
@@ -262,28 +292,17 @@ fn scale(statistics: &Statistics, weight: Option<&[f32]>) -> Channels {
     }
 }
 
-/// `beta - mu scale`.
-fn shift(statistics: &Statistics, scale: &[f32], bias: Option<&[f32]>) -> Channels {
-    let means = statistics
-        .mean
-        .iter()
-        .zip(scale)
-        .map(|(mean, scale)| mean * scale);
-    match bias {
-        Some(bias) => means.zip(bias).map(|(mean, bias)| bias - mean).collect(),
-        None => means.map(|mean| -mean).collect(),
-    }
-}
-
-fn apply(x: &[f32], y: &mut [f32], scale: &[f32], shift: &[f32], relu: bool) {
+/// `y = scale (x - mu) + beta`, in which no mean that is far above the deviation costs digits.
+fn apply(x: &[f32], y: &mut [f32], [mean, scale, bias]: [&[f32]; 3], relu: bool) {
     let n_channels = scale.len();
     let pixels = x.chunks_exact(n_channels).zip(y.chunks_exact_mut(n_channels));
     widest(
         #[inline(always)]
         || {
             for (x, y) in pixels {
-                for ((y, x), (scale, shift)) in y.iter_mut().zip(x).zip(scale.iter().zip(shift)) {
-                    *y = x * scale + shift;
+                let factors = mean.iter().zip(scale).zip(bias);
+                for ((y, x), ((mean, scale), bias)) in y.iter_mut().zip(x).zip(factors) {
+                    *y = scale * (x - mean) + bias;
                 }
                 if relu {
                     y.iter_mut().for_each(|y| *y = rectified(*y));
@@ -324,7 +343,7 @@ fn gradient_sums(x: &[f32], dy: &[f32], statistics: &Statistics) -> GradientSums
     GradientSums { alone, with_input }
 }
 
-/// `dx = scale dy + of_x x + constant`; the last two are zero where the statistics are constants.
+/// `dx = scale dy + of_x (x - mu) + constant`; the last two are zero where the statistics are constants.
 #[allow(
     clippy::cast_precision_loss,
     reason = "a batch has far fewer than 2^24 pixels"
@@ -333,16 +352,17 @@ fn input_gradient(
     x: &[f32],
     dy: &[f32],
     dx: &mut [f32],
-    through_statistics: Option<(&GradientSums, &Statistics)>,
+    statistics: &Statistics,
+    through_statistics: Option<&GradientSums>,
     scale: &[f32],
 ) {
-    let n_channels = scale.len();
+    let (mean, n_channels) = (&statistics.mean, scale.len());
     let (mut of_x, mut constant) = (vec![0.0; n_channels], vec![0.0; n_channels]);
-    if let Some((sums, statistics)) = through_statistics {
+    if let Some(sums) = through_statistics {
         let share = 1.0 / (x.len() / n_channels) as f32;
         for k in 0..n_channels {
             of_x[k] = -scale[k] * share * sums.with_input[k] * inverse_sd(statistics.variance[k]);
-            constant[k] = -scale[k] * share * sums.alone[k] - of_x[k] * statistics.mean[k];
+            constant[k] = -scale[k] * share * sums.alone[k];
         }
     }
     let pixels = x.chunks_exact(n_channels).zip(dy.chunks_exact(n_channels));
@@ -351,9 +371,10 @@ fn input_gradient(
         #[inline(always)]
         || {
             for ((x, dy), dx) in pixels {
-                let factors = scale.iter().zip(&of_x).zip(&constant);
-                for (((dx, x), dy), ((scale, of_x), constant)) in dx.iter_mut().zip(x).zip(dy).zip(factors) {
-                    *dx = scale * dy + of_x * x + constant;
+                let factors = scale.iter().zip(mean).zip(of_x.iter().zip(&constant));
+                let numbers = dx.iter_mut().zip(x.iter().zip(dy));
+                for ((dx, (x, dy)), ((scale, mean), (of_x, constant))) in numbers.zip(factors) {
+                    *dx = scale * dy + of_x * (x - mean) + constant;
                 }
             }
         },

@@ -305,6 +305,17 @@ fn rows_of_the_batch_are_independent() {
 }
 
 #[test]
+fn running_statistics_move_by_the_momentum() {
+    let mut running = normalisation::Statistics::neutral(1);
+    let batch = normalisation::Statistics {
+        mean: vec![2.0],
+        variance: vec![3.0],
+    };
+    running.absorb(&batch, 4);
+    assert!((running.mean[0] - 0.2).abs() < 1e-7 && (running.variance[0] - (0.9 + 0.4)).abs() < 1e-7);
+}
+
+#[test]
 fn statistics_are_those_of_the_channels() {
     let image: Tensor<4> = plain([3, 2, 5, 7], 1);
     let (_, statistics) = normalisation::normalise_batch(image.clone(), plain([7], 2), plain([7], 3), false);

@@ -1,0 +1,143 @@
+//! The discriminator of AutoGAN and E2GAN: residual blocks with spectral normalisation, grown with the generator.
+//!
+//! Miyato et al. 2018, arXiv:1802.05957, table 3b, as the released programs of AutoGAN build it. With `n` cells
+//! in the generator an image goes through the first `n` of three blocks and then the last one, a rectifier, a sum
+//! over pixels and a linear layer to one number. The first two blocks halve the sides:
+//!
+//! - first block: `pool(conv(relu(conv(x)))) + conv 1x1 (pool(x))`;
+//! - second: `pool(conv(relu(conv(relu(x))))) + pool(conv 1x1 (x))`;
+//! - third and last: `conv(relu(conv(relu(x)))) + x`.
+
+use crate::generator::IMAGE_CHANNELS;
+use crate::layers::{Convolution, Pass, SpectralLinear};
+use crate::memory::Remembering;
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use numerics::image::pointwise::relu;
+use numerics::image::resize::average_pool;
+use rand::RngCore;
+
+/// A discriminator for a generator with as many cells as it was grown by.
+#[derive(Module, Debug)]
+pub struct Discriminator {
+    pub(crate) ending: Ending,
+    pub(crate) blocks: Vec<Residual>,
+    #[module(skip)]
+    pub(crate) n_channels: usize,
+}
+
+/// What all stages share.
+#[derive(Module, Debug)]
+pub(crate) struct Ending {
+    block: Residual,
+    linear: SpectralLinear,
+}
+
+/// What a block does beside its two convolutions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Takes the image, and halves the sides.
+    First,
+    /// Halves the sides.
+    Halving,
+    /// Keeps the sides.
+    Keeping,
+}
+
+/// Two convolutions with something beside them.
+#[derive(Module, Debug)]
+pub(crate) struct Residual {
+    first: Convolution,
+    second: Convolution,
+    shortcut: Option<Convolution>,
+    #[module(skip)]
+    kind: Kind,
+}
+
+impl Discriminator {
+    /// The last block and the linear layer, for maps with `n_channels`; to be grown at least once.
+    pub fn new(n_channels: usize, rng: &mut impl RngCore, device: &Device) -> Self {
+        let ending = Ending {
+            block: Residual::new(Kind::Keeping, n_channels, rng, device),
+            linear: SpectralLinear::new([n_channels, 1], rng, device),
+        };
+        Self {
+            ending,
+            blocks: Vec::new(),
+            n_channels,
+        }
+    }
+
+    /// Adds a block before the last one; what is there keeps its numbers.
+    pub fn grow(&mut self, rng: &mut impl RngCore, device: &Device) {
+        let kind = match self.blocks.len() {
+            0 => Kind::First,
+            1 => Kind::Halving,
+            _ => Kind::Keeping,
+        };
+        self.blocks
+            .push(Residual::new(kind, self.n_channels, rng, device));
+    }
+
+    /// Scores `[batch, 1]` of images `[batch, side, side, 3]`.
+    pub fn forward(&mut self, images: Tensor<4>, pass: Pass) -> Tensor<2> {
+        let blocks = self.blocks.iter_mut().chain([&mut self.ending.block]);
+        let map = relu(blocks.fold(images, |map, block| block.forward(map, pass)));
+        let [n_images, height, width, n_channels] = map.dims();
+        let sums = map.reshape([n_images, height * width, n_channels]).sum_dim(1);
+        self.ending
+            .linear
+            .forward(sums.reshape([n_images, n_channels]), pass)
+    }
+}
+
+impl Remembering for Discriminator {
+    fn remembered(&mut self) -> Vec<&mut Vec<f32>> {
+        let Ending { block, linear } = &mut self.ending;
+        let blocks = self.blocks.iter_mut().chain([block]);
+        let convolutions = blocks.flat_map(|block| {
+            let both = [&mut block.first, &mut block.second];
+            both.into_iter().chain(block.shortcut.as_mut())
+        });
+        let of_convolutions = convolutions.flat_map(Remembering::remembered);
+        of_convolutions.chain(linear.remembered()).collect()
+    }
+}
+
+impl Residual {
+    fn new(kind: Kind, n_channels: usize, rng: &mut impl RngCore, device: &Device) -> Self {
+        let n_inputs = if kind == Kind::First {
+            IMAGE_CHANNELS
+        } else {
+            n_channels
+        };
+        let mut convolution =
+            |side, n_inputs| Convolution::spectral(side, [n_inputs, n_channels], rng, device);
+        Self {
+            first: convolution(3, n_inputs),
+            second: convolution(3, n_channels),
+            shortcut: (kind != Kind::Keeping).then(|| convolution(1, n_inputs)),
+            kind,
+        }
+    }
+
+    fn forward(&mut self, input: Tensor<4>, pass: Pass) -> Tensor<4> {
+        let rectified = if self.kind == Kind::First {
+            input.clone()
+        } else {
+            relu(input.clone())
+        };
+        let hidden = relu(self.first.forward(rectified, pass));
+        let residual = self.second.forward(hidden, pass);
+        match (&mut self.shortcut, self.kind) {
+            (Some(shortcut), Kind::First) => {
+                average_pool(residual) + shortcut.forward(average_pool(input), pass)
+            }
+            (Some(shortcut), _) => average_pool(residual) + average_pool(shortcut.forward(input, pass)),
+            (None, _) => residual + input,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
