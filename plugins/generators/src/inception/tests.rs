@@ -1,0 +1,282 @@
+//! Blocks and the network against pytorch-fid, and files that are not its weights.
+
+use super::*;
+use numerics::network::values;
+use safetensors::Dtype;
+use safetensors::tensor::TensorView;
+use serde::Deserialize;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+
+/// The share of the published channels that blocks of the fixtures have.
+const SHARE: usize = 16;
+
+#[derive(Deserialize)]
+struct Fixture {
+    /// Shapes of the weights of layers, and of the last two tensors.
+    tensors: BTreeMap<String, Vec<usize>>,
+    parameters: usize,
+    blocks: Vec<BlockCase>,
+    features: Thinned,
+    logits: Thinned,
+}
+
+#[derive(Deserialize)]
+struct BlockCase {
+    name: String,
+    input: [usize; 4],
+    output: [usize; 4],
+    #[serde(flatten)]
+    expected: Thinned,
+}
+
+/// Every so many numbers of a tensor.
+#[derive(Deserialize)]
+struct Thinned {
+    step: usize,
+    values: Vec<f32>,
+}
+
+fn fixture() -> Fixture {
+    let text = include_str!("../../../../tests/fixtures/generators/inception.json");
+    serde_json::from_str(text).unwrap()
+}
+
+impl Thinned {
+    #[track_caller]
+    fn assert_close<const D: usize>(&self, name: &str, found: Tensor<D>, tolerance: f32) {
+        let found: Vec<f32> = values(found).into_iter().step_by(self.step).collect();
+        assert_eq!(found.len(), self.values.len(), "{name}");
+        let furthest = found
+            .iter()
+            .zip(&self.values)
+            .map(|(here, there)| (here - there).abs());
+        let furthest = furthest.fold(0.0, f32::max);
+        assert!(furthest < tolerance, "{name}: {furthest} away");
+    }
+}
+
+/// In [-1, 1), of a hash of name and place.
+fn uniform(name: &str, shape: &[usize]) -> Vec<f32> {
+    let key = name.bytes().fold(0x811C_9DC5_u32, |key, byte| {
+        (key ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+    });
+    let number = |at: u32| {
+        let mut x = at.wrapping_mul(0x9E37_79B1) ^ key;
+        x = (x ^ (x >> 15)).wrapping_mul(0x85EB_CA6B);
+        x = (x ^ (x >> 13)).wrapping_mul(0xC2B2_AE35);
+        ((x ^ (x >> 16)) >> 8) as f32 * 2_f32.powi(-23) - 1.0
+    };
+    let count: usize = shape.iter().product();
+    (1..=u32::try_from(count).unwrap()).map(number).collect()
+}
+
+/// As the fixtures' `drawn`.
+fn drawn(name: &str, shape: &[usize]) -> Vec<f32> {
+    let inputs: usize = shape[1..].iter().product();
+    let (size, centre) = if shape.len() > 1 {
+        ((6.0 / inputs as f64).sqrt() as f32, 0.0)
+    } else if name.ends_with("bn.weight") || name.ends_with("bn.running_var") {
+        (0.25, 1.0)
+    } else {
+        (0.1, 0.0)
+    };
+    uniform(name, shape)
+        .into_iter()
+        .map(|x| x * size + centre)
+        .collect()
+}
+
+fn input(name: &str, shape: [usize; 4]) -> Tensor<4> {
+    Tensor::from_data(TensorData::new(uniform(name, &shape), shape), &device())
+}
+
+/// All tensors that reading asks for, in its order.
+fn wanted() -> Vec<(String, Vec<usize>)> {
+    let asked = RefCell::new(Vec::new());
+    Inception::from_weights(&|name, shape| {
+        asked.borrow_mut().push((name.to_string(), shape.to_vec()));
+        Ok(vec![0.0; shape.iter().product()])
+    })
+    .unwrap();
+    asked.into_inner()
+}
+
+/// A file with these tensors, its numbers drawn.
+fn write(path: &Path, tensors: &[(String, Vec<usize>)]) {
+    let numbers = |(name, shape): &(String, Vec<usize>)| -> Vec<u8> {
+        drawn(name, shape)
+            .into_iter()
+            .flat_map(f32::to_le_bytes)
+            .collect()
+    };
+    let bytes: Vec<Vec<u8>> = tensors.iter().map(numbers).collect();
+    let views = tensors.iter().zip(&bytes).map(|((name, shape), bytes)| {
+        let view = TensorView::new(Dtype::F32, shape.clone(), bytes).unwrap();
+        (name.as_str(), view)
+    });
+    safetensors::serialize_to_file(views, None, path).unwrap();
+}
+
+fn refusal(path: &Path) -> String {
+    Inception::read(path).unwrap_err().to_string()
+}
+
+fn narrow(mut block: BlockPlan) -> BlockPlan {
+    for branch in &mut block.branches {
+        let layers = branch.chain.iter_mut().chain(&mut branch.fork);
+        layers.for_each(|layer| layer.outputs /= SHARE);
+    }
+    block
+}
+
+/// What plans of a case are: one block, or those of the stem.
+fn plans(name: &str) -> Vec<BlockPlan> {
+    let network = plan::network().into_iter();
+    let wanted = if name == "stem" { "" } else { name };
+    network.filter(|block| block.name == wanted).map(narrow).collect()
+}
+
+#[test]
+fn every_kind_of_block_is_that_of_pytorch_fid() {
+    let cases = fixture().blocks;
+    assert_eq!(cases.len(), 7);
+    for BlockCase {
+        name,
+        input: shape,
+        output,
+        expected,
+    } in cases
+    {
+        let mut x = input(&format!("input of {name}"), shape);
+        for plan in plans(&name) {
+            let channels = x.dims()[1];
+            let block = Block::new(&plan, channels, &|name, shape| Ok(drawn(name, shape))).unwrap();
+            x = block.see(x);
+            assert_eq!(x.dims()[1], plan.outputs(channels), "{name}");
+        }
+        assert_eq!(x.dims(), output, "{name}");
+        expected.assert_close(&name, x, 1e-5);
+    }
+}
+
+#[test]
+fn tensors_are_those_of_the_published_state_dict() {
+    let Fixture {
+        tensors, parameters, ..
+    } = fixture();
+    let mut published = BTreeMap::new();
+    for (name, shape) in tensors {
+        if name.starts_with("fc.") {
+            published.insert(name, shape);
+            continue;
+        }
+        for part in ["weight", "bias", "running_mean", "running_var"] {
+            published.insert(format!("{name}.bn.{part}"), vec![shape[0]]);
+        }
+        published.insert(format!("{name}.conv.weight"), shape);
+    }
+    assert_eq!(published.remove("fc.bias"), Some(vec![CLASSES]));
+    assert_eq!(wanted().into_iter().collect::<BTreeMap<_, _>>(), published);
+
+    // The documentation of torchvision 0.29 gives 27 161 264 parameters, with 1000 classes and the branch that only
+    // helps training: 1x1 from 768 to 128, 5x5 to 768, each with two numbers a channel to normalise, and its classes.
+    let helper = 768 * 128 + 2 * 128 + 128 * 25 * 768 + 2 * 768 + (768 + 1) * 1000;
+    assert_eq!(parameters, 27_161_264 - helper + 8 * (FEATURES + 1));
+    let learnt = published.iter().filter(|(name, _)| !name.contains("running"));
+    let learnt: usize = learnt.map(|(_, shape)| shape.iter().product::<usize>()).sum();
+    assert_eq!(learnt + CLASSES, parameters);
+}
+
+#[test]
+fn the_network_sees_what_pytorch_fid_sees() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("inception.safetensors");
+    write(&path, &wanted());
+    let images = input("images", [1, 32, 32, 3]);
+    let (features, logits) = Inception::read(&path).unwrap().see(images);
+    assert_eq!([features.dims(), logits.dims()], [[1, FEATURES], [1, CLASSES]]);
+    fixture().features.assert_close("features", features, 1e-5);
+    fixture().logits.assert_close("logits", logits, 1e-5);
+}
+
+#[test]
+fn a_tensor_that_is_not_there_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("inception.safetensors");
+    let mut tensors = wanted();
+    tensors.truncate(9);
+    write(&path, &tensors);
+    assert_eq!(
+        refusal(&path),
+        "there is no tensor `Conv2d_2a_3x3.bn.running_var`"
+    );
+    tensors[5].1 = vec![32, 32, 1, 1];
+    write(&path, &tensors);
+    assert_eq!(
+        refusal(&path),
+        "the tensor `Conv2d_2a_3x3.conv.weight` is [32, 32, 1, 1]; expected [32, 32, 3, 3]"
+    );
+}
+
+#[test]
+fn a_file_that_is_cut_off_is_refused_wherever_it_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("inception.safetensors");
+    let tensors = &wanted()[..5];
+    write(&path, tensors);
+    let whole = std::fs::read(&path).unwrap();
+    for (kept, message) in [
+        (
+            whole.len() - 1,
+            "the file ends before the end of the tensor `Conv2d_1a_3x3.conv.weight`",
+        ),
+        (200, "is no safetensors file: it ends in its header"),
+        (3, "is no safetensors file: it ends in its header"),
+    ] {
+        std::fs::write(&path, &whole[..kept]).unwrap();
+        let text = refusal(&path);
+        assert!(text.contains(message), "{kept}: {text}");
+    }
+    std::fs::write(&path, b"\x04\0\0\0\0\0\0\0text").unwrap();
+    assert!(refusal(&path).contains("is no safetensors file: expected"));
+    std::fs::remove_file(&path).unwrap();
+    assert!(refusal(&path).starts_with("cannot read `"));
+}
+
+#[test]
+fn half_precision_is_read_and_other_numbers_are_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("inception.safetensors");
+    let write = |dtype, bytes: &[u8]| {
+        let view = TensorView::new(dtype, vec![2], bytes).unwrap();
+        safetensors::serialize_to_file([("bn.running_var", view)], None, &path).unwrap();
+        WeightFile::read(&path).unwrap().tensor("bn.running_var", &[2])
+    };
+    // 1.5 and the smallest number above 0, by IEEE 754.
+    let read = write(Dtype::F16, &[0x00, 0x3E, 0x01, 0x00]).unwrap();
+    assert_eq!(read, [1.5, 2_f32.powi(-24)]);
+    let message = |dtype, bytes: &[u8]| write(dtype, bytes).unwrap_err().to_string();
+    assert_eq!(
+        message(Dtype::BF16, &[0; 4]),
+        "the tensor `bn.running_var` holds BF16; expected F32 or F16"
+    );
+    assert_eq!(
+        message(Dtype::F16, &[0x00, 0x3E, 0x00, 0x7C]),
+        "the tensor `bn.running_var` has inf at entry 1 (the first is 0)"
+    );
+    assert_eq!(
+        message(Dtype::F16, &[0x00, 0xBE, 0x00, 0x00]),
+        "the tensor `bn.running_var` has -1.5 at entry 0 (the first is 0)"
+    );
+}
+
+#[test]
+fn images_of_a_batch_are_seen_apart() {
+    let plan = plans("Mixed_7c").remove(0);
+    let block = Block::new(&plan, 128, &|name, shape| Ok(drawn(name, shape))).unwrap();
+    let both = input("two images", [2, 128, 4, 5]);
+    let seen = values(means(block.see(both.clone())));
+    let apart = (0..2).flat_map(|at| values(means(block.see(both.clone().narrow(0, at, 1)))));
+    assert_eq!(seen, apart.collect::<Vec<_>>());
+}

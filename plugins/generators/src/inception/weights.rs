@@ -1,0 +1,181 @@
+//! Numbers of the network, from a file that somebody else wrote.
+
+use burn::tensor::f16;
+use safetensors::Dtype;
+use safetensors::tensor::{Metadata, TensorInfo};
+use std::path::{Path, PathBuf};
+
+/// The addend of a variance under its root.
+const EPSILON: f64 = 1e-3;
+/// The bytes before the header, which say how long that is.
+const LENGTH: usize = 8;
+
+/// Why a file is not the weights of the network.
+#[derive(Debug, thiserror::Error)]
+pub enum InceptionError {
+    /// The system refused.
+    #[error("cannot read `{}`: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// It is no safetensors file.
+    #[error("`{}` is no safetensors file: {problem}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A tensor is missing.
+    #[error("there is no tensor `{name}`")]
+    Missing {
+        /// Its name.
+        name: String,
+    },
+    /// A tensor has another shape.
+    #[error("the tensor `{name}` is {found:?}; expected {expected:?}")]
+    Shape {
+        /// Its name.
+        name: String,
+        /// Which shape it should have.
+        expected: Vec<usize>,
+        /// Which it has.
+        found: Vec<usize>,
+    },
+    /// A tensor of numbers that are not read.
+    #[error("the tensor `{name}` holds {found}; expected F32 or F16")]
+    Type {
+        /// Its name.
+        name: String,
+        /// What it holds, as the file says it.
+        found: String,
+    },
+    /// The file ends before or inside of a tensor.
+    #[error("the file ends before the end of the tensor `{name}`")]
+    CutOff {
+        /// Its name.
+        name: String,
+    },
+    /// Infinity, no number, or a variance below 0.
+    #[error("the tensor `{name}` has {found} at entry {at} (the first is 0)")]
+    Value {
+        /// Its name.
+        name: String,
+        /// The first such entry, from 0.
+        at: usize,
+        /// What it is.
+        found: f32,
+    },
+}
+
+/// The numbers of a tensor of this name and shape.
+pub(super) type Lookup<'a> = &'a dyn Fn(&str, &[usize]) -> Result<Vec<f32>, InceptionError>;
+
+/// Tensors in memory, as they lie in the file.
+pub(super) struct WeightFile {
+    tensors: Metadata,
+    /// Without the header.
+    data: Vec<u8>,
+}
+
+impl WeightFile {
+    /// Reads the file; a cut one too, since it is better to say which tensor is the first to be incomplete.
+    pub(super) fn read(path: &Path) -> Result<Self, InceptionError> {
+        let mut bytes = std::fs::read(path).map_err(|source| InceptionError::File {
+            path: path.into(),
+            source,
+        })?;
+        let format = |problem: String| InceptionError::Format {
+            path: path.into(),
+            problem,
+        };
+        let header = header(&bytes).ok_or_else(|| format("it ends in its header".into()))?;
+        let tensors = serde_json::from_slice(header).map_err(|error| format(error.to_string()))?;
+        let end = LENGTH + header.len();
+        bytes.drain(..end);
+        Ok(Self { tensors, data: bytes })
+    }
+
+    pub(super) fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, InceptionError> {
+        let info = self
+            .tensors
+            .info(name)
+            .ok_or_else(|| InceptionError::Missing { name: name.into() })?;
+        if info.shape != shape {
+            return Err(InceptionError::Shape {
+                name: name.into(),
+                expected: shape.into(),
+                found: info.shape.clone(),
+            });
+        }
+        finite(name, self.values(name, info)?)
+    }
+
+    fn values(&self, name: &str, info: &TensorInfo) -> Result<Vec<f32>, InceptionError> {
+        let (start, end) = info.data_offsets;
+        let bytes = self
+            .data
+            .get(start..end)
+            .ok_or_else(|| InceptionError::CutOff { name: name.into() })?;
+        match info.dtype {
+            Dtype::F32 => Ok(entries(bytes, f32::from_le_bytes)),
+            Dtype::F16 => Ok(entries(bytes, |two| f16::from_le_bytes(two).to_f32())),
+            other => Err(InceptionError::Type {
+                name: name.into(),
+                found: format!("{other:?}"),
+            }),
+        }
+    }
+}
+
+/// The bytes of the header, where they are all there.
+fn header(bytes: &[u8]) -> Option<&[u8]> {
+    let (length, rest) = bytes.split_first_chunk::<LENGTH>()?;
+    rest.get(..usize::try_from(u64::from_le_bytes(*length)).ok()?)
+}
+
+fn entries<const N: usize>(bytes: &[u8], entry: impl Fn([u8; N]) -> f32) -> Vec<f32> {
+    bytes.as_chunks().0.iter().map(|bytes| entry(*bytes)).collect()
+}
+
+fn finite(name: &str, values: Vec<f32>) -> Result<Vec<f32>, InceptionError> {
+    let variance = name.ends_with("running_var");
+    let wrong = |value: &f32| !value.is_finite() || (variance && *value < 0.0);
+    match values.iter().position(wrong) {
+        None => Ok(values),
+        Some(at) => Err(InceptionError::Value {
+            name: name.into(),
+            at,
+            found: values[at],
+        }),
+    }
+}
+
+/// Weight and bias of a convolution that also does what the normalisation after it does: with the gain `g`, the shift
+/// `b`, the mean `m` and the variance `v` of an output, `w g / sqrt(v + 0.001)` and `b - m g / sqrt(v + 0.001)`.
+#[allow(clippy::cast_possible_truncation, reason = "rounded to f32 once")]
+pub(super) fn folded(
+    layer: &str,
+    shape: [usize; 4],
+    lookup: Lookup,
+) -> Result<(Vec<f32>, Vec<f32>), InceptionError> {
+    let mut weight = lookup(&format!("{layer}.conv.weight"), &shape)?;
+    let of_output = |part: &str| lookup(&format!("{layer}.bn.{part}"), &shape[..1]);
+    let (gain, shift) = (of_output("weight")?, of_output("bias")?);
+    let (mean, variance) = (of_output("running_mean")?, of_output("running_var")?);
+    let mut bias = Vec::with_capacity(shape[0]);
+    for (at, weights) in weight
+        .chunks_exact_mut(shape[1] * shape[2] * shape[3])
+        .enumerate()
+    {
+        let factor = f64::from(gain[at]) / (f64::from(variance[at]) + EPSILON).sqrt();
+        for weight in weights {
+            *weight = (f64::from(*weight) * factor) as f32;
+        }
+        bias.push((f64::from(shift[at]) - f64::from(mean[at]) * factor) as f32);
+    }
+    Ok((weight, bias))
+}
