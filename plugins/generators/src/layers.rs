@@ -121,10 +121,7 @@ impl SpectralLinear {
         if pass == Pass::Training {
             self.singular.iterate(&weight);
         }
-        let no_bias = Tensor::from_data(
-            TensorData::from([0.0f32].repeat(weight.dims()[1]).as_slice()),
-            &device(),
-        );
+        let no_bias = Tensor::zeros([weight.dims()[1]], &device());
         convolution::convolve_1x1(input, normalised(weight, &self.singular), no_bias)
     }
 }
