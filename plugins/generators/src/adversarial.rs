@@ -90,7 +90,10 @@ impl Adversaries {
         self.generator.adopt(copy);
         let of_real = self.discriminator.forward(real, Pass::Training);
         let of_fake = self.discriminator.forward(fake, Pass::Training);
-        let loss = activation::relu(of_real.neg() + 1.0).mean() + activation::relu(of_fake + 1.0).mean();
+        let hinges = [of_real.neg() + 1.0, of_fake + 1.0].map(activation::relu);
+        let before = hinges.iter().map(mean).sum();
+        let [of_real, of_fake] = hinges.map(Tensor::mean);
+        let loss = of_real + of_fake;
         let Discriminator {
             ending,
             blocks,
@@ -102,7 +105,7 @@ impl Adversaries {
             blocks,
             n_channels,
         };
-        values(loss)[0]
+        before
     }
 
     /// One step of the generator with latent vectors `[batch, latent]`; returns the loss before it.
@@ -110,14 +113,15 @@ impl Adversaries {
         let images = self.generator.forward(latents, Pass::Training).images;
         // A plain copy passes gradients on to its input and asks for none of its own.
         let mut copy = self.discriminator.valid();
-        let loss = copy.forward(images, Pass::Training).mean().neg();
+        let scores = copy.forward(images, Pass::Training);
+        let (before, loss) = (-mean(&scores), scores.mean().neg());
         self.discriminator.adopt(copy);
         let Generator { trunk, cells, sizes } = self.generator.clone();
         let (trunk, cells) = self.of_generator.step(trunk, cells, &mut loss.backward());
         self.generator = Generator { trunk, cells, sizes };
         let share = 1.0 - self.training.average_decay;
         self.average = soft_update(self.average.clone(), &self.generator.valid(), share);
-        values(loss)[0]
+        before
     }
 
     /// The generator, tracked.
@@ -183,6 +187,16 @@ pub fn latents(n: usize, latent: usize, rng: &mut impl RngCore) -> Tensor<2> {
     #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
     let drawn = (0..n * latent).map(|_| standard_normal(rng) as f32).collect();
     matrix(drawn, latent)
+}
+
+/// The mean in the order of the rows, which is the same on every processor; that of a tensor enters no gradient.
+#[allow(
+    clippy::cast_precision_loss,
+    reason = "a batch has far fewer than 2^24 images"
+)]
+fn mean(scores: &Tensor<2>) -> f32 {
+    let scores = values(scores.clone());
+    scores.iter().sum::<f32>() / scores.len() as f32
 }
 
 /// Adam for what all stages share, and one for each grown part.

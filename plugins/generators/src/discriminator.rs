@@ -14,7 +14,7 @@ use crate::memory::Remembering;
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use numerics::image::pointwise::relu;
-use numerics::image::resize::average_pool;
+use numerics::image::resize::{average_pool, sum_pixels};
 use rand::RngCore;
 
 /// A discriminator for a generator with as many cells as it was grown by.
@@ -83,11 +83,8 @@ impl Discriminator {
     pub fn forward(&mut self, images: Tensor<4>, pass: Pass) -> Tensor<2> {
         let blocks = self.blocks.iter_mut().chain([&mut self.ending.block]);
         let map = relu(blocks.fold(images, |map, block| block.forward(map, pass)));
-        let [n_images, height, width, n_channels] = map.dims();
-        let sums = map.reshape([n_images, height * width, n_channels]).sum_dim(1);
-        self.ending
-            .linear
-            .forward(sums.reshape([n_images, n_channels]), pass)
+        let scores = self.ending.linear.forward(sum_pixels(map), pass);
+        scores.flatten(1, 3)
     }
 }
 

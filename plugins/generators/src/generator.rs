@@ -134,10 +134,19 @@ impl Generated {
     /// The mean over the batch of the map resized to one pixel, `[channels]`: of a map with even sides the mean
     /// of its four central pixels.
     #[must_use]
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "a batch has far fewer than 2^24 images"
+    )]
     pub fn central_features(&self) -> Vec<f32> {
-        let [.., n_channels] = self.map.dims();
-        let centres = resize::resize_bilinear(self.map.clone(), [1, 1]);
-        values(centres.reshape([-1, n_channels as i64]).mean_dim(0))
+        let [n_images, .., n_channels] = self.map.dims();
+        let centres = values(resize::resize_bilinear(self.map.clone(), [1, 1]));
+        let mut features = vec![0.0; n_channels];
+        for centre in centres.chunks_exact(n_channels) {
+            let pairs = features.iter_mut().zip(centre);
+            pairs.for_each(|(feature, x)| *feature += x / n_images as f32);
+        }
+        features
     }
 }
 

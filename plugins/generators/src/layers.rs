@@ -17,6 +17,7 @@ use numerics::image::normalisation::{Statistics, normalise_batch, normalise_by, 
 use numerics::image::resize::{enlarge_nearest, resize_bilinear};
 use numerics::image::spectral::{SingularVectors, normalised};
 use numerics::image::{convolution, deconvolution, pointwise};
+use numerics::network::device;
 use rand::{Rng, RngCore};
 
 /// Whether a pass is one of training.
@@ -114,13 +115,14 @@ impl SpectralLinear {
         }
     }
 
-    /// Outputs `[batch, outputs]` of inputs `[batch, inputs]`.
-    pub fn forward(&mut self, input: Tensor<2>, pass: Pass) -> Tensor<2> {
+    /// Outputs `[batch, height, width, outputs]` of every pixel of `[batch, height, width, inputs]`.
+    pub fn forward(&mut self, input: Tensor<4>, pass: Pass) -> Tensor<4> {
         let weight = self.weight.val();
         if pass == Pass::Training {
             self.singular.iterate(&weight);
         }
-        input.matmul(normalised(weight, &self.singular))
+        let no_bias = Tensor::zeros([weight.dims()[1]], &device());
+        convolution::convolve_1x1(input, normalised(weight, &self.singular), no_bias)
     }
 }
 
@@ -159,7 +161,9 @@ impl Stem {
     #[must_use]
     pub fn forward(&self, latents: Tensor<2>) -> Tensor<4> {
         let ([n_images, _], [height, width, channels]) = (latents.dims(), self.shape);
-        numerics::dense::dense(latents, self.weight.val(), self.bias.val(), None)
+        // A convolution of one pixel: the same bits on every processor, which a matrix product does not promise.
+        let pixels = latents.reshape([n_images as i64, 1, 1, -1]);
+        convolution::convolve_1x1(pixels, self.weight.val(), self.bias.val())
             .reshape([n_images, height, width, channels])
     }
 }

@@ -9,7 +9,7 @@
 //! | convolution 3x3 and 1x1 with bias | [`convolution`] |
 //! | deconvolution 2x2 with stride 2 | [`deconvolution`] |
 //! | batch and instance normalisation, with a rectifier where asked for | [`normalisation`] |
-//! | enlarging, resizing, average pooling | [`resize`] |
+//! | enlarging, resizing, average pooling, sums over pixels | [`resize`] |
 //! | rectifier and hyperbolic tangent | [`pointwise`] |
 //! | division by the largest singular value | [`spectral`] |
 //!

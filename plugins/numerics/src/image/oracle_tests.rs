@@ -88,6 +88,7 @@ fn compute(case: &Value, leaves: &Leaves) -> Tensor<4> {
         "enlarge_nearest" => resize::enlarge_nearest(x, sizes[4]),
         "resize_bilinear" => resize::resize_bilinear(x, [sizes[4], sizes[5]]),
         "average_pool" => resize::average_pool(x),
+        "sum_pixels" => resize::sum_pixels(x),
         "relu" => pointwise::relu(x),
         "tanh" => pointwise::tanh(x),
         other => panic!("`{other}`"),

@@ -6,7 +6,7 @@
 //! transposed sums.
 
 use super::operation::{Host, Operation, host, of_one, shape};
-use super::widest;
+use super::{column_sums, widest};
 use burn::Tensor;
 use std::sync::Arc;
 
@@ -52,6 +52,22 @@ pub fn average_pool(image: Tensor<4>) -> Tensor<4> {
         "{height} x {width} pixels are no squares of 2x2"
     );
     of_one(image, Arc::new(AveragePool))
+}
+
+/// The sum over the pixels of each channel of `image` `[batch, height, width, channels]`: `[batch, 1, 1,
+/// channels]`.
+///
+/// # Panics
+/// Where a dimension is 0 or the tensor is not `f32`.
+#[must_use]
+pub fn sum_pixels(image: Tensor<4>) -> Tensor<4> {
+    let [_, height, width, _] = image.dims();
+    of_one(
+        image,
+        Arc::new(Sum {
+            from: [height, width],
+        }),
+    )
 }
 
 #[derive(Debug)]
@@ -292,5 +308,27 @@ impl Operation for AveragePool {
             },
         );
         vec![Some(host(dx, [n_images, 2 * height, 2 * width, n_channels]))]
+    }
+}
+
+#[derive(Debug)]
+struct Sum {
+    /// Height and width before.
+    from: [usize; 2],
+}
+
+impl Operation for Sum {
+    fn forward(&self, inputs: Vec<Host>) -> (Host, Vec<Host>) {
+        let ([n_images, height, width, n_channels], x) = (shape(&inputs[0]), inputs[0].storage::<f32>());
+        let images = x.chunks_exact(height * width * n_channels);
+        let sums = images.flat_map(|image| column_sums(image, n_channels)).collect();
+        (host(sums, [n_images, 1, 1, n_channels]), Vec::new())
+    }
+
+    fn backward(&self, _: &[Host], upstream: &Host, _: &[bool]) -> Vec<Option<Host>> {
+        let ([n_images, .., n_channels], [height, width]) = (shape(upstream), self.from);
+        let rows = upstream.storage::<f32>().chunks_exact(n_channels);
+        let dx = rows.flat_map(|dy| dy.repeat(height * width)).collect();
+        vec![Some(host(dx, [n_images, height, width, n_channels]))]
     }
 }
