@@ -21,7 +21,7 @@ use std::{
 /// Values for whatever config has such a key: small networks, short episodes, wear, two blocks in the final
 /// measurement.
 fn small() -> Value {
-    json!({
+    let mut small = json!({
         "width": 6, "batch_size": 4, "learning_starts": 24, "updates_per_step": 0.25, "replay_capacity": 64,
         "episode_limit": 5, "ageing": {}, "process_noise": true, "sensor_noise": true, "cells": 2,
         "steps": 72, "environments": 4, "evaluate_every": 24, "episodes": 3, "final_episodes": 260,
@@ -29,12 +29,18 @@ fn small() -> Value {
         "batch": 4, "examples": 3, "final_examples": 260, "batches": 30,
         "trajectory": { "piece": 5 }, "particles": 3, "flight": { "drawn": { "interval_s": 900.0 } },
         "weights": [0.4, 0.6], "datasets": [{ "from": "given" }],
+    });
+    let of_searches = json!({
         "evaluations": 24, "exploration_steps": 12, "growth_at": [6, 15], "derived_designs": 2, "kept_designs": 1,
         "population": 2, "n_startup": 2, "tournament": 2,
         "images": { "shapes": { "count": 20 } }, "size": 8, "critic_steps": 1, "generator_batch": 2,
         "generator_channels": 2, "discriminator_channels": 2, "latent": 2, "scored_images": 10,
         "reference_images": 20, "splits": 1, "channels": 2,
-    })
+    });
+    for (key, value) in of_searches.as_object().into_iter().flatten() {
+        small[key] = value.clone();
+    }
+    small
 }
 
 fn part(name: &str, about: &engine::registry::About) -> Part {

@@ -11,6 +11,8 @@ pub mod discriminator;
 pub mod feature_network;
 pub mod generator;
 pub mod images;
+pub mod inception;
+mod kept;
 pub mod layers;
 pub mod memory;
 #[cfg(test)]

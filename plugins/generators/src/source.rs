@@ -1,14 +1,11 @@
 //! Which images there are, as a study says it.
 
 use crate::images::{CHANNELS, ImageFileError, Images, cifar10, shapes, stl10};
+use crate::kept::Kept;
 use engine::{DataFile, Error};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::{
-    collections::BTreeMap,
-    fs,
-    sync::{Arc, Mutex, PoisonError, Weak},
-};
+use std::{fs, sync::Arc};
 
 /// Where images come from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -64,23 +61,14 @@ impl Default for Source {
 }
 
 impl Source {
-    /// The images, each side `size` pixels; read once for all environments that are in use.
+    /// The images, each side `size` pixels; read once as long as not many others are asked for.
     ///
     /// # Errors
     /// [`Error::Config`] for a size that these images cannot have, [`Error::File`] and [`Error::Damaged`] for a file
     /// that cannot be read or is something else.
     pub fn load(&self, size: usize) -> Result<Arc<Images>, Error> {
-        static IN_USE: Mutex<BTreeMap<String, Weak<Images>>> = Mutex::new(BTreeMap::new());
-        let key = format!("{size} {}", self.identity()?);
-        // What panicked while it held the lock has left the map as it was.
-        let mut in_use = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = in_use.get(&key).and_then(Weak::upgrade) {
-            return Ok(known);
-        }
-        let read = Arc::new(self.read(size)?);
-        in_use.retain(|_, images| images.strong_count() > 0);
-        in_use.insert(key, Arc::downgrade(&read));
-        Ok(read)
+        static KEPT: Kept<Images> = Kept::new();
+        KEPT.or_made(format!("{size} {}", self.identity()?), || self.read(size))
     }
 
     /// What tells these images from others: the content of files, not their paths.
@@ -238,8 +226,7 @@ mod tests {
             (shapes.load(16).unwrap().count(), shapes.load(16).unwrap().size()),
             (20, 16)
         );
-        let kept = shapes.load(8).unwrap();
-        assert!(Arc::ptr_eq(&kept, &shapes.load(8).unwrap()));
+        assert!(Arc::ptr_eq(&shapes.load(8).unwrap(), &shapes.load(8).unwrap()));
         let text = shapes.load(12).unwrap_err().to_string();
         assert!(text.contains("4, 8, 16, 32 or 64 pixels"), "{text}");
         assert_eq!(source(json!({ "shapes": {} })), Source::default());

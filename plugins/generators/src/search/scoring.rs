@@ -2,18 +2,17 @@
 
 use crate::feature_network::{FeatureNetwork, Form};
 use crate::images::Images;
+use crate::inception::{self, Inception};
+use crate::kept::Kept;
 use crate::scores::{MomentSums, Moments, class_probabilities, frechet_distance, inception_score};
-use crate::source::{Source, n_numbers, shrunk};
+use crate::source::{ImageFile, Source, n_numbers, shrunk};
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
 use engine::{Error, Product, product};
 use numerics::network::{device, values};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::{
-    collections::BTreeMap,
-    sync::{Arc, Mutex, PoisonError},
-};
+use std::{collections::BTreeMap, sync::Arc};
 
 /// Images that are seen at once.
 const ROWS: usize = 100;
@@ -24,6 +23,9 @@ const ROWS: usize = 100;
 pub enum Sight {
     /// The classifier that a trial with the agent `image_classifier` left.
     Classifier(Product<product::Policy>),
+    /// Inception-v3 as pytorch-fid uses it, with the weights of a safetensors file: the network of published scores.
+    /// Its bits differ between processors.
+    InceptionV3(ImageFile),
     /// A network of that form with random weights: its features tell images apart, its classes mean nothing.
     #[default]
     Untrained,
@@ -41,8 +43,7 @@ pub struct Scores {
 /// Scores generated images of each size that generators of the search have.
 #[derive(Debug)]
 pub struct Scoring {
-    network: FeatureNetwork,
-    form: Form,
+    network: Network,
     /// Moments of real images by their size.
     real: BTreeMap<usize, Moments>,
     n_splits: usize,
@@ -68,15 +69,15 @@ pub struct Reference<'a> {
 }
 
 impl Scoring {
-    /// The scoring of a reference, made once as long as no other one is asked for: the trials of a worker ask for the
-    /// same.
+    /// The scoring of a reference, made once as long as not many others are asked for.
     ///
     /// # Errors
     /// What reading images and the network say, [`Error::Config`] where there are too few images.
     pub fn of(reference: &Reference<'_>) -> Result<Arc<Self>, Error> {
-        static LAST: Mutex<Option<(String, Arc<Scoring>)>> = Mutex::new(None);
+        static KEPT: Kept<Scoring> = Kept::new();
         let sight = match reference.sight {
             Sight::Untrained => "untrained".to_owned(),
+            Sight::InceptionV3(weights) => weights.file.digest()?.into_owned(),
             Sight::Classifier(product) => product.folder()?.display().to_string(),
         };
         let Reference {
@@ -91,14 +92,7 @@ impl Scoring {
             "{} {sight} {size} {stages:?} {count} {n_splits}",
             source.identity()?
         );
-        // What panicked while it held the lock has left the last scoring as it was.
-        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, known)) = last.as_ref().filter(|(last, _)| *last == key) {
-            return Ok(Arc::clone(known));
-        }
-        let made = Arc::new(Self::made(reference)?);
-        *last = Some((key, Arc::clone(&made)));
-        Ok(made)
+        KEPT.or_made(key, || Self::made(reference))
     }
 
     fn made(reference: &Reference<'_>) -> Result<Self, Error> {
@@ -111,10 +105,8 @@ impl Scoring {
             );
             return Err(Error::config("reference_images", problem));
         }
-        let (network, form) = network(reference.sight, reference.size, images.class_names().len())?;
         let mut scoring = Self {
-            network,
-            form,
+            network: Network::of(reference.sight, reference.size, images.class_names().len())?,
             real: BTreeMap::new(),
             grey: BTreeMap::new(),
             n_splits: reference.n_splits,
@@ -164,24 +156,69 @@ impl Scoring {
     }
 }
 
-/// The network, plain.
-fn network(sight: &Sight, size: usize, classes: usize) -> Result<(FeatureNetwork, Form), Error> {
-    match sight {
-        Sight::Untrained => {
-            let form = Form {
-                size: size.next_multiple_of(4),
-                channels: 16,
-                classes,
-            };
-            let mut rng = engine::random::stream(&["untrained feature network"]);
-            Ok((FeatureNetwork::new(form, &mut rng).valid(), form))
+/// What sees.
+#[derive(Debug)]
+enum Network {
+    /// Boxed, since both are large.
+    Classifier(Box<FeatureNetwork>, Form),
+    InceptionV3(Box<Inception>),
+}
+
+impl Network {
+    fn of(sight: &Sight, size: usize, classes: usize) -> Result<Self, Error> {
+        match sight {
+            Sight::Untrained => {
+                let form = Form {
+                    size: size.next_multiple_of(4),
+                    channels: 16,
+                    classes,
+                };
+                let mut rng = engine::random::stream(&["untrained feature network"]);
+                Ok(Self::Classifier(
+                    Box::new(FeatureNetwork::new(form, &mut rng).valid()),
+                    form,
+                ))
+            }
+            Sight::Classifier(product) => {
+                let (network, form) = FeatureNetwork::read(product.folder()?).map_err(|error| {
+                    let problem = format!("`{}` left no classifier of images: {error}", product.source());
+                    Error::config("sight.classifier", problem)
+                })?;
+                Ok(Self::Classifier(Box::new(network), form))
+            }
+            Sight::InceptionV3(weights) => {
+                let path = weights.file.path();
+                let network = Inception::read(path).map_err(|error| Error::Damaged {
+                    path: path.into(),
+                    problem: error.to_string(),
+                })?;
+                Ok(Self::InceptionV3(Box::new(network)))
+            }
         }
-        Sight::Classifier(product) => {
-            let unreadable = |error: numerics::tensor_file::TensorFileError| {
-                let problem = format!("`{}` left no classifier of images: {error}", product.source());
-                Error::config("sight.classifier", problem)
-            };
-            FeatureNetwork::read(product.folder()?).map_err(unreadable)
+    }
+
+    /// Features `[batch, features]` and logits `[batch, classes]` of images.
+    fn see(&self, images: Tensor<4>) -> (Tensor<2>, Tensor<2>) {
+        match self {
+            Self::Classifier(network, form) => {
+                let seen = network.see_resized(images, *form);
+                (seen.features, seen.logits)
+            }
+            Self::InceptionV3(network) => network.see(images),
+        }
+    }
+
+    fn n_features(&self) -> usize {
+        match self {
+            Self::Classifier(_, form) => 4 * form.channels,
+            Self::InceptionV3(_) => inception::FEATURES,
+        }
+    }
+
+    fn n_classes(&self) -> usize {
+        match self {
+            Self::Classifier(_, form) => form.classes,
+            Self::InceptionV3(_) => inception::CLASSES,
         }
     }
 }
@@ -199,7 +236,7 @@ impl Seen {
         Self {
             stage,
             probabilities: Vec::new(),
-            moments: MomentSums::new(4 * scoring.form.channels),
+            moments: MomentSums::new(scoring.network.n_features()),
         }
     }
 
@@ -212,10 +249,10 @@ impl Seen {
         let bytes = crate::images::to_bytes(&values(images));
         let shown: Vec<f32> = bytes.into_iter().map(crate::images::from_byte).collect();
         let shown = Tensor::from_data(TensorData::new(shown, shape), &device());
-        let seen = scoring.network.see_resized(shown, scoring.form);
+        let (features, logits) = scoring.network.see(shown);
         self.probabilities
-            .extend(class_probabilities(&values(seen.logits), scoring.form.classes));
-        self.moments.add(&values(seen.features)).map_err(score_error)
+            .extend(class_probabilities(&values(logits), scoring.network.n_classes()));
+        self.moments.add(&values(features)).map_err(score_error)
     }
 
     /// Both scores of all that was seen.
@@ -223,7 +260,7 @@ impl Seen {
     /// # Errors
     /// [`Error::Model`] where there are too few images.
     pub fn scores(&self, scoring: &Scoring) -> Result<Scores, Error> {
-        let inception = inception_score(&self.probabilities, scoring.form.classes, scoring.n_splits)
+        let inception = inception_score(&self.probabilities, scoring.network.n_classes(), scoring.n_splits)
             .map_err(score_error)?;
         let generated = self.moments.moments().map_err(score_error)?;
         let frechet = frechet_distance(&generated, &scoring.real[&self.stage]).map_err(score_error)?;
@@ -299,6 +336,16 @@ mod tests {
         };
         let exact = images(1, 8, 100);
         assert_eq!(of(exact.clone()), of(exact + 1e-4));
+    }
+
+    #[test]
+    fn weights_that_are_none_are_refused_with_their_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("inception.safetensors");
+        std::fs::write(&path, b"no weights").unwrap();
+        let sight: Sight = serde_json::from_value(json!({ "inception_v3": { "file": path } })).unwrap();
+        let text = Network::of(&sight, 8, 10).unwrap_err().to_string();
+        assert!(text.contains("inception.safetensors` is damaged"), "{text}");
     }
 
     #[test]

@@ -16,6 +16,7 @@
 mod ridge;
 mod surrogate;
 
+use crate::kept::Kept;
 use crate::search_space::{CellOptions, N_CELLS, choices, effective};
 use engine::{
     Channel, Dataset, End, Environment, Error, Metric, PerEpisode, Product, Registry, Rng, Seat, Space, Step,
@@ -25,7 +26,7 @@ use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use surrogate::{Measured, Quality, Surrogate, quality};
 
 const NAME: &str = "tabular_search";
@@ -169,18 +170,13 @@ fn metrics() -> Vec<Metric> {
 }
 
 impl Table {
-    /// The table of a config, made once as long as no other one is asked for: the trials of a worker ask for the same.
+    /// The table of a config, made once as long as not many others are asked for.
     fn of(config: &Config) -> Result<Arc<Self>, Error> {
-        static LAST: Mutex<Option<(String, Arc<Table>)>> = Mutex::new(None);
-        let key = format!("{} {}", config.frechet_weight, identity(&config.landscape)?);
-        // What panicked while it held the lock has left the last table as it was.
-        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, known)) = last.as_ref().filter(|(last, _)| *last == key) {
-            return Ok(Arc::clone(known));
-        }
-        let made = Arc::new(Self::made(&measured(&config.landscape)?, config.frechet_weight));
-        *last = Some((key, Arc::clone(&made)));
-        Ok(made)
+        static KEPT: Kept<Table> = Kept::new();
+        let name = format!("{} {}", config.frechet_weight, identity(&config.landscape)?);
+        KEPT.or_made(name, || {
+            Ok(Self::made(&measured(&config.landscape)?, config.frechet_weight))
+        })
     }
 
     fn made(measured: &[Measured], weight: f64) -> Self {
