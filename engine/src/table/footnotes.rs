@@ -50,6 +50,13 @@ impl Grid {
         };
         let seeds = match self.usual_n() {
             None => "no seed has a value yet".into(),
+            // What would be others the next time is what is ranked, not the seeds.
+            Some(n) if self.one_number == OneNumber::RankCorrelation => {
+                let seeds = if n == 1 { "seed" } else { "seeds" };
+                format!(
+                    "rank correlation of means over n = {n} {seeds}, 95 % interval over the points {shown}"
+                )
+            }
             Some(1) => "one seed, so no interval".into(),
             Some(n) => format!(
                 "{} over n = {n} seeds, 95 % interval {shown}",

@@ -136,7 +136,7 @@ fn build(spec: &RankCorrelation, results: &Results) -> Result<Grid, Error> {
         }],
         format: NumberFormat::Fixed(spec.decimals.unwrap_or(2)),
         notes: vec![
-            "Spearman's rank correlation; its interval is that of a bootstrap over the points.".into(),
+            "Spearman's rank correlation; intervals are those of a bootstrap over the points.".into(),
         ],
         ..Grid::default()
     })

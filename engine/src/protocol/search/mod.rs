@@ -7,7 +7,7 @@
 //!
 //! | recorded | phase | what it is |
 //! |---|---|---|
-//! | `candidate_return`, `candidate_<metric>` | train | of the design that was just tried |
+//! | `candidate_return`, `candidate_<metric>` | evaluate | of the design that was just tried |
 //! | `return`, `episode_length`, the environment's metrics | evaluate | of the best design so far, as it was observed |
 //! | the same | final | of the chosen design, built again on random numbers that the search never met |
 //!
@@ -337,7 +337,7 @@ impl UnderWay {
         run.record.flush_means(self.evaluations);
         run.record_updates(Phase::Train, self.evaluations);
         if whole {
-            candidate.record(run, Phase::Train, self.evaluations, metrics, "candidate_");
+            candidate.record(run, Phase::Evaluate, self.evaluations, metrics, "candidate_");
         }
         self.candidates.add(candidate);
         if let Some(best) = self.candidates.best_of_last(1.0) {

@@ -159,7 +159,7 @@ fn the_best_design_is_found_measured_again_and_left_for_others() {
     let best = values(&record, Phase::Evaluate, "return");
     assert!(best.windows(2).all(|pair| pair[0].1 <= pair[1].1), "{best:?}");
     assert_eq!(best.last().unwrap().1, 22.0);
-    let tried = values(&record, Phase::Train, "candidate_worth");
+    let tried = values(&record, Phase::Evaluate, "candidate_worth");
     assert!(tried.iter().any(|(_, worth)| *worth < 22.0));
 
     let designs = Designs::read(folder.path()).unwrap().designs;
@@ -189,7 +189,7 @@ fn designs_that_are_given_up_cost_what_was_evaluated_and_are_no_designs() {
             .clone()
             .all(|it| it.end == End::Truncated && it.rewards == [0.0])
     );
-    let whole = values(&record, Phase::Train, "candidate_return").len();
+    let whole = values(&record, Phase::Evaluate, "candidate_return").len();
     assert!(given_up.count() + whole == dataset.episodes.len() && whole < dataset.episodes.len());
 }
 
@@ -200,7 +200,7 @@ fn the_policy_or_the_last_designs_can_be_chosen() {
     assert_eq!(values(&record, Phase::Final, "return"), [(20, 11.0)]);
     let last = json!({ "evaluations": 20, "among_last": 0.001, "final_episodes": 1 });
     let record = run(&key(0.0, last), None, &mut NoKeeper).unwrap();
-    let last = values(&record, Phase::Train, "candidate_return")
+    let last = values(&record, Phase::Evaluate, "candidate_return")
         .last()
         .unwrap()
         .1;
