@@ -253,9 +253,9 @@ fn metrics() -> Vec<Metric> {
         ),
         last(
             Metric::new(
-                "critic_loss",
+                "discriminator_loss",
                 "",
-                "hinge loss of the critic, mean over the last training",
+                "hinge loss of the discriminator, mean over the last training",
             )
             .lower_is_better(),
         ),
