@@ -388,6 +388,10 @@ fn tiny() -> Value {
         "batch": 8, "batches": 4, "examples": 4, "final_examples": 4,
         "width": 16, "batch_size": 8, "learning_starts": 16, "updates_per_step": 0.5, "replay_capacity": 64,
         "episode_limit": 5, "datasets": [{ "from": "given" }],
+        "evaluations": 20, "exploration_steps": 12, "growth_at": [6, 15], "derived_designs": 2, "kept_designs": 1, "population": 2,
+        "n_startup": 2, "images": { "shapes": { "count": 20 } }, "size": 8, "critic_steps": 2,
+        "generator_batch": 4, "generator_channels": 4, "discriminator_channels": 4, "latent": 4,
+        "scored_images": 10, "reference_images": 20, "splits": 1,
     })
 }
 

@@ -97,9 +97,15 @@ fn trials(registry: &Registry, agent: &str) -> Vec<(TrialKey, Outcome)> {
     };
     keys(registry, agent)
         .into_iter()
-        .filter(|key| key.protocol.plugin != "track")
+        .filter(|key| key.protocol.plugin != "track" && !costs_too_much(key))
         .filter_map(with_outcome)
         .collect()
+}
+
+/// True where every step trains networks, for agents and protocols that are looked at in other environments.
+fn costs_too_much(key: &TrialKey) -> bool {
+    let designs = key.agent.agent().is_some_and(|agent| agent.plugin == "e2gan");
+    key.environment.plugin == "generator_search" && !(designs && key.protocol.plugin == "search")
 }
 
 /// What must not depend on how often a trial was interrupted.

@@ -33,7 +33,10 @@ use engine::{Channel, Choice, End, Environment, Error, Metric, PerEpisode, Rng, 
 use feeder::N_LINES;
 use restoration::{Operation, Switchgear};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    sync::{Mutex, PoisonError},
+};
 
 /// The `grid_reconfiguration` environment.
 #[derive(Debug)]
@@ -43,8 +46,6 @@ pub struct GridReconfiguration {
     seats: Vec<Seat>,
     choices: Vec<Choice>,
     metrics: Vec<Metric>,
-    /// The best score by failed lines, for those that have occurred.
-    optima: BTreeMap<Vec<usize>, f64>,
     situation: Situation,
 }
 
@@ -82,7 +83,6 @@ impl GridReconfiguration {
             seats: vec![seat],
             choices,
             metrics: metrics(),
-            optima: BTreeMap::new(),
             situation: Situation::default(),
         })
     }
@@ -99,25 +99,19 @@ impl GridReconfiguration {
         self.gear.operate(closed, &self.situation.failed)
     }
 
-    fn optimum(&mut self) -> f64 {
-        let Self {
-            optima,
-            gear,
-            situation,
-            ..
-        } = self;
-        match optima.get(&situation.failed) {
-            Some(optimum) => *optimum,
-            None => {
-                let (_, optimum) = gear.best(&situation.failed);
-                optima.insert(situation.failed.clone(), optimum);
-                optimum
-            }
-        }
+    /// The best score with these faults, found once for each config within a process.
+    fn optimum(&self) -> f64 {
+        static KNOWN: Mutex<BTreeMap<String, f64>> = Mutex::new(BTreeMap::new());
+        let failed = &self.situation.failed;
+        // What panicked while it held the lock has left the map as it was.
+        let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+        *known
+            .entry(format!("{:?} {failed:?}", self.config))
+            .or_insert_with(|| self.gear.best(failed).1)
     }
 
     /// One value per metric.
-    fn info(&mut self) -> Vec<f64> {
+    fn info(&self) -> Vec<f64> {
         let operation = self.operation();
         let score = self.gear.score(operation.as_ref());
         let within = operation.filter(|one| self.gear.is_within_limits(one));

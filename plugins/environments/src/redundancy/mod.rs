@@ -24,6 +24,10 @@ use engine::{Channel, Choice, End, Environment, Error, Metric, PerEpisode, Prese
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use std::{
+    collections::BTreeMap,
+    sync::{Mutex, PoisonError},
+};
 use system::{Budget, Component, Counts, MOST_TYPES, Part, SUBSYSTEMS, Total};
 
 /// Settings of the `redundancy` environment.
@@ -140,10 +144,22 @@ pub fn build(config: RedundancyConfig) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(Redundancy::new(config)?))
 }
 
+/// The reliability of the best design, found once for each config within a process.
+fn known_optimum(config: &RedundancyConfig) -> Option<f64> {
+    static KNOWN: Mutex<BTreeMap<String, Option<f64>>> = Mutex::new(BTreeMap::new());
+    let find = || {
+        let best = optimum::optimum(config.types(), config.places, config.budget());
+        best.map(|best| best.reliability)
+    };
+    // What panicked while it held the lock has left the map as it was.
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    *known.entry(format!("{config:?}")).or_insert_with(find)
+}
+
 impl Redundancy {
     fn new(config: RedundancyConfig) -> Result<Self, Error> {
         config.check()?;
-        let Some(best) = optimum::optimum(config.types(), config.places, config.budget()) else {
+        let Some(best) = known_optimum(&config) else {
             let problem = format!(
                 "no design of {} subsystems costs at most {} and weighs at most {}",
                 config.subsystems, config.cost_budget, config.weight_budget
@@ -160,7 +176,7 @@ impl Redundancy {
             seats: vec![seat],
             choices,
             metrics: metrics(),
-            optimal_reliability: best.reliability,
+            optimal_reliability: best,
             designed: Vec::new(),
             config,
         })
