@@ -1,4 +1,4 @@
-//! A generator as a graph: blocks from left to right, shortcuts and skips beside them.
+//! A generator as a graph: its operations one after the other, shortcuts and skips beside them.
 
 use crate::architecture::{CellArchitecture, N_CELLS, Normalisation, Order, Upsampling};
 use engine::drawing::{Edge, Graph, Node};
@@ -6,55 +6,47 @@ use engine::drawing::{Edge, Graph, Node};
 /// The graph of a generator with these cells.
 pub(super) fn graph(cells: &[CellArchitecture; N_CELLS]) -> Graph {
     let mut drawn = Drawn::default();
-    let mut from = drawn.node("linear".into(), 0, "");
+    let mut end = drawn.node("linear", "");
     let mut skip_outputs = Vec::new();
     for (at, cell) in cells.iter().enumerate() {
-        let name = format!("cell {}", at + 1);
-        let first = drawn.node(block(cell, true), 0, &name);
-        let sum = drawn.node(block(cell, false), 0, &name);
-        drawn.edge(from, first, "", false);
-        drawn.edge(first, sum, "", false);
-        for (earlier, _) in cell
-            .skips
-            .iter()
-            .enumerate()
-            .filter(|(earlier, skip)| **skip && *earlier < at)
-        {
-            drawn.edge(skip_outputs[earlier], sum, "skip", true);
+        let (name, input) = (format!("cell {}", at + 1), end);
+        end = drawn.chain(end, &block(cell, true), &name);
+        let skips: Vec<usize> = (0..at).filter(|earlier| cell.skips[*earlier]).collect();
+        if !skips.is_empty() {
+            end = drawn.chain(end, &["+"], &name);
+            skips
+                .iter()
+                .for_each(|earlier| drawn.edge(skip_outputs[*earlier], end, true));
         }
-        skip_outputs.push(first);
+        skip_outputs.push(end);
+        end = drawn.chain(end, &block(cell, false), &name);
         if cell.shortcut {
-            let end = drawn.node("+".into(), 0, &name);
-            drawn.edge(sum, end, "", false);
-            drawn.edge(from, end, "shortcut", true);
-            from = end;
-        } else {
-            from = sum;
+            end = drawn.chain(end, &["+"], &name);
+            drawn.edge(input, end, true);
         }
     }
-    let head = drawn.node("batch norm\nReLU\nconv 3x3\ntanh".into(), 0, "");
-    drawn.edge(from, head, "", false);
+    drawn.chain(end, &["BN", "ReLU", "conv 3×3", "tanh"], "head");
     drawn.graph
 }
 
-/// What a block does, a line each, in its order; the first block of a cell enlarges.
-fn block(cell: &CellArchitecture, enlarges: bool) -> String {
+/// What a block does, in its order; the first block of a cell enlarges.
+fn block(cell: &CellArchitecture, enlarges: bool) -> Vec<&'static str> {
     let upsampling = match cell.upsampling {
-        Upsampling::Bilinear => "bilinear x2",
-        Upsampling::Nearest => "nearest x2",
-        Upsampling::Deconvolution => "deconv x2",
+        Upsampling::Bilinear => "bilinear 2×",
+        Upsampling::Nearest => "nearest 2×",
+        Upsampling::Deconvolution => "deconv 2×",
     };
     let norm = match cell.normalisation {
         Normalisation::None => None,
-        Normalisation::Batch => Some("batch norm"),
-        Normalisation::Instance => Some("instance norm"),
+        Normalisation::Batch => Some("BN"),
+        Normalisation::Instance => Some("IN"),
     };
     let up = enlarges.then_some(upsampling);
-    let lines = match cell.order {
-        Order::ConvolutionFirst => [up, Some("conv 3x3"), norm, Some("ReLU")],
-        Order::NormalisationFirst => [norm, Some("ReLU"), up, Some("conv 3x3")],
+    let operations = match cell.order {
+        Order::ConvolutionFirst => [up, Some("conv 3×3"), norm, Some("ReLU")],
+        Order::NormalisationFirst => [norm, Some("ReLU"), up, Some("conv 3×3")],
     };
-    lines.into_iter().flatten().collect::<Vec<_>>().join("\n")
+    operations.into_iter().flatten().collect()
 }
 
 #[derive(Default)]
@@ -63,23 +55,35 @@ struct Drawn {
 }
 
 impl Drawn {
-    fn node(&mut self, label: String, lane: i32, group: &str) -> usize {
-        let column = self.graph.nodes.len();
-        #[allow(clippy::cast_possible_truncation, reason = "a generator has a dozen blocks")]
+    fn node(&mut self, label: &str, group: &str) -> usize {
+        let at = self.graph.nodes.len();
+        #[allow(
+            clippy::cast_possible_truncation,
+            reason = "a generator has a few dozen operations"
+        )]
         self.graph.nodes.push(Node {
-            label,
-            column: column as u32,
-            lane,
+            label: label.into(),
+            column: at as u32,
+            lane: 0,
             group: group.into(),
         });
-        column
+        at
     }
 
-    fn edge(&mut self, from: usize, to: usize, label: &str, bypass: bool) {
+    /// Operations one after the other, after a node; the last of them.
+    fn chain(&mut self, from: usize, labels: &[&str], group: &str) -> usize {
+        labels.iter().fold(from, |before, label| {
+            let node = self.node(label, group);
+            self.edge(before, node, false);
+            node
+        })
+    }
+
+    fn edge(&mut self, from: usize, to: usize, bypass: bool) {
         self.graph.edges.push(Edge {
             from,
             to,
-            label: label.into(),
+            label: String::new(),
             bypass,
         });
     }
@@ -90,38 +94,43 @@ mod tests {
     use super::*;
     use crate::architecture::{AUTOGAN, E2GAN};
 
+    fn bypasses(graph: &Graph) -> Vec<(usize, usize)> {
+        let bypasses = graph.edges.iter().filter(|edge| edge.bypass);
+        bypasses.map(|edge| (edge.from, edge.to)).collect()
+    }
+
     #[test]
     fn the_published_generator() {
         let graph = graph(&E2GAN.cells);
         graph.check().unwrap();
-        // Stem, three blocks and sums of three nodes each, head.
-        assert_eq!(graph.nodes.len(), 1 + 9 + 1);
-        assert_eq!(graph.nodes[1].label, "bilinear x2\nconv 3x3\nbatch norm\nReLU");
-        assert_eq!(graph.nodes[4].label, "deconv x2\nconv 3x3\nbatch norm\nReLU");
-        let bypasses: Vec<(usize, usize, &str)> = graph
-            .edges
-            .iter()
-            .filter(|edge| edge.bypass)
-            .map(|edge| (edge.from, edge.to, edge.label.as_str()))
-            .collect();
-        // The skip leaves the first block of cell 1 and enters the second of cell 3.
+        // A stem, cells of four and three operations and a sum, the third with a skip, a head of four.
+        assert_eq!(graph.nodes.len(), 1 + 8 + 8 + 9 + 4);
+        let labels: Vec<&str> = graph.nodes[1..9].iter().map(|node| node.label.as_str()).collect();
         assert_eq!(
-            bypasses,
+            labels,
             [
-                (0, 3, "shortcut"),
-                (3, 6, "shortcut"),
-                (1, 8, "skip"),
-                (6, 9, "shortcut")
+                "bilinear 2×",
+                "conv 3×3",
+                "BN",
+                "ReLU",
+                "conv 3×3",
+                "BN",
+                "ReLU",
+                "+"
             ]
         );
+        assert_eq!(graph.nodes[9].label, "deconv 2×");
+        // Shortcuts, and the skip from the first block of cell 1 to the sum before the second block of cell 3.
+        assert_eq!(bypasses(&graph), [(0, 8), (8, 16), (4, 21), (16, 25)]);
     }
 
     #[test]
     fn blocks_stand_in_the_order_of_the_architecture() {
         let graph = graph(&AUTOGAN.cells);
         graph.check().unwrap();
-        assert_eq!(graph.nodes[1].label, "ReLU\nnearest x2\nconv 3x3");
-        let skips = graph.edges.iter().filter(|edge| edge.label == "skip").count();
-        assert_eq!(skips, 3);
+        let labels: Vec<&str> = graph.nodes[1..4].iter().map(|node| node.label.as_str()).collect();
+        assert_eq!(labels, ["ReLU", "nearest 2×", "conv 3×3"]);
+        // Two shortcuts; one skip into cell 2, which is a sum by then, and two into cell 3.
+        assert_eq!(bypasses(&graph).len(), 5);
     }
 }
