@@ -46,7 +46,10 @@ impl engine::Config for Config {}
 pub struct ImageSamples {
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
-    images: Arc<Images>,
+    config: Config,
+    /// Read when the first one is shown.
+    images: Option<Arc<Images>>,
+    n_images: usize,
     n_shown: usize,
     at: usize,
     answer: Option<usize>,
@@ -58,8 +61,8 @@ pub(crate) fn register(registry: &mut Registry) {
 }
 
 fn build(config: Config) -> Result<Box<dyn Environment>, Error> {
-    let images = config.images.load(config.size)?;
-    if images.labels().is_none() {
+    let n_images = config.images.count()?;
+    if !config.images.has_labels() {
         return Err(Error::config(
             "images",
             "these images have no labels; name the file of their labels",
@@ -71,15 +74,12 @@ fn build(config: Config) -> Result<Box<dyn Environment>, Error> {
         clippy::cast_sign_loss,
         reason = "a share of a count is a count"
     )]
-    let n_held_out = (images.count() as f64 * config.held_out).ceil() as usize;
-    if n_held_out >= images.count() {
-        let problem = format!(
-            "nothing is left to learn from of {} images; lower it",
-            images.count()
-        );
+    let n_held_out = (n_images as f64 * config.held_out).ceil() as usize;
+    if n_held_out >= n_images {
+        let problem = format!("nothing is left to learn from of {n_images} images; lower it");
         return Err(Error::config("held_out", problem));
     }
-    let names = images.class_names().iter().map(ToString::to_string);
+    let names = config.images.class_names().iter().map(ToString::to_string);
     let seat = Seat {
         name: String::new(),
         observation: Space::Box(pixels(config.size)),
@@ -89,8 +89,10 @@ fn build(config: Config) -> Result<Box<dyn Environment>, Error> {
     Ok(Box::new(ImageSamples {
         seats: vec![seat],
         metrics: vec![accuracy.per_episode(PerEpisode::Last)],
-        n_shown: images.count() - n_held_out,
-        images,
+        n_shown: n_images - n_held_out,
+        n_images,
+        images: None,
+        config,
         at: 0,
         answer: None,
     }))
@@ -108,20 +110,26 @@ fn pixels(size: usize) -> Vec<Channel> {
 }
 
 impl ImageSamples {
-    fn show(&mut self, at: usize) -> Vec<Vec<f64>> {
+    fn show(&mut self, at: usize) -> Result<Vec<Vec<f64>>, Error> {
+        let images = match self.images.take() {
+            Some(images) => images,
+            None => self.config.images.load(self.config.size)?,
+        };
+        self.images = Some(images);
         (self.at, self.answer) = (at, None);
-        vec![self.seen()]
+        Ok(vec![self.seen()])
     }
 
+    /// The image; nothing before one is shown.
     fn seen(&self) -> Vec<f64> {
-        self.images.batch(&[self.at]).into_iter().map(f64::from).collect()
+        let numbers = self.images.iter().flat_map(|images| images.batch(&[self.at]));
+        numbers.map(f64::from).collect()
     }
 
-    /// The class of the image; the build made sure that there are labels.
-    fn class(&self) -> usize {
-        self.images
-            .labels()
-            .map_or(0, |labels| usize::from(labels[self.at]))
+    /// The class of the image; `None` before one is shown. The build made sure that there are labels.
+    fn class(&self) -> Option<usize> {
+        let labels = self.images.as_ref()?.labels()?;
+        Some(usize::from(labels[self.at]))
     }
 }
 
@@ -136,23 +144,23 @@ impl Environment for ImageSamples {
 
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
         let at = rng.random_range(0..self.n_shown as u64) as usize;
-        Ok(self.show(at))
+        self.show(at)
     }
 
     fn reset_to(&mut self, episode: u64, _: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-        let n_held_out = (self.images.count() - self.n_shown) as u64;
-        Ok(self.show(self.n_shown + (episode % n_held_out) as usize))
+        let n_held_out = (self.n_images - self.n_shown) as u64;
+        self.show(self.n_shown + (episode % n_held_out) as usize)
     }
 
     fn step(&mut self, actions: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
-        let classes = self.images.class_names().len();
+        let classes = self.config.images.class_names().len();
         let answer = actions[0][0];
         let known = (0..classes).find(|class| *class as f64 == answer);
         let answer = known.ok_or_else(|| Error::Action {
             problem: format!("{answer} is no class; there are 0 to {}", classes - 1),
         })?;
         self.answer = Some(answer);
-        let right = f64::from(u8::from(answer == self.class()));
+        let right = f64::from(u8::from(Some(answer) == self.class()));
         Ok(Step {
             observations: vec![self.seen()],
             rewards: vec![right],
@@ -162,15 +170,15 @@ impl Environment for ImageSamples {
     }
 
     fn state_channels(&self) -> Vec<Channel> {
-        let names = self.images.class_names().iter();
+        let names = self.config.images.class_names().iter();
         names
             .map(|name| Channel::new(format!("is_{name}"), "").within(0.0, 1.0))
             .collect()
     }
 
     fn state(&self) -> Vec<f64> {
-        let is = |class: usize| f64::from(u8::from(class == self.class()));
-        (0..self.images.class_names().len()).map(is).collect()
+        let is = |class: usize| f64::from(u8::from(Some(class) == self.class()));
+        (0..self.config.images.class_names().len()).map(is).collect()
     }
 
     fn trace_channels(&self) -> Vec<Channel> {
@@ -179,7 +187,7 @@ impl Environment for ImageSamples {
 
     fn trace(&self) -> Vec<f64> {
         let said = self.answer.map_or(f64::NAN, |class| class as f64);
-        vec![self.class() as f64, said]
+        vec![self.class().map_or(f64::NAN, |class| class as f64), said]
     }
 
     fn snapshot(&self) -> Value {
@@ -188,12 +196,13 @@ impl Environment for ImageSamples {
 
     fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
         let at = snapshot["at"].as_u64().and_then(|at| usize::try_from(at).ok());
-        self.at = at
-            .filter(|at| *at < self.images.count())
+        let at = at
+            .filter(|at| *at < self.n_images)
             .ok_or_else(|| Error::Checkpoint {
                 what: NAME,
                 problem: format!("it shows image {}", snapshot["at"]),
             })?;
+        self.show(at)?;
         self.answer = snapshot["answer"]
             .as_u64()
             .and_then(|class| usize::try_from(class).ok());

@@ -71,6 +71,49 @@ impl Source {
         KEPT.or_made(format!("{size} {}", self.identity()?), || self.read(size))
     }
 
+    /// How many images there are, by the sizes of files, without reading them.
+    ///
+    /// # Errors
+    /// [`Error::File`] where a file is not there.
+    pub fn count(&self) -> Result<usize, Error> {
+        let in_file = |of: &ImageFile, bytes_each: u64| {
+            let path = of.file.path();
+            let size = fs::metadata(path).map_err(Error::file("find", path))?.len();
+            Ok(usize::try_from(size / bytes_each).unwrap_or(usize::MAX))
+        };
+        match self {
+            Self::Shapes { count, .. } => Ok(usize::try_from(*count).unwrap_or(usize::MAX)),
+            Self::Cifar10 { files } => files.iter().map(|it| in_file(it, 1 + 32 * 32 * 3)).sum(),
+            Self::Stl10 {
+                images, unlabelled, ..
+            } => {
+                let all = std::iter::once(images).chain(unlabelled);
+                all.map(|it| in_file(it, 96 * 96 * 3)).sum()
+            }
+        }
+    }
+
+    /// Names of the classes.
+    #[must_use]
+    pub fn class_names(&self) -> &'static [&'static str] {
+        match self {
+            Self::Shapes { .. } => shapes::CLASS_NAMES,
+            Self::Cifar10 { .. } => cifar10::CLASS_NAMES,
+            Self::Stl10 { .. } => stl10::CLASS_NAMES,
+        }
+    }
+
+    /// True where the class of every image is known.
+    #[must_use]
+    pub fn has_labels(&self) -> bool {
+        match self {
+            Self::Shapes { .. } | Self::Cifar10 { .. } => true,
+            Self::Stl10 {
+                labels, unlabelled, ..
+            } => labels.is_some() && unlabelled.is_none(),
+        }
+    }
+
     /// What tells these images from others: the content of files, not their paths.
     ///
     /// # Errors
@@ -243,6 +286,8 @@ mod tests {
         assert_eq!((images.count(), images.size()), (3, 16));
         assert_eq!(images.labels().unwrap(), [3, 9, 0]);
         assert!(images.image(2).iter().all(|byte| *byte == 30));
+        assert_eq!((both.count().unwrap(), both.has_labels()), (3, true));
+        assert_eq!(both.class_names(), images.class_names());
         let text = both.load(64).unwrap_err().to_string();
         assert!(text.contains("32 pixels a side, which is less than 64"), "{text}");
         assert!(source(json!({ "cifar10": { "files": [] } })).load(32).is_err());
@@ -272,7 +317,9 @@ mod tests {
         assert_eq!((loaded.count(), loaded.labels().unwrap()), (2, [0, 9].as_slice()));
         let mut more = named;
         more["unlabelled"] = json!({ "file": images });
-        let loaded = source(json!({ "stl10": more })).load(24).unwrap();
+        let both = source(json!({ "stl10": more }));
+        let loaded = both.load(24).unwrap();
         assert_eq!((loaded.count(), loaded.labels(), loaded.size()), (4, None, 24));
+        assert_eq!((both.count().unwrap(), both.has_labels()), (4, false));
     }
 }

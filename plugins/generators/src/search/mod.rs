@@ -184,7 +184,17 @@ impl Config {
         (0..=N_CELLS).map(|n_cells| self.bottom() << n_cells).collect()
     }
 
+    /// Refuses what would be found only when the first design begins.
     fn check(&self) -> Result<(), Error> {
+        let there = self.images.count()?;
+        if self.reference_images > there {
+            let problem = format!(
+                "{} images are to be compared with, and there are {there}; lower it",
+                self.reference_images
+            );
+            return Err(Error::config("reference_images", problem));
+        }
+        self.sight.check()?;
         if self.size.is_multiple_of(1 << N_CELLS) {
             return Ok(());
         }
@@ -201,11 +211,17 @@ pub struct GeneratorSearch {
     config: Config,
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
+    /// Made when the first design begins.
+    bench: Option<Arc<Bench>>,
+    design: Design,
+    proxy: Option<Proxy>,
+}
+
+/// What designs are trained on and scored with.
+struct Bench {
     scoring: Arc<Scoring>,
     /// Real images of each stage, from the one after the first cell.
     real: Vec<Images>,
-    design: Design,
-    proxy: Option<Proxy>,
 }
 
 /// The design under way: all that determines it.
@@ -278,9 +294,8 @@ fn metrics() -> Vec<Metric> {
     ]
 }
 
-impl GeneratorSearch {
-    fn new(config: Config) -> Result<Self, Error> {
-        config.check()?;
+impl Bench {
+    fn of(config: &Config) -> Result<Self, Error> {
         let stages = config.stages();
         let scoring = Scoring::of(&Reference {
             source: &config.images,
@@ -292,6 +307,16 @@ impl GeneratorSearch {
         })?;
         let images = config.images.load(config.size)?;
         let real = stages[1..].iter().map(|stage| shrunk((*images).clone(), *stage));
+        Ok(Self {
+            real: real.collect::<Result<_, Error>>()?,
+            scoring,
+        })
+    }
+}
+
+impl GeneratorSearch {
+    fn new(config: Config) -> Result<Self, Error> {
+        config.check()?;
         let seat = Seat {
             name: String::new(),
             observation: Space::Box(channels(config.generator_channels)),
@@ -300,20 +325,28 @@ impl GeneratorSearch {
         Ok(Self {
             seats: vec![seat],
             metrics: metrics(),
-            real: real.collect::<Result<_, Error>>()?,
-            scoring,
+            bench: None,
             design: Design::default(),
             proxy: None,
             config,
         })
     }
 
+    fn bench(&mut self) -> Result<Arc<Bench>, Error> {
+        let bench = match self.bench.take() {
+            Some(bench) => bench,
+            None => Arc::new(Bench::of(&self.config)?),
+        };
+        Ok(Arc::clone(self.bench.insert(bench)))
+    }
+
     /// Begins a design whose random numbers are those of `seed`.
     fn begin(&mut self, seed: u64) -> Result<(), Error> {
+        let bench = self.bench()?;
         let proxy = Proxy::new(&self.config, Rng::seed_from_u64(seed));
         self.design = Design {
             seed,
-            seen: vec![proxy.look(&self.config, &self.scoring)?],
+            seen: vec![proxy.look(&self.config, &bench.scoring)?],
             ..Design::default()
         };
         self.proxy = Some(proxy);
@@ -325,15 +358,16 @@ impl GeneratorSearch {
         self.design.cells.push(cell);
         let n_cells = self.design.cells.len();
         let form = forms(&self.design.cells)[n_cells - 1];
+        let bench = self.bench()?;
         let Some(proxy) = &mut self.proxy else {
             return Ok(());
         };
         proxy.grow(&form);
         let due = self.config.schedule == Schedule::EachCell || n_cells == N_CELLS;
         if due {
-            let real = &self.real[n_cells - 1];
+            let real = &bench.real[n_cells - 1];
             self.design.losses = proxy.train(&self.config, real, self.config.critic_steps);
-            self.design.seen.push(proxy.look(&self.config, &self.scoring)?);
+            self.design.seen.push(proxy.look(&self.config, &bench.scoring)?);
         } else {
             // Nothing was trained, so there is nothing new to see.
             let before = self.design.seen.last().cloned();

@@ -31,6 +31,32 @@ pub enum Sight {
     Untrained,
 }
 
+impl Sight {
+    /// Refuses a network that is not there or something else; large files are only looked for.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for a trial that left no classifier, [`Error::File`] for a file that is not there.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        match self {
+            Self::Untrained => Ok(()),
+            Self::Classifier(product) => classifier(product).map(drop),
+            Self::InceptionV3(weights) => {
+                let path = weights.file.path();
+                std::fs::metadata(path)
+                    .map(drop)
+                    .map_err(Error::file("find", path))
+            }
+        }
+    }
+}
+
+fn classifier(product: &Product<product::Policy>) -> Result<(FeatureNetwork, Form), Error> {
+    FeatureNetwork::read(product.folder()?).map_err(|error| {
+        let problem = format!("`{}` left no classifier of images: {error}", product.source());
+        Error::config("sight.classifier", problem)
+    })
+}
+
 /// Both scores of generated images.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
@@ -180,10 +206,7 @@ impl Network {
                 ))
             }
             Sight::Classifier(product) => {
-                let (network, form) = FeatureNetwork::read(product.folder()?).map_err(|error| {
-                    let problem = format!("`{}` left no classifier of images: {error}", product.source());
-                    Error::config("sight.classifier", problem)
-                })?;
+                let (network, form) = classifier(product)?;
                 Ok(Self::Classifier(Box::new(network), form))
             }
             Sight::InceptionV3(weights) => {

@@ -119,3 +119,19 @@ fn sizes_that_three_cells_cannot_make_are_refused() {
     let text = GeneratorSearch::new(config).err().unwrap().to_string();
     assert!(text.contains("`size`: three cells double a side each"), "{text}");
 }
+
+#[test]
+fn what_a_design_needs_is_asked_for_before_it_begins() {
+    let problem = |config: Config| GeneratorSearch::new(config).err().unwrap().to_string();
+    let text = problem(Config {
+        reference_images: 61,
+        ..small()
+    });
+    assert!(
+        text.contains("`reference_images`: 61 images are to be compared with, and there are 60"),
+        "{text}"
+    );
+    let sight = serde_json::from_value(json!({ "inception_v3": { "file": "nowhere.safetensors" } })).unwrap();
+    let text = problem(Config { sight, ..small() });
+    assert!(text.contains("cannot find `nowhere.safetensors`"), "{text}");
+}
