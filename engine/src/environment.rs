@@ -68,7 +68,7 @@ pub enum Space {
     /// One of several named choices; the vector has one entry, the index.
     Discrete(Vec<String>),
     /// Several choices at once, each among named options: one value in [-1, 1] per option, and of each choice the
-    /// option with the largest value is taken. See [`choice`](crate::choice).
+    /// option with the largest value is taken. See [`choice`].
     Choices(Vec<Choice>),
 }
 
