@@ -11,17 +11,12 @@
 //!
 //! Metrics, means since the last design: `population_return` the mean return of the population.
 
-use crate::shared::checkpoint;
-use crate::shared::designs::{Options, Tried, UnderWay, best, choices, random_design};
-use engine::{
-    Action, Agent, AgentTraits, Choice, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates, choice,
-};
-use numerics::tensor_file::TensorFile;
+use crate::shared::designs::{Options, Tried, best, random_design};
+use crate::shared::proposer::{Known, Method, Proposer};
+use engine::{Agent, AgentTraits, Choice, Error, Interface, Metric, Recorder, Registry, Rng, Updates};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
 
 const NAME: &str = "regularised_evolution";
 
@@ -48,23 +43,11 @@ impl Default for Config {
 
 impl engine::Config for Config {}
 
-/// The agent.
-#[derive(Debug, Clone)]
-pub struct RegularisedEvolution {
-    config: Config,
-    choices: Vec<Choice>,
-    state: State,
-    /// Steps of the design that is made where it is scored.
-    scored: usize,
-}
-
 /// What changes while it searches.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
-struct State {
-    under_way: UnderWay,
+pub struct State {
     /// The child under way; `None` while the first population is drawn.
     child: Option<Options>,
-    tried: Vec<Tried>,
     n_children: u64,
 }
 
@@ -86,51 +69,58 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// # Errors
 /// [`Error::Mismatch`] for any other seat.
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    Ok(Box::new(RegularisedEvolution {
-        choices: choices(NAME, interface)?,
-        config,
-        state: State::default(),
-        scored: 0,
-    }))
+    Ok(Box::new(Proposer::new(config, interface)?))
 }
 
-impl RegularisedEvolution {
+impl Config {
     /// The designs that live: the youngest ones.
-    fn living(&self) -> &[Tried] {
-        let tried = &self.state.tried;
-        &tried[tried.len().saturating_sub(self.config.population)..]
+    fn living<'a>(&self, tried: &'a [Tried]) -> &'a [Tried] {
+        &tried[tried.len().saturating_sub(self.population)..]
     }
 
-    fn child(&self, rng: &mut Rng) -> Options {
-        let living = self.living();
-        let drawn: Vec<Tried> = (0..self.config.tournament)
+    fn child(&self, known: &Known, rng: &mut Rng) -> Options {
+        let living = self.living(&known.tried);
+        let drawn: Vec<Tried> = (0..self.tournament)
             .map(|_| living[index(living.len(), rng)].clone())
             .collect();
         // The population is full where children are made, so somebody was drawn.
         let mut child = best(&drawn).map_or_else(Options::new, |parent| parent.options.clone());
-        mutate(&mut child, &self.choices, rng);
+        mutate(&mut child, &known.choices, rng);
         child
     }
+}
 
-    fn decide(&mut self, rng: &mut Rng) -> Vec<usize> {
-        let step = self.state.under_way.options.len();
+impl Method for Config {
+    const NAME: &'static str = NAME;
+    type State = State;
+
+    fn propose(&self, known: &Known, state: &mut State, rng: &mut Rng) -> Vec<usize> {
+        let step = known.under_way.options.len();
         if step == 0 {
-            let full = self.state.tried.len() >= self.config.population;
-            self.state.child = full.then(|| self.child(rng));
-            self.state.n_children += u64::from(full);
+            let full = known.tried.len() >= self.population;
+            state.child = full.then(|| self.child(known, rng));
+            state.n_children += u64::from(full);
         }
-        let planned = self.state.child.as_ref().and_then(|child| child.get(step));
+        let planned = state.child.as_ref().and_then(|child| child.get(step));
         planned
             .cloned()
-            .unwrap_or_else(|| random_design(&self.choices, rng))
+            .unwrap_or_else(|| random_design(&known.choices, rng))
     }
 
-    fn best_so_far(&mut self, rng: &mut Rng) -> Vec<usize> {
-        let taken = best(&self.state.tried).and_then(|best| best.options.get(self.scored));
-        self.scored += 1;
-        taken
-            .cloned()
-            .unwrap_or_else(|| random_design(&self.choices, rng))
+    fn note(&self, known: &Known, _: &State, whole: bool, record: &mut Recorder) {
+        if whole {
+            let living = self.living(&known.tried);
+            #[allow(clippy::cast_precision_loss, reason = "few designs live")]
+            let mean = living.iter().map(|one| one.value).sum::<f64>() / living.len() as f64;
+            record.mean("population_return", mean);
+        }
+    }
+
+    fn updates(&self, state: &State) -> Updates {
+        Updates {
+            made: state.n_children,
+            first_after: self.population as u64,
+        }
     }
 }
 
@@ -154,59 +144,10 @@ fn index(n: usize, rng: &mut Rng) -> usize {
     rng.random_range(0..n as u32) as usize
 }
 
-impl Agent for RegularisedEvolution {
-    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let mut row = |_| {
-            let taken = match mode {
-                Mode::Train => self.decide(rng),
-                Mode::Evaluate => self.best_so_far(rng),
-            };
-            vec![choice::vector(&self.choices, &taken)]
-        };
-        Ok(observations.iter().map(&mut row).collect())
-    }
-
-    fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        for transition in transitions {
-            if let Some(tried) = self.state.under_way.take(&self.choices, transition)? {
-                self.state.tried.push(tried);
-                let living = self.living();
-                #[allow(clippy::cast_precision_loss, reason = "few designs live")]
-                let mean = living.iter().map(|one| one.value).sum::<f64>() / living.len() as f64;
-                record.mean("population_return", mean);
-            }
-        }
-        Ok(())
-    }
-
-    fn updates(&self) -> Option<Updates> {
-        Some(Updates {
-            made: self.state.n_children,
-            first_after: self.config.population as u64,
-        })
-    }
-
-    fn remembers(&self) -> bool {
-        true
-    }
-
-    fn restart(&mut self) {
-        self.scored = 0;
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        checkpoint::write(NAME, dir, TensorFile::default(), &self.state)
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        (_, self.state) = checkpoint::read(NAME, dir)?;
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shared::designs::choices;
     use crate::shared::designs::tests::{BEST, interface, scored, search};
 
     fn agent(population: usize) -> Box<dyn Agent> {
@@ -252,23 +193,16 @@ mod tests {
 
     #[test]
     fn the_oldest_die_whatever_they_were_worth() {
-        let mut agent = RegularisedEvolution {
-            config: Config {
-                population: 2,
-                tournament: 2,
-            },
-            choices: choices(NAME, &interface()).unwrap(),
-            state: State::default(),
-            scored: 0,
+        let config = Config {
+            population: 2,
+            tournament: 2,
         };
         let tried = |value: f64| Tried {
             options: vec![vec![0, 0]],
             value,
         };
-        agent.state.tried = vec![tried(9.0), tried(1.0), tried(2.0)];
-        assert_eq!(
-            agent.living().iter().map(|one| one.value).collect::<Vec<_>>(),
-            [1.0, 2.0]
-        );
+        let all = [tried(9.0), tried(1.0), tried(2.0)];
+        let living: Vec<f64> = config.living(&all).iter().map(|one| one.value).collect();
+        assert_eq!(living, [1.0, 2.0]);
     }
 }

@@ -15,17 +15,12 @@
 //!
 //! Metrics, means since the last design: `proposal_score`, ln(l / g) of what was proposed.
 
-use crate::shared::checkpoint;
-use crate::shared::designs::{Tried, UnderWay, best, choices, random_design};
-use engine::{
-    Action, Agent, AgentTraits, Choice, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates, choice,
-};
-use numerics::tensor_file::TensorFile;
+use crate::shared::designs::{Tried, random_design};
+use crate::shared::proposer::{Known, Method, Proposer};
+use engine::{Agent, AgentTraits, Choice, Error, Interface, Metric, Recorder, Registry, Rng, Updates};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
 
 const NAME: &str = "tree_parzen";
 
@@ -64,21 +59,9 @@ impl Default for Config {
 
 impl engine::Config for Config {}
 
-/// The agent.
-#[derive(Debug, Clone)]
-pub struct TreeParzen {
-    config: Config,
-    choices: Vec<Choice>,
-    state: State,
-    /// Steps of the design that is made where it is scored.
-    scored: usize,
-}
-
 /// What changes while it searches.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
-struct State {
-    under_way: UnderWay,
-    tried: Vec<Tried>,
+pub struct State {
     n_proposals: u64,
     /// ln(l / g) of the last proposal.
     score: f64,
@@ -107,25 +90,45 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// # Errors
 /// [`Error::Mismatch`] for any other seat.
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
-    Ok(Box::new(TreeParzen {
-        choices: choices(NAME, interface)?,
-        config,
-        state: State::default(),
-        scored: 0,
-    }))
+    Ok(Box::new(Proposer::new(config, interface)?))
 }
 
 /// How likely each option of each choice is, at one step.
 type Density = Vec<Vec<f64>>;
 
-impl TreeParzen {
-    fn decide(&mut self, rng: &mut Rng) -> Vec<usize> {
-        if self.state.tried.len() < self.config.n_startup {
-            return random_design(&self.choices, rng);
+impl Method for Config {
+    const NAME: &'static str = NAME;
+    type State = State;
+
+    fn propose(&self, known: &Known, state: &mut State, rng: &mut Rng) -> Vec<usize> {
+        if known.tried.len() < self.n_startup {
+            return random_design(&known.choices, rng);
         }
-        let step = self.state.under_way.options.len();
-        let (good, others) = self.split();
-        let (likely, unlikely) = (self.density(&good, step), self.density(&others, step));
+        let (taken, score) = self.candidate(known, rng);
+        state.n_proposals += 1;
+        state.score = score;
+        taken
+    }
+
+    fn note(&self, _: &Known, state: &State, _: bool, record: &mut Recorder) {
+        record.mean("proposal_score", state.score);
+    }
+
+    fn updates(&self, state: &State) -> Updates {
+        Updates {
+            made: state.n_proposals,
+            first_after: self.n_startup as u64,
+        }
+    }
+}
+
+impl Config {
+    /// The best of the candidates drawn for the next step, and its ln(l / g).
+    fn candidate(&self, known: &Known, rng: &mut Rng) -> (Vec<usize>, f64) {
+        let step = known.under_way.options.len();
+        let (good, others) = self.split(&known.tried);
+        let density = |designs: &[&Tried]| self.density(&known.choices, designs, step);
+        let (likely, unlikely) = (density(&good), density(&others));
         let candidate = |_| {
             let taken: Vec<usize> = likely.iter().map(|of_choice| drawn(of_choice, rng)).collect();
             let score = log_likelihood(&likely, &taken) - log_likelihood(&unlikely, &taken);
@@ -134,18 +137,15 @@ impl TreeParzen {
         let better =
             |best: (Vec<usize>, f64), other: (Vec<usize>, f64)| if other.1 > best.1 { other } else { best };
         // At least one candidate is drawn, so there is a best one.
-        let (taken, score) = (0..self.config.n_candidates)
+        (0..self.n_candidates)
             .map(candidate)
             .reduce(better)
-            .unwrap_or_default();
-        self.state.n_proposals += 1;
-        self.state.score = score;
-        taken
+            .unwrap_or_default()
     }
 
     /// The good designs and the others; of equal ones the earlier one is the better.
-    fn split(&self) -> (Vec<&Tried>, Vec<&Tried>) {
-        let mut ranked: Vec<&Tried> = self.state.tried.iter().collect();
+    fn split<'a>(&self, tried: &'a [Tried]) -> (Vec<&'a Tried>, Vec<&'a Tried>) {
+        let mut ranked: Vec<&Tried> = tried.iter().collect();
         ranked.sort_by(|one, other| other.value.total_cmp(&one.value));
         #[allow(
             clippy::cast_precision_loss,
@@ -153,14 +153,14 @@ impl TreeParzen {
             clippy::cast_sign_loss,
             reason = "a share of a count is a count"
         )]
-        let n_good = (ranked.len() as f64 * self.config.good_share).ceil() as usize;
-        let others = ranked.split_off(n_good.min(self.config.most_good).min(ranked.len()));
+        let n_good = (ranked.len() as f64 * self.good_share).ceil() as usize;
+        let others = ranked.split_off(n_good.min(self.most_good).min(ranked.len()));
         (ranked, others)
     }
 
-    fn density(&self, designs: &[&Tried], step: usize) -> Density {
+    fn density(&self, choices: &[Choice], designs: &[&Tried], step: usize) -> Density {
         let of_choice = |(at, choice): (usize, &Choice)| {
-            let mut counts = vec![self.config.prior; choice.options.len()];
+            let mut counts = vec![self.prior; choice.options.len()];
             for design in designs {
                 if let Some(taken) = design.options.get(step) {
                     counts[taken[at]] += 1.0;
@@ -169,15 +169,7 @@ impl TreeParzen {
             let sum: f64 = counts.iter().sum();
             counts.into_iter().map(|count| count / sum).collect()
         };
-        self.choices.iter().enumerate().map(of_choice).collect()
-    }
-
-    fn best_so_far(&mut self, rng: &mut Rng) -> Vec<usize> {
-        let taken = best(&self.state.tried).and_then(|best| best.options.get(self.scored));
-        self.scored += 1;
-        taken
-            .cloned()
-            .unwrap_or_else(|| random_design(&self.choices, rng))
+        choices.iter().enumerate().map(of_choice).collect()
     }
 }
 
@@ -199,66 +191,11 @@ fn log_likelihood(density: &Density, taken: &[usize]) -> f64 {
         .sum()
 }
 
-impl Agent for TreeParzen {
-    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let mut row = |_| {
-            let taken = match mode {
-                Mode::Train => self.decide(rng),
-                Mode::Evaluate => self.best_so_far(rng),
-            };
-            vec![choice::vector(&self.choices, &taken)]
-        };
-        Ok(observations.iter().map(&mut row).collect())
-    }
-
-    fn learn(&mut self, transitions: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
-        for transition in transitions {
-            record.mean("proposal_score", self.state.score);
-            if let Some(tried) = self.state.under_way.take(&self.choices, transition)? {
-                self.state.tried.push(tried);
-            }
-        }
-        Ok(())
-    }
-
-    fn updates(&self) -> Option<Updates> {
-        Some(Updates {
-            made: self.state.n_proposals,
-            first_after: self.config.n_startup as u64,
-        })
-    }
-
-    fn remembers(&self) -> bool {
-        true
-    }
-
-    fn restart(&mut self) {
-        self.scored = 0;
-    }
-
-    fn save(&self, dir: &Path) -> Result<(), Error> {
-        checkpoint::write(NAME, dir, TensorFile::default(), &self.state)
-    }
-
-    fn load(&mut self, dir: &Path) -> Result<(), Error> {
-        (_, self.state) = checkpoint::read(NAME, dir)?;
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shared::designs::choices;
     use crate::shared::designs::tests::{BEST, interface, scored, search};
-
-    fn agent(config: Config) -> TreeParzen {
-        TreeParzen {
-            choices: choices(NAME, &interface()).unwrap(),
-            config,
-            state: State::default(),
-            scored: 0,
-        }
-    }
 
     #[test]
     fn it_finds_the_best_design_and_makes_it_where_it_is_scored() {
@@ -266,7 +203,10 @@ mod tests {
             n_startup: 20,
             ..Config::default()
         };
-        let (mut agent, mut rng) = (agent(startup), engine::random::stream(&["parzen"]));
+        let (mut agent, mut rng) = (
+            Proposer::new(startup, &interface()).unwrap(),
+            engine::random::stream(&["parzen"]),
+        );
         let values = search(&mut agent, 100, &mut rng);
         let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
         assert!(mean(&values[80..]) > mean(&values[..20]) + 1.0, "{values:?}");
@@ -277,22 +217,24 @@ mod tests {
     /// Two of the four designs are good; `norm` 2 was taken by both and by none of the others.
     #[test]
     fn densities_by_hand() {
-        let mut agent = agent(Config {
+        let config = Config {
             good_share: 0.5,
             ..Config::default()
-        });
+        };
+        let choices = choices(NAME, &interface()).unwrap();
         let tried = |conv: usize, norm: usize, value: f64| Tried {
             options: vec![vec![conv, norm]],
             value,
         };
-        agent.state.tried = vec![
+        let all = [
             tried(0, 2, 4.0),
             tried(1, 2, 3.0),
             tried(0, 0, 1.0),
             tried(0, 1, 2.0),
         ];
-        let (good, others) = agent.split();
+        let (good, others) = config.split(&all);
         assert_eq!(good.iter().map(|one| one.value).collect::<Vec<_>>(), [4.0, 3.0]);
+        let density = |designs: &[&Tried], step| config.density(&choices, designs, step);
         let close = |density: &Density, expected: &[&[f64]]| {
             for (found, expected) in density.iter().zip(expected) {
                 assert!(
@@ -301,11 +243,11 @@ mod tests {
                 );
             }
         };
-        close(&agent.density(&good, 0), &[&[0.5, 0.5], &[0.2, 0.2, 0.6]]);
-        close(&agent.density(&others, 0), &[&[0.75, 0.25], &[0.4, 0.4, 0.2]]);
-        close(&agent.density(&good, 1), &[&[0.5, 0.5], &[1.0 / 3.0; 3]]);
-        let ratio = log_likelihood(&agent.density(&good, 0), &[1, 2])
-            - log_likelihood(&agent.density(&others, 0), &[1, 2]);
+        close(&density(&good, 0), &[&[0.5, 0.5], &[0.2, 0.2, 0.6]]);
+        close(&density(&others, 0), &[&[0.75, 0.25], &[0.4, 0.4, 0.2]]);
+        close(&density(&good, 1), &[&[0.5, 0.5], &[1.0 / 3.0; 3]]);
+        let ratio =
+            log_likelihood(&density(&good, 0), &[1, 2]) - log_likelihood(&density(&others, 0), &[1, 2]);
         assert!((ratio - (2.0f64 * 3.0).ln()).abs() < 1e-12);
     }
 

@@ -1,11 +1,12 @@
 //! Training against PyTorch (`tests/fixtures/images`), and continuing from a file to the same bits.
 
 use super::*;
-use crate::architecture::{AUTOGAN, E2GAN};
+use crate::architecture::{AUTOGAN, CellArchitecture, E2GAN};
 use crate::generator::GeneratorSizes;
 use crate::reference::{assert_close, by_formula, networks, tensor};
-use numerics::parameters::parameters;
+use numerics::parameters::{Parameter, parameters};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use serde_json::Value;
 
 const SIZES: GeneratorSizes = GeneratorSizes {
     bottom: 2,
@@ -47,6 +48,21 @@ fn set_new(trained: &mut Adversaries, known: [usize; 2], old: &[Vec<f32>]) {
 #[test]
 fn three_stages_of_training_agree_with_pytorch() {
     let expected = &networks()["training"];
+    let trained = trained_in_stages(expected);
+    assert_parameters(&parameters(&trained.generator), &expected["generator"]);
+    assert_parameters(&parameters(&trained.discriminator), &expected["discriminator"]);
+    let vector = &memory(&trained.discriminator)[0];
+    assert_close(vector, &expected["u"], (0.0, 1e-3), "u");
+    let images = |generator: &Generator| values(generator.evaluate(tensor([2, 4], 2)).images);
+    let of_last = images(&trained.generator);
+    assert_close(&of_last, &expected["evaluated"], (0.0, 5e-3), "images");
+    let of_average = images(&trained.averaged_generator());
+    let what = "images of the average";
+    assert_close(&of_average, &expected["averaged"], (0.0, 5e-3), what);
+}
+
+/// Three steps of both networks after each cell of the published architecture, every loss held against its own.
+fn trained_in_stages(expected: &Value) -> Adversaries {
     let number = |key: &str| expected[key].as_f64().unwrap();
     let mut trained = adversaries(Training {
         learning_rate: number("rate"),
@@ -54,64 +70,49 @@ fn three_stages_of_training_agree_with_pytorch() {
         ..Training::default()
     });
     set_new(&mut trained, [0, 0], &[]);
-    let mut losses = expected["losses"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|loss| loss.as_f64().unwrap());
+    let all = expected["losses"].as_array().unwrap();
+    let mut losses = all.iter().map(|loss| loss.as_f64().unwrap());
     for (stage, cell) in E2GAN.cells.iter().enumerate() {
-        let known = [
-            parameters(&trained.generator).len(),
-            parameters(&trained.discriminator).len(),
-        ];
-        let old = memory(&trained.discriminator);
-        trained.grow(cell, &mut ChaCha8Rng::seed_from_u64(1));
-        set_new(&mut trained, known, &old);
-        let side = trained.generator.side();
+        grow(&mut trained, cell);
         for at in (0..3).map(|repeat| 10 * stage + repeat) {
-            let of_critic =
-                trained.critic_step(tensor([3, side, side, 3], 200 + at), tensor([3, 4], 100 + at));
-            let of_generator = trained.generator_step(tensor([3, 4], 300 + at));
-            for found in [of_critic, of_generator] {
+            for found in step_both(&mut trained, at) {
                 let expected = losses.next().unwrap();
-                assert!(
-                    (f64::from(found) - expected).abs() < 1e-3,
-                    "stage {stage}: {found} {expected}"
-                );
+                let close = (f64::from(found) - expected).abs() < 1e-3;
+                assert!(close, "stage {stage}: {found} {expected}");
             }
         }
     }
-    let networks = [
-        (parameters(&trained.generator), &expected["generator"]),
-        (parameters(&trained.discriminator), &expected["discriminator"]),
+    trained
+}
+
+/// Adds a cell whose numbers are those of `networks.py`; what is there keeps its own.
+fn grow(trained: &mut Adversaries, cell: &CellArchitecture) {
+    let known = [
+        parameters(&trained.generator).len(),
+        parameters(&trained.discriminator).len(),
     ];
+    let old = memory(&trained.discriminator);
+    trained.grow(cell, &mut ChaCha8Rng::seed_from_u64(1));
+    set_new(trained, known, &old);
+}
+
+/// The losses of one step of the discriminator and one of the generator, with inputs number `at`.
+fn step_both(trained: &mut Adversaries, at: usize) -> [f32; 2] {
+    let side = trained.generator.side();
+    let of_critic = trained.critic_step(tensor([3, side, side, 3], 200 + at), tensor([3, 4], 100 + at));
+    [of_critic, trained.generator_step(tensor([3, 4], 300 + at))]
+}
+
+fn assert_parameters(found: &[Parameter], expected: &Value) {
     // A bias that batch normalisation takes away again (but for the borders of a map) has hardly any gradient
     // but rounding errors, whose signs Adam follows.
     let has_gradient =
         |name: &str| !name.starts_with("cells") || !name.ends_with("bias") || name.ends_with("norm.bias");
-    for (found, expected) in networks {
-        for (parameter, expected) in found.iter().zip(expected.as_array().unwrap()) {
-            if has_gradient(&parameter.name) {
-                // Nine steps move a number by up to 9e-3.
-                assert_close(&parameter.values, expected, (0.0, 6e-4), &parameter.name);
-            }
-        }
+    let pairs = found.iter().zip(expected.as_array().unwrap());
+    for (parameter, expected) in pairs.filter(|(parameter, _)| has_gradient(&parameter.name)) {
+        // Nine steps move a number by up to 9e-3.
+        assert_close(&parameter.values, expected, (0.0, 6e-4), &parameter.name);
     }
-    assert_close(
-        &memory(&trained.discriminator)[0],
-        &expected["u"],
-        (0.0, 1e-3),
-        "u",
-    );
-    let images = values(trained.generator.evaluate(tensor([2, 4], 2)).images);
-    assert_close(&images, &expected["evaluated"], (0.0, 5e-3), "images");
-    let averaged = trained.averaged_generator().evaluate(tensor([2, 4], 2)).images;
-    assert_close(
-        &values(averaged),
-        &expected["averaged"],
-        (0.0, 5e-3),
-        "images of the average",
-    );
 }
 
 fn two_steps(trained: &mut Adversaries, rng: &mut ChaCha8Rng) -> Vec<f32> {

@@ -2,7 +2,7 @@
 
 use super::Config;
 use super::scoring::{Scores, Scoring};
-use crate::adversarial::{Adversaries, Training, training_device};
+use crate::adversarial::{Adversaries, Training, latents, training_device};
 use crate::architecture::CellArchitecture;
 use crate::discriminator::Discriminator;
 use crate::generator::{Generator, GeneratorSizes};
@@ -10,8 +10,7 @@ use crate::images::Images;
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
 use engine::{Error, Rng};
-use numerics::gaussian::standard_normal;
-use numerics::network::{device, matrix, values};
+use numerics::network::{device, values};
 use rand::Rng as _;
 use std::sync::Arc;
 
@@ -76,14 +75,14 @@ impl Proxy {
         let (mut critic, mut generator, mut n_generator) = (0.0, 0.0, 0u64);
         for step in 0..steps {
             let batch = self.drawn(real, config.batch);
-            let latents = self.latents(config.batch, config.latent);
+            let noise = latents(config.batch, config.latent, &mut self.rng);
             critic += f64::from(
                 self.networks
-                    .critic_step(Tensor::from_inner(batch), Tensor::from_inner(latents)),
+                    .critic_step(Tensor::from_inner(batch), Tensor::from_inner(noise)),
             );
             if step.is_multiple_of(config.critic_steps_per_generator_step) {
-                let latents = self.latents(config.generator_batch, config.latent);
-                generator += f64::from(self.networks.generator_step(Tensor::from_inner(latents)));
+                let noise = latents(config.generator_batch, config.latent, &mut self.rng);
+                generator += f64::from(self.networks.generator_step(Tensor::from_inner(noise)));
                 n_generator += 1;
             }
         }
@@ -104,10 +103,6 @@ impl Proxy {
             TensorData::new(real.batch(&rows), [count, size, size, 3]),
             &device(),
         )
-    }
-
-    fn latents(&mut self, count: usize, length: usize) -> Tensor<2> {
-        matrix(normal(count * length, &mut self.rng), length)
     }
 
     /// The generator that is looked at: the averaged one where an average is kept.
@@ -172,10 +167,5 @@ impl Proxy {
 /// Latent vectors number `batch` of those that every generator is looked at with.
 fn fixed_latents(batch: usize, count: usize, length: usize) -> Tensor<2> {
     let mut rng = engine::random::stream(&["latent vectors to look at", &batch.to_string()]);
-    matrix(normal(count * length, &mut rng), length)
-}
-
-#[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-fn normal(count: usize, rng: &mut Rng) -> Vec<f32> {
-    (0..count).map(|_| standard_normal(rng) as f32).collect()
+    latents(count, length, &mut rng)
 }

@@ -22,6 +22,7 @@ use engine::{
     Channel, Dataset, End, Environment, Error, Metric, PerEpisode, Product, Registry, Rng, Seat, Space, Step,
     choice, product,
 };
+use numerics::gaussian::standard_normal;
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -106,7 +107,7 @@ struct Design {
 /// Registers the environment.
 pub(crate) fn register(registry: &mut Registry) {
     let about = "the search for a generator's architecture, where what a design is worth is looked up";
-    registry.environment(NAME, 1, about, build);
+    registry.environment(NAME, 2, about, build);
 }
 
 fn build(config: Config) -> Result<Box<dyn Environment>, Error> {
@@ -330,7 +331,7 @@ impl TabularSearch {
         let n_cells = self.design.cells.len();
         if self.config.noise && n_cells > 0 {
             let spread = self.table.surrogate.spread(n_cells);
-            (0..2).for_each(|score| seen[score] += spread[score] * normal(rng));
+            (0..2).for_each(|score| seen[score] += spread[score] * standard_normal(rng));
         }
         self.design.observed = [seen[0], seen[1]];
         vec![self.observation()]
@@ -342,12 +343,6 @@ impl TabularSearch {
         let fixed = [self.design.cells.len() as f64, inception, 0.01 * frechet];
         fixed.into_iter().chain(features).collect()
     }
-}
-
-/// By Box and Muller.
-fn normal(rng: &mut Rng) -> f64 {
-    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
-    radius * (std::f64::consts::TAU * rng.random::<f64>()).cos()
 }
 
 impl Environment for TabularSearch {
