@@ -34,6 +34,7 @@ mod results;
 mod resume;
 mod rollout;
 mod runs;
+mod searches;
 mod selftest;
 mod shrunk;
 mod signals;

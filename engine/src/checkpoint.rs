@@ -13,6 +13,10 @@ pub trait Keeper {
     /// True where the trial is asked to stop: after a save the protocol leaves with [`Error::Stopped`].
     fn stopping(&self) -> bool;
 
+    /// Told what was recorded so far, before it is asked whether a save is due: a trial may have to pause where
+    /// something was measured.
+    fn look(&mut self, _record: &Recorder) {}
+
     /// Saves the protocol's own state, the agent and the record.
     ///
     /// # Errors

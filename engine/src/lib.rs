@@ -45,6 +45,7 @@ pub mod results;
 pub mod rollout;
 pub mod scheduler;
 pub mod schema_check;
+pub mod search;
 pub mod setting;
 pub mod spec;
 pub mod statistics;

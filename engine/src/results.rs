@@ -4,13 +4,15 @@ use crate::{
     Metric, PerEpisode,
     drawing::Drawings,
     recorder::{Phase, Row},
-    statistics::{Seeds, spending::Design},
+    search::{Point, Search, Tried},
+    spec::Progress,
+    statistics::{Seeds, estimators::mean, spending::Design},
     store::is_missing,
     trial::{Purpose, Trial},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
@@ -260,6 +262,19 @@ impl TrialResult {
         (count > 0).then(|| sum / f64::from(count))
     }
 
+    /// Mean of a metric over the episodes of the measurement at a step while learning: `None` as long as it was not
+    /// made, and without a value where the trial failed.
+    pub(crate) fn at_pause(&self, metric: &str, pause: u64) -> Option<Option<f64>> {
+        if !is_missing(self.end.as_ref()) && !self.is_ok() {
+            return Some(None);
+        }
+        let found = self
+            .curve(Phase::Evaluate, metric)
+            .into_iter()
+            .find(|(step, _)| *step == pause);
+        found.map(|(_, value)| Some(value))
+    }
+
     /// Root of the mean square of a metric over the episodes (and seats) of a phase; `None` where nothing was
     /// recorded.
     #[must_use]
@@ -322,12 +337,143 @@ pub struct Results {
     pub trials: Vec<TrialResult>,
     /// The trials of `prepare`, which leave something for others and are shown as budgets alone.
     pub prepared: Vec<TrialResult>,
+    /// The trials of settings that searches tried, which are shown as budgets alone.
+    pub tried: Vec<TrialResult>,
+    /// What searches for settings came to.
+    pub searches: Vec<SearchResult>,
     /// The looks that the study plans; `None` where its number of seeds is fixed.
     pub design: Option<Design>,
     /// What the study counts as a success.
     pub success: Option<Success>,
     /// What trials left to be shown, by id, as far as figures of the study show it.
     pub drawings: BTreeMap<String, Drawings>,
+}
+
+/// What a search for a setting tried.
+#[derive(Debug, Clone)]
+pub struct SearchResult {
+    /// The search.
+    pub search: Search,
+    /// The settings that were tried, in order.
+    pub tried: Vec<TriedSetting>,
+    /// The place of the chosen one; `None` as long as the search goes on, or where every setting failed.
+    pub chosen: Option<usize>,
+}
+
+/// A setting with the values of its metric.
+#[derive(Debug, Clone, Default)]
+pub struct TriedSetting {
+    /// The setting, as `key=value` words.
+    pub setting: String,
+    /// The setting itself.
+    pub point: Point,
+    /// The step at which its trials pause; `None` where they go to their ends.
+    pub stop: Option<u64>,
+    /// The values by seed; failed trials have none.
+    pub values: BTreeMap<u64, f64>,
+    /// The values by pause and seed, and `None` for a failed trial.
+    pub at_pauses: BTreeMap<u64, BTreeMap<u64, Option<f64>>>,
+    /// Trials that ended otherwise than `ok`.
+    pub failed: usize,
+    /// Trials that have not ended.
+    pub missing: usize,
+    /// Trials that have come to their pause.
+    pub paused: usize,
+}
+
+impl TriedSetting {
+    fn of(search: &Search, point: &Point, stop: Option<u64>, trials: &[&TrialResult]) -> Self {
+        let mut tried = Self {
+            point: point.clone(),
+            stop,
+            missing: search.seeds.len(),
+            ..Self::default()
+        };
+        for trial in trials {
+            let (seed, has_ended) = (trial.trial.key.seed, !is_missing(trial.end.as_ref()));
+            tried.setting.clone_from(&trial.trial.setting);
+            tried.failed += usize::from(has_ended && !trial.is_ok());
+            tried.missing -= usize::from(has_ended);
+            let value = trial.mean(Phase::Final, &search.by).filter(|_| trial.is_ok());
+            tried.values.extend(value.map(|value| (seed, value)));
+            for pause in search.pauses() {
+                if let Some(value) = trial.at_pause(&search.by, *pause) {
+                    tried.at_pauses.entry(*pause).or_default().insert(seed, value);
+                }
+            }
+        }
+        tried.paused = stop
+            .and_then(|stop| tried.at_pauses.get(&stop))
+            .map_or(0, BTreeMap::len);
+        tried
+    }
+
+    /// What the search compares in the end; `None` where a trial has not ended well.
+    #[must_use]
+    pub fn value(&self) -> Option<f64> {
+        let values: Vec<f64> = self.values.values().copied().collect();
+        (self.failed + self.missing == 0 && !values.is_empty()).then(|| mean(&values))
+    }
+
+    fn known(&self, n_seeds: usize) -> Tried {
+        let at_pause = |(pause, values): (&u64, &BTreeMap<u64, Option<f64>>)| {
+            let all: Option<Vec<f64>> = values.values().copied().collect();
+            (values.len() == n_seeds).then(|| (*pause, all.map(|all| mean(&all))))
+        };
+        Tried {
+            point: self.point.clone(),
+            value: self.value(),
+            ended: self.missing == 0,
+            pauses: self.at_pauses.iter().filter_map(at_pause).collect(),
+        }
+    }
+}
+
+impl SearchResult {
+    /// What a search came to so far; `trials` are all trials of its study.
+    #[must_use]
+    pub fn of(search: &Search, progress: &Progress, trials: &[TrialResult]) -> Self {
+        let purpose = Purpose::Tried(search.name.clone());
+        let mut by_point: BTreeMap<String, BTreeMap<u64, &TrialResult>> = BTreeMap::new();
+        for it in trials.iter().filter(|it| it.trial.purpose == purpose) {
+            let point = json!(it.trial.point.values()).to_string();
+            by_point.entry(point).or_default().insert(it.trial.key.seed, it);
+        }
+        let setting = |(place, point): (usize, &Point)| {
+            let stop = progress.stops.get(place).copied().flatten();
+            let trials = by_point
+                .get(&json!(point).to_string())
+                .into_iter()
+                .flat_map(BTreeMap::values);
+            TriedSetting::of(search, point, stop, &trials.copied().collect::<Vec<_>>())
+        };
+        Self {
+            tried: progress.points.iter().enumerate().map(setting).collect(),
+            search: search.clone(),
+            chosen: progress.chosen,
+        }
+    }
+
+    /// The place of the best setting whose trials have ended well.
+    #[must_use]
+    pub fn best(&self) -> Option<usize> {
+        let merit = |place: &usize| {
+            self.tried[*place]
+                .value()
+                .map(|value| self.search.goal.merit(value))
+        };
+        let ended = (0..self.tried.len()).filter_map(|place| Some((place, merit(&place)?)));
+        // Of equal ones the earlier is the better.
+        let better = |best: (usize, f64), it: (usize, f64)| if it.1 > best.1 { it } else { best };
+        ended.reduce(better).map(|(place, _)| place)
+    }
+
+    /// What follows is decided by this.
+    #[must_use]
+    pub fn known(&self) -> Vec<Tried> {
+        let seeds = self.search.seeds.len();
+        self.tried.iter().map(|it| it.known(seeds)).collect()
+    }
 }
 
 /// Environment, agent and setting, by their names in the study: what seeds are replicates of.
@@ -337,12 +483,16 @@ impl Results {
     /// Trials of a study with a fixed number of seeds, which does not say what a success is.
     #[must_use]
     pub fn of(trials: Vec<TrialResult>) -> Self {
+        let (tried, trials): (Vec<_>, Vec<_>) = trials
+            .into_iter()
+            .partition(|it| matches!(it.trial.purpose, Purpose::Tried(_)));
         let (prepared, trials) = trials
             .into_iter()
             .partition(|it| it.trial.purpose == Purpose::Prepared);
         Self {
             trials,
             prepared,
+            tried,
             ..Self::default()
         }
     }

@@ -23,6 +23,12 @@ impl Setting {
         self.0.is_empty()
     }
 
+    /// The values, in the order of the keys.
+    #[must_use]
+    pub fn values(&self) -> Vec<&Value> {
+        self.0.iter().map(|(_, value)| value).collect()
+    }
+
     /// The value of a key, which may be given with its last word alone.
     #[must_use]
     pub fn get(&self, key: &str) -> Option<&Value> {

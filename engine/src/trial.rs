@@ -327,6 +327,8 @@ pub enum Purpose {
     /// It leaves what other trials take: an entry of the section `prepare`, whose name stands for the
     /// environment.
     Prepared,
+    /// It measures a setting for the search with this name.
+    Tried(String),
     /// It is an encounter of a play, whose name stands for the environment; the agents by role.
     Play(BTreeMap<String, String>),
 }

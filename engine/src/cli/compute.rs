@@ -82,7 +82,7 @@ impl Compute<'_> {
             .iter()
             .zip(&now)
             .enumerate()
-            .filter(|(_, (_, end))| is_missing(end.as_ref()));
+            .filter(|(_, (task, end))| is_missing(end.as_ref()) && !has_paused(task, &store));
         let left: Vec<_> = left
             .map(|(place, (task, _))| (task, ran.blocked.contains(&place)))
             .collect();
@@ -184,7 +184,7 @@ impl Compute<'_> {
         ends: &Ends,
         mine: impl Fn(usize) -> bool,
     ) -> Vec<Task<'p>> {
-        let (mut seen, mut tasks) = (BTreeSet::new(), Vec::new());
+        let (mut seen, mut tasks) = (BTreeMap::<&str, usize>::new(), Vec::<Task<'p>>::new());
         let paces = paces(planned, ends);
         for (one, ends) in planned.iter().zip(ends) {
             let limits = Arc::new(self.limits_of(&one.study.limits));
@@ -195,7 +195,16 @@ impl Compute<'_> {
                 // A part of the trials may lack what the other parts leave: whoever finds it there runs what
                 // takes it.
                 let mine = mine(position) || !after.is_empty();
-                if mine && is_missing(end.as_ref()) && seen.insert(trial.id.as_str()) {
+                if !mine || !is_missing(end.as_ref()) {
+                    continue;
+                }
+                let until = one.pauses.get(&trial.id).copied();
+                if let Some(place) = seen.get(trial.id.as_str()) {
+                    // What somebody needs whole goes to its end.
+                    let task = &mut tasks[*place];
+                    task.until = task.until.zip(until).map(|(one, other)| one.max(other));
+                } else {
+                    seen.insert(trial.id.as_str(), tasks.len());
                     let pace_s = paces.get(trial.agent.as_str()).copied();
                     tasks.push(Task {
                         trial,
@@ -204,6 +213,7 @@ impl Compute<'_> {
                         limits: Arc::clone(&limits),
                         before: end.clone(),
                         after,
+                        until,
                     });
                 }
             }
@@ -226,6 +236,13 @@ impl Compute<'_> {
             retry_delay_s: said.retry_delay_s.or(held.retry_delay_s),
         }
     }
+}
+
+/// Whether a trial has come to its pause.
+fn has_paused(task: &Task<'_>, store: &Store) -> bool {
+    let logged = || store.logged_measurement(&task.trial.id);
+    task.until
+        .is_some_and(|until| logged().is_some_and(|step| step >= until))
 }
 
 /// Seconds per step of the agents that have stored trials.

@@ -14,6 +14,7 @@ mod provenance;
 mod rollout;
 mod run;
 mod running;
+mod searches;
 mod selftest;
 mod settings;
 mod stages;

@@ -58,6 +58,7 @@ impl<'a> Progress<'a> {
             Event::Awaits { trial, source, owner } => self.awaits(*trial, source, owner),
             Event::Unready { trial, reason } => self.block(*trial, reason),
             Event::Stopped { .. } => {}
+            Event::Paused { slot, trial } => self.paused(*slot, *trial),
             Event::Broken { slot, problem } => self.line(&format!("worker {slot} cannot go on: {problem}")),
         }
     }
@@ -155,6 +156,26 @@ impl<'a> Progress<'a> {
             if let Some(bar) = slot.and_then(|slot| bars.slots.get(slot)) {
                 bar.set_message("idle");
             }
+        }
+    }
+
+    fn paused(&mut self, slot: usize, trial: usize) {
+        self.done += 1;
+        let task = &self.tasks[trial];
+        if self.bars.is_none() {
+            let (width, step) = (self.tasks.len().to_string().len(), task.until.unwrap_or_default());
+            let (done, all) = (self.done, self.tasks.len());
+            self.line(&format!(
+                "[{done:>width$}/{all}] paused   {} at step {step}",
+                task.trial.title()
+            ));
+        }
+        if let Some(bars) = &self.bars {
+            bars.study.inc(1);
+            bars.slots
+                .get(slot)
+                .into_iter()
+                .for_each(|bar| bar.set_message("idle"));
         }
     }
 

@@ -4,7 +4,7 @@ use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions,
     Selection, TRIALS_FAILED, complain,
     compute::Compute,
-    folders, looks, profiles, provenance, say, settings, stages,
+    folders, looks, profiles, provenance, say, searches, settings, stages,
     study::{self, Planned},
     submit::{self, Asked},
 };
@@ -14,8 +14,9 @@ use crate::{
     executor,
     product::Taken,
     report::{self, Contents, Counts, Period, ReportPaths, StudyInfo},
-    results::{Results, TrialResult, names_times},
-    spec,
+    results::{Results, SearchResult, TrialResult, names_times},
+    search::Search,
+    spec::{self, Progress},
     store::{self, Store, write_durably},
     trial::Trial,
 };
@@ -104,7 +105,7 @@ fn compute_all(
                 }
             }
         };
-        if !goes_on(code, how) || !grow_all(planned, how.registry, store) {
+        if !goes_on(code, how) || !grow_all(planned, how.registry, store)? {
             return Ok(Computed::Here(code));
         }
         // What fails now is not tried again at every look.
@@ -122,10 +123,16 @@ fn goes_on(computed: u8, how: &Compute<'_>) -> bool {
     computed != INCOMPLETE && !(computed == TRIALS_FAILED && how.limits.fail_fast)
 }
 
-/// Takes every study with planned looks as far as its results ask for; true where trials were added.
-fn grow_all(planned: &mut [Planned], registry: &Registry, store: &Store) -> bool {
+/// Takes every study with searches or planned looks as far as its results ask for; true where trials were added.
+fn grow_all(planned: &mut [Planned], registry: &Registry, store: &Store) -> Result<bool, Failure> {
     let mut grown = false;
     for one in planned {
+        if searches::grow(one, registry, store)? {
+            searches::lines(one)
+                .iter()
+                .for_each(|line| complain(&format!("{}:{line}", one.study.name)));
+            grown = true;
+        }
         if looks::grow(one, registry, store) {
             complain(&format!(
                 "{}:{}",
@@ -135,7 +142,7 @@ fn grow_all(planned: &mut [Planned], registry: &Registry, store: &Store) -> bool
             grown = true;
         }
     }
-    grown
+    Ok(grown)
 }
 
 /// `worker`: the missing trials, or every Nth of them, without a report.
@@ -165,7 +172,7 @@ pub(super) fn worker(
     loop {
         // What failed at one look is not made good by the next.
         code = code.max(how.run(&planned, |position| position % parts == part)?);
-        if !goes_on(code, &how) || !grow_all(&mut planned, registry, &store) {
+        if !goes_on(code, &how) || !grow_all(&mut planned, registry, &store)? {
             return Ok(code);
         }
     }
@@ -365,11 +372,11 @@ fn terminal_width() -> usize {
 /// All trials of a study with what they recorded; `mend` is the command that mends what is damaged, where
 /// that shall be said.
 pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Results {
-    let trials = one
-        .plan
-        .trials
+    // In the order of the settings that searches try, some of which are set aside.
+    let planned: Vec<Trial> = one.paused.iter().chain(&one.plan.trials).cloned().collect();
+    let trials = planned
         .iter()
-        .zip(store.load_all(&one.plan.trials))
+        .zip(store.load_all(&planned))
         .map(|(trial, loaded)| {
             loaded.unwrap_or_else(|error| {
                 if let Some(mend) = mend {
@@ -388,18 +395,22 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
         });
     let mut trials: Vec<TrialResult> = trials.collect();
     let study = &one.study;
+    trials.iter_mut().for_each(|it| store.read_log(it));
     if names_times(&(&study.tables, &study.figures, &study.claims, &study.success)) {
         trials.iter_mut().for_each(TrialResult::add_times);
     }
     if let Some(success) = &one.study.success {
         trials.iter_mut().for_each(|trial| trial.judge_success(success));
     }
+    let of_search = |(search, progress): &(Search, Progress)| SearchResult::of(search, progress, &trials);
+    let searches = study.searches.iter().map(of_search).collect();
     let drawings = match mend {
         Some(_) => drawings(one, store, &trials),
         // Who only looks at verdicts shows no figure.
         None => BTreeMap::new(),
     };
     Results {
+        searches,
         design: study.design.clone(),
         success: study.success.clone(),
         drawings,

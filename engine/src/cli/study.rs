@@ -5,21 +5,21 @@ use super::{
     complain, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
-    say, settings, stages, submit,
+    say, searches, settings, stages, submit,
     waiting::Waiting,
 };
 use crate::{
     Registry, diagnostic,
     plan::{self, Novelty, Plan, Wanted},
     report,
-    results::{EndState, TrialEnd},
+    results::{EndState, SearchResult, TrialEnd},
     spec::{self, Study},
     store::{Store, StoredTrial, is_missing},
     trial::Trial,
 };
 use serde_json::json;
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -41,6 +41,15 @@ pub(super) struct Planned {
     pub(super) wanted: Wanted,
     /// How many judged values and claims are open; `None` where that was not looked at.
     pub(super) open: Option<usize>,
+    /// Steps at which searches pause trials, by id.
+    pub(super) pauses: BTreeMap<String, u64>,
+    /// Trials of searches that have come to their pause; none of them is missing.
+    pub(super) paused: Vec<Trial>,
+    set_aside: BTreeSet<String>,
+    /// What the searches came to.
+    pub(super) searched: Vec<SearchResult>,
+    /// What it was read with.
+    pub(super) options: spec::Options,
     only: Vec<String>,
 }
 
@@ -50,7 +59,21 @@ impl Planned {
         self.plan = self.study.plan_with(&wanted);
         self.wanted = wanted;
         narrow(&mut self.plan, &self.only);
+        self.pauses = self.study.pauses(&self.plan);
+        let (paused, trials) = std::mem::take(&mut self.plan.trials)
+            .into_iter()
+            .partition(|trial| self.set_aside.contains(&trial.id) && self.pauses.contains_key(&trial.id));
+        (self.paused, self.plan.trials) = (paused, trials);
         self.costs = costs(registry, &self.plan);
+    }
+
+    /// Takes trials that have come to their pause out of the plan.
+    pub(super) fn set_aside(&mut self, registry: &Registry, paused: BTreeSet<String>) {
+        if paused != self.set_aside {
+            self.set_aside = paused;
+            let wanted = std::mem::take(&mut self.wanted);
+            self.replan(registry, wanted);
+        }
     }
 }
 
@@ -69,7 +92,11 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
             text: problems.join("\n"),
         });
     }
-    if planned.iter().all(|one| one.plan.trials.is_empty()) {
+    // A search has no trials before it is asked for its first settings.
+    if planned
+        .iter()
+        .all(|one| one.plan.trials.is_empty() && one.study.searches.is_empty())
+    {
         return Err(Failure {
             code: NOTHING_SELECTED,
             text: "no trial matches what was selected".into(),
@@ -79,8 +106,9 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
 }
 
 fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
-    let study = spec::load(path, registry, &options(selection))
-        .map_err(|problems| diagnostic::render(&problems, colour()))?;
+    let options = options(selection);
+    let study =
+        spec::load(path, registry, &options).map_err(|problems| diagnostic::render(&problems, colour()))?;
     let plan = Plan {
         study: study.name.clone(),
         title: study.title.clone(),
@@ -94,6 +122,11 @@ fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<P
         costs: Vec::new(),
         wanted: Wanted::new(),
         open: None,
+        pauses: BTreeMap::new(),
+        paused: Vec::new(),
+        set_aside: BTreeSet::new(),
+        searched: Vec::new(),
+        options,
         only,
     };
     planned.replan(registry, Wanted::new());
@@ -122,6 +155,7 @@ pub(super) fn load_with_looks(
 ) -> Result<Vec<Planned>, Failure> {
     let mut planned = load(registry, selection)?;
     for one in &mut planned {
+        searches::grow(one, registry, store)?;
         looks::grow(one, registry, store);
     }
     Ok(planned)
@@ -139,6 +173,7 @@ fn options(selection: &Selection) -> spec::Options {
         profile: selection.profile.clone(),
         sets: selection.sets.clone(),
         seeds: selection.seeds,
+        ..spec::Options::default()
     }
 }
 
@@ -470,6 +505,7 @@ fn overview(
         ));
     }
     lines.extend(looks::line(one));
+    lines.extend(searches::lines(one));
     lines.extend(stages::lines(one));
     let why = novelties.map(plan::explain).filter(|text| !text.is_empty());
     lines.extend(why);

@@ -82,6 +82,25 @@ impl Node {
         }
     }
 
+    /// A value that stands for something written at `span`.
+    #[must_use]
+    pub fn from_value(span: Span, value: &Value) -> Self {
+        let below = |value: &Value| Self::from_value(span, value);
+        let kind = match value {
+            Value::Array(items) => Kind::Sequence(items.iter().map(below).collect()),
+            Value::Object(map) => {
+                let entry = |(key, value): (&String, &Value)| Entry {
+                    key: key.clone(),
+                    key_span: span,
+                    value: below(value),
+                };
+                Kind::Mapping(map.iter().map(entry).collect())
+            }
+            scalar => return Self::scalar(span, scalar.clone()),
+        };
+        Self { span, kind }
+    }
+
     /// The entries of a mapping; none for anything else.
     #[must_use]
     pub fn entries(&self) -> &[Entry] {

@@ -8,12 +8,13 @@ use crate::{
     drawing::{Drawings, Edge, Graph, Image, Node},
     figure::{self, Context, FigureKind},
     report::synthetic,
-    results::{Results, TrialResult},
+    results::{Results, SearchResult, TrialResult},
     schema_check::View,
-    spec::{self, Options, Study, toys::toys},
+    spec::{self, Options, Progress, Study, toys::toys},
     table::{self, TableKind},
     trial::Trial,
 };
+use serde_json::json;
 use std::{collections::BTreeMap, path::Path};
 
 const HEAD: &str = "study: walk
@@ -29,6 +30,9 @@ cross_play:
   tag: { environment: pair, roles: { chaser: [walker_0], runner: [walker_1] }, agents: [rule, other] }
 ";
 
+const SEARCH: &str = "search: { learner_rates: { over: { learner.discount: { uniform: { low: 0.9, high: 0.999 } } }, by: return, \
+                      environment: short, settings: 3 } }\n";
+
 /// Every kind with the section that it belongs to.
 fn all() -> impl Iterator<Item = (&'static str, &'static Kind)> {
     let tables = TableKind::ALL.iter().map(|kind| ("tables", kind));
@@ -41,15 +45,26 @@ fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnost
     } else {
         ""
     };
+    let search = if options.contains("search:") { SEARCH } else { "" };
     let text = format!(
-        "{HEAD}{sweep}{section}: {{ it: {{ {}: {options} }} }}\n",
+        "{HEAD}{search}{sweep}{section}: {{ it: {{ {}: {options} }} }}\n",
         kind.name
     );
-    spec::load_text(&text, "study.yaml", Path::new(""), &toys(), &Options::default())
+    let points = [0.9, 0.99, 0.95].map(|discount| vec![json!(discount)]);
+    let progress = Progress {
+        points: points.into(),
+        stops: vec![None; 3],
+        chosen: Some(1),
+    };
+    let options = Options {
+        searches: BTreeMap::from([("learner_rates".into(), progress)]),
+        ..Options::default()
+    };
+    spec::load_text(&text, "study.yaml", Path::new(""), &toys(), &options)
 }
 
 /// Kinds that show what trials leave, not what they record, and name no metric.
-const WITHOUT_METRICS: [&str; 2] = ["graph", "images"];
+const WITHOUT_METRICS: [&str; 3] = ["graph", "images", "best_settings"];
 
 /// The first of some words that a kind's example has, replaced by one that no study knows; `None` where it has
 /// none.
@@ -165,9 +180,13 @@ fn every_kind_builds_what_its_example_asks_for() {
         let study = study.unwrap_or_else(|found| panic!("{}", crate::diagnostic::render(&found, false)));
         let trials = study.plan().trials;
         let drawings = trials.iter().map(|trial| (trial.id.clone(), drawn())).collect();
+        let trials: Vec<TrialResult> = trials.into_iter().map(made_up).collect();
+        let searches = study.searches.iter();
+        let searches = searches.map(|(search, it)| SearchResult::of(search, it, &trials));
         let results = Results {
             drawings,
-            ..Results::of(trials.into_iter().map(made_up).collect())
+            searches: searches.collect(),
+            ..Results::of(trials)
         };
         for (_, spec) in &study.tables {
             let grid = table::build(spec, &results).unwrap();

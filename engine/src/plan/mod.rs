@@ -15,7 +15,7 @@ use crate::{
     cast::{Cast, Member, Seating},
     product::Taken,
     results::CellName,
-    spec::{Cell, Place, Study},
+    spec::{Cell, Place, Play, Study},
     trial::{Part, Purpose, Trial, TrialKey, trial_id},
 };
 use std::collections::{BTreeMap, BTreeSet};
@@ -68,25 +68,30 @@ impl Study {
             );
             wanted.get(&cell).copied().unwrap_or(design.looks()[0])
         };
-        plan.keep(|trial| trial.purpose != Purpose::Prepared && trial.key.seed < u64::from(seeds(trial)));
+        plan.keep(|trial| match trial.purpose {
+            Purpose::Prepared => false,
+            Purpose::Tried(_) => true,
+            Purpose::Cell | Purpose::Play(_) => trial.key.seed < u64::from(seeds(trial)),
+        });
         plan.trials.sort_by_key(look);
         plan
     }
 
     fn plan_of_all_seeds(&self) -> Plan {
-        let seeds = self.seeds_of_cells();
+        let (seeds, waiting) = (self.seeds_of_cells(), self.waiting());
         let mut of_cells: Vec<Vec<Trial>> = vec![Vec::new(); self.cells.len()];
-        for &index in &self.order {
+        for &index in self.order.iter().filter(|index| !waiting.contains(index)) {
             of_cells[index] = self.trials_of(index, &seeds, &of_cells);
         }
-        let plays: Vec<Trial> = self
-            .plays
-            .iter()
+        let is_ready = |play: &&Play| !play.players.iter().any(|player| waiting.contains(&player.cell));
+        let plays = self.plays.iter().filter(is_ready);
+        let plays: Vec<Trial> = plays
             .flat_map(|play| cross_play::trials(self, play, &of_cells))
             .collect();
-        let n_combinations = self.cells.len() - self.prepared.len();
-        let prepared = of_cells.split_off(n_combinations);
-        let trials = prepared
+        // Combinations come first, then the entries of `prepare`, then what searches try.
+        let n_combinations = self.cells.iter().filter(|cell| cell.pair().is_some()).count();
+        let before = of_cells.split_off(n_combinations);
+        let trials = before
             .into_iter()
             .chain(of_cells)
             .flatten()
@@ -99,6 +104,62 @@ impl Study {
         }
     }
 
+    /// The steps at which searches pause trials of a plan, by id. What something else needs as well goes to its end.
+    #[must_use]
+    pub fn pauses(&self, plan: &Plan) -> BTreeMap<String, u64> {
+        let (mut pauses, mut whole) = (BTreeMap::new(), BTreeSet::new());
+        let mut met: BTreeMap<&str, usize> = BTreeMap::new();
+        for trial in &plan.trials {
+            let stop = match &trial.purpose {
+                Purpose::Tried(name) => {
+                    let met = met.entry(name).or_default();
+                    *met += 1;
+                    self.stop(name, *met - 1)
+                }
+                _ => None,
+            };
+            match stop {
+                // Equal settings of several brackets: the farthest pause holds.
+                Some(stop) => {
+                    let known = pauses.entry(trial.id.clone()).or_insert(stop);
+                    *known = stop.max(*known);
+                }
+                None => {
+                    whole.insert(trial.id.as_str());
+                }
+            }
+        }
+        pauses.retain(|id, _| !whole.contains(id.as_str()));
+        pauses
+    }
+
+    /// Where a trial of a search pauses, by its place among them.
+    fn stop(&self, name: &str, place: usize) -> Option<u64> {
+        let (search, progress) = self.searches.iter().find(|(search, _)| search.name == *name)?;
+        progress.stops.get(place / search.seeds.len()).copied().flatten()
+    }
+
+    /// The cells that have no trials yet: those of agents whose setting is not chosen, and those that take from
+    /// them.
+    fn waiting(&self) -> BTreeSet<usize> {
+        let open = |agent: &str| {
+            let mut open = self
+                .searches
+                .iter()
+                .filter(|(_, progress)| progress.chosen.is_none());
+            open.any(|(search, _)| search.agent == agent)
+        };
+        let mut waiting = BTreeSet::new();
+        for &index in &self.order {
+            let cell = &self.cells[index];
+            let own = cell.pair().is_some_and(|(_, agent)| open(&self.agents[agent]));
+            if own || cell.sources.iter().any(|source| waiting.contains(&source.cell)) {
+                waiting.insert(index);
+            }
+        }
+        waiting
+    }
+
     /// The seeds that each cell runs: those of the study, and for an entry of `prepare` those that something
     /// takes.
     fn seeds_of_cells(&self) -> Vec<Vec<u64>> {
@@ -108,6 +169,7 @@ impl Study {
             let cell = &self.cells[index];
             seeds[index] = match cell.place {
                 Place::Combination(..) => self.seeds.clone(),
+                Place::Tried(search) => self.searches[search].0.seeds.clone(),
                 Place::Prepared(_) => taken[index].iter().copied().collect(),
             };
             for source in &cell.sources {
@@ -140,10 +202,10 @@ impl Study {
             } else {
                 key.id()
             };
-            let purpose = if cell.pair().is_some() {
-                Purpose::Cell
-            } else {
-                Purpose::Prepared
+            let purpose = match cell.place {
+                Place::Combination(..) => Purpose::Cell,
+                Place::Prepared(_) => Purpose::Prepared,
+                Place::Tried(search) => Purpose::Tried(self.searches[search].0.name.clone()),
             };
             Trial {
                 id,
@@ -164,6 +226,10 @@ impl Study {
                 (self.environments[environment].clone(), self.agents[agent].clone())
             }
             Place::Prepared(index) => (self.prepared[index].clone(), cell.parts[1].part.plugin.clone()),
+            Place::Tried(index) => {
+                let search = &self.searches[index].0;
+                (search.environment.clone(), search.agent.clone())
+            }
         }
     }
 

@@ -109,6 +109,7 @@ impl Run<'_> {
     /// that is no number, and where a file cannot be written.
     pub fn checkpoint<S: Serialize>(&mut self, state: impl FnOnce() -> S) -> Result<(), Error> {
         self.record.all_finite()?;
+        self.keeper.look(&self.record);
         if !self.keeper.due() {
             return self.keeper.note(&self.record).map_err(Error::of_store);
         }
@@ -197,6 +198,11 @@ pub trait Protocol: Send + Sync {
 
     /// Steps in all, for progress and cost estimates.
     fn total_steps(&self) -> u64;
+
+    /// True where it measures at this step while it goes on, so that a trial can pause there.
+    fn measures_at(&self, _step: u64) -> bool {
+        false
+    }
 
     /// Transitions that the agent is given to learn from, in all.
     fn experience(&self) -> u64;

@@ -98,6 +98,10 @@ impl Protocol for SupervisedFit {
         }
     }
 
+    fn measures_at(&self, step: u64) -> bool {
+        self.evaluate_every > 0 && step > 0 && step < self.steps && step.is_multiple_of(self.evaluate_every)
+    }
+
     fn experience(&self) -> u64 {
         if self.train {
             self.steps.saturating_mul(self.batch)

@@ -126,6 +126,11 @@ impl Protocol for TrainEvaluate {
         }
     }
 
+    fn measures_at(&self, step: u64) -> bool {
+        let every = self.evaluate_every;
+        every > 0 && step > 0 && step < self.steps && step.is_multiple_of(every) && self.stride() == every
+    }
+
     fn experience(&self) -> u64 {
         if self.train { self.steps_taken() } else { 0 }
     }

@@ -1,7 +1,7 @@
 //! What a report rests on, as one line at its head: how many seeds the study's design allowed, how many were
 //! used, and what was thought of after results were seen.
 
-use super::{Contents, StudyInfo};
+use super::{Contents, StudyInfo, searches};
 use crate::{
     results::{CellName, Results},
     trial::Purpose,
@@ -17,7 +17,15 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
         Some(design) => designed(design.looks(), &combinations, seen),
         None => fixed(study, &combinations, seen),
     };
-    format!("Seeds: {seeds}. {}", exploratory(study))
+    let searches = results
+        .searches
+        .iter()
+        .map(|it| format!(" {}", searches::sentence(it)));
+    format!(
+        "Seeds: {seeds}. {}{}",
+        exploratory(study),
+        searches.collect::<String>()
+    )
 }
 
 /// How many seeds the combinations of a study used, as in `4 to 10 seeds`.

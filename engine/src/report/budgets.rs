@@ -80,7 +80,13 @@ pub(super) fn untrained(results: &Results) -> Vec<String> {
 
 /// The cost of all trials.
 pub(super) fn cost(results: &Results) -> Cost {
-    Cost::of(results.prepared.iter().chain(&results.trials))
+    Cost::of(
+        results
+            .prepared
+            .iter()
+            .chain(&results.tried)
+            .chain(&results.trials),
+    )
 }
 
 impl Cost {
@@ -121,10 +127,19 @@ pub fn duration(seconds: f64) -> String {
 fn budgets(results: &Results) -> Vec<Budget<'_>> {
     let mut budgets: Vec<Budget<'_>> = Vec::new();
     let mut places: BTreeMap<(&str, &str), usize> = BTreeMap::new();
-    for trial in results.prepared.iter().chain(&results.trials) {
+    for trial in results
+        .prepared
+        .iter()
+        .chain(&results.tried)
+        .chain(&results.trials)
+    {
         let is_play = matches!(trial.trial.purpose, Purpose::Play(_));
         let agent = if is_play { "all casts" } else { &trial.trial.agent };
-        let environment = trial.trial.environment.as_str();
+        // The name of a search stands for the environment, as that of an entry of `prepare` does.
+        let environment = match &trial.trial.purpose {
+            Purpose::Tried(search) => search,
+            _ => trial.trial.environment.as_str(),
+        };
         let place = *places.entry((environment, agent)).or_insert(budgets.len());
         if place == budgets.len() {
             budgets.push(Budget {

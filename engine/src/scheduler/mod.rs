@@ -110,6 +110,13 @@ pub enum Event {
         /// Worker slot.
         slot: usize,
     },
+    /// A trial has come to its pause.
+    Paused {
+        /// Worker slot.
+        slot: usize,
+        /// Index into the list of tasks.
+        trial: usize,
+    },
     /// A slot cannot go on.
     Broken {
         /// Worker slot.
@@ -135,6 +142,8 @@ pub struct Task<'a> {
     pub before: Option<TrialEnd>,
     /// Ids of the trials that must have ended `ok` before it begins.
     pub after: Vec<String>,
+    /// The step at which it pauses, once that is measured; `None` to go to its end.
+    pub until: Option<u64>,
 }
 
 /// How to run trials.

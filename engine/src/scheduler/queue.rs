@@ -277,6 +277,7 @@ mod tests {
             limits: Default::default(),
             before: None,
             after,
+            until: None,
         }
     }
 

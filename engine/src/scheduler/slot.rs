@@ -48,6 +48,7 @@ pub(super) struct Slot<'a> {
 enum Attempt {
     Ended(TrialEnd),
     Stopped,
+    Paused,
     /// Something that it takes cannot be used, for this reason.
     Unready(String),
 }
@@ -165,6 +166,13 @@ impl<'a> Slot<'a> {
                 self.tell(Event::Stopped { slot: self.number });
                 self.all.queue.done(&task.trial.id);
             }
+            Attempt::Paused => {
+                self.tell(Event::Paused {
+                    slot: self.number,
+                    trial: index,
+                });
+                self.all.queue.done(&task.trial.id);
+            }
             Attempt::Unready(reason) => self.give_up(index, reason),
             Attempt::Ended(end) => self.ended(turn, end),
         }
@@ -214,6 +222,7 @@ impl<'a> Slot<'a> {
             trial: task.trial.clone(),
             store: self.all.store.root().to_path_buf(),
             checkpoint_every_s: self.all.workers.checkpoint_every.as_secs_f64(),
+            until: task.until,
         };
         let line =
             serde_json::to_string(&Message::Run(Box::new(request))).map_err(|source| Error::Worker {
@@ -236,6 +245,7 @@ impl<'a> Slot<'a> {
         match answer {
             Some(Reply::Ended { end }) => Ok(Attempt::Ended(end)),
             Some(Reply::Stopped) => Ok(Attempt::Stopped),
+            Some(Reply::Paused) => Ok(Attempt::Paused),
             Some(Reply::Unready { reason }) => Ok(Attempt::Unready(reason)),
             Some(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
             _ => self.died(task, turn, started.elapsed().as_secs_f64()),

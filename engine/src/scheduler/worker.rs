@@ -38,6 +38,9 @@ pub struct Request {
     pub store: PathBuf,
     /// Time between two checkpoints.
     pub checkpoint_every_s: f64,
+    /// The step at which the trial pauses, once that is measured.
+    #[serde(default)]
+    pub until: Option<u64>,
 }
 
 /// What a worker says.
@@ -58,6 +61,8 @@ pub enum Reply {
     },
     /// The trial was stopped as asked and will continue from its checkpoint.
     Stopped,
+    /// The trial has come to its pause.
+    Paused,
     /// Something that the trial takes cannot be used; the trial stays missing.
     Unready {
         /// Which one, and what is wrong with it.
@@ -135,7 +140,8 @@ fn ignore_signals() -> Result<(), Error> {
 fn run(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: &mut impl Write) -> Reply {
     match attempt(registry, request, stop, replies) {
         Ok(end) => Reply::Ended { end },
-        Err(Error::Stopped) => Reply::Stopped,
+        Err(Error::Stopped) if stop.load(Ordering::SeqCst) => Reply::Stopped,
+        Err(Error::Stopped) => Reply::Paused,
         Err(error @ Error::Source { .. }) => Reply::Unready {
             reason: error.to_string(),
         },
@@ -169,7 +175,7 @@ fn attempt(
     let folder = store.folder(&trial.id);
     std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
     let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
-    let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop));
+    let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop)).until(request.until);
     let outcome = catch_unwind(AssertUnwindSafe(|| {
         trial.key.run_after(
             registry,

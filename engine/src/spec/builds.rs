@@ -44,6 +44,8 @@ pub struct World {
     pub swept: Vec<String>,
     /// The seeds.
     pub seeds: Vec<u64>,
+    /// The searches, each with the metric by which it compares settings.
+    pub searches: Vec<(String, String)>,
     /// Everything that is recorded, each name once.
     pub metrics: Vec<Metric>,
     /// Units of what is recorded and traced, by name.
@@ -135,6 +137,11 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
         environments: names(&sections.written.environments),
         agents: names(&sections.written.agents),
         seeds: seeds.to_vec(),
+        searches: sections
+            .searches
+            .iter()
+            .map(|it| (it.search.name.clone(), it.search.by.clone()))
+            .collect(),
         ..World::default()
     };
     for key in sections.dimensions.iter().flat_map(|dimension| &dimension.keys) {

@@ -5,7 +5,8 @@ use super::{
     config::{self, Files, Plugin},
     overrides::Override,
     path::{self, Target},
-    sweep::Dimension,
+    search::Searched,
+    sweep::{Dimension, SweptKey},
     taking::Source,
     written::{Chosen, Named, PartKind, Prepared, Selection, Written},
 };
@@ -45,6 +46,8 @@ pub enum Place {
     Combination(usize, usize),
     /// The entry of `prepare` with this index.
     Prepared(usize),
+    /// A setting that the search with this index tries.
+    Tried(usize),
 }
 
 impl Cell {
@@ -53,7 +56,7 @@ impl Cell {
     pub fn pair(&self) -> Option<(usize, usize)> {
         match self.place {
             Place::Combination(environment, agent) => Some((environment, agent)),
-            Place::Prepared(_) => None,
+            Place::Prepared(_) | Place::Tried(_) => None,
         }
     }
 
@@ -84,6 +87,8 @@ pub struct Given {
     pub overrides: Vec<usize>,
     /// Dimensions of the sweep with the point taken.
     pub points: Vec<(usize, usize)>,
+    /// A search with the setting taken.
+    pub tried: Option<(usize, usize)>,
     /// False for a protocol that is given to an agent which does not learn.
     pub training: bool,
 }
@@ -104,13 +109,15 @@ pub struct Sections<'a> {
     pub overrides: &'a [Override<'a>],
     /// The sweep.
     pub dimensions: &'a [Dimension<'a>],
+    /// The searches.
+    pub searches: &'a [Searched<'a>],
     /// Combinations that are left out.
     pub excluded: &'a [Selection],
 }
 
 impl Sections<'_> {
     /// All cells: combinations in the order of environments, agents and points, then the entries of
-    /// `prepare`.
+    /// `prepare`, then the settings that searches try.
     ///
     /// # Errors
     /// Configs that a plugin refuses, and names in `prepare` that the study does not have.
@@ -141,6 +148,14 @@ impl Sections<'_> {
             {
                 Ok(cell) => cells.push(cell),
                 Err(errors) => found.extend(errors),
+            }
+        }
+        for (index, searched) in self.searches.iter().enumerate() {
+            for point in 0..searched.points.len() {
+                match known.tried(index, point) {
+                    Ok(cell) => cells.push(cell),
+                    Err(errors) => found.extend(errors),
+                }
             }
         }
         if found.is_empty() { Ok(cells) } else { Err(found) }
@@ -268,10 +283,21 @@ impl Sections<'_> {
                 key.path.assign(&mut config, &key.values[*point]);
             }
         }
+        if let Some((search, point)) = given.tried {
+            let searched = &self.searches[search];
+            let values = searched.paths.iter().zip(&searched.points[point]);
+            values.for_each(|(path, value)| path.assign(&mut config, value));
+        }
         config
     }
 
-    /// The point of the sweep. A key is written with its last word, or as a whole where that is not unique.
+    /// The setting that was chosen for an agent: the search and its place there.
+    fn chosen(&self, agent: usize) -> Option<(usize, usize)> {
+        let search = self.searches.iter().position(|it| it.agent == agent)?;
+        Some((search, self.searches[search].chosen?))
+    }
+
+    /// The point of the sweep.
     fn setting(&self, targets: &[Target], points: &[(usize, usize)]) -> Setting {
         let keys = points
             .iter()
@@ -279,18 +305,13 @@ impl Sections<'_> {
         let keys: Vec<_> = keys
             .filter(|(key, _)| targets.contains(&key.path.target))
             .collect();
-        let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_string();
-        let name = |text: &str| {
-            let unique = keys
+        let values =
+            |(key, point): &(&SweptKey<'_>, usize)| (key.text.clone(), key.values[*point].to_value());
+        let values: Vec<(String, Value)> = keys.iter().map(values).collect();
+        named(
+            values
                 .iter()
-                .filter(|(key, _)| last(&key.text) == last(text))
-                .count()
-                == 1;
-            if unique { last(text) } else { text.to_string() }
-        };
-        Setting::new(
-            keys.iter()
-                .map(|(key, point)| (name(&key.text), key.values[*point].to_value()))
+                .map(|(text, value)| (text.as_str(), value.clone()))
                 .collect(),
         )
     }
@@ -304,7 +325,7 @@ impl Sections<'_> {
             Target::Agent(_) => (PartKind::Agent, format!("agents.{}", named.name)),
             Target::Protocol => (PartKind::Protocol, "protocol".into()),
             Target::Prepared(_, kind) => (kind, format!("prepare.{}.{}", named.name, kind.name())),
-            Target::Play(_) | Target::Seeds => return None,
+            Target::Play(_) | Target::Search(_) | Target::Seeds => return None,
         };
         let about = match kind {
             PartKind::Environment => &self.registry.environments.get(named.plugin.as_str())?.about,
@@ -324,6 +345,40 @@ impl Sections<'_> {
             span: named.plugin_span,
         })
     }
+}
+
+/// The setting with these values. A key is written with its last word, or as a whole where that is not unique.
+fn named(values: Vec<(&str, Value)>) -> Setting {
+    let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_string();
+    let texts: Vec<&str> = values.iter().map(|(text, _)| *text).collect();
+    let name = |text: &str| {
+        let unique = texts.iter().filter(|other| last(other) == last(text)).count() == 1;
+        if unique { last(text) } else { text.to_string() }
+    };
+    Setting::new(
+        values
+            .into_iter()
+            .map(|(text, value)| (name(text), value))
+            .collect(),
+    )
+}
+
+/// The complete config of the protocol with which settings are compared.
+pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<Arc<Value>> {
+    let mut known = Known {
+        sections,
+        files: Files::new(sections.folder),
+        parts: BTreeMap::new(),
+    };
+    let targets = [
+        Target::Environment(searched.environment),
+        Target::Agent(searched.agent),
+        Target::Protocol,
+    ];
+    let parts = known
+        .parts(targets, (searched.environment, searched.agent), &[], None)
+        .ok()?;
+    Some(Arc::clone(&parts[2].part.config))
 }
 
 type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
@@ -347,7 +402,7 @@ impl Known<'_> {
             Target::Agent(agent),
             Target::Protocol,
         ];
-        let parts = self.parts(targets, (environment, agent), points)?;
+        let parts = self.parts(targets, (environment, agent), points, self.sections.chosen(agent))?;
         let point = self.sections.setting(&targets, points);
         let (place, setting) = (Place::Combination(environment, agent), point.to_string());
         Ok(Cell {
@@ -384,11 +439,40 @@ impl Known<'_> {
             Target::Environment(index) | Target::Agent(index) => index,
             _ => usize::MAX,
         };
-        let parts = self.parts(targets, (index_of(targets[0]), index_of(targets[1])), &[])?;
+        let (environment, agent) = (index_of(targets[0]), index_of(targets[1]));
+        let parts = self.parts(targets, (environment, agent), &[], self.sections.chosen(agent))?;
         let (setting, point) = (String::new(), Setting::default());
         Ok(Cell {
             place: Place::Prepared(index),
             setting,
+            point,
+            parts,
+            sources: Vec::new(),
+        })
+    }
+
+    /// A setting that a search tries.
+    fn tried(&mut self, search: usize, place: usize) -> Result<Cell, Vec<Diagnostic>> {
+        let searched = &self.sections.searches[search];
+        let (environment, agent) = (searched.environment, searched.agent);
+        let targets = [
+            Target::Environment(environment),
+            Target::Agent(agent),
+            Target::Protocol,
+        ];
+        let parts = self.parts(targets, (environment, agent), &[], Some((search, place)))?;
+        let point = named(
+            searched
+                .search
+                .keys
+                .iter()
+                .zip(&searched.points[place])
+                .map(|((text, _), value)| (text.as_str(), value.to_value()))
+                .collect(),
+        );
+        Ok(Cell {
+            place: Place::Tried(search),
+            setting: point.to_string(),
             point,
             parts,
             sources: Vec::new(),
@@ -400,6 +484,7 @@ impl Known<'_> {
         targets: [Target; 3],
         (environment, agent): (usize, usize),
         points: &[(usize, usize)],
+        tried: Option<(usize, usize)>,
     ) -> Result<[Arc<Resolved>; 3], Vec<Diagnostic>> {
         let plugin = self.sections.written.plugin(targets[1]);
         let learns = self
@@ -423,6 +508,7 @@ impl Known<'_> {
                 target,
                 overrides,
                 points,
+                tried: tried.filter(|_| target == Target::Agent(agent)),
                 training: learns || place < 2,
             })
         });

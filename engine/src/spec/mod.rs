@@ -10,6 +10,7 @@
 //! | `seeds` | a number of seeds, or looks that are planned |
 //! | `settings` | the profile and the options of the command line |
 //! | `sweep`, `overrides` | what varies over the trials |
+//! | `search` | keys whose best values are searched |
 //! | `config` | defaults, presets, data files: a plugin's complete config |
 //! | `cells` | combinations of environment, agent and setting |
 //! | `taking` | what cells take from each other, in an order without circles |
@@ -33,6 +34,7 @@ mod overrides;
 mod path;
 mod plugin_config;
 mod resolved;
+mod search;
 mod sections;
 mod seeds;
 mod settings;
@@ -49,6 +51,7 @@ pub use describe::describe;
 pub use json_schema::json_schema;
 pub use plugin_config::load_config;
 pub use resolved::resolved_yaml;
+pub use search::Progress;
 pub use summary::Summary;
 pub use taking::Source;
 pub use way::{along, way};
@@ -61,6 +64,7 @@ use crate::{
     limits::Limits,
     results::Success,
     schema_check::{At, Checker, View},
+    search::Search,
     statistics::spending::Design,
     table::TableSpec,
 };
@@ -83,6 +87,8 @@ pub struct Options {
     pub sets: Vec<String>,
     /// Number of seeds in place of the study's.
     pub seeds: Option<u64>,
+    /// How far the searches are, by name; they begin where nothing is given.
+    pub searches: BTreeMap<String, Progress>,
 }
 
 /// A study that passed every check.
@@ -132,7 +138,10 @@ pub struct Study {
     pub prepared: Vec<String>,
     /// Units of everything that the trials record and trace, by name.
     pub units: BTreeMap<String, String>,
-    /// Combinations of environment, agent and setting, then the entries of `prepare`.
+    /// Searches for settings, in order, with how far they are.
+    pub searches: Vec<(Search, Progress)>,
+    /// Combinations of environment, agent and setting, then the entries of `prepare`, then the settings that
+    /// searches try.
     pub(crate) cells: Vec<Cell>,
     /// The cells in an order in which each comes after those that it takes from.
     pub(crate) order: Vec<usize>,
@@ -203,6 +212,9 @@ pub fn load_text(
     let excluded = overrides::read_exclude(&root, &written, &sources)
         .map_err(&mut keep)
         .unwrap_or_default();
+    let searches = search::read(&written, &schema, &sources, (&fixed, &dimensions), options)
+        .map_err(&mut keep)
+        .unwrap_or_default();
     if found.iter().any(blocks_trials) {
         return Err(in_order(found));
     }
@@ -214,6 +226,7 @@ pub fn load_text(
         folder,
         overrides: &overrides,
         dimensions: &dimensions,
+        searches: &searches,
         excluded: &excluded,
     };
     finish(&root, &sections, found).map(|study| Study {
@@ -253,7 +266,8 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     world.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
         .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
     let asked = names::Asked::read(root, &world, sources, sections.folder);
-    found.extend(about_success.into_iter().chain(asked.found.iter().cloned()));
+    found.extend(about_success.into_iter().chain(names::searches(sections, &world)));
+    found.extend(asked.found.iter().cloned());
     if !found.is_empty() {
         return Err(in_order(found));
     }
@@ -302,6 +316,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         claims: asked.claims,
         limits: section(root, "limits").unwrap_or_default(),
         warnings: world.warnings,
+        searches: sections.searches.iter().map(search::progress).collect(),
         metrics: world.metrics,
         units: world.units,
         prepared: sections

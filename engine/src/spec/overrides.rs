@@ -93,6 +93,11 @@ fn useless(
                 "a play is no part of these combinations, so an override cannot set it".into(),
             ));
         }
+        Target::Search(_) => {
+            return Some(error(
+                "a search is no part of these combinations, so an override cannot set it".into(),
+            ));
+        }
         Target::Prepared(..) => {
             let message =
                 "an entry of `prepare` is no part of these combinations, so an override cannot set it";

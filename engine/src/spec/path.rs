@@ -19,6 +19,8 @@ pub enum Target {
     Protocol,
     /// The play with this index.
     Play(usize),
+    /// The search with this index.
+    Search(usize),
     /// A part that is written in the entry of `prepare` with this index.
     Prepared(usize, PartKind),
     /// The seeds.
@@ -82,6 +84,14 @@ pub fn find<'a>(
         if words.len() > 1 && words[0] == "cross_play" {
             let known = written.plays.iter().map(|play| play.name.as_str()).collect();
             return fail(1, format!("no play is named `{}`", words[1]), known);
+        }
+        if words.len() > 1 && words[0] == "search" {
+            let known = written
+                .searches
+                .iter()
+                .map(|search| search.name.as_str())
+                .collect();
+            return fail(1, format!("no search is named `{}`", words[1]), known);
         }
         if words[0] == "prepare" {
             return Err(vec![nothing_prepared(&words, span, at, written, sources)]);
@@ -174,6 +184,10 @@ fn begin(words: &[&str], written: &Written) -> Option<(Target, usize)> {
     match words {
         ["protocol", ..] => Some((Target::Protocol, 1)),
         ["cross_play", name, ..] => Some((super::cross_play::target(&written.plays, name)?, 2)),
+        ["search", name, ..] => {
+            let index = written.searches.iter().position(|search| search.name == *name)?;
+            Some((Target::Search(index), 2))
+        }
         ["prepare", name, part, ..] => {
             let index = written.prepared.iter().position(|entry| entry.name == *name)?;
             let kind = PartKind::ALL.into_iter().find(|kind| kind.name() == *part)?;
@@ -203,6 +217,7 @@ pub fn config_schema<'a>(study: View<'a>, target: Target, plugin: &str) -> Optio
             study.property("protocol")?.property(plugin)
         }
         Target::Play(_) => study.property("cross_play")?.property("any"),
+        Target::Search(_) => study.property("search")?.property("any"),
         Target::Seeds => None,
     }
 }

@@ -6,6 +6,7 @@ use super::{
     config,
     cross_play::Play,
     path::Target,
+    search::Searched,
     seeds::SeedPlan,
     way::way,
     written::{Chosen, Named, PartKind, Prepared},
@@ -151,6 +152,13 @@ pub fn sections(
             .collect();
         all.push(("prepare".into(), Section::Named(entries)));
     }
+    if !sections.searches.is_empty() {
+        let searches = sections.written.searches.iter().zip(sections.searches);
+        let searches = searches
+            .map(|(named, it)| (named.name.clone(), search(named, it)))
+            .collect();
+        all.push(("search".into(), Section::Named(searches)));
+    }
     if !plays.is_empty() {
         all.push((
             "cross_play".into(),
@@ -184,6 +192,15 @@ fn prepared(index: usize, entry: &Prepared, full: &mut impl FnMut(Target, &Named
         value.insert(kind.name().into(), chosen);
     }
     Value::Object(value)
+}
+
+/// A search without keys that a profile or an option fixed.
+fn search(named: &Named, searched: &Searched<'_>) -> Value {
+    let mut value = named.config.to_value();
+    if let Some(over) = value["over"].as_object_mut() {
+        over.retain(|text, _| searched.search.keys.iter().any(|(key, _)| key == text));
+    }
+    value
 }
 
 fn play(play: &Play) -> Value {

@@ -4,6 +4,7 @@
 use super::{
     claims::ClaimSpec,
     cross_play::{EPISODES, Pairs},
+    search::SearchText,
     seeds::SeedsText,
     sweep::Generator,
 };
@@ -43,6 +44,10 @@ pub(super) struct Sections {
     success: Success,
     /// Swept keys, each with the way its values are made.
     sweep: BTreeMap<String, Generator>,
+    /// Searches for settings of agents, by name. What is shown of such an agent is the best setting, measured on
+    /// seeds that the search has not seen.
+    #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
+    search: BTreeMap<String, SearchText>,
     /// Named budgets of the study: values that replace others, by dotted path.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     profiles: BTreeMap<String, Map<String, Value>>,

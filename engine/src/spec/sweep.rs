@@ -12,6 +12,7 @@ use crate::{
     diagnostic::{Diagnostic, Sources},
     document::{Entry, Node},
     random,
+    search::Numbers,
 };
 use rand::{Rng as _, seq::SliceRandom};
 use schemars::JsonSchema;
@@ -193,6 +194,10 @@ fn swept_key<'a>(
         let error = sources.error(entry.key_span, &at, "a play cannot be swept");
         return Err(vec![error.help("write a second play under `cross_play`")]);
     }
+    if matches!(path.target, Target::Search(_)) {
+        let error = sources.error(entry.key_span, &at, "a search cannot be swept");
+        return Err(vec![error.help("write a second search, of an agent of its own")]);
+    }
     if matches!(path.target, Target::Prepared(..)) {
         let error = sources.error(
             entry.key_span,
@@ -248,16 +253,35 @@ fn values(
             log,
         }) => (low, high, samples, log),
     };
-    let span = |key: &str| {
-        generator
-            .value
-            .get(key)
-            .map_or(generator.key_span, |node| node.span)
+    let range = numbers(generator, path, (low, high, log), at, sources)?;
+    let name = path.name();
+    let drawn = if generator.key == "latin_hypercube" {
+        slices(&name, count)
+    } else {
+        independent(&name, &generator.key, count)
     };
+    Ok(drawn
+        .into_iter()
+        .map(|share| Node::scalar(generator.key_span, range.at(share)))
+        .collect())
+}
+
+/// Numbers between two limits that stand under the key of `written`, for a key of the study.
+///
+/// # Errors
+/// Limits between which there is no number that fits.
+pub(super) fn numbers(
+    written: &Entry,
+    path: &KeyPath<'_>,
+    (low, high, log): (f64, f64, bool),
+    at: &str,
+    sources: &Sources,
+) -> Result<Numbers, Box<Diagnostic>> {
+    let span = |key: &str| written.value.get(key).map_or(written.key_span, |node| node.span);
     let fail = |key: &str, message: String| {
         Err(Box::new(sources.error(
             span(key),
-            &format!("{at}.{}.{key}", generator.key),
+            &format!("{at}.{}.{key}", written.key),
             message,
         )))
     };
@@ -276,22 +300,12 @@ fn values(
             format!("`low` is {low}, but the logarithm is spread only over numbers above 0"),
         );
     }
-    let range = Range {
+    Ok(Numbers {
         low,
         high,
         log,
         integer: path.schema.is_integer(),
-    };
-    let name = path.name();
-    let drawn = if generator.key == "latin_hypercube" {
-        slices(&name, count)
-    } else {
-        independent(&name, &generator.key, count)
-    };
-    Ok(drawn
-        .into_iter()
-        .map(|share| Node::scalar(generator.key_span, range.at(share)))
-        .collect())
+    })
 }
 
 impl KeyPath<'_> {
@@ -300,7 +314,9 @@ impl KeyPath<'_> {
         let target = match self.target {
             Target::Environment(_) => "environment",
             Target::Agent(_) => "agent",
-            Target::Protocol | Target::Play(_) | Target::Prepared(..) | Target::Seeds => "protocol",
+            Target::Protocol | Target::Play(_) | Target::Search(_) | Target::Prepared(..) | Target::Seeds => {
+                "protocol"
+            }
         };
         format!("{target}.{}", self.keys.join("."))
     }
@@ -322,43 +338,6 @@ fn slices(name: &str, count: usize) -> Vec<f64> {
         .into_iter()
         .map(|slice| (slice as f64 + rng.random::<f64>()) / count as f64)
         .collect()
-}
-
-struct Range {
-    low: f64,
-    high: f64,
-    log: bool,
-    integer: bool,
-}
-
-impl Range {
-    /// The value at a share of the range, rounded to six digits so that a person can read and retype it.
-    fn at(&self, share: f64) -> Value {
-        if self.integer {
-            let (low, high) = (self.low.ceil(), self.high.floor());
-            let value = if self.log {
-                self.between(share, low, high + 1.0)
-            } else {
-                low + share * (high + 1.0 - low)
-            };
-            #[allow(
-                clippy::cast_possible_truncation,
-                reason = "limits of an integer key are integers of moderate size"
-            )]
-            return json!(value.floor().clamp(low, high) as i64);
-        }
-        let value = self.between(share, self.low, self.high);
-        let rounded = format!("{value:.5e}").parse().unwrap_or(value);
-        json!(f64::clamp(rounded, self.low, self.high))
-    }
-
-    fn between(&self, share: f64, low: f64, high: f64) -> f64 {
-        if self.log {
-            (low.ln() + share * (high.ln() - low.ln())).exp()
-        } else {
-            low + share * (high - low)
-        }
-    }
 }
 
 fn unequal(first: &SweptKey<'_>, key: &SweptKey<'_>, group: &str, sources: &Sources) -> Option<Diagnostic> {
@@ -422,37 +401,5 @@ mod tests {
         assert_ne!(slices, (0..50).collect::<Vec<_>>(), "the order is random");
         slices.sort_unstable();
         assert_eq!(slices, (0..50).collect::<Vec<_>>());
-    }
-
-    #[test]
-    fn ranges_are_kept_and_integers_reach_both_ends() {
-        let integers = Range {
-            low: 2.0,
-            high: 4.0,
-            log: false,
-            integer: true,
-        };
-        assert_eq!(
-            [0.0, 0.34, 0.999_999].map(|share| integers.at(share)),
-            [json!(2), json!(3), json!(4)]
-        );
-        let log = Range {
-            low: 1e-5,
-            high: 1e-1,
-            log: true,
-            integer: false,
-        };
-        assert_eq!(log.at(0.5), json!(1e-3));
-        assert_eq!(log.at(0.0), json!(1e-5));
-    }
-
-    proptest::proptest! {
-        #[test]
-        fn samples_stay_inside(low in 1e-9f64..10.0, width in 1e-9f64..10.0, share in 0.0f64..1.0, log: bool,
-            integer: bool) {
-            let range = Range { low: low.ceil(), high: low.ceil() + width.ceil(), log, integer };
-            let value = range.at(share).as_f64().unwrap();
-            proptest::prop_assert!(value >= range.low && value <= range.high);
-        }
     }
 }

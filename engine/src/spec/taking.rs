@@ -358,6 +358,7 @@ pub fn name(sections: &Sections<'_>, cell: &Cell) -> String {
     let written = sections.written;
     match cell.place {
         Place::Prepared(index) => written.prepared[index].name.clone(),
+        Place::Tried(index) => sections.searches[index].search.name.clone(),
         Place::Combination(environment, agent) => {
             format!(
                 "{} in {}",

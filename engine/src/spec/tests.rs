@@ -242,6 +242,7 @@ fn options_come_after_the_profile_and_take_keys_out_of_the_sweep() {
             "agents.learner.q_learning.network.width=8".into(),
         ],
         seeds: Some(2),
+        ..Options::default()
     };
     let study = load_text(&text, "a.yaml", Path::new(""), &toys(), &options).unwrap();
     let trials = study.plan().trials;

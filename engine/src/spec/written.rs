@@ -115,6 +115,8 @@ pub struct Written {
     pub protocol: Named,
     /// The plays, in order.
     pub plays: Vec<Named>,
+    /// The searches, in order.
+    pub searches: Vec<Named>,
     /// The entries of `prepare`, in order.
     pub prepared: Vec<Prepared>,
     /// The seeds: a count or a list.
@@ -136,13 +138,16 @@ impl Written {
             plugin_span: root.span,
             config: Node::empty_mapping(root.span),
         };
+        let without_plugin = |key: &'static str| {
+            let entries = root.get(key).map_or(&[][..], Node::entries);
+            entries.iter().map(|entry| alone(entry, key)).collect()
+        };
         Self {
             environments: section("environments"),
             agents: section("agents"),
             protocol: root.entry("protocol").map(named).unwrap_or(nothing),
-            plays: root
-                .get("cross_play")
-                .map_or_else(Vec::new, |node| node.entries().iter().map(play).collect()),
+            plays: without_plugin("cross_play"),
+            searches: without_plugin("search"),
             prepared: root
                 .get("prepare")
                 .map_or_else(Vec::new, |node| node.entries().iter().map(prepared).collect()),
@@ -174,6 +179,7 @@ impl Written {
             Target::Agent(index) => self.agents.get(index),
             Target::Protocol => Some(&self.protocol),
             Target::Play(index) => self.plays.get(index),
+            Target::Search(index) => self.searches.get(index),
             Target::Prepared(index, kind) => self.prepared.get(index)?.own(kind),
             Target::Seeds => None,
         }
@@ -186,6 +192,7 @@ impl Written {
             Target::Agent(index) => path.assign(&mut self.agents[index].config, &value),
             Target::Protocol => path.assign(&mut self.protocol.config, &value),
             Target::Play(index) => path.assign(&mut self.plays[index].config, &value),
+            Target::Search(index) => path.assign(&mut self.searches[index].config, &value),
             Target::Prepared(index, kind) => {
                 self.prepared[index]
                     .own_mut(kind)
@@ -239,12 +246,13 @@ const SOURCES: &str = "rename one of the two: `from` and `--only` speak of them 
 const OTHER: &str = "the other one is named here";
 
 /// Words that begin dotted paths.
-const RESERVED: [&str; 6] = [
+const RESERVED: [&str; 7] = [
     "protocol",
     "seeds",
     "environments",
     "agents",
     "cross_play",
+    "search",
     "prepare",
 ];
 
@@ -282,13 +290,13 @@ fn reserved(named: &Named, sources: &Sources) -> Option<Diagnostic> {
     RESERVED.contains(&name.as_str()).then(error)
 }
 
-/// A play, which has no plugin.
-fn play(entry: &Entry) -> Named {
+/// A play or a search, which have no plugin.
+fn alone(entry: &Entry, section: &str) -> Named {
     let (name, name_span) = (entry.key.clone(), entry.key_span);
     Named {
         name,
         name_span,
-        plugin: "cross_play".into(),
+        plugin: section.into(),
         plugin_span: name_span,
         config: entry.value.clone(),
     }

@@ -44,7 +44,7 @@ pub use seal::{hash as digest, hash_of_file as digest_of_file};
 use crate::{
     Build, Error, Recorder,
     results::{EndState, TrialEnd, TrialResult},
-    trial::{Trial, TrialKey},
+    trial::{Purpose, Trial, TrialKey},
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -259,6 +259,25 @@ impl Store {
             (result.names, result.rows) = (table.names, table.rows);
         }
         Ok(result)
+    }
+
+    /// Adds to a trial of a search that has not ended what its log has. A log that cannot be read is as none: the trial
+    /// then begins anew.
+    pub(crate) fn read_log(&self, result: &mut TrialResult) {
+        if is_missing(result.end.as_ref()) && matches!(result.trial.purpose, Purpose::Tried(_)) {
+            let path = self.folder(&result.trial.id).join("running").join("metrics.log");
+            if let Ok(log) = metric_log::read(&path) {
+                (result.names, result.rows) = (log.table.names, log.table.rows);
+            }
+        }
+    }
+
+    /// The step of the last measurement in the log of a trial that has not ended.
+    pub(crate) fn logged_measurement(&self, id: &str) -> Option<u64> {
+        let log = metric_log::read(&self.folder(id).join("running").join("metrics.log")).ok()?;
+        let mut rows = log.table.rows.iter().rev();
+        rows.find(|row| row.phase == crate::Phase::Evaluate)
+            .map(|row| row.step)
     }
 
     /// The metrics file of a trial, held against its acknowledged hash.

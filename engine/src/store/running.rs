@@ -16,7 +16,7 @@ use super::{
     names,
     sealed_folder::{flush, is_whole, seal},
 };
-use crate::{Agent, Error, Keeper, Recorder, recorder::Running};
+use crate::{Agent, Error, Keeper, Phase, Recorder, recorder::Running};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::{
@@ -43,6 +43,10 @@ pub struct RunningTrial {
     trial: String,
     every: Duration,
     stop: Arc<AtomicBool>,
+    /// The step at which the trial pauses, once that is measured.
+    until: Option<u64>,
+    /// Whether it has come there.
+    paused: bool,
     log: Option<MetricLog>,
     begun: Instant,
     /// What earlier processes spent on what was taken up, in seconds.
@@ -77,6 +81,8 @@ impl RunningTrial {
             trial: trial.into(),
             every,
             stop,
+            until: None,
+            paused: false,
             log: None,
             begun: now(),
             earlier_s: 0.0,
@@ -86,6 +92,13 @@ impl RunningTrial {
             taken_up: None,
             refused: BTreeSet::new(),
         }
+    }
+
+    /// The same for a trial that pauses at a step, once that is measured.
+    #[must_use]
+    pub fn until(mut self, step: Option<u64>) -> Self {
+        self.until = step;
+        self
     }
 
     /// Wall-clock time that was spent on what the trial has now, in seconds, in this process and in those
@@ -203,7 +216,17 @@ impl Keeper for RunningTrial {
     }
 
     fn stopping(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.paused || self.stop.load(Ordering::Relaxed)
+    }
+
+    fn look(&mut self, record: &Recorder) {
+        let Some(until) = self.until.filter(|_| !self.paused) else {
+            return;
+        };
+        let mut rows = record.rows().iter().rev();
+        self.paused = rows
+            .find(|row| row.phase == Phase::Evaluate)
+            .is_some_and(|row| row.step >= until);
     }
 
     fn save(&mut self, state: Value, agent: &dyn Agent, record: &mut Recorder) -> Result<(), Error> {

@@ -1,6 +1,7 @@
 //! Tables: what a study asks for, and how it is computed from the results.
 
 mod aggregate;
+mod best_settings;
 mod cause;
 mod comma_separated;
 mod comparison;
@@ -20,6 +21,7 @@ mod terminal;
 mod tests;
 
 pub use aggregate::{Aggregate, Normalise, SUITE_MEAN};
+pub use best_settings::BestSettings;
 pub use cause::Cause;
 pub use comma_separated::{csv, write as write_csv};
 pub use comparison::{AtStep, Axis, Comparison, Form, Improvement, Statistic, Taken, compare};
@@ -64,6 +66,8 @@ kinds! {
             "Aggregates of normalised scores over several environments, one row per agent.";
         "rank_correlation" => RankCorrelation(RankCorrelation),
             "How well environments rank agents and settings as one of them (`against`) does, by a metric.";
+        "best_settings" => BestSettings(BestSettings),
+            "The settings that a search tried, the best ones first.";
     }
 }
 

@@ -7,7 +7,13 @@ mod published_curves;
 mod summary;
 mod tables;
 
-use super::{builds::World, claims::ClaimSpec, summary::Summary};
+use super::{
+    builds::World,
+    cells::{self, Sections},
+    claims::ClaimSpec,
+    search::Searched,
+    summary::Summary,
+};
 use crate::{
     Metric,
     diagnostic::{Diagnostic, Sources, Span, suggest},
@@ -15,6 +21,7 @@ use crate::{
     figure::FigureSpec,
     kinds,
     results::{SUCCESS, Success},
+    search::Search,
     table::TableSpec,
 };
 use schemars::{JsonSchema, schema_for};
@@ -134,6 +141,42 @@ pub fn success(
     found
 }
 
+/// Checks the metrics by which searches compare settings.
+pub fn searches(sections: &Sections<'_>, world: &World) -> Vec<Diagnostic> {
+    let mut names = Names {
+        world,
+        sources: sections.sources,
+        shown: BTreeMap::new(),
+        found: Vec::new(),
+    };
+    for (written, searched) in sections.written.searches.iter().zip(sections.searches) {
+        let place = Place {
+            node: &written.config,
+            key: written.name_span,
+            at: format!("search.{}", written.name),
+        };
+        let picked = Picked {
+            agents: vec![searched.agent],
+            environments: vec![searched.environment],
+        };
+        if names.recorded(&picked).is_empty() {
+            let Search {
+                agent, environment, ..
+            } = &searched.search;
+            let message =
+                format!("`{agent}` has no trials in `{environment}`, so no setting can be compared there");
+            names.say(
+                place.value("environment"),
+                message,
+                "`exclude` leaves the combination out",
+            );
+        }
+        names.metric(&searched.search.by, &place, "by", &picked);
+        names.pauses(sections, searched, &place);
+    }
+    names.found
+}
+
 fn typed<T: DeserializeOwned>(node: &Node) -> Option<T> {
     // A list would be read as the fields in their order.
     matches!(node.kind, Kind::Mapping(_))
@@ -224,6 +267,38 @@ impl Names<'_> {
         let error = self.sources.error(span, &at, message);
         self.found
             .push(if help.is_empty() { error } else { error.help(help) });
+    }
+
+    /// Says where a search pauses trials at a step that is not measured.
+    fn pauses(&mut self, sections: &Sections<'_>, searched: &Searched<'_>, place: &Place<'_>) {
+        let written = &sections.written.protocol;
+        let config = cells::protocol_of(sections, searched);
+        let entry = sections.registry.protocols.get(written.plugin.as_str());
+        let Some(protocol) = entry
+            .zip(config)
+            .and_then(|(entry, config)| (entry.build)(&config).ok())
+        else {
+            return;
+        };
+        let pauses = searched.search.pauses();
+        let place = place
+            .below("method")
+            .and_then(|place| place.below("halving"))
+            .unwrap_or_else(|| place.clone());
+        if let Some(pause) = pauses.iter().find(|pause| !protocol.measures_at(**pause)) {
+            let message = format!(
+                "`{}` measures nothing at step {pause}, where trials pause",
+                written.plugin
+            );
+            let help = "write multiples of `evaluate_every` below the last step";
+            self.say(place.value("pauses"), message, help);
+        } else if pauses.windows(2).any(|pair| pair[0] >= pair[1]) {
+            self.say(
+                place.value("pauses"),
+                "pauses do not rise",
+                "write them in the order of steps",
+            );
+        }
     }
 
     /// The one kind that a table or figure is of, and what is written for it. Of options that exclude each

@@ -1,0 +1,89 @@
+//! Searches for settings: what they try next, from the stored results alone, so that running, resuming, reporting and
+//! running elsewhere come to the same settings.
+
+use super::{BAD_SPEC, Failure, colour, run, study::Planned};
+use crate::{
+    Registry, diagnostic, report,
+    results::{SearchResult, TrialResult},
+    search::Next,
+    spec::{self, Progress},
+    store::{Store, is_missing},
+    trial::Purpose,
+};
+use std::collections::BTreeSet;
+
+/// Takes every search of a study as far as the stored results say. True where something was added.
+///
+/// # Errors
+/// What plugins refuse of a setting that a search proposes.
+pub(super) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<bool, Failure> {
+    let mut grown = false;
+    loop {
+        if one.study.searches.is_empty() {
+            return Ok(grown);
+        }
+        let results = run::collect(one, store, None);
+        one.searched = results.searches;
+        let next = |it: &SearchResult| (it.search.name.clone(), progress(it));
+        let searches = one.searched.iter().map(next).collect();
+        let options = spec::Options {
+            searches,
+            ..one.options.clone()
+        };
+        if options == one.options {
+            one.set_aside(registry, paused(&results.tried, one));
+            return Ok(grown);
+        }
+        grown = true;
+        one.study = spec::load(&one.path, registry, &options).map_err(|problems| Failure {
+            code: BAD_SPEC,
+            text: diagnostic::render(&problems, colour()),
+        })?;
+        one.options = options;
+        let wanted = std::mem::take(&mut one.wanted);
+        one.replan(registry, wanted);
+    }
+}
+
+fn progress(it: &SearchResult) -> Progress {
+    match it.search.next(&it.known()) {
+        Next::Try(points, stops) => Progress {
+            points,
+            stops,
+            chosen: None,
+        },
+        Next::Chosen(chosen) => Progress {
+            points: it.tried.iter().map(|tried| tried.point.clone()).collect(),
+            stops: it.tried.iter().map(|tried| tried.stop).collect(),
+            chosen,
+        },
+    }
+}
+
+/// Ids of the trials that have come to their pause: they wait for nothing and are not missing.
+fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
+    let has_paused = |it: &&TrialResult| {
+        let search = match &it.trial.purpose {
+            Purpose::Tried(name) => one.study.searches.iter().find(|(search, _)| search.name == *name),
+            _ => None,
+        };
+        let stop = one.pauses.get(&it.trial.id).copied();
+        let (Some((search, _)), Some(stop)) = (search, stop) else {
+            return false;
+        };
+        is_missing(it.end.as_ref()) && it.at_pause(&search.by, stop).is_some()
+    };
+    tried
+        .iter()
+        .filter(has_paused)
+        .map(|it| it.trial.id.clone())
+        .collect()
+}
+
+/// How far the searches of a study are, a line for each.
+pub(super) fn lines(one: &Planned) -> Vec<String> {
+    one.searched
+        .iter()
+        .map(|it| format!("  {}", report::search_in_words(it)))
+        .collect()
+}

@@ -1,0 +1,171 @@
+//! Successive halving and Hyperband over pauses of ordinary trials.
+//!
+//! Li, Jamieson, DeSalvo, Rostamizadeh and Talwalkar 2018, "Hyperband", JMLR 18(185). Trials of random settings pause
+//! at the same steps; of those of a bracket the best part goes on. A later bracket has fewer settings and one pause less,
+//! so that settings which learn slowly have their chance. A pause is no shorter trial: what goes on ends with the bits
+//! of a trial that was never paused, and is the same trial as that of a sweep.
+//!
+//! | paper | here |
+//! |---|---|
+//! | eta | 1 / `keep` |
+//! | s | the bracket; bracket `b` begins with the pause `b` |
+//! | r_i | `pauses` |
+
+use super::{Goal, Halving, Tried};
+use std::ops::Range;
+
+/// Where each setting pauses, as far as the values tell; `None` for one that goes to its end.
+pub(super) fn stops(options: &Halving, goal: Goal, tried: &[Tried]) -> Vec<Option<u64>> {
+    let mut stops = vec![None; tried.len()];
+    for (bracket, places) in brackets(options, tried.len()).into_iter().enumerate() {
+        let mut alive: Vec<usize> = places.collect();
+        for pause in &options.pauses[bracket.min(options.pauses.len())..] {
+            alive.iter().for_each(|place| stops[*place] = Some(*pause));
+            let Some(best) = best_part(&alive, *pause, options.keep, goal, tried) else {
+                alive.clear();
+                break;
+            };
+            alive = best;
+        }
+        alive.iter().for_each(|place| stops[*place] = None);
+    }
+    stops
+}
+
+/// The settings that go on after a pause; `None` as long as one has not come to it.
+fn best_part(alive: &[usize], pause: u64, keep: f64, goal: Goal, tried: &[Tried]) -> Option<Vec<usize>> {
+    let merit = |place: &usize| {
+        let value = tried[*place].pauses.get(&pause)?;
+        Some((*place, value.map_or(f64::NEG_INFINITY, |value| goal.merit(value))))
+    };
+    let mut merits: Vec<(usize, f64)> = alive.iter().map(merit).collect::<Option<_>>()?;
+    // Of equal ones the earlier goes on.
+    merits.sort_by(|one, other| other.1.total_cmp(&one.1));
+    merits.truncate(kept(alive.len(), keep));
+    merits.retain(|(_, merit)| *merit > f64::NEG_INFINITY);
+    Some(merits.into_iter().map(|(place, _)| place).collect())
+}
+
+#[allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a count is a count"
+)]
+fn kept(count: usize, keep: f64) -> usize {
+    ((count as f64 * keep).round() as usize).max(1)
+}
+
+/// The places of each bracket, the one with the most pauses first. Brackets cost about the same number of steps.
+pub(super) fn brackets(options: &Halving, n_settings: usize) -> Vec<Range<usize>> {
+    let n_brackets = options.brackets.clamp(1, options.pauses.len() + 1);
+    let weights: Vec<f64> = (0..n_brackets)
+        .map(|bracket| 1.0 / cost(options, bracket))
+        .collect();
+    let sum: f64 = weights.iter().sum();
+    let mut ends = Vec::new();
+    let mut share = 0.0;
+    for weight in &weights {
+        share += weight / sum;
+        ends.push(part(share, n_settings));
+    }
+    // Rounding leaves none out.
+    if let Some(last) = ends.last_mut() {
+        *last = n_settings;
+    }
+    let starts = std::iter::once(0).chain(ends.iter().copied());
+    starts
+        .zip(ends.iter().copied())
+        .map(|(start, end)| start..end)
+        .collect()
+}
+
+#[allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a count is a count"
+)]
+fn part(share: f64, count: usize) -> usize {
+    ((share * count as f64).round() as usize).min(count)
+}
+
+/// Steps of a setting of a bracket in the mean; its end is taken to be as far beyond the last pause as `keep` says.
+#[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
+fn cost(options: &Halving, bracket: usize) -> f64 {
+    let last = options.pauses.last().map_or(1.0, |last| *last as f64);
+    let steps = options
+        .pauses
+        .iter()
+        .map(|pause| *pause as f64)
+        .chain([last / options.keep]);
+    let (mut before, mut alive, mut cost) = (0.0, 1.0, 0.0);
+    for step in steps.skip(bracket) {
+        cost += alive * (step - before);
+        (before, alive) = (step, alive * options.keep);
+    }
+    cost
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    fn options(brackets: usize) -> Halving {
+        Halving {
+            pauses: vec![100, 300],
+            keep: 1.0 / 3.0,
+            brackets,
+        }
+    }
+
+    /// Settings whose values at pauses are known up to a step.
+    fn tried(values: &[Option<f64>], until: u64) -> Vec<Tried> {
+        let one = |value: &Option<f64>| Tried {
+            point: Vec::new(),
+            value: None,
+            ended: false,
+            pauses: [100, 300]
+                .into_iter()
+                .filter(|pause| *pause <= until)
+                .map(|pause| (pause, *value))
+                .collect(),
+        };
+        values.iter().map(one).collect()
+    }
+
+    #[test]
+    fn the_best_third_goes_on_and_what_failed_never_does() {
+        let values: Vec<Option<f64>> = [5.0, 1.0, 7.0, 7.0, 2.0, 0.0, 3.0, 9.0, 4.0].map(Some).into();
+        assert_eq!(
+            stops(&options(1), Goal::Most, &tried(&values, 0)),
+            vec![Some(100); 9]
+        );
+        let after = stops(&options(1), Goal::Most, &tried(&values, 100));
+        let expected = [100, 100, 300, 300, 100, 100, 100, 300, 100].map(Some);
+        assert_eq!(after, expected);
+        let least = stops(&options(1), Goal::Least, &tried(&values, 300));
+        assert_eq!(least.iter().position(Option::is_none), Some(5));
+        let failed = stops(&options(1), Goal::Most, &tried(&[None; 9], 300));
+        assert_eq!(failed, vec![Some(100); 9]);
+    }
+
+    #[test]
+    fn a_bracket_waits_for_all_of_its_own_and_for_no_other() {
+        let mut values = tried(&[Some(1.0); 12], 300);
+        let places = brackets(&options(3), 12);
+        assert_eq!(places.len(), 3);
+        assert_eq!(places.last().unwrap().end, 12);
+        // Twice as many settings in the first bracket as in the last, which runs all to their ends.
+        assert!(
+            places[0].len() > places[1].len() && places[1].len() >= places[2].len(),
+            "{places:?}"
+        );
+        values[0].pauses = BTreeMap::new();
+        let stops = stops(&options(3), Goal::Most, &values);
+        assert!(stops[places[0].clone()].iter().all(|stop| *stop == Some(100)));
+        assert!(stops[places[1].clone()].contains(&None));
+        assert!(stops[places[2].clone()].iter().all(Option::is_none));
+    }
+}

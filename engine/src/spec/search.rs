@@ -1,0 +1,415 @@
+//! The section `search`: which keys of an agent are searched, by what, and the settings that were tried so far.
+//!
+//! A study with a search is read again for every generation: [`Progress`] says which settings there are and which one
+//! was chosen. Its trials are cells of their own ([`super::Place::Tried`]), and the agent itself has no trials before
+//! its setting is chosen.
+
+use super::{
+    Options,
+    path::{self, KeyPath, Target},
+    sweep::{self, Dimension},
+    written::{Named, Written},
+};
+use crate::{
+    diagnostic::{Diagnostic, Sources, Span, suggest},
+    document::{Entry, Node},
+    search::{FIRST_TUNING_SEED, Goal, Method, Point, Range, Search},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// How far a search is.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// The settings that are tried, in order.
+    pub points: Vec<Point>,
+    /// The step at which the trials of each pause; `None` for those that go to their ends.
+    pub stops: Vec<Option<u64>>,
+    /// The place of the one that was chosen.
+    pub chosen: Option<usize>,
+}
+
+/// A search as it is written.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code, reason = "the keys of `over` are read in their order")]
+pub(super) struct SearchText {
+    /// Keys of one agent by dotted path, each with the values among which is searched.
+    #[schemars(extend("minProperties" = 1))]
+    over: std::collections::BTreeMap<String, RangeText>,
+    /// The metric by which settings are compared: its mean over the final episodes and the seeds of the search.
+    by: String,
+    /// Which values of the metric are better.
+    #[serde(default)]
+    goal: Goal,
+    /// The environment in which settings are compared; the only one where absent.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    environment: String,
+    /// Number of settings that are tried.
+    #[schemars(range(min = 1, max = 10_000))]
+    settings: usize,
+    /// Seeds of each setting. They are others than those of the study, on which the chosen setting is measured.
+    #[serde(default = "one")]
+    #[schemars(range(min = 1, max = 1000))]
+    seeds: u64,
+    /// How the next setting is come by.
+    #[serde(default)]
+    method: Method,
+}
+
+fn one() -> u64 {
+    1
+}
+
+/// Values among which is searched.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub(super) enum RangeText {
+    /// Numbers between two limits.
+    Uniform(
+        /// Numbers of which each is as likely as another before anything is known.
+        Limits,
+    ),
+    /// Numbers above 0 between two limits.
+    LogUniform(
+        /// Numbers whose logarithms are as likely as others before anything is known.
+        Limits,
+    ),
+    /// Listed values.
+    Choice(
+        /// Values in no order.
+        Listed,
+    ),
+}
+
+/// Values in no order.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(transparent)]
+pub(super) struct Listed(#[schemars(length(min = 1))] Vec<Value>);
+
+/// Two limits, both included.
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Limits {
+    /// Smallest value.
+    low: f64,
+    /// Largest value.
+    high: f64,
+}
+
+/// A search with the places of its keys in the study.
+#[derive(Debug, Clone)]
+pub struct Searched<'a> {
+    /// The search.
+    pub search: Search,
+    /// Index of the environment in which settings are compared.
+    pub environment: usize,
+    /// Index of the agent whose setting is searched.
+    pub agent: usize,
+    /// The keys.
+    pub paths: Vec<KeyPath<'a>>,
+    /// The settings that are tried: a value for each key.
+    pub points: Vec<Vec<Node>>,
+    /// The step at which the trials of each pause.
+    pub stops: Vec<Option<u64>>,
+    /// The place of the one that was chosen.
+    pub chosen: Option<usize>,
+}
+
+/// Reads all searches; keys that a profile or `--set` fixed are left out.
+///
+/// # Errors
+/// Paths and names that do not exist, limits that hold nothing, and agents that are searched twice or swept besides.
+pub fn read<'a>(
+    written: &Written,
+    schema: &'a Value,
+    sources: &Sources,
+    (fixed, dimensions): (&[KeyPath<'_>], &[Dimension<'_>]),
+    options: &Options,
+) -> Result<Vec<Searched<'a>>, Vec<Diagnostic>> {
+    let (mut searches, mut found) = (Vec::<Searched<'a>>::new(), Vec::new());
+    for named in &written.searches {
+        let reader = Reader {
+            named,
+            written,
+            schema,
+            sources,
+            fixed,
+            dimensions,
+        };
+        match reader.search(options, &searches) {
+            Ok(search) => searches.push(search),
+            Err(errors) => found.extend(errors),
+        }
+    }
+    if found.is_empty() {
+        Ok(searches)
+    } else {
+        Err(found)
+    }
+}
+
+/// The search alone, and how far it is.
+pub(super) fn progress(searched: &Searched<'_>) -> (Search, Progress) {
+    let values = |point: &Vec<Node>| point.iter().map(Node::to_value).collect();
+    let progress = Progress {
+        points: searched.points.iter().map(values).collect(),
+        stops: searched.stops.clone(),
+        chosen: searched.chosen,
+    };
+    (searched.search.clone(), progress)
+}
+
+struct Reader<'a, 's> {
+    named: &'s Named,
+    written: &'s Written,
+    schema: &'a Value,
+    sources: &'s Sources,
+    fixed: &'s [KeyPath<'s>],
+    dimensions: &'s [Dimension<'s>],
+}
+
+impl<'a> Reader<'a, '_> {
+    fn search(&self, options: &Options, others: &[Searched<'_>]) -> Result<Searched<'a>, Vec<Diagnostic>> {
+        // What the check against the schema refused was said there.
+        let text: SearchText =
+            serde_json::from_value(self.named.config.to_value()).map_err(|_| Vec::new())?;
+        let keys = self.keys()?;
+        let (agent, first) = self.agent(&keys)?;
+        let environment = self.environment(&text.environment)?;
+        self.alone(agent, environment, first, others)?;
+        let progress = options
+            .searches
+            .get(&self.named.name)
+            .cloned()
+            .unwrap_or_default();
+        let node = |value: &Value| Node::from_value(self.named.name_span, value);
+        let points = progress
+            .points
+            .iter()
+            .map(|point| point.iter().map(node).collect());
+        Ok(Searched {
+            points: points.collect(),
+            chosen: progress.chosen,
+            stops: progress.stops,
+            environment,
+            agent,
+            search: Search {
+                name: self.named.name.clone(),
+                environment: self.written.environments[environment].name.clone(),
+                agent: self.written.agents[agent].name.clone(),
+                plugin: self.written.agents[agent].plugin.clone(),
+                keys: keys
+                    .iter()
+                    .map(|(text, _, range)| (text.clone(), range.clone()))
+                    .collect(),
+                by: text.by,
+                goal: text.goal,
+                settings: text.settings,
+                seeds: (FIRST_TUNING_SEED..FIRST_TUNING_SEED + text.seeds).collect(),
+                method: text.method,
+            },
+            paths: keys.into_iter().map(|(_, path, _)| path).collect(),
+        })
+    }
+
+    /// The keys in the order of the study.
+    fn keys(&self) -> Result<Vec<(String, KeyPath<'a>, Range)>, Vec<Diagnostic>> {
+        let (mut keys, mut found) = (Vec::new(), Vec::new());
+        for entry in self.named.config.get("over").map_or(&[][..], Node::entries) {
+            match self.key(entry) {
+                Ok(Some((path, range))) => keys.push((entry.key.clone(), path, range)),
+                Ok(None) => {}
+                Err(errors) => found.extend(errors),
+            }
+        }
+        if found.is_empty() { Ok(keys) } else { Err(found) }
+    }
+
+    fn key(&self, entry: &Entry) -> Result<Option<(KeyPath<'a>, Range)>, Vec<Diagnostic>> {
+        let at = format!("{}.over.{}", self.at(), entry.key);
+        let path = path::find(
+            &entry.key,
+            entry.key_span,
+            &at,
+            self.written,
+            self.schema,
+            self.sources,
+        )?;
+        if self.fixed.iter().any(|fixed| fixed.overlaps(&path)) {
+            return Ok(None);
+        }
+        if !matches!(path.target, Target::Agent(_)) || path.is_preset() {
+            let error = self.sources.error(
+                entry.key_span,
+                &at,
+                format!("`{}` is no key of an agent", entry.key),
+            );
+            return Err(vec![
+                error.help("a search chooses the setting of an agent: write `AGENT.KEY`"),
+            ]);
+        }
+        let [range] = entry.value.entries() else {
+            return Err(Vec::new());
+        };
+        let range = self.range(range, &path, &at)?;
+        Ok(Some((path, range)))
+    }
+
+    fn range(&self, written: &Entry, path: &KeyPath<'_>, at: &str) -> Result<Range, Vec<Diagnostic>> {
+        if written.key == "choice" {
+            let wrong: Vec<_> = written
+                .value
+                .items()
+                .iter()
+                .flat_map(|it| path.check(it, at, self.sources))
+                .collect();
+            let values = written.value.items().iter().map(Node::to_value).collect();
+            return if wrong.is_empty() {
+                Ok(Range::Choice(values))
+            } else {
+                Err(wrong)
+            };
+        }
+        let limit = |key: &str| written.value.get(key).and_then(|node| node.to_value().as_f64());
+        let (Some(low), Some(high)) = (limit("low"), limit("high")) else {
+            return Err(Vec::new());
+        };
+        let numbers = sweep::numbers(
+            written,
+            path,
+            (low, high, written.key == "log_uniform"),
+            at,
+            self.sources,
+        )
+        .map_err(|error| vec![*error])?;
+        let ends = [0.0, 1.0].map(|share| Node::from_value(written.key_span, &numbers.at(share)));
+        let wrong: Vec<_> = ends
+            .iter()
+            .flat_map(|end| path.check(end, at, self.sources))
+            .take(1)
+            .collect();
+        if wrong.is_empty() {
+            Ok(Range::Numbers(numbers))
+        } else {
+            Err(wrong)
+        }
+    }
+
+    /// The one agent whose keys are searched, and where it is named first.
+    fn agent(&self, keys: &[(String, KeyPath<'a>, Range)]) -> Result<(usize, Span), Vec<Diagnostic>> {
+        let agents = keys.iter().filter_map(|(text, path, _)| match path.target {
+            Target::Agent(index) => Some((text, index, path.span)),
+            _ => None,
+        });
+        let agents: Vec<_> = agents.collect();
+        let Some((_, agent, span)) = agents.first().copied() else {
+            return Err(vec![
+                self.error("nothing is left to be searched")
+                    .help("the profile or `--set` fixes every key under `over`"),
+            ]);
+        };
+        match agents.iter().find(|(_, other, _)| *other != agent) {
+            None => Ok((agent, span)),
+            Some((text, _, place)) => {
+                let (first, at) = (
+                    &self.written.agents[agent].name,
+                    format!("{}.over.{text}", self.at()),
+                );
+                let error = self.sources.error(
+                    *place,
+                    &at,
+                    format!("`{text}` is a key of another agent than `{first}`"),
+                );
+                Err(vec![error.help("write a search for each agent")])
+            }
+        }
+    }
+
+    fn environment(&self, name: &str) -> Result<usize, Vec<Diagnostic>> {
+        let known = &self.written.environments;
+        if name.is_empty() && known.len() == 1 {
+            return Ok(0);
+        }
+        let span = self
+            .named
+            .config
+            .get("environment")
+            .map_or(self.named.name_span, |node| node.span);
+        let names = || known.iter().map(|it| it.name.as_str());
+        let (message, help) = if name.is_empty() {
+            let names: Vec<&str> = names().collect();
+            let message = "it is not said in which environment settings are compared".to_owned();
+            (
+                message,
+                format!("write `environment:` and one of {}", names.join(", ")),
+            )
+        } else {
+            (
+                format!("no environment is named `{name}`"),
+                suggest(name, names()),
+            )
+        };
+        known.iter().position(|it| it.name == name).ok_or_else(|| {
+            vec![
+                self.sources
+                    .error(span, &format!("{}.environment", self.at()), message)
+                    .help(help),
+            ]
+        })
+    }
+
+    /// Nothing else varies the agent, or the environment in which settings are compared.
+    fn alone(
+        &self,
+        agent: usize,
+        environment: usize,
+        span: Span,
+        others: &[Searched<'_>],
+    ) -> Result<(), Vec<Diagnostic>> {
+        let name = &self.written.agents[agent].name;
+        if let Some(other) = others.iter().find(|other| other.agent == agent) {
+            let error = self
+                .sources
+                .error(span, &self.at(), format!("`{name}` is searched twice"));
+            return Err(vec![error.help(format!(
+                "the search `{}` has it already; give it both sets of keys",
+                other.search.name
+            ))]);
+        }
+        let targets = [
+            Target::Agent(agent),
+            Target::Environment(environment),
+            Target::Protocol,
+        ];
+        let swept = self
+            .dimensions
+            .iter()
+            .flat_map(|it| &it.keys)
+            .find(|key| targets.contains(&key.path.target));
+        match swept {
+            None => Ok(()),
+            Some(key) => {
+                let message = format!(
+                    "`{}` is swept, so that `{name}` would have several best settings",
+                    key.text
+                );
+                let error = self.sources.error(span, &self.at(), message);
+                Err(vec![
+                    error
+                        .note("it is swept here", self.sources.place(key.path.span))
+                        .help("leave one of the two out"),
+                ])
+            }
+        }
+    }
+
+    fn at(&self) -> String {
+        format!("search.{}", self.named.name)
+    }
+
+    fn error(&self, message: &str) -> Diagnostic {
+        self.sources.error(self.named.name_span, &self.at(), message)
+    }
+}

@@ -1,0 +1,137 @@
+//! The settings that a search tried, from the best to the worst.
+
+use super::{Cell, Grid, Heading, NumberFormat, Quantity, Table, problem};
+use crate::{
+    Error,
+    diagnostic::suggest,
+    results::{Results, SearchResult, TriedSetting},
+    search::Tried,
+    spec::names::{Names, Place},
+    statistics::MeanEstimate,
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The best settings of a search, one row each.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BestSettings {
+    /// The search.
+    pub search: String,
+    /// How many settings are shown.
+    #[serde(default = "five")]
+    #[schemars(range(min = 1, max = 10_000))]
+    pub best: usize,
+    /// Digits after the decimal point.
+    #[serde(default)]
+    #[schemars(range(max = 9))]
+    pub decimals: Option<usize>,
+    /// Names to print instead of the study's own.
+    #[serde(default)]
+    pub labels: BTreeMap<String, String>,
+}
+
+/// Level of the intervals.
+const LEVEL: f64 = 0.95;
+
+fn five() -> usize {
+    5
+}
+
+impl Table for BestSettings {
+    #[cfg(test)]
+    fn example() -> &'static str {
+        "{ search: learner_rates, best: 3 }"
+    }
+
+    fn check(
+        &self,
+        names: &mut Names<'_>,
+        at: &Place<'_>,
+        _: Option<&Place<'_>>,
+    ) -> (Vec<String>, Vec<String>) {
+        let known = names.world.searches.clone();
+        let Some((_, by)) = known.iter().find(|(name, _)| *name == self.search) else {
+            let help = suggest(&self.search, known.iter().map(|(name, _)| name.as_str()));
+            names.say(
+                at.value("search"),
+                format!("no search is named `{}`", self.search),
+                help,
+            );
+            return (Vec::new(), Vec::new());
+        };
+        names.labels(at, &[], std::slice::from_ref(by));
+        (Vec::new(), vec![by.clone()])
+    }
+
+    fn build(&self, results: &Results) -> Result<Grid, Error> {
+        let found = results.searches.iter().find(|it| it.search.name == self.search);
+        let found = found.ok_or_else(|| problem(&format!("there is no search `{}`", self.search)))?;
+        Ok(self.grid(found, results))
+    }
+
+    fn metric_of_unit(&self) -> Option<&str> {
+        None
+    }
+}
+
+impl BestSettings {
+    fn grid(&self, it: &SearchResult, results: &Results) -> Grid {
+        let label = |name: &str| {
+            self.labels
+                .get(name)
+                .map_or(name, String::as_str)
+                .replace('_', " ")
+        };
+        let ended: Vec<&TriedSetting> = it.tried.iter().filter(|tried| tried.missing == 0).collect();
+        let order = it
+            .search
+            .ranking(&ended.iter().map(|tried| as_tried(tried)).collect::<Vec<_>>());
+        let shown: Vec<&TriedSetting> = order.iter().take(self.best).map(|place| ended[*place]).collect();
+        let heading = |tried: &&TriedSetting| Heading {
+            name: tried.setting.clone(),
+            label: tried.setting.clone(),
+        };
+        Grid {
+            quantity: Quantity::plain(format!("{}, {} settings were tried", label(&it.search.by), ended.len())),
+            row_axis: "setting".into(),
+            rows: shown.iter().map(heading).collect(),
+            columns: vec![Heading {
+                name: it.search.by.clone(),
+                label: label(&it.search.by),
+            }],
+            cells: shown.iter().map(|tried| vec![cell(tried, it, results)]).collect(),
+            format: NumberFormat::Fixed(self.decimals.unwrap_or(2)),
+            notes: vec![
+                "Means over the seeds of the search; the best of many looks better than it is, so its value on fresh seeds \
+                 counts."
+                    .into(),
+            ],
+            ..Grid::default()
+        }
+    }
+}
+
+fn as_tried(tried: &TriedSetting) -> Tried {
+    Tried {
+        value: tried.value(),
+        ended: true,
+        ..Tried::new(tried.point.clone())
+    }
+}
+
+fn cell(tried: &TriedSetting, it: &SearchResult, results: &Results) -> Cell {
+    let values: Vec<f64> = tried.values.values().copied().collect();
+    let estimate = (!values.is_empty()).then(|| MeanEstimate::of(&values));
+    Cell {
+        seeds: tried.values.iter().map(|(seed, value)| (*seed, *value)).collect(),
+        planned: it.search.seeds.len(),
+        failed: tried.failed,
+        estimate: estimate.as_ref().map(|it| it.value),
+        interval: estimate
+            .and_then(|it| it.interval(LEVEL))
+            .map(|interval| (interval.low, interval.high)),
+        ..Cell::resting_on(&[], results)
+    }
+}

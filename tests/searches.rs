@@ -1,0 +1,211 @@
+//! Searches for settings through the real program: the same settings however they are computed, and a chosen one
+//! that is measured on seeds which the search has not seen.
+
+use crate::program::{Bench, trial_files};
+use rand::Rng as _;
+use std::{
+    os::unix::process::CommandExt,
+    process::{Command, Stdio},
+    time::Duration,
+};
+
+const STUDY: &str = "
+study: tuned
+environments: { cells: { battery: { cells: 2 } } }
+agents:
+  equal: { equal_split: {} }
+  dsac: { dirichlet_sac: { width: 8, batch_size: 16, learning_starts: 64 } }
+protocol: { train_evaluate: { steps: 192, environments: 8, evaluate_every: 96, episodes: 1, final_episodes: 2 } }
+seeds: 3
+search:
+  rates:
+    over:
+      dsac.actor_learning_rate: { log_uniform: { low: 0.0001, high: 0.1 } }
+      dsac.policy_layers: { uniform: { low: 1, high: 3 } }
+      dsac.target_entropy: { choice: [minus_sqrt_d, { nats: -3 }] }
+    by: cycle_length
+    settings: 9
+    seeds: 2
+    method: { tree_parzen: { startup: 4, batch: 2 } }
+profiles:
+  smoke: { search.rates.settings: 5, search.rates.seeds: 1 }
+tables:
+  settings: { caption: What was tried, best_settings: { search: rates, best: 3 } }
+  lengths: { comparison: { rows: agent, value: cycle_length } }
+claims: [dsac.cycle_length > 0]
+";
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.write("tuned.yaml", STUDY);
+    bench
+}
+
+/// Tables as they were rendered.
+fn tables(bench: &Bench) -> Vec<String> {
+    ["settings", "lengths"]
+        .map(|name| std::fs::read_to_string(bench.path(&format!("results/tuned/tables/{name}.csv"))).unwrap())
+        .into()
+}
+
+#[test]
+fn a_search_ends_alike_for_any_number_of_workers_and_after_fifty_kills() {
+    let bench = bench();
+    bench.ok(&["run", "tuned.yaml", "-j", "1", "--store", "one"]);
+    let (expected, whole) = (tables(&bench), bench.digests("one"));
+    // Nine settings with two seeds each, and two agents with three: a setting may have been met twice.
+    assert!((20..=24).contains(&whole.len()), "{}", whole.len());
+    bench.ok(&["run", "tuned.yaml", "-j", "2", "--store", "two"]);
+    assert_eq!(
+        (tables(&bench), bench.digests("two")),
+        (expected.clone(), whole.clone())
+    );
+    let mut rng = engine::random::stream(&["kill a search"]);
+    let mut kills = 0;
+    for _ in 0..50 {
+        let mut command = bench.command(&["run", "tuned.yaml", "-j", "2", "--store", "killed"]);
+        let mut child = command
+            .process_group(0)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_micros(rng.random_range(1_000..400_000)));
+        kills += usize::from(child.try_wait().unwrap().is_none());
+        let group = format!("-{}", child.id());
+        let _ = Command::new("kill")
+            .args(["-KILL", "--", &group])
+            .stderr(Stdio::null())
+            .status();
+        child.wait().unwrap();
+    }
+    assert!(kills > 5, "{kills}");
+    bench.ok(&["run", "tuned.yaml", "-j", "2", "--store", "killed"]);
+    assert_eq!(
+        (tables(&bench), bench.digests("killed")),
+        (expected, whole),
+        "after {kills} kills"
+    );
+}
+
+#[test]
+fn the_chosen_setting_is_measured_on_fresh_seeds_and_everything_says_so() {
+    let bench = bench();
+    bench.ok(&["run", "tuned.yaml", "-P", "smoke"]);
+    let seeds = |tuning: bool| {
+        let trials = trial_files(&bench.path("store"));
+        let seed = |file: &std::path::PathBuf| {
+            let trial: serde_json::Value = serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
+            trial["trial"]["key"]["seed"]
+                .as_u64()
+                .or(trial["key"]["seed"].as_u64())
+                .unwrap()
+        };
+        trials
+            .iter()
+            .filter(|file| (seed(file) >= 1_000_000) == tuning)
+            .count()
+    };
+    assert_eq!((seeds(true), seeds(false)), (5, 6));
+    let report = std::fs::read_to_string(bench.path("results/tuned-smoke/report.md")).unwrap();
+    let said = "Search rates of dsac: its setting was chosen among 5, in cells by one seed of its own";
+    assert!(report.contains(said), "{report}");
+    assert!(
+        report.contains("What is shown of dsac is measured on other seeds than these."),
+        "{report}"
+    );
+    assert!(
+        report.contains("the best of many looks better than it is"),
+        "{report}"
+    );
+    // Planning and reporting come to the same from the store alone.
+    let plan = bench.ok(&["plan", "tuned.yaml", "-P", "smoke"]);
+    assert!(
+        plan.contains("nothing is missing") && plan.contains("search rates of dsac"),
+        "{plan}"
+    );
+    bench.ok(&["report", "tuned.yaml", "-P", "smoke"]);
+    assert_eq!(
+        std::fs::read_to_string(bench.path("results/tuned-smoke/report.md")).unwrap(),
+        report
+    );
+}
+
+#[test]
+fn before_the_setting_is_chosen_only_the_search_and_other_agents_have_trials() {
+    let bench = bench();
+    let plan = bench.ok(&["plan", "tuned.yaml"]);
+    // Four settings with two seeds, and the rule with three.
+    assert!(plan.contains("tuned: 11 trials"), "{plan}");
+    assert!(plan.contains("0 of 9 settings were tried"), "{plan}");
+}
+
+#[test]
+fn a_setting_that_the_agent_refuses_says_where_it_comes_from() {
+    let bench = Bench::new();
+    let study = "study: tuned\nenvironments: { cells: { battery: { cells: 2 } } }\nagents: { sac: { \
+                 gaussian_softmax_sac: { batch_size: 64 } } }\nprotocol: { train_evaluate: { steps: 192 } }\nsearch: { \
+                 memory: { over: { sac.replay_capacity: { choice: [16, 32] } }, by: cycle_length, settings: 2 } }\n";
+    bench.write("tuned.yaml", study);
+    let answer = bench.run(&["run", "tuned.yaml"]);
+    assert_eq!(answer.code, 2, "{}", answer.err);
+    assert!(
+        answer.err.contains("tuned.yaml:5:") && answer.err.contains("replay_capacity"),
+        "{}",
+        answer.err
+    );
+}
+
+/// Pauses are those of ordinary trials: what goes on ends with the bits of a trial that was never paused.
+#[test]
+fn halving_pauses_trials_and_the_best_end_as_if_they_had_never_paused() {
+    let bench = Bench::new();
+    let halving = STUDY.replace(
+        "settings: 9\n    seeds: 2\n    method: { tree_parzen: { startup: 4, batch: 2 } }",
+        "settings: 9\n    method: { halving: { pauses: [96], keep: 0.34, brackets: 2 } }",
+    );
+    bench.write("tuned.yaml", &halving);
+    bench.ok(&["run", "tuned.yaml", "-j", "2", "--store", "paused"]);
+    let (tables_of_halving, ended) = (tables(&bench), bench.digests("paused"));
+    // The rule's three and the chosen one's three, and those settings that went to their ends.
+    assert!((9..15).contains(&ended.len()), "{}", ended.len());
+    let plan = bench.ok(&["plan", "tuned.yaml", "--store", "paused"]);
+    assert!(
+        plan.contains("nothing is missing") && plan.contains("stopped early"),
+        "{plan}"
+    );
+    // All settings to their ends.
+    bench.write(
+        "whole.yaml",
+        &halving.replace("halving: { pauses: [96], keep: 0.34, brackets: 2 }", "random: {}"),
+    );
+    bench.ok(&["run", "whole.yaml", "-j", "2", "--store", "whole"]);
+    let whole: std::collections::BTreeMap<_, _> = bench.digests("whole").into_iter().collect();
+    assert!(
+        ended
+            .iter()
+            .all(|(id, digest)| whole.get(id).is_none_or(|other| other == digest))
+    );
+    // Stopped and taken up again at any instant it comes to the same.
+    for round in 0..15u64 {
+        let mut command = bench.command(&["run", "tuned.yaml", "-j", "2", "--store", "killed"]);
+        let mut child = command
+            .process_group(0)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(20 * round));
+        let group = format!("-{}", child.id());
+        let _ = Command::new("kill")
+            .args(["-KILL", "--", &group])
+            .stderr(Stdio::null())
+            .status();
+        child.wait().unwrap();
+    }
+    bench.ok(&["run", "tuned.yaml", "-j", "1", "--store", "killed"]);
+    assert_eq!(
+        (tables(&bench), bench.digests("killed")),
+        (tables_of_halving, ended)
+    );
+}
