@@ -38,4 +38,5 @@ mod selftest;
 mod shrunk;
 mod signals;
 mod slurm;
+mod suites;
 mod third_party;
