@@ -39,4 +39,5 @@ mod selftest;
 mod shrunk;
 mod signals;
 mod slurm;
+mod suites;
 mod third_party;

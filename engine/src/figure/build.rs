@@ -2,7 +2,7 @@
 
 use super::{
     FigureSpec,
-    chart::{Chart, Scale, Series, Shape, Style},
+    chart::{Chart, Paper, Scale, Series, Shape, Style},
 };
 use crate::{
     Error,
@@ -39,6 +39,10 @@ pub fn build(spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
             .unwrap_or_else(|| std::mem::take(&mut panel.y.label));
     }
     chart.notes.extend(spec.notes.iter().cloned());
+    chart.paper = Paper {
+        width_mm: spec.width_mm,
+        font_pt: spec.font_pt,
+    };
     Ok(chart)
 }
 

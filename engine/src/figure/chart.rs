@@ -20,6 +20,17 @@ pub struct Chart {
     pub shared_y: bool,
     /// Sentences under the figure.
     pub notes: Vec<String>,
+    /// How wide it is on paper, and how large its text.
+    pub paper: Paper,
+}
+
+/// What a study says of a figure's size; what it does not say is chosen.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Paper {
+    /// Width in millimetres.
+    pub width_mm: Option<f64>,
+    /// Size of all text in points.
+    pub font_pt: Option<f64>,
 }
 
 /// One pair of axes with what is drawn between them.
@@ -135,6 +146,9 @@ pub enum Shape {
     Points(Vec<Point>),
     /// Bars from zero with an interval each: centre, height, and the width of all.
     Bars(Vec<Point>, f64),
+    /// Bars along the horizontal axis from one end of the interval to the other, with a line at the value. The
+    /// axes are swapped: `x` is the row of the point on the vertical axis.
+    Across(Vec<Point>),
     /// A surface over a full grid.
     Surface(Surface),
     /// Points of a path, from light to dark.
@@ -194,6 +208,7 @@ impl Shape {
             | Shape::MarkedLine(points)
             | Shape::Points(points)
             | Shape::Bars(points, _)
+            | Shape::Across(points)
             | Shape::Path(points)
             | Shape::Crosses(points) => points,
             Shape::Level(_) | Shape::Surface(_) | Shape::Images(_) | Shape::Graph(_) => &[],
@@ -228,18 +243,23 @@ impl Shape {
         } else {
             &[]
         };
-        let ends = |point: &Point| {
-            [
-                Some(point.y),
-                point.interval.map(|ends| ends.0),
-                point.interval.map(|ends| ends.1),
-            ]
+        let is_across = self.is_across();
+        let own = move |point: &Point| {
+            if is_across {
+                [Some(point.x), None, None]
+            } else {
+                point.ends()
+            }
         };
         self.with_runs()
-            .flat_map(ends)
+            .flat_map(own)
             .flatten()
             .chain(level)
             .chain(surface.iter().copied())
+    }
+
+    fn is_across(&self) -> bool {
+        matches!(self, Shape::Across(_))
     }
 
     /// All horizontal values that the axis must hold, widths of bars included.
@@ -254,9 +274,26 @@ impl Shape {
         } else {
             &[]
         };
+        let is_across = self.is_across();
+        let own = move |point: &Point| {
+            if is_across {
+                point.ends()
+            } else {
+                [Some(point.x - half), Some(point.x + half), None]
+            }
+        };
         self.with_runs()
-            .flat_map(move |point| [point.x - half, point.x + half])
+            .flat_map(own)
+            .flatten()
             .chain(surface.iter().copied())
+    }
+}
+
+impl Point {
+    /// The value and the ends of its interval.
+    fn ends(&self) -> [Option<f64>; 3] {
+        let (low, high) = self.interval.unzip();
+        [Some(self.y), low, high]
     }
 }
 
@@ -292,7 +329,7 @@ impl Chart {
                 let n = series.seeds.map_or(String::new(), |(n, _)| n.to_string());
                 let head = [name.clone(), series.label.clone(), n];
                 lines.extend(
-                    fields(&series.shape, &panel.x)
+                    fields(&series.shape, panel)
                         .into_iter()
                         .map(|tail| head.iter().cloned().chain(tail).collect()),
                 );
@@ -313,8 +350,9 @@ impl Panel {
     }
 }
 
-fn fields(shape: &Shape, x: &Scale) -> Vec<[String; 6]> {
+fn fields(shape: &Shape, panel: &Panel) -> Vec<[String; 6]> {
     let none = String::new;
+    let x = if shape.is_across() { &panel.y } else { &panel.x };
     match shape {
         Shape::Level(level) => vec![[none(), level.to_string(), none(), none(), none(), none()]],
         Shape::Surface(surface) => {

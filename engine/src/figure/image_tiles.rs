@@ -4,15 +4,13 @@ use super::{
     axes::TEXT,
     chart::{Chart, Panel, Shape, Tiles},
     drawn::shapes,
-    layout::{DOUBLE, SINGLE, count, text},
+    layout::{DOUBLE, POINTS_PER_MM, SINGLE, count, text},
     paint::{Drawing, Mark, PNG_SCALE, text_width},
     series::rectangle,
     style::FAINT,
 };
 use plotters::style::text_anchor::HPos;
 
-/// Points in a millimetre.
-const POINTS_PER_MM: f64 = 72.0 / 25.4;
 /// Room between two images, and between two panels.
 const GAP: f64 = 1.0;
 const PANEL_GAP: f64 = 14.0;
@@ -24,8 +22,8 @@ const LARGEST: f64 = 24.0 * POINTS_PER_MM;
 /// Width of the line around an image, which shows where a light one ends.
 const RIM: f64 = 0.3;
 
-/// A chart of images; `None` for another one.
-pub(super) fn draw(chart: &Chart) -> Option<Drawing> {
+/// A chart of images, as wide as is asked for; `None` for another one.
+pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
     let grids: Vec<(&Panel, &Tiles)> = shapes(chart)
         .filter_map(|(_, panel, shape)| match shape {
             Shape::Images(tiles) => Some((panel, tiles)),
@@ -36,16 +34,19 @@ pub(super) fn draw(chart: &Chart) -> Option<Drawing> {
         return None;
     }
     let columns = chart.columns.clamp(1, grids.len());
-    let width = if columns == 1 && natural(&grids, SINGLE) <= SINGLE {
+    // The drawing as a whole is scaled for another size of text, which the size of an image shall not be.
+    let per_mm = POINTS_PER_MM * TEXT / chart.paper.font_pt.unwrap_or(TEXT);
+    let usual = if columns == 1 && natural(&grids, SINGLE, per_mm) <= SINGLE {
         SINGLE
     } else {
         DOUBLE
     };
+    let width = asked.unwrap_or(usual);
     let slot = (width - 2.0 * MARGIN - PANEL_GAP * count(columns - 1)) / count(columns);
     let titled = grids.iter().any(|(panel, _)| !panel.title.is_empty());
     // Panels that do not fill their slots stand together in the middle.
     let own = |(panel, tiles): &(&Panel, &Tiles)| {
-        span(side(tiles, slot), tiles.columns).max(text_width(&panel.title, TEXT))
+        span(side(tiles, slot, per_mm), tiles.columns).max(text_width(&panel.title, TEXT))
     };
     let slot = grids.iter().map(own).fold(0.0, f64::max).min(slot);
     let used = slot * count(columns) + PANEL_GAP * count(columns - 1);
@@ -55,7 +56,9 @@ pub(super) fn draw(chart: &Chart) -> Option<Drawing> {
         let mut lowest = top;
         for (column, (panel, tiles)) in row.iter().enumerate() {
             let left = (width - used) / 2.0 + (slot + PANEL_GAP) * count(column);
-            lowest = lowest.max(grid(panel, tiles, (left, top), slot, &mut marks));
+            // A size that the study gives never makes the grid wider than its slot.
+            let side = side(tiles, slot, per_mm).min(fit(tiles, slot));
+            lowest = lowest.max(grid(panel, tiles, (left, top), (slot, side), &mut marks));
         }
         top = lowest + PANEL_GAP / 2.0;
     }
@@ -67,16 +70,20 @@ pub(super) fn draw(chart: &Chart) -> Option<Drawing> {
 }
 
 /// The width that one column of panels takes.
-fn natural(grids: &[(&Panel, &Tiles)], width: f64) -> f64 {
-    let wanted = |tiles: &Tiles| span(side(tiles, width - 2.0 * MARGIN), tiles.columns) + 2.0 * MARGIN;
+fn natural(grids: &[(&Panel, &Tiles)], width: f64, per_mm: f64) -> f64 {
+    let wanted =
+        |tiles: &Tiles| span(side(tiles, width - 2.0 * MARGIN, per_mm), tiles.columns) + 2.0 * MARGIN;
     grids.iter().map(|(_, tiles)| wanted(tiles)).fold(0.0, f64::max)
 }
 
-/// Draws a panel in the middle of its slot; returns where it ends.
-fn grid(panel: &Panel, tiles: &Tiles, (left, top): (f64, f64), slot: f64, marks: &mut Vec<Mark>) -> f64 {
-    // A size that the study gives never makes the grid wider than its slot.
-    let fitting = fit(tiles, slot);
-    let side = side(tiles, slot).min(fitting);
+/// Draws a panel in the middle of its slot, with images of one side; returns where it ends.
+fn grid(
+    panel: &Panel,
+    tiles: &Tiles,
+    (left, top): (f64, f64),
+    (slot, side): (f64, f64),
+    marks: &mut Vec<Mark>,
+) -> f64 {
     let start = on_pixel(left + ((slot - span(side, tiles.columns)) / 2.0).max(0.0));
     let top = on_pixel(top);
     if !panel.title.is_empty() {
@@ -112,10 +119,10 @@ fn span(side: f64, images: usize) -> f64 {
     side * count(images) + GAP * count(images.saturating_sub(1))
 }
 
-/// The side of an image: as the study says, else what there is room for.
-fn side(tiles: &Tiles, room: f64) -> f64 {
+/// The side of an image: as the study says, in points `per_mm`, else what there is room for.
+fn side(tiles: &Tiles, room: f64, per_mm: f64) -> f64 {
     match tiles.size_mm {
-        Some(size_mm) => size_mm * POINTS_PER_MM,
+        Some(size_mm) => size_mm * per_mm,
         None => whole_pixels(tiles, fit(tiles, room).min(LARGEST)),
     }
 }

@@ -14,8 +14,15 @@ use plotters::style::text_anchor::HPos;
 pub(super) const SINGLE: f64 = 241.0;
 /// Width of two columns with the gap between them, 174 mm.
 pub(super) const DOUBLE: f64 = 493.0;
-/// Height of a line of text.
+/// Points in a millimetre.
+pub(super) const POINTS_PER_MM: f64 = 72.0 / 25.4;
+/// Height of a line of text, and of one more line of a label.
 const LINE: f64 = 10.0;
+const LABEL_LINE: f64 = 8.8;
+/// Height of a row of a vertical axis with names.
+const ROW: f64 = 15.0;
+/// Nothing with axes is lower.
+const LOWEST: f64 = 60.0;
 /// Room between a row's axis labels and the next row.
 const GAP: f64 = 7.0;
 /// Room right of a panel, for the half of its last tick label that stands out.
@@ -23,18 +30,27 @@ const OVERHANG: f64 = 9.0;
 /// Room for the colour bar of surfaces, its numbers and label.
 const COLOR_BAR: f64 = 42.0;
 
-/// Lays a chart out for paper: one column wide with one column of panels, else two columns wide. What has no
-/// axes has a layout of its own.
+/// Lays a chart out for paper: as wide as the study says, else one column with one column of panels, else two
+/// columns. What has no axes has a layout of its own.
 pub(super) fn draw(chart: &Chart) -> Drawing {
-    if let Some(drawing) = image_tiles::draw(chart).or_else(|| graph_drawing::draw(chart)) {
-        return drawing;
-    }
-    let width = if chart.columns <= 1 { SINGLE } else { DOUBLE };
+    // Everything is laid out for text of the usual size, and then made larger or smaller as a whole.
+    let scale = chart.paper.font_pt.map_or(1.0, |size| size / TEXT);
+    let width = chart.paper.width_mm.map(|width| width * POINTS_PER_MM / scale);
+    let shapes = image_tiles::draw(chart, width).or_else(|| graph_drawing::draw(chart, width));
+    shapes.unwrap_or_else(|| with_axes(chart, width)).scaled(scale)
+}
+
+fn with_axes(chart: &Chart, width: Option<f64>) -> Drawing {
+    let width = width.unwrap_or_else(|| usual_width(chart));
     let mut marks = Vec::new();
     let top = legend::draw(chart, width, &mut marks);
     let frames = Grid::of(chart, width, top);
     let height = frames.place(chart, &mut marks);
     Drawing { width, height, marks }
+}
+
+fn usual_width(chart: &Chart) -> f64 {
+    if chart.columns <= 1 { SINGLE } else { DOUBLE }
 }
 
 /// The widths of the columns of panels and what the axes need.
@@ -52,7 +68,7 @@ impl Grid {
     fn of(chart: &Chart, width: f64, top: f64) -> Self {
         let columns = chart.columns.max(1);
         let ranges = ranges(chart);
-        let height = plot_height(chart);
+        let height = plot_height(chart, width);
         let margins: Vec<f64> = (0..columns)
             .map(|column| left_margin(chart, &ranges, column, height))
             .collect();
@@ -128,8 +144,16 @@ impl Grid {
                 (frame.left + frame.right) / 2.0,
                 frame.bottom + depth + LINE / 2.0,
             );
-            marks.push(text(at, &panel.x.label, HPos::Center));
+            for (index, line) in self.x_label(panel).iter().enumerate() {
+                let down = LABEL_LINE * count(index);
+                marks.push(text((at.0, at.1 + down), line, HPos::Center));
+            }
         }
+    }
+
+    /// The label of a horizontal axis, in lines that stand below the plot.
+    fn x_label(&self, panel: &Panel) -> Vec<String> {
+        axes::break_lines(&panel.x.label, self.plot.0 + 2.0 * OVERHANG)
     }
 
     fn frame(&self, index: usize, column: usize, top: f64) -> Frame {
@@ -150,7 +174,10 @@ impl Grid {
             return 0.0;
         }
         let frame = self.frame(index, index % self.lefts.len(), 0.0);
-        let label = if panel.x.label.is_empty() { 0.0 } else { LINE };
+        let label = match self.x_label(panel).len() {
+            0 => 0.0,
+            lines => LINE + LABEL_LINE * count(lines - 1),
+        };
         axes::horizontal(&frame, &panel.x, &mut Vec::new()) + label
     }
 }
@@ -160,7 +187,16 @@ fn shows_x(chart: &Chart, index: usize) -> bool {
     !chart.shared_x || index + chart.columns >= chart.panels.len()
 }
 
-fn plot_height(chart: &Chart) -> f64 {
+/// As high as rows of names need; else in proportion to the width, where that is not the usual one.
+fn plot_height(chart: &Chart, width: f64) -> f64 {
+    let rows = chart.panels.iter().map(|panel| panel.y.categories.len()).max();
+    match rows {
+        Some(rows) if rows > 0 => ROW * count(rows) + 4.0,
+        _ => (usual_height(chart) * width / usual_width(chart)).max(LOWEST),
+    }
+}
+
+fn usual_height(chart: &Chart) -> f64 {
     match chart.columns {
         // About square, as both axes are alike.
         columns if has_surface(chart) => {
@@ -260,7 +296,7 @@ fn horizontal_range(panels: &[&Panel]) -> Range {
     };
     let padding = match shapes().next() {
         Some(Shape::Surface(_)) => 0.0,
-        Some(Shape::Points(_)) => 0.06,
+        Some(Shape::Points(_) | Shape::Across(_)) => 0.06,
         _ => 0.02,
     };
     Range::around(
@@ -274,6 +310,14 @@ fn horizontal_range(panels: &[&Panel]) -> Range {
 
 fn vertical_range(panels: &[&Panel]) -> Range {
     let scale: &Scale = &panels[0].y;
+    if !scale.categories.is_empty() {
+        // The first row is the highest.
+        return Range {
+            low: count(scale.categories.len()) - 0.5,
+            high: -0.5,
+            log: false,
+        };
+    }
     let shapes = || {
         panels
             .iter()

@@ -21,10 +21,12 @@ mod learning_curve;
 mod legend;
 mod over_runs;
 mod paint;
+mod pdf;
 mod published;
 mod scatter;
 mod series;
 mod style;
+mod suite;
 mod surface;
 #[cfg(test)]
 mod tests;
@@ -34,14 +36,16 @@ mod trajectory;
 pub use bars::Bars;
 pub use build::{Context, build};
 pub use chart::{
-    Chart, Curve, CurveOf, Hue, Panel, Point, RunLine, Scale, Series, Shape, Style, Surface, Tiles,
+    Chart, Curve, CurveOf, Hue, Panel, Paper, Point, RunLine, Scale, Series, Shape, Style, Surface, Tiles,
 };
 pub use contour::Contour;
 pub use graph::GraphFigure;
 pub use grouped_lines::GroupedLines;
 pub use images::Images;
 pub use learning_curve::{Automatic, Band, LearningCurve, Line, SeedLines};
+pub use pdf::pdf;
 pub use scatter::Scatter;
+pub use suite::{IntervalEstimates, PerformanceProfile, ProbabilityOfImprovement, SampleEfficiency};
 pub use trajectory::Trajectory;
 
 use crate::{
@@ -71,6 +75,17 @@ kinds! {
         "contour" => Contour(Contour),
             "A surface traced as x, y, z, as filled contours, with what was measured during learning as \
              points over it.";
+        "interval_estimates" => IntervalEstimates(IntervalEstimates),
+            "Median, interquartile mean, mean and optimality gap of normalised scores over several environments, \
+             with intervals, a row per agent.";
+        "performance_profile" => PerformanceProfile(PerformanceProfile),
+            "The share of runs above a normalised score, one line per agent over all environments.";
+        "probability_of_improvement" => ProbabilityOfImprovement(ProbabilityOfImprovement),
+            "How often a run of one agent scores above one of another, averaged over environments, a row per \
+             pair.";
+        "sample_efficiency" => SampleEfficiency(SampleEfficiency),
+            "The interquartile mean of normalised scores over several environments against environment steps, \
+             one line per agent.";
         "images" => Images(Images),
             "Samples that trials left as images, a grid of them per agent.";
         "graph" => GraphFigure(GraphFigure),
@@ -131,6 +146,14 @@ pub struct FigureSpec {
     /// Sentences under the figure: departures, sources.
     #[serde(default)]
     pub notes: Vec<String>,
+    /// Width on paper in millimetres; 85 for one column of panels and 174 for several where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 30.0, max = 500.0))]
+    pub width_mm: Option<f64>,
+    /// Size of all text in points, whatever the width; 7.5 where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 4.0, max = 24.0))]
+    pub font_pt: Option<f64>,
 }
 
 impl FigureSpec {
@@ -144,6 +167,8 @@ impl FigureSpec {
             x_label: None,
             y_label: None,
             notes: Vec::new(),
+            width_mm: None,
+            font_pt: None,
         }
     }
 
@@ -188,7 +213,9 @@ pub fn is_wide(chart: &Chart) -> bool {
 /// # Errors
 /// [`Error::Render`] where the drawing is refused.
 pub fn svg(chart: &Chart) -> Result<String, Error> {
-    paint::svg(&layout::draw(chart))
+    // A width that a study asks for is kept to a hundredth of a millimetre.
+    let decimals = if chart.paper.width_mm.is_some() { 2 } else { 1 };
+    paint::svg(&layout::draw(chart), decimals)
 }
 
 /// Writes a chart as a PNG file of 288 pixels per inch; the path must end in `.png`.

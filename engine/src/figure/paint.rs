@@ -16,7 +16,7 @@ use std::{path::Path, sync::Once};
 
 /// The family that SVG files name; the bundled font is registered under the whole list.
 const FAMILY: &str = "DejaVu Sans, sans-serif";
-static FONT: &[u8] = include_bytes!("../../assets/DejaVuSans.ttf");
+pub(super) static FONT: &[u8] = include_bytes!("../../assets/DejaVuSans.ttf");
 
 /// SVG units per point: coordinates are whole numbers.
 const SVG_SCALE: f64 = 10.0;
@@ -37,6 +37,24 @@ pub(super) struct Drawing {
     pub width: f64,
     pub height: f64,
     pub marks: Vec<Mark>,
+}
+
+impl Drawing {
+    /// The same, larger or smaller.
+    pub(super) fn scaled(self, scale: f64) -> Self {
+        if scale == 1.0 {
+            return self;
+        }
+        Self {
+            width: self.width * scale,
+            height: self.height * scale,
+            marks: self
+                .marks
+                .iter()
+                .map(|mark| mark.moved(scale, (0.0, 0.0)))
+                .collect(),
+        }
+    }
 }
 
 /// A position in points, from the upper left corner.
@@ -155,8 +173,8 @@ pub(super) fn text_width(text: &str, size: f64) -> f64 {
         .map_or(0.0, |(width, _)| f64::from(width) / 1000.0 * size)
 }
 
-/// The drawing as an SVG file whose size on paper is that of the drawing.
-pub(super) fn svg(drawing: &Drawing) -> Result<String, Error> {
+/// The drawing as an SVG file whose size on paper is that of the drawing, in millimetres with `decimals`.
+pub(super) fn svg(drawing: &Drawing, decimals: usize) -> Result<String, Error> {
     let (width, height) = (
         whole(drawing.width * SVG_SCALE),
         whole(drawing.height * SVG_SCALE),
@@ -175,7 +193,7 @@ pub(super) fn svg(drawing: &Drawing) -> Result<String, Error> {
     let millimetres = |points: f64| points * 25.4 / 72.0;
     let size = format!("width=\"{width}\" height=\"{height}\"");
     let on_paper = format!(
-        "width=\"{:.1}mm\" height=\"{:.1}mm\"",
+        "width=\"{:.decimals$}mm\" height=\"{:.decimals$}mm\"",
         millimetres(drawing.width),
         millimetres(drawing.height)
     );

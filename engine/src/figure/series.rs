@@ -76,6 +76,7 @@ fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<M
                 .into_iter()
                 .map(|at| marker(series.style, at)),
         ),
+        Shape::Across(points) => across(points, frame, color, marks),
         Shape::Bars(points, width) => bars(points, *width, frame, color, marks),
         Shape::Surface(surface) => surface::draw(surface, heights, frame, marks),
         Shape::Path(points) => path(&places(points, frame), marks),
@@ -118,7 +119,7 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
         }
         Shape::Crosses(_) => marks.extend(cross(middle)),
         Shape::Images(_) | Shape::Graph(_) => {}
-        Shape::Bars(..) | Shape::Surface(_) => {
+        Shape::Bars(..) | Shape::Across(_) | Shape::Surface(_) => {
             marks.push(Mark::Fill {
                 points: rectangle((middle.0 - 4.0, y - 3.5), (middle.0 + 4.0, y + 3.5)),
                 color,
@@ -281,6 +282,28 @@ fn bars(points: &[Point], width: f64, frame: &Frame, color: Rgb, marks: &mut Vec
             }),
     );
     marks.extend(whiskers(points, frame, INK));
+}
+
+/// Intervals as bars along the horizontal axis, each with a dark line at its value.
+fn across(points: &[Point], frame: &Frame, color: Rgb, marks: &mut Vec<Mark>) {
+    const HALF: f64 = 0.3;
+    for point in points.iter().filter(|point| point.y.is_finite()) {
+        // Dark on its bar, and in the colour of the agent where there is no bar to be seen.
+        let is_wide = point.interval.is_some_and(|(low, high)| low < high);
+        if let Some((low, high)) = point.interval {
+            let corners = [(low, -HALF), (high, HALF)].map(|(value, by)| frame.at(value, point.x + by));
+            marks.push(Mark::Fill {
+                points: rectangle(corners[0], corners[1]),
+                color,
+                opacity: 0.7,
+            });
+        }
+        marks.push(Mark::Line {
+            points: [-HALF, HALF].map(|by| frame.at(point.y, point.x + by)).to_vec(),
+            width: LINE_WIDTH,
+            color: if is_wide { INK } else { color },
+        });
+    }
 }
 
 pub(super) fn rectangle((left, top): Place, (right, bottom): Place) -> Vec<Place> {

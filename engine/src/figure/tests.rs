@@ -229,6 +229,7 @@ fn all(dir: &Path) -> Vec<(&'static str, Chart)> {
     ];
     all.extend(curve_tests::pictures(dir));
     all.extend(drawn_tests::pictures());
+    all.extend(super::suite::tests::pictures());
     all
 }
 
@@ -248,6 +249,7 @@ fn every_kind_is_drawn_in_both_formats_and_to_the_same_bytes() {
             text.starts_with("<svg width=\"") && text.contains("mm\"") && !text.contains("NaN"),
             "{name}"
         );
+        std::fs::write(dir.join(name).with_extension("pdf"), super::pdf(&text).unwrap()).unwrap();
         std::fs::write(dir.join(name).with_extension("svg"), text).unwrap();
         let path = dir.join(name).with_extension("png");
         png(&chart, &path).unwrap();

@@ -109,6 +109,7 @@ fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<C
         shared_x: true,
         shared_y: true,
         notes: vec![note],
+        ..Chart::default()
     })
 }
 

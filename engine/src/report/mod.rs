@@ -260,10 +260,11 @@ fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5
     Ok(paths)
 }
 
-fn write_figure(dir: &Path, name: &str, chart: &figure::Chart, svg: &str) -> Result<[PathBuf; 3], Error> {
-    let paths = ["svg", "png", "csv"].map(|extension| dir.join(files::name(name, extension)));
+fn write_figure(dir: &Path, name: &str, chart: &figure::Chart, svg: &str) -> Result<[PathBuf; 4], Error> {
+    let paths = ["svg", "png", "csv", "pdf"].map(|extension| dir.join(files::name(name, extension)));
     files::write(&paths[0], svg.as_bytes())?;
     files::write_with(&paths[1], |path| figure::png(chart, path))?;
     files::write(&paths[2], chart.csv()?.as_bytes())?;
+    files::write(&paths[3], &figure::pdf(svg)?)?;
     Ok(paths)
 }

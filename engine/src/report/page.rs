@@ -141,7 +141,7 @@ fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &F
             format!(
                 "<figure class=\"{width}\">\n{drawing}<figcaption>{}</figcaption>\n</figure>\n{}",
                 caption.trim(),
-                links("figures", name, &["svg", "png", "csv"])
+                links("figures", name, &["svg", "pdf", "png", "csv"])
             )
         }
         (Err(reason), _) => format!(

@@ -55,6 +55,35 @@ impl Bootstrap {
         suites: [&[Vec<f64>]; SUITES],
         statistic: impl Fn([&[Vec<f64>]; SUITES]) -> f64,
     ) -> Option<Interval> {
+        let statistics = self.draws(suites, statistic)?;
+        percentile_interval(&statistics, self.level)
+    }
+
+    /// The interval of each of several statistics of the same resamples, as of the points of a curve: every one
+    /// is that of [`Bootstrap::stratified`]. `None` where there is no task or a task has fewer than two seeds;
+    /// an interval is `None` where its statistic is not finite.
+    #[must_use]
+    pub fn pointwise(
+        self,
+        tasks: &[Vec<f64>],
+        statistics: impl Fn(&[Vec<f64>]) -> Vec<f64>,
+    ) -> Option<Vec<Option<Interval>>> {
+        let draws = self.draws([tasks], |[tasks]| statistics(tasks))?;
+        let points = draws.first().map_or(0, Vec::len);
+        let of_point = |point: usize| draws.iter().map(|draw| draw[point]).collect::<Vec<_>>();
+        Some(
+            (0..points)
+                .map(|point| percentile_interval(&of_point(point), self.level))
+                .collect(),
+        )
+    }
+
+    /// The statistic of every resample; `None` where there is no task or a task has fewer than two seeds.
+    fn draws<Value, const SUITES: usize>(
+        self,
+        suites: [&[Vec<f64>]; SUITES],
+        statistic: impl Fn([&[Vec<f64>]; SUITES]) -> Value,
+    ) -> Option<Vec<Value>> {
         if suites
             .iter()
             .any(|tasks| tasks.is_empty() || tasks.iter().any(|seeds| seeds.len() < 2))
@@ -72,8 +101,7 @@ impl Bootstrap {
                 .for_each(|(to, from)| resample(from, to, &mut rng));
             statistic(resampled.each_ref().map(Vec::as_slice))
         };
-        let statistics: Vec<f64> = (0..self.resamples.clamp(2000, 50_000)).map(|_| draw()).collect();
-        percentile_interval(&statistics, self.level)
+        Some((0..self.resamples.clamp(2000, 50_000)).map(|_| draw()).collect())
     }
 }
 
@@ -154,6 +182,17 @@ mod tests {
         let one = interval([vec![3.0, 1.0, 2.0, 5.0], vec![7.0, 9.0]]);
         assert_eq!(one, interval([vec![5.0, 2.0, 1.0, 3.0], vec![9.0, 7.0]]));
         assert_eq!(one, interval([vec![3.0, 1.0, 2.0, 5.0], vec![7.0, 9.0]]));
+    }
+
+    #[test]
+    fn points_of_a_curve_have_the_intervals_that_each_has_alone() {
+        let tasks = [vec![3.0, 1.0, 2.0, 5.0], vec![7.0, 9.0]];
+        let both = Bootstrap::CURVE
+            .pointwise(&tasks, |tasks| vec![suite_iqm(tasks), suite_mean(tasks)])
+            .unwrap();
+        let alone = [suite_iqm, suite_mean].map(|statistic| Bootstrap::CURVE.stratified(&tasks, statistic));
+        assert_eq!(both, alone);
+        assert_eq!(Bootstrap::CURVE.pointwise(&[vec![1.0]], |_| vec![0.0]), None);
     }
 
     #[test]

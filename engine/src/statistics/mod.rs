@@ -14,12 +14,15 @@ pub mod comparison;
 pub mod estimators;
 pub mod mean_estimate;
 pub mod normal;
+pub mod performance_profile;
 pub mod power;
 mod quadrature;
 pub mod rank_correlation;
+pub mod sample_efficiency;
 pub mod spending;
 pub mod statement;
 pub mod student_t;
+pub mod suite_statistic;
 pub mod verdict;
 
 pub use binomial::Share;
@@ -27,10 +30,13 @@ pub use bootstrap::Bootstrap;
 pub use claim::{Aggregate, Claim, ClaimError, ClaimOutcome, ClaimVerdict, Operand, Within, evaluate};
 pub use comparison::PermutationTest;
 pub use mean_estimate::{MeanEstimate, PublishedMean};
+pub use performance_profile::performance_profile;
 pub use power::Room;
 pub use rank_correlation::{rank_correlation, rank_correlation_interval};
+pub use sample_efficiency::sample_efficiency;
 pub use spending::Design;
 pub use statement::{Outcome, Statement, holm};
+pub use suite_statistic::{Estimate, SuiteStatistic};
 pub use verdict::{Judgement, Reference, Seeds, Verdict};
 
 use serde::{Deserialize, Serialize};
@@ -100,6 +106,28 @@ mod tests {
     /// The values made by `tests/fixtures/statistics/sequential.py`.
     pub(super) fn sequential_reference() -> serde_json::Value {
         serde_json::from_str(include_str!("../../../tests/fixtures/statistics/sequential.json")).unwrap()
+    }
+
+    /// Scores and values made by `tests/fixtures/statistics/suite.py` with rliable.
+    pub(super) fn suite_reference() -> serde_json::Value {
+        serde_json::from_str(include_str!("../../../tests/fixtures/statistics/suite.json")).unwrap()
+    }
+
+    /// The scores of an agent of a fixture, seeds by task.
+    pub(super) fn tasks(value: &serde_json::Value) -> Vec<Vec<f64>> {
+        value.as_array().unwrap().iter().map(numbers).collect()
+    }
+
+    /// Panics unless the ends of an interval lie as near to those of the reference as other random numbers
+    /// allow: `step` is what the statistic moves in.
+    pub(super) fn assert_interval(interval: Option<Interval>, expected: &serde_json::Value, step: f64) {
+        let (interval, ends) = (interval.unwrap(), numbers(expected));
+        let tolerance = 0.025 * (ends[1] - ends[0]) + step;
+        let is_near = |left: f64, right: f64| (left - right).abs() <= tolerance + 1e-9;
+        assert!(
+            is_near(interval.low, ends[0]) && is_near(interval.high, ends[1]),
+            "{interval:?} is not {ends:?}"
+        );
     }
 
     /// A list of numbers of the reference values.

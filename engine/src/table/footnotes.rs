@@ -9,6 +9,10 @@ use crate::statistics::Judgement;
 pub enum Intervals {
     /// In brackets after the number; cells with seeds missing have a star.
     InBrackets,
+    /// As half of their width after the number.
+    AsHalfWidth,
+    /// Not at all.
+    NotShown,
     /// As lines over bars.
     AsLines,
 }
@@ -18,11 +22,7 @@ impl Grid {
     /// missing, and the notes of the study, a sentence each.
     #[must_use]
     pub fn footnotes(&self, intervals: Intervals) -> Vec<String> {
-        let star = if intervals == Intervals::InBrackets {
-            "* "
-        } else {
-            ""
-        };
+        let star = if intervals == Intervals::AsLines { "" } else { "* " };
         let mut notes = self.causes();
         notes.push(self.reading(intervals));
         notes.extend(self.judging());
@@ -46,6 +46,8 @@ impl Grid {
         };
         let shown = match intervals {
             Intervals::InBrackets => "in brackets",
+            Intervals::AsHalfWidth => "after ±, its larger half",
+            Intervals::NotShown => "not shown",
             Intervals::AsLines => "as lines",
         };
         let seeds = match self.usual_n() {

@@ -12,6 +12,8 @@ mod html;
 mod latex;
 mod markdown;
 mod missing;
+pub(crate) mod normalised_scores;
+mod number_format;
 pub(crate) mod prose;
 mod published;
 mod rank_correlation;
@@ -20,7 +22,7 @@ mod terminal;
 #[cfg(test)]
 mod tests;
 
-pub use aggregate::{Aggregate, Normalise, SUITE_MEAN};
+pub use aggregate::{Aggregate, SUITE_MEAN};
 pub use best_settings::BestSettings;
 pub use cause::Cause;
 pub use comma_separated::{csv, write as write_csv};
@@ -28,11 +30,13 @@ pub use comparison::{AtStep, Axis, Comparison, Form, Improvement, Statistic, Tak
 pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;
 pub(crate) use footnotes::{unplanned_look_in_words, untrained_in_words};
-pub use grid::{Cell, Fixed, Grid, Heading, NumberFormat, OneNumber, Part, Quantity};
+pub use grid::{Cell, Fixed, Grid, Heading, OneNumber, Part, Quantity};
 pub use html::{escape as escape_html, html, word as verdict_word};
-pub use latex::latex;
+pub use latex::{Among, Direction, LatexLayout, ValueForm, Wide, latex};
 pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
 pub use missing::{Missing, NoValue};
+pub use normalised_scores::{Bound, Normalise, ScoreScale};
+pub use number_format::NumberFormat;
 pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMargin};
 pub use rank_correlation::RankCorrelation;
 pub use seeds::Scope;
@@ -107,6 +111,11 @@ pub(crate) trait Table {
         Vec::new()
     }
 
+    /// Which values of a column are better, where the kind of table says it.
+    fn better(&self, _column: &str) -> Option<Direction> {
+        None
+    }
+
     /// The metric whose unit the numbers have.
     fn metric_of_unit(&self) -> Option<&str> {
         None
@@ -163,6 +172,9 @@ pub struct TableSpec {
     /// Sentences under the table: departures, sources.
     #[serde(default)]
     pub notes: Vec<String>,
+    /// How the LaTeX file is set: what is bold, how intervals are written, what becomes of a wide table.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latex: Option<LatexLayout>,
 }
 
 impl TableSpec {
@@ -180,6 +192,7 @@ impl TableSpec {
             exploratory: false,
             cause: None,
             notes: Vec::new(),
+            latex: None,
         }
     }
 
@@ -199,6 +212,12 @@ impl TableKind {
         published: Option<&Place<'_>>,
     ) -> (Vec<String>, Vec<String>) {
         self.it().check(names, at, published)
+    }
+
+    /// Which values of a column are better, where the kind of table says it.
+    #[must_use]
+    pub fn better(&self, column: &str) -> Option<Direction> {
+        self.it().better(column)
     }
 
     /// The metric whose unit the numbers have; `None` where they have another one or none.
@@ -238,6 +257,13 @@ pub fn build(spec: &TableSpec, results: &Results) -> Result<Grid, Error> {
     }
     grid.margin.clone_from(&spec.margin);
     grid.exploratory = spec.exploratory;
+    grid.latex.clone_from(&spec.latex);
+    let said = spec.latex.as_ref().and_then(|layout| layout.better);
+    grid.better = grid
+        .columns
+        .iter()
+        .map(|column| kind.better(&column.name).or(said))
+        .collect();
     grid.cause.clone_from(&spec.cause);
     let judging = Judging {
         margin: spec.margin.as_ref(),

@@ -14,7 +14,7 @@ use crate::{
 use std::collections::BTreeMap;
 
 /// The improvement over an equal split, with published values for both environments.
-fn improvement() -> TableSpec {
+pub(super) fn improvement() -> TableSpec {
     let of = Improvement(Comparison {
         rows: Axis::Environment,
         value: "cycle_length".into(),

@@ -31,20 +31,22 @@ const GAP: f64 = 10.0;
 /// The height of a page; what is higher is drawn smaller.
 const TALLEST: f64 = 640.0;
 
-/// A chart of graphs, one below the other; `None` for another one.
-pub(super) fn draw(chart: &Chart) -> Option<Drawing> {
+/// A chart of graphs, one below the other, as wide as is asked for; `None` for another one.
+pub(super) fn draw(chart: &Chart, asked: Option<f64>) -> Option<Drawing> {
+    let room = asked.unwrap_or(DOUBLE) - 2.0 * MARGIN;
     let sketches: Vec<(&str, Sketch)> = shapes(chart)
         .filter_map(|(_, panel, shape)| match shape {
-            Shape::Graph(graph) => Some((panel.title.as_str(), Sketch::of(graph))),
+            Shape::Graph(graph) => Some((panel.title.as_str(), Sketch::of(graph, room))),
             _ => None,
         })
         .collect();
     let widest = sketches.iter().map(|(_, sketch)| sketch.width).reduce(f64::max)?;
-    let width = if widest + 2.0 * MARGIN <= SINGLE {
+    let usual = if widest + 2.0 * MARGIN <= SINGLE {
         SINGLE
     } else {
         DOUBLE
     };
+    let width = asked.unwrap_or(usual);
     let (mut marks, mut top) = (Vec::new(), MARGIN);
     for (title, sketch) in sketches {
         if !title.is_empty() {
@@ -70,9 +72,8 @@ struct Sketch {
 }
 
 impl Sketch {
-    /// The first arrangement that fits the paper; the last one, made smaller, where none does.
-    fn of(graph: &Graph) -> Self {
-        let room = DOUBLE - 2.0 * MARGIN;
+    /// The first arrangement that fits the room; the last one, made smaller, where none does.
+    fn of(graph: &Graph, room: f64) -> Self {
         let mut sketches = Arrangement::all(graph).map(|arrangement| Self::arranged(graph, &arrangement));
         let mut chosen = sketches.next().unwrap_or(Self {
             marks: Vec::new(),

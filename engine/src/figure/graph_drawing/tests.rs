@@ -180,7 +180,7 @@ fn hold(graph: &Graph) {
             );
         }
     }
-    let sketch = Sketch::of(graph);
+    let sketch = Sketch::of(graph, DOUBLE - 2.0 * MARGIN);
     assert!(sketch.width <= DOUBLE - 2.0 * MARGIN + 0.01 && sketch.height <= 640.01);
 }
 
@@ -208,7 +208,7 @@ fn a_cell_fits_into_one_line_of_one_column() {
     assert_eq!(ways.beside, [(1, 1)]);
     assert!(places.frames[0].across.low < places.beside(0, 0, true));
     assert!(places.frames[0].across.low > places.beside(0, 0, false));
-    assert!(Sketch::of(&graph).width > SINGLE);
+    assert!(Sketch::of(&graph, DOUBLE - 2.0 * MARGIN).width > SINGLE);
     hold(&graph);
 }
 
@@ -239,7 +239,7 @@ fn columns_and_lanes_count_by_their_order_alone() {
     };
     let near = graph(vec![node(0, 0), node(1, 1)]);
     let far = graph(vec![node(7, -2_000_000_000), node(u32::MAX, 2_000_000_000)]);
-    let widths = [near, far].map(|graph| Sketch::of(&graph).width);
+    let widths = [near, far].map(|graph| Sketch::of(&graph, DOUBLE - 2.0 * MARGIN).width);
     assert_eq!(widths[0], widths[1]);
 }
 

@@ -28,8 +28,30 @@ impl Names<'_> {
             self.judgeable(&spec, row, published, &place);
         }
         self.caused(&spec, &rows, &place);
+        self.typeset(&spec, &columns, &place);
         self.shown.insert(entry.key.clone(), (rows, columns));
         Some(spec)
+    }
+
+    /// What is best is known only where a direction is.
+    fn typeset(&mut self, spec: &TableSpec, columns: &[String], place: &Place<'_>) {
+        let (Some(layout), Some(inner)) = (&spec.latex, place.below("latex")) else {
+            return;
+        };
+        let is_known = !columns.is_empty() && columns.iter().all(|column| spec.kind.better(column).is_some());
+        if layout.bold_best && layout.better.is_none() && !is_known {
+            self.say(
+                inner.value("bold_best"),
+                "nothing is best where it is not said which values are better",
+                "add `better: higher` or `better: lower`",
+            );
+        }
+        for key in ["better", "best_of"] {
+            if !layout.bold_best && inner.node.entry(key).is_some() {
+                let message = format!("`{key}` has no effect without `bold_best: true`");
+                self.say(inner.value(key), message, "");
+            }
+        }
     }
 
     fn published(

@@ -9,8 +9,8 @@
 mod check;
 
 use super::{
-    Axis, Cell, Fixed, Grid, Heading, Missing, NoValue, NumberFormat, OneNumber, Quantity, Scope, Table,
-    problem,
+    Axis, Cell, Direction, Fixed, Grid, Heading, Missing, NoValue, Normalise, NumberFormat, OneNumber,
+    Quantity, Scope, ScoreScale, Table, normalised_scores::ends_in_words, problem,
 };
 use crate::{
     Error,
@@ -19,7 +19,7 @@ use crate::{
     statistics::{
         Bootstrap, Interval,
         comparison::{probability_of_improvement, probability_of_improvement_interval},
-        estimators::{mean, suite_iqm, suite_mean, suite_median, suite_optimality_gap, suite_share_above},
+        estimators::{suite_iqm, suite_mean, suite_median, suite_optimality_gap, suite_share_above},
     },
 };
 use schemars::JsonSchema;
@@ -60,21 +60,6 @@ pub struct Aggregate {
     pub labels: BTreeMap<String, String>,
 }
 
-/// What the scores 0 and 1 stand for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(untagged, deny_unknown_fields)]
-pub enum Normalise {
-    /// Two agents, whose means in an environment become 0 and 1.
-    Agents {
-        /// The agent of score 0.
-        low: String,
-        /// The agent of score 1.
-        high: String,
-    },
-    /// Two numbers by environment.
-    Numbers(BTreeMap<String, [f64; 2]>),
-}
-
 fn default_metric() -> String {
     "return".into()
 }
@@ -83,10 +68,7 @@ impl Aggregate {
     /// Agents whose scores are fixed by construction, with the score.
     #[must_use]
     pub fn fixed(&self) -> Vec<(&str, u8)> {
-        match &self.normalise {
-            Normalise::Agents { low, high } => vec![(low, 0), (high, 1)],
-            Normalise::Numbers(_) => Vec::new(),
-        }
+        self.normalise.fixed()
     }
 
     /// Names of the columns.
@@ -119,6 +101,14 @@ impl Table for Aggregate {
     fn build(&self, results: &Results) -> Result<Grid, Error> {
         build(self, results)
     }
+
+    fn better(&self, column: &str) -> Option<Direction> {
+        Some(if column == Column::OptimalityGap.name() {
+            Direction::Lower
+        } else {
+            Direction::Higher
+        })
+    }
 }
 
 /// Computes the aggregates.
@@ -140,7 +130,7 @@ fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
         spec,
         scales: environments
             .into_iter()
-            .map(|name| Scale::of(spec, name, &all))
+            .map(|name| ScoreScale::of(&spec.normalise, &spec.value, name, &all))
             .collect(),
     };
     let (rows, left_out): (Vec<_>, Vec<_>) = scope
@@ -246,37 +236,6 @@ impl Column {
     }
 }
 
-/// An environment with what its scores 0 and 1 stand for.
-struct Scale {
-    environment: String,
-    /// `None` where an agent that stands for one of them has no value.
-    ends: Option<[f64; 2]>,
-}
-
-impl Scale {
-    fn of(spec: &Aggregate, environment: String, all: &Scope<'_>) -> Self {
-        let of_agent = |agent: &str| {
-            let values = all
-                .at(Axis::Agent, agent)
-                .at(Axis::Environment, &environment)
-                .finals(&spec.value);
-            (!values.is_empty()).then(|| mean(&values.into_values().collect::<Vec<_>>()))
-        };
-        let ends = match &spec.normalise {
-            Normalise::Agents { low, high } => of_agent(low).zip(of_agent(high)).map(Into::into),
-            Normalise::Numbers(numbers) => numbers.get(&environment).copied(),
-        };
-        Self { environment, ends }
-    }
-
-    /// `None` where nothing can be scaled.
-    fn score(&self, value: f64) -> Option<f64> {
-        self.ends
-            .filter(|[low, high]| low != high)
-            .map(|[low, high]| (value - low) / (high - low))
-    }
-}
-
 /// The scores of one agent.
 struct Scores {
     /// By environment, in the order of the suite, and seed.
@@ -320,7 +279,7 @@ impl Scores {
 
 struct Suite<'a> {
     spec: &'a Aggregate,
-    scales: Vec<Scale>,
+    scales: Vec<ScoreScale>,
 }
 
 impl Suite<'_> {
@@ -361,13 +320,7 @@ impl Suite<'_> {
     /// The trials of an agent, of the agents that stand for 0 and 1, and of the one to improve on: all of
     /// them move the value.
     fn trials_behind<'r>(&self, agent: &str, column: &Column, all: &Scope<'r>) -> Vec<&'r TrialResult> {
-        let mut agents: BTreeSet<&str> = self
-            .spec
-            .fixed()
-            .into_iter()
-            .map(|(name, _)| name)
-            .chain([agent])
-            .collect();
+        let mut agents: BTreeSet<&str> = self.spec.normalise.agents().into_iter().chain([agent]).collect();
         if let Column::Improvement(other) = column {
             agents.insert(other);
         }
@@ -465,7 +418,7 @@ impl Suite<'_> {
                     self.spec.label(high)
                 )
             }
-            Normalise::Numbers(_) => "scaled".into(),
+            Normalise::ByEnvironment(_) => "scaled".into(),
         };
         format!("{value}, {ends} in each of {} environments", self.scales.len())
     }
@@ -475,7 +428,7 @@ impl Suite<'_> {
             "Intervals draw the seeds of each environment anew (stratified bootstrap); what stands for 0 \
              and 1 is held fixed."
                 .into(),
-            self.ends(),
+            ends_in_words(&self.scales, |name| self.spec.label(name).into()),
         ];
         if !self.spec.fixed().is_empty() {
             notes.push(
@@ -504,22 +457,6 @@ impl Suite<'_> {
             ));
         }
         notes
-    }
-
-    /// What 0 and 1 stand for in each environment.
-    fn ends(&self) -> String {
-        let of = |scale: &Scale| {
-            let label = self.spec.label(&scale.environment);
-            let Some([low, high]) = scale.ends else {
-                return format!("{label}: not known yet");
-            };
-            let format = NumberFormat::fitting([low, high].into_iter());
-            format!("{label}: {} and {}", format.write(low), format.write(high))
-        };
-        format!(
-            "The scores 0 and 1: {}.",
-            self.scales.iter().map(of).collect::<Vec<_>>().join("; ")
-        )
     }
 }
 
