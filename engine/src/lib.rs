@@ -29,6 +29,7 @@ pub mod drawing;
 pub mod environment;
 pub mod error;
 pub mod executor;
+pub mod export;
 pub mod figure;
 pub mod kinds;
 pub mod limits;
@@ -52,6 +53,7 @@ pub mod statistics;
 pub mod store;
 pub mod table;
 pub mod trial;
+pub mod verification;
 
 pub use agent::{Agent, Mode, Transition, Updates};
 pub use build::Build;

@@ -33,6 +33,16 @@ pub(crate) enum Values<'a> {
     Bool(Vec<bool>),
     /// A vector of numbers in every row.
     Vectors(Vec<&'a [f64]>),
+    /// Words, with cells that are empty.
+    MaybeText(Vec<Option<&'a str>>),
+    /// Counts, with cells that are empty.
+    MaybeU64(Vec<Option<u64>>),
+    /// Whole numbers, with cells that are empty.
+    MaybeI64(Vec<Option<i64>>),
+    /// Numbers, with cells that are empty.
+    MaybeF64(Vec<Option<f64>>),
+    /// True or false, with cells that are empty.
+    MaybeBool(Vec<Option<bool>>),
 }
 
 impl Values<'_> {
@@ -45,6 +55,11 @@ impl Values<'_> {
             Self::F64(values) => values.len(),
             Self::Bool(values) => values.len(),
             Self::Vectors(values) => values.len(),
+            Self::MaybeText(values) => values.len(),
+            Self::MaybeU64(values) => values.len(),
+            Self::MaybeI64(values) => values.len(),
+            Self::MaybeF64(values) => values.len(),
+            Self::MaybeBool(values) => values.len(),
         }
     }
 
@@ -57,6 +72,11 @@ impl Values<'_> {
             Self::I64(values) => Column::new(name, values),
             Self::F64(values) => Column::new(name, values),
             Self::Bool(values) => Column::new(name, values),
+            Self::MaybeText(values) => Column::new(name, values),
+            Self::MaybeU64(values) => Column::new(name, values),
+            Self::MaybeI64(values) => Column::new(name, values),
+            Self::MaybeF64(values) => Column::new(name, values),
+            Self::MaybeBool(values) => Column::new(name, values),
             Self::Vectors(rows) => {
                 let entries = rows.iter().map(|row| row.len()).sum();
                 let mut list = ListPrimitiveChunkedBuilder::<Float64Type>::new(
@@ -278,6 +298,35 @@ mod tests {
         let vectors = table.vectors("vector").unwrap();
         assert_eq!(vectors, [Some(vec![1.0, -0.0]), Some(vec![])]);
         assert!(vectors[0].as_ref().unwrap()[1].is_sign_negative());
+    }
+
+    #[test]
+    fn empty_cells_stay_empty() {
+        let path = Path::new("table.parquet");
+        let columns = vec![
+            ("word", Values::MaybeText(vec![Some("a"), None])),
+            ("count", Values::MaybeU64(vec![None, Some(2)])),
+            ("whole", Values::MaybeI64(vec![Some(-1), None])),
+            ("number", Values::MaybeF64(vec![None, Some(0.5)])),
+            ("flag", Values::MaybeBool(vec![Some(true), None])),
+            ("nothing", Values::MaybeF64(vec![None, None])),
+        ];
+        let table = Table::decode(encode(path, columns, &[]).unwrap(), path).unwrap();
+        assert_eq!(
+            table.texts("word").unwrap().collect::<Vec<_>>(),
+            [Some("a"), None]
+        );
+        assert_eq!(table.u64s("count").unwrap().collect::<Vec<_>>(), [None, Some(2)]);
+        assert_eq!(table.i64s("whole").unwrap().collect::<Vec<_>>(), [Some(-1), None]);
+        assert_eq!(
+            table.f64s("number").unwrap().collect::<Vec<_>>(),
+            [None, Some(0.5)]
+        );
+        assert_eq!(
+            table.bools("flag").unwrap().collect::<Vec<_>>(),
+            [Some(true), None]
+        );
+        assert_eq!(table.f64s("nothing").unwrap().collect::<Vec<_>>(), [None, None]);
     }
 
     #[test]

@@ -96,6 +96,17 @@ impl Seating {
         }
     }
 
+    /// Changes the plugins with their configs, one per member of a cast.
+    pub(crate) fn each_part(&mut self, mut change: impl FnMut(&mut Part)) {
+        match self {
+            Self::Agent(part) => change(part),
+            Self::Cast(cast) => cast
+                .roles
+                .values_mut()
+                .for_each(|member| change(&mut member.agent)),
+        }
+    }
+
     /// The products of other trials that are taken.
     #[must_use]
     pub fn taken(&self) -> Vec<Taken> {

@@ -44,7 +44,7 @@ pub(super) struct Compute<'a> {
 }
 
 /// What is known of a run besides what it stored.
-struct Ran {
+pub(super) struct Ran {
     /// Whether some of its trials ended otherwise than `ok`.
     failed: bool,
     /// Whether it was asked to stop.
@@ -90,7 +90,7 @@ impl Compute<'_> {
     }
 
     /// Runs the tasks and shows what happens.
-    fn work(&self, tasks: &[Task<'_>], store: &Store) -> Result<Ran, Failure> {
+    pub(super) fn work(&self, tasks: &[Task<'_>], store: &Store) -> Result<Ran, Failure> {
         let stop = Arc::new(AtomicBool::new(false));
         listen_for_signals(&stop)?;
         let (events, received) = mpsc::channel();
@@ -222,7 +222,7 @@ impl Compute<'_> {
     }
 
     /// The study's limits, tightened by the machine's, and what the command line says in their place.
-    fn limits_of(&self, study: &Limits) -> Limits {
+    pub(super) fn limits_of(&self, study: &Limits) -> Limits {
         let (held, said) = (study.on(&self.settings.limits), self.limits);
         Limits {
             wall_time_s: said.wall_time_s.or(held.wall_time_s),

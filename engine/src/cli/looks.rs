@@ -11,7 +11,7 @@ use crate::{
     report::{ClaimLine, Contents, Open},
     results::{CellName, Results},
     statistics::Verdict,
-    store::{Store, write_durably},
+    store::{self, Store, write_durably},
     table::Grid,
     trial,
 };
@@ -167,9 +167,7 @@ pub(super) fn record(
         .for_each(|(name, grid)| noting.table(name, grid));
     contents.claims.iter_mut().for_each(|line| noting.claim(line));
     if noting.changed {
-        let folder = path.parent().unwrap_or(store.root());
-        fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
-        write_durably(&path, json!(noting.seen).to_string().as_bytes())?;
+        write(&path, &noting.seen)?;
     }
     Ok(())
 }
@@ -238,6 +236,36 @@ fn read(path: &Path) -> Seen {
         }
         Seen::default()
     })
+}
+
+/// Adds to the records of one store what another one says was seen: who takes its trials has seen its verdicts
+/// as well.
+///
+/// # Errors
+/// [`Error::File`] where a record cannot be written.
+pub(super) fn unite(into: &Store, from: &Store, dry_run: bool) -> Result<(), Error> {
+    let folder = from.seen_verdicts("");
+    for name in store::names(folder.parent().unwrap_or(from.root()))? {
+        let Some(study) = name.strip_suffix(".json").filter(|_| !dry_run) else {
+            continue;
+        };
+        let path = into.seen_verdicts(study);
+        let (more, mut seen) = (read(&from.seen_verdicts(study)), read(&path));
+        let before = json!(seen);
+        for (place, seeds) in more.verdicts {
+            seen.verdicts.entry(place).or_default().extend(seeds);
+        }
+        if json!(seen) != before {
+            write(&path, &seen)?;
+        }
+    }
+    Ok(())
+}
+
+fn write(path: &Path, seen: &Seen) -> Result<(), Error> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+    write_durably(path, json!(seen).to_string().as_bytes())
 }
 
 /// The trial of the first seed of every combination, and how many seeds each has.

@@ -3,9 +3,11 @@
 mod command_line;
 mod compute;
 mod describe;
+mod export;
 mod folders;
 mod fsck;
 mod looks;
+mod merge;
 mod overview;
 mod prepare;
 mod profiles;
@@ -21,6 +23,7 @@ mod stages;
 mod study;
 mod submit;
 mod summaries;
+mod verify;
 mod waiting;
 
 use crate::Registry;
@@ -35,7 +38,7 @@ pub const BAD_SPEC: u8 = 2;
 pub const NOTHING_SELECTED: u8 = 4;
 /// Some trials failed.
 pub const TRIALS_FAILED: u8 = 100;
-/// A published value or claim differs, under `--strict`.
+/// A published value or claim differs, under `--strict`, or stored numbers differ that should not.
 pub const DIFFERS: u8 = 101;
 /// Trials are missing.
 pub const INCOMPLETE: u8 = 106;
@@ -52,7 +55,7 @@ struct Command {
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 4 nothing selected, 100 some trials failed, \
-101 a published value or claim differs under --strict, 106 incomplete, 128+n signal n.";
+101 a published value or claim differs under --strict, or stored numbers differ (merge, verify, selftest), 106 incomplete, 128+n signal n.";
 
 /// What every command understands.
 #[derive(Debug, Clone, Args)]
@@ -256,6 +259,15 @@ enum Verb {
         #[arg(long, short = 'n')]
         dry_run: bool,
     },
+    /// Take the trials of other stores into one: what is new is taken, what is the same stays, and what differs is
+    /// reported (101) and left.
+    Merge(merge::MergeOptions),
+    /// Write a study's numbers into a folder: tidy tables with every config key as a column, event files of
+    /// TensorBoard, or a research object crate with the study, its report, metrics and who computed them.
+    Export(export::ExportOptions),
+    /// Compute stored trials again, beside the store, and compare digests of metrics and products; 101 where they
+    /// differ, 106 where one could not be compared. It works in the system's temporary folder.
+    Verify(verify::VerifyOptions),
     /// Compute one study in every way there is (workers, programs, kills, shards, Slurm) and compare the
     /// digests.
     Selftest(selftest::SelftestOptions),
@@ -330,6 +342,9 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
         Verb::Overview { folder, into } => overview::overview(&folder, into.as_deref()),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
+        Verb::Merge(options) => merge::merge(&options, common),
+        Verb::Export(options) => export::export(registry, &options, common),
+        Verb::Verify(options) => verify::verify(registry, &options, common),
         Verb::Selftest(options) => selftest::selftest(registry, selftest, &options, common),
         Verb::Worker {
             selection,

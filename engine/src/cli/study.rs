@@ -178,7 +178,7 @@ fn options(selection: &Selection) -> spec::Options {
 }
 
 /// Steps of every trial; neighbours in a plan mostly share their protocol, so that few protocols are built.
-fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
+pub(super) fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
     let mut known: Option<(&Arc<serde_json::Value>, u64)> = None;
     let cost = |trial: &Trial| {
         let entry = registry.protocols.get(trial.key.protocol.plugin.as_str())?;

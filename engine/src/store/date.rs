@@ -1,6 +1,6 @@
 //! When something happened, as text: in UTC, to the second.
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 const SECONDS_A_DAY: u64 = 86_400;
 
@@ -9,8 +9,43 @@ const SECONDS_A_DAY: u64 = 86_400;
     clippy::disallowed_methods,
     reason = "the date is noted for readers, it reaches no result"
 )]
-pub(super) fn now() -> String {
+pub(crate) fn now() -> String {
     rfc_3339(SystemTime::now())
+}
+
+/// A moment in seconds since 1970 as RFC 3339 writes it.
+pub(crate) fn rfc_3339_of(seconds: u64) -> String {
+    rfc_3339(UNIX_EPOCH + Duration::from_secs(seconds))
+}
+
+/// The moment that [`rfc_3339_of`] wrote; `None` where it is another text.
+pub(crate) fn seconds_of(text: &str) -> Option<u64> {
+    let (day, time) = text.strip_suffix('Z')?.split_once('T')?;
+    let numbers = |text: &str, between: char| -> Option<[u64; 3]> {
+        let parts: Vec<u64> = text
+            .split(between)
+            .map(|word| word.parse().ok())
+            .collect::<Option<_>>()?;
+        parts.try_into().ok()
+    };
+    let ([year, month, day], [hour, minute, second]) = (numbers(day, '-')?, numbers(time, ':')?);
+    // Within these limits there is one text for each moment, and nothing below overflows.
+    let limits = [
+        (1970..10_000, year),
+        (0..24, hour),
+        (0..60, minute),
+        (0..60, second),
+    ];
+    let within = limits.into_iter().all(|(range, number)| range.contains(&number));
+    let days = days(year, month, day).filter(|_| within)?;
+    Some(days * SECONDS_A_DAY + hour * 3600 + minute * 60 + second)
+}
+
+/// Days from 1970-01-01 to a date, which must be one.
+fn days(year: u64, month: u64, day: u64) -> Option<u64> {
+    // A year has at most 366 days: the date is among them or there is no such date.
+    let first = year.checked_sub(1970)? * 365;
+    (first..first + (year / 4).saturating_sub(400) + 366).find(|days| date(*days) == (year, month, day))
 }
 
 /// A moment as RFC 3339 writes it, as in `2024-02-29T23:59:59Z`; texts of this form are in the order of time.
@@ -46,7 +81,6 @@ fn date(days: u64) -> (u64, u64, u64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
     #[test]
     fn moments_are_written_as_rfc_3339_has_them() {
@@ -60,7 +94,17 @@ mod tests {
             (4_107_542_400, "2100-03-01T00:00:00Z"),
         ];
         for (seconds, text) in moments {
-            assert_eq!(rfc_3339(UNIX_EPOCH + Duration::from_secs(seconds)), text);
+            assert_eq!(rfc_3339_of(seconds), text);
+            assert_eq!(seconds_of(text), Some(seconds));
+        }
+        for text in [
+            "",
+            "2024-02-30T00:00:00Z",
+            "2024-02-29",
+            "2024-02-29T24:00:00Z",
+            "1969-12-31T00:00:00Z",
+        ] {
+            assert_eq!(seconds_of(text), None, "{text}");
         }
     }
 

@@ -19,9 +19,12 @@ mod boundary;
 mod date;
 mod earlier;
 mod fsck;
+mod imprint;
 mod index;
 mod inside;
 mod lease;
+mod lending;
+mod merge;
 pub mod metric_log;
 mod metrics_file;
 mod owner;
@@ -31,9 +34,12 @@ mod seal;
 mod sealed_folder;
 
 pub use boundary::install as install_boundary_hook;
+pub(crate) use date::{now, rfc_3339_of, seconds_of};
 pub use fsck::{Fault, Finding, Findings};
+pub use imprint::{Difference, Imprint};
 pub use index::StoredTrial;
 pub use lease::{Claim, Leases};
+pub use merge::{Fate, Merge, Merged, Side};
 pub use metrics_file::{
     MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics, write_results,
 };

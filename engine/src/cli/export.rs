@@ -1,0 +1,278 @@
+//! `export`: a study's numbers in a folder, in a form that other programs read.
+
+use super::{
+    BAD_SPEC, Common, Failure, NOTHING_SELECTED, ReportOptions, Selection, complain, folders, say, settings,
+    study::{self, Planned},
+};
+use crate::{
+    Error, Registry,
+    export::{Crate, Form, Piece, Subject, write_event_files, write_tables},
+    report::Manifest,
+    results::TrialResult,
+    spec,
+    store::{self, Store, StoredTrial, write_durably},
+};
+use clap::Args;
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// What is taken away, where to, and how.
+#[derive(Debug, Clone, Args)]
+pub(super) struct ExportOptions {
+    #[command(flatten)]
+    selection: Selection,
+    /// Folder to write; it must not hold anything yet.
+    #[arg(long, value_name = "FOLDER")]
+    to: PathBuf,
+    /// Form to write.
+    #[arg(long = "as", value_enum, value_name = "FORM")]
+    form: Form,
+    /// Licence of the results, which a crate must name: an id of SPDX such as CC-BY-4.0, or an address.
+    #[arg(long, value_name = "LICENCE", required_if_eq("form", "ro-crate"))]
+    license: Option<String>,
+}
+
+/// 106 where trials are missing, 100 where some failed: what is there is written all the same.
+pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Common) -> Result<u8, Failure> {
+    let store = Store::at(&settings::read(common)?.store);
+    let planned = study::load_with_looks(registry, &options.selection, &store)?;
+    let [one] = planned.as_slice() else {
+        return Err(refused(
+            "name one study: a folder holds the numbers of one".into(),
+        ));
+    };
+    let results = load(one, &store);
+    if !results.iter().any(TrialResult::is_ok) {
+        return Err(Failure {
+            code: NOTHING_SELECTED,
+            text: format!("no trial of `{}` has numbers; `run` it first", one.study.name),
+        });
+    }
+    let stored: Vec<Option<StoredTrial>> = store
+        .stored_of(&one.plan.trials)
+        .into_iter()
+        .map(|stored| stored.ok().flatten())
+        .collect();
+    let subject = Subject {
+        name: &one.study.name,
+        title: &one.study.title,
+        source: &one.study.source,
+        metrics: &one.study.metrics,
+        units: &one.study.units,
+        registry,
+        trials: results.iter().zip(stored.iter().map(Option::as_ref)).collect(),
+    };
+    let whole = Whole::begin(&options.to)?;
+    match options.form {
+        Form::Parquet | Form::Csv => {
+            write_tables(&subject, options.form == Form::Csv, &whole.folder)?;
+        }
+        Form::Tensorboard => write_event_files(&subject, &whole.folder)?,
+        Form::RoCrate => pack(&subject, one, &store, options, &whole.folder)?,
+    }
+    whole.end()?;
+    let ok = results.iter().filter(|result| result.is_ok()).count();
+    say(&format!(
+        "{}: {ok} of {} trials in `{}`",
+        one.study.name,
+        results.len(),
+        options.to.display()
+    ));
+    let ends: Vec<_> = results.iter().map(|result| result.end.clone()).collect();
+    Ok(study::code_of(&ends))
+}
+
+fn refused(problem: String) -> Failure {
+    Failure {
+        code: BAD_SPEC,
+        text: format!("error: {problem}"),
+    }
+}
+
+/// Every trial of the plan with all it recorded; what is damaged is said and counts as missing.
+fn load(one: &Planned, store: &Store) -> Vec<TrialResult> {
+    let trials = &one.plan.trials;
+    let loaded = trials.iter().zip(store.load_all(trials));
+    let told = |(trial, loaded): (&crate::trial::Trial, Result<TrialResult, Error>)| {
+        loaded.unwrap_or_else(|error| {
+            complain(&format!("warning: {error}; the trial counts as missing"));
+            TrialResult {
+                trial: trial.clone(),
+                end: None,
+                names: Vec::new(),
+                rows: Vec::new(),
+            }
+        })
+    };
+    loaded.map(told).collect()
+}
+
+/// A folder that appears whole or not at all: it is filled beside its place and renamed.
+struct Whole {
+    folder: PathBuf,
+    to: PathBuf,
+}
+
+impl Whole {
+    fn begin(to: &Path) -> Result<Self, Failure> {
+        if !store::names(to)?.is_empty() {
+            return Err(refused(format!(
+                "`{}` is not empty; name a new folder",
+                to.display()
+            )));
+        }
+        let name = to.file_name().ok_or_else(|| {
+            refused(format!(
+                "`{}` is no name of a folder that could be made",
+                to.display()
+            ))
+        })?;
+        let beside = format!(".{}.{}.tmp", name.to_string_lossy(), std::process::id());
+        let folder = to.with_file_name(beside);
+        fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+        let to = to.to_owned();
+        Ok(Self { folder, to })
+    }
+
+    fn end(self) -> Result<(), Error> {
+        // An empty folder of the name is in the way of none.
+        fs::rename(&self.folder, &self.to).map_err(Error::file("rename to", &self.to))
+    }
+}
+
+impl Drop for Whole {
+    fn drop(&mut self) {
+        // Where it was renamed there is nothing; where something went wrong, half a folder helps nobody.
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// Fills a crate: study, tables, report, metrics, and what describes them.
+fn pack(
+    subject: &Subject<'_>,
+    one: &Planned,
+    store: &Store,
+    options: &ExportOptions,
+    folder: &Path,
+) -> Result<(), Failure> {
+    let name = one.path.file_name().unwrap_or_default().to_string_lossy();
+    let mut packing = Packing {
+        folder,
+        pieces: Vec::new(),
+    };
+    let study = fs::read(&one.path).map_err(Error::file("read", &one.path))?;
+    packing.add(&name, &study, "the study, as it was written", None)?;
+    let resolved = spec::resolved_yaml(&one.study, folder)?;
+    packing.add(
+        "resolved.yaml",
+        resolved.as_bytes(),
+        "the study with every default",
+        None,
+    )?;
+    for table in write_tables(subject, false, &folder.join("tables"))? {
+        packing.note(
+            &format!("tables/{table}"),
+            "what trials recorded, as a tidy table",
+            None,
+        );
+    }
+    packing.report(one, &options.selection)?;
+    let ids: BTreeSet<&str> = subject
+        .trials
+        .iter()
+        .filter(|(result, _)| result.is_ok())
+        .map(|(result, _)| result.trial.id.as_str())
+        .collect();
+    for id in ids {
+        for (file, about) in [
+            ("metrics.parquet", "what the trial recorded"),
+            (
+                "trial.json",
+                "what determined the numbers, how the trial ended, and a hash of its metrics",
+            ),
+        ] {
+            let path = store.folder(id).join(file);
+            let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
+            packing.add(&format!("trials/{id}/{file}"), &bytes, about, Some(id))?;
+        }
+    }
+    let described = Crate {
+        folder: folder.to_owned(),
+        pieces: packing.pieces,
+        study: name.into_owned(),
+        license: options.license.clone().unwrap_or_default(),
+        date: date(),
+    };
+    described.describe(subject)?;
+    Ok(())
+}
+
+/// The pieces of a crate that are in its folder.
+struct Packing<'a> {
+    folder: &'a Path,
+    pieces: Vec<Piece>,
+}
+
+impl Packing<'_> {
+    fn note(&mut self, path: &str, about: &str, trial: Option<&str>) {
+        self.pieces.push(Piece {
+            path: path.into(),
+            about: about.into(),
+            trial: trial.map(Into::into),
+        });
+    }
+
+    fn add(&mut self, path: &str, bytes: &[u8], about: &str, trial: Option<&str>) -> Result<(), Error> {
+        let file = self.folder.join(path);
+        let folder = file.parent().unwrap_or(self.folder);
+        fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+        write_durably(&file, bytes)?;
+        self.note(path, about, trial);
+        Ok(())
+    }
+
+    /// Adds the files of the study's report that are as the report wrote them.
+    fn report(&mut self, one: &Planned, selection: &Selection) -> Result<(), Error> {
+        let (out, strict) = (None, false);
+        let from = folders::folder(one, selection, &ReportOptions { out, strict });
+        let Some(manifest) = Manifest::read(&from).filter(|manifest| manifest.study == one.study.name) else {
+            complain(&format!(
+                "no report lies in `{}`, so none is in the crate; `regimen report` writes one",
+                from.display()
+            ));
+            return Ok(());
+        };
+        for (name, digest) in &manifest.files {
+            match fs::read(from.join(name)) {
+                Ok(bytes) if store::digest(&bytes) == *digest => {
+                    self.add(
+                        &format!("results/{name}"),
+                        &bytes,
+                        "a file of the study's report",
+                        None,
+                    )?;
+                }
+                _ => complain(&format!(
+                    "`{}` is not as the report wrote it, so it is not in the crate",
+                    from.join(name).display()
+                )),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The date of publication: today, or what the environment says, so that a crate can be made again.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a date that the crate shall carry is given by the environment; no result holds it"
+)]
+fn date() -> String {
+    let given = std::env::var("SOURCE_DATE_EPOCH").ok();
+    let given = given.and_then(|text| text.parse().ok()).map(store::rfc_3339_of);
+    let moment = given.unwrap_or_else(store::now);
+    moment.split('T').next().unwrap_or_default().to_owned()
+}

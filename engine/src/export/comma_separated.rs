@@ -1,0 +1,98 @@
+//! A table as comma-separated values that a spreadsheet can open without running anything.
+
+use super::table::{Cells, Column, Table};
+use crate::Error;
+use std::{fs::File, io::BufWriter, path::Path};
+
+/// What is said of [`guarded`] where columns are described.
+pub(super) const ABOUT_GUARD: &str = "a text that begins with = + - @ or a control character has an \
+                                      apostrophe before it, so that no spreadsheet takes it for a formula";
+
+/// Writes the table with a header; fields are quoted where needed.
+///
+/// # Errors
+/// [`Error::File`] where the file cannot be written.
+pub(super) fn write(table: &Table<'_>, path: &Path) -> Result<(), Error> {
+    let file = File::create(path).map_err(Error::file("create", path))?;
+    let mut writer = csv::Writer::from_writer(BufWriter::new(file));
+    let refused = |error: csv::Error| Error::file("write", path)(error.into());
+    let names = table.columns.iter().map(|column| guarded(&column.name));
+    writer.write_record(names).map_err(refused)?;
+    for row in 0..table.trials.len() {
+        let fields = table
+            .columns
+            .iter()
+            .map(|column| field(column, table.place(column, row)));
+        writer.write_record(fields).map_err(refused)?;
+    }
+    let file = writer
+        .into_inner()
+        .map_err(|error| Error::file("write", path)(error.into_error()))?;
+    let file = file
+        .into_inner()
+        .map_err(|error| Error::file("write", path)(error.into_error()))?;
+    file.sync_all().map_err(Error::file("flush", path))
+}
+
+/// Numbers have all their digits; an empty cell is empty.
+fn field(column: &Column<'_>, at: usize) -> String {
+    match &column.cells {
+        Cells::Text(cells) => cells[at].as_deref().map_or(String::new(), guarded),
+        Cells::Count(cells) => shown(cells[at]),
+        Cells::Whole(cells) => shown(cells[at]),
+        Cells::Number(cells) => shown(cells[at]),
+        Cells::Flag(cells) => shown(cells[at]),
+    }
+}
+
+fn shown(value: Option<impl ToString>) -> String {
+    value.map_or(String::new(), |value| value.to_string())
+}
+
+/// A text as a cell: what a spreadsheet would compute stays a text.
+fn guarded(text: &str) -> String {
+    if text.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']) {
+        format!("'{text}")
+    } else {
+        text.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn formulas_stay_texts_and_numbers_stay_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("table.csv");
+        let text =
+            |words: &[&'static str]| Cells::Text(words.iter().map(|word| Some((*word).into())).collect());
+        let table = Table {
+            name: "table",
+            about: "rows",
+            trials: vec![0, 0, 1, 1, 1],
+            columns: vec![
+                Column::new("word", "", text(&["=1+1", "+a", "-a", "@a", "a, \"b\""])),
+                Column::new(
+                    "value",
+                    "",
+                    Cells::Number(vec![Some(-1.5), None, Some(1e-300), Some(0.1), Some(-0.0)]),
+                ),
+                Column::new("trial", "", text(&["first", "second"])).of_trials(),
+                Column::new("whole", "", Cells::Whole(vec![Some(-7), None])).of_trials(),
+            ],
+        };
+        write(&table, &path).unwrap();
+        let written = std::fs::read_to_string(&path).unwrap();
+        let lines: Vec<&str> = written.lines().collect();
+        assert_eq!(lines[0], "word,value,trial,whole");
+        assert_eq!(lines[1..3], ["'=1+1,-1.5,first,-7", "'+a,,first,-7"]);
+        assert!(
+            lines[3].starts_with("'-a,0.000") && lines[3].ends_with("1,second,"),
+            "{}",
+            lines[3]
+        );
+        assert_eq!(lines[4..], ["'@a,0.1,second,", "\"a, \"\"b\"\"\",-0,second,"]);
+    }
+}

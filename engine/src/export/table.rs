@@ -1,0 +1,136 @@
+//! A table of typed columns, some of which say the same in all rows of a trial.
+
+use crate::{
+    Error,
+    parquet::{self, Values},
+};
+use serde_json::{Value, json};
+use std::{borrow::Cow, path::Path};
+
+/// What a column holds; `None` is an empty cell.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cells<'a> {
+    /// Words.
+    Text(Vec<Option<Cow<'a, str>>>),
+    /// Counts.
+    Count(Vec<Option<u64>>),
+    /// Whole numbers.
+    Whole(Vec<Option<i64>>),
+    /// Numbers.
+    Number(Vec<Option<f64>>),
+    /// True or false.
+    Flag(Vec<Option<bool>>),
+}
+
+/// One column.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Column<'a> {
+    /// Its name.
+    pub name: String,
+    /// What it is, in one line.
+    pub about: String,
+    /// SI unit, empty where there is none.
+    pub unit: String,
+    /// A cell per trial, or a cell per row.
+    pub per_trial: bool,
+    /// The cells.
+    pub cells: Cells<'a>,
+}
+
+/// A table whose rows belong to trials.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table<'a> {
+    /// Its name, and that of its file.
+    pub name: &'static str,
+    /// What a row is.
+    pub about: &'static str,
+    /// The trial of every row, by its place.
+    pub trials: Vec<usize>,
+    /// The columns.
+    pub columns: Vec<Column<'a>>,
+}
+
+impl Cells<'_> {
+    /// The type in the words of a Table Schema.
+    fn kind(&self) -> &'static str {
+        match self {
+            Self::Text(_) => "string",
+            Self::Count(_) | Self::Whole(_) => "integer",
+            Self::Number(_) => "number",
+            Self::Flag(_) => "boolean",
+        }
+    }
+}
+
+impl<'a> Column<'a> {
+    /// A column with a cell per row.
+    #[must_use]
+    pub fn new(name: &str, about: &str, cells: Cells<'a>) -> Self {
+        Self {
+            name: name.into(),
+            about: about.into(),
+            unit: String::new(),
+            per_trial: false,
+            cells,
+        }
+    }
+
+    /// The same column with a cell per trial.
+    #[must_use]
+    pub fn of_trials(self) -> Self {
+        Self {
+            per_trial: true,
+            ..self
+        }
+    }
+
+    /// The same column with a unit.
+    #[must_use]
+    pub fn in_unit(self, unit: &str) -> Self {
+        Self {
+            unit: unit.into(),
+            ..self
+        }
+    }
+
+    fn describe(&self) -> Value {
+        json!({"name": self.name, "type": self.cells.kind(), "description": self.about, "unit": self.unit})
+    }
+}
+
+impl Table<'_> {
+    /// The place of a row's cell in a column.
+    pub(super) fn place(&self, column: &Column<'_>, row: usize) -> usize {
+        if column.per_trial { self.trials[row] } else { row }
+    }
+
+    /// What the table and its columns are.
+    pub(super) fn describe(&self, file: &str) -> Value {
+        let fields: Vec<Value> = self.columns.iter().map(Column::describe).collect();
+        json!({"file": file, "description": self.about, "rows": self.trials.len(), "fields": fields})
+    }
+
+    /// The table as a Parquet file.
+    pub(super) fn to_parquet(&self, path: &Path) -> Result<Vec<u8>, Error> {
+        let columns = self
+            .columns
+            .iter()
+            .map(|column| (column.name.as_str(), self.values(column)));
+        parquet::encode(
+            path,
+            columns.collect(),
+            &[("regimen.table", self.name.to_owned())],
+        )
+    }
+
+    fn values<'b>(&self, column: &'b Column<'_>) -> Values<'b> {
+        let rows = || (0..self.trials.len()).map(|row| self.place(column, row));
+        match &column.cells {
+            Cells::Text(cells) => Values::MaybeText(rows().map(|at| cells[at].as_deref()).collect()),
+            Cells::Count(cells) => Values::MaybeU64(rows().map(|at| cells[at]).collect()),
+            Cells::Whole(cells) => Values::MaybeI64(rows().map(|at| cells[at]).collect()),
+            Cells::Number(cells) => Values::MaybeF64(rows().map(|at| cells[at]).collect()),
+            Cells::Flag(cells) => Values::MaybeBool(rows().map(|at| cells[at]).collect()),
+        }
+    }
+}

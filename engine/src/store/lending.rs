@@ -1,0 +1,37 @@
+//! Lends what a trial left to another store, which computes what takes it.
+
+use super::{Store, TrialFile, write_durably};
+use crate::{Error, product::Taken};
+use std::{fs, path::Path};
+
+impl Store {
+    /// Puts a product, every file of which is held against its acknowledged hash, into another store under the
+    /// same trial. Files are linked where both stores lie on one file system, otherwise copied; who takes them
+    /// there holds them against their hashes again.
+    ///
+    /// # Errors
+    /// [`Error::Source`] where it cannot be used, [`Error::File`] where the other store cannot be written.
+    pub fn lend(&self, taken: &Taken, to: &Store) -> Result<(), Error> {
+        let (id, from) = (&taken.trial, self.product(taken)?);
+        let gone = || Error::Source {
+            trial: id.clone(),
+            problem: "it was acknowledged a moment ago, and is gone".into(),
+        };
+        let (text, _) = self.acknowledged(id)?.ok_or_else(gone)?;
+        let file: TrialFile = self.file(id)?.ok_or_else(gone)?;
+        let folder = to.folder(id);
+        for name in file.files.keys().filter(|name| taken.kind.has_file(name)) {
+            share(&from.join(name), &folder.join(name))?;
+        }
+        write_durably(&folder.join("trial.json"), &text)
+    }
+}
+
+fn share(from: &Path, to: &Path) -> Result<(), Error> {
+    let folder = to.parent().unwrap_or(to);
+    fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+    if to.exists() || fs::hard_link(from, to).is_ok() {
+        return Ok(());
+    }
+    fs::copy(from, to).map(|_| ()).map_err(Error::file("copy to", to))
+}

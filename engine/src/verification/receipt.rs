@@ -1,0 +1,273 @@
+//! What came of computing stored trials again.
+
+use crate::{
+    Build,
+    store::{Difference, Imprint},
+};
+use serde::Serialize;
+use std::{fmt::Write, path::PathBuf};
+
+/// Lines about trials that nobody computed again, at most this many of each kind.
+const MOST_LINES: usize = 20;
+
+/// What was computed again, by which program, and what came of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Receipt {
+    /// Version of this form.
+    pub schema: u32,
+    /// The program that computed the trials again.
+    pub program: String,
+    /// The source code that it was built from, where it knows.
+    pub build: Option<Build>,
+    /// The store.
+    pub store: PathBuf,
+    /// Names of the studies; empty where it was the whole store.
+    pub studies: Vec<String>,
+    /// How many trials could have been computed again.
+    pub eligible: usize,
+    /// How many were asked for; all where absent.
+    pub sample: Option<usize>,
+    /// The seed of the sample.
+    pub seed: u64,
+    /// Trials of the studies that are not in the store.
+    pub missing: usize,
+    /// Trials that did not end `ok`: there is nothing to compare.
+    pub not_ok: usize,
+    /// A line per trial.
+    pub trials: Vec<Entry>,
+}
+
+/// One trial.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Entry {
+    /// Its id.
+    pub trial: String,
+    /// Name of the environment.
+    pub environment: String,
+    /// Name of the agent.
+    pub agent: String,
+    /// The point of the sweep; empty without one.
+    pub setting: String,
+    /// The replicate.
+    pub seed: u64,
+    /// What is stored; `None` where that cannot be read.
+    pub stored: Option<Imprint>,
+    /// What was computed now; `None` where nothing was.
+    pub now: Option<Imprint>,
+    /// What came of it.
+    #[serde(flatten)]
+    pub outcome: Outcome,
+}
+
+/// What came of a trial.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(tag = "outcome", rename_all = "snake_case")]
+pub enum Outcome {
+    /// The same bytes.
+    Same,
+    /// Other bytes.
+    Different {
+        /// What differs: stored first, computed now second.
+        differences: Vec<Difference>,
+    },
+    /// What is stored is not what was acknowledged.
+    Damaged {
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// It was not computed to its end.
+    NotComputed {
+        /// Why.
+        problem: String,
+    },
+    /// This program is another one than the trial's.
+    CannotVerify {
+        /// In what.
+        problem: String,
+    },
+}
+
+impl Outcome {
+    /// The word that is shown.
+    #[must_use]
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Same => "same",
+            Self::Different { .. } => "DIFFERENT",
+            Self::Damaged { .. } => "damaged",
+            Self::NotComputed { .. } => "not computed",
+            Self::CannotVerify { .. } => "cannot be verified",
+        }
+    }
+}
+
+impl Entry {
+    /// Draws the conclusion from what is stored and what was computed now.
+    #[must_use]
+    pub fn compared(self, now: Imprint) -> Self {
+        let differences = self
+            .stored
+            .as_ref()
+            .map_or_else(Vec::new, |stored| stored.differences(&now));
+        let outcome = if differences.is_empty() {
+            Outcome::Same
+        } else {
+            Outcome::Different { differences }
+        };
+        Self {
+            now: Some(now),
+            outcome,
+            ..self
+        }
+    }
+
+    fn title(&self) -> String {
+        let Self {
+            environment,
+            agent,
+            setting,
+            seed,
+            ..
+        } = self;
+        let setting = if setting.is_empty() {
+            String::new()
+        } else {
+            format!(" [{setting}]")
+        };
+        format!("{environment} {agent}{setting} seed {seed}")
+    }
+
+    fn problem(&self) -> Option<&str> {
+        match &self.outcome {
+            Outcome::Same | Outcome::Different { .. } => None,
+            Outcome::Damaged { problem }
+            | Outcome::NotComputed { problem }
+            | Outcome::CannotVerify { problem } => Some(problem),
+        }
+    }
+}
+
+impl Receipt {
+    /// How many trials an outcome has.
+    #[must_use]
+    pub fn count(&self, is: impl Fn(&Outcome) -> bool) -> usize {
+        self.trials.iter().filter(|entry| is(&entry.outcome)).count()
+    }
+
+    /// The receipt for people.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut out = self.head();
+        let compared = self.trials.iter().filter(|entry| entry.problem().is_none());
+        compared.for_each(|entry| entry.write(&mut out));
+        let kinds = ["damaged", "not computed", "cannot be verified"];
+        kinds.iter().for_each(|word| self.unknown(word, &mut out));
+        out + &self.conclusion()
+    }
+
+    fn head(&self) -> String {
+        let build = self
+            .build
+            .as_ref()
+            .map_or_else(|| "unknown source code".into(), ToString::to_string);
+        let what = if self.studies.is_empty() {
+            "all studies".into()
+        } else {
+            self.studies.join(", ")
+        };
+        let sample = self.sample.map_or_else(
+            || format!("all {} trials", self.eligible),
+            |size| {
+                format!(
+                    "{} of {} trials, seed {}",
+                    size.min(self.eligible),
+                    self.eligible,
+                    self.seed
+                )
+            },
+        );
+        let Self { program, store, .. } = self;
+        format!(
+            "{program} ({build}) computed again, from `{}`, {what}: {sample}\n",
+            store.display()
+        )
+    }
+
+    /// Lines about trials of which nothing was computed.
+    fn unknown(&self, word: &str, out: &mut String) {
+        let all: Vec<&Entry> = self
+            .trials
+            .iter()
+            .filter(|entry| entry.outcome.word() == word)
+            .collect();
+        for entry in all.iter().take(MOST_LINES) {
+            let problem = entry.problem().unwrap_or_default();
+            // Writing to a string cannot fail.
+            let _ = writeln!(out, "{word:<9} {}  {}: {problem}", entry.trial, entry.title());
+        }
+        if all.len() > MOST_LINES {
+            let _ = writeln!(out, "{word:<9} {} more", all.len() - MOST_LINES);
+        }
+    }
+
+    fn conclusion(&self) -> String {
+        let mut text = format!(
+            "{} the same, {} different",
+            self.count(|it| *it == Outcome::Same),
+            self.count(|it| matches!(it, Outcome::Different { .. }))
+        );
+        let others = [
+            ("damaged", self.count(|it| matches!(it, Outcome::Damaged { .. }))),
+            (
+                "not computed",
+                self.count(|it| matches!(it, Outcome::NotComputed { .. })),
+            ),
+            (
+                "of another version, which cannot be verified",
+                self.count(|it| matches!(it, Outcome::CannotVerify { .. })),
+            ),
+            ("that did not end ok", self.not_ok),
+            ("not stored", self.missing),
+        ];
+        for (word, count) in others.into_iter().filter(|(_, count)| *count > 0) {
+            let _ = write!(text, ", {count} {word}");
+        }
+        text
+    }
+}
+
+impl Entry {
+    fn write(&self, out: &mut String) {
+        let digest = |imprint: &Option<Imprint>| imprint.as_ref().map_or("none", |it| &it.digest).to_owned();
+        let by = |imprint: &Option<Imprint>| imprint.as_ref().map_or_else(String::new, Imprint::by);
+        let _ = writeln!(
+            out,
+            "{:<9} {}  {}: stored {} by {}, now {} by {}",
+            self.outcome.word(),
+            self.trial,
+            self.title(),
+            digest(&self.stored),
+            by(&self.stored),
+            digest(&self.now),
+            by(&self.now)
+        );
+        let Outcome::Different { differences } = &self.outcome else {
+            return;
+        };
+        for Difference { what, first, second } in differences {
+            let or_none = |text: &str| {
+                if text.is_empty() {
+                    "none".to_owned()
+                } else {
+                    text.to_owned()
+                }
+            };
+            let _ = writeln!(
+                out,
+                "          {what}: stored {}, now {}",
+                or_none(first),
+                or_none(second)
+            );
+        }
+    }
+}
