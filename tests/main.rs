@@ -6,14 +6,17 @@
 )]
 
 mod architecture;
+mod book;
 mod contracts;
 mod crashes;
 mod cross_play;
 mod datasets;
+mod describe;
 mod disk;
 mod drawings;
 mod end_states;
 mod experiments;
+mod first_study;
 mod folders;
 mod fsck;
 mod graph;

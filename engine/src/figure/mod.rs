@@ -81,7 +81,6 @@ kinds! {
 /// What every kind of figure can do.
 pub(crate) trait Figure {
     /// A use of it.
-    #[cfg(test)]
     fn example() -> &'static str
     where
         Self: Sized;
