@@ -13,6 +13,7 @@ pub fn registry() -> Registry {
     let build = Build::told(env!("REGIMEN_COMMIT"), env!("REGIMEN_CHANGED"));
     let mut registry = Registry {
         build,
+        first_study: Some(("battery", "dirichlet_sac")),
         ..Registry::default()
     };
     registry.shares(numerics::VERSION);

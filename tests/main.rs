@@ -6,15 +6,18 @@
 )]
 
 mod architecture;
+mod book;
 mod contracts;
 mod crashes;
 mod cross_play;
 mod datasets;
+mod describe;
 mod disk;
 mod drawings;
 mod end_states;
 mod experiments;
 mod exporting;
+mod first_study;
 mod folders;
 mod fsck;
 mod graph;

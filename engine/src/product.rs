@@ -63,6 +63,24 @@ impl ProductKind {
         }
     }
 
+    /// What it is and where it lies in a trial's folder, in a sentence.
+    #[must_use]
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::Policy => {
+                "What acts: `policy.safetensors`, in folders by seat where there is one policy per seat."
+            }
+            Self::Networks => {
+                "Networks with all that learning goes on with but its experience: `networks.safetensors`, in \
+                 folders by seat where each has its own."
+            }
+            Self::Dataset => "Transitions that were gathered: the folder `dataset`, in Parquet.",
+            Self::Choice => "A config that was chosen: `choice.json`.",
+            Self::Graph => "The graph of a design that was found: `graph.json`, for the figure `graph`.",
+            Self::Images => "Samples of what was made: `images.png`, for the figure `images`.",
+        }
+    }
+
     /// True where a trial's folder holds such a product.
     #[must_use]
     pub fn lies_in(self, folder: &Path) -> bool {

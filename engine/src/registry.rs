@@ -111,6 +111,8 @@ pub struct Registry {
     pub numerics_version: u32,
     /// The source code that the program was built from, where it knows.
     pub build: Option<crate::Build>,
+    /// Environment and agent of the study that `new` writes where a person names neither.
+    pub first_study: Option<(&'static str, &'static str)>,
 }
 
 /// What a learning agent's registration says besides its constructor.
@@ -152,6 +154,7 @@ impl Default for Registry {
             protocols: BTreeMap::new(),
             numerics_version: NUMERICS_VERSION,
             build: None,
+            first_study: None,
         }
     }
 }

@@ -1,37 +1,19 @@
-//! `list`, `describe` and `schema`: what is registered, for people and for editors.
+//! `list`, `describe` and `schema`: what a study may name, for people, programs and editors.
 
 use super::{BAD_SPEC, Common, Failure, Format, OK, say};
 use crate::{
-    Registry, cast, executor, figure::FigureKind, kinds, spec, statistics::Aggregate, table::TableKind,
+    Registry,
+    describe::{self, Asked, FORMAT, Group, text},
+    spec,
 };
-use clap::ValueEnum;
 use serde_json::{Value, json};
 
-/// What can be listed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Kind {
-    /// Simulated systems.
-    Environments,
-    /// Algorithms, rules and reference controllers.
-    Agents,
-    /// Ways to run a trial.
-    Protocols,
-    /// Kinds of tables.
-    Tables,
-    /// Kinds of figures.
-    Figures,
-    /// How a trial's measurements become one number in a claim.
-    Aggregates,
-    /// What runs trials, or takes them.
-    Executors,
-}
-
 /// Lists names with a line each.
-pub(super) fn list(registry: &Registry, kind: Option<Kind>, common: &Common) -> Result<u8, Failure> {
-    let kinds = kind.map_or_else(|| Kind::value_variants().to_vec(), |kind| vec![kind]);
-    let lists: Vec<_> = kinds
+pub(super) fn list(registry: &Registry, group: Option<Group>, common: &Common) -> Result<u8, Failure> {
+    let groups = group.map_or_else(|| Group::ALL.to_vec(), |group| vec![group]);
+    let lists: Vec<_> = groups
         .into_iter()
-        .map(|kind| (word(kind), entries(registry, kind)))
+        .map(|group| (group.word(), group.entries(registry)))
         .collect();
     if common.format == Format::Json {
         let object = lists.iter().map(|(word, entries)| {
@@ -56,48 +38,35 @@ pub(super) fn list(registry: &Registry, kind: Option<Kind>, common: &Common) -> 
     Ok(OK)
 }
 
-fn word(kind: Kind) -> String {
-    format!("{kind:?}").to_lowercase()
-}
-
-fn entries(registry: &Registry, kind: Kind) -> Vec<(&'static str, String)> {
-    let own = |(name, about): (&'static str, &str)| (name, about.to_owned());
-    match kind {
-        Kind::Environments => registry
-            .environments
-            .iter()
-            .map(|(name, entry)| own((name, entry.about.about)))
-            .collect(),
-        Kind::Agents => cast::agents(registry)
-            .map(|(name, about)| own((name, about.about)))
-            .collect(),
-        Kind::Protocols => registry
-            .protocols
-            .iter()
-            .map(|(name, entry)| own((name, entry.about.about)))
-            .collect(),
-        Kind::Tables => kinds(TableKind::ALL),
-        Kind::Figures => kinds(FigureKind::ALL),
-        Kind::Aggregates => Aggregate::ALL.map(|it| own((it.name(), it.about()))).into(),
-        Kind::Executors => executor::all()
-            .iter()
-            .map(|kind| own((kind.name, kind.about)))
-            .collect(),
-    }
-}
-
-fn kinds(kinds: &[kinds::Kind]) -> Vec<(&'static str, String)> {
-    kinds
-        .iter()
-        .map(|kind| (kind.name, kind.about.to_owned()))
-        .collect()
-}
-
-/// Prints the keys of a plugin, or of a kind of table or figure.
-pub(super) fn describe(registry: &Registry, name: &str) -> Result<u8, Failure> {
-    let text = spec::describe(registry, name).map_err(|text| Failure { code: BAD_SPEC, text })?;
-    say(&text);
+/// Describes what has a name; without one, says what can be described.
+pub(super) fn describe(
+    registry: &Registry,
+    name: Option<&str>,
+    why: bool,
+    common: &Common,
+) -> Result<u8, Failure> {
+    let Some(name) = name else {
+        say(&match common.format {
+            Format::Text => text::overview(registry),
+            Format::Json => groups(registry).to_string(),
+        });
+        return Ok(OK);
+    };
+    let found = describe::find(registry, name, Asked { fits: true, why }).map_err(|error| Failure {
+        code: BAD_SPEC,
+        text: format!("error: {error}"),
+    })?;
+    say(&match common.format {
+        Format::Text => text::write(&found),
+        Format::Json => format!("{:#}", json!({ "format": FORMAT, "found": found })),
+    });
     Ok(OK)
+}
+
+/// What can be described, as data.
+fn groups(registry: &Registry) -> Value {
+    let groups = Group::ALL.map(|group| (group.word(), json!(describe::names(registry, group))));
+    json!({ "format": FORMAT, "groups": Value::Object(groups.into_iter().collect()) })
 }
 
 /// Prints the JSON Schema of a study.

@@ -8,6 +8,7 @@ mod folders;
 mod fsck;
 mod looks;
 mod merge;
+mod new;
 mod overview;
 mod prepare;
 mod profiles;
@@ -288,13 +289,19 @@ enum Verb {
     List {
         /// What to list; everything where absent.
         #[arg(value_enum)]
-        kind: Option<describe::Kind>,
+        group: Option<crate::describe::Group>,
     },
-    /// Print parameters, defaults, units and sources of one plugin.
+    /// Say what something is that a study may name: its keys with defaults, units and sources, and an example.
     Describe {
-        /// Name of an environment, agent or protocol.
-        name: String,
+        /// An environment, agent, protocol, kind of table or figure, section of a study, sampler, relation,
+        /// aggregate, product or executor; what there is, where absent.
+        name: Option<String>,
+        /// Say besides which agents or environments do not fit, and why.
+        #[arg(long)]
+        why: bool,
     },
+    /// Write a first study with comments, to be changed.
+    New(new::NewOptions),
     /// Print the JSON Schema of a study, with the parameters of all plugins.
     Schema,
     /// Serve trials on standard input; started by `run`.
@@ -359,8 +366,9 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Cancel(selection) => submit::cancel(registry, &selection, common),
         Verb::Resolve(selection) => study::resolve(registry, &selection),
         Verb::Rollout(options) => rollout::rollout(registry, &options, common),
-        Verb::List { kind } => describe::list(registry, kind, common),
-        Verb::Describe { name } => describe::describe(registry, &name),
+        Verb::List { group } => describe::list(registry, group, common),
+        Verb::Describe { name, why } => describe::describe(registry, name.as_deref(), why, common),
+        Verb::New(options) => new::new(registry, &options),
         Verb::Schema => describe::schema(registry),
         Verb::TrialWorker => serve(registry),
     }

@@ -24,7 +24,6 @@ pub struct Bars {
 }
 
 impl Figure for Bars {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ of: { rows: environment, value: return, agents: [learner, rule] } }"
     }

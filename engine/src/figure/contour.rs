@@ -32,7 +32,6 @@ pub struct Contour {
 }
 
 impl Figure for Contour {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ surface: [height_1, height_2, height_1], path: [return, length], agents: [learner] }"
     }

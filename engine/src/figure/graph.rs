@@ -28,7 +28,6 @@ pub struct GraphFigure {
 }
 
 impl Figure for GraphFigure {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ agents: [learner], environment: short, seed: 1 }"
     }

@@ -37,7 +37,6 @@ pub struct GroupedLines {
 }
 
 impl Figure for GroupedLines {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ metric: return, x: discount, agents: [learner, rule] }"
     }

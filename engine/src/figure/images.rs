@@ -50,7 +50,6 @@ impl Default for Images {
 }
 
 impl Figure for Images {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ agents: [learner], environment: short, rows: 2, columns: 3 }"
     }

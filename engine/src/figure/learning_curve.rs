@@ -114,7 +114,6 @@ pub enum Automatic {
 }
 
 impl Figure for LearningCurve {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ metric: return, agents: [learner] }"
     }

@@ -96,7 +96,6 @@ kinds! {
 /// What every kind of figure can do.
 pub(crate) trait Figure {
     /// A use of it.
-    #[cfg(test)]
     fn example() -> &'static str
     where
         Self: Sized;

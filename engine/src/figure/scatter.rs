@@ -29,7 +29,6 @@ pub struct Scatter {
 }
 
 impl Figure for Scatter {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ x: return, y: length, agents: [learner, rule] }"
     }

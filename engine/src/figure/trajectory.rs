@@ -42,7 +42,6 @@ pub struct Trajectory {
 }
 
 impl Figure for Trajectory {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ channels: [height], agents: [learner, rule], environment: short }"
     }

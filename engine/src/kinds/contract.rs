@@ -4,6 +4,7 @@
 use super::Kind;
 use crate::{
     Phase,
+    describe::{Asked, find, text},
     diagnostic::Diagnostic,
     drawing::{Drawings, Edge, Graph, Image, Node},
     figure::{self, Context, FigureKind},
@@ -132,7 +133,7 @@ fn every_kind_is_described_with_the_keys_of_its_schema() {
         let property = View::new(&schema, &schema).descend(&path).unwrap();
         assert_eq!(property.get("description").unwrap(), kind.about);
         let inner = property.as_struct().unwrap();
-        let text = spec::describe(&toys(), kind.name).unwrap();
+        let text = text::write(&find(&toys(), kind.name, Asked::default()).unwrap());
         assert!(
             text.contains(kind.about) && !inner.property_names().is_empty(),
             "{text}"

@@ -18,8 +18,9 @@ pub struct Kind {
     pub schema: fn(&mut SchemaGenerator) -> Schema,
     /// Options under the key that exclude each other; `None` where there are none.
     pub contradiction: fn(&Value) -> Option<Contradiction>,
-    /// A use of it, for the tests that hold every kind to the same.
-    #[cfg(test)]
+    /// A use of it, in a study with the agents `rule`, `other` and `learner` (which learns), whose `discount` is
+    /// swept, the environments `short`, `long` and `pair`, and the play `tag`. `describe` shows it, and a test
+    /// checks a study with it.
     pub example: fn() -> &'static str,
 }
 
@@ -44,6 +45,9 @@ impl Contradiction {
     }
 }
 
+/// What marks a key in a schema whose own keys are described under its name and not where it stands.
+pub const ELSEWHERE: &str = "x-described-by-name";
+
 /// The schema of an entry that gives exactly one of the kinds: a key for each. A key without a value counts
 /// as not given.
 pub(crate) fn schema(kinds: &[Kind], generator: &mut SchemaGenerator) -> Schema {
@@ -51,7 +55,7 @@ pub(crate) fn schema(kinds: &[Kind], generator: &mut SchemaGenerator) -> Schema 
         let value = (kind.schema)(generator);
         (
             kind.name.to_owned(),
-            json!({ "description": kind.about, "anyOf": [value, { "type": "null" }] }),
+            json!({ "description": kind.about, "anyOf": [value, { "type": "null" }], ELSEWHERE: true }),
         )
     };
     let properties: Map<String, Value> = kinds.iter().map(property).collect();
@@ -76,7 +80,6 @@ macro_rules! kinds {
                 about: $about,
                 schema: |generator| generator.subschema_for::<$Spec>(),
                 contradiction: <$Spec as $Trait>::contradiction,
-                #[cfg(test)]
                 example: <$Spec as $Trait>::example,
             },)+];
 

@@ -138,6 +138,17 @@ fn is_true(value: &bool) -> bool {
     *value
 }
 
+/// What a protocol gives to agents that learn, in one word.
+pub(crate) fn given_to_learn(protocol: &dyn Protocol) -> &'static str {
+    match protocol {
+        _ if protocol.experience() == 0 => "nothing",
+        _ if protocol.asks_for_designs() => "designs",
+        _ if protocol.gives_examples() => "examples",
+        _ if protocol.gives_datasets() => "datasets",
+        _ => "decisions",
+    }
+}
+
 /// How one trial runs, from the first step to the final measurement.
 pub trait Protocol: Send + Sync {
     /// What it records besides the environment's and the agent's metrics.

@@ -465,7 +465,8 @@ fn advice(scalar: &Scalar, schema: &View<'_>) -> Option<String> {
     }
 }
 
-fn mismatch(pattern: &str, text: &str) -> Option<&'static str> {
+/// What is wrong with a text that has to fit one of the patterns of names; `None` where it fits.
+pub(crate) fn mismatch(pattern: &str, text: &str) -> Option<&'static str> {
     let legal = |extra: &str, letter: char| letter.is_ascii_alphanumeric() || extra.contains(letter);
     match pattern {
         SLUG => {

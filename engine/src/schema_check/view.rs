@@ -126,7 +126,8 @@ impl<'a> View<'a> {
     }
 
     /// Allowed types; empty where any is.
-    pub(super) fn types(&self) -> Vec<&'a str> {
+    #[must_use]
+    pub fn types(&self) -> Vec<&'a str> {
         match self.get("type") {
             Some(Value::String(one)) => vec![one],
             Some(Value::Array(several)) => several.iter().filter_map(Value::as_str).collect(),
@@ -136,7 +137,8 @@ impl<'a> View<'a> {
     }
 
     /// The words of an `enum` or `const`.
-    pub(super) fn words(&self) -> Vec<&'a str> {
+    #[must_use]
+    pub fn words(&self) -> Vec<&'a str> {
         let listed = self
             .get("enum")
             .and_then(Value::as_array)

@@ -118,6 +118,11 @@ impl Measures {
     }
 }
 
+/// True where an agent can learn from what a protocol gives, or need not.
+pub(crate) fn can_learn(entry: &AgentEntry, protocol: Box<dyn Protocol>) -> bool {
+    Measures::of(protocol).gives_another(entry).is_none()
+}
+
 /// What a protocol gives to an agent that cannot learn from it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Given {

@@ -19,7 +19,7 @@
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
 //! | `summary` | the sentence that sums a study up, and its placeholders |
 //! | `names` | tables, figures and claims against what trials record |
-//! | `resolved`, `describe` | a study with all defaults written out; plugins described for people |
+//! | `resolved` | a study with all defaults written out |
 //! | `way` | from a folder to a file |
 
 mod builds;
@@ -27,7 +27,6 @@ mod cells;
 mod claims;
 mod config;
 mod cross_play;
-mod describe;
 mod json_schema;
 pub(crate) mod names;
 mod overrides;
@@ -45,9 +44,9 @@ mod taking;
 mod way;
 mod written;
 
+pub(crate) use builds::can_learn;
 pub use claims::ClaimSpec;
 pub use cross_play::{Pairs, Play, Player};
-pub use describe::describe;
 pub use json_schema::json_schema;
 pub use plugin_config::load_config;
 pub use resolved::resolved_yaml;

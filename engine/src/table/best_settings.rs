@@ -40,7 +40,6 @@ fn five() -> usize {
 }
 
 impl Table for BestSettings {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ search: learner_rates, best: 3 }"
     }

@@ -57,7 +57,6 @@ impl Default for CrossPlayTable {
 }
 
 impl Table for CrossPlayTable {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ play: tag, rows: chaser, columns: runner, value: return, normalise: false }"
     }

@@ -78,7 +78,6 @@ kinds! {
 /// What every kind of table can do.
 pub(crate) trait Table {
     /// A use of it.
-    #[cfg(test)]
     fn example() -> &'static str
     where
         Self: Sized;

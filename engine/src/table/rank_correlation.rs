@@ -41,7 +41,6 @@ pub struct RankCorrelation {
 }
 
 impl Table for RankCorrelation {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ value: return, against: long, environments: [short], agents: [rule, other, learner] }"
     }

@@ -51,7 +51,6 @@ impl IntervalEstimates {
 }
 
 impl Figure for IntervalEstimates {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ metric: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: \
          [short, long] }"

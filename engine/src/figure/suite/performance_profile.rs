@@ -65,7 +65,6 @@ impl PerformanceProfile {
 }
 
 impl Figure for PerformanceProfile {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ metric: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: \
          [short, long] }"

@@ -79,7 +79,6 @@ impl ProbabilityOfImprovement {
 }
 
 impl Figure for ProbabilityOfImprovement {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ metric: return, normalise: { short: [0, 5], long: [0, 20] }, agents: [learner, rule], \
          environments: [short, long] }"

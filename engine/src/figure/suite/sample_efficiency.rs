@@ -52,7 +52,6 @@ impl SampleEfficiency {
 }
 
 impl Figure for SampleEfficiency {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ metric: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: \
          [short, long] }"

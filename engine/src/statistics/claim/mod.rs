@@ -4,7 +4,7 @@
 //! claim       = quantity relation quantity [ "in" ENVIRONMENT ]
 //! quantity    = NUMBER | operand | NUMBER "*" operand | operand "*" NUMBER
 //! operand     = AGENT "." METRIC | aggregate "(" AGENT "." METRIC ")" | PLAY "." ROLE "." AGENT "." METRIC
-//! aggregate   = "final" | "auc" | "max" | "min" | "given_success"
+//! aggregate   = "final" | "auc" | "max" | "min" | "given_success" | "rms"
 //! relation    = ">" | ">=" | "<" | "<=" | "~" | "within" NUMBER [ "%" ] "of"
 //! ```
 //!
@@ -16,6 +16,7 @@
 //! opponents where `tdom_ac` plays the prey.
 
 mod evaluate;
+pub mod forms;
 mod parse;
 
 pub use evaluate::{ClaimOutcome, ClaimVerdict, evaluate};

@@ -1,6 +1,6 @@
 //! Reads a claim from its text, by recursive descent over the grammar of the parent module.
 
-use super::{Aggregate, Claim, ClaimError, Operand, Quantity, Relation, Within};
+use super::{Aggregate, Claim, ClaimError, Operand, Quantity, Relation, Within, forms::SYMBOLS};
 
 /// Reads one claim.
 ///
@@ -164,15 +164,7 @@ impl<'a> Reader<'a> {
     }
 
     fn relation(&mut self) -> Result<Relation, ClaimError> {
-        // The longer symbols first.
-        let symbols = [
-            (">=", Relation::GreaterOrEqual),
-            ("<=", Relation::LessOrEqual),
-            (">", Relation::Greater),
-            ("<", Relation::Less),
-            ("~", Relation::WithinPercent(5.0)),
-        ];
-        if let Some((_, relation)) = symbols.into_iter().find(|(symbol, _)| self.eat(symbol)) {
+        if let Some((_, relation)) = SYMBOLS.into_iter().find(|(symbol, _)| self.eat(symbol)) {
             return Ok(relation);
         }
         if self.eat_word("within") {

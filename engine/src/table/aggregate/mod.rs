@@ -83,7 +83,6 @@ impl Aggregate {
 }
 
 impl Table for Aggregate {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ value: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: \
          [short, long] }"

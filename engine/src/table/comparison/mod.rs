@@ -133,7 +133,6 @@ impl Comparison {
 }
 
 impl Table for Comparison {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ rows: agent, value: return, agents: [learner, rule], environments: [short] }"
     }
@@ -186,7 +185,6 @@ impl Table for Comparison {
 pub struct Improvement(pub Comparison);
 
 impl Table for Improvement {
-    #[cfg(test)]
     fn example() -> &'static str {
         "{ rows: environment, value: return, relative_to: rule, agents: [learner, rule] }"
     }

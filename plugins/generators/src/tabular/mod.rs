@@ -27,7 +27,7 @@ use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use surrogate::{Measured, Quality, Surrogate, quality};
 
 const NAME: &str = "tabular_search";
@@ -86,14 +86,23 @@ pub struct TabularSearch {
     design: Design,
 }
 
-/// What is known of all architectures.
+/// What is known of all architectures: what was measured of some, and a fit to it that is made when the first
+/// design begins, so that a check is quick.
 #[derive(Debug)]
 struct Table {
+    measured: Vec<Measured>,
+    weight: f64,
+    n_features: usize,
+    fitted: OnceLock<Fitted>,
+}
+
+/// The fit, and what it says of all architectures.
+#[derive(Debug)]
+struct Fitted {
     surrogate: Surrogate,
     quality: Quality,
     /// The score of the best architecture.
     best: f64,
-    n_features: usize,
 }
 
 /// The design under way.
@@ -176,18 +185,28 @@ impl Table {
         static KEPT: Kept<Table> = Kept::new();
         let name = format!("{} {}", config.frechet_weight, identity(&config.landscape)?);
         KEPT.or_made(name, || {
-            Ok(Self::made(&measured(&config.landscape)?, config.frechet_weight))
+            Ok(Self::made(measured(&config.landscape)?, config.frechet_weight))
         })
     }
 
-    fn made(measured: &[Measured], weight: f64) -> Self {
-        let surrogate = Surrogate::fit(measured);
+    fn made(measured: Vec<Measured>, weight: f64) -> Self {
         Self {
-            quality: quality(measured, weight),
-            best: surrogate.best(weight).0,
             n_features: measured[0].seen[0].len() - 2,
-            surrogate,
+            measured,
+            weight,
+            fitted: OnceLock::new(),
         }
+    }
+
+    fn fitted(&self) -> &Fitted {
+        self.fitted.get_or_init(|| {
+            let surrogate = Surrogate::fit(&self.measured);
+            Fitted {
+                quality: quality(&self.measured, self.weight),
+                best: surrogate.best(self.weight).0,
+                surrogate,
+            }
+        })
     }
 }
 
@@ -321,16 +340,16 @@ impl TabularSearch {
 
     /// Both scores of the design so far, without noise.
     fn exact(&self) -> [f64; 2] {
-        let seen = self.table.surrogate.seen(&self.design.cells);
+        let seen = self.table.fitted().surrogate.seen(&self.design.cells);
         [seen[0], seen[1]]
     }
 
     /// What is observed of it.
     fn look(&mut self, rng: &mut Rng) -> Vec<Vec<f64>> {
-        let mut seen = self.table.surrogate.seen(&self.design.cells);
+        let mut seen = self.table.fitted().surrogate.seen(&self.design.cells);
         let n_cells = self.design.cells.len();
         if self.config.noise && n_cells > 0 {
-            let spread = self.table.surrogate.spread(n_cells);
+            let spread = self.table.fitted().surrogate.spread(n_cells);
             (0..2).for_each(|score| seen[score] += spread[score] * standard_normal(rng));
         }
         self.design.observed = [seen[0], seen[1]];
@@ -339,7 +358,12 @@ impl TabularSearch {
 
     fn observation(&self) -> Vec<f64> {
         let [inception, frechet] = self.design.observed;
-        let features = self.table.surrogate.seen(&self.design.cells).split_off(2);
+        let features = self
+            .table
+            .fitted()
+            .surrogate
+            .seen(&self.design.cells)
+            .split_off(2);
         let fixed = [self.design.cells.len() as f64, inception, 0.01 * frechet];
         fixed.into_iter().chain(features).collect()
     }
@@ -375,7 +399,7 @@ impl Environment for TabularSearch {
             error,
             rank_correlation,
             ..
-        } = self.table.quality;
+        } = self.table.fitted().quality;
         let whole = self.design.cells.len() == N_CELLS;
         Ok(Step {
             observations,
@@ -384,7 +408,7 @@ impl Environment for TabularSearch {
                 score,
                 exact[0],
                 exact[1],
-                self.table.best - score,
+                self.table.fitted().best - score,
                 error,
                 rank_correlation,
             ],

@@ -53,9 +53,10 @@ fn nothing_is_better_than_the_best() {
         .fold(f64::INFINITY, f64::min);
     assert!(lowest >= 0.0, "{lowest}");
     let table = Table::of(&Config::default()).unwrap();
-    let (_, best) = table.surrogate.best(0.01);
+    let (_, best) = table.fitted().surrogate.best(0.01);
     assert_eq!(built(&mut *search, &best, &mut rng).1[3], 0.0);
-    assert!(table.quality.rank_correlation > 0.9, "{:?}", table.quality);
+    let quality = table.fitted().quality;
+    assert!(quality.rank_correlation > 0.9, "{quality:?}");
 }
 
 #[test]

@@ -1,0 +1,65 @@
+//! Which agents fit which environments: both are built with their defaults, as `check` builds what a study names.
+
+use crate::{Agent, Environment, Error, Interface, Registry, random, registry::AgentEntry};
+use serde::Serialize;
+
+/// How much `describe` finds out by building plugins.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Asked {
+    /// Which agents fit an environment, and which environments fit an agent.
+    pub fits: bool,
+    /// Why the others do not.
+    pub why: bool,
+}
+
+/// What cannot be used together, and why.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Unfit {
+    /// The agent, or the environment.
+    pub name: String,
+    /// What it lacks.
+    pub reason: String,
+}
+
+/// The environment of this name with its defaults; `None` where there is none or it refuses them.
+pub(crate) fn environment(registry: &Registry, name: &str) -> Option<Box<dyn Environment>> {
+    let entry = registry.environments.get(name)?;
+    (entry.build)(&entry.about.defaults).ok()
+}
+
+/// An agent with its defaults for the seats of an environment.
+///
+/// # Errors
+/// Why it cannot be used there.
+pub(crate) fn agent(entry: &AgentEntry, interface: &Interface) -> Result<Box<dyn Agent>, String> {
+    let built = (entry.build)(
+        &entry.about.defaults,
+        interface,
+        &mut random::stream(&["describe"]),
+    );
+    built.map_err(|error| match error {
+        Error::Mismatch { problem, .. } => problem,
+        other => other.to_string(),
+    })
+}
+
+/// The agents that fit an environment: those that learn, those that do not, and the others with their reasons.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct Fitting {
+    pub(crate) learners: Vec<String>,
+    pub(crate) rules: Vec<String>,
+    pub(crate) unfit: Vec<Unfit>,
+}
+
+pub(crate) fn agents(registry: &Registry, interface: &Interface) -> Fitting {
+    let mut all = Fitting::default();
+    for (name, entry) in &registry.agents {
+        let name = (*name).to_owned();
+        match agent(entry, interface) {
+            Ok(_) if entry.learns => all.learners.push(name),
+            Ok(_) => all.rules.push(name),
+            Err(reason) => all.unfit.push(Unfit { name, reason }),
+        }
+    }
+    all
+}

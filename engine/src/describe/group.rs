@@ -1,0 +1,116 @@
+//! What a study may name, by groups. `list`, `describe` and the reference read these lists, and each of them is
+//! the one that `check` or the readers of a study read.
+
+use super::sections;
+use crate::{
+    ProductKind, Registry, cast, executor,
+    figure::FigureKind,
+    kinds::Kind,
+    statistics::{Aggregate, claim::forms},
+    table::TableKind,
+};
+use clap::ValueEnum;
+use serde::Serialize;
+
+/// A group of names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Group {
+    /// Sections of a study: its keys at the top.
+    Sections,
+    /// Simulated systems.
+    Environments,
+    /// Algorithms, rules and reference controllers.
+    Agents,
+    /// Ways to run a trial.
+    Protocols,
+    /// Kinds of tables.
+    Tables,
+    /// Kinds of figures.
+    Figures,
+    /// Ways to make the values of a swept key.
+    Samplers,
+    /// What a claim says of its two sides.
+    Relations,
+    /// How a trial's measurements become one number in a claim.
+    Aggregates,
+    /// What trials leave for others, to be taken by `{ from: NAME }`.
+    Products,
+    /// What runs trials, or takes them.
+    Executors,
+}
+
+impl Group {
+    /// All of them, in the order in which they are shown.
+    pub const ALL: [Self; 11] = [
+        Self::Sections,
+        Self::Environments,
+        Self::Agents,
+        Self::Protocols,
+        Self::Tables,
+        Self::Figures,
+        Self::Samplers,
+        Self::Relations,
+        Self::Aggregates,
+        Self::Products,
+        Self::Executors,
+    ];
+
+    /// The word for all of it, as in `regimen list samplers`.
+    #[must_use]
+    pub fn word(self) -> String {
+        format!("{self:?}").to_lowercase()
+    }
+
+    /// What one of it is, in a heading.
+    #[must_use]
+    pub fn one(self) -> &'static str {
+        match self {
+            Self::Sections => "section of a study",
+            Self::Environments => "environment",
+            Self::Agents => "agent",
+            Self::Protocols => "protocol",
+            Self::Tables => "table",
+            Self::Figures => "figure",
+            Self::Samplers => "sampler of a sweep",
+            Self::Relations => "relation of a claim",
+            Self::Aggregates => "one number of a trial, in a claim",
+            Self::Products => "product of a trial",
+            Self::Executors => "executor",
+        }
+    }
+
+    /// Its names with a line each.
+    #[must_use]
+    pub fn entries(self, registry: &Registry) -> Vec<(String, String)> {
+        let own = |name: &str, about: &str| (name.to_owned(), about.to_owned());
+        let kinds = |kinds: &[Kind]| kinds.iter().map(|kind| own(kind.name, kind.about)).collect();
+        match self {
+            Self::Sections => sections::entries(registry),
+            Self::Environments => {
+                let all = registry.environments.iter();
+                all.map(|(name, entry)| own(name, entry.about.about)).collect()
+            }
+            Self::Agents => cast::agents(registry)
+                .map(|(name, about)| own(name, about.about))
+                .collect(),
+            Self::Protocols => {
+                let all = registry.protocols.iter();
+                all.map(|(name, entry)| own(name, entry.about.about)).collect()
+            }
+            Self::Tables => kinds(TableKind::ALL),
+            Self::Figures => kinds(FigureKind::ALL),
+            Self::Samplers => sections::samplers()
+                .into_iter()
+                .map(|(name, form)| (name, form.about))
+                .collect(),
+            Self::Relations => forms::RELATIONS.map(|form| own(form.written, form.about)).into(),
+            Self::Aggregates => Aggregate::ALL.map(|it| own(it.name(), it.about())).into(),
+            Self::Products => ProductKind::ALL.map(|it| own(it.name(), it.about())).into(),
+            Self::Executors => executor::all()
+                .iter()
+                .map(|kind| own(kind.name, kind.about))
+                .collect(),
+        }
+    }
+}

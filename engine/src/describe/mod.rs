@@ -1,0 +1,301 @@
+//! What a study may name, described for people, for programs and for the reference: plugins, kinds of tables and
+//! figures, sections, samplers, relations and aggregates of claims, products, executors.
+//!
+//! A [`Subject`] is data; [`text`] and [`markdown`] write it. Keys come from the schemas that `check` holds
+//! studies against, so that what is described is what passes.
+
+pub(crate) mod fit;
+mod group;
+mod interface;
+mod key;
+pub mod markdown;
+mod plugin;
+mod sections;
+#[cfg(test)]
+mod tests;
+pub mod text;
+
+pub use fit::{Asked, Unfit};
+pub use group::Group;
+pub use interface::{Channels, SeatFacts, SpaceFacts};
+pub use key::{Form, Key};
+pub use plugin::{AgentFacts, EnvironmentFacts, ProtocolFacts, Takes};
+
+use crate::{
+    Better, Metric, PerEpisode, Preset, ProductKind, Registry, diagnostic,
+    executor::{self, Kind as ExecutorKind, Way},
+    figure::FigureKind,
+    kinds::Kind,
+    schema_check::View,
+    statistics::{Aggregate, claim::forms},
+    table::TableKind,
+};
+use schemars::SchemaGenerator;
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+/// Version of the form in which subjects are written as JSON. Keys may be added to it; one that is taken away or
+/// changes its meaning raises it.
+pub const FORMAT: u32 = 1;
+
+/// Nothing that a study may name has this name.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("nothing is named `{name}`; {}", advice(nearest.as_deref()))]
+pub struct UnknownName {
+    /// What was asked for.
+    pub name: String,
+    /// The name that was probably meant.
+    pub nearest: Option<String>,
+}
+
+fn advice(nearest: Option<&str>) -> String {
+    match nearest {
+        Some(nearest) => format!("did you mean `{nearest}`?"),
+        None => "`regimen describe` says what has a name".into(),
+    }
+}
+
+/// One thing that a study may name. What does not apply is empty, and absent from JSON.
+#[derive(Debug, Clone, Serialize)]
+pub struct Subject {
+    /// Its name.
+    pub name: String,
+    /// The group that it belongs to.
+    pub group: Group,
+    /// What it is, in a sentence or two.
+    pub about: String,
+    /// Raised with every change of code that changes numbers, of plugins.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub version: Option<u32>,
+    /// Uses of it in a study: `written` says what is special, `example` is YAML.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub examples: Vec<Form>,
+    /// The grammar of claims.
+    #[serde(skip_serializing_if = "str::is_empty")]
+    pub grammar: &'static str,
+    /// The forms of a claim, each with an example.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub forms: Vec<Form>,
+    /// Names of what may stand there, which is described under its own name.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub choice: Vec<String>,
+    /// Its keys.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub keys: Vec<Key>,
+    /// The value of a section.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub value: Option<Key>,
+    /// Named settings of a plugin.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub presets: Vec<Preset>,
+    /// What it records, by the names that tables, figures and claims use.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub metrics: Vec<MetricFacts>,
+    /// What is known of an environment besides.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub environment: Option<EnvironmentFacts>,
+    /// What is known of an agent besides.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub agent: Option<AgentFacts>,
+    /// What is known of a protocol besides.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub protocol: Option<ProtocolFacts>,
+}
+
+impl Subject {
+    fn new(name: &str, group: Group) -> Self {
+        Self {
+            name: name.into(),
+            group,
+            about: String::new(),
+            version: None,
+            examples: Vec::new(),
+            grammar: "",
+            forms: Vec::new(),
+            choice: Vec::new(),
+            keys: Vec::new(),
+            value: None,
+            presets: Vec::new(),
+            metrics: Vec::new(),
+            environment: None,
+            agent: None,
+            protocol: None,
+        }
+    }
+
+    /// All keys of it, dotted where they are nested.
+    #[must_use]
+    pub fn paths(&self) -> Vec<String> {
+        let own = self.keys.iter().flat_map(Key::paths);
+        own.chain(self.value.iter().flat_map(Key::paths)).collect()
+    }
+}
+
+/// A metric in words.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MetricFacts {
+    /// Its name, as studies write it.
+    pub name: String,
+    /// SI unit; empty where there is none.
+    pub unit: String,
+    /// What it is.
+    pub about: String,
+    /// `less` where less is better; `more` where more is, or where nothing is said.
+    pub better: &'static str,
+    /// How the steps of an episode become its value: `sum`, `mean` or `last`.
+    pub per_episode: &'static str,
+}
+
+impl From<&Metric> for MetricFacts {
+    fn from(metric: &Metric) -> Self {
+        Self {
+            name: metric.name.clone(),
+            unit: metric.unit.clone(),
+            about: metric.about.clone(),
+            better: match metric.better {
+                Better::Higher => "more",
+                Better::Lower => "less",
+            },
+            per_episode: match metric.per_episode {
+                PerEpisode::Sum => "sum",
+                PerEpisode::Mean => "mean",
+                PerEpisode::Last => "last",
+            },
+        }
+    }
+}
+
+/// Everything that has this name, of whichever group; `asked` says how much is to be found out by building.
+///
+/// # Errors
+/// Where nothing has the name: the nearest one.
+pub fn find(registry: &Registry, name: &str, asked: Asked) -> Result<Vec<Subject>, UnknownName> {
+    let all: Vec<(Group, Vec<String>)> = Group::ALL
+        .into_iter()
+        .map(|group| (group, names(registry, group)))
+        .collect();
+    let groups = all
+        .iter()
+        .filter(|(_, names)| names.iter().any(|known| known == name));
+    let found: Vec<Subject> = groups
+        .filter_map(|(group, _)| subject(registry, *group, name, asked))
+        .collect();
+    if !found.is_empty() {
+        return Ok(found);
+    }
+    let known: Vec<&str> = all
+        .iter()
+        .flat_map(|(_, names)| names)
+        .map(String::as_str)
+        .collect();
+    Err(UnknownName {
+        name: name.into(),
+        nearest: diagnostic::nearest(name, &known).map(Into::into),
+    })
+}
+
+/// The names of a group.
+#[must_use]
+pub fn names(registry: &Registry, group: Group) -> Vec<String> {
+    let entries = group.entries(registry).into_iter();
+    entries.map(|(name, _)| name).collect()
+}
+
+/// One name of a group; `None` where the group does not have it.
+#[must_use]
+pub fn subject(registry: &Registry, group: Group, name: &str, asked: Asked) -> Option<Subject> {
+    match group {
+        Group::Sections => sections::subject(registry, name),
+        Group::Environments => plugin::environment(registry, name, asked),
+        Group::Agents => plugin::agent(registry, name, asked),
+        Group::Protocols => plugin::protocol(registry, name),
+        Group::Tables => of_kind(TableKind::ALL, "tables", Group::Tables, name),
+        Group::Figures => of_kind(FigureKind::ALL, "figures", Group::Figures, name),
+        Group::Samplers => {
+            let (name, form) = sections::samplers()
+                .into_iter()
+                .find(|(known, _)| known == name)?;
+            Some(sections::sampler(&name, form))
+        }
+        Group::Relations => relation(name),
+        Group::Aggregates => aggregate(name),
+        Group::Products => product(name),
+        Group::Executors => executor(&executor::find(name)?),
+    }
+}
+
+fn of_kind(kinds: &[Kind], section: &str, group: Group, name: &str) -> Option<Subject> {
+    let kind = kinds.iter().find(|kind| kind.name == name)?;
+    let mut generator = SchemaGenerator::default();
+    let mut schema = (kind.schema)(&mut generator).to_value();
+    schema["$defs"] = Value::Object(generator.take_definitions(true));
+    let view = View::new(&schema, &schema);
+    let example = Form {
+        example: format!(
+            "{section}:\n  {}:\n    {name}: {}",
+            name.replace('_', "-"),
+            (kind.example)()
+        ),
+        ..Form::default()
+    };
+    Some(Subject {
+        about: kind.about.into(),
+        examples: vec![example],
+        keys: key::keys(&view, &Value::Object(Map::new())),
+        ..Subject::new(name, group)
+    })
+}
+
+fn claim(example: &str) -> Vec<Form> {
+    vec![Form {
+        example: format!("claims:\n  - {example}"),
+        ..Form::default()
+    }]
+}
+
+fn relation(name: &str) -> Option<Subject> {
+    let form = forms::RELATIONS.iter().find(|form| form.written == name)?;
+    Some(Subject {
+        about: form.about.into(),
+        examples: claim(form.example),
+        ..Subject::new(name, Group::Relations)
+    })
+}
+
+fn aggregate(name: &str) -> Option<Subject> {
+    let aggregate = Aggregate::ALL.into_iter().find(|it| it.name() == name)?;
+    Some(Subject {
+        about: aggregate.about().into(),
+        examples: claim(&format!("{name}(learner.return) > {name}(rule.return)")),
+        ..Subject::new(name, Group::Aggregates)
+    })
+}
+
+fn product(name: &str) -> Option<Subject> {
+    let kind = ProductKind::ALL.into_iter().find(|it| it.name() == name)?;
+    Some(Subject {
+        about: kind.about().into(),
+        ..Subject::new(name, Group::Products)
+    })
+}
+
+fn executor(kind: &ExecutorKind) -> Option<Subject> {
+    let schema = kind.options().map(|options| options.schema.clone().to_value());
+    let keys = schema.map_or_else(Vec::new, |schema| {
+        key::keys(&View::new(&schema, &schema), &Value::Object(Map::new()))
+    });
+    let about = match &kind.way {
+        Way::Here | Way::Queue(_) => format!("{}.", kind.about),
+        Way::Written(_, command) => format!("{}; hand it over with `{command}`.", kind.about),
+    };
+    let keys = keys.into_iter().map(|key| Key {
+        // Its meaning says what holds where it is absent.
+        default: None,
+        ..key
+    });
+    Some(Subject {
+        about,
+        keys: keys.collect(),
+        ..Subject::new(kind.name, Group::Executors)
+    })
+}

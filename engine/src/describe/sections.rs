@@ -1,0 +1,305 @@
+//! The sections of a study, with an example of each form. What may stand in a section is what its schema says;
+//! the examples are of a study with the agents `rule`, `other` and `learner`, of which the last learns, the
+//! environments `short`, `long` and `pair`, and the play `tag`. A test checks a study with each of them.
+
+use super::{
+    Subject,
+    group::Group,
+    key::{self, Form},
+};
+use crate::{
+    Registry,
+    figure::FigureKind,
+    kinds::Kind,
+    schema_check::View,
+    spec,
+    statistics::{
+        Aggregate,
+        claim::forms::{ClaimForm, GRAMMAR, QUANTITIES, RELATIONS},
+    },
+    table::TableKind,
+};
+
+/// One use of a section.
+pub(super) struct Example {
+    pub(super) section: &'static str,
+    pub(super) about: &'static str,
+    pub(super) text: &'static str,
+}
+
+const fn example(section: &'static str, about: &'static str, text: &'static str) -> Example {
+    Example { section, about, text }
+}
+
+/// At least one for every section whose entries are no plugins.
+pub(super) const EXAMPLES: &[Example] = &[
+    example("study", "", "study: first-look"),
+    example("title", "", "title: What a learner gains over a rule"),
+    example("source", "", "source: \"Somebody et al. 2024, table 3\""),
+    example(
+        "summary",
+        "a row of a table and a claim, by their names and numbers",
+        "summary: \"The learner ends at {final: learner}; that it beats the rule: {claim 1}.\"
+tables:
+  final: { comparison: { rows: agent, value: return, environments: [short] } }
+claims: [learner.return > rule.return]",
+    ),
+    example(
+        "departures",
+        "",
+        "departures:
+  - The source trains ten times as long.",
+    ),
+    example("seeds", "a number of replicates: seeds 0 to 4", "seeds: 5"),
+    example("seeds", "the seeds themselves", "seeds: [0, 3, 17]"),
+    example(
+        "seeds",
+        "looks after 5, 10, ... 30 seeds, until all that is judged is decided",
+        "seeds: { min: 5, max: 30, looks: 6 }",
+    ),
+    example(
+        "seeds",
+        "the numbers of seeds at each look",
+        "seeds: { min: 5, max: 30, looks: [5, 10, 30] }",
+    ),
+    example(
+        "success",
+        "adds the metric `success`, and `given_success` to claims and tables",
+        "success: { metric: return, above: 0.5 }",
+    ),
+    example(
+        "sweep",
+        "every value with every value of the other `grid` keys",
+        "sweep:
+  learner.discount: { grid: [0.9, 0.99] }
+  learner.learning_rate: { grid: [1e-4, 1e-3] }",
+    ),
+    example(
+        "sweep",
+        "values that go together, one by one",
+        "sweep:
+  learner.discount: { zip: [0.9, 0.99] }
+  learner.learning_rate: { zip: [1e-4, 1e-3] }",
+    ),
+    example(
+        "sweep",
+        "samples: all sampled keys change together, at each sample",
+        "sweep:
+  learner.discount: { random: { low: 0.9, high: 1, samples: 8 } }
+  learner.learning_rate: { log_uniform: { low: 1e-5, high: 1e-2, samples: 8 } }",
+    ),
+    example(
+        "sweep",
+        "samples that cover a range evenly",
+        "sweep:
+  learner.learning_rate: { latin_hypercube: { low: 1e-5, high: 1e-2, samples: 8, log: true } }",
+    ),
+    example(
+        "profiles",
+        "budgets, chosen by `-P smoke`; a key is a dotted path",
+        "profiles:
+  smoke: { protocol.steps: 100, seeds: 1 }
+  paper: { protocol.steps: 100000, seeds: 10 }",
+    ),
+    example(
+        "exclude",
+        "",
+        "exclude:
+  - { environment: pair, agent: learner }",
+    ),
+    example(
+        "overrides",
+        "values for some combinations only",
+        "overrides:
+  - { environment: long, set: { protocol.steps: 2000 } }",
+    ),
+    example(
+        "prepare",
+        "a trial that only leaves something; `{ from: trained }` takes it",
+        "prepare:
+  trained: { environment: short, agent: learner }",
+    ),
+    example(
+        "cross_play",
+        "agents that meet after they were trained",
+        "cross_play:
+  tag: { environment: pair, roles: { chaser: [walker_0], runner: [walker_1] }, agents: [rule, other] }",
+    ),
+    example(
+        "protocol",
+        "",
+        "protocol: { train_evaluate: { steps: 1000 } }",
+    ),
+    example(
+        "tables",
+        "a published value beside the reproduced one, with how far it may be off",
+        "tables:
+  final:
+    caption: Return after learning
+    comparison: { rows: agent, value: return, environments: [short] }
+    published: { learner: 0.9 }
+    margin: { percent: 5, why: what two implementations differ by }",
+    ),
+    example(
+        "tables",
+        "a published value with its scatter, one that is not judged, and a cause",
+        "tables:
+  final:
+    comparison: { rows: agent, value: return, environments: [short] }
+    published: { learner: { value: 0.9, sd: 0.1, n: 5 }, rule: { value: 0.4, calibrated_on: the step was chosen by it } }
+    cause: { learner: the source trains ten times as long }",
+    ),
+    example(
+        "figures",
+        "",
+        "figures:
+  learning-curve:
+    caption: Return during learning
+    learning_curve: { metric: return }
+    labels: { learner: Q learning }",
+    ),
+    example("claims", "a claim alone", "claims:\n  - learner.return > rule.return"),
+    example(
+        "claims",
+        "a claim with what is known of it",
+        "claims:
+  - { claim: learner.return >= 1.15 * rule.return in short, about: the abstract, why: printed there }
+  - { claim: auc(learner.return) > rule.return, exploratory: true }",
+    ),
+    example(
+        "limits",
+        "",
+        "limits: { wall_time_s: 600, memory_mb: 2000, retries: 2 }",
+    ),
+];
+
+/// Sections with their descriptions, in the order of their names.
+pub(super) fn entries(registry: &Registry) -> Vec<(String, String)> {
+    let schema = spec::json_schema(registry);
+    let view = View::new(&schema, &schema);
+    let about = |name: &str| {
+        view.property(name)
+            .map_or_else(String::new, |it| it.sentence() + ".")
+    };
+    view.property_names()
+        .into_iter()
+        .map(|name| (name.to_owned(), about(name)))
+        .collect()
+}
+
+/// A section: its keys, the kinds or plugins that may stand in it, and examples.
+pub(super) fn subject(registry: &Registry, name: &str) -> Option<Subject> {
+    let schema = spec::json_schema(registry);
+    let view = View::new(&schema, &schema);
+    let section = view.property(name)?;
+    let required = schema["required"]
+        .as_array()
+        .is_some_and(|all| all.iter().any(|it| it == name));
+    let mut key = key::key(name, &section);
+    key.required = required;
+    Some(Subject {
+        examples: examples(registry, name),
+        grammar: if name == "claims" { GRAMMAR } else { "" },
+        forms: if name == "claims" {
+            claim_forms()
+        } else {
+            Vec::new()
+        },
+        choice: choice(registry, name),
+        about: std::mem::take(&mut key.about),
+        value: Some(key),
+        ..Subject::new(name, Group::Sections)
+    })
+}
+
+/// The names that may stand in a section for what is described under them.
+fn choice(registry: &Registry, section: &str) -> Vec<String> {
+    let kinds = |kinds: &[Kind]| kinds.iter().map(|kind| kind.name.to_owned()).collect();
+    let group = |group: Group| {
+        group
+            .entries(registry)
+            .into_iter()
+            .map(|(name, _)| name)
+            .collect()
+    };
+    match section {
+        "environments" => group(Group::Environments),
+        "agents" => group(Group::Agents),
+        "protocol" => group(Group::Protocols),
+        "tables" => kinds(TableKind::ALL),
+        "figures" => kinds(FigureKind::ALL),
+        _ => Vec::new(),
+    }
+}
+
+fn examples(registry: &Registry, name: &str) -> Vec<Form> {
+    let own = EXAMPLES.iter().filter(|example| example.section == name);
+    let mut all: Vec<Form> = own
+        .map(|example| Form {
+            written: example.about.into(),
+            example: example.text.into(),
+            ..Form::default()
+        })
+        .collect();
+    if let Some((environment, agent)) = registry.first_study {
+        let text = match name {
+            "environments" => format!("environments:\n  plant: {{ {environment}: {{}} }}"),
+            "agents" => format!("agents:\n  learner: {{ {agent}: {{}} }}"),
+            _ => return all,
+        };
+        all.push(Form {
+            example: text,
+            ..Form::default()
+        });
+    }
+    all
+}
+
+fn claim_forms() -> Vec<Form> {
+    let form = |it: &ClaimForm| Form {
+        written: it.written.into(),
+        about: it.about.into(),
+        example: it.example.into(),
+        ..Form::default()
+    };
+    let aggregate = |it: Aggregate| Form {
+        written: format!("{}(AGENT.METRIC)", it.name()),
+        about: it.about().into(),
+        ..Form::default()
+    };
+    let quantities = QUANTITIES.iter().map(form);
+    let aggregates = Aggregate::ALL.into_iter().map(aggregate);
+    quantities
+        .chain(aggregates)
+        .chain(RELATIONS.iter().map(form))
+        .collect()
+}
+
+/// The ways to make the values of a swept key, by name.
+pub(super) fn samplers() -> Vec<(String, Form)> {
+    let schema = spec::json_schema(&Registry::default());
+    let view = View::new(&schema, &schema);
+    let generator = view.property("sweep").and_then(|sweep| sweep.property(""));
+    let places = generator.map_or_else(Vec::new, |generator| generator.alternatives());
+    let named = places.iter().filter_map(|place| {
+        let form = key::form(place, 0).into_iter().next()?;
+        Some((place.variant()?.to_owned(), form))
+    });
+    named.collect()
+}
+
+/// A sampler with the first example of a sweep that uses it.
+pub(super) fn sampler(name: &str, form: Form) -> Subject {
+    let with = |example: &&Example| example.section == "sweep" && example.text.contains(&format!("{name}:"));
+    let example = EXAMPLES.iter().find(with).map(|example| Form {
+        written: example.about.into(),
+        example: example.text.into(),
+        ..Form::default()
+    });
+    Subject {
+        about: form.about,
+        keys: form.keys,
+        examples: example.into_iter().collect(),
+        ..Subject::new(name, Group::Samplers)
+    }
+}
