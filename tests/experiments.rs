@@ -28,6 +28,15 @@ fn every_study_and_every_profile_passes_the_check() {
     }
 }
 
+/// The page without what images are encoded as, where any letters may follow each other.
+fn without_images(page: &str) -> String {
+    let mut pieces = page.split("base64,");
+    let first = pieces.next().unwrap_or_default().to_owned();
+    pieces.fold(first, |text, piece| {
+        text + piece.split_once('"').map_or("", |(_, rest)| rest)
+    })
+}
+
 #[test]
 fn every_study_runs_its_smoke_profile_to_the_report() {
     let bench = Bench::new();
@@ -50,7 +59,7 @@ fn every_study_runs_its_smoke_profile_to_the_report() {
         }
         let page = std::fs::read_to_string(folder.join("index.html")).unwrap();
         assert!(
-            !page.contains("NaN"),
+            !without_images(&page).contains("NaN"),
             "{name}: a number that is none reached the page"
         );
     }

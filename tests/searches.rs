@@ -143,14 +143,14 @@ fn before_the_setting_is_chosen_only_the_search_and_other_agents_have_trials() {
 #[test]
 fn a_setting_that_the_agent_refuses_says_where_it_comes_from() {
     let bench = Bench::new();
-    let study = "study: tuned\nenvironments: { cells: { battery: { cells: 2 } } }\nagents: { sac: { \
-                 gaussian_softmax_sac: { batch_size: 64 } } }\nprotocol: { train_evaluate: { steps: 192 } }\nsearch: { \
-                 memory: { over: { sac.replay_capacity: { choice: [16, 32] } }, by: cycle_length, settings: 2 } }\n";
+    let study = "study: tuned\nenvironments: { swing: { pendulum: {} } }\nagents: { sac: { soft_actor_critic: { \
+                 batch_size: 64 } } }\nprotocol: { train_evaluate: { steps: 192 } }\nsearch: { memory: { over: { \
+                 sac.replay_capacity: { choice: [16, 32] } }, by: return, settings: 2 } }\n";
     bench.write("tuned.yaml", study);
     let answer = bench.run(&["run", "tuned.yaml"]);
     assert_eq!(answer.code, 2, "{}", answer.err);
     assert!(
-        answer.err.contains("tuned.yaml:5:") && answer.err.contains("replay_capacity"),
+        answer.err.contains("tuned.yaml:3:") && answer.err.contains("a buffer of 16"),
         "{}",
         answer.err
     );
@@ -175,10 +175,8 @@ fn halving_pauses_trials_and_the_best_end_as_if_they_had_never_paused() {
         "{plan}"
     );
     // All settings to their ends.
-    bench.write(
-        "whole.yaml",
-        &halving.replace("halving: { pauses: [96], keep: 0.34, brackets: 2 }", "random: {}"),
-    );
+    let whole = halving.replace("halving: { pauses: [96], keep: 0.34, brackets: 2 }", "random: {}");
+    bench.write("whole.yaml", &whole.replace("study: tuned", "study: whole"));
     bench.ok(&["run", "whole.yaml", "-j", "2", "--store", "whole"]);
     let whole: std::collections::BTreeMap<_, _> = bench.digests("whole").into_iter().collect();
     assert!(

@@ -52,9 +52,9 @@ fn progress(it: &SearchResult) -> Progress {
             stops,
             chosen: None,
         },
-        Next::Chosen(chosen) => Progress {
+        Next::Chosen(chosen, stops) => Progress {
             points: it.tried.iter().map(|tried| tried.point.clone()).collect(),
-            stops: it.tried.iter().map(|tried| tried.stop).collect(),
+            stops,
             chosen,
         },
     }

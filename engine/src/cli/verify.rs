@@ -419,6 +419,7 @@ fn tasks<'a>(how: &Compute<'_>, members: &[&'a Candidate]) -> Vec<Task<'a>> {
         limits: Arc::clone(&member.limits),
         before: None,
         after: member.trial.key.sources(),
+        until: None,
     };
     members.iter().zip(costs).map(task).collect()
 }

@@ -95,6 +95,31 @@ claims: [learner.return > rule.return]",
   learner.learning_rate: { latin_hypercube: { low: 1e-5, high: 1e-2, samples: 8, log: true } }",
     ),
     example(
+        "search",
+        "settings near good ones are tried next; the best one is measured on the seeds of the study",
+        "search:
+  rates:
+    over:
+      learner.discount: { uniform: { low: 0.9, high: 0.999 } }
+      learner.learning_rate: { log_uniform: { low: 1e-5, high: 1e-2 } }
+    by: return
+    environment: short
+    settings: 30
+    seeds: 2
+    method: { tree_parzen: { startup: 10, batch: 4 } }",
+    ),
+    example(
+        "search",
+        "random settings that pause, of which the best third goes on",
+        "search:
+  rates:
+    over: { learner.learning_rate: { log_uniform: { low: 1e-5, high: 1e-2 } } }
+    by: return
+    environment: short
+    settings: 27
+    method: { halving: { pauses: [100, 300], brackets: 2 } }",
+    ),
+    example(
         "profiles",
         "budgets, chosen by `-P smoke`; a key is a dotted path",
         "profiles:

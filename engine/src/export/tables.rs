@@ -251,6 +251,7 @@ fn purpose(purpose: &Purpose) -> &'static str {
     match purpose {
         Purpose::Cell => "cell",
         Purpose::Prepared => "prepared",
+        Purpose::Tried(_) => "tried",
         Purpose::Play(_) => "play",
     }
 }

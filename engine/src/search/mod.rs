@@ -188,8 +188,9 @@ impl Tried {
 pub enum Next {
     /// These are tried, each until its pause or, where it has none, to its end.
     Try(Vec<Point>, Vec<Option<u64>>),
-    /// The search is over; the best setting is at this place, or every one has failed.
-    Chosen(Option<usize>),
+    /// The search is over; the best setting is at this place, or every one has failed. Where each paused stands beside
+    /// it.
+    Chosen(Option<usize>, Vec<Option<u64>>),
 }
 
 impl Search {
@@ -212,7 +213,7 @@ impl Search {
                 return Next::Try(points, stops);
             };
             if points.len() >= self.settings {
-                return Next::Chosen(self.best(known));
+                return Next::Chosen(self.best(known), vec![None; points.len()]);
             }
         }
     }
@@ -245,7 +246,7 @@ impl Search {
         if stops.iter().zip(known).any(waits) {
             return Next::Try(points, stops);
         }
-        Next::Chosen(self.best(known))
+        Next::Chosen(self.best(known), stops)
     }
 
     /// Steps at which trials may pause.

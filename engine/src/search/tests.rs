@@ -42,7 +42,7 @@ fn run(search: &Search, value: impl Fn(&[f64]) -> f64) -> (Vec<Tried>, Option<us
                     .collect();
                 ended(point, value(&numbers))
             })),
-            Next::Chosen(chosen) => return (tried, chosen),
+            Next::Chosen(chosen, _) => return (tried, chosen),
         }
     }
 }
@@ -80,7 +80,7 @@ fn what_follows_is_a_function_of_the_results_alone() {
     let search = search(square(), parzen(6, 4), 26, 0);
     let (tried, chosen) = run(&search, bowl);
     assert_eq!(tried.len(), 26);
-    assert_eq!(search.next(&tried), Next::Chosen(chosen));
+    assert_eq!(search.next(&tried), Next::Chosen(chosen, vec![None; 26]));
     assert_eq!(search.ranking(&tried)[0], chosen.unwrap());
     // A value that changes leads elsewhere from the next generation on.
     let mut other = tried.clone();

@@ -298,6 +298,10 @@ impl Protocol for Train {
     fn total_steps(&self) -> u64 {
         self.0
     }
+    fn measures_at(&self, step: u64) -> bool {
+        step.is_multiple_of(100)
+    }
+
     fn experience(&self) -> u64 {
         self.0
     }

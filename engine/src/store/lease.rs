@@ -192,11 +192,24 @@ impl Leases {
         let Some(found) = read(lease)? else {
             return Ok(None);
         };
-        let alive = match found.said.owner.is_alive() {
-            Some(alive) => alive,
-            None => !self.is_silent(lease, &found)?,
-        };
-        Ok(alive.then_some(found.said.owner))
+        Ok(self.lives(lease, &found)?.then_some(found.said.owner))
+    }
+
+    /// Whether a lease is there and its owner is dead, or nobody can hold it. One that is gone may be another one the
+    /// next moment.
+    fn is_dead(&self, lease: &Path) -> Result<bool, Error> {
+        match look(lease)? {
+            Looked::Gone => Ok(false),
+            Looked::Damaged => Ok(true),
+            Looked::Owned(found) => Ok(!self.lives(lease, &found)?),
+        }
+    }
+
+    fn lives(&self, lease: &Path, found: &Found) -> Result<bool, Error> {
+        match found.said.owner.is_alive() {
+            Some(alive) => Ok(alive),
+            None => Ok(!self.is_silent(lease, found)?),
+        }
     }
 
     /// Whether a lease was not renewed for as long as it holds.
@@ -229,13 +242,13 @@ impl Leases {
             Ok(()) => {
                 boundary::pass("before a dead lease is removed", lease);
                 let removed = self
-                    .holder(lease)
-                    .and_then(|holder| if holder.is_none() { remove(lease) } else { Ok(()) });
+                    .is_dead(lease)
+                    .and_then(|dead| if dead { remove(lease) } else { Ok(()) });
                 remove(&takeover)?;
                 removed
             }
             Err(source) if source.kind() == ErrorKind::AlreadyExists => {
-                if self.holder(&takeover)?.is_none() {
+                if self.is_dead(&takeover)? {
                     remove(&takeover)?;
                 }
                 std::thread::sleep(Duration::from_millis(2));
@@ -322,13 +335,26 @@ impl Found {
 
 /// What a file says and when it was renewed; `None` where there is no such file or no owner in it.
 fn read(path: &Path) -> Result<Option<Found>, Error> {
+    Ok(match look(path)? {
+        Looked::Owned(found) => Some(found),
+        Looked::Gone | Looked::Damaged => None,
+    })
+}
+
+/// What is found at the place of a lease.
+enum Looked {
+    Gone,
+    /// A file that holds no owner: nobody can hold a trial by it.
+    Damaged,
+    Owned(Found),
+}
+
+fn look(path: &Path) -> Result<Looked, Error> {
     let read = || -> std::io::Result<(Vec<u8>, SystemTime)> { Ok((fs::read(path)?, modified(path)?)) };
     match read() {
-        // A file that holds no owner was damaged; nobody can hold a trial by it.
         Ok((text, renewed)) => Ok(serde_json::from_slice(&text)
-            .ok()
-            .map(|said| Found { said, renewed })),
-        Err(source) if source.kind() == ErrorKind::NotFound => Ok(None),
+            .map_or(Looked::Damaged, |said| Looked::Owned(Found { said, renewed }))),
+        Err(source) if source.kind() == ErrorKind::NotFound => Ok(Looked::Gone),
         Err(source) => Err(Error::file("read", path)(source)),
     }
 }
