@@ -207,3 +207,15 @@ fn halving_pauses_trials_and_the_best_end_as_if_they_had_never_paused() {
         (tables_of_halving, ended)
     );
 }
+
+/// What is recorded while learning alone has no final value.
+#[test]
+fn a_search_that_finds_no_setting_fails_and_says_why() {
+    let bench = Bench::new();
+    let study = STUDY.replace("by: cycle_length", "by: critic_loss\n    goal: least");
+    bench.write("tuned.yaml", &study);
+    let answer = bench.run(&["run", "tuned.yaml", "-P", "smoke"]);
+    assert_eq!(answer.code, 100, "{}", answer.err);
+    let said = "no trial has a final value of `critic_loss`, so no setting can be chosen";
+    assert!(answer.err.contains(said), "{}", answer.err);
+}

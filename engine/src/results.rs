@@ -4,7 +4,7 @@ use crate::{
     Metric, PerEpisode,
     drawing::Drawings,
     recorder::{Phase, Row},
-    search::{Point, Search, Tried},
+    search::{Next, Point, Search, Tried},
     spec::Progress,
     statistics::{Seeds, estimators::mean, spending::Design},
     store::is_missing,
@@ -377,8 +377,6 @@ pub struct TriedSetting {
     pub failed: usize,
     /// Trials that have not ended.
     pub missing: usize,
-    /// Trials that have come to their pause.
-    pub paused: usize,
 }
 
 impl TriedSetting {
@@ -402,9 +400,6 @@ impl TriedSetting {
                 }
             }
         }
-        tried.paused = stop
-            .and_then(|stop| tried.at_pauses.get(&stop))
-            .map_or(0, BTreeMap::len);
         tried
     }
 
@@ -457,15 +452,13 @@ impl SearchResult {
     /// The place of the best setting whose trials have ended well.
     #[must_use]
     pub fn best(&self) -> Option<usize> {
-        let merit = |place: &usize| {
-            self.tried[*place]
-                .value()
-                .map(|value| self.search.goal.merit(value))
-        };
-        let ended = (0..self.tried.len()).filter_map(|place| Some((place, merit(&place)?)));
-        // Of equal ones the earlier is the better.
-        let better = |best: (usize, f64), it: (usize, f64)| if it.1 > best.1 { it } else { best };
-        ended.reduce(better).map(|(place, _)| place)
+        self.search.best(&self.known())
+    }
+
+    /// Whether every setting was tried as far as it goes and none can be chosen.
+    #[must_use]
+    pub fn found_nothing(&self) -> bool {
+        self.chosen.is_none() && matches!(self.search.next(&self.known()), Next::Chosen(None, _))
     }
 
     /// What follows is decided by this.

@@ -106,7 +106,7 @@ fn compute_all(
             }
         };
         if !goes_on(code, how) || !grow_all(planned, how.registry, store)? {
-            return Ok(Computed::Here(code));
+            return Ok(Computed::Here(code.max(searches::code(planned))));
         }
         // What fails now is not tried again at every look.
         how.retry_failed = false;
@@ -173,7 +173,7 @@ pub(super) fn worker(
         // What failed at one look is not made good by the next.
         code = code.max(how.run(&planned, |position| position % parts == part)?);
         if !goes_on(code, &how) || !grow_all(&mut planned, registry, &store)? {
-            return Ok(code);
+            return Ok(code.max(searches::code(&planned)));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Searches for settings: what they try next, from the stored results alone, so that running, resuming, reporting and
 //! running elsewhere come to the same settings.
 
-use super::{BAD_SPEC, Failure, colour, run, study::Planned};
+use super::{BAD_SPEC, Failure, OK, TRIALS_FAILED, colour, complain, run, study::Planned};
 use crate::{
     Registry, diagnostic, report,
     results::{SearchResult, TrialResult},
@@ -78,6 +78,21 @@ fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
         .filter(has_paused)
         .map(|it| it.trial.id.clone())
         .collect()
+}
+
+/// The exit code that fits what searches came to: without a setting their agents cannot run.
+pub(super) fn code(planned: &[Planned]) -> u8 {
+    let searches = planned.iter().flat_map(|one| &one.searched);
+    let mut code = OK;
+    for it in searches.filter(|it| it.found_nothing()) {
+        complain(&format!(
+            "error: {}: no trial has a final value of `{}`, so no setting can be chosen",
+            report::search_in_words(it),
+            it.search.by
+        ));
+        code = TRIALS_FAILED;
+    }
+    code
 }
 
 /// How far the searches of a study are, a line for each.

@@ -266,7 +266,9 @@ impl Search {
         order
     }
 
-    fn best(&self, tried: &[Tried]) -> Option<usize> {
+    /// The place of the best setting; `None` where none has a value.
+    #[must_use]
+    pub fn best(&self, tried: &[Tried]) -> Option<usize> {
         let first = self.ranking(tried).first().copied()?;
         tried[first].value.map(|_| first)
     }

@@ -179,6 +179,7 @@ impl<'a> Reader<'a, '_> {
         let (agent, first) = self.agent(&keys)?;
         let environment = self.environment(&text.environment)?;
         self.alone(agent, environment, first, others)?;
+        self.has_room(&keys, text.settings)?;
         let progress = options
             .searches
             .get(&self.named.name)
@@ -403,6 +404,31 @@ impl<'a> Reader<'a, '_> {
                 ])
             }
         }
+    }
+
+    /// There are as many settings as are to be tried.
+    fn has_room(
+        &self,
+        keys: &[(String, KeyPath<'a>, Range)],
+        settings: usize,
+    ) -> Result<(), Vec<Diagnostic>> {
+        let counts: Option<Vec<usize>> = keys.iter().map(|(_, _, range)| range.count()).collect();
+        let all = counts.map(|counts| counts.into_iter().fold(1, usize::saturating_mul));
+        let Some(all) = all.filter(|all| *all < settings) else {
+            return Ok(());
+        };
+        let span = self
+            .named
+            .config
+            .get("settings")
+            .map_or(self.named.name_span, |node| node.span);
+        let message = format!("{settings} settings are to be tried, and there are {all}");
+        let error = self
+            .sources
+            .error(span, &format!("{}.settings", self.at()), message);
+        Err(vec![error.help(format!(
+            "write at most {all}, or sweep them all with `grid`"
+        ))])
     }
 
     fn at(&self) -> String {

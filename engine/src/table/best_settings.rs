@@ -5,7 +5,6 @@ use crate::{
     Error,
     diagnostic::suggest,
     results::{Results, SearchResult, TriedSetting},
-    search::Tried,
     spec::names::{Names, Place},
     statistics::MeanEstimate,
 };
@@ -83,11 +82,13 @@ impl BestSettings {
                 .map_or(name, String::as_str)
                 .replace('_', " ")
         };
-        let ended: Vec<&TriedSetting> = it.tried.iter().filter(|tried| tried.missing == 0).collect();
-        let order = it
+        let ranked = it
             .search
-            .ranking(&ended.iter().map(|tried| as_tried(tried)).collect::<Vec<_>>());
-        let shown: Vec<&TriedSetting> = order.iter().take(self.best).map(|place| ended[*place]).collect();
+            .ranking(&it.known())
+            .into_iter()
+            .map(|place| &it.tried[place]);
+        let ended: Vec<&TriedSetting> = ranked.filter(|tried| tried.missing == 0).collect();
+        let shown = &ended[..self.best.min(ended.len())];
         let heading = |tried: &&TriedSetting| Heading {
             name: tried.setting.clone(),
             label: tried.setting.clone(),
@@ -109,14 +110,6 @@ impl BestSettings {
             ],
             ..Grid::default()
         }
-    }
-}
-
-fn as_tried(tried: &TriedSetting) -> Tried {
-    Tried {
-        value: tried.value(),
-        ended: true,
-        ..Tried::new(tried.point.clone())
     }
 }
 

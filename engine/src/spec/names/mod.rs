@@ -15,12 +15,12 @@ use super::{
     summary::Summary,
 };
 use crate::{
-    Metric,
+    Better, Metric,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{Entry, Kind, Node},
     figure::FigureSpec,
     kinds,
-    results::{SUCCESS, Success},
+    results::{SUCCESS, Success, TIME_PER_DECISION, TIME_PER_UPDATE, WALL_TIME},
     search::Search,
     table::TableSpec,
 };
@@ -172,6 +172,7 @@ pub fn searches(sections: &Sections<'_>, world: &World) -> Vec<Diagnostic> {
             );
         }
         names.metric(&searched.search.by, &place, "by", &picked);
+        names.compared_by(&searched.search, &place);
         names.pauses(sections, searched, &place);
     }
     names.found
@@ -267,6 +268,33 @@ impl Names<'_> {
         let error = self.sources.error(span, &at, message);
         self.found
             .push(if help.is_empty() { error } else { error.help(help) });
+    }
+
+    /// Says where a metric is none to compare settings by, or where it is not said that little of it is wanted.
+    fn compared_by(&mut self, search: &Search, place: &Place<'_>) {
+        let by = &search.by;
+        if [WALL_TIME, TIME_PER_UPDATE, TIME_PER_DECISION].contains(&by.as_str()) {
+            let message = format!(
+                "`{by}` is a measurement of the machine, by which every run would choose another setting"
+            );
+            self.say(
+                place.value("by"),
+                message,
+                "compare settings by what their trials record",
+            );
+        }
+        let known = self.world.metrics.iter().find(|metric| metric.name == *by);
+        let is_loss = known.is_some_and(|metric| metric.better == Better::Lower);
+        if is_loss && place.node.get("goal").is_none() {
+            let message = format!(
+                "of `{by}` less is better, and without a `goal` the setting with the most of it is chosen"
+            );
+            self.say(
+                place.value("by"),
+                message,
+                "write `goal: least`, or `goal: most` where that is meant",
+            );
+        }
     }
 
     /// Says where a search pauses trials at a step that is not measured.
