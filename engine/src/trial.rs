@@ -195,6 +195,18 @@ impl TrialKey {
         }
     }
 
+    /// The plugins of its agents, as in `dirichlet_sac` or `rommeo+tdom_ac`.
+    #[must_use]
+    pub fn agents_by_plugin(&self) -> String {
+        let plugins: Vec<&str> = self
+            .agent
+            .parts()
+            .iter()
+            .map(|part| part.plugin.as_str())
+            .collect();
+        plugins.join("+")
+    }
+
     /// Ids of the trials that must have ended `ok` before it begins, each once.
     #[must_use]
     pub fn sources(&self) -> Vec<String> {

@@ -188,16 +188,10 @@ fn of_store(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
 
 /// A trial of no study, under the names of its plugins.
 fn named(id: &str, key: TrialKey) -> Trial {
-    let agents: Vec<&str> = key
-        .agent
-        .parts()
-        .iter()
-        .map(|part| part.plugin.as_str())
-        .collect();
     Trial {
         id: id.to_owned(),
         environment: key.environment.plugin.clone(),
-        agent: agents.join("+"),
+        agent: key.agents_by_plugin(),
         setting: String::new(),
         point: Setting::default(),
         purpose: Purpose::Cell,

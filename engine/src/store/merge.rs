@@ -339,16 +339,6 @@ fn trials(store: &Store) -> Result<Vec<String>, Error> {
 
 /// What a trial is, by its plugins.
 fn title(key: &TrialKey) -> String {
-    let agents: Vec<&str> = key
-        .agent
-        .parts()
-        .iter()
-        .map(|part| part.plugin.as_str())
-        .collect();
-    format!(
-        "{} {} seed {}",
-        key.environment.plugin,
-        agents.join("+"),
-        key.seed
-    )
+    let (environment, agents) = (&key.environment.plugin, key.agents_by_plugin());
+    format!("{environment} {agents} seed {}", key.seed)
 }

@@ -1,7 +1,7 @@
 //! Median, interquartile mean, mean and optimality gap of normalised scores, a panel each, as bars from one end
 //! of the interval to the other with a line at the estimate.
 
-use super::{Asked, Player, Suite, default_metric, default_resamples};
+use super::{EXAMPLE, Player, Suite, asked, default_metric, default_resamples};
 use crate::{
     Error,
     figure::{
@@ -38,22 +38,11 @@ pub struct IntervalEstimates {
     pub resamples: u32,
 }
 
-impl IntervalEstimates {
-    fn asked(&self) -> Asked<'_> {
-        Asked {
-            metric: &self.metric,
-            normalise: &self.normalise,
-            agents: &self.agents,
-            environments: &self.environments,
-            resamples: self.resamples,
-        }
-    }
-}
+asked!(IntervalEstimates);
 
 impl Figure for IntervalEstimates {
     fn example() -> &'static str {
-        "{ metric: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: \
-         [short, long] }"
+        EXAMPLE
     }
 
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {

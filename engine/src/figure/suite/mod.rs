@@ -44,6 +44,28 @@ struct Asked<'a> {
     resamples: u32,
 }
 
+/// What a figure asks for: its options, under the same names in every figure.
+macro_rules! asked {
+    ($figure:ty) => {
+        impl $figure {
+            fn asked(&self) -> super::Asked<'_> {
+                super::Asked {
+                    metric: &self.metric,
+                    normalise: &self.normalise,
+                    agents: &self.agents,
+                    environments: &self.environments,
+                    resamples: self.resamples,
+                }
+            }
+        }
+    };
+}
+use asked;
+
+/// A use of a figure that has no options of its own.
+const EXAMPLE: &str = "{ metric: return, normalise: { low: rule, high: learner }, agents: [learner, rule], \
+                       environments: [short, long] }";
+
 impl Asked<'_> {
     /// Checks the metric, what it is normalised by, and that everybody plays everywhere.
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) -> Picked {

@@ -1,7 +1,7 @@
 //! Performance profiles: which share of runs lies above a normalised score, a line per agent with a pointwise
 //! band.
 
-use super::{Asked, Suite, default_metric, default_resamples};
+use super::{EXAMPLE, Suite, asked, default_metric, default_resamples};
 use crate::{
     Error,
     figure::{
@@ -52,22 +52,11 @@ fn default_points() -> usize {
     101
 }
 
-impl PerformanceProfile {
-    fn asked(&self) -> Asked<'_> {
-        Asked {
-            metric: &self.metric,
-            normalise: &self.normalise,
-            agents: &self.agents,
-            environments: &self.environments,
-            resamples: self.resamples,
-        }
-    }
-}
+asked!(PerformanceProfile);
 
 impl Figure for PerformanceProfile {
     fn example() -> &'static str {
-        "{ metric: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: \
-         [short, long] }"
+        EXAMPLE
     }
 
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {

@@ -1,7 +1,7 @@
 //! Probabilities of improvement: how often a run of one agent scores above one of another in the same
 //! environment, a row per pair of agents.
 
-use super::{Asked, Player, Suite, default_metric, default_resamples};
+use super::{Player, Suite, asked, default_metric, default_resamples};
 use crate::{
     Error,
     diagnostic::suggest,
@@ -49,17 +49,9 @@ pub struct ProbabilityOfImprovement {
     pub resamples: u32,
 }
 
-impl ProbabilityOfImprovement {
-    fn asked(&self) -> Asked<'_> {
-        Asked {
-            metric: &self.metric,
-            normalise: &self.normalise,
-            agents: &self.agents,
-            environments: &self.environments,
-            resamples: self.resamples,
-        }
-    }
+asked!(ProbabilityOfImprovement);
 
+impl ProbabilityOfImprovement {
     /// Agents of the suite in pairs.
     fn paired<'p>(&self, players: &'p [Player<'p>]) -> Vec<[&'p Player<'p>; 2]> {
         let find = |name: &String| players.iter().find(|player| player.name == *name);

@@ -1,7 +1,7 @@
 //! Sample efficiency: the interquartile mean of normalised scores against environment steps, a line per agent
 //! with a pointwise band.
 
-use super::{Asked, Player, Suite, default_metric, default_resamples};
+use super::{EXAMPLE, Player, Suite, asked, default_metric, default_resamples};
 use crate::{
     Error, Phase,
     figure::{
@@ -39,22 +39,11 @@ pub struct SampleEfficiency {
     pub resamples: u32,
 }
 
-impl SampleEfficiency {
-    fn asked(&self) -> Asked<'_> {
-        Asked {
-            metric: &self.metric,
-            normalise: &self.normalise,
-            agents: &self.agents,
-            environments: &self.environments,
-            resamples: self.resamples,
-        }
-    }
-}
+asked!(SampleEfficiency);
 
 impl Figure for SampleEfficiency {
     fn example() -> &'static str {
-        "{ metric: return, normalise: { low: rule, high: learner }, agents: [learner, rule], environments: \
-         [short, long] }"
+        EXAMPLE
     }
 
     fn check(&self, names: &mut Names<'_>, at: &Place<'_>) {
