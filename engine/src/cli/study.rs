@@ -459,6 +459,18 @@ fn overview(
         return overview.to_string();
     }
     let mut lines = vec![format!("{}: {} trials", one.study.name, one.plan.trials.len())];
+    lines.extend(rows(&cells));
+    lines.extend(looks::line(one));
+    lines.extend(searches::lines(one));
+    lines.extend(stages::lines(one));
+    let why = novelties.map(plan::explain).filter(|text| !text.is_empty());
+    lines.extend(why);
+    lines.push(cost(&cells, workers));
+    lines.join("\n")
+}
+
+/// A line for each cell under one that says what they are; settings and blocked trials only where there are any.
+fn rows(cells: &[(Names<'_>, Cell)]) -> Vec<String> {
     let width = |of: fn(&Names<'_>) -> usize, least: usize| {
         cells.iter().map(|(key, _)| of(key)).max().unwrap_or(0).max(least)
     };
@@ -467,50 +479,30 @@ fn overview(
         width(|key| key.1.len(), 5),
         width(|key| key.2.len(), 0),
     );
-    let setting = if third > 0 {
-        format!("{:<third$}  ", "setting")
-    } else {
-        String::new()
-    };
-    let third = third.max(setting.trim_end().len());
     let is_blocked = cells.iter().any(|(_, cell)| cell.blocked > 0);
-    let blocked = |word: &str| {
-        if is_blocked {
-            format!(" {word:>7}")
-        } else {
-            String::new()
-        }
-    };
-    lines.push(format!(
-        "  {:<first$}  {:<second$}  {setting}{:>6} {:>6} {:>7}{}",
-        "environment",
-        "agent",
-        "ok",
-        "failed",
-        "missing",
-        blocked("blocked")
-    ));
-    for ((environment, agent, setting), cell) in &cells {
-        let setting = if third > 0 {
-            format!("{setting:<third$}  ")
+    let row = |(environment, agent, setting): Names<'_>, [ok, failed, missing, blocked]: [&str; 4]| {
+        let setting = match third {
+            0 => String::new(),
+            _ => format!("{setting:<width$}  ", width = third.max("setting".len())),
+        };
+        let blocked = if is_blocked {
+            format!(" {blocked:>7}")
         } else {
             String::new()
         };
-        lines.push(format!(
-            "  {environment:<first$}  {agent:<second$}  {setting}{:>6} {:>6} {:>7}{}",
-            cell.ok,
-            cell.failed,
-            cell.missing,
-            blocked(&cell.blocked.to_string())
-        ));
-    }
-    lines.extend(looks::line(one));
-    lines.extend(searches::lines(one));
-    lines.extend(stages::lines(one));
-    let why = novelties.map(plan::explain).filter(|text| !text.is_empty());
-    lines.extend(why);
-    lines.push(cost(&cells, workers));
-    lines.join("\n")
+        format!(
+            "  {environment:<first$}  {agent:<second$}  {setting}{ok:>6} {failed:>6} {missing:>7}{blocked}"
+        )
+    };
+    let head = row(
+        ("environment", "agent", "setting"),
+        ["ok", "failed", "missing", "blocked"],
+    );
+    let of_cell = |(names, cell): &(Names<'_>, Cell)| {
+        let counts = [cell.ok, cell.failed, cell.missing, cell.blocked].map(|count| count.to_string());
+        row(*names, counts.each_ref().map(String::as_str))
+    };
+    std::iter::once(head).chain(cells.iter().map(of_cell)).collect()
 }
 
 fn as_json(one: &Planned, cells: &[(Names<'_>, Cell)], novelties: Option<&[Novelty]>) -> serde_json::Value {

@@ -4,8 +4,12 @@ use super::{
     Subject, config,
     table::{Cells, Column, Table},
 };
-use crate::{recorder::Phase, results::TrialResult, trial::Purpose};
-use std::collections::BTreeMap;
+use crate::{
+    recorder::Phase,
+    results::{TrialEnd, TrialResult},
+    trial::Purpose,
+};
+use std::{borrow::Cow, collections::BTreeMap};
 
 /// `evaluations`, `training` and `trials`, in this order.
 #[must_use]
@@ -164,65 +168,57 @@ fn names<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
 }
 
 fn trials<'a>(subject: &Subject<'a>) -> Table<'a> {
-    let of_end = |of: &dyn Fn(&'a crate::results::TrialEnd) -> Option<std::borrow::Cow<'a, str>>| {
-        Cells::Text(
-            subject
-                .trials
-                .iter()
-                .map(|(result, _)| result.end.as_ref().and_then(of))
-                .collect(),
-        )
-    };
-    let seconds = |of: fn(&crate::results::TrialEnd) -> Option<f64>| {
-        Cells::Number(
-            subject
-                .trials
-                .iter()
-                .map(|(result, _)| result.end.as_ref().and_then(of))
-                .collect(),
-        )
-    };
+    let columns = [names(subject), ends(subject), origins(subject)];
+    Table {
+        name: "trials",
+        about: "a row per trial",
+        trials: (0..subject.trials.len()).collect(),
+        columns: columns.into_iter().flatten().collect(),
+    }
+}
+
+/// For what trials ran and how they ended.
+fn ends<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
     let purposes = subject
         .trials
         .iter()
         .map(|(result, _)| Some(purpose(&result.trial.purpose).into()));
-    let ended_at = subject
-        .trials
-        .iter()
-        .map(|(_, stored)| Some(stored.as_ref()?.ended_at.as_deref()?.into()));
-    let builds = subject
-        .trials
-        .iter()
-        .map(|(_, stored)| Some(stored.as_ref()?.build.as_ref()?.to_string().into()));
-    let mut columns = names(subject);
-    columns.extend([
+    let state = |end: &'a TrialEnd| Some(end.state.name().into());
+    let reason = |end: &'a TrialEnd| Some(end.reason.as_str().into()).filter(|_| !end.reason.is_empty());
+    vec![
         Column::new(
             "purpose",
-            "cell, prepared or play",
+            "cell, prepared, tried or play",
             Cells::Text(purposes.collect()),
         ),
         Column::new(
             "state",
             "how it ended, empty where it has not run",
-            of_end(&|end| Some(end.state.name().into())),
+            texts(subject, state),
         ),
-        Column::new(
-            "reason",
-            "why it did not end ok",
-            of_end(&|end| (!end.reason.is_empty()).then(|| end.reason.as_str().into())),
-        ),
+        Column::new("reason", "why it did not end ok", texts(subject, reason)),
         Column::new(
             "wall_time",
             "wall-clock time of the trial: a measurement of the machine",
-            seconds(|end| Some(end.wall_s)),
+            seconds(subject, |end| Some(end.wall_s)),
         )
         .in_unit("s"),
         Column::new(
             "time_per_decision",
             "wall-clock time of a decision of the final measurement",
-            seconds(|end| end.decision_s),
+            seconds(subject, |end| end.decision_s),
         )
         .in_unit("s"),
+    ]
+}
+
+/// When and by what program trials were computed, and the digest of what they recorded.
+fn origins<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
+    let stored = || subject.trials.iter().map(|(_, stored)| stored.as_ref());
+    let ended_at = stored().map(|it| Some(it?.ended_at.as_deref()?.into()));
+    let builds = stored().map(|it| Some(it?.build.as_ref()?.to_string().into()));
+    let digest = |end: &'a TrialEnd| Some(end.digest.as_str().into()).filter(|_| !end.digest.is_empty());
+    vec![
         Column::new(
             "ended_at",
             "when it ended, in UTC",
@@ -236,15 +232,21 @@ fn trials<'a>(subject: &Subject<'a>) -> Table<'a> {
         Column::new(
             "metrics_digest",
             "first 32 digits of the BLAKE3 hash of its metrics file in the store",
-            of_end(&|end| (!end.digest.is_empty()).then(|| end.digest.as_str().into())),
+            texts(subject, digest),
         ),
-    ]);
-    Table {
-        name: "trials",
-        about: "a row per trial",
-        trials: (0..subject.trials.len()).collect(),
-        columns,
-    }
+    ]
+}
+
+/// A text of the end of each trial; none where it has not run.
+fn texts<'a>(subject: &Subject<'a>, of: impl Fn(&'a TrialEnd) -> Option<Cow<'a, str>>) -> Cells<'a> {
+    let ends = subject.trials.iter().map(|(result, _)| result.end.as_ref());
+    Cells::Text(ends.map(|end| of(end?)).collect())
+}
+
+/// A time of the end of each trial.
+fn seconds<'a>(subject: &Subject<'a>, of: fn(&TrialEnd) -> Option<f64>) -> Cells<'a> {
+    let ends = subject.trials.iter().map(|(result, _)| result.end.as_ref());
+    Cells::Number(ends.map(|end| of(end?)).collect())
 }
 
 fn purpose(purpose: &Purpose) -> &'static str {

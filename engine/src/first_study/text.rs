@@ -20,48 +20,18 @@ pub(super) struct Pair {
 impl Pair {
     /// The study, in YAML with comments.
     pub(super) fn text(&self, name: &str) -> String {
+        [self.who(name), self.how(), self.what()].concat()
+    }
+
+    /// What is studied: environments and agents.
+    fn who(&self, name: &str) -> String {
         let Self {
             environment,
             learner,
             rule,
-            metrics,
-            budget,
+            ..
         } = self;
-        let Budget {
-            protocol,
-            lines,
-            smoke,
-            paper,
-            seeds,
-        } = budget;
-        let lines = lines.join("\n    ");
-        let metrics =
-            wrap(&format!("Metrics of these trials: {}.", metrics.join(", ")), 108).replace('\n', "\n# ");
-        let command = |words: &str, about: &str| format!("#   {words:<w$}  {about}", w = name.len() + 27);
-        let commands = [
-            command(
-                &format!("regimen check {name}.yaml"),
-                "nothing runs; every name, key and range is looked at",
-            ),
-            command(
-                &format!("regimen plan {name}.yaml"),
-                "which trials there are, and how long they take",
-            ),
-            command(
-                &format!("regimen run {name}.yaml -P smoke"),
-                "a short run: does all of it work?",
-            ),
-            command(
-                &format!("regimen run {name}.yaml"),
-                &format!("then open results/{name}/index.html"),
-            ),
-            command(
-                &format!("regimen run {name}.yaml -P paper"),
-                "longer, and with more seeds",
-            ),
-            command("regimen describe", "what else can be written here"),
-        ];
-        let commands = commands.join("\n");
+        let commands = commands(name);
         format!(
             "\
 # What {learner} learns in {environment}, beside {rule}, which does not learn.
@@ -80,6 +50,22 @@ agents:
   learner: {{ {learner}: {{}} }}
   rule: {{ {rule}: {{}} }}
 
+"
+        )
+    }
+
+    /// How trials run, how often and for how long.
+    fn how(&self) -> String {
+        let Budget {
+            protocol,
+            lines,
+            smoke,
+            paper,
+            seeds,
+        } = &self.budget;
+        let lines = lines.join("\n    ");
+        format!(
+            "\
 # How each trial runs. Agents that do not learn are measured at the same steps.
 protocol:
   {protocol}:
@@ -95,6 +81,22 @@ profiles:
   smoke: {{ {smoke} }}
   paper: {{ {paper} }}
 
+"
+        )
+    }
+
+    /// What is shown of them: a table, a claim, a figure.
+    fn what(&self) -> String {
+        let Self {
+            learner,
+            rule,
+            metrics,
+            ..
+        } = self;
+        let metrics =
+            wrap(&format!("Metrics of these trials: {}.", metrics.join(", ")), 108).replace('\n', "\n# ");
+        format!(
+            "\
 # {metrics}
 tables:
   final:
@@ -113,4 +115,37 @@ figures:
 "
         )
     }
+}
+
+/// The commands that a study is for, a line of a comment each.
+fn commands(name: &str) -> String {
+    let of_study = |command: &str| command.replace("NAME", &format!("{name}.yaml"));
+    let lines = [
+        (
+            of_study("regimen check NAME"),
+            "nothing runs; every name, key and range is looked at".to_owned(),
+        ),
+        (
+            of_study("regimen plan NAME"),
+            "which trials there are, and how long they take".to_owned(),
+        ),
+        (
+            of_study("regimen run NAME -P smoke"),
+            "a short run: does all of it work?".to_owned(),
+        ),
+        (
+            of_study("regimen run NAME"),
+            format!("then open results/{name}/index.html"),
+        ),
+        (
+            of_study("regimen run NAME -P paper"),
+            "longer, and with more seeds".to_owned(),
+        ),
+        (
+            "regimen describe".to_owned(),
+            "what else can be written here".to_owned(),
+        ),
+    ];
+    let line = |(words, about): &(String, String)| format!("#   {words:<w$}  {about}", w = name.len() + 27);
+    lines.iter().map(line).collect::<Vec<_>>().join("\n")
 }

@@ -1,6 +1,6 @@
 //! Dotted paths such as `learner.discount` or `protocol.steps`: what they name and whether it exists.
 
-use super::written::{Chosen, PartKind, Written};
+use super::written::{Chosen, Named, PartKind, Written};
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{Kind, Node},
@@ -57,18 +57,12 @@ pub fn find<'a>(
 ) -> Result<KeyPath<'a>, Vec<Diagnostic>> {
     let words: Vec<&str> = text.split('.').collect();
     let study = View::new(schema, schema);
-    let fail = |index: usize, message: String, known: Vec<&str>| {
-        let before: usize = words[..index].iter().map(|word| word.chars().count() + 1).sum();
-        let span = Span {
-            column: span.column + before,
-            length: words[index].chars().count(),
-            ..span
-        };
-        Err(vec![
-            sources
-                .error(span, at, message)
-                .help(suggest(words[index], known)),
-        ])
+    let place = Spelled {
+        words: &words,
+        span,
+        at,
+        written,
+        sources,
     };
     if text == "seeds" {
         let schema = study.property("seeds").unwrap_or(study);
@@ -81,28 +75,7 @@ pub fn find<'a>(
         });
     }
     let Some((target, used)) = begin(&words, written) else {
-        if words.len() > 1 && words[0] == "cross_play" {
-            let known = written.plays.iter().map(|play| play.name.as_str()).collect();
-            return fail(1, format!("no play is named `{}`", words[1]), known);
-        }
-        if words.len() > 1 && words[0] == "search" {
-            let known = written
-                .searches
-                .iter()
-                .map(|search| search.name.as_str())
-                .collect();
-            return fail(1, format!("no search is named `{}`", words[1]), known);
-        }
-        if words[0] == "prepare" {
-            return Err(vec![nothing_prepared(&words, span, at, written, sources)]);
-        }
-        let index = usize::from(words.len() > 1 && ["environments", "agents"].contains(&words[0]));
-        let known = written.names().into_iter().chain(["protocol", "seeds"]);
-        return fail(
-            index,
-            format!("no environment or agent is named `{}`", words[index]),
-            known.collect(),
-        );
+        return Err(vec![place.names_no_part()]);
     };
     let plugin = written.plugin(target);
     let config = config_schema(study, target, plugin).ok_or_else(Vec::new)?;
@@ -110,13 +83,7 @@ pub fn find<'a>(
     let first = used + usize::from(named_twice);
     let keys: Vec<String> = words[first..].iter().map(ToString::to_string).collect();
     if keys.is_empty() {
-        let example = format!(
-            "{}.{}",
-            words[used - 1],
-            config.property_names().first().unwrap_or(&"key")
-        );
-        let error = sources.error(span, at, format!("`{text}` names no key"));
-        return Err(vec![error.help(format!("write a key behind it: `{example}`"))]);
+        return Err(vec![place.names_no_key(used, &config)]);
     }
     match config.descend(&keys) {
         Ok(schema) => Ok(KeyPath {
@@ -126,15 +93,69 @@ pub fn find<'a>(
             schema,
             span,
         }),
-        Err((0, known)) => fail(first, format!("`{plugin}` has no key `{}`", keys[0]), known),
         Err((index, known)) => {
-            let owner = keys[..index].join(".");
-            fail(
-                first + index,
-                format!("`{owner}` of `{plugin}` has no key `{}`", keys[index]),
-                known,
-            )
+            let owner = match index {
+                0 => format!("`{plugin}`"),
+                _ => format!("`{}` of `{plugin}`", keys[..index].join(".")),
+            };
+            let message = format!("{owner} has no key `{}`", keys[index]);
+            Err(vec![place.unknown(first + index, message, known)])
         }
+    }
+}
+
+/// A path as it is written, to say what is wrong with it.
+struct Spelled<'a> {
+    words: &'a [&'a str],
+    span: Span,
+    at: &'a str,
+    written: &'a Written,
+    sources: &'a Sources,
+}
+
+impl Spelled<'_> {
+    /// A word that is none of those that are known.
+    fn unknown(&self, index: usize, message: String, known: Vec<&str>) -> Diagnostic {
+        let words = self.words;
+        let before: usize = words[..index].iter().map(|word| word.chars().count() + 1).sum();
+        let span = Span {
+            column: self.span.column + before,
+            length: words[index].chars().count(),
+            ..self.span
+        };
+        let error = self.sources.error(span, self.at, message);
+        error.help(suggest(words[index], known))
+    }
+
+    /// Nothing of the study begins with these words.
+    fn names_no_part(&self) -> Diagnostic {
+        let Self { words, written, .. } = self;
+        let named = |list: &'_ [Named]| list.iter().map(|it| it.name.clone()).collect::<Vec<_>>();
+        let (what, index, known) = match words {
+            ["prepare", ..] => return nothing_prepared(words, self.span, self.at, written, self.sources),
+            ["cross_play", _, ..] => ("play", 1, named(&written.plays)),
+            ["search", _, ..] => ("search", 1, named(&written.searches)),
+            _ => {
+                let is_section = words.len() > 1 && ["environments", "agents"].contains(&words[0]);
+                let known = written.names().into_iter().chain(["protocol", "seeds"]);
+                (
+                    "environment or agent",
+                    usize::from(is_section),
+                    known.map(String::from).collect(),
+                )
+            }
+        };
+        let message = format!("no {what} is named `{}`", words[index]);
+        self.unknown(index, message, known.iter().map(String::as_str).collect())
+    }
+
+    /// The path ends before a key.
+    fn names_no_key(&self, used: usize, config: &View<'_>) -> Diagnostic {
+        let names = config.property_names();
+        let example = format!("{}.{}", self.words[used - 1], names.first().unwrap_or(&"key"));
+        let message = format!("`{}` names no key", self.words.join("."));
+        let error = self.sources.error(self.span, self.at, message);
+        error.help(format!("write a key behind it: `{example}`"))
     }
 }
 

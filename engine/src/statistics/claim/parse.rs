@@ -304,11 +304,23 @@ mod tests {
         }
     }
 
+    /// Each text means the claim, and so does the claim's canonical form.
+    fn all_mean(cases: &[(&str, Claim)]) {
+        for (text, expected) in cases {
+            assert_eq!(parse(text).as_ref(), Ok(expected), "{text}");
+            assert_eq!(
+                parse(&expected.to_string()).as_ref(),
+                Ok(expected),
+                "the canonical form of {text}"
+            );
+        }
+    }
+
     #[test]
-    fn every_form() {
+    fn comparisons_are_read() {
         use {Aggregate::*, Relation::*};
         let dsac = || measured(1.0, Final, "dsac", "cycle_length");
-        let cases = [
+        all_mean(&[
             (
                 "dsac.cycle_length > equal.cycle_length",
                 claim(
@@ -354,6 +366,13 @@ mod tests {
                     None,
                 ),
             ),
+        ]);
+    }
+
+    #[test]
+    fn aggregates_are_read() {
+        use {Aggregate::*, Relation::*};
+        all_mean(&[
             (
                 "auc(a.x) > max( in.y )",
                 claim(
@@ -363,6 +382,23 @@ mod tests {
                     None,
                 ),
             ),
+            (
+                "auc.x > min(größe.x)",
+                claim(
+                    measured(1.0, Final, "auc", "x"),
+                    Greater,
+                    measured(1.0, Min, "größe", "x"),
+                    None,
+                ),
+            ),
+        ]);
+    }
+
+    #[test]
+    fn margins_are_read() {
+        use {Aggregate::*, Relation::*};
+        let dsac = || measured(1.0, Final, "dsac", "cycle_length");
+        all_mean(&[
             (
                 "final(dsac.cycle_length) ~ 143",
                 claim(dsac(), WithinPercent(5.0), Quantity::Number(143.0), None),
@@ -375,24 +411,7 @@ mod tests {
                 "dsac.cycle_length within 3 of 143 in of",
                 claim(dsac(), Within(3.0), Quantity::Number(143.0), Some("of")),
             ),
-            (
-                "auc.x > min(größe.x)",
-                claim(
-                    measured(1.0, Final, "auc", "x"),
-                    Greater,
-                    measured(1.0, Min, "größe", "x"),
-                    None,
-                ),
-            ),
-        ];
-        for (text, expected) in cases {
-            assert_eq!(parse(text).as_ref(), Ok(&expected), "{text}");
-            assert_eq!(
-                parse(&expected.to_string()),
-                Ok(expected),
-                "the canonical form of {text}"
-            );
-        }
+        ]);
     }
 
     /// The position is marked by `|`, which is taken out before reading.
