@@ -6,6 +6,7 @@ use super::{
 };
 use crate::{
     Error, Registry,
+    count::count,
     export::{Crate, Form, Piece, Subject, write_event_files, write_tables},
     report::Manifest,
     results::TrialResult,
@@ -76,9 +77,9 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
     whole.end()?;
     let ok = results.iter().filter(|result| result.is_ok()).count();
     say(&format!(
-        "{}: {ok} of {} trials in `{}`",
+        "{}: {ok} of {} in `{}`",
         one.study.name,
-        results.len(),
+        count(results.len(), "trial"),
         options.to.display()
     ));
     let ends: Vec<_> = results.iter().map(|result| result.end.clone()).collect();
@@ -165,6 +166,16 @@ fn pack(
     };
     let study = fs::read(&one.path).map_err(Error::file("read", &one.path))?;
     packing.add(&name, &study, "the study, as it was written", None)?;
+    for path in &one.study.included {
+        let bytes = fs::read(path).map_err(Error::file("read", path))?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        packing.add(
+            &format!("included/{name}"),
+            &bytes,
+            "what the study includes, as it was written",
+            None,
+        )?;
+    }
     let resolved = spec::resolved_yaml(&one.study, folder)?;
     packing.add(
         "resolved.yaml",

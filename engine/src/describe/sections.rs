@@ -34,6 +34,17 @@ const fn example(section: &'static str, about: &'static str, text: &'static str)
 /// At least one for every section whose entries are no plugins.
 pub(super) const EXAMPLES: &[Example] = &[
     example("study", "", "study: first-look"),
+    example("include", "sections of another file, seen from this one", "include: common.yaml"),
+    example(
+        "blocks",
+        "keys that several agents share, one of which this one has for itself",
+        "blocks:
+  cautious: { learning_rate: 0.05, discount: 0.5 }
+agents:
+  learner: { q_learning: { <<: cautious, discount: 0.9 } }
+  rule: { walker: {} }
+  other: { walker: { direction: right } }",
+    ),
     example("title", "", "title: What a learner gains over a rule"),
     example("source", "", "source: \"Somebody et al. 2024, table 3\""),
     example(

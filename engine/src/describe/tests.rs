@@ -6,7 +6,6 @@ use crate::{
     spec::{self, Options, toys::toys},
 };
 use serde_json::json;
-use std::path::Path;
 
 const SECTIONS: [(&str, &str); 7] = [
     ("study", "study: walk"),
@@ -57,7 +56,9 @@ fn study_with(example: &str) -> String {
 
 fn passes(example: &str) {
     let text = study_with(example);
-    let study = spec::load_text(&text, "study.yaml", Path::new(""), &toys(), &Options::default());
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("common.yaml"), "limits: { retries: 1 }").unwrap();
+    let study = spec::load_text(&text, "study.yaml", folder.path(), &toys(), &Options::default());
     if let Err(found) = study {
         panic!("{text}\n{}", render(&found, false));
     }

@@ -323,13 +323,6 @@ impl<'a> Reader<'a> {
 
     fn key(&mut self, event: Event<'a>, span: Span) -> Result<String, Fatal> {
         match event {
-            Event::Scalar(text, ..) if text == "<<" => {
-                let error =
-                    self.sources
-                        .error(span, "", "merge keys (`<<`) belong to YAML 1.1 and are not read");
-                self.found.push(error.help("write the keys out"));
-                Ok(text.into_owned())
-            }
             Event::Scalar(text, ..) => Ok(text.into_owned()),
             _ => Err(Box::new(self.sources.error(span, "", "a key must be one word"))),
         }

@@ -16,6 +16,7 @@ use crate::{
     results::{
         EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
     },
+    setting::word,
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -42,6 +43,8 @@ pub struct World {
     pub settings: Vec<String>,
     /// The swept keys, each as its last word and as a whole.
     pub swept: Vec<String>,
+    /// The values of each of them, as words.
+    pub swept_values: BTreeMap<String, Vec<String>>,
     /// The seeds.
     pub seeds: Vec<u64>,
     /// The searches, each with the metric by which it compares settings.
@@ -154,6 +157,8 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
         let last = key.text.rsplit('.').next().unwrap_or_default().to_string();
         for name in [last, key.text.clone()] {
             if !world.swept.contains(&name) {
+                let values = key.values.iter().map(|value| word(&value.to_value()));
+                world.swept_values.insert(name.clone(), values.collect());
                 world.swept.push(name);
             }
         }
@@ -264,7 +269,7 @@ impl Builder<'_> {
             return Ok(());
         }
         self.environment(cell)?;
-        self.protocol(cell)?;
+        self.protocol(cell, world)?;
         let first = cell.pair().is_none_or(|pair| !world.recorded.contains_key(&pair));
         let Some(interface) = self.accepted_interface(cell)? else {
             return Ok(());
@@ -486,7 +491,7 @@ impl Builder<'_> {
             .map_err(|error| Box::new(self.refused(resolved, &error)))
     }
 
-    fn protocol(&mut self, cell: &Cell) -> Outcome<()> {
+    fn protocol(&mut self, cell: &Cell, world: &mut World) -> Outcome<()> {
         let resolved = &cell.parts[2];
         if self.protocols.contains_key(&resolved.id) {
             return Ok(());
@@ -494,7 +499,11 @@ impl Builder<'_> {
         let entry = &self.sections.registry.protocols[resolved.part.plugin.as_str()];
         let built = self.config(cell, 2).and_then(|config| (entry.build)(&config));
         let (measures, refusal) = match built {
-            Ok(protocol) => (Some(Measures::of(protocol)), None),
+            Ok(protocol) => {
+                let doubt = protocol.doubt().map(|doubt| self.refused(resolved, &doubt));
+                world.warnings.extend(doubt.map(Diagnostic::as_warning));
+                (Some(Measures::of(protocol)), None)
+            }
             Err(error) => (None, Some(Box::new(self.refused(resolved, &error)))),
         };
         self.protocols.insert(resolved.id.clone(), measures);

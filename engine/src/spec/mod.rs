@@ -6,7 +6,9 @@
 //! | `sections` | the sections of a study as they are written, as types |
 //! | `json_schema` | the schema of a study with all plugins' parameters; sections are held against it first |
 //! | `written` | named parts and their positions |
+//! | `include`, `blocks`, `lay` | other files and common keys, laid under the study |
 //! | `path` | dotted paths of sweeps, profiles, overrides and `--set` |
+//! | `section` | a key of any other section, set from the command line |
 //! | `seeds` | a number of seeds, or looks that are planned |
 //! | `settings` | the profile and the options of the command line |
 //! | `sweep`, `overrides` | what varies over the trials |
@@ -22,18 +24,22 @@
 //! | `resolved` | a study with all defaults written out |
 //! | `way` | from a folder to a file |
 
+mod blocks;
 mod builds;
 mod cells;
 mod claims;
 mod config;
 mod cross_play;
+mod include;
 mod json_schema;
+mod lay;
 pub(crate) mod names;
 mod overrides;
 mod path;
 mod plugin_config;
 mod resolved;
 mod search;
+mod section;
 mod sections;
 mod seeds;
 mod settings;
@@ -150,6 +156,8 @@ pub struct Study {
     resolved: Vec<(String, resolved::Section)>,
     /// The folder that data files were sought from.
     folder: PathBuf,
+    /// The files that it includes, in the order in which they were read.
+    pub included: Vec<PathBuf>,
 }
 
 /// Reads and checks the study in a file.
@@ -193,10 +201,13 @@ pub fn load_text(
     options: &Options,
 ) -> Result<Study, Vec<Diagnostic>> {
     let mut sources = Sources::default();
-    let source = sources.add_file(name, text);
-    let root = document::parse(&sources, source, text).map_err(in_order)?;
     let schema = json_schema(registry);
-    let mut found = check_structure(&root, &schema, &sources);
+    let Composed {
+        root,
+        included,
+        mut found,
+    } = compose(text, name, folder, &schema, &mut sources, options).map_err(in_order)?;
+    found.extend(check_structure(&root, &schema, &sources));
     let mut written = Written::read(&root);
     found.extend(written.name_clashes(&sources));
     let (fixed, errors) = settings::apply(&root, &mut written, &schema, &mut sources, options);
@@ -230,7 +241,38 @@ pub fn load_text(
     };
     finish(&root, &sections, found).map(|study| Study {
         profile: options.profile.clone(),
+        included,
         ..study
+    })
+}
+
+/// A study as one document.
+struct Composed {
+    root: Node,
+    included: Vec<PathBuf>,
+    found: Vec<Diagnostic>,
+}
+
+/// The document with what it includes, its blocks and the sections that options of the command line set.
+fn compose(
+    text: &str,
+    name: &str,
+    folder: &Path,
+    schema: &Value,
+    sources: &mut Sources,
+    options: &Options,
+) -> Result<Composed, Vec<Diagnostic>> {
+    let source = sources.add_file(name, text);
+    let root = document::parse(sources, source, text)?;
+    let file = folder.join(Path::new(name).file_name().unwrap_or_default());
+    let included = include::read(root, &file, schema, sources)?;
+    let mut root = included.root;
+    blocks::expand(&mut root, schema, sources)?;
+    let found = settings::lay_sections(&mut root, schema, sources, options);
+    Ok(Composed {
+        root,
+        included: included.files,
+        found,
     })
 }
 
@@ -328,6 +370,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         order,
         numerics: sections.registry.numerics_version,
         folder: sections.folder.to_path_buf(),
+        included: Vec::new(),
     }
 }
 

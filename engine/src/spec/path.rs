@@ -64,15 +64,8 @@ pub fn find<'a>(
         written,
         sources,
     };
-    if text == "seeds" {
-        let schema = study.property("seeds").unwrap_or(study);
-        return Ok(KeyPath {
-            target: Target::Seeds,
-            keys: vec![],
-            config: schema.clone(),
-            schema,
-            span,
-        });
+    if words[0] == "seeds" {
+        return seeds(&study, &place);
     }
     let Some((target, used)) = begin(&words, written) else {
         return Err(vec![place.names_no_part()]);
@@ -102,6 +95,23 @@ pub fn find<'a>(
             Err(vec![place.unknown(first + index, message, known)])
         }
     }
+}
+
+/// The seeds as a whole, or a key of their design.
+fn seeds<'a>(study: &View<'a>, place: &Spelled<'_>) -> Result<KeyPath<'a>, Vec<Diagnostic>> {
+    let config = study.property("seeds").unwrap_or_else(|| study.clone());
+    let keys: Vec<String> = place.words[1..].iter().map(ToString::to_string).collect();
+    let schema = config.descend(&keys).map_err(|(index, known)| {
+        let message = format!("`seeds` has no key `{}`", keys[index]);
+        vec![place.unknown(1 + index, message, known)]
+    })?;
+    Ok(KeyPath {
+        target: Target::Seeds,
+        keys,
+        config,
+        schema,
+        span: place.span,
+    })
 }
 
 /// A path as it is written, to say what is wrong with it.
@@ -286,7 +296,7 @@ impl KeyPath<'_> {
 
 /// Writes a value at `keys` below `node`. A mapping with fixed keys is written key by key, so that its other
 /// keys stay; a variant of an enum takes the place of another variant.
-fn assign(node: &mut Node, schema: &View<'_>, keys: &[String], span: Span, value: &Node) {
+pub fn assign(node: &mut Node, schema: &View<'_>, keys: &[String], span: Span, value: &Node) {
     let Some((first, rest)) = keys.split_first() else {
         match schema
             .as_struct()

@@ -27,6 +27,12 @@ pub(super) struct Sections {
     /// Name of the study and of its folder of results.
     #[schemars(extend("pattern" = SLUG))]
     study: String,
+    /// Files whose sections this one begins with: one, or several of which later ones win. What stands here
+    /// is laid over them, key by key; lists and values are replaced.
+    include: Files,
+    /// Keys by name, which `<<: NAME` puts into any mapping; keys beside `<<` win.
+    #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
+    blocks: BTreeMap<String, Map<String, Value>>,
     /// What the study is about, as a heading.
     title: String,
     /// Where the published numbers come from.
@@ -68,6 +74,17 @@ pub(super) struct Sections {
     claims: Vec<ClaimText>,
     /// What one trial may use, and what is tried again; no trial's numbers depend on it.
     limits: Limits,
+}
+
+/// One file or several.
+#[derive(serde::Serialize, JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "its schema alone is used")]
+enum Files {
+    /// The path of one file, from the folder of this one.
+    One(String),
+    /// The paths of several.
+    Several(Vec<String>),
 }
 
 /// A combination that is left out.

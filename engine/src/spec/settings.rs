@@ -1,8 +1,12 @@
 //! The chosen profile and the options of the command line, written into the study.
+//!
+//! Keys of environments, agents, protocol, plays, searches, entries of `prepare` and seeds are set in these
+//! parts, where a sweep heeds them. Keys of every other section are set in the document, before it is checked.
 
 use super::{
     Options,
     path::{self, KeyPath},
+    section,
     written::Written,
 };
 use crate::{
@@ -35,7 +39,9 @@ pub fn apply<'a>(
         }
     }
     found.extend(unknown_profile(options, profiles, sources));
-    for set in &options.sets {
+    let of_parts = |set: &&String| section_of(set, written, schema).is_none();
+    let sets: Vec<&String> = options.sets.iter().filter(of_parts).collect();
+    for set in sets {
         match option(set, written, schema, sources) {
             Ok((path, value)) => fix(path, value, written, &mut fixed),
             Err(errors) => found.extend(errors),
@@ -87,12 +93,55 @@ fn unknown_profile(options: &Options, profiles: &[Entry], sources: &mut Sources)
     })
 }
 
+/// Writes what `--set` says of sections that are no parts of trials into the document. Returns what names
+/// nothing; whether values fit is seen when the document is checked.
+pub fn lay_sections(
+    root: &mut Node,
+    schema: &Value,
+    sources: &mut Sources,
+    options: &Options,
+) -> Vec<Diagnostic> {
+    let written = Written::read(root);
+    let of_sections = |set: &&String| section_of(set, &written, schema).is_some();
+    let sets: Vec<&String> = options.sets.iter().filter(of_sections).collect();
+    let errors = sets.into_iter().map(|set| {
+        let entry = entry(set, sources)?;
+        section::set(root, &entry, schema, sources)
+    });
+    errors.filter_map(Result::err).flatten().collect()
+}
+
+/// The section that an option sets a key of; `None` for the parts of trials, and for what is unknown.
+fn section_of<'a>(set: &'a str, written: &Written, schema: &Value) -> Option<&'a str> {
+    const PARTS: [&str; 7] = [
+        "environments",
+        "agents",
+        "protocol",
+        "prepare",
+        "cross_play",
+        "search",
+        "seeds",
+    ];
+    const TEXT: [&str; 2] = ["include", "blocks"];
+    let (first, _) = set.split_once(['.', '='])?;
+    let first = first.trim();
+    let is_part = PARTS.contains(&first) || written.names().contains(&first);
+    (!is_part && !TEXT.contains(&first) && schema["properties"].get(first).is_some()).then_some(first)
+}
+
 fn option<'a>(
     set: &str,
     written: &Written,
     schema: &'a Value,
     sources: &mut Sources,
 ) -> Result<(KeyPath<'a>, Node), Vec<Diagnostic>> {
+    let entry = entry(set, sources)?;
+    let path = value_at(&entry, &entry.key, written, schema, sources)?;
+    Ok((path, entry.value))
+}
+
+/// The path and the value of an option, with their places on the command line.
+fn entry(set: &str, sources: &mut Sources) -> Result<Entry, Vec<Diagnostic>> {
     let source = sources.add_option(&format!("--set {set}"));
     let word = |column: usize, text: &str| Span {
         source,
@@ -111,13 +160,11 @@ fn option<'a>(
     };
     let before = 7 + set.split('=').next().map_or(0, |key| key.chars().count()) + 1;
     let value = document::parse_from(sources, word(before, text), text)?;
-    let entry = Entry {
+    Ok(Entry {
         key: key.into(),
         key_span: word(7, key),
         value,
-    };
-    let path = value_at(&entry, key, written, schema, sources)?;
-    Ok((path, entry.value))
+    })
 }
 
 fn seeds_option(seeds: u64, written: &mut Written, schema: &Value, sources: &mut Sources) -> Vec<Diagnostic> {

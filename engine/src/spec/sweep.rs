@@ -18,6 +18,7 @@ use rand::{Rng as _, seq::SliceRandom};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 
 /// A way to make the values of a swept key.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -164,6 +165,7 @@ pub fn read<'a>(
         }
     }
     found.extend(swept_twice(&dimensions, sources));
+    found.extend(points_twice(&dimensions, sources));
     if found.is_empty() {
         Ok(dimensions)
     } else {
@@ -371,6 +373,27 @@ fn swept_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnosti
             let message = format!("`{}` is swept twice", key.text);
             let error = sources.error(key.path.span, &format!("sweep.{}", key.text), message);
             found.push(error.note("it is swept first here", sources.place(other.path.span)));
+        }
+    }
+    found
+}
+
+/// Points of a `grid` or `zip` that are written a second time. Samples may repeat where they are rounded.
+fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnostic> {
+    let mut found = Vec::new();
+    for Dimension { keys } in dimensions {
+        let Some(first) = keys.first() else { continue };
+        let mut seen = BTreeMap::new();
+        for (index, value) in first.values.iter().enumerate() {
+            let words = keys.iter().filter_map(|key| key.values.get(index));
+            let point: Vec<String> = words.map(|node| node.to_value().to_string()).collect();
+            let earlier = *seen.entry(point).or_insert(value.span);
+            if earlier != value.span {
+                let message = "this point of the sweep is given twice";
+                let error = sources.error(value.span, &format!("sweep.{}", first.text), message);
+                let note = error.note("it is given first here", sources.place(earlier));
+                found.push(note.help("write it once: its trials would be the same ones"));
+            }
         }
     }
     found

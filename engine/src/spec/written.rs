@@ -199,7 +199,10 @@ impl Written {
                     .into_iter()
                     .for_each(|named| path.assign(&mut named.config, &value));
             }
-            Target::Seeds => self.seeds = Some(value),
+            Target::Seeds => {
+                let seeds = self.seeds.get_or_insert_with(|| Node::empty_mapping(path.span));
+                path.assign(seeds, &value);
+            }
         }
     }
 

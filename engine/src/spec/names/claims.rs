@@ -209,6 +209,22 @@ impl Names<'_> {
         }
     }
 
+    /// The first key or value of an operand's setting that no sweep has, what is said of it, and what there
+    /// is.
+    fn unknown_setting(&self, operand: &Operand) -> Option<(String, String, Vec<String>)> {
+        operand.setting.iter().find_map(|(key, value)| {
+            let Some(values) = self.world.swept_values.get(key) else {
+                return Some((
+                    key.clone(),
+                    format!("no sweep varies `{key}`"),
+                    self.world.swept.clone(),
+                ));
+            };
+            let message = || format!("the sweep gives `{key}` no value `{value}`");
+            (!values.contains(value)).then(|| (value.clone(), message(), values.clone()))
+        })
+    }
+
     fn operands(&mut self, claim: &Claim, environment: Option<usize>, text: &Text<'_>) {
         let environments = environment.map_or_else(
             || (0..self.world.environments.len()).collect(),
@@ -219,7 +235,8 @@ impl Names<'_> {
                 self.in_play(operand, within, text);
                 continue;
             }
-            let (whole, _) = text.word(&format!("{}.{}", operand.agent, operand.metric));
+            let path = operand.path();
+            let (whole, _) = text.word(&path);
             let place = |skip: usize, word: &str| {
                 (
                     Span {
@@ -239,6 +256,11 @@ impl Names<'_> {
                 );
                 continue;
             };
+            if let Some((word, message, known)) = self.unknown_setting(operand) {
+                let help = suggest(&word, known.iter().map(String::as_str));
+                self.say(text.word(&word), message, help);
+                continue;
+            }
             let recorded = self.recorded(&Picked {
                 agents: vec![agent],
                 environments: environments.clone(),
@@ -258,7 +280,7 @@ impl Names<'_> {
                     "write a section `success: { metric: METRIC, above: VALUE }`",
                 );
             } else if !recorded.contains(&operand.metric) {
-                let skip = operand.agent.chars().count() + 1;
+                let skip = path.chars().count() - operand.metric.chars().count();
                 self.unknown_metric(&operand.metric, place(skip, &operand.metric), &recorded);
             }
         }

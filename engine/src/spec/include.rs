@@ -1,0 +1,177 @@
+//! `include`: other files whose sections a study begins with.
+
+use super::{
+    lay::lay,
+    way::{along, way},
+};
+use crate::{
+    diagnostic::{Diagnostic, Sources, Span},
+    document::{self, Entry, Kind, Node},
+    schema_check::View,
+};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// Most files that a study includes, those of its files counted.
+const MOST_FILES: usize = 64;
+
+/// A study with the sections of the files that it includes.
+pub struct Included {
+    /// The sections.
+    pub root: Node,
+    /// The files, in the order in which they were read.
+    pub files: Vec<PathBuf>,
+}
+
+/// Reads what the study in `file` includes and lays its own sections over. Later files are laid over earlier
+/// ones. Names of data files in them are written anew, as seen from the study's folder.
+///
+/// # Errors
+/// Files that cannot be read, are wrong as YAML or no mapping, include themselves, or are too many.
+pub fn read(
+    root: Node,
+    file: &Path,
+    schema: &Value,
+    sources: &mut Sources,
+) -> Result<Included, Vec<Diagnostic>> {
+    let mut reader = Reader {
+        study: file.parent().unwrap_or(Path::new("")),
+        schema: View::new(schema, schema),
+        sources,
+        open: vec![along(Path::new(""), file)],
+        files: Vec::new(),
+        found: Vec::new(),
+    };
+    let root = reader.with_included(root, reader.study);
+    if reader.found.is_empty() {
+        let files = reader.files;
+        Ok(Included { root, files })
+    } else {
+        Err(reader.found)
+    }
+}
+
+struct Reader<'a> {
+    /// Folder of the study.
+    study: &'a Path,
+    schema: View<'a>,
+    sources: &'a mut Sources,
+    /// The files around the one that is being read, which it must not include.
+    open: Vec<PathBuf>,
+    files: Vec<PathBuf>,
+    found: Vec<Diagnostic>,
+}
+
+impl Reader<'_> {
+    fn with_included(&mut self, root: Node, folder: &Path) -> Node {
+        let mut whole = Node::empty_mapping(root.span);
+        for (name, span) in named(&root) {
+            match self.file(&name, span, folder) {
+                Ok(node) => lay(&mut whole, node, Some(&self.schema)),
+                Err(errors) => self.found.extend(errors),
+            }
+        }
+        // What is no mapping has no sections to merge: the check says so.
+        lay(&mut whole, root, Some(&self.schema));
+        whole
+    }
+
+    /// The sections of one file, which may include others itself.
+    fn file(&mut self, name: &str, span: Span, folder: &Path) -> Result<Node, Vec<Diagnostic>> {
+        let path = folder.join(name);
+        self.admit(name, span, &path)?;
+        let shown = path.display().to_string();
+        let bytes = std::fs::read(&path).map_err(|error| {
+            let message = format!("the included file `{name}` cannot be read: {error}");
+            let help = format!("files are sought from the folder of the file that includes them: `{shown}`");
+            vec![self.sources.error(span, "include", message).help(help)]
+        })?;
+        let text = document::decode(&shown, &bytes)?;
+        let source = self.sources.add_file(&shown, &text);
+        let root = self.sections(document::parse(self.sources, source, &text)?)?;
+        self.files.push(path.clone());
+        self.open.push(along(Path::new(""), &path));
+        let below = path.parent().unwrap_or(Path::new(""));
+        let mut node = self.with_included(root, below);
+        self.open.pop();
+        forget(&mut node, &["study", "include"]);
+        Ok(node)
+    }
+
+    /// Refuses a file that is being read already, and the one after the last that may be read.
+    fn admit(&self, name: &str, span: Span, path: &Path) -> Result<(), Vec<Diagnostic>> {
+        let error =
+            |message: String, help: &str| Err(vec![self.sources.error(span, "include", message).help(help)]);
+        if self.open.contains(&along(Path::new(""), path)) {
+            return error(
+                format!("`{name}` includes itself"),
+                "remove it here, or move what both need into a third file",
+            );
+        }
+        if self.files.len() >= MOST_FILES {
+            return error(
+                format!("a study includes at most {MOST_FILES} files"),
+                "join some of them",
+            );
+        }
+        Ok(())
+    }
+
+    /// The sections of an included file, with data files as seen from the study's folder.
+    fn sections(&self, mut root: Node) -> Result<Node, Vec<Diagnostic>> {
+        if !matches!(root.kind, Kind::Mapping(_)) {
+            let message = "an included file is a mapping of sections";
+            return Err(vec![
+                self.sources
+                    .error(root.span, "", message)
+                    .help("write sections as in a study: `agents: { NAME: ... }`"),
+            ]);
+        }
+        let name = self.sources.place(root.span).file;
+        let folder = Path::new(&name).parent().unwrap_or(Path::new(""));
+        if along(Path::new(""), folder) != along(Path::new(""), self.study) {
+            relocate(&mut root, "", folder, self.study);
+        }
+        Ok(root)
+    }
+}
+
+/// The files that a study names, with their places; what is no name is reported by the check.
+fn named(root: &Node) -> Vec<(String, Span)> {
+    let Some(node) = root.get("include") else {
+        return Vec::new();
+    };
+    std::iter::once(node)
+        .chain(node.items())
+        .filter_map(|node| Some((node.as_str()?.to_string(), node.span)))
+        .collect()
+}
+
+fn forget(node: &mut Node, keys: &[&str]) {
+    if let Kind::Mapping(entries) = &mut node.kind {
+        entries.retain(|entry| !keys.contains(&entry.key.as_str()));
+    }
+}
+
+/// Names data files, which stand under the key `file` or in lists for it, as seen from another folder.
+fn relocate(node: &mut Node, key: &str, from: &Path, to: &Path) {
+    let is_file = key == "file" || key.ends_with(".file");
+    match &mut node.kind {
+        Kind::Scalar(_) => {
+            if let Some(text) = node.as_str().filter(|text| is_file && !text.is_empty()) {
+                let path = way(to, &from.join(text)).display().to_string();
+                *node = Node::scalar(node.span, path.into());
+            }
+        }
+        Kind::Sequence(items) => items.iter_mut().for_each(|item| relocate(item, key, from, to)),
+        Kind::Mapping(entries) => {
+            for Entry {
+                key: below, value, ..
+            } in entries
+            {
+                let is_list_of_files = is_file && !matches!(value.kind, Kind::Scalar(_));
+                relocate(value, if is_list_of_files { key } else { below }, from, to);
+            }
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! Two mappings as one: what `include`, `<<` and sections of a file have in common.
+
+use crate::{
+    document::{Entry, Kind, Node},
+    schema_check::View,
+};
+
+/// Lays `over` on `under`. Mappings are merged key by key, everything else is replaced. Where the schema
+/// asks for one key of several (a plugin, a sampler), another key takes the place of the first.
+pub fn lay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
+    let merges =
+        |mine: &[Entry], theirs: &[Entry]| !place.is_some_and(one_of_several) || same_keys(mine, theirs);
+    match (&mut under.kind, over.kind) {
+        (Kind::Mapping(mine), Kind::Mapping(theirs)) if merges(mine, &theirs) => {
+            theirs.into_iter().for_each(|entry| lay_entry(mine, entry, place));
+            under.span = over.span;
+        }
+        (_, kind) => {
+            *under = Node {
+                span: over.span,
+                kind,
+            }
+        }
+    }
+}
+
+fn lay_entry(mine: &mut Vec<Entry>, entry: Entry, place: Option<&View<'_>>) {
+    let below = place.and_then(|place| below(place, &entry.key));
+    match mine.iter_mut().find(|known| known.key == entry.key) {
+        Some(known) => {
+            known.key_span = entry.key_span;
+            lay(&mut known.value, entry.value, below.as_ref());
+        }
+        None => mine.push(entry),
+    }
+}
+
+/// The schema of the values under a key; `None` where it is not known.
+pub fn below<'a>(place: &View<'a>, key: &str) -> Option<View<'a>> {
+    place.alternatives().iter().find_map(|place| place.property(key))
+}
+
+/// True where a mapping has one key of several: a plugin, or a variant of an enum.
+fn one_of_several(place: &View<'_>) -> bool {
+    let places = place.alternatives();
+    let one_at_most = |place: &View<'_>| place.get("maxProperties").is_some_and(|most| most == 1);
+    places.iter().any(one_at_most) || places.len() > 1 && places.iter().any(|place| place.variant().is_some())
+}
+
+fn same_keys(mine: &[Entry], theirs: &[Entry]) -> bool {
+    mine.len() == theirs.len()
+        && mine
+            .iter()
+            .all(|one| theirs.iter().any(|other| other.key == one.key))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        diagnostic::Sources,
+        document::parse,
+        spec::{json_schema, toys::toys},
+    };
+    use serde_json::json;
+
+    fn laid(under: &str, over: &str) -> Node {
+        let mut sources = Sources::default();
+        let mut read = |text: &str| {
+            let source = sources.add_file("a.yaml", text);
+            parse(&sources, source, text).unwrap()
+        };
+        let (mut under, over) = (read(under), read(over));
+        let schema = json_schema(&toys());
+        lay(&mut under, over, Some(&View::new(&schema, &schema)));
+        under
+    }
+
+    #[test]
+    fn mappings_are_merged_and_lists_and_values_replaced() {
+        let node = laid(
+            "{title: a, departures: [b, c], tables: {t: {caption: d}}}",
+            "{title: e, departures: [f], tables: {t: {labels: {g: h}}, u: {}}}",
+        );
+        let whole = json!({"title": "e", "departures": ["f"], "tables": {"t": {"caption": "d", "labels": {"g": "h"}}, "u": {}}});
+        assert_eq!(node.to_value(), whole);
+    }
+
+    #[test]
+    fn another_plugin_takes_the_place_of_the_first() {
+        let node = laid(
+            "{agents: {a: {walker: {direction: left}}}}",
+            "{agents: {a: {q_learning: {discount: 0.5}}}}",
+        );
+        assert_eq!(
+            node.to_value(),
+            json!({"agents": {"a": {"q_learning": {"discount": 0.5}}}})
+        );
+        let node = laid(
+            "{agents: {a: {walker: {direction: left}}}}",
+            "{agents: {a: {walker: {}}}}",
+        );
+        assert_eq!(
+            node.to_value(),
+            json!({"agents": {"a": {"walker": {"direction": "left"}}}})
+        );
+    }
+
+    #[test]
+    fn another_sampler_takes_the_place_of_the_first() {
+        let node = laid("{sweep: {a.b: {grid: [1]}}}", "{sweep: {a.b: {zip: [2]}}}");
+        assert_eq!(node.to_value(), json!({"sweep": {"a.b": {"zip": [2]}}}));
+    }
+
+    #[test]
+    fn what_is_laid_over_keeps_its_position() {
+        let node = laid("\n\na: {b: 1, c: 2}", "a: {b: 3}");
+        let entry = |key: &str| node.get("a").unwrap().entry(key).unwrap();
+        assert_eq!((entry("b").key_span.line, entry("c").key_span.line), (1, 3));
+        assert_eq!(
+            (entry("b").value.span.source, entry("c").value.span.source),
+            (1, 0)
+        );
+    }
+}
