@@ -29,7 +29,7 @@ impl Setting {
         self.0.iter().map(|(_, value)| value).collect()
     }
 
-    /// The value of a key, which may be given with its last word alone.
+    /// The value of a key, which may be given with its last word alone, as it may stand here.
     #[must_use]
     pub fn get(&self, key: &str) -> Option<&Value> {
         self.0
@@ -52,7 +52,8 @@ impl Setting {
 }
 
 fn is_called(name: &str, key: &str) -> bool {
-    name == key || name.rsplit('.').next() == Some(key)
+    let last = |text: &str| text.rsplit('.').next().unwrap_or_default().to_owned();
+    name == key || last(name) == key || name == last(key)
 }
 
 impl fmt::Display for Setting {
@@ -94,7 +95,13 @@ mod tests {
             (point().get("rate"), point().get("dsac.rate")),
             (Some(&json!(1e-4)), Some(&json!(1e-4)))
         );
-        assert_eq!((point().get("ate"), Setting::default().get("rate")), (None, None));
+        assert_eq!(point().get("plant.cells"), Some(&json!(4)));
+        let unknown = [
+            point().get("ate").cloned(),
+            point().get("sac.rate").cloned(),
+            Setting::default().get("rate").cloned(),
+        ];
+        assert_eq!(unknown, [None, None, None]);
         assert_eq!(point().without("rate").to_string(), r#"cells=4 load="a b=c""#);
     }
 

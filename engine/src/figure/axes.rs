@@ -205,6 +205,7 @@ pub(super) fn upright(label: &str, (x, y): Place, room: f64, marks: &mut Vec<Mar
             size: TEXT,
             align: HPos::Center,
             upright: true,
+            color: INK,
         });
     }
 }

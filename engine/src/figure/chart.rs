@@ -151,6 +151,8 @@ pub enum Shape {
     Across(Vec<Point>),
     /// A surface over a full grid.
     Surface(Surface),
+    /// Coloured cells over two axes of names.
+    Cells(Cells),
     /// Points of a path, from light to dark.
     Path(Vec<Point>),
     /// Points marked by a cross.
@@ -185,6 +187,17 @@ pub struct Point {
     pub interval: Option<(f64, f64)>,
 }
 
+/// Coloured cells over two axes of names.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Cells {
+    /// What the colours are, with the unit.
+    pub label: String,
+    /// The values `[row][column]`, the first row the highest; `None` where there is none.
+    pub values: Vec<Vec<Option<f64>>>,
+    /// What is written into the cells.
+    pub texts: Vec<Vec<String>>,
+}
+
 /// A surface over a full grid.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Surface {
@@ -211,7 +224,7 @@ impl Shape {
             | Shape::Across(points)
             | Shape::Path(points)
             | Shape::Crosses(points) => points,
-            Shape::Level(_) | Shape::Surface(_) | Shape::Images(_) | Shape::Graph(_) => &[],
+            Shape::Level(_) | Shape::Surface(_) | Shape::Cells(_) | Shape::Images(_) | Shape::Graph(_) => &[],
         }
     }
 
@@ -370,6 +383,24 @@ fn fields(shape: &Shape, panel: &Panel) -> Vec<[String; 6]> {
                 surface.x.iter().zip(z).map(cell).collect::<Vec<_>>()
             };
             surface.y.iter().zip(&surface.z).flat_map(row).collect()
+        }
+        Shape::Cells(cells) => {
+            let name = |scale: &Scale, index: usize| scale.categories.get(index).cloned().unwrap_or_default();
+            let row = |(row, values): (usize, &Vec<Option<f64>>)| {
+                let cell = |(column, value): (usize, &Option<f64>)| {
+                    let value = value.map_or_else(none, |value| value.to_string());
+                    [
+                        name(&panel.x, column),
+                        name(&panel.y, row),
+                        none(),
+                        none(),
+                        value,
+                        none(),
+                    ]
+                };
+                values.iter().enumerate().map(cell).collect::<Vec<_>>()
+            };
+            cells.values.iter().enumerate().flat_map(row).collect()
         }
         _ => {
             let of_run = |run: &RunLine| {

@@ -5,7 +5,9 @@ use super::{
     chart::{Chart, Panel, Scale, Shape},
     graph_drawing, image_tiles, legend,
     paint::{Drawing, Mark, text_width},
-    series, surface,
+    series,
+    style::INK,
+    surface,
     ticks::Tick,
 };
 use plotters::style::text_anchor::HPos;
@@ -360,6 +362,7 @@ pub(super) fn text(at: (f64, f64), text: &str, align: HPos) -> Mark {
         size: TEXT,
         align,
         upright: false,
+        color: INK,
     }
 }
 

@@ -14,6 +14,7 @@ mod drawn_tests;
 mod graph;
 mod graph_drawing;
 mod grouped_lines;
+mod heat_map;
 mod image_tiles;
 mod images;
 mod layout;
@@ -36,11 +37,13 @@ mod trajectory;
 pub use bars::Bars;
 pub use build::{Context, build};
 pub use chart::{
-    Chart, Curve, CurveOf, Hue, Panel, Paper, Point, RunLine, Scale, Series, Shape, Style, Surface, Tiles,
+    Cells, Chart, Curve, CurveOf, Hue, Panel, Paper, Point, RunLine, Scale, Series, Shape, Style, Surface,
+    Tiles,
 };
 pub use contour::Contour;
 pub use graph::GraphFigure;
 pub use grouped_lines::GroupedLines;
+pub use heat_map::HeatMap;
 pub use images::Images;
 pub use learning_curve::{Automatic, Band, LearningCurve, Line, SeedLines};
 pub use pdf::pdf;
@@ -70,6 +73,8 @@ kinds! {
             "One metric by groups of bars, with intervals over seeds.";
         "grouped_lines" => GroupedLines(GroupedLines),
             "A metric against a swept key, one line per group.";
+        "heat_map" => HeatMap(HeatMap),
+            "A comparison as coloured cells, as over two swept keys.";
         "scatter" => Scatter(Scatter),
             "One metric against another, a point per seed.";
         "contour" => Contour(Contour),

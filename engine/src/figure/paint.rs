@@ -1,7 +1,7 @@
 //! Paints marks with plotters, as SVG or PNG, with the bundled font. No window, no font of the system, no
 //! clock.
 
-use super::style::{INK, Rgb};
+use super::style::Rgb;
 use crate::{Error, drawing::Image};
 use base64::{Engine as _, prelude::BASE64_STANDARD};
 use plotters::{
@@ -79,6 +79,7 @@ pub(super) enum Mark {
         size: f64,
         align: HPos,
         upright: bool,
+        color: Rgb,
     },
     /// A square image whose pixels stay squares. Images lie over all other marks.
     Image { corner: Place, side: f64, image: Image },
@@ -131,12 +132,14 @@ impl Mark {
                 size,
                 align,
                 upright,
+                color,
             } => Self::Text {
                 at: place(&at),
                 text,
                 size: size * scale,
                 align,
                 upright,
+                color,
             },
             Self::Image { corner, side, image } => Self::Image {
                 corner: place(&corner),
@@ -337,7 +340,8 @@ impl Pen {
                 size,
                 align,
                 upright,
-            } => self.text(backend, *at, text, *size, (*align, *upright)),
+                color,
+            } => self.text(backend, *at, text, *size, (*align, *upright, *color)),
             // Neither of the two backends keeps pixels sharp: see `embedded` and `paste`.
             Mark::Image { .. } => Ok(()),
         }
@@ -364,7 +368,7 @@ impl Pen {
         at: Place,
         text: &str,
         size: f64,
-        (align, upright): (HPos, bool),
+        (align, upright, color): (HPos, bool, Rgb),
     ) -> Result<(), Error> {
         let raise = self.raise * size;
         let at = if upright {
@@ -384,7 +388,7 @@ impl Pen {
         };
         let style = TextStyle {
             font,
-            color: fill(INK, 1.0).color.to_backend_color(),
+            color: fill(color, 1.0).color.to_backend_color(),
             pos: Pos::new(align, VPos::Center),
         };
         backend.draw_text(text, &style, self.place(at)).map_err(refused)

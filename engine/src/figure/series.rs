@@ -3,6 +3,7 @@
 use super::{
     axes::{Frame, Range},
     chart::{Curve, CurveOf, Panel, Point, Series, Shape, Style},
+    heat_map,
     layout::count,
     paint::{Mark, Place},
     style::{INK, Marker, Rgb, blend},
@@ -79,6 +80,7 @@ fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<M
         Shape::Across(points) => across(points, frame, color, marks),
         Shape::Bars(points, width) => bars(points, *width, frame, color, marks),
         Shape::Surface(surface) => surface::draw(surface, heights, frame, marks),
+        Shape::Cells(cells) => heat_map::draw(cells, heights, frame, marks),
         Shape::Path(points) => path(&places(points, frame), marks),
         Shape::Crosses(points) => places(points, frame)
             .into_iter()
@@ -119,7 +121,7 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
         }
         Shape::Crosses(_) => marks.extend(cross(middle)),
         Shape::Images(_) | Shape::Graph(_) => {}
-        Shape::Bars(..) | Shape::Across(_) | Shape::Surface(_) => {
+        Shape::Bars(..) | Shape::Across(_) | Shape::Surface(_) | Shape::Cells(_) => {
             marks.push(Mark::Fill {
                 points: rectangle((middle.0 - 4.0, y - 3.5), (middle.0 + 4.0, y + 3.5)),
                 color,

@@ -5,7 +5,7 @@ use super::{
     chart::{Chart, Scale, Shape, Surface},
     layout::text,
     paint::{Mark, Place},
-    style::{Rgb, blend, ramp},
+    style::{INK, Rgb, blend, ramp},
     ticks,
 };
 use plotters::style::text_anchor::HPos;
@@ -13,21 +13,24 @@ use plotters::style::text_anchor::HPos;
 /// Bands of colour, about.
 const BANDS: usize = 20;
 
-/// The heights of all surfaces of a chart, which share their colours; `None` without a surface.
+/// The heights of all surfaces and cells of a chart, which share their colours; `None` where there is neither.
 pub(super) fn heights(chart: &Chart) -> Option<Range> {
-    let surfaces = chart
-        .panels
-        .iter()
-        .flat_map(|panel| &panel.series)
-        .filter_map(|series| match &series.shape {
-            Shape::Surface(surface) => Some(surface),
-            _ => None,
-        });
-    let mut values = surfaces
-        .flat_map(|surface| surface.z.iter().flatten().copied())
-        .peekable();
-    values.peek()?;
-    Some(Range::around(values, false, 0.0))
+    let shapes = || {
+        chart
+            .panels
+            .iter()
+            .flat_map(|panel| &panel.series)
+            .map(|series| &series.shape)
+    };
+    let is_colored = |shape: &Shape| matches!(shape, Shape::Surface(_) | Shape::Cells(_));
+    let values = shapes().flat_map(|shape| match shape {
+        Shape::Surface(surface) => surface.z.concat(),
+        Shape::Cells(cells) => cells.values.iter().flatten().copied().flatten().collect(),
+        _ => Vec::new(),
+    });
+    shapes()
+        .any(is_colored)
+        .then(|| Range::around(values, false, 0.0))
 }
 
 /// Paints everything in the lowest colour, then what lies above each level over it, so that no seam shows.
@@ -136,7 +139,7 @@ fn levels(heights: Range) -> Vec<f64> {
 }
 
 /// A colour for heights from `level` on, lighter than the scale itself, so that a path stands out.
-fn color(heights: Range, level: f64) -> Rgb {
+pub(super) fn color(heights: Range, level: f64) -> Rgb {
     blend(ramp(heights.part(level)), (255, 255, 255), 0.25)
 }
 
@@ -177,6 +180,7 @@ pub(super) fn color_bar(chart: &Chart, heights: Range, last: &Frame, marks: &mut
         .flat_map(|panel| &panel.series)
         .find_map(|series| match &series.shape {
             Shape::Surface(surface) => Some(surface.label.as_str()),
+            Shape::Cells(cells) => Some(cells.label.as_str()),
             _ => None,
         });
     marks.push(Mark::Text {
@@ -185,6 +189,7 @@ pub(super) fn color_bar(chart: &Chart, heights: Range, last: &Frame, marks: &mut
         size: TEXT,
         align: HPos::Center,
         upright: false,
+        color: INK,
     });
 }
 

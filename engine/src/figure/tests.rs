@@ -1,14 +1,14 @@
 //! Figures of synthetic results: their data by snapshot, their drawing by what must hold of it.
 
 use super::{
-    Band, Bars, Chart, Context, Contour, FigureKind, FigureSpec, GroupedLines, LearningCurve, Scatter, Shape,
-    Trajectory, build, curve_tests, drawn_tests, png, svg,
+    Band, Bars, Chart, Context, Contour, FigureKind, FigureSpec, GroupedLines, HeatMap, LearningCurve,
+    Scatter, Shape, Trajectory, build, curve_tests, drawn_tests, png, svg,
 };
 use crate::{
     Phase,
     report::synthetic::{AGENTS, Rows, noise, study, trial},
     results::{Results, UPDATES},
-    table::{Axis, Comparison},
+    table::{Along, Axis, Comparison},
 };
 use std::{
     collections::BTreeMap,
@@ -66,9 +66,38 @@ fn trajectory() -> FigureSpec {
     FigureSpec::of(kind)
 }
 
+#[test]
+fn a_heat_map_has_its_numbers_in_the_order_of_axes() {
+    let with =
+        |setting: &str, value| trial("e", "a", setting, 0, &vec![(Phase::Final, 1, 0, "return", value)]);
+    let results = Results::of(vec![
+        with("rate=0.1 width=16", 1.0),
+        with("rate=0.01 width=16", 2.0),
+        with("rate=0.1 width=8", 3.0),
+    ]);
+    let of = Comparison {
+        rows: Along::Key("rate".into()),
+        columns: Some(Along::Key("width".into())),
+        ..Comparison::default()
+    };
+    let chart = chart(&FigureSpec::of(HeatMap { of }), &results);
+    let panel = &chart.panels[0];
+    assert_eq!(
+        (&panel.y.categories[..], &panel.x.categories[..]),
+        (&names(&["0.1", "0.01"])[..], &names(&["8", "16"])[..])
+    );
+    let Shape::Cells(cells) = &panel.series[0].shape else {
+        panic!("no cells")
+    };
+    assert_eq!(cells.values, [[Some(3.0), Some(1.0)], [None, Some(2.0)]]);
+    let csv = chart.csv().unwrap();
+    assert!(csv.contains("16,0.01,,,2,"), "{csv}");
+    assert!(svg(&chart).unwrap().contains("rate"));
+}
+
 fn bars() -> FigureSpec {
     let of = Comparison {
-        rows: Axis::Environment,
+        rows: Axis::Environment.into(),
         value: "cycle_length".into(),
         ..Comparison::default()
     };

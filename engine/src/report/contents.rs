@@ -474,11 +474,18 @@ fn trials_behind<'r>(
 
 /// The trials of an operand's agent, of the setting where it has several.
 fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Option<&str>) -> Scope<'r> {
-    let scope = scope.at(Axis::Agent, &operand.agent);
+    let scope = told_apart(scope, operand);
     match setting.filter(|_| scope.varies(Axis::Setting)) {
         Some(setting) => scope.at(Axis::Setting, setting),
         None => scope,
     }
+}
+
+/// The trials of an operand's agent, those with the values of swept keys that the claim names.
+fn told_apart<'r>(scope: &Scope<'r>, operand: &Operand) -> Scope<'r> {
+    let mut scope = scope.at(Axis::Agent, &operand.agent);
+    scope.trials.retain(|trial| operand.is_at(&trial.trial.point));
+    scope
 }
 
 /// The settings that a claim is held against one by one: those of its agents that have several. Settings are
@@ -486,7 +493,7 @@ fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Option<&str>) -
 fn settings(claim: &Claim, scope: &Scope<'_>) -> Vec<Option<String>> {
     let mut settings: Vec<Option<String>> = Vec::new();
     for operand in claim.operands() {
-        let own = scope.at(Axis::Agent, &operand.agent).names(Axis::Setting, &[]);
+        let own = told_apart(scope, operand).names(Axis::Setting, &[]);
         let new = own
             .iter()
             .filter(|_| own.len() > 1)

@@ -95,7 +95,7 @@ impl BestSettings {
         };
         Grid {
             quantity: Quantity::plain(format!("{}, {} settings were tried", label(&it.search.by), ended.len())),
-            row_axis: "setting",
+            row_axis: "setting".into(),
             rows: shown.iter().map(heading).collect(),
             columns: vec![Heading {
                 name: it.search.by.clone(),

@@ -175,7 +175,7 @@ fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
     let floors = rows.iter().chain(&columns).any(|name| encounters.is_floor(name));
     Ok(Grid {
         quantity: Quantity::plain(quantity(spec)),
-        row_axis: "agent",
+        row_axis: "agent".into(),
         format: spec
             .decimals
             .map_or_else(|| NumberFormat::fitting(estimates), NumberFormat::Fixed),

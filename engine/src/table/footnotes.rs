@@ -2,6 +2,7 @@
 //! to be careful with.
 
 use super::{Cell, Fixed, Grid, Margin, OneNumber};
+use crate::count::count;
 use crate::statistics::Judgement;
 
 /// How the medium shows intervals.
@@ -54,10 +55,8 @@ impl Grid {
             None => "no seed has a value yet".into(),
             // What would be others the next time is what is ranked, not the seeds.
             Some(n) if self.one_number == OneNumber::RankCorrelation => {
-                let seeds = if n == 1 { "seed" } else { "seeds" };
-                format!(
-                    "rank correlation of means over n = {n} {seeds}, 95 % interval over the points {shown}"
-                )
+                let seeds = count(n, "seed");
+                format!("rank correlation of means over n = {seeds}, 95 % interval over the points {shown}")
             }
             Some(1) => "one seed, so no interval".into(),
             Some(n) => format!(

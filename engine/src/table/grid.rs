@@ -5,7 +5,7 @@ use crate::{
     results::{CellName, Results, TrialResult},
     statistics::{Judgement, Seeds, Verdict},
 };
-use std::{collections::BTreeSet, fmt};
+use std::{borrow::Cow, collections::BTreeSet, fmt};
 
 /// A table as data: what the renderers read.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -19,7 +19,7 @@ pub struct Grid {
     /// How seeds became one number.
     pub one_number: OneNumber,
     /// What the rows are: `agent`, `environment` or `setting`.
-    pub row_axis: &'static str,
+    pub row_axis: Cow<'static, str>,
     /// One heading per row.
     pub rows: Vec<Heading>,
     /// One heading per column of values.
@@ -226,7 +226,7 @@ impl Grid {
     /// Heading over the row headings: what the rows are.
     #[must_use]
     pub fn corner(&self) -> &str {
-        self.row_axis
+        &self.row_axis
     }
 
     /// All cells with the labels of their row and column, row by row.

@@ -26,7 +26,7 @@ pub use aggregate::{Aggregate, SUITE_MEAN};
 pub use best_settings::BestSettings;
 pub use cause::Cause;
 pub use comma_separated::{csv, write as write_csv};
-pub use comparison::{AtStep, Axis, Comparison, Form, Improvement, Statistic, Taken, compare};
+pub use comparison::{Along, AtStep, Axis, Comparison, Form, Improvement, Statistic, Taken, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;
 pub(crate) use footnotes::{unplanned_look_in_words, untrained_in_words};

@@ -3,6 +3,7 @@
 use super::{Cell, Grid};
 use crate::{
     Error,
+    count::count,
     published_curve::PublishedCurve,
     statistics::{
         Judgement, Reference, Summary, Verdict,
@@ -261,19 +262,15 @@ impl Judging<'_> {
                 }
             }
         }
-        let count = if runs.len() == 1 {
-            "1 run".to_owned()
-        } else {
-            format!("{} runs", runs.len())
-        };
         let over = if last == 1 {
             "the measurement".to_owned()
         } else {
             format!("the last {last} measurements")
         };
         Ok(format!(
-            "Published curve {}: {count}, {over} up to each step.",
-            curve.label
+            "Published curve {}: {}, {over} up to each step.",
+            curve.label,
+            count(runs.len(), "run")
         ))
     }
 

@@ -116,7 +116,7 @@ fn build(spec: &RankCorrelation, results: &Results) -> Result<Grid, Error> {
             against.len()
         )),
         one_number: OneNumber::RankCorrelation,
-        row_axis: Axis::Environment.name(),
+        row_axis: Axis::Environment.name().into(),
         cells: cells.collect(),
         rows: rows
             .iter()

@@ -1,8 +1,8 @@
 //! Tables of synthetic results, as every renderer writes them.
 
 use super::{
-    AtStep, Axis, Comparison, Form, Improvement, Intervals, Margin, NumberFormat, Published, PublishedCell,
-    PublishedValue, Statistic, TableSpec, Taken, build, csv, html, latex, markdown, terminal,
+    Along, AtStep, Axis, Comparison, Form, Heading, Improvement, Intervals, Margin, NumberFormat, Published,
+    PublishedCell, PublishedValue, Statistic, TableSpec, Taken, build, csv, html, latex, markdown, terminal,
 };
 use crate::{
     Phase,
@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 /// The improvement over an equal split, with published values for both environments.
 pub(super) fn improvement() -> TableSpec {
     let of = Improvement(Comparison {
-        rows: Axis::Environment,
+        rows: Axis::Environment.into(),
         value: "cycle_length".into(),
         relative_to: Some("equal".into()),
         labels: BTreeMap::from([("dsac".into(), "Dirichlet SAC".into())]),
@@ -325,7 +325,7 @@ fn settings_split_the_rows_and_are_never_pooled() {
     ]);
     let grid = super::compare(
         &Comparison {
-            columns: Some(Axis::Environment),
+            columns: Some(Axis::Environment.into()),
             ..Comparison::default()
         },
         &results,
@@ -347,7 +347,7 @@ fn a_baseline_without_the_setting_serves_all_settings() {
         final_value("e", "b", 0, 2.0),
     ]);
     let comparison = Comparison {
-        rows: Axis::Setting,
+        rows: Axis::Setting.into(),
         relative_to: Some("b".into()),
         form: Some(Form::Ratio),
         ..Comparison::default()
@@ -360,6 +360,38 @@ fn a_baseline_without_the_setting_serves_all_settings() {
             .collect::<Vec<_>>(),
         [0.5, 2.5]
     );
+}
+
+#[test]
+fn swept_keys_are_rows_and_columns_and_other_keys_split_the_rows() {
+    let with =
+        |setting: &str, value| trial("e", "a", setting, 0, &vec![(Phase::Final, 1, 0, "return", value)]);
+    let results = Results::of(vec![
+        with("rate=1 width=8 depth=2", 1.0),
+        with("rate=1 width=16 depth=2", 2.0),
+        with("rate=2 width=8 depth=2", 3.0),
+        with("rate=2 width=16 depth=2", 4.0),
+        with("rate=1 width=8 depth=3", 5.0),
+    ]);
+    let comparison = Comparison {
+        rows: Along::Key("a.rate".into()),
+        columns: Some(Along::Key("width".into())),
+        ..Comparison::default()
+    };
+    let grid = super::compare(&comparison, &results).unwrap();
+    let values: Vec<Vec<_>> = grid
+        .cells
+        .iter()
+        .map(|row| row.iter().map(|cell| cell.estimate).collect())
+        .collect();
+    let names = |headings: &[Heading]| headings.iter().map(|it| it.name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&grid.rows), ["1, depth=2", "1, depth=3", "2, depth=2"]);
+    assert_eq!(
+        (names(&grid.columns), grid.corner()),
+        (vec!["8".to_owned(), "16".to_owned()], "rate")
+    );
+    let expected = [[Some(1.0), Some(2.0)], [Some(5.0), None], [Some(3.0), Some(4.0)]];
+    assert_eq!(values, expected);
 }
 
 #[test]

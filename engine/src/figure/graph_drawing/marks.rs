@@ -221,6 +221,7 @@ fn label(number: usize, routes: &[Route], places: &Places, flow: Flow) -> Vec<Ma
             size: LABEL,
             align: HPos::Center,
             upright,
+            color: INK,
         },
     ]
 }

@@ -26,7 +26,8 @@ pub const SYMBOLS: [(&str, Relation); 5] = [
 pub const GRAMMAR: &str = "\
 claim     = quantity relation quantity [ \"in\" ENVIRONMENT ]
 quantity  = NUMBER | operand | NUMBER \"*\" operand | operand \"*\" NUMBER
-operand   = AGENT.METRIC | aggregate(AGENT.METRIC) | PLAY.ROLE.AGENT.METRIC
+operand   = agent.METRIC | aggregate(agent.METRIC) | PLAY.ROLE.AGENT.METRIC
+agent     = AGENT [ \"[\" KEY=VALUE { \",\" KEY=VALUE } \"]\" ]
 aggregate = \"final\" | \"auc\" | \"max\" | \"min\" | \"given_success\" | \"rms\"
 relation  = \">\" | \">=\" | \"<\" | \"<=\" | \"~\" | \"within\" NUMBER [ \"%\" ] \"of\"";
 
@@ -70,7 +71,7 @@ pub const RELATIONS: [ClaimForm; 7] = [
 ];
 
 /// What may stand on either side.
-pub const QUANTITIES: [ClaimForm; 6] = [
+pub const QUANTITIES: [ClaimForm; 7] = [
     ClaimForm {
         written: "AGENT.METRIC",
         about: "The mean of the final measurement, one number per seed; seeds of two agents are paired.",
@@ -90,6 +91,11 @@ pub const QUANTITIES: [ClaimForm; 6] = [
         written: "NUMBER",
         about: "A number, on one of the sides.",
         example: "learner.return > 0.2",
+    },
+    ClaimForm {
+        written: "AGENT[KEY=VALUE].METRIC",
+        about: "The metric of the trials with this value of a swept key; several keys stand with commas between.",
+        example: "learner[discount=0.99].return > learner[discount=0.9].return",
     },
     ClaimForm {
         written: "PLAY.ROLE.AGENT.METRIC",

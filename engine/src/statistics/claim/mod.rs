@@ -3,7 +3,8 @@
 //! ```text
 //! claim       = quantity relation quantity [ "in" ENVIRONMENT ]
 //! quantity    = NUMBER | operand | NUMBER "*" operand | operand "*" NUMBER
-//! operand     = AGENT "." METRIC | aggregate "(" AGENT "." METRIC ")" | PLAY "." ROLE "." AGENT "." METRIC
+//! operand     = agent "." METRIC | aggregate "(" agent "." METRIC ")" | PLAY "." ROLE "." AGENT "." METRIC
+//! agent       = AGENT [ "[" KEY "=" VALUE { "," KEY "=" VALUE } "]" ]
 //! aggregate   = "final" | "auc" | "max" | "min" | "given_success" | "rms"
 //! relation    = ">" | ">=" | "<" | "<=" | "~" | "within" NUMBER [ "%" ] "of"
 //! ```
@@ -13,7 +14,8 @@
 //! `given_success` is the final measurement of the seeds with success alone, where the study says what
 //! success is. `AGENT.success` is their share. Names are made of letters, digits, `_` and `-`; a name does
 //! not start with `-`. `pursuit.prey.tdom_ac.score` is the mean score of the play `pursuit` over all trained
-//! opponents where `tdom_ac` plays the prey.
+//! opponents where `tdom_ac` plays the prey. `dsac[discount=0.9].return` is that of the trials with this value of a
+//! swept key; an agent with several settings that are not told apart is compared setting by setting.
 
 mod evaluate;
 pub mod forms;
@@ -23,7 +25,11 @@ pub use evaluate::{ClaimOutcome, ClaimVerdict, evaluate};
 pub use parse::parse;
 
 use super::estimators::mean;
-use crate::{recorder::Phase, results::TrialResult};
+use crate::{
+    recorder::Phase,
+    results::TrialResult,
+    setting::{Setting, word},
+};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -124,6 +130,9 @@ pub struct Operand {
     pub within: Option<Within>,
     /// The agent's name in the study.
     pub agent: String,
+    /// Values of swept keys that its trials have, as words; none where any will do.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub setting: Vec<(String, String)>,
     /// The metric.
     pub metric: String,
 }
@@ -145,7 +154,24 @@ impl Operand {
             .within
             .as_ref()
             .map_or_else(String::new, |Within { play, role }| format!("{play}.{role}."));
-        format!("{within}{}.{}", self.agent, self.metric)
+        let values: Vec<String> = self
+            .setting
+            .iter()
+            .map(|(key, value)| format!("{key}={value}"))
+            .collect();
+        let setting = if values.is_empty() {
+            String::new()
+        } else {
+            format!("[{}]", values.join(", "))
+        };
+        format!("{within}{}{setting}.{}", self.agent, self.metric)
+    }
+
+    /// True where a trial stands at the operand's values of swept keys.
+    #[must_use]
+    pub fn is_at(&self, point: &Setting) -> bool {
+        let is_there = |(key, value): &(String, String)| point.get(key).is_some_and(|it| word(it) == *value);
+        self.setting.iter().all(is_there)
     }
 }
 

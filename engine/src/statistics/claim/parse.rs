@@ -120,6 +120,7 @@ impl<'a> Reader<'a> {
     /// between.
     fn metric_of(&mut self, aggregate: Aggregate, first: &str) -> Result<Operand, ClaimError> {
         let start = self.position - first.len();
+        let setting = self.setting()?;
         let mut names = vec![first];
         while let Some(after) = self.text[self.position..].strip_prefix('.') {
             self.position += 1;
@@ -136,7 +137,7 @@ impl<'a> Reader<'a> {
                 ));
             }
             [agent, metric] => (None, agent, metric),
-            [play, role, agent, metric] => (
+            [play, role, agent, metric] if setting.is_empty() => (
                 Some(Within {
                     play: (*play).into(),
                     role: (*role).into(),
@@ -144,6 +145,13 @@ impl<'a> Reader<'a> {
                 agent,
                 metric,
             ),
+            _ if !setting.is_empty() => {
+                let message = format!("a setting stands behind an agent, as in `{first}[KEY=VALUE].METRIC`");
+                return Err(ClaimError {
+                    position: start,
+                    message,
+                });
+            }
             other => {
                 let message = format!(
                     "`{}` is neither AGENT.METRIC nor PLAY.ROLE.AGENT.METRIC",
@@ -159,8 +167,36 @@ impl<'a> Reader<'a> {
             aggregate,
             within,
             agent: (*agent).into(),
+            setting,
             metric: (*metric).into(),
         })
+    }
+
+    /// Reads `[KEY=VALUE, ...]` behind an agent's name, without a space before it; nothing where there is none.
+    fn setting(&mut self) -> Result<Vec<(String, String)>, ClaimError> {
+        let mut setting = Vec::new();
+        if !self.text[self.position..].starts_with('[') {
+            return Ok(setting);
+        }
+        self.position += 1;
+        loop {
+            let rest = self.rest();
+            let end = rest.find([',', ']']).unwrap_or(rest.len());
+            let Some((key, value)) = rest[..end]
+                .split_once('=')
+                .filter(|(_, value)| !value.trim().is_empty())
+            else {
+                return self.error("expected a swept key with its value, as in `[discount=0.9]`");
+            };
+            setting.push((key.trim().to_owned(), value.trim().to_owned()));
+            self.position += end;
+            if self.eat("]") {
+                return Ok(setting);
+            }
+            if !self.eat(",") {
+                return self.error("expected `]` to close the setting");
+            }
+        }
     }
 
     fn relation(&mut self) -> Result<Relation, ClaimError> {
@@ -290,8 +326,28 @@ mod tests {
                 aggregate,
                 within: None,
                 agent: agent.into(),
+                setting: vec![],
                 metric: metric.into(),
             },
+        }
+    }
+
+    #[test]
+    fn settings_are_read_and_written() {
+        let text = "max(dsac[discount=0.9, width=16].return) > 1.5 * dsac[discount=0.5].return";
+        let claim = parse(text).unwrap();
+        let setting = |index: usize| claim.operands()[index].setting.clone();
+        let pair = |key: &str, value: &str| (key.to_owned(), value.to_owned());
+        assert_eq!(setting(0), [pair("discount", "0.9"), pair("width", "16")]);
+        assert_eq!(setting(1), [pair("discount", "0.5")]);
+        assert_eq!(claim.to_string(), text);
+        for (wrong, at) in [
+            ("a[b].return > 1", 2),
+            ("a[b=].return > 1", 2),
+            ("a[b=1.return > 1", 16),
+            ("a[b=1].c.d.e > 1", 0),
+        ] {
+            assert_eq!(parse(wrong).unwrap_err().position, at, "{wrong}");
         }
     }
 

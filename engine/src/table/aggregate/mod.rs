@@ -155,7 +155,7 @@ fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
     Ok(Grid {
         quantity: Quantity::plain(suite.quantity()),
         one_number: OneNumber::Aggregates,
-        row_axis: Axis::Agent.name(),
+        row_axis: Axis::Agent.name().into(),
         cells: cells.collect(),
         rows: rows.iter().map(|agent| suite.heading(agent)).collect(),
         columns: columns.iter().map(|column| column.heading(spec)).collect(),

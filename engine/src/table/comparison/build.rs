@@ -1,6 +1,6 @@
 //! From results to a grid: which rows and columns there are, and what each cell holds.
 
-use super::{Axis, Comparison, Form, Statistic, Taken, measure};
+use super::{Along, Axis, Comparison, Form, Statistic, Taken, along::Axes, measure};
 use crate::{
     Error,
     results::{Results, SUCCESS, TrialResult},
@@ -22,10 +22,11 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
     if scope.trials.is_empty() {
         return Err(problem("no trial of the study belongs to it"));
     }
-    let (rows, columns) = places(comparison, &scope);
+    let axes = Axes::of(comparison);
+    let (rows, columns) = places(comparison, &axes, &scope);
     let cell = |row: &Place, column: &Place| {
         make_cell(
-            &column.narrow(&row.narrow(&scope)),
+            &column.narrow(&axes, &row.narrow(&axes, &scope)),
             &Measure {
                 comparison,
                 at_step: column.at_step,
@@ -38,7 +39,7 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
         .iter()
         .map(|row| columns.iter().map(|column| cell(row, column)).collect())
         .collect();
-    let heading = |place: Place| place.heading_with_budget(comparison, &scope);
+    let heading = |place: Place| place.heading_with_budget(comparison, &axes, &scope);
     Ok(Grid {
         quantity: relation.quantity(comparison, results),
         unit: relation.unit().into(),
@@ -145,16 +146,16 @@ impl<'a> Relation<'a> {
 /// at the end.
 struct Place {
     heading: Heading,
-    at: Vec<(Axis, String)>,
+    at: Vec<(Along, String)>,
     at_step: Option<u64>,
 }
 
 impl Place {
     /// The heading, with steps and updates of the agent where the study asks for them.
-    fn heading_with_budget(self, comparison: &Comparison, scope: &Scope<'_>) -> Heading {
-        let names_agent = self.at.iter().any(|(axis, _)| *axis == Axis::Agent);
+    fn heading_with_budget(self, comparison: &Comparison, axes: &Axes<'_>, scope: &Scope<'_>) -> Heading {
+        let names_agent = self.at.iter().any(|(along, _)| *along == Axis::Agent.into());
         let budget = if comparison.budgets && names_agent {
-            self.narrow(scope).budget()
+            self.narrow(axes, scope).budget()
         } else {
             None
         };
@@ -165,29 +166,36 @@ impl Place {
         }
     }
 
-    fn narrow<'a>(&self, scope: &Scope<'a>) -> Scope<'a> {
-        self.at
-            .iter()
-            .fold(scope.clone(), |scope, (axis, name)| scope.at(*axis, name))
+    fn narrow<'a>(&self, axes: &Axes<'_>, scope: &Scope<'a>) -> Scope<'a> {
+        narrowed(axes, scope, &self.at)
     }
 }
 
-fn places(comparison: &Comparison, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>) {
-    let free = |axis: &Axis| *axis != comparison.rows && scope.varies(*axis);
+/// The trials at all of these places.
+fn narrowed<'a>(axes: &Axes<'_>, scope: &Scope<'a>, at: &[(Along, String)]) -> Scope<'a> {
+    at.iter()
+        .fold(scope.clone(), |scope, (along, name)| axes.at(&scope, along, name))
+}
+
+fn places(comparison: &Comparison, axes: &Axes<'_>, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>) {
+    let free = |along: &Along| *along != comparison.rows && axes.vary(scope, along);
+    let all = || Axis::ALL.into_iter().map(Along::from);
     let over_steps = matches!(comparison.taken, Taken::AtSteps { .. });
     let column_axis = comparison
         .columns
-        .or_else(|| Axis::ALL.into_iter().find(free))
+        .clone()
+        .or_else(|| all().find(free))
         .filter(|_| !over_steps);
-    let columns = match column_axis {
+    let columns = match &column_axis {
         _ if over_steps => comparison
             .steps()
             .iter()
             .map(|step| step_column(comparison, *step))
             .collect(),
-        Some(axis) => names(comparison, scope, axis)
+        Some(axis) => axes
+            .names(scope, axis)
             .iter()
-            .map(|name| place(comparison, &[(axis, name.clone())]))
+            .map(|name| place(comparison, &[(axis.clone(), name.clone())]))
             .collect(),
         None => vec![Place {
             heading: only_column(comparison),
@@ -197,49 +205,34 @@ fn places(comparison: &Comparison, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>
     };
     // What varies and is neither row nor column splits the rows: different settings are never averaged as if
     // they were seeds.
-    let splitting: Vec<Axis> = Axis::ALL
-        .into_iter()
-        .filter(|axis| free(axis) && Some(*axis) != column_axis)
+    let splitting: Vec<Along> = all()
+        .filter(|along| free(along) && Some(along) != column_axis.as_ref())
         .collect();
-    let rows = names(comparison, scope, comparison.rows)
-        .into_iter()
-        .flat_map(|name| {
-            let first = vec![(comparison.rows, name)];
-            splitting
-                .iter()
-                .fold(vec![first], |rows, axis| split(comparison, scope, rows, *axis))
-        });
+    let rows = axes.names(scope, &comparison.rows).into_iter().flat_map(|name| {
+        let first = vec![(comparison.rows.clone(), name)];
+        splitting
+            .iter()
+            .fold(vec![first], |rows, along| split(axes, scope, rows, along))
+    });
     (rows.map(|at| place(comparison, &at)).collect(), columns)
 }
 
 fn split(
-    comparison: &Comparison,
+    axes: &Axes<'_>,
     scope: &Scope<'_>,
-    rows: Vec<Vec<(Axis, String)>>,
-    axis: Axis,
-) -> Vec<Vec<(Axis, String)>> {
-    let parts = |row: Vec<(Axis, String)>| {
-        let inside = row
-            .iter()
-            .fold(scope.clone(), |scope, (axis, name)| scope.at(*axis, name));
-        names(comparison, &inside, axis)
+    rows: Vec<Vec<(Along, String)>>,
+    along: &Along,
+) -> Vec<Vec<(Along, String)>> {
+    let parts = |row: Vec<(Along, String)>| {
+        axes.names(&narrowed(axes, scope, &row), along)
             .into_iter()
-            .map(move |name| [row.clone(), vec![(axis, name)]].concat())
+            .map(move |name| [row.clone(), vec![(along.clone(), name)]].concat())
             .collect::<Vec<_>>()
     };
     rows.into_iter().flat_map(parts).collect()
 }
 
-fn names(comparison: &Comparison, scope: &Scope<'_>, axis: Axis) -> Vec<String> {
-    let listed: &[String] = match axis {
-        Axis::Agent => &comparison.agents,
-        Axis::Environment => &comparison.environments,
-        Axis::Setting => &[],
-    };
-    scope.names(axis, listed)
-}
-
-fn place(comparison: &Comparison, at: &[(Axis, String)]) -> Place {
+fn place(comparison: &Comparison, at: &[(Along, String)]) -> Place {
     let words = |write: &dyn Fn(&str) -> String| {
         let words: Vec<String> = at
             .iter()

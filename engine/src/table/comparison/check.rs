@@ -1,6 +1,6 @@
 //! Comparisons against what trials record: metrics, agents, what the rows and columns are.
 
-use super::{Axis, Comparison, Form, Taken};
+use super::{Along, Axis, Comparison, Form, Taken};
 use crate::{
     diagnostic::suggest,
     results::SUCCESS,
@@ -26,7 +26,7 @@ pub(super) fn comparison(
     }
     of_success(spec, names, place, &picked);
     axes(spec, names, place);
-    let rows = names_of(spec.rows, names, &picked);
+    let rows = names_of(&spec.rows, names, &picked);
     let columns = columns(spec, names, &picked);
     names.labels(place, &rows, &columns);
     (rows, columns)
@@ -117,13 +117,23 @@ fn of_success(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>, picke
 
 /// Rows and columns are two things, and settings are there only with a sweep.
 fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
-    if spec.columns == Some(spec.rows) {
+    if spec.columns.as_ref() == Some(&spec.rows) {
         let help = "choose another of `agent`, `environment`, `setting`";
         names.say(place.value("columns"), "rows and columns are the same", help);
     }
     let has_sweep = names.world.settings.iter().any(|setting| !setting.is_empty());
-    for (key, axis) in [("rows", Some(spec.rows)), ("columns", spec.columns)] {
-        if axis == Some(Axis::Setting) && !has_sweep {
+    for (key, along) in [("rows", Some(&spec.rows)), ("columns", spec.columns.as_ref())] {
+        if let Some(word) = along
+            .and_then(Along::key)
+            .filter(|word| !names.world.swept_values.contains_key(*word))
+        {
+            let axes = Axis::ALL.map(Axis::name).into_iter();
+            let known = axes.chain(names.world.swept.iter().map(String::as_str));
+            let message = format!("`{key}` is `{word}`, which no sweep varies");
+            let help = suggest(word, known);
+            names.say(place.value(key), message, help);
+        }
+        if along == Some(&Axis::Setting.into()) && !has_sweep {
             names.say(
                 place.value(key),
                 format!("`{key}` are settings, but the study has no `sweep`"),
@@ -133,7 +143,11 @@ fn axes(spec: &Comparison, names: &mut Names<'_>, place: &Place<'_>) {
     }
 }
 
-fn names_of(axis: Axis, names: &Names<'_>, picked: &Picked) -> Vec<String> {
+fn names_of(along: &Along, names: &Names<'_>, picked: &Picked) -> Vec<String> {
+    let axis = match along {
+        Along::Key(key) => return names.world.swept_values.get(key).cloned().unwrap_or_default(),
+        Along::Axis(axis) => axis,
+    };
     match axis {
         Axis::Agent => picked
             .agents
@@ -161,11 +175,14 @@ fn columns(spec: &Comparison, names: &Names<'_>, picked: &Picked) -> Vec<String>
     if !spec.steps().is_empty() {
         return spec.steps().iter().map(u64::to_string).collect();
     }
-    if let Some(axis) = spec.columns {
-        return names_of(axis, names, picked);
+    if let Some(along) = &spec.columns {
+        return names_of(along, names, picked);
     }
-    let rest = Axis::ALL.into_iter().filter(|axis| *axis != spec.rows);
-    rest.map(|axis| names_of(axis, names, picked))
+    let rest = Axis::ALL
+        .into_iter()
+        .map(Along::from)
+        .filter(|along| *along != spec.rows);
+    rest.map(|along| names_of(&along, names, picked))
         .find(|names| names.len() > 1)
         .unwrap_or_default()
 }

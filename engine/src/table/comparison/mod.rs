@@ -1,10 +1,12 @@
 //! Comparisons: a metric of agents, environments and settings, side by side or relative to one agent.
 
+mod along;
 mod build;
 mod check;
 mod measure;
 mod written;
 
+pub use along::Along;
 pub use build::compare;
 pub(super) use build::summarise;
 
@@ -26,10 +28,10 @@ use written::Written;
 #[serde(try_from = "Written", into = "Written")]
 pub struct Comparison {
     /// What the rows are.
-    pub rows: Axis,
+    pub rows: Along,
     /// What the columns are; where absent, the first of agent, environment and setting that varies and is no
     /// row, or none. Has no effect where the columns are steps.
-    pub columns: Option<Axis>,
+    pub columns: Option<Along>,
     /// The metric.
     pub value: String,
     /// Which measurements of a trial become its number.
@@ -93,7 +95,7 @@ pub enum AtStep {
 impl Default for Comparison {
     fn default() -> Self {
         Self {
-            rows: Axis::Agent,
+            rows: Axis::Agent.into(),
             columns: None,
             value: "return".into(),
             taken: Taken::Final,
@@ -170,7 +172,7 @@ impl Table for Comparison {
 
     fn measurements_by_step(&self) -> Option<u64> {
         match &self.taken {
-            Taken::AtSteps { of, .. } if self.rows == Axis::Agent => match of {
+            Taken::AtSteps { of, .. } if self.rows == Axis::Agent.into() => match of {
                 AtStep::Last(last) => Some(*last),
                 AtStep::Average(_) => Some(1),
             },
@@ -222,7 +224,7 @@ impl Table for Improvement {
     }
 }
 
-/// What varies along a table's rows or columns.
+/// What trials differ by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Axis {

@@ -1,6 +1,6 @@
 //! A comparison as studies write it: one flat mapping, in which some options exclude each other.
 
-use super::{AtStep, Axis, Comparison, Form, Statistic, Taken};
+use super::{Along, AtStep, Comparison, Form, Statistic, Taken};
 use crate::{kinds::Contradiction, table::NumberFormat};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -15,11 +15,11 @@ const WEIGHT_AT_STEPS: f64 = 0.0;
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Written {
-    /// What the rows are.
-    rows: Axis,
+    /// What the rows are: `agent`, `environment`, `setting`, or a swept key.
+    rows: Along,
     /// What the columns are; where absent, the first of agent, environment and setting that varies and is no
     /// row, or none.
-    columns: Option<Axis>,
+    columns: Option<Along>,
     /// The metric.
     value: String,
     /// How the seeds become one number.

@@ -93,7 +93,7 @@ mod tests {
             ..Cell::default()
         };
         Grid {
-            row_axis: "agent",
+            row_axis: "agent".into(),
             rows: (0..cells.len()).map(|row| heading(row.to_string())).collect(),
             columns: (0..cells[0].len())
                 .map(|column| heading(column.to_string()))
@@ -147,7 +147,7 @@ mod tests {
         assert_eq!(best(&grid, &layout(Some(Among::Row))), [[false, true]]);
         assert_eq!(best(&grid, &layout(Some(Among::Column))), [[false, false]]);
         let environments = Grid {
-            row_axis: "environment",
+            row_axis: "environment".into(),
             ..grid
         };
         assert_eq!(best(&environments, &layout(None)), [[false, true]]);

@@ -41,7 +41,7 @@ fn comparison() -> TableSpec {
         caption: "Cycle lengths".into(),
         ..TableSpec::of(Comparison {
             value: "cycle_length".into(),
-            rows: Axis::Agent,
+            rows: Axis::Agent.into(),
             ..Comparison::default()
         })
     }
