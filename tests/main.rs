@@ -6,6 +6,7 @@
 )]
 
 mod architecture;
+mod asking;
 mod book;
 mod contracts;
 mod crashes;

@@ -124,10 +124,10 @@ fn a_retry_that_is_killed_is_gone_on_with() {
         status.out
     );
     let found = bench.run_misused(&["fsck", "store"]);
-    assert!(found.out.contains("1 trials are whole"), "{}", found.out);
+    assert!(found.out.contains("1 trial is whole"), "{}", found.out);
     let plain = bench.run_misused(&limited);
     assert!(
-        plain.err.contains("running 1 trials") && plain.err.contains("timeout  cells odd"),
+        plain.err.contains("running 1 trial of 2") && plain.err.contains("timeout  cells odd"),
         "{}",
         plain.err
     );

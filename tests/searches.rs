@@ -41,6 +41,14 @@ fn bench() -> Bench {
     bench
 }
 
+/// The study with halving in the place of the estimator.
+pub(crate) fn halving() -> String {
+    STUDY.replace(
+        "settings: 9\n    seeds: 2\n    method: { tree_parzen: { startup: 4, batch: 2 } }",
+        "settings: 9\n    method: { halving: { pauses: [96], keep: 0.34, brackets: 2 } }",
+    )
+}
+
 /// Tables as they were rendered.
 fn tables(bench: &Bench) -> Vec<String> {
     ["settings", "lengths"]
@@ -160,10 +168,7 @@ fn a_setting_that_the_agent_refuses_says_where_it_comes_from() {
 #[test]
 fn halving_pauses_trials_and_the_best_end_as_if_they_had_never_paused() {
     let bench = Bench::new();
-    let halving = STUDY.replace(
-        "settings: 9\n    seeds: 2\n    method: { tree_parzen: { startup: 4, batch: 2 } }",
-        "settings: 9\n    method: { halving: { pauses: [96], keep: 0.34, brackets: 2 } }",
-    );
+    let halving = halving();
     bench.write("tuned.yaml", &halving);
     bench.ok(&["run", "tuned.yaml", "-j", "2", "--store", "paused"]);
     let (tables_of_halving, ended) = (tables(&bench), bench.digests("paused"));
@@ -205,6 +210,74 @@ fn halving_pauses_trials_and_the_best_end_as_if_they_had_never_paused() {
     assert_eq!(
         (tables(&bench), bench.digests("killed")),
         (tables_of_halving, ended)
+    );
+}
+
+/// Twelve settings by exhaustion, on the seeds on which a search compares them.
+const GRID: &str = "
+study: grid
+environments: { cells: { battery: { cells: 2 } } }
+agents:
+  dsac: { dirichlet_sac: { width: 16, batch_size: 32, learning_starts: 256, updates_per_step: 1 } }
+protocol: { train_evaluate: { steps: 4096, environments: 16, evaluate_every: 1024, episodes: 10, final_episodes: 50 } }
+seeds: [1000000, 1000001]
+sweep:
+  dsac.actor_learning_rate: { grid: [0.00001, 0.0003, 0.003, 0.1] }
+  dsac.critic_learning_rate: { grid: [0.00001, 0.001, 0.1] }
+tables:
+  settings: { comparison: { rows: actor_learning_rate, columns: critic_learning_rate, value: cycle_length, decimals: 9 } }
+";
+
+/// Hyperband over the same values: two groups of settings, one of which pauses once more than the other.
+const HYPERBAND: &str = "
+search:
+  rates:
+    over:
+      dsac.actor_learning_rate: { choice: [0.00001, 0.0003, 0.003, 0.1] }
+      dsac.critic_learning_rate: { choice: [0.00001, 0.001, 0.1] }
+    by: cycle_length
+    settings: 12
+    seeds: 2
+    method: { halving: { pauses: [1024, 2048], keep: 0.5, brackets: 2 } }
+tables:
+  settings: { best_settings: { search: rates, best: 1 } }
+";
+
+#[test]
+fn hyperband_over_stored_trials_trains_nothing_and_chooses_among_the_best() {
+    let bench = Bench::new();
+    bench.write("grid.yaml", GRID);
+    bench.ok(&["run", "grid.yaml", "-j", "2"]);
+    let exhaustive = std::fs::read_to_string(bench.path("results/grid/tables/settings.csv")).unwrap();
+    let stored = bench.digests("store");
+    assert_eq!(stored.len(), 24);
+    let head = GRID.split("sweep:").next().unwrap();
+    let head = head
+        .replace("study: grid", "study: band")
+        .replace("[1000000, 1000001]", "1");
+    bench.write("band.yaml", &format!("{head}{HYPERBAND}"));
+    let ran = bench.run(&["run", "band.yaml", "-j", "2"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    // What the search asks for is there: only the chosen setting runs, on the seed of the study.
+    let now = bench.digests("store");
+    assert_eq!(now.len(), 25, "{}", ran.err);
+    assert!(stored.iter().all(|it| now.contains(it)));
+    let chosen = std::fs::read_to_string(bench.path("results/band/tables/settings.csv")).unwrap();
+    let values = |table: &str| -> Vec<f64> {
+        let cells = table
+            .lines()
+            .skip(1)
+            .filter_map(|line| line.split(',').nth(5)?.parse().ok());
+        cells.collect()
+    };
+    let (mut all, best) = (values(&exhaustive), values(&chosen)[0]);
+    all.sort_by(|one, other| other.total_cmp(one));
+    assert_eq!(all.len(), 12);
+    assert!(best >= all[2], "{best} among\n{exhaustive}");
+    let plan = bench.ok(&["plan", "band.yaml"]);
+    assert!(
+        plan.contains("stopped early"),
+        "not all were looked at to their ends:\n{plan}"
     );
 }
 

@@ -69,6 +69,7 @@ fn trials_through_slurm_equal_local_ones() {
     a_detached_submission_is_found_again_and_not_doubled(&cluster, &expected);
     a_cancelled_submission_ends_the_wait(&cluster);
     a_failing_trial_is_one_row(&cluster);
+    a_search_chooses_what_it_chooses_here(&cluster);
     a_task_that_is_requeued_goes_on(&cluster, &expected);
     cancelled_tasks_are_submitted_again(&cluster, &expected);
     a_time_limit_costs_no_trial(&cluster);
@@ -156,6 +157,19 @@ fn a_failing_trial_is_one_row(cluster: &Cluster) {
     assert_eq!(bench.digests("store"), local.digests("store"));
 }
 
+fn a_search_chooses_what_it_chooses_here(cluster: &Cluster) {
+    let bench = Bench::new();
+    bench.write("tuned.yaml", &crate::searches::halving());
+    bench.ok(&["run", "tuned.yaml", "--store", "local", "-o", "here"]);
+    bench.write("regimen.toml", SETTINGS);
+    let ran = cluster.run(&bench, &["run", "tuned.yaml", "-o", "there"]);
+    assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
+    assert_eq!(bench.digests("store"), bench.digests("local"));
+    let read =
+        |folder: &str| std::fs::read_to_string(bench.path(folder).join("tables/settings.csv")).unwrap();
+    assert_eq!(read("there"), read("here"));
+}
+
 fn a_task_that_is_requeued_goes_on(cluster: &Cluster, expected: &Expected) {
     let bench = expected.bench(STUDY, SETTINGS);
     let follower = cluster.spawn(&bench, &["run", "small.yaml"]);
@@ -197,7 +211,7 @@ fn a_time_limit_costs_no_trial(cluster: &Cluster) {
         ran.err
     );
     assert!(
-        logs(&bench).contains("1 trials are still missing"),
+        logs(&bench).contains("1 trial is still missing"),
         "{}",
         logs(&bench)
     );

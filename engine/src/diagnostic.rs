@@ -71,10 +71,7 @@ impl Sources {
     /// As [`error`](Self::error), of something that can be run and is probably not meant.
     #[must_use]
     pub fn warning(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
-        Diagnostic {
-            severity: Severity::Warning,
-            ..self.error(span, path, message)
-        }
+        self.error(span, path, message).as_warning()
     }
 
     /// The place of a span, with the text of its line.
@@ -145,6 +142,15 @@ pub struct Diagnostic {
 }
 
 impl Diagnostic {
+    /// The same of something that can be run and is probably not meant.
+    #[must_use]
+    pub fn as_warning(self) -> Self {
+        Self {
+            severity: Severity::Warning,
+            ..self
+        }
+    }
+
     /// The same diagnostic with advice.
     #[must_use]
     pub fn help(self, help: impl Into<String>) -> Self {

@@ -19,6 +19,7 @@ pub mod cast;
 pub mod checkpoint;
 pub mod choice;
 pub mod cli;
+mod count;
 pub mod cross_play;
 pub mod data_file;
 pub mod dataset;

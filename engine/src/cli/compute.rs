@@ -9,6 +9,7 @@ use super::{
 };
 use crate::{
     Registry,
+    count::{count, either},
     limits::Limits,
     results::{EndState, TrialEnd},
     scheduler::{self, Task, Workers},
@@ -65,9 +66,11 @@ impl Compute<'_> {
             return Ok(OK);
         }
         complain(&format!(
-            "running {} trials on {} worker processes",
-            tasks.len(),
-            self.workers.min(tasks.len())
+            "running {}{} on {}; the store is `{}`",
+            count(tasks.len(), "trial"),
+            of_how_many(planned, tasks.len()),
+            self.processes(tasks.len()),
+            self.settings.store.display()
         ));
         let ran = self.work(&tasks, &store)?;
         let now: Vec<Option<TrialEnd>> = tasks
@@ -87,6 +90,15 @@ impl Compute<'_> {
             .map(|(place, (task, _))| (task, ran.blocked.contains(&place)))
             .collect();
         Ok(self.code(&left, &store, &ran))
+    }
+
+    /// How many processes run so many tasks, in words.
+    pub(super) fn processes(&self, tasks: usize) -> String {
+        let processes = self.workers.min(tasks);
+        format!(
+            "{processes} worker {}",
+            either(&processes, "process", "processes")
+        )
     }
 
     /// Runs the tasks and shows what happens.
@@ -143,15 +155,21 @@ impl Compute<'_> {
         let ours = left.len().saturating_sub(elsewhere + unready);
         if unready > 0 {
             complain(&format!(
-                "{unready} trials are blocked, because what they take from others is not there"
+                "{} {} blocked, because what {} from others is not there",
+                count(unready, "trial"),
+                either(&unready, "is", "are"),
+                either(&unready, "it takes", "they take")
             ));
         }
         if elsewhere > 0 {
-            complain(&format!("{elsewhere} trials are with other programs"));
+            let with = either(&elsewhere, "is with another program", "are with other programs");
+            complain(&format!("{} {with}", count(elsewhere, "trial")));
         }
         if ours > 0 {
             complain(&format!(
-                "{ours} trials are still missing; the same command goes on"
+                "{} {} still missing; the same command goes on",
+                count(ours, "trial"),
+                either(&ours, "is", "are")
             ));
         }
         // A worker leaves to others what takes from their trials.
@@ -235,6 +253,20 @@ impl Compute<'_> {
             },
             retry_delay_s: said.retry_delay_s.or(held.retry_delay_s),
         }
+    }
+}
+
+/// Of how many trials those are that run, where others are there already; empty where none is.
+fn of_how_many(planned: &[Planned], tasks: usize) -> String {
+    let ids: BTreeSet<&str> = planned
+        .iter()
+        .flat_map(|one| &one.plan.trials)
+        .map(|trial| trial.id.as_str())
+        .collect();
+    if ids.len() > tasks {
+        format!(" of {}", ids.len())
+    } else {
+        String::new()
     }
 }
 

@@ -63,7 +63,8 @@ pub(super) fn options(selection: &Selection) -> Vec<String> {
     selection.options().chunks(2).map(|pair| pair.join(" ")).collect()
 }
 
-/// Refuses to write the results of different study files into one folder, before anything runs.
+/// Refuses to write the results of different study files into one folder, or where nothing can be written,
+/// before anything runs.
 pub(super) fn check(
     planned: &[Planned],
     selection: &Selection,
@@ -81,8 +82,24 @@ pub(super) fn check(
         if let Some(earlier) = earlier.filter(|earlier| earlier.exists()) {
             return Err(refusal(&folder, &earlier, &one.path, reporting));
         }
+        probe(&folder)?;
     }
     Ok(())
+}
+
+/// Tries to write into a folder, or into what is there of the way to it.
+fn probe(folder: &Path) -> Result<(), Failure> {
+    let there = |folder: &&Path| folder.symlink_metadata().is_ok();
+    let nearest = folder.ancestors().find(there).unwrap_or(Path::new("."));
+    let file = nearest.join(format!(".regimen-{}", std::process::id()));
+    let tried = std::fs::write(&file, "").and_then(|()| std::fs::remove_file(&file));
+    tried.map_err(|error| {
+        let (folder, nearest) = (folder.display(), nearest.display());
+        let text = format!(
+            "error: results cannot be written to `{folder}`: `{nearest}`: {error}: give another folder with `-o`"
+        );
+        Failure { code: BAD_SPEC, text }
+    })
 }
 
 fn refusal(folder: &Path, earlier: &Path, spec: &Path, reporting: &ReportOptions) -> Failure {

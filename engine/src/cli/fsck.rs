@@ -1,6 +1,7 @@
 //! `fsck`: checks every file of a store, and sets aside what is wrong.
 
 use super::{Common, Failure, Format, INCOMPLETE, OK, say, settings};
+use crate::count::{count, either};
 use crate::store::{Findings, Store};
 use std::{collections::BTreeSet, path::PathBuf};
 
@@ -49,10 +50,13 @@ fn as_text(found: &Findings) -> String {
         })
         .collect();
     lines.push(format!(
-        "{} trials are whole, {} are being computed, {} files are wrong",
-        found.whole,
+        "{} {} whole, {} {} being computed, {} {} wrong",
+        count(found.whole, "trial"),
+        either(&found.whole, "is", "are"),
         found.running,
-        found.findings.len()
+        either(&found.running, "is", "are"),
+        count(found.findings.len(), "file"),
+        either(&found.findings.len(), "is", "are")
     ));
     if let Some(aside) = &found.aside {
         lines.push(format!(
@@ -62,7 +66,11 @@ fn as_text(found: &Findings) -> String {
     }
     let lost = lost(found).len();
     if lost > 0 {
-        lines.push(format!("{lost} trials have to run again: `run` their studies"));
+        let has = either(&lost, "has", "have");
+        lines.push(format!(
+            "{} {has} to run again: `run` their studies",
+            count(lost, "trial")
+        ));
     }
     lines.join("\n")
 }

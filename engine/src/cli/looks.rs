@@ -7,6 +7,7 @@
 use super::{complain, study::Planned};
 use crate::{
     Error, Registry,
+    count::{count, either},
     plan::Wanted,
     report::{ClaimLine, Contents, Open},
     results::{CellName, Results},
@@ -125,11 +126,18 @@ pub(super) fn line(one: &Planned) -> Option<String> {
         .collect::<Vec<_>>()
         .join(", ");
     let open = one.open.map_or(String::new(), |open| {
-        format!("; {open} judged values and claims are open")
+        format!(
+            "; {open} judged values and claims {} open",
+            either(&open, "is", "are")
+        )
     });
     let later = match one.wanted.len() {
         0 => String::new(),
-        n => format!("; {n} combinations are past the first look"),
+        n => format!(
+            "; {} {} past the first look",
+            count(n, "combination"),
+            either(&n, "is", "are")
+        ),
     };
     Some(format!("  looks at {looks} seeds{open}{later}"))
 }

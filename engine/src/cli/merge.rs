@@ -1,6 +1,7 @@
 //! `merge`: the trials of several stores in one.
 
 use super::{BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, OK, looks, say, settings};
+use crate::count::{count, either};
 use crate::store::{Difference, Fate, Finding, Imprint, Leases, Merge, Merged, Side, Store};
 use clap::Args;
 use serde_json::json;
@@ -174,10 +175,13 @@ impl Taking<'_> {
 
     fn summary(&self, dry_run: bool) -> String {
         let [(_, taken), (_, same), others @ ..] = self.counts();
-        let verb = if dry_run { "would be taken" } else { "were taken" };
+        let were = |number: usize| either(&number, "was", "were");
+        let verb = if dry_run { "would be" } else { were(taken) };
         let mut text = format!(
-            "{}: {taken} trials {verb}, {same} were there",
-            self.from.display()
+            "{}: {} {verb} taken, {same} {} there",
+            self.from.display(),
+            count(taken, "trial"),
+            were(same)
         );
         for (word, count) in others.into_iter().filter(|(_, count)| *count > 0) {
             text.push_str(&format!(", {count} {word}"));

@@ -102,7 +102,7 @@ struct Selection {
 struct RunOptions {
     /// Worker processes; `workers` in regimen.toml, else the number of cores. With Slurm: tasks at a time;
     /// `max_tasks`.
-    #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N")]
+    #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N", value_parser = one_or_more)]
     jobs: Option<usize>,
     /// What runs the trials; `executor` in regimen.toml, else this machine.
     #[arg(long, value_name = "NAME", value_parser = submit::that_run())]
@@ -144,6 +144,15 @@ struct LimitOptions {
     /// Most memory of a trial's process.
     #[arg(long, value_name = "MB")]
     memory_mb: Option<u64>,
+}
+
+/// A number of processes.
+fn one_or_more(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) => Err("no process computes nothing: write 1 or more, or leave it out for one per core".into()),
+        Ok(number) => Ok(number),
+        Err(error) => Err(format!("{error}")),
+    }
 }
 
 impl LimitOptions {
@@ -244,7 +253,7 @@ enum Verb {
         #[arg(long, value_name = "I/N")]
         index: Option<String>,
         /// Worker processes.
-        #[arg(long, short = 'j', default_value_t = 1)]
+        #[arg(long, short = 'j', default_value_t = 1, value_parser = one_or_more)]
         jobs: usize,
         #[command(flatten)]
         limits: LimitOptions,

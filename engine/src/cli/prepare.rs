@@ -4,6 +4,7 @@
 use super::{Failure, complain, compute::Compute, study::Planned};
 use crate::{
     Error,
+    count::{count, either},
     results::{EndState, TrialEnd},
     store::{Claim, Findings, Leases, Store, is_missing},
 };
@@ -103,22 +104,18 @@ pub(super) fn failed_in_words<'a>(
         .filter_map(|(id, end)| Some((id, end?.state)))
         .collect();
     let states: Vec<EndState> = failed.into_values().collect();
-    let count = |state: EndState| states.iter().filter(|one| **one == state).count();
+    let number = |state: EndState| states.iter().filter(|one| **one == state).count();
     let counts = EndState::FAILURES
-        .map(|state| (count(state), state.name()))
+        .map(|state| (number(state), state.name()))
         .into_iter()
         .filter(|(count, _)| *count > 0);
     let counts: Vec<String> = counts.map(|(count, name)| format!("{count} {name}")).collect();
-    let (noun, them) = if states.len() == 1 {
-        ("trial", "it")
-    } else {
-        ("trials", "them")
-    };
     let words = || {
         format!(
-            "{} {noun} did not end ok ({}): `{again}` runs {them} again",
-            states.len(),
-            counts.join(", ")
+            "{} did not end ok ({}): `{again}` runs {} again",
+            count(states.len(), "trial"),
+            counts.join(", "),
+            either(&states.len(), "it", "them")
         )
     };
     (!states.is_empty()).then(words)
@@ -191,16 +188,10 @@ fn say_healed(healed: &Findings) {
         .iter()
         .filter_map(|finding| finding.trial.as_ref())
         .collect();
-    let (count, noun) = (
-        trials.len(),
-        if trials.len() == 1 {
-            "trial runs"
-        } else {
-            "trials run"
-        },
-    );
     complain(&format!(
-        "set aside in `{}` of the store; {count} damaged {noun} again",
-        aside.display()
+        "set aside in `{}` of the store; {} {} again",
+        aside.display(),
+        count(trials.len(), "damaged trial"),
+        either(&trials.len(), "runs", "run")
     ));
 }

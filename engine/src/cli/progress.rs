@@ -1,13 +1,18 @@
 //! Shows what happens: bars on a terminal, plain lines elsewhere.
+//!
+//! Bars take the terminal's width: titles are cut where it is narrow. No time is estimated before anything was
+//! done, and what a resumed trial did before does not count into its rate.
 
 use super::complain;
 use crate::{
+    count::count,
+    report::duration,
     results::{EndState, TrialEnd},
     scheduler::{Event, Task},
     store::Owner,
 };
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
-use std::{collections::BTreeSet, io::IsTerminal, time::Duration};
+use indicatif::{HumanDuration, MultiProgress, ProgressBar, ProgressState, ProgressStyle};
+use std::{collections::BTreeSet, fmt::Write, io::IsTerminal, time::Duration};
 
 /// What has been shown so far.
 pub(super) struct Progress<'a> {
@@ -21,12 +26,15 @@ pub(super) struct Progress<'a> {
     /// Trials that could not begin for want of what they take.
     blocked: BTreeSet<usize>,
     bars: Option<Bars>,
+    stopping: bool,
 }
 
 struct Bars {
     all: MultiProgress,
     study: ProgressBar,
     slots: Vec<ProgressBar>,
+    /// Slots whose trial has not said yet from which step it goes on.
+    fresh: BTreeSet<usize>,
 }
 
 impl<'a> Progress<'a> {
@@ -43,6 +51,7 @@ impl<'a> Progress<'a> {
             lacking: BTreeSet::new(),
             blocked: BTreeSet::new(),
             bars,
+            stopping: false,
         }
     }
 
@@ -57,7 +66,7 @@ impl<'a> Progress<'a> {
             Event::Held { trial, owner } => self.held(*trial, owner),
             Event::Awaits { trial, source, owner } => self.awaits(*trial, source, owner),
             Event::Unready { trial, reason } => self.block(*trial, reason),
-            Event::Stopped { .. } => {}
+            Event::Stopped { slot } => self.stopped(*slot),
             Event::Paused { slot, trial } => self.paused(*slot, *trial),
             Event::Broken { slot, problem } => self.line(&format!("worker {slot} cannot go on: {problem}")),
         }
@@ -74,16 +83,33 @@ impl<'a> Progress<'a> {
     }
 
     fn started(&mut self, slot: usize, trial: usize) {
-        if let Some(bar) = self.bars.as_ref().and_then(|bars| bars.slots.get(slot)) {
+        let Some(bars) = &mut self.bars else { return };
+        bars.fresh.insert(slot);
+        if let Some(bar) = bars.slots.get(slot) {
             bar.reset();
             bar.set_message(self.tasks[trial].trial.title());
         }
     }
 
     fn advanced(&mut self, slot: usize, done: u64, total: u64) {
-        if let Some(bar) = self.bars.as_ref().and_then(|bars| bars.slots.get(slot)) {
+        let Some(bars) = &mut self.bars else { return };
+        let goes_on = bars.fresh.remove(&slot);
+        if let Some(bar) = bars.slots.get(slot) {
             bar.set_length(total);
             bar.set_position(done);
+            if goes_on {
+                bar.reset_eta();
+            }
+        }
+    }
+
+    /// A slot has left its trial with a checkpoint, because everything is to stop.
+    fn stopped(&mut self, slot: usize) {
+        if !std::mem::replace(&mut self.stopping, true) {
+            self.line("stopping: running trials save a checkpoint; a second Ctrl-C ends at once");
+        }
+        if let Some(bar) = self.bars.as_ref().and_then(|bars| bars.slots.get(slot)) {
+            bar.finish_and_clear();
         }
     }
 
@@ -191,9 +217,17 @@ impl<'a> Progress<'a> {
 
 impl Drop for Progress<'_> {
     fn drop(&mut self) {
+        // Nothing of the bars stays on the screen; what was done is one line.
         if let Some(bars) = &self.bars {
             bars.slots.iter().for_each(ProgressBar::finish_and_clear);
-            bars.study.abandon();
+            bars.study.finish_and_clear();
+            let (all, took) = (self.tasks.len(), bars.study.elapsed());
+            let took = duration(took.as_secs_f64());
+            complain(&format!(
+                "{} of {} ended in {took}",
+                self.done,
+                count(all, "trial")
+            ));
         }
     }
 }
@@ -202,19 +236,23 @@ impl Bars {
     fn new(trials: u64, workers: usize) -> Self {
         let all = MultiProgress::new();
         let study = all.add(
-            ProgressBar::new(trials)
-                .with_style(style("{bar:30} {pos}/{len} trials  {elapsed} so far, {eta} left")),
+            ProgressBar::new(trials).with_style(style("{bar:20} {pos}/{len} trials  {elapsed} so far{left}")),
         );
         study.enable_steady_tick(std::time::Duration::from_millis(500));
         let slot = || {
             all.add(ProgressBar::new(0).with_style(style(
-                "{bar:30.dim} {msg}  {human_pos}/{human_len} steps, {per_sec}, {eta} left",
+                "{bar:20.dim} {wide_msg} {human_pos}/{human_len} steps{rate}{left}",
             )))
         };
         let slots = (0..workers.min(usize::try_from(trials).unwrap_or(usize::MAX)))
             .map(|_| slot())
             .collect();
-        Self { all, study, slots }
+        Self {
+            all,
+            study,
+            slots,
+            fresh: BTreeSet::new(),
+        }
     }
 }
 
@@ -222,5 +260,46 @@ fn style(template: &str) -> ProgressStyle {
     // The templates are the constants above.
     ProgressStyle::with_template(template)
         .expect("a valid template")
+        .with_key("rate", |state: &ProgressState, out: &mut dyn Write| {
+            // A terminal that takes no text shows none.
+            let _ = out.write_str(&rate(state.per_sec()));
+        })
+        .with_key("left", |state: &ProgressState, out: &mut dyn Write| {
+            let _ = out.write_str(&left(state.eta()));
+        })
         .progress_chars("━╸─")
+}
+
+/// Steps per second with three digits; empty before anything is known.
+fn rate(per_second: f64) -> String {
+    if !per_second.is_finite() || per_second <= 0.0 {
+        return String::new();
+    }
+    let decimals = match per_second {
+        100.0.. => 0,
+        10.0.. => 1,
+        _ => 2,
+    };
+    format!(", {per_second:.decimals$}/s")
+}
+
+/// The time that is left; empty where nothing can be said.
+fn left(estimate: Duration) -> String {
+    match estimate.as_secs() {
+        0 => String::new(),
+        seconds => format!(", {} left", HumanDuration(Duration::from_secs(seconds))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_have_three_digits_and_nothing_is_said_before_anything_is_known() {
+        let shown = [0.0, f64::INFINITY, 0.1234, 12.345, 1234.56].map(rate);
+        assert_eq!(shown, ["", "", ", 0.12/s", ", 12.3/s", ", 1235/s"]);
+        let shown = [0, 61, 7200].map(|seconds| left(Duration::from_secs(seconds)));
+        assert_eq!(shown, ["", ", 61 seconds left", ", 2 hours left"]);
+    }
 }

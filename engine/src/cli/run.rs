@@ -38,7 +38,7 @@ pub(super) fn run(
     let settings = settings::read(common)?;
     let (store, workers) = (
         Store::at(&settings.store),
-        options.jobs.unwrap_or(settings.workers).max(1),
+        options.jobs.unwrap_or(settings.workers),
     );
     let mut planned = study::load_with_looks(registry, selection, &store)?;
     folders::check(&planned, selection, reporting)?;
@@ -158,7 +158,7 @@ pub(super) fn worker(
     let (part, parts) = index.map_or(Ok((0, 1)), parse_index)?;
     let store = Store::at(&settings.store);
     let mut planned = study::load_with_looks(registry, selection, &store)?;
-    let (asked, workers) = ((selection, common), jobs.max(1));
+    let (asked, workers) = ((selection, common), jobs);
     let how = Compute {
         registry,
         asked,

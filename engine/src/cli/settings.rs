@@ -29,7 +29,12 @@ use crate::{
 };
 use serde::Deserialize;
 use serde_json::{Value, json};
-use std::{collections::BTreeMap, num::NonZeroUsize, path::PathBuf, time::Duration};
+use std::{
+    collections::BTreeMap,
+    num::NonZeroUsize,
+    path::{Path, PathBuf},
+    time::Duration,
+};
 use toml::{
     Spanned,
     de::{DeTable, DeValue, Deserializer, ValueDeserializer},
@@ -122,17 +127,22 @@ impl Settings {
     }
 }
 
-/// Reads `regimen.toml` of the current folder, where there is one.
+/// Reads `regimen.toml` of the current folder, or of the nearest one above it that has it. The store that it
+/// names is seen from its folder.
 pub(super) fn read(common: &Common) -> Result<Settings, Failure> {
-    let text = match std::fs::read_to_string(FILE) {
-        Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
-        Err(error) => return Err(wrong(&error.to_string())),
-    };
-    combine(&text, common)
+    let here = std::env::current_dir().unwrap_or_default();
+    let mut folder = PathBuf::new();
+    for _ in here.ancestors() {
+        match std::fs::read_to_string(folder.join(FILE)) {
+            Ok(text) => return combine(&text, &folder, common),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => folder.push(".."),
+            Err(error) => return Err(wrong(&format!("{}: {error}", folder.display()))),
+        }
+    }
+    combine("", Path::new(""), common)
 }
 
-fn combine(text: &str, common: &Common) -> Result<Settings, Failure> {
+fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failure> {
     let (top, mut profiles) = levels(text).map_err(|mut error| {
         error.set_input(Some(text));
         let tables = if error.message().starts_with("unknown field") {
@@ -161,10 +171,9 @@ fn combine(text: &str, common: &Common) -> Result<Settings, Failure> {
         store: common
             .store
             .clone()
-            .or(profile.store)
-            .or(top.store)
+            .or_else(|| profile.store.or(top.store).map(|store| folder.join(store)))
             .unwrap_or_else(|| "store".into()),
-        workers: profile.workers.or(top.workers).unwrap_or(cores).max(1),
+        workers: some(profile.workers.or(top.workers), "workers")?.unwrap_or(cores),
         checkpoint_every: seconds("checkpoint_every_s", checkpoint_every_s)?,
         lease_expiry: seconds("lease_expiry_s", lease_expiry_s)?,
         limits: profile.limits.or(top.limits).unwrap_or_default(),
@@ -242,6 +251,16 @@ fn seconds(key: &str, value: f64) -> Result<Duration, Failure> {
         .map_err(|_| wrong(&format!("{key} = {value}: a time in seconds, at least 0")))
 }
 
+/// A number of processes that is not zero.
+fn some(number: Option<usize>, key: &str) -> Result<Option<usize>, Failure> {
+    match number {
+        Some(0) => Err(wrong(&format!(
+            "{key} = 0: write 1 or more, or leave it out for one per core"
+        ))),
+        number => Ok(number),
+    }
+}
+
 /// The tables of a profile over those of the top, key by key.
 fn overlay(mut below: Tables, above: Tables) -> Tables {
     for (name, values) in above {
@@ -283,7 +302,7 @@ mod tests {
     fn a_profile_overrides_the_top() {
         let text = "store = \"a\"\nworkers = 2\n[limits]\nretries = 1\n[profile.big]\nworkers = 16\nlimits \
                     = { memory_mb = 5 }\n";
-        let settings = combine(text, &common(Some("big"))).ok().unwrap();
+        let settings = combine(text, Path::new(""), &common(Some("big"))).ok().unwrap();
         assert_eq!((settings.store, settings.workers), (PathBuf::from("a"), 16));
         assert_eq!(
             settings.limits,
@@ -299,7 +318,7 @@ mod tests {
     fn an_executors_table_is_laid_over_key_by_key() {
         let text = "executor = \"slurm\"\n[slurm]\npartition = \"short\"\nmemory_mb = 2000\n\
                     [profile.big.slurm]\npartition = \"long\"\nmax_tasks = 8\n[kubernetes]\nimage = \"a\"\n";
-        let settings = combine(text, &common(Some("big"))).ok().unwrap();
+        let settings = combine(text, Path::new(""), &common(Some("big"))).ok().unwrap();
         assert_eq!(settings.executor, "slurm");
         let slurm = |settings: &Settings, tasks| {
             let kind = executor::find("slurm").unwrap();
@@ -319,14 +338,14 @@ mod tests {
         assert_eq!(slurm(&settings, Some(3))[2], 3);
         assert_eq!(settings.executors["kubernetes"]["image"], "a");
         assert_eq!(
-            slurm(&combine(text, &common(None)).ok().unwrap(), None)[0],
+            slurm(&combine(text, Path::new(""), &common(None)).ok().unwrap(), None)[0],
             "short"
         );
     }
 
     #[test]
     fn the_most_tasks_at_a_time_can_be_given_where_no_table_is() {
-        let settings = combine("", &common(None)).ok().unwrap();
+        let settings = combine("", Path::new(""), &common(None)).ok().unwrap();
         let slurm = settings
             .executor(&executor::find("slurm").unwrap(), Some(3))
             .ok()
@@ -336,7 +355,7 @@ mod tests {
 
     #[test]
     fn mistakes_in_an_executors_table_name_file_and_key() {
-        let text = |text: &str| combine(text, &common(None)).err().unwrap().text;
+        let text = |text: &str| combine(text, Path::new(""), &common(None)).err().unwrap().text;
         let unknown = text("[slurm]\npartion = \"long\"\n");
         assert!(
             unknown.contains("regimen.toml") && unknown.contains("partion") && unknown.contains("line 2"),
@@ -357,28 +376,28 @@ mod tests {
     #[test]
     fn unknown_keys_profiles_and_times_are_refused() {
         assert!(
-            combine("wrokers = 2\n", &common(None))
+            combine("wrokers = 2\n", Path::new(""), &common(None))
                 .err()
                 .unwrap()
                 .text
                 .contains("wrokers")
         );
         assert!(
-            combine("", &common(Some("big")))
+            combine("", Path::new(""), &common(Some("big")))
                 .err()
                 .unwrap()
                 .text
                 .contains("[profile.big]")
         );
         assert!(
-            combine("checkpoint_every_s = -1\n", &common(None))
+            combine("checkpoint_every_s = -1\n", Path::new(""), &common(None))
                 .err()
                 .unwrap()
                 .text
                 .contains("checkpoint_every_s")
         );
         assert!(
-            combine("[limits]\nwall_time = 1\n", &common(None))
+            combine("[limits]\nwall_time = 1\n", Path::new(""), &common(None))
                 .err()
                 .unwrap()
                 .text

@@ -9,7 +9,9 @@ use super::{
     waiting::Waiting,
 };
 use crate::{
-    Registry, diagnostic,
+    Registry,
+    count::count,
+    diagnostic,
     plan::{self, Novelty, Plan, Wanted},
     report,
     results::{EndState, SearchResult, TrialEnd},
@@ -92,6 +94,12 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
             text: problems.join("\n"),
         });
     }
+    if let Some(text) = unknown_names(&planned, &selection.only) {
+        return Err(Failure {
+            code: NOTHING_SELECTED,
+            text,
+        });
+    }
     // A search has no trials before it is asked for its first settings.
     if planned
         .iter()
@@ -103,6 +111,31 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
         });
     }
     Ok(planned)
+}
+
+/// What is said of names after `--only` that no study has; `None` where every one is known.
+fn unknown_names(planned: &[Planned], only: &[String]) -> Option<String> {
+    let studies = || planned.iter().map(|one| &one.study);
+    let of_trials = planned.iter().flat_map(|one| &one.plan.trials);
+    let known: BTreeSet<&str> = studies()
+        .flat_map(|study| {
+            study
+                .environments
+                .iter()
+                .chain(&study.agents)
+                .chain(&study.prepared)
+        })
+        .map(String::as_str)
+        .chain(of_trials.flat_map(|trial| [trial.environment.as_str(), trial.agent.as_str()]))
+        .collect();
+    let unknown = only.iter().filter(|name| !known.contains(name.as_str()));
+    let lines: Vec<String> = unknown
+        .map(|name| {
+            let help = diagnostic::suggest(name, known.iter().copied());
+            format!("error: --only {name}: no environment or agent is named `{name}`: {help}")
+        })
+        .collect();
+    (!lines.is_empty()).then(|| lines.join("\n"))
 }
 
 fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
@@ -154,11 +187,38 @@ pub(super) fn load_with_looks(
     store: &Store,
 ) -> Result<Vec<Planned>, Failure> {
     let mut planned = load(registry, selection)?;
+    say_if_absent(store.root());
     for one in &mut planned {
         searches::grow(one, registry, store)?;
         looks::grow(one, registry, store);
     }
     Ok(planned)
+}
+
+/// Says where there is no store yet, and a store of nearly that name beside it.
+fn say_if_absent(store: &Path) {
+    if store.exists() {
+        return;
+    }
+    let folder = store.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let entries = std::fs::read_dir(folder.unwrap_or(Path::new(".")))
+        .into_iter()
+        .flatten()
+        .flatten();
+    let stores = entries.filter(|entry| entry.path().join("trials").is_dir());
+    let mut names: Vec<String> = stores
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let wanted = store.file_name().unwrap_or_default().to_string_lossy();
+    if let Some(near) = diagnostic::nearest(&wanted, &names) {
+        let near = store.with_file_name(near);
+        let (store, near) = (store.display(), near.display());
+        complain(&format!(
+            "warning: there is no store `{store}` yet; did you mean `{near}`?"
+        ));
+    }
 }
 
 /// Says what can be run and is probably not meant.
@@ -209,12 +269,12 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
     for one in planned {
         let Planned { study, plan, .. } = one;
         say(&format!(
-            "{}: ok, {} trials, {} tables, {} figures, {} claims",
+            "{}: ok, {}, {}, {}, {}",
             study.name,
-            plan.trials.len(),
-            study.tables.len(),
-            study.figures.len(),
-            study.claims.len()
+            count(plan.trials.len(), "trial"),
+            count(study.tables.len(), "table"),
+            count(study.figures.len(), "figure"),
+            count(study.claims.len(), "claim")
         ));
     }
     Ok(OK)
@@ -458,7 +518,11 @@ fn overview(
         overview["waiting"] = waiting.to_json();
         return overview.to_string();
     }
-    let mut lines = vec![format!("{}: {} trials", one.study.name, one.plan.trials.len())];
+    let mut lines = vec![format!(
+        "{}: {}",
+        one.study.name,
+        count(one.plan.trials.len(), "trial")
+    )];
     lines.extend(rows(&cells));
     lines.extend(looks::line(one));
     lines.extend(searches::lines(one));
@@ -565,10 +629,14 @@ fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
     let about = if unknown == missing {
         "no stored trial tells how long".to_owned()
     } else {
-        format!("about {} on {workers} workers", report::duration(wall_s))
+        format!(
+            "about {} on {}",
+            report::duration(wall_s),
+            count(workers, "worker")
+        )
     };
     let rest = if unknown > 0 && unknown < missing {
-        format!(", and {unknown} trials of agents that never ran")
+        format!(", and {} of agents that never ran", count(unknown, "trial"))
     } else {
         String::new()
     };

@@ -6,6 +6,7 @@ use super::{
 };
 use crate::{
     Error, Registry,
+    count::count,
     limits::Limits,
     plan::Plan,
     results::EndState,
@@ -50,7 +51,7 @@ pub(super) struct VerifyOptions {
     #[arg(long, value_name = "S", default_value_t = 0)]
     seed: u64,
     /// Worker processes; `workers` in regimen.toml, else the number of cores.
-    #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N")]
+    #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N", value_parser = super::one_or_more)]
     jobs: Option<usize>,
     /// Write the receipt into a file, too, in the same format as it is printed.
     #[arg(long, value_name = "FILE")]
@@ -87,7 +88,7 @@ pub(super) fn verify(registry: &Registry, options: &VerifyOptions, common: &Comm
         asked: (&selection, common),
         settings: &settings,
         limits: &options.limits,
-        workers: options.jobs.unwrap_or(settings.workers).max(1),
+        workers: options.jobs.unwrap_or(settings.workers),
         retry_failed: false,
         whole: true,
     };
@@ -336,9 +337,9 @@ fn one_round(
     let tasks = tasks(how, &ready);
     if !tasks.is_empty() {
         complain(&format!(
-            "computing {} trials again on {} worker processes",
-            tasks.len(),
-            how.workers.min(tasks.len())
+            "computing {} again on {}",
+            count(tasks.len(), "trial"),
+            how.processes(tasks.len())
         ));
         how.work(&tasks, beside)?;
     }

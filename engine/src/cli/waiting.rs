@@ -2,6 +2,7 @@
 //! themselves.
 
 use crate::{
+    count::{count, either},
     results::{EndState, TrialEnd},
     store::{Store, is_missing},
     trial::Trial,
@@ -66,12 +67,12 @@ impl Waiting {
 
     /// A line each, for people.
     pub(super) fn lines(&self) -> Vec<String> {
-        let (noun, verb) = words(self.to_come, "waits", "wait");
-        let to_come = (self.to_come > 0)
-            .then(|| format!("  {} {noun} {verb} for what other trials leave", self.to_come));
-        let blocked = self.because.iter().map(|(because, count)| {
-            let (noun, verb) = words(*count, "is", "are");
-            format!("  {count} {noun} {verb} blocked: {because}")
+        let verb = either(&self.to_come, "waits", "wait");
+        let trials = count(self.to_come, "trial");
+        let to_come = (self.to_come > 0).then(|| format!("  {trials} {verb} for what other trials leave"));
+        let blocked = self.because.iter().map(|(because, number)| {
+            let verb = either(number, "is", "are");
+            format!("  {} {verb} blocked: {because}", count(*number, "trial"))
         });
         to_come.into_iter().chain(blocked).collect()
     }
@@ -83,14 +84,6 @@ impl Waiting {
             .iter()
             .map(|(because, trials)| json!({ "trials": trials, "because": because }));
         json!({ "to_come": self.to_come, "blocked": blocked.collect::<Vec<_>>() })
-    }
-}
-
-fn words(count: usize, one: &'static str, several: &'static str) -> (&'static str, &'static str) {
-    if count == 1 {
-        ("trial", one)
-    } else {
-        ("trials", several)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Waiting for trials that the tasks of a queue compute, and keeping enough tasks at them.
 
 use super::{Dispatch, Error, State, Submission, Task, View};
+use crate::count::{count, either};
 use std::{
     collections::BTreeSet,
     time::{Duration, Instant},
@@ -289,11 +290,12 @@ pub fn describe(submission: &Submission) -> String {
         .collect();
     let tasks: usize = submission.arrays.iter().map(|array| array.tasks).sum();
     let at_once: usize = submission.arrays.iter().map(|array| array.at_once).sum();
-    let word = if jobs.len() == 1 { "job" } else { "jobs" };
     format!(
-        "{} ({word} {}), {tasks} tasks, {at_once} at a time",
+        "{} ({} {}), {}, {at_once} at a time",
         submission.id,
-        jobs.join(", ")
+        either(&jobs.len(), "job", "jobs"),
+        jobs.join(", "),
+        count(tasks, "task")
     )
 }
 

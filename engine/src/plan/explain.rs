@@ -2,6 +2,7 @@
 //! programs.
 
 use super::{Novelty, Reason};
+use crate::count::either;
 use serde_json::{Value, json};
 use std::{
     collections::BTreeSet,
@@ -38,7 +39,7 @@ impl Display for Reason {
                     out,
                     "takes from {}, which {} new",
                     names.join(" and "),
-                    if names.len() == 1 { "is" } else { "are" }
+                    either(&names.len(), "is", "are")
                 )
             }
             Reason::NothingLikeIt => write!(out, "nothing like it is stored"),
@@ -118,7 +119,7 @@ pub fn explain(novelties: &[Novelty]) -> String {
 fn seeds(it: &Novelty) -> String {
     format!(
         "{} {}",
-        if it.seeds.len() == 1 { "seed" } else { "seeds" },
+        either(&it.seeds.len(), "seed", "seeds"),
         seed_ranges(&it.seeds)
     )
 }

@@ -207,6 +207,11 @@ pub trait Protocol: Send + Sync {
         Ok(())
     }
 
+    /// What can be run with this config and is probably not meant: an [`Error::Config`] that names the key.
+    fn doubt(&self) -> Option<Error> {
+        None
+    }
+
     /// Steps in all, for progress and cost estimates.
     fn total_steps(&self) -> u64;
 

@@ -118,6 +118,15 @@ impl Protocol for TrainEvaluate {
         metrics
     }
 
+    fn doubt(&self) -> Option<Error> {
+        let last = self.steps_taken().checked_div(self.evaluate_every)? * self.evaluate_every;
+        let problem = format!(
+            "{} does not divide {} steps, so the learning curve ends at step {last}",
+            self.evaluate_every, self.steps
+        );
+        (self.train && last < self.steps).then(|| Error::config("evaluate_every", problem))
+    }
+
     fn total_steps(&self) -> u64 {
         if self.train {
             self.steps

@@ -3,6 +3,7 @@
 
 use super::{Contents, StudyInfo, searches};
 use crate::{
+    count::count,
     results::{CellName, Results},
     trial::Purpose,
 };
@@ -33,8 +34,7 @@ pub(super) fn seeds_as_used(results: &Results) -> String {
     let used = Combinations::of(results).used();
     match (used.keys().next(), used.keys().last()) {
         (None, _) | (_, None) => "no seeds".into(),
-        (Some(1), Some(1)) => "1 seed".into(),
-        (Some(least), Some(most)) if least == most => format!("{most} seeds"),
+        (Some(least), Some(most)) if least == most => count(*most, "seed"),
         (Some(least), Some(most)) => format!("{least} to {most} seeds"),
     }
 }
@@ -131,7 +131,7 @@ fn exploratory(study: &StudyInfo) -> String {
     let parts: Vec<String> = [(tables, "table"), (claims, "claim")]
         .into_iter()
         .filter(|(count, _)| *count > 0)
-        .map(|(count, what)| format!("{count} {what}{}", if count == 1 { "" } else { "s" }))
+        .map(|(number, what)| count(number, what))
         .collect();
     if parts.is_empty() {
         "Nothing was exploratory.".into()

@@ -6,6 +6,7 @@ use super::{
 };
 use crate::{
     Phase,
+    count::count,
     results::{EPISODE_LENGTH, Results, TrialResult},
     trial::Purpose,
 };
@@ -108,7 +109,7 @@ impl Cost {
 
     /// Time and number of trials, in words.
     pub(super) fn sentence(self) -> String {
-        format!("{} in {} trials", duration(self.seconds), self.trials)
+        format!("{} in {}", duration(self.seconds), count(self.trials, "trial"))
     }
 }
 

@@ -81,7 +81,7 @@ mod tests {
 
     fn grid() -> Grid {
         let comparison = Comparison {
-            rows: Axis::Environment,
+            rows: Axis::Environment.into(),
             value: "cycle_length".into(),
             agents: vec!["dsac".into(), "ddpg".into()],
             labels: [("dsac".to_owned(), "SAC <1>".to_owned())].into(),

@@ -3,6 +3,7 @@
 use super::{Parts, Period, files, head, sheet::Sheet, stages};
 use crate::{
     build::tally,
+    count::count,
     figure::{Chart, FigureSpec},
     results::TrialResult,
     table::{Grid, escape_markdown as escape, markdown, prose},
@@ -188,7 +189,7 @@ pub(super) fn end_states(parts: &Parts<'_>) -> String {
         .into_iter()
         .filter_map(|(state, n)| state.map(|state| format!("{n} {}", state.name())));
     let words: Vec<String> = ended.chain(not_run.map(|n| format!("{n} not run"))).collect();
-    format!("{} trials: {}", all(parts).count(), words.join(", "))
+    format!("{}: {}", count(all(parts).count(), "trial"), words.join(", "))
 }
 
 /// A failed trial in one line.

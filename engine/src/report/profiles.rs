@@ -1,5 +1,7 @@
 //! Which profiles of a study were ever run here.
 
+use crate::count::{count, either};
+
 /// A profile of a study, and how many of its trials are stored.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ProfileState {
@@ -51,7 +53,11 @@ impl ProfileState {
         let stored = if ok == planned {
             format!("all {planned} trials are stored")
         } else {
-            format!("{ok} of {planned} trials are stored")
+            format!(
+                "{ok} of {} {} stored",
+                count(planned, "trial"),
+                either(&ok, "is", "are")
+            )
         };
         let how = match (ok + failed, own) {
             _ if self.this_report => ": this report",

@@ -1,5 +1,6 @@
 //! What a search for a setting came to, in words.
 
+use crate::count::count;
 use crate::results::SearchResult;
 
 /// How many settings were tried, which one is the best, and on what it was compared.
@@ -21,7 +22,7 @@ pub fn search_in_words(it: &SearchResult) -> String {
     );
     let seeds = match search.seeds.len() {
         1 => "one seed".to_owned(),
-        n => format!("{n} seeds"),
+        n => count(n, "seed"),
     };
     let early = it.tried.iter().filter(|tried| tried.stop.is_some()).count();
     let early = if early > 0 && it.chosen.is_some() {

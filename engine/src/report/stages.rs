@@ -1,6 +1,7 @@
 //! The graph of a study whose trials take from each other: entries, what each takes, and a drawing of it.
 
 use super::sheet::{Entry, NONE, Sheet};
+use crate::count::count;
 use crate::table::escape_html as escape;
 use serde::Serialize;
 use std::{collections::BTreeSet, fmt::Write};
@@ -155,8 +156,7 @@ impl<'a> Places<'a> {
 
 fn rectangle(at: &Box<'_>) -> String {
     let Box { stage, x, y, width } = at;
-    let (middle, trials) = (x + width / 2, stage.trials);
-    let noun = if trials == 1 { "trial" } else { "trials" };
+    let (middle, trials) = (x + width / 2, count(stage.trials, "trial"));
     let mut out = String::new();
     // Writing into a text cannot fail.
     let _ = writeln!(
@@ -171,7 +171,7 @@ fn rectangle(at: &Box<'_>) -> String {
     );
     let _ = writeln!(
         out,
-        "<text class=\"small\" x=\"{middle}\" y=\"{}\">{trials} {noun}</text>",
+        "<text class=\"small\" x=\"{middle}\" y=\"{}\">{trials}</text>",
         y + 32
     );
     out

@@ -113,7 +113,7 @@ fn improvement() -> TableSpec {
     let published = [("four_cells", 15.2), ("eight_cells", 15.9)]
         .map(|(row, value)| (row.to_owned(), Published::Value(value)));
     let of = Improvement(Comparison {
-        rows: Axis::Environment,
+        rows: Axis::Environment.into(),
         value: "cycle_length".into(),
         relative_to: Some("equal".into()),
         agents: vec!["dsac".into(), "ddpg".into()],
@@ -193,7 +193,7 @@ fn figures() -> Vec<(String, FigureSpec)> {
         ..Trajectory::default()
     };
     let of = Comparison {
-        rows: Axis::Environment,
+        rows: Axis::Environment.into(),
         value: "cycle_length".into(),
         ..Comparison::default()
     };

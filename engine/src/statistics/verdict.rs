@@ -15,6 +15,7 @@ use super::{
     spending::Design,
     statement::{Decision, Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
 };
+use crate::count::count;
 use std::fmt;
 
 /// Probability of a wrong verdict on each side; a single look has an interval of 90 %.
@@ -274,9 +275,9 @@ pub fn too_few_seeds_in_words(n: usize) -> String {
 /// How many more seeds to plan, as a phrase.
 #[must_use]
 pub fn more_seeds_in_words(more: u32) -> String {
-    let seeds = if more == 1 { "seed" } else { "seeds" };
+    let seeds = count(more, "more seed");
     format!(
-        "an estimated {more} more {seeds} would decide with a probability of 80 %, if mean and spread stay \
+        "an estimated {seeds} would decide with a probability of 80 %, if mean and spread stay \
          as they are"
     )
 }

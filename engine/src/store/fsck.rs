@@ -268,7 +268,7 @@ impl<'a> Check<'a> {
             self.note(
                 folder.join("trial.json"),
                 Fault::Orphaned,
-                "a file that it acknowledges is damaged",
+                "a file that it acknowledges is damaged or missing",
                 Some(id),
             );
         }
