@@ -46,7 +46,7 @@ pub use graph::GraphFigure;
 pub use grouped_lines::GroupedLines;
 pub use images::Images;
 pub use learning_curve::{Automatic, Band, LearningCurve, Line, SeedLines};
-pub use on_dark::{has_coloured_ground, on_dark};
+pub use on_dark::{Ground, on_dark};
 pub use pdf::pdf;
 pub use plot_data::plot_data;
 pub use scatter::Scatter;

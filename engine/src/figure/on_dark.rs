@@ -2,10 +2,12 @@
 //! sheet names the colours that it finds in the SVG and what stands for each.
 
 use super::{
-    chart::{Chart, Hue, Series, Shape, Style},
+    axes::{AXIS_WIDTH, TEXT},
+    chart::{Chart, Hue, Shape, Style},
+    paint::SVG_SCALE,
     style::{FAINT, INK, Rgb, blend},
 };
-use std::{collections::BTreeMap, fmt::Write as _};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The paper of a dark page, as its style sheet has it.
 pub(super) const DARK_PAPER: Rgb = (0x16, 0x18, 0x1b);
@@ -15,58 +17,97 @@ const PALE: Rgb = (0xe6, 0xe7, 0xe9);
 /// How much a line stands out from its paper at the least, as the ratio that WCAG 2.1 defines.
 const CONTRAST: f64 = 4.5;
 
-/// Rules of a style sheet for dark pages with these charts inside `figure` elements; empty where there is none.
-/// Charts whose ground is coloured are not in them.
+/// What the marks of a chart lie on, which decides what may change on a dark page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ground {
+    /// Paper: every colour has one that stands for it.
+    Paper,
+    /// Coloured areas or images, whose colours are data: paper, text and axes change, and nothing else.
+    Colored,
+    /// Light boxes with dark text in them: the drawing stays on white paper.
+    Boxes,
+}
+
+impl Ground {
+    /// What lies under the marks of a chart.
+    #[must_use]
+    pub fn of(chart: &Chart) -> Self {
+        let has = |is: fn(&Shape) -> bool| {
+            let mut series = chart.panels.iter().flat_map(|panel| &panel.series);
+            series.any(|series| is(&series.shape))
+        };
+        if has(|shape| matches!(shape, Shape::Graph(_))) {
+            Self::Boxes
+        } else if has(|shape| matches!(shape, Shape::Surface(_) | Shape::Path(_) | Shape::Images(_))) {
+            Self::Colored
+        } else {
+            Self::Paper
+        }
+    }
+
+    /// The class of the `figure` element that the rules are for.
+    #[must_use]
+    pub fn class(self) -> &'static str {
+        match self {
+            Self::Paper => "on-paper",
+            Self::Colored => "on-colors",
+            Self::Boxes => "on-boxes",
+        }
+    }
+}
+
+/// Rules of a style sheet for dark pages with these charts inside `figure` elements; empty where none changes.
 #[must_use]
 pub fn on_dark(charts: &[&Chart]) -> String {
-    let flat = || charts.iter().filter(|chart| !has_coloured_ground(chart));
-    if flat().next().is_none() {
-        return String::new();
+    let on = |ground| charts.iter().filter(move |chart| Ground::of(chart) == ground);
+    let mut rules = String::new();
+    if on(Ground::Paper).next().is_some() {
+        rules += &on_paper(on(Ground::Paper));
     }
-    let mut rules = BTreeMap::from([
+    let widths: BTreeSet<String> = on(Ground::Colored).map(|chart| axis_width(chart)).collect();
+    if !widths.is_empty() {
+        rules += "figure.on-colors svg > polygon:first-of-type { fill: var(--paper); }\n\
+                  figure.on-colors svg text { fill: currentColor; }\n";
+    }
+    for width in widths {
+        rules += &format!(
+            "figure.on-colors svg [stroke=\"{}\"][stroke-width=\"{width}\"] {{ stroke: currentColor; }}\n",
+            capitals(INK)
+        );
+    }
+    rules
+}
+
+/// The width of axes in the SVG of a chart, which tells them from marks of the same colour.
+fn axis_width(chart: &Chart) -> String {
+    let scale = chart.paper.font_pt.map_or(1.0, |size| size / TEXT);
+    format!("{:.0}", (AXIS_WIDTH * scale * SVG_SCALE).round())
+}
+
+fn on_paper<'a>(charts: impl Iterator<Item = &'a &'a Chart>) -> String {
+    let mut instead = BTreeMap::from([
         (WHITE, "var(--paper)".to_owned()),
         (INK, "currentColor".to_owned()),
         (FAINT, "var(--line)".to_owned()),
     ]);
-    let series = flat()
+    let series = charts
         .flat_map(|chart| &chart.panels)
         .flat_map(|panel| &panel.series);
     for style in series.map(|series| series.style) {
-        rules.insert(style.color(), hex(style.on_dark()));
-        rules.insert(style.light(), hex(style.dim()));
+        instead.insert(style.color(), hex(style.on_dark()));
+        instead.insert(style.light(), hex(style.dim()));
     }
-    rules.iter().fold(String::new(), |mut text, (color, instead)| {
-        // Writing into a text cannot fail.
-        let _ = rule(&mut text, *color, instead);
-        text
-    })
-}
-
-fn rule(text: &mut String, color: Rgb, instead: &str) -> std::fmt::Result {
-    // The painter of SVG files writes colours in capitals.
-    let color = hex(color).to_uppercase();
-    for what in ["fill", "stroke"] {
-        writeln!(
-            text,
-            "figure.flat svg [{what}=\"{color}\"] {{ {what}: {instead}; }}"
-        )?;
-    }
-    Ok(())
-}
-
-/// True where colours are data or the ground of other marks, which is then white on every page.
-#[must_use]
-pub fn has_coloured_ground(chart: &Chart) -> bool {
-    let is_colored = |series: &Series| {
-        matches!(
-            series.shape,
-            Shape::Surface(_) | Shape::Path(_) | Shape::Images(_) | Shape::Graph(_)
-        )
+    let rule = |(color, instead): (&Rgb, &String)| {
+        let color = capitals(*color);
+        let of = |what| format!("figure.on-paper svg [{what}=\"{color}\"] {{ {what}: {instead}; }}\n");
+        of("fill") + &of("stroke")
     };
-    chart
-        .panels
-        .iter()
-        .any(|panel| panel.series.iter().any(is_colored))
+    instead.iter().map(rule).collect()
+}
+
+/// A colour as the painter of SVG files writes it.
+fn capitals(color: Rgb) -> String {
+    hex(color).to_uppercase()
 }
 
 /// A colour as style sheets write it.
@@ -122,7 +163,7 @@ fn luminance((r, g, b): Rgb) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figure::Panel;
+    use crate::figure::{Panel, Series};
 
     fn styles() -> impl Iterator<Item = Style> {
         let agents = (0..8).map(Style::of_agent);
@@ -152,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn every_colour_of_a_flat_drawing_has_a_rule_and_coloured_grounds_have_none() {
+    fn every_colour_on_paper_has_a_rule_and_colours_that_are_data_have_none() {
         let series = |shape| Series {
             label: "a".into(),
             seeds: None,
@@ -178,7 +219,13 @@ mod tests {
         for color in colors {
             assert!(rules.contains(&format!("=\"{color}\"]")), "{color}: {rules}");
         }
-        let surface = chart(Shape::Surface(crate::figure::Surface::default()));
-        assert!(has_coloured_ground(&surface) && on_dark(&[&surface]).is_empty());
+        let mut surface = chart(Shape::Surface(crate::figure::Surface::default()));
+        let rules = on_dark(&[&surface]);
+        assert!(rules.contains("svg text {") && rules.contains("[stroke=\"#222222\"][stroke-width=\"6\"]"));
+        assert!(!rules.contains("on-paper"), "{rules}");
+        surface.paper.font_pt = Some(15.0);
+        assert!(on_dark(&[&surface]).contains("[stroke-width=\"12\"]"));
+        let boxes = chart(Shape::Graph(crate::drawing::Graph::default()));
+        assert!(on_dark(&[&boxes]).is_empty());
     }
 }

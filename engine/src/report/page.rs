@@ -9,7 +9,7 @@ use super::{
     stages,
 };
 use crate::{
-    figure::{Chart, FigureSpec, has_coloured_ground, is_wide, on_dark},
+    figure::{Chart, FigureSpec, Ground, is_wide, on_dark},
     table::{Grid, escape_html as escape, html, prose, verdict_word},
 };
 
@@ -181,11 +181,11 @@ fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &F
             };
             let caption = prose::html(&format!("{}{stop} {}", spec.caption, chart.notes.join(" ")));
             let width = if is_wide(chart) { "double" } else { "single" };
-            let ground = if has_coloured_ground(chart) { "" } else { " flat" };
+            let ground = Ground::of(chart).class();
             let drawing = inline(svg, &chart.in_words());
             let lines = Lines::of(chart).map_or(String::new(), |lines| lines.element());
             format!(
-                "<figure class=\"{width}{ground}\">\n{drawing}{lines}<figcaption>{}</figcaption>\n</figure>\n{}",
+                "<figure class=\"{width} {ground}\">\n{drawing}{lines}<figcaption>{}</figcaption>\n</figure>\n{}",
                 caption.trim(),
                 links("figures", name, &["svg", "pdf", "png", "csv"])
             )
