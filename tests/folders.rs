@@ -109,10 +109,16 @@ fn two_study_files_of_one_name_are_refused_in_one_command() {
         "one file by two names is one study"
     );
     bench.write("third.yaml", &STUDY.replace("study: small", "study: third"));
-    let answer = bench.run(&["run", "small.yaml", "third.yaml", "-o", "out"]);
-    assert_eq!(answer.code, 2);
+    bench.ok(&["run", "small.yaml", "third.yaml", "-o", "out"]);
+    let there = |name: &str| bench.path("out").join(name).exists();
     assert!(
-        answer.err.contains("give each a folder of its own with `-o`"),
+        ["small/report.md", "third/report.md", "index.html"]
+            .into_iter()
+            .all(there)
+    );
+    let answer = bench.run(&["run", "third.yaml", "-o", "out/small"]);
+    assert!(
+        answer.code == 2 && answer.err.contains("give each a folder of its own with `-o`"),
         "{}",
         answer.err
     );

@@ -30,6 +30,7 @@ mod merging;
 mod namespaces;
 mod offline;
 mod other_programs;
+mod pages;
 mod pins;
 mod program;
 mod provenance;

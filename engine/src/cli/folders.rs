@@ -17,16 +17,33 @@ const LONGEST: usize = 80;
 
 /// Where the results of a study lie: `results/<study>`, `results/<study>-<profile>`, and with other options
 /// of the command line `results/<study>+<options>`, so that what was asked differently is never mistaken for
-/// the study as it is written.
+/// the study as it is written. A folder that the command line names holds one study, or a folder for each of
+/// several.
 pub(super) fn folder(one: &Planned, selection: &Selection, reporting: &ReportOptions) -> PathBuf {
-    if let Some(dir) = &reporting.out {
-        return dir.clone();
+    let all = around(reporting);
+    match &reporting.out {
+        Some(_) if is_one(selection) => all,
+        Some(_) => all.join(&one.study.name),
+        None => all.join(format!("{}{}", one.study.name, asked(selection))),
     }
+}
+
+/// The folder that the folders of several studies lie in, and their index.
+pub(super) fn around(reporting: &ReportOptions) -> PathBuf {
+    reporting.out.clone().unwrap_or_else(|| "results".into())
+}
+
+fn is_one(selection: &Selection) -> bool {
+    selection.specs.len() == 1
+}
+
+/// What tells the names of what was asked for in this way from that of the studies as they are written: nothing,
+/// `-<profile>`, `+<options>`.
+pub(super) fn asked(selection: &Selection) -> String {
     let profile = selection.profile.iter().map(|profile| format!("-{profile}"));
-    let name = std::iter::once(one.study.name.clone())
-        .chain(profile)
-        .chain(changes(selection).map(|changes| format!("+{changes}")));
-    Path::new("results").join(name.collect::<String>())
+    profile
+        .chain(changes(selection).map(|changes| format!("+{changes}")))
+        .collect()
 }
 
 /// What the command line changes besides the profile, as a part of a folder's name.
@@ -80,7 +97,7 @@ pub(super) fn check(
             .map(Path::to_owned)
             .or_else(|| owner(&folder).filter(|owner| !is_same(owner, &one.path)));
         if let Some(earlier) = earlier.filter(|earlier| earlier.exists()) {
-            return Err(refusal(&folder, &earlier, &one.path, reporting));
+            return Err(refusal(&folder, &earlier, &one.path, selection, reporting));
         }
         probe(&folder)?;
     }
@@ -102,11 +119,17 @@ fn probe(folder: &Path) -> Result<(), Failure> {
     })
 }
 
-fn refusal(folder: &Path, earlier: &Path, spec: &Path, reporting: &ReportOptions) -> Failure {
+fn refusal(
+    folder: &Path,
+    earlier: &Path,
+    spec: &Path,
+    selection: &Selection,
+    reporting: &ReportOptions,
+) -> Failure {
     let (folder, earlier, spec) = (folder.display(), earlier.display(), spec.display());
     let instead = match reporting.out {
-        Some(_) => "give each a folder of its own with `-o`",
-        None => "rename one of the studies (`study:`), or give another folder with `-o`",
+        Some(_) if is_one(selection) => "give each a folder of its own with `-o`",
+        _ => "rename one of the studies (`study:`), or give another folder with `-o`",
     };
     let text =
         format!("error: the results of `{spec}` would replace those of `{earlier}` in `{folder}`: {instead}");

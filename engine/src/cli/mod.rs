@@ -196,8 +196,9 @@ fn end_state(word: &str) -> Result<crate::results::EndState, String> {
 
 #[derive(Debug, Clone, Args)]
 struct ReportOptions {
-    /// Folder for tables, figures and the report; `results/<study>`, with `-<profile>` and with `+<options>`
-    /// behind it where the study is not run as it is written.
+    /// Folder for tables, figures and the report, or for those of several studies, each in a folder of its name;
+    /// `results/<study>`, with `-<profile>` and with `+<options>` behind it where the study is not run as it is
+    /// written. Several studies have one page over all of them, too: `index.html` around their folders.
     #[arg(long, short = 'o', value_name = "DIR")]
     out: Option<PathBuf>,
     /// Leave with 101 where a published value or a claim differs.
@@ -244,6 +245,9 @@ enum Verb {
         /// Document to put the table into, between `<!-- results: begin -->` and `<!-- results: end -->`.
         #[arg(long, value_name = "FILE")]
         into: Option<PathBuf>,
+        /// Write one page over all studies, too: `index.html` in that folder.
+        #[arg(long)]
+        page: bool,
     },
     /// Run missing trials from the store until none is left, without a report.
     Worker {
@@ -356,7 +360,7 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
             study::status(registry, &selection, common)
         }),
         Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
-        Verb::Overview { folder, into } => overview::overview(&folder, into.as_deref()),
+        Verb::Overview { folder, into, page } => overview::overview(&folder, into.as_deref(), page),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
         Verb::Merge(options) => merge::merge(&options, common),
         Verb::Export(options) => export::export(registry, &options, common),

@@ -1,7 +1,12 @@
-//! `overview`: the rows that the reports of studies wrote as one table, printed or put into a document.
+//! `overview`: what the reports of studies wrote, gathered: their rows as one table, printed or put into a
+//! document, and one page over all of them, which `run` and `report` of several studies write, too.
 
-use super::{BAD_SPEC, Failure, OK, say};
-use crate::{Error, store::write_durably};
+use super::{BAD_SPEC, Common, Failure, Format, OK, ReportOptions, Selection, folders, say, study::Planned};
+use crate::{
+    Error,
+    report::{self, IndexEntry, Manifest, Verdicts},
+    store::write_durably,
+};
 use std::{
     fs, io,
     path::{Path, PathBuf},
@@ -15,9 +20,12 @@ const END: &str = "<!-- results: end -->";
 const HEAD: &str = "| study | what | result |\n|---|---|---|\n";
 
 /// Prints the table of the studies whose results lie in `folder`, or puts it into a document in the place of
-/// the one that stands there.
-pub(super) fn overview(folder: &Path, into: Option<&Path>) -> Result<u8, Failure> {
+/// the one that stands there; writes the page of all studies where it is asked for.
+pub(super) fn overview(folder: &Path, into: Option<&Path>, page: bool) -> Result<u8, Failure> {
     let table = table(folder)?;
+    if page {
+        write_index(folder, "", &[])?;
+    }
     match into {
         None => say(&table),
         Some(path) => {
@@ -44,23 +52,98 @@ fn table(folder: &Path) -> Result<String, Error> {
 
 /// The rows in the order of their folders' names.
 fn rows(folder: &Path) -> Result<Vec<String>, Error> {
-    let folders = fs::read_dir(folder).and_then(|entries| {
+    let mut rows = Vec::new();
+    for folder in within(folder)? {
+        // A study without a sentence has no row.
+        rows.extend(read(&folder, "summary.md")?.map(|row| row.trim_end().to_owned()));
+    }
+    Ok(rows)
+}
+
+/// Everything in a folder, by name.
+fn within(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+    let entries = fs::read_dir(folder).and_then(|entries| {
         entries
             .map(|entry| entry.map(|it| it.path()))
             .collect::<io::Result<Vec<PathBuf>>>()
     });
-    let mut folders = folders.map_err(Error::file("read", folder))?;
-    folders.sort_unstable();
-    let mut rows = Vec::new();
-    for path in folders.iter().map(|folder| folder.join("summary.md")) {
-        match fs::read_to_string(&path) {
-            Ok(row) => rows.push(row.trim_end().to_owned()),
-            // A study without a sentence has no row, and other files have none either.
-            Err(error) if is_absence(&error) => {}
-            Err(error) => return Err(Error::file("read", &path)(error)),
+    let mut entries = entries.map_err(Error::file("read", folder))?;
+    entries.sort_unstable();
+    Ok(entries)
+}
+
+/// A file of a folder of results; `None` where the report wrote none, and of what is no folder.
+fn read(folder: &Path, name: &str) -> Result<Option<String>, Error> {
+    let path = folder.join(name);
+    match fs::read_to_string(&path) {
+        Ok(text) => Ok(Some(text)),
+        Err(error) if is_absence(&error) => Ok(None),
+        Err(error) => Err(Error::file("read", &path)(error)),
+    }
+}
+
+/// Writes the page over all studies whose reports lie beside those of several that were asked for; nothing for
+/// one study.
+pub(super) fn index(
+    planned: &[Planned],
+    selection: &Selection,
+    reporting: &ReportOptions,
+    common: &Common,
+) -> Result<(), Failure> {
+    if planned.len() < 2 {
+        return Ok(());
+    }
+    // In a folder of its own nothing lies beside what was asked for.
+    let name = reporting
+        .out
+        .as_ref()
+        .map_or_else(|| folders::asked(selection), |_| String::new());
+    let path = write_index(&folders::around(reporting), &name, &folders::options(selection))?;
+    if common.format == Format::Text {
+        say(&format!("All studies: {}", path.display()));
+    }
+    Ok(())
+}
+
+/// Writes `index<name>.html` over the reports in a folder that were asked for with these options.
+fn write_index(folder: &Path, name: &str, options: &[String]) -> Result<PathBuf, Error> {
+    let (mut entries, mut unread) = (Vec::new(), Vec::new());
+    for place in within(folder)?.into_iter().filter(|place| place.is_dir()) {
+        let Some(manifest) = Manifest::read(&place) else {
+            continue;
+        };
+        if manifest.options == options {
+            let name = place
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            match entry(&place, &name, &manifest)? {
+                Some(entry) => entries.push(entry),
+                None => unread.push(name),
+            }
         }
     }
-    Ok(rows)
+    let path = folder.join(format!("index{name}.html"));
+    write_durably(&path, report::index(&entries, options, &unread).as_bytes())?;
+    Ok(path)
+}
+
+/// A study of the index; `None` where its report wrote no verdicts.
+fn entry(place: &Path, name: &str, manifest: &Manifest) -> Result<Option<IndexEntry>, Error> {
+    let Some(text) = read(place, "verdicts.json")? else {
+        return Ok(None);
+    };
+    let is_drawing = |file: &&String| file.starts_with("figures/") && file.ends_with(".svg");
+    let path = place.join("verdicts.json");
+    let verdicts: Verdicts = serde_json::from_str(&text)
+        .map_err(io::Error::from)
+        .map_err(Error::file("read", &path))?;
+    Ok(Some(IndexEntry {
+        folder: name.into(),
+        verdicts,
+        drawings: manifest.files.keys().filter(is_drawing).cloned().collect(),
+    }))
 }
 
 fn is_absence(error: &io::Error) -> bool {

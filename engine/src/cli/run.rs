@@ -4,7 +4,7 @@ use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions,
     Selection, TRIALS_FAILED, complain,
     compute::Compute,
-    folders, looks, profiles, provenance, say, searches, settings, stages,
+    folders, looks, overview, profiles, provenance, say, searches, settings, stages,
     study::{self, Planned},
     submit::{self, Asked},
 };
@@ -67,6 +67,7 @@ pub(super) fn run(
     for one in &planned {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
+    overview::index(&planned, selection, reporting, common)?;
     Ok(if computed == OK { code } else { computed })
 }
 
@@ -209,6 +210,7 @@ pub(super) fn report(
     for one in &planned {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
+    overview::index(&planned, selection, reporting, common)?;
     Ok(code)
 }
 

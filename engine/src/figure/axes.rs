@@ -11,6 +11,8 @@ use plotters::style::text_anchor::HPos;
 
 /// Size of all text, in points: readable at the width of a paper's column.
 pub(super) const TEXT: f64 = 7.5;
+/// Width of the lines of axes and of their ticks.
+pub(super) const AXIS_WIDTH: f64 = 0.6;
 const TICK: f64 = 2.5;
 const LINE: f64 = 8.8;
 
@@ -148,7 +150,7 @@ pub(super) fn border(frame: &Frame, marks: &mut Vec<Mark>) {
     ];
     marks.push(Mark::Line {
         points,
-        width: 0.6,
+        width: AXIS_WIDTH,
         color: INK,
     });
 }
@@ -160,7 +162,7 @@ pub(super) fn vertical(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) {
         let length = if tick.text.is_empty() { TICK * 0.6 } else { TICK };
         marks.push(Mark::Line {
             points: vec![(frame.left - length, y), (frame.left, y)],
-            width: 0.6,
+            width: AXIS_WIDTH,
             color: INK,
         });
         marks.push(text((frame.left - TICK - 2.0, y), &tick.text, HPos::Right));
@@ -177,7 +179,7 @@ pub(super) fn horizontal(frame: &Frame, scale: &Scale, marks: &mut Vec<Mark>) ->
         let length = if tick.text.is_empty() { TICK * 0.6 } else { TICK };
         marks.push(Mark::Line {
             points: vec![(x, frame.bottom), (x, frame.bottom + length)],
-            width: 0.6,
+            width: AXIS_WIDTH,
             color: INK,
         });
         let lines = if scale.categories.is_empty() {

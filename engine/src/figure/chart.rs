@@ -109,6 +109,8 @@ pub struct Curve {
     pub points: Vec<Point>,
     /// Runs that are drawn as thin lines; empty where only the line is.
     pub runs: Vec<RunLine>,
+    /// Runs that are not drawn: a page shows them to those who ask.
+    pub undrawn: Vec<RunLine>,
 }
 
 /// Whose learning curve it is.
@@ -127,6 +129,8 @@ pub enum CurveOf {
 pub struct RunLine {
     /// The seed, or the name that a publication gives the run.
     pub name: String,
+    /// Id of its trial; empty for a publication.
+    pub trial: String,
     /// Its line.
     pub points: Vec<Point>,
 }

@@ -200,6 +200,8 @@ struct Measured {
     style: Style,
     learns: bool,
     runs: Vec<Run>,
+    /// Ids of their trials.
+    trials: Vec<String>,
     /// Seeds that there are and seeds that are planned.
     seeds: (usize, usize),
     /// The final mean, where an agent that does not learn was measured at the end only.
@@ -208,13 +210,15 @@ struct Measured {
 
 impl Measured {
     fn of(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> Option<Self> {
-        let (learns, runs) = (scope.learns(), runs(scope, &kind.metric));
+        let learns = scope.learns();
+        let (trials, runs): (Vec<String>, Vec<Run>) = runs(scope, &kind.metric).into_iter().unzip();
         let measured = Self {
             label,
             style,
             learns,
             seeds: (runs.len(), scope.planned()),
             runs,
+            trials,
             level: None,
         };
         if learns || measured.runs.iter().any(|run| run.points.len() > 1) {
@@ -234,11 +238,24 @@ impl Measured {
             return level(self.label, self.style, self.seeds, value);
         }
         let values: Vec<Values> = self.runs.iter().map(|run| smoothed(kind, &run.points)).collect();
+        let line = |((run, trial), values): ((Run, String), &Values)| RunLine {
+            name: run.name,
+            trial,
+            points: points(values),
+        };
         // The line of a single seed is that seed.
         let thin = shown.runs && values.len() > 1;
-        let line = |(run, values): (Run, &Values)| RunLine {
-            name: run.name,
-            points: points(values),
+        let lines = self
+            .runs
+            .into_iter()
+            .zip(self.trials)
+            .zip(&values)
+            .map(line)
+            .collect();
+        let (drawn, undrawn) = if thin {
+            (lines, Vec::new())
+        } else {
+            (Vec::new(), lines)
         };
         let curve = Curve {
             of: if self.learns {
@@ -247,11 +264,8 @@ impl Measured {
                 CurveOf::NonLearner
             },
             points: over(&values, kind.line, shown.band),
-            runs: if thin {
-                self.runs.into_iter().zip(&values).map(line).collect()
-            } else {
-                Vec::new()
-            },
+            runs: drawn,
+            undrawn,
         };
         Series {
             label: self.label,
@@ -262,14 +276,12 @@ impl Measured {
     }
 }
 
-/// What each seed measured, at each measurement but the final one.
-fn runs(scope: &Scope<'_>, metric: &str) -> Vec<Run> {
+/// What each seed measured, at each measurement but the final one, with the id of its trial.
+fn runs(scope: &Scope<'_>, metric: &str) -> Vec<(String, Run)> {
     let run = |trial: &&TrialResult| {
         let points = trial.curve(Phase::Evaluate, metric);
-        (!points.is_empty()).then(|| Run {
-            name: format!("seed {}", trial.trial.key.seed),
-            points,
-        })
+        let name = format!("seed {}", trial.trial.key.seed);
+        (!points.is_empty()).then(|| (trial.trial.id.clone(), Run { name, points }))
     };
     scope
         .trials

@@ -19,7 +19,7 @@ const FAMILY: &str = "DejaVu Sans, sans-serif";
 pub(super) static FONT: &[u8] = include_bytes!("../../assets/DejaVuSans.ttf");
 
 /// SVG units per point: coordinates are whole numbers.
-const SVG_SCALE: f64 = 10.0;
+pub(super) const SVG_SCALE: f64 = 10.0;
 /// PNG pixels per point, 288 per inch.
 pub(super) const PNG_SCALE: f64 = 4.0;
 /// Each pixel of a PNG is the mean of a square of this side.

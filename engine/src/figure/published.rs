@@ -65,18 +65,27 @@ fn one(kind: &LearningCurve, curve: &PublishedCurve, style: Style, runs: &[Run],
     let thin = runs.len() > 1 && kind.seeds != SeedLines::Said(false);
     let line = |(run, values): (&Run, &Values)| RunLine {
         name: run.name.clone(),
+        trial: String::new(),
         points: points(values),
     };
-    let lines = if thin {
-        runs.iter().zip(&values).map(line).collect()
+    // The line of a single run is that run.
+    let lines = runs
+        .iter()
+        .zip(&values)
+        .filter(|_| runs.len() > 1)
+        .map(line)
+        .collect();
+    let (drawn, undrawn) = if thin {
+        (lines, Vec::new())
     } else {
-        Vec::new()
+        (Vec::new(), lines)
     };
     let seeds = curve.by.is_some().then_some((runs.len(), runs.len()));
     let shape = Shape::Curve(Curve {
         of: CurveOf::Publication,
         points: mean_of_all(&values),
-        runs: lines,
+        runs: drawn,
+        undrawn,
     });
     Some(Series {
         label: curve.label.clone(),

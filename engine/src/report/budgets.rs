@@ -107,6 +107,16 @@ impl Cost {
         (self.trials > 0).then(|| self.seconds / trials)
     }
 
+    /// Seconds, of trials that ended.
+    pub(super) fn seconds(self) -> f64 {
+        self.seconds
+    }
+
+    /// Trials that ended, each once.
+    pub(super) fn trials(self) -> usize {
+        self.trials
+    }
+
     /// Time and number of trials, in words.
     pub(super) fn sentence(self) -> String {
         format!("{} in {}", duration(self.seconds), count(self.trials, "trial"))

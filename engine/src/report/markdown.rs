@@ -113,7 +113,7 @@ fn figures(parts: &Parts<'_>) -> Vec<String> {
             Ok(chart) => {
                 format!(
                     "![{}](figures/{})\n\n{}",
-                    escape(name),
+                    escape(&chart.in_words()),
                     files::name(name, "svg"),
                     prose::markdown(&chart.notes.join(" "))
                 )

@@ -2,12 +2,14 @@
 
 use super::{
     Parts, budgets, by_seed, files, head,
+    interactive::{self, Lines},
     markdown::{NO_SETTINGS, SETTINGS, all, end_states, failure, provenance, title},
+    on_paper::{self, OnPaper},
     sheet::Sheet,
     stages,
 };
 use crate::{
-    figure::{Chart, FigureSpec, is_wide},
+    figure::{Chart, FigureSpec, Ground, is_wide, on_dark},
     table::{Grid, escape_html as escape, html, prose, verdict_word},
 };
 
@@ -39,10 +41,35 @@ pub(super) fn page(parts: &Parts<'_>) -> String {
         )
     };
     let sections: String = present.iter().map(section).collect();
-    document(
-        &title,
-        &format!("{}<nav>\n{links}</nav>\n{sections}", header(parts, &title)),
-    )
+    let body = format!("{}<nav>\n{links}</nav>\n{sections}", header(parts, &title));
+    let charts: Vec<&Chart> = charts(parts).collect();
+    let plotted = charts.iter().any(|chart| Lines::of(chart).is_some());
+    let extra = Extra {
+        style: dark_figures(&charts) + if plotted { interactive::STYLE } else { "" },
+        script: if plotted {
+            interactive::script()
+        } else {
+            String::new()
+        },
+    };
+    document_with(&title, &body, &extra)
+}
+
+/// The charts that are drawn.
+fn charts<'a>(parts: &Parts<'a>) -> impl Iterator<Item = &'a Chart> {
+    parts
+        .contents
+        .figures
+        .iter()
+        .filter_map(|(_, chart)| chart.as_ref().ok())
+}
+
+/// The rules for figures on a dark page.
+fn dark_figures(charts: &[&Chart]) -> String {
+    match on_dark(charts) {
+        rules if rules.is_empty() => rules,
+        rules => format!("@media screen and (prefers-color-scheme: dark) {{\n{rules}}}\n"),
+    }
 }
 
 /// The id of a section, which no table or figure has.
@@ -50,12 +77,30 @@ fn anchor(heading: &str) -> String {
     format!("section-{}", heading.to_lowercase().replace(' ', "-"))
 }
 
+/// What a page has beside its body and the style sheet of all pages.
+#[derive(Default)]
+pub(super) struct Extra {
+    /// Rules of a style sheet.
+    pub(super) style: String,
+    /// A script at the end.
+    pub(super) script: String,
+}
+
 /// A page of its own around a body; `title` is escaped already.
 pub(super) fn document(title: &str, body: &str) -> String {
+    document_with(title, body, &Extra::default())
+}
+
+/// The same with rules and scripts of its own. The browser is told to load nothing but images that lie beside the
+/// page.
+pub(super) fn document_with(title: &str, body: &str, extra: &Extra) -> String {
+    const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src 'self' file: data:";
+    let Extra { style, script } = extra;
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{title}</title>\n\
-         <style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n{body}</main>\n</body>\n</html>\n"
+         <style>\n{STYLE}{style}</style>\n</head>\n<body>\n<main>\n{body}</main>\n{script}</body>\n</html>\n"
     )
 }
 
@@ -92,19 +137,25 @@ fn header(parts: &Parts<'_>, title: &str) -> String {
 
 fn tables(parts: &Parts<'_>) -> String {
     let table = |(name, grid): &(String, Result<Grid, String>)| {
-        let body = match grid {
-            Ok(grid) => format!(
-                "<div class=\"wide\">\n{}</div>\n{}",
-                html(grid),
-                links("tables", name, &["csv", "tex", "md"])
-            ),
-            Err(reason) => format!(
-                "<p class=\"problem\">Could not be made: {}</p>\n",
-                prose::html(reason)
+        let (class, body) = match grid {
+            Ok(grid) => {
+                let paper = OnPaper::of(&on_paper::columns(grid));
+                let links = links("tables", name, &["csv", "tex", "md"]);
+                (
+                    paper.class(),
+                    format!("{}\n{}</div>\n{links}", paper.open(), html(grid)),
+                )
+            }
+            Err(reason) => (
+                "",
+                format!(
+                    "<p class=\"problem\">Could not be made: {}</p>\n",
+                    prose::html(reason)
+                ),
             ),
         };
         format!(
-            "<article id=\"{}\">\n<h3>{}</h3>\n{body}</article>\n",
+            "<article id=\"{}\"{class}>\n<h3>{}</h3>\n{body}</article>\n",
             files::slug(name),
             escape(name)
         )
@@ -130,16 +181,11 @@ fn figure(parts: &Parts<'_>, name: &str, chart: &Result<Chart, String>, spec: &F
             };
             let caption = prose::html(&format!("{}{stop} {}", spec.caption, chart.notes.join(" ")));
             let width = if is_wide(chart) { "double" } else { "single" };
-            let drawing = inline(
-                svg,
-                if spec.caption.is_empty() {
-                    name
-                } else {
-                    &spec.caption
-                },
-            );
+            let ground = Ground::of(chart).class();
+            let drawing = inline(svg, &chart.in_words());
+            let lines = Lines::of(chart).map_or(String::new(), |lines| lines.element());
             format!(
-                "<figure class=\"{width}\">\n{drawing}<figcaption>{}</figcaption>\n</figure>\n{}",
+                "<figure class=\"{width} {ground}\">\n{drawing}{lines}<figcaption>{}</figcaption>\n</figure>\n{}",
                 caption.trim(),
                 links("figures", name, &["svg", "pdf", "png", "csv"])
             )

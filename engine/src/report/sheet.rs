@@ -1,6 +1,7 @@
 //! A table about the study itself, of words and numbers that are written already; one renderer each for
 //! Markdown and the page.
 
+use super::on_paper::{Column, OnPaper};
 use crate::table::{escape_html, escape_markdown, markdown_row, prose, verdict_word};
 
 /// What stands where there is nothing to write.
@@ -107,15 +108,29 @@ impl Sheet {
         } else {
             format!("<div class=\"notes\">\n{notes}</div>\n")
         };
-        let table = if self.is_text() {
-            format!("<table class=\"text\">\n{}</table>\n", self.lines())
-        } else {
-            format!(
-                "<div class=\"wide\">\n<table>\n{}</table>\n</div>\n",
-                self.lines()
-            )
+        if self.is_text() {
+            let table = format!("<table class=\"text\">\n{}</table>\n", self.lines());
+            return format!("<article>\n{title}{table}{notes}</article>\n");
+        }
+        let paper = OnPaper::of(&self.columns());
+        format!(
+            "<article{}>\n{title}{}\n<table>\n{}</table>\n</div>\n{notes}</article>\n",
+            paper.class(),
+            paper.open(),
+            self.lines()
+        )
+    }
+
+    fn columns(&self) -> Vec<Column> {
+        let column = |(index, head): (usize, &String)| {
+            let texts = self
+                .rows
+                .iter()
+                .filter_map(|row| row.get(index))
+                .map(|entry| entry.text.as_str());
+            Column::of(head, texts, index < self.words)
         };
-        format!("<article>\n{title}{table}{notes}</article>\n")
+        self.head.iter().enumerate().map(column).collect()
     }
 
     fn is_text(&self) -> bool {

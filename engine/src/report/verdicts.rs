@@ -1,7 +1,7 @@
 //! `verdicts.json` of a folder of results: everything that a report passes a verdict on, for programs that
 //! watch over many of them.
 
-use super::{ClaimLine, Contents, StudyInfo, basis};
+use super::{ClaimLine, Contents, StudyInfo, UNREAD, basis, budgets, sentence};
 use crate::{
     results::Results,
     statistics::{ClaimOutcome, Verdict},
@@ -13,10 +13,22 @@ use serde::{Deserialize, Serialize};
 const NOT_MADE: &str = "NOT MADE";
 
 /// The verdicts of a report and how many there are of which kind.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Verdicts {
     /// Name of the study.
     pub study: String,
+    /// Its title.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub title: String,
+    /// What it came to, in its own sentence.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub summary: Option<String>,
+    /// Trials that ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trials: Option<usize>,
+    /// Wall-clock time of these trials in seconds, rounded to tenths.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trial_time_s: Option<f64>,
     /// How many seeds were allowed and used, and what was exploratory.
     pub basis: String,
     /// Published values and claims that the seeds were to decide.
@@ -70,12 +82,33 @@ impl Passed {
         [Verdict::Differs.word(), ClaimOutcome::Refuted.word()].contains(&self.verdict.as_str())
     }
 
+    /// The word where all of the study are taken together (Holm).
+    #[must_use]
+    pub fn in_all(&self) -> &str {
+        self.together.as_ref().unwrap_or(&self.verdict)
+    }
+
     /// True where the seeds decide it, either way.
     #[must_use]
     pub fn is_decided(&self) -> bool {
         let holds = [Verdict::Reproduced.word(), ClaimOutcome::Supported.word()];
         self.differs() || holds.contains(&self.verdict.as_str())
     }
+}
+
+/// All words that a verdict may have, each once.
+pub(super) fn words() -> Vec<&'static str> {
+    let mut words: Vec<&'static str> = Vec::new();
+    let all = Verdict::ALL.map(Verdict::word).into_iter();
+    for word in all
+        .chain(ClaimOutcome::ALL.map(ClaimOutcome::word))
+        .chain([UNREAD, NOT_MADE])
+    {
+        if !words.contains(&word) {
+            words.push(word);
+        }
+    }
+    words
 }
 
 impl Verdicts {
@@ -89,8 +122,13 @@ impl Verdicts {
         });
         let verdicts: Vec<Passed> = values.chain(contents.claims.iter().map(of_claim)).collect();
         let count = |counts: &dyn Fn(&Passed) -> bool| verdicts.iter().filter(|it| counts(it)).count();
+        let cost = budgets::cost(results);
         Self {
             study: study.name.clone(),
+            title: study.title.clone(),
+            summary: sentence(study, contents),
+            trials: Some(cost.trials()),
+            trial_time_s: Some((10.0 * cost.seconds()).round() / 10.0),
             basis: basis(study, results, contents),
             judged: count(&Passed::is_judged),
             decided: count(&|it| it.is_judged() && it.is_decided()),
@@ -159,7 +197,6 @@ fn of_claim(line: &ClaimLine) -> Passed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::UNREAD;
 
     fn passed(verdict: &str, exploratory: bool) -> Passed {
         Passed {
@@ -171,20 +208,10 @@ mod tests {
 
     #[test]
     fn every_word_is_judged_or_not_and_decided_or_not() {
-        let words: Vec<&str> = Verdict::ALL
-            .map(Verdict::word)
-            .into_iter()
-            .chain(ClaimOutcome::ALL.map(ClaimOutcome::word))
-            .chain([UNREAD, NOT_MADE])
-            .collect();
+        let words = words();
         let those = |is: fn(&Passed) -> bool| {
-            let mut found: Vec<&str> = words
-                .iter()
-                .copied()
-                .filter(|word| is(&passed(word, false)))
-                .collect();
-            found.dedup();
-            found
+            let found = words.iter().copied().filter(|word| is(&passed(word, false)));
+            found.collect::<Vec<&str>>()
         };
         assert_eq!(those(Passed::differs), ["DIFFERS", "REFUTED"]);
         assert_eq!(

@@ -102,6 +102,7 @@ fn panel(kind: &PerformanceProfile, suite: &Suite<'_>) -> Panel {
             of: CurveOf::Learner,
             points: points.collect(),
             runs: Vec::new(),
+            undrawn: Vec::new(),
         };
         Series {
             label: player.label.clone(),

@@ -127,6 +127,7 @@ fn line(suite: &Suite<'_>, player: &Player<'_>) -> Option<Series> {
             CurveOf::NonLearner
         },
         runs: Vec::new(),
+        undrawn: Vec::new(),
         points,
     };
     (!curve.points.is_empty()).then(|| Series {

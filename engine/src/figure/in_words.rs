@@ -1,0 +1,362 @@
+//! A chart in one or two sentences, for those who cannot see it: what kind it is, what its axes show, and where
+//! its series end.
+
+use super::{
+    chart::{Chart, Panel, Point, Scale, Series, Shape},
+    drawn,
+};
+use crate::table::NumberFormat;
+
+/// No more values than these are told; the tables and the file of the figure hold all.
+const MOST: usize = 12;
+
+impl Chart {
+    /// What is seen, in one or two sentences made of the data.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        if drawn::shapes(self).any(|(_, _, shape)| matches!(shape, Shape::Images(_) | Shape::Graph(_))) {
+            return drawn_in_words(self);
+        }
+        let values: Vec<String> = self.panels.iter().flat_map(panel_values).collect();
+        let more = values.len().saturating_sub(MOST);
+        let more = if more > 0 {
+            format!("; and {more} more")
+        } else {
+            String::new()
+        };
+        let told: Vec<String> = values.into_iter().take(MOST).collect();
+        let told = if told.is_empty() {
+            String::new()
+        } else {
+            format!(" {}: {}{more}.", lead(self), told.join("; "))
+        };
+        format!("{}{}: {}.{told}", noun(self), panels(self), axes(self))
+    }
+}
+
+fn shapes(chart: &Chart) -> impl Iterator<Item = &Shape> {
+    chart
+        .panels
+        .iter()
+        .flat_map(|panel| panel.series.iter().map(|series| &series.shape))
+}
+
+/// The kind of drawing, by the first series that is no mere level.
+fn noun(chart: &Chart) -> &'static str {
+    match shapes(chart).find(|shape| !matches!(shape, Shape::Level(_))) {
+        Some(Shape::Curve(_)) => "Curves",
+        Some(Shape::MarkedLine(_)) => "Lines through marked points",
+        Some(Shape::Points(_)) => "Points",
+        Some(Shape::Bars(..)) => "Bars",
+        Some(Shape::Across(_)) => "Intervals as bars",
+        Some(Shape::Surface(_)) => "Filled contours",
+        _ => "Lines",
+    }
+}
+
+/// What the values of the second sentence are.
+fn lead(chart: &Chart) -> &'static str {
+    match noun(chart) {
+        "Bars" | "Intervals as bars" => "Values",
+        "Points" | "Filled contours" => "Shown",
+        _ => "Last values",
+    }
+}
+
+fn panels(chart: &Chart) -> String {
+    let titles: Vec<&str> = chart
+        .panels
+        .iter()
+        .map(|panel| panel.title.as_str())
+        .filter(|title| !title.is_empty())
+        .collect();
+    match (chart.panels.len(), titles.is_empty()) {
+        (0 | 1, true) => String::new(),
+        (n, true) => format!(" in {n} panels"),
+        (0 | 1, false) => format!(" in {}", titles[0]),
+        (n, false) => format!(" in {n} panels ({})", titles.join(", ")),
+    }
+}
+
+/// What is shown against what, each label once; the horizontal axis with its ends.
+fn axes(chart: &Chart) -> String {
+    let labels = |axis: fn(&Panel) -> &Scale| {
+        let mut labels: Vec<String> = Vec::new();
+        for scale in chart
+            .panels
+            .iter()
+            .map(axis)
+            .filter(|scale| !scale.label.is_empty())
+        {
+            let log = if scale.log { ", logarithmic" } else { "" };
+            let label = format!("{}{log}", scale.label);
+            if !labels.contains(&label) {
+                labels.push(label);
+            }
+        }
+        labels.join(" and ")
+    };
+    let (x, y) = (labels(|panel| &panel.x), labels(|panel| &panel.y));
+    let Some(panel) = chart.panels.first() else {
+        return "nothing".into();
+    };
+    let ends = ends(panel.series.iter().flat_map(|series| series.shape.places()));
+    let ends = match ends {
+        Some((low, high)) if panel.x.categories.is_empty() => {
+            let format = NumberFormat::fitting([low, high].into_iter());
+            format!(", {} to {}", short(format, low), short(format, high))
+        }
+        _ => String::new(),
+    };
+    match (y.is_empty(), x.is_empty()) {
+        (false, false) => format!("{y} against {x}{ends}"),
+        (false, true) => y,
+        (true, _) => format!("{x}{ends}"),
+    }
+}
+
+fn ends(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values
+        .filter(|value| value.is_finite())
+        .fold(None, |ends: Option<(f64, f64)>, value| {
+            Some(ends.map_or((value, value), |(low, high)| (low.min(value), high.max(value))))
+        })
+}
+
+/// A number without decimals that are all zero.
+fn short(format: NumberFormat, value: f64) -> String {
+    if value.fract() == 0.0 && value.abs() < 1e15 {
+        format!("{value:.0}")
+    } else {
+        format.write(value)
+    }
+}
+
+fn heights(panel: &Panel) -> impl Iterator<Item = f64> {
+    panel.series.iter().flat_map(|series| {
+        let points = series.shape.points().iter().map(|point| point.y);
+        let level = if let Shape::Level(level) = series.shape {
+            Some(level)
+        } else {
+            None
+        };
+        points.chain(level)
+    })
+}
+
+/// The values of a panel, a text for each series that has a name or is alone.
+fn panel_values(panel: &Panel) -> Vec<String> {
+    let format = NumberFormat::fitting(heights(panel));
+    let place = if panel.title.is_empty() {
+        String::new()
+    } else {
+        format!("{}, ", panel.title)
+    };
+    let of_series = |series: &Series| {
+        let name = if series.label.is_empty() {
+            String::new()
+        } else {
+            format!("{} ", series.label)
+        };
+        series_values(series, panel, format).map(|values| format!("{place}{name}{values}"))
+    };
+    panel.series.iter().filter_map(of_series).collect()
+}
+
+fn series_values(series: &Series, panel: &Panel, format: NumberFormat) -> Option<String> {
+    match &series.shape {
+        Shape::Level(value) => Some(format.write(*value)),
+        Shape::Curve(curve) => last(&curve.points).map(|value| format.write(value)),
+        Shape::Line(points) | Shape::MarkedLine(points) => last(points).map(|value| format.write(value)),
+        Shape::Bars(points, _) => Some(at_names(points, &panel.x, format)),
+        Shape::Across(points) => Some(at_names(points, &panel.y, format)),
+        Shape::Points(points) | Shape::Path(points) | Shape::Crosses(points) => Some(match points.len() {
+            1 => "1 point".into(),
+            n => format!("{n} points"),
+        }),
+        Shape::Surface(surface) => {
+            let (low, high) = ends(surface.z.iter().flatten().copied())?;
+            let format = NumberFormat::fitting([low, high].into_iter());
+            Some(format!(
+                "{} from {} to {}",
+                surface.label,
+                format.write(low),
+                format.write(high)
+            ))
+        }
+        Shape::Images(_) | Shape::Graph(_) => None,
+    }
+}
+
+fn last(points: &[Point]) -> Option<f64> {
+    points
+        .iter()
+        .map(|point| point.y)
+        .rfind(|value| value.is_finite())
+}
+
+/// Values with the names of their places; bars of a group lie beside the place of its name.
+fn at_names(points: &[Point], names: &Scale, format: NumberFormat) -> String {
+    let one = |point: &Point| {
+        let name = names.name_at(point.x).unwrap_or_default();
+        format!("{name} {}", format.write(point.y)).trim().to_owned()
+    };
+    points
+        .iter()
+        .filter(|point| point.y.is_finite())
+        .map(one)
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+/// Images and graphs, panel by panel.
+fn drawn_in_words(chart: &Chart) -> String {
+    let one = |(index, panel, shape): (usize, &Panel, &Shape)| {
+        let name = panel.name(index);
+        match shape {
+            Shape::Images(tiles) => Some(format!("{name}: {} images", tiles.images.len())),
+            Shape::Graph(graph) => Some(format!(
+                "{name}: {} boxes and {} arrows, from {} to {}",
+                graph.nodes.len(),
+                graph.edges.len(),
+                graph.nodes.first().map_or("nothing", |node| node.label.as_str()),
+                graph.nodes.last().map_or("nothing", |node| node.label.as_str())
+            )),
+            _ => None,
+        }
+    };
+    let parts: Vec<String> = drawn::shapes(chart).filter_map(one).collect();
+    format!("Drawings without axes. {}.", parts.join("; "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        drawing::{Edge, Graph, Node},
+        figure::{Curve, CurveOf, Style, Tiles},
+    };
+
+    fn point(x: f64, y: f64) -> Point {
+        Point { x, y, interval: None }
+    }
+
+    fn series(label: &str, shape: Shape) -> Series {
+        Series {
+            label: label.into(),
+            seeds: Some((5, 5)),
+            style: Style::default(),
+            shape,
+        }
+    }
+
+    fn curve(last: f64) -> Shape {
+        Shape::Curve(Curve {
+            of: CurveOf::Learner,
+            points: vec![point(0.0, 1.0), point(60_000.0, last), point(60_000.0, f64::NAN)],
+            runs: Vec::new(),
+            undrawn: Vec::new(),
+        })
+    }
+
+    fn chart(panels: Vec<Panel>) -> Chart {
+        Chart {
+            panels,
+            columns: 1,
+            ..Chart::default()
+        }
+    }
+
+    fn panel(title: &str, x: &str, y: &str, series: Vec<Series>) -> Panel {
+        let scale = |label: &str| Scale {
+            label: label.into(),
+            ..Scale::default()
+        };
+        Panel {
+            title: title.into(),
+            x: scale(x),
+            y: scale(y),
+            series,
+        }
+    }
+
+    #[test]
+    fn learning_curves_are_told_with_axes_and_last_values() {
+        let lines = |last| vec![series("dsac", curve(last)), series("equal", Shape::Level(10.0))];
+        let mut one = panel("four", "environment steps", "cycle length (h)", lines(11.62));
+        one.y.log = true;
+        assert_eq!(
+            chart(vec![one.clone()]).in_words(),
+            "Curves in four: cycle length (h), logarithmic against environment steps, 0 to 60000. Last values: \
+             four, dsac 11.62; four, equal 10.00."
+        );
+        let two = Panel {
+            title: "eight".into(),
+            series: lines(20.0),
+            ..one.clone()
+        };
+        let words = chart(vec![one, two]).in_words();
+        assert!(
+            words.starts_with("Curves in 2 panels (four, eight): cycle length (h)"),
+            "{words}"
+        );
+        assert!(
+            words.ends_with("eight, dsac 20.00; eight, equal 10.00."),
+            "{words}"
+        );
+    }
+
+    #[test]
+    fn long_lists_are_cut() {
+        let many = (0..20)
+            .map(|n| series(&format!("a{n}"), curve(f64::from(n))))
+            .collect();
+        let words = chart(vec![panel("", "x", "y", many)]).in_words();
+        assert!(
+            words.contains("a11 11.00; and 8 more.") && !words.contains("a12"),
+            "{words}"
+        );
+    }
+
+    #[test]
+    fn bars_points_and_drawings_are_told_by_what_they_show() {
+        let mut bars = panel(
+            "",
+            "",
+            "cycle length (h)",
+            vec![series(
+                "dsac",
+                Shape::Bars(vec![point(0.1, 3.0), point(1.1, 4.0)], 0.2),
+            )],
+        );
+        bars.x.categories = vec!["four".into(), "eight".into()];
+        assert_eq!(
+            chart(vec![bars]).in_words(),
+            "Bars: cycle length (h). Values: dsac four 3.000, eight 4.000."
+        );
+        let points = series("dsac", Shape::Points(vec![point(0.5, 1.0), point(1.0, 2.0)]));
+        assert_eq!(
+            chart(vec![panel("", "a", "b", vec![points])]).in_words(),
+            "Points: b against a, 0.500 to 1. Shown: dsac 2 points."
+        );
+        let node = |label: &str| Node {
+            label: label.into(),
+            ..Node::default()
+        };
+        let graph = Graph {
+            nodes: vec![node("input"), node("sum")],
+            edges: vec![Edge::default()],
+        };
+        let shapes = [Shape::Graph(graph), Shape::Images(Tiles::default())];
+        let panels = shapes.map(|shape| drawn::panel("best".into(), shape));
+        assert_eq!(
+            chart(panels.into()).in_words(),
+            "Drawings without axes. best: 2 boxes and 1 arrows, from input to sum; best: 0 images."
+        );
+    }
+
+    #[test]
+    fn a_chart_of_nothing_is_told_too() {
+        assert_eq!(Chart::default().in_words(), "Lines: nothing.");
+    }
+}

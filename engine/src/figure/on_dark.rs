@@ -1,0 +1,231 @@
+//! What becomes of the colours of a drawing on a dark page. The drawing itself stays as it is: the page's style
+//! sheet names the colours that it finds in the SVG and what stands for each.
+
+use super::{
+    axes::{AXIS_WIDTH, TEXT},
+    chart::{Chart, Hue, Shape, Style},
+    paint::SVG_SCALE,
+    style::{FAINT, INK, Rgb, blend},
+};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The paper of a dark page, as its style sheet has it.
+pub(super) const DARK_PAPER: Rgb = (0x16, 0x18, 0x1b);
+const WHITE: Rgb = (0xff, 0xff, 0xff);
+/// Black agents are as light on dark paper as text is.
+const PALE: Rgb = (0xe6, 0xe7, 0xe9);
+/// How much a line stands out from its paper at the least, as the ratio that WCAG 2.1 defines.
+const CONTRAST: f64 = 4.5;
+
+/// What the marks of a chart lie on, which decides what may change on a dark page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ground {
+    /// Paper: every colour has one that stands for it.
+    Paper,
+    /// Coloured areas or images, whose colours are data: paper, text and axes change, and nothing else.
+    Colored,
+    /// Light boxes with dark text in them: the drawing stays on white paper.
+    Boxes,
+}
+
+impl Ground {
+    /// What lies under the marks of a chart.
+    #[must_use]
+    pub fn of(chart: &Chart) -> Self {
+        let has = |is: fn(&Shape) -> bool| {
+            let mut series = chart.panels.iter().flat_map(|panel| &panel.series);
+            series.any(|series| is(&series.shape))
+        };
+        if has(|shape| matches!(shape, Shape::Graph(_))) {
+            Self::Boxes
+        } else if has(|shape| matches!(shape, Shape::Surface(_) | Shape::Path(_) | Shape::Images(_))) {
+            Self::Colored
+        } else {
+            Self::Paper
+        }
+    }
+
+    /// The class of the `figure` element that the rules are for.
+    #[must_use]
+    pub fn class(self) -> &'static str {
+        match self {
+            Self::Paper => "on-paper",
+            Self::Colored => "on-colors",
+            Self::Boxes => "on-boxes",
+        }
+    }
+}
+
+/// Rules of a style sheet for dark pages with these charts inside `figure` elements; empty where none changes.
+#[must_use]
+pub fn on_dark(charts: &[&Chart]) -> String {
+    let on = |ground| charts.iter().filter(move |chart| Ground::of(chart) == ground);
+    let mut rules = String::new();
+    if on(Ground::Paper).next().is_some() {
+        rules += &on_paper(on(Ground::Paper));
+    }
+    let widths: BTreeSet<String> = on(Ground::Colored).map(|chart| axis_width(chart)).collect();
+    if !widths.is_empty() {
+        rules += "figure.on-colors svg > polygon:first-of-type { fill: var(--paper); }\n\
+                  figure.on-colors svg text { fill: currentColor; }\n";
+    }
+    for width in widths {
+        rules += &format!(
+            "figure.on-colors svg [stroke=\"{}\"][stroke-width=\"{width}\"] {{ stroke: currentColor; }}\n",
+            capitals(INK)
+        );
+    }
+    rules
+}
+
+/// The width of axes in the SVG of a chart, which tells them from marks of the same colour.
+fn axis_width(chart: &Chart) -> String {
+    let scale = chart.paper.font_pt.map_or(1.0, |size| size / TEXT);
+    format!("{:.0}", (AXIS_WIDTH * scale * SVG_SCALE).round())
+}
+
+fn on_paper<'a>(charts: impl Iterator<Item = &'a &'a Chart>) -> String {
+    let mut instead = BTreeMap::from([
+        (WHITE, "var(--paper)".to_owned()),
+        (INK, "currentColor".to_owned()),
+        (FAINT, "var(--line)".to_owned()),
+    ]);
+    let series = charts
+        .flat_map(|chart| &chart.panels)
+        .flat_map(|panel| &panel.series);
+    for style in series.map(|series| series.style) {
+        instead.insert(style.color(), hex(style.on_dark()));
+        instead.insert(style.light(), hex(style.dim()));
+    }
+    let rule = |(color, instead): (&Rgb, &String)| {
+        let color = capitals(*color);
+        let of = |what| format!("figure.on-paper svg [{what}=\"{color}\"] {{ {what}: {instead}; }}\n");
+        of("fill") + &of("stroke")
+    };
+    instead.iter().map(rule).collect()
+}
+
+/// A colour as the painter of SVG files writes it.
+fn capitals(color: Rgb) -> String {
+    hex(color).to_uppercase()
+}
+
+/// A colour as style sheets write it.
+pub(super) fn hex((r, g, b): Rgb) -> String {
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+impl Style {
+    /// The colour on a dark page: the same hue, light enough to be seen.
+    #[must_use]
+    pub fn on_dark(self) -> Rgb {
+        match self.hue {
+            Hue::Behind => (0x5c, 0x5f, 0x64),
+            _ if self.color() == (0, 0, 0) => PALE,
+            _ => lightened(self.color()),
+        }
+    }
+
+    /// The colour of thin lines on a dark page.
+    #[must_use]
+    pub fn dim(self) -> Rgb {
+        blend(self.on_dark(), DARK_PAPER, 0.55)
+    }
+}
+
+/// The colour with as much white as it needs.
+fn lightened(color: Rgb) -> Rgb {
+    (0..=20)
+        .map(|step| blend(color, WHITE, f64::from(step) / 20.0))
+        .find(|color| contrast(*color, DARK_PAPER) >= CONTRAST)
+        .unwrap_or(WHITE)
+}
+
+/// Contrast ratio of WCAG 2.1.
+fn contrast(one: Rgb, other: Rgb) -> f64 {
+    let (one, other) = (luminance(one), luminance(other));
+    (one.max(other) + 0.05) / (one.min(other) + 0.05)
+}
+
+/// Relative luminance of sRGB, as WCAG 2.1 defines it.
+fn luminance((r, g, b): Rgb) -> f64 {
+    let linear = |channel: u8| {
+        let part = f64::from(channel) / 255.0;
+        if part <= 0.04045 {
+            part / 12.92
+        } else {
+            ((part + 0.055) / 1.055).powf(2.4)
+        }
+    };
+    0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figure::{Panel, Series};
+
+    fn styles() -> impl Iterator<Item = Style> {
+        let agents = (0..8).map(Style::of_agent);
+        let steps = (0..5).map(|step| Style {
+            hue: Hue::Ramp(step, 5),
+            variant: 0,
+        });
+        agents.chain(steps).chain([Style {
+            hue: Hue::Grey,
+            variant: 0,
+        }])
+    }
+
+    #[test]
+    fn lines_are_seen_on_dark_paper_and_agents_stay_apart() {
+        assert!((contrast(WHITE, (0, 0, 0)) - 21.0).abs() < 1e-9);
+        for style in styles() {
+            assert!(contrast(style.on_dark(), DARK_PAPER) >= CONTRAST, "{style:?}");
+            assert!(
+                contrast(style.dim(), DARK_PAPER) < contrast(style.on_dark(), DARK_PAPER),
+                "{style:?}"
+            );
+        }
+        let colors: std::collections::BTreeSet<Rgb> =
+            (0..8).map(|index| Style::of_agent(index).on_dark()).collect();
+        assert_eq!(colors.len(), 8);
+    }
+
+    #[test]
+    fn every_colour_on_paper_has_a_rule_and_colours_that_are_data_have_none() {
+        let series = |shape| Series {
+            label: "a".into(),
+            seeds: None,
+            style: Style::of_agent(0),
+            shape,
+        };
+        let chart = |shape| Chart {
+            panels: vec![Panel {
+                series: vec![series(shape)],
+                ..Panel::default()
+            }],
+            columns: 1,
+            ..Chart::default()
+        };
+        let flat = chart(Shape::Level(1.0));
+        let rules = on_dark(&[&flat]);
+        let svg = crate::figure::svg(&flat).unwrap();
+        let colors = svg
+            .split(['"', ' '])
+            .filter(|word| word.starts_with('#'))
+            .collect::<std::collections::BTreeSet<_>>();
+        assert!(colors.len() >= 4, "{colors:?}");
+        for color in colors {
+            assert!(rules.contains(&format!("=\"{color}\"]")), "{color}: {rules}");
+        }
+        let mut surface = chart(Shape::Surface(crate::figure::Surface::default()));
+        let rules = on_dark(&[&surface]);
+        assert!(rules.contains("svg text {") && rules.contains("[stroke=\"#222222\"][stroke-width=\"6\"]"));
+        assert!(!rules.contains("on-paper"), "{rules}");
+        surface.paper.font_pt = Some(15.0);
+        assert!(on_dark(&[&surface]).contains("[stroke-width=\"12\"]"));
+        let boxes = chart(Shape::Graph(crate::drawing::Graph::default()));
+        assert!(on_dark(&[&boxes]).is_empty());
+    }
+}

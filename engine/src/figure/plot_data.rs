@@ -1,0 +1,225 @@
+//! The lines of learning curves as data for the page's own plot: what the drawing shows, the single runs that it
+//! leaves out, and which trial each of them is.
+
+use super::{
+    chart::{Chart, Curve, CurveOf, Panel, Point, RunLine, Series, Shape},
+    on_dark::hex,
+};
+use serde_json::{Map, Value, json};
+
+/// Longer lines are thinned to so many points; the smallest and the largest value of each stretch stay.
+const MOST: usize = 400;
+
+/// The panels of a chart that shows curves and levels against numbers, and nothing else; `None` of any other.
+#[must_use]
+pub fn plot_data(chart: &Chart) -> Option<Value> {
+    let series = || chart.panels.iter().flat_map(|panel| &panel.series);
+    let is_plotted = |series: &Series| matches!(series.shape, Shape::Curve(_) | Shape::Level(_));
+    let has_curve = series().any(|series| matches!(series.shape, Shape::Curve(_)));
+    if !has_curve || !series().all(is_plotted) {
+        return None;
+    }
+    let panels: Vec<Value> = chart.panels.iter().map(panel).collect();
+    Some(json!({ "columns": chart.columns.max(1), "panels": panels }))
+}
+
+fn panel(panel: &Panel) -> Value {
+    json!({
+        "title": panel.title, "x": panel.x.label, "y": panel.y.label, "log": panel.y.log,
+        "series": panel.series.iter().map(series).collect::<Vec<_>>(),
+    })
+}
+
+fn series(series: &Series) -> Value {
+    let style = series.style;
+    let mut data = Map::from_iter([
+        ("label".to_owned(), json!(series.label)),
+        ("legend".to_owned(), json!(series.legend())),
+        (
+            "light".to_owned(),
+            json!([hex(style.color()), hex(style.light())]),
+        ),
+        ("dark".to_owned(), json!([hex(style.on_dark()), hex(style.dim())])),
+    ]);
+    let dash = match &series.shape {
+        Shape::Curve(curve) => {
+            data.extend(lines(curve));
+            match curve.of {
+                CurveOf::Learner => style.dashes(),
+                CurveOf::NonLearner => style.short_dashes(),
+                CurveOf::Publication => style.dots(),
+            }
+        }
+        Shape::Level(level) => {
+            data.insert("level".into(), number(*level));
+            style.short_dashes()
+        }
+        _ => &[],
+    };
+    data.insert("dash".into(), json!(dash));
+    Value::Object(data)
+}
+
+/// The line, its band and its runs. Runs have steps of their own only where these are not those of the line.
+fn lines(curve: &Curve) -> Map<String, Value> {
+    let points = thinned(&curve.points);
+    let x = numbers(points.iter().map(|point| point.x));
+    let mut data = Map::from_iter([
+        ("x".to_owned(), x.clone()),
+        ("y".to_owned(), numbers(points.iter().map(|point| point.y))),
+    ]);
+    if points.iter().any(|point| point.interval.is_some()) {
+        let end =
+            |of: fn((f64, f64)) -> f64| numbers(points.iter().map(|it| it.interval.map_or(f64::NAN, of)));
+        data.insert("low".into(), end(|(low, _)| low));
+        data.insert("high".into(), end(|(_, high)| high));
+    }
+    let runs: Vec<Value> = curve
+        .runs
+        .iter()
+        .chain(&curve.undrawn)
+        .map(|it| run(it, &x))
+        .collect();
+    data.insert("runs".into(), json!(runs));
+    data.insert("drawn".into(), json!(!curve.runs.is_empty()));
+    data
+}
+
+fn run(run: &RunLine, steps: &Value) -> Value {
+    let points = thinned(&run.points);
+    let x = numbers(points.iter().map(|point| point.x));
+    let mut data = json!({
+        "name": run.name, "trial": run.trial, "y": numbers(points.iter().map(|point| point.y)),
+    });
+    if x != *steps {
+        data["x"] = x;
+    }
+    data
+}
+
+/// The points, or of many the lowest and the highest of each stretch, in their order, with both ends.
+fn thinned(points: &[Point]) -> Vec<Point> {
+    if points.len() <= MOST {
+        return points.to_vec();
+    }
+    let stretch = points.len().div_ceil(MOST / 2 - 1);
+    let extremes = |points: &[Point]| {
+        let by_height = |one: &&Point, other: &&Point| one.y.total_cmp(&other.y);
+        let ends = [points.iter().min_by(by_height), points.iter().max_by(by_height)];
+        let mut ends: Vec<Point> = ends.into_iter().flatten().copied().collect();
+        ends.sort_by(|one, other| one.x.total_cmp(&other.x));
+        ends.dedup();
+        ends
+    };
+    let (last, inner) = points[1..]
+        .split_last()
+        .map_or((None, &points[1..]), |(last, inner)| (Some(last), inner));
+    let first = points.first().copied();
+    let inner = inner.chunks(stretch).flat_map(extremes);
+    first.into_iter().chain(inner).chain(last.copied()).collect()
+}
+
+fn numbers(values: impl Iterator<Item = f64>) -> Value {
+    values.map(number).collect()
+}
+
+/// A number with six digits, which is more than a screen shows; whole ones stay whole.
+fn number(value: f64) -> Value {
+    #[allow(clippy::cast_possible_truncation, reason = "a whole number below 2^53")]
+    if value.fract() == 0.0 && value.abs() < 9e15 {
+        return json!(value as i64);
+    }
+    format!("{value:.5e}")
+        .parse::<f64>()
+        .map_or(Value::Null, |value| json!(value))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::figure::Style;
+    use proptest::prelude::*;
+
+    fn points(values: &[f64]) -> Vec<Point> {
+        let place = |(step, y): (usize, &f64)| Point {
+            x: u32::try_from(step).unwrap().into(),
+            y: *y,
+            interval: None,
+        };
+        values.iter().enumerate().map(place).collect()
+    }
+
+    fn chart(shapes: Vec<Shape>) -> Chart {
+        let one = |shape| Series {
+            label: "dsac".into(),
+            seeds: Some((2, 3)),
+            style: Style::of_agent(0),
+            shape,
+        };
+        Chart {
+            panels: vec![Panel {
+                series: shapes.into_iter().map(one).collect(),
+                ..Panel::default()
+            }],
+            columns: 0,
+            ..Chart::default()
+        }
+    }
+
+    fn curve() -> Curve {
+        let run = |name: &str, values: &[f64]| RunLine {
+            name: name.into(),
+            trial: format!("id-{name}"),
+            points: points(values),
+        };
+        Curve {
+            of: CurveOf::Learner,
+            points: points(&[1.0, 1.0 / 3.0]),
+            runs: Vec::new(),
+            undrawn: vec![run("seed 0", &[1.0, 0.5]), run("seed 1", &[f64::NAN])],
+        }
+    }
+
+    #[test]
+    fn lines_runs_and_levels_are_there_with_their_looks() {
+        let data = plot_data(&chart(vec![Shape::Curve(curve()), Shape::Level(2.5)])).unwrap();
+        let series = &data["panels"][0]["series"];
+        assert_eq!(data["columns"], 1);
+        assert_eq!(
+            series[0],
+            json!({
+                "label": "dsac", "legend": "dsac (n = 2 of 3)", "light": ["#0072b2", "#9ac7e1"], "dark": series[0]["dark"],
+                "dash": [], "x": [0, 1], "y": [1, 0.333_333], "drawn": false,
+                "runs": [{ "name": "seed 0", "trial": "id-seed 0", "y": [1, 0.5] },
+                    { "name": "seed 1", "trial": "id-seed 1", "x": [0], "y": [null] }],
+            })
+        );
+        assert_eq!(
+            (&series[1]["level"], &series[1]["dash"]),
+            (&json!(2.5), &json!([2.4, 1.6]))
+        );
+    }
+
+    #[test]
+    fn what_has_no_curve_or_more_than_curves_is_not_plotted() {
+        assert_eq!(plot_data(&chart(vec![Shape::Level(1.0)])), None);
+        assert_eq!(
+            plot_data(&chart(vec![Shape::Curve(curve()), Shape::Points(points(&[1.0]))])),
+            None
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn thinned_lines_keep_their_ends_and_extremes(values in prop::collection::vec(-1e3f64..1e3, 2..3000)) {
+            let all = points(&values);
+            let thin = thinned(&all);
+            prop_assert!(thin.len() <= MOST.max(2));
+            prop_assert_eq!((thin.first(), thin.last()), (all.first(), all.last()));
+            prop_assert!(thin.is_sorted_by(|one, next| one.x < next.x));
+            let most = |points: &[Point]| points.iter().map(|it| it.y).fold(f64::MIN, f64::max);
+            let least = |points: &[Point]| points.iter().map(|it| it.y).fold(f64::MAX, f64::min);
+            prop_assert_eq!((most(&thin), least(&thin)), (most(&all), least(&all)));
+        }
+    }
+}

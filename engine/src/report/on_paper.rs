@@ -1,0 +1,146 @@
+//! How a table comes to lie on a sheet of paper with all its columns: upright, on a turned sheet, or smaller. A
+//! style sheet cannot ask how wide a table is, so it is estimated from the texts.
+
+use crate::table::{Grid, Part};
+use unicode_width::UnicodeWidthStr;
+
+/// Size of text in tables on paper, in points.
+const SIZE: f64 = 8.0;
+/// Values are broken at spaces before they become smaller than this.
+const SMALL: f64 = 5.0;
+/// Room between the margins in points: the narrower of A4 and Letter, upright and turned.
+const UPRIGHT: f64 = 527.0;
+const TURNED: f64 = 723.0;
+/// Width of a character and of the room between columns, in parts of the size: those of a wide face.
+const CHARACTER: f64 = 0.64;
+const GAP: f64 = 0.6;
+
+/// The texts of a column, measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Column {
+    /// Characters of its longest text.
+    whole: usize,
+    /// Characters of its longest word.
+    broken: usize,
+}
+
+impl Column {
+    /// A column with this heading, which breaks at spaces, and texts, which do so where they are words.
+    pub(super) fn of<'a>(head: &str, texts: impl Iterator<Item = &'a str>, words: bool) -> Self {
+        let (mut whole, mut broken) = (longest_word(head), longest_word(head));
+        for text in texts {
+            broken = broken.max(longest_word(text));
+            whole = whole.max(if words { longest_word(text) } else { text.width() });
+        }
+        Self { whole, broken }
+    }
+}
+
+fn longest_word(text: &str) -> usize {
+    text.split_whitespace()
+        .map(UnicodeWidthStr::width)
+        .max()
+        .unwrap_or(0)
+}
+
+/// The columns of a table as it is printed.
+pub(super) fn columns(grid: &Grid) -> Vec<Column> {
+    let labels = grid.rows.iter().map(|row| row.label.as_str());
+    let first = Column::of(grid.corner(), labels, true);
+    let of_part = |part: &Part| {
+        let texts: Vec<String> = (0..grid.rows.len()).map(|row| grid.text(row, *part)).collect();
+        Column::of(grid.heading(*part), texts.iter().map(String::as_str), false)
+    };
+    std::iter::once(first)
+        .chain(grid.parts().iter().map(of_part))
+        .collect()
+}
+
+/// How a table lies on paper.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct OnPaper {
+    turned: bool,
+    /// Values are broken at spaces.
+    tight: bool,
+    size: f64,
+}
+
+impl OnPaper {
+    /// Upright where it fits; else turned, then smaller, then with broken values, and then as small as it must be.
+    pub(super) fn of(columns: &[Column]) -> Self {
+        let width = |of: fn(&Column) -> usize| {
+            let characters = columns.iter().map(of).sum::<usize>();
+            #[allow(
+                clippy::cast_precision_loss,
+                reason = "a table has far fewer than 2^52 characters in a row"
+            )]
+            let (characters, gaps) = (characters as f64, columns.len() as f64);
+            CHARACTER * characters + GAP * gaps
+        };
+        let (whole, broken) = (width(|column| column.whole), width(|column| column.broken));
+        let fitting = |width: f64| (TURNED / width.max(1.0)).min(SIZE);
+        let (turned, tight) = (whole * SIZE > UPRIGHT, whole * SMALL > TURNED);
+        Self {
+            turned,
+            tight,
+            size: fitting(if tight { broken } else { whole }),
+        }
+    }
+
+    /// The class of the element around the table and its title, as an attribute.
+    pub(super) fn class(&self) -> &'static str {
+        if self.turned { " class=\"turned\"" } else { "" }
+    }
+
+    /// The start of the element that the table scrolls in.
+    pub(super) fn open(&self) -> String {
+        let tight = if self.tight { " tight" } else { "" };
+        if self.size < SIZE {
+            // Rounded down, so that it still fits.
+            let size = (self.size * 10.0).floor() / 10.0;
+            format!("<div class=\"wide{tight}\" style=\"--print-size: {size}pt\">")
+        } else {
+            format!("<div class=\"wide{tight}\">")
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(columns: usize, text: &str) -> OnPaper {
+        OnPaper::of(&vec![Column::of("a", std::iter::once(text), false); columns])
+    }
+
+    #[test]
+    fn tables_are_turned_before_they_are_made_smaller() {
+        let small = table(4, "11.62 [11.4, 11.8]");
+        assert_eq!(
+            (small.class(), small.open().as_str()),
+            ("", "<div class=\"wide\">")
+        );
+        let turned = table(6, "11.62 [11.4, 11.8]");
+        assert_eq!((turned.turned, turned.size), (true, SIZE));
+        let smaller = table(9, "11.62 [11.4, 11.8]");
+        assert!(
+            !smaller.tight && (SMALL..SIZE).contains(&smaller.size),
+            "{smaller:?}"
+        );
+        assert!(
+            smaller
+                .open()
+                .starts_with("<div class=\"wide\" style=\"--print-size: ")
+        );
+        let tight = table(14, "11.62 [11.4, 11.8]");
+        assert!(tight.tight && tight.size > SMALL, "{tight:?}");
+        assert!(table(200, "11.62 [11.4, 11.8]").size < SMALL);
+    }
+
+    #[test]
+    fn words_are_broken_and_values_are_not() {
+        let column = |words| Column::of("time per trial", ["one two", "three"].into_iter(), words);
+        assert_eq!((column(true).whole, column(false).whole), (5, 7));
+        assert_eq!(column(false).broken, 5);
+    }
+}
