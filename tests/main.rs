@@ -7,6 +7,7 @@
 
 mod architecture;
 mod book;
+mod comparing;
 mod contracts;
 mod crashes;
 mod cross_play;
@@ -47,3 +48,4 @@ mod slurm;
 mod suites;
 mod third_party;
 mod verifying;
+mod watching;

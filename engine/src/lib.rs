@@ -19,6 +19,7 @@ pub mod cast;
 pub mod checkpoint;
 pub mod choice;
 pub mod cli;
+pub mod compare;
 pub mod cross_play;
 pub mod data_file;
 pub mod dataset;
@@ -56,6 +57,7 @@ pub mod store;
 pub mod table;
 pub mod trial;
 pub mod verification;
+pub mod watch;
 
 pub use agent::{Agent, Mode, Transition, Updates};
 pub use build::Build;

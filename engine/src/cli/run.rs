@@ -361,7 +361,7 @@ fn as_json(study: &StudyInfo, results: &Results, contents: &Contents, paths: &Re
     clippy::disallowed_methods,
     reason = "it says how wide the summary is, and reaches no result"
 )]
-fn terminal_width() -> usize {
+pub(super) fn terminal_width() -> usize {
     std::env::var("COLUMNS")
         .ok()
         .and_then(|text| text.parse().ok())

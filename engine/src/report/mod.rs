@@ -33,6 +33,7 @@ mod verdicts;
 pub use basis::basis;
 pub use budgets::duration;
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
+pub(crate) use files::slug as file_slug;
 pub use junit::junit;
 pub use manifest::{Manifest, Replaced};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
