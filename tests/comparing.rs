@@ -19,11 +19,11 @@ claims:
   - equal.cycle_length > random.cycle_length
 ";
 
-/// The same study with cells of an eighth of the capacity, and a claim more.
+/// The same study with weaker cells, and a claim more.
 fn changed() -> String {
     let text = STUDY.replace(
         "cells: 2 }",
-        "cells: [{ q_mobile_c: 1000 }, { q_mobile_c: 1000 }] }",
+        "cells: [{ r_ohm: 0.25, q_mobile_c: 6000 }, { r_ohm: 0.25, q_mobile_c: 6000 }] }",
     );
     text + "  - equal.cycle_length > 0\n"
 }

@@ -23,6 +23,7 @@ mod folders;
 mod fsck;
 mod graph;
 mod identity;
+mod importing;
 mod life_bound;
 mod looks;
 mod mending;

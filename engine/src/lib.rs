@@ -34,6 +34,7 @@ pub mod executor;
 pub mod export;
 pub mod figure;
 pub mod first_study;
+pub mod imported;
 pub mod kinds;
 pub mod limits;
 mod parquet;

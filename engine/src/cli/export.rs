@@ -44,6 +44,7 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
             "name one study: a folder holds the numbers of one".into(),
         ));
     };
+    study::say_imported(one, "are not exported");
     let results = load(one, &store);
     if !results.iter().any(TrialResult::is_ok) {
         return Err(Failure {

@@ -399,6 +399,8 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
     if names_times(&(&study.tables, &study.figures, &study.claims, &study.success)) {
         trials.iter_mut().for_each(TrialResult::add_times);
     }
+    // Nobody here knows how long runs of others took.
+    trials.extend(study.imported.iter().flat_map(|it| it.trials.iter().cloned()));
     if let Some(success) = &one.study.success {
         trials.iter_mut().for_each(|trial| trial.judge_success(success));
     }
@@ -414,6 +416,7 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
         design: study.design.clone(),
         success: study.success.clone(),
         drawings,
+        imported: study.imported.iter().map(|it| it.origin.clone()).collect(),
         ..Results::of(trials)
     }
 }

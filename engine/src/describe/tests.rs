@@ -6,7 +6,6 @@ use crate::{
     spec::{self, Options, toys::toys},
 };
 use serde_json::json;
-use std::path::Path;
 
 const SECTIONS: [(&str, &str); 7] = [
     ("study", "study: walk"),
@@ -56,8 +55,12 @@ fn study_with(example: &str) -> String {
 }
 
 fn passes(example: &str) {
-    let text = study_with(example);
-    let study = spec::load_text(&text, "study.yaml", Path::new(""), &toys(), &Options::default());
+    let (text, folder) = (study_with(example), tempfile::tempdir().unwrap());
+    // What examples of imported runs name.
+    std::fs::create_dir(folder.path().join("runs")).unwrap();
+    let run = "global_step,env,charts/episodic_return\n0,1,0.5\n100,2,0.7\n";
+    std::fs::write(folder.path().join("runs/a.csv"), run).unwrap();
+    let study = spec::load_text(&text, "study.yaml", folder.path(), &toys(), &Options::default());
     if let Err(found) = study {
         panic!("{text}\n{}", render(&found, false));
     }

@@ -208,7 +208,7 @@ struct Measured {
 
 impl Measured {
     fn of(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> Option<Self> {
-        let (learns, runs) = (scope.learns(), runs(scope, &kind.metric));
+        let (learns, runs) = (scope.learns() || scope.is_imported(), runs(scope, &kind.metric));
         let measured = Self {
             label,
             style,

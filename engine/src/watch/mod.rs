@@ -292,7 +292,7 @@ pub(super) mod tests {
         let mut study = view().studies.remove(0);
         assert_eq!(
             study.summary(),
-            "2 ok, 1 nan, 2 running, 1 missing; about 1.5 min left"
+            "2 ok, 1 nan, 2 running, 1 missing; about 2 min left"
         );
         study.left.unknown = 2;
         assert!(

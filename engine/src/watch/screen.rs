@@ -262,13 +262,14 @@ fn chart(frame: &mut Frame<'_>, panel: &Panel, metric: &str, choice: Choice, are
             .style(style)
             .data(&line.1)
     });
-    let axis = |(low, high): (f64, f64)| {
-        let format = NumberFormat::fitting([low, high].into_iter());
+    let axis = |(low, high): (f64, f64), format: NumberFormat| {
         let labels = [low, f64::midpoint(low, high), high].map(|value| format.write(value));
         Axis::default().bounds([low, high]).labels(labels)
     };
     frame.render_widget(
-        Chart::new(datasets.collect()).x_axis(axis(x)).y_axis(axis(y)),
+        Chart::new(datasets.collect())
+            .x_axis(axis(x, NumberFormat::Fixed(0)))
+            .y_axis(axis(y, NumberFormat::fitting([y.0, y.1].into_iter()))),
         area,
     );
 }
@@ -353,8 +354,7 @@ mod tests {
     fn plain_text_is_as_long_as_what_there_is_to_say() {
         let text = plain(&view(), 80);
         assert!(
-            text.starts_with("small  ━━━━━━━━━━──────────  3/6")
-                || text.starts_with("small  ━━━━━━━━━━────────── 3/6"),
+            text.starts_with("small  ━━━━━━━━━━────────── 3/6 trials\n"),
             "{text}"
         );
         assert!(
