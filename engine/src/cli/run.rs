@@ -18,7 +18,7 @@ use crate::{
     search::Search,
     spec::{self, Progress},
     store::{self, Store, write_durably},
-    trial::Trial,
+    trial::{Purpose, Trial},
 };
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -427,7 +427,11 @@ fn drawings(one: &Planned, store: &Store, trials: &[TrialResult]) -> BTreeMap<St
     let figures = one.study.figures.iter();
     let kinds: BTreeSet<ProductKind> = figures.filter_map(|(_, spec)| spec.kind.shows()).collect();
     let mut all: BTreeMap<String, Drawings> = BTreeMap::new();
-    for trial in trials.iter().filter(|trial| trial.is_ok()) {
+    // Runs of others left nothing here.
+    let own = trials
+        .iter()
+        .filter(|trial| trial.trial.purpose != Purpose::Imported);
+    for trial in own.filter(|trial| trial.is_ok()) {
         for kind in &kinds {
             let (id, drawings) = (&trial.trial.id, all.entry(trial.trial.id.clone()).or_default());
             if let Err(error) = read_drawing(store, id, *kind, drawings) {
