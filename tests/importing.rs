@@ -179,6 +179,79 @@ fn event_files_are_read_back() {
 }
 
 #[test]
+fn the_command_prints_an_entry_that_the_study_reads() {
+    let bench = bench();
+    let own = STUDY.split("imported:").next().unwrap();
+    fs::create_dir(bench.path("studies")).unwrap();
+    bench.write("studies/own.yaml", own);
+    let files = ["runs/run-0.csv", "runs/run-1.csv", "runs/run-2.csv"];
+    let import = |more: &[&str]| {
+        bench.run(
+            &[
+                &["import", "--study", "studies/own.yaml", "--name", "other"],
+                &files[..],
+                more,
+            ]
+            .concat(),
+        )
+    };
+    let asked = import(&[]);
+    assert!(
+        asked.code == 2 && asked.err.contains("there are charts/length, global_step, loss"),
+        "{}",
+        asked.err
+    );
+    let metric = [
+        "--metric",
+        "cycle_length=charts/length",
+        "--step",
+        "global_step",
+        "--last",
+        "2",
+    ];
+    let wrong = import(&["--metric", "cycle_length=charts/length"]);
+    assert!(
+        wrong.code == 2 && wrong.err.contains("column `step`: there is no such column"),
+        "{}",
+        wrong.err
+    );
+    let entry = import(&metric);
+    assert_eq!(entry.code, 0, "{}", entry.err);
+    assert!(
+        entry.err.contains("other: 3 runs in 3 files") && entry.err.contains("513 at step 64"),
+        "{}",
+        entry.err
+    );
+    bench.write("studies/whole.yaml", &format!("{own}\n{}", entry.out));
+    assert!(
+        bench.ok(&["check", "studies/whole.yaml"]).contains("8 trials"),
+        "{}",
+        entry.out
+    );
+    // Copied files stand beside the study, with where they came from.
+    let copied = import(&[&metric[..], &["--copy"]].concat());
+    assert_eq!(copied.code, 0, "{}", copied.err);
+    let manifest = fs::read_to_string(bench.path("studies/imported/other/manifest.json")).unwrap();
+    let manifest: Value = serde_json::from_str(&manifest).unwrap();
+    assert_eq!(manifest["files"].as_array().unwrap().len(), 3);
+    assert_eq!(manifest["files"][1]["source"], "runs/run-1.csv");
+    assert_eq!(manifest["files"][1]["sha256"].as_str().unwrap().len(), 64);
+    fs::remove_dir_all(bench.path("runs")).unwrap();
+    bench.write("studies/whole.yaml", &format!("{own}\n{}", copied.out));
+    assert!(
+        bench.ok(&["check", "studies/whole.yaml"]).contains("8 trials"),
+        "{}",
+        copied.out
+    );
+    let again = bench.run(&["import", "--study", "nowhere.yaml", "--name", "other", "x.csv"]);
+    assert!(
+        again.code == 2 && again.err.contains("there is no study `nowhere.yaml`"),
+        "{}",
+        again.err
+    );
+}
+
+#[test]
 fn what_is_wrong_with_an_entry_is_said_where_it_stands() {
     let bench = bench();
     let refused = |from: &str, to: &str| {

@@ -7,6 +7,7 @@ mod describe;
 mod export;
 mod folders;
 mod fsck;
+mod import;
 mod looks;
 mod merge;
 mod new;
@@ -274,6 +275,9 @@ enum Verb {
     /// Write a study's numbers into a folder: tidy tables with every config key as a column, event files of
     /// TensorBoard, or a research object crate with the study, its report, metrics and who computed them.
     Export(export::ExportOptions),
+    /// Look into CSV and TensorBoard files of other programs and print the entry under which a study shows their runs
+    /// beside its own, marked as imported.
+    Import(import::ImportOptions),
     /// Compute stored trials again, beside the store, and compare digests of metrics and products; 101 where they
     /// differ, 106 where one could not be compared. It works in the system's temporary folder.
     Verify(verify::VerifyOptions),
@@ -361,6 +365,7 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Merge(options) => merge::merge(&options, common),
         Verb::Compare(options) => compare::compare(registry, &options, common),
         Verb::Export(options) => export::export(registry, &options, common),
+        Verb::Import(options) => import::import(&options, common),
         Verb::Verify(options) => verify::verify(registry, &options, common),
         Verb::Selftest(options) => selftest::selftest(registry, selftest, &options, common),
         Verb::Worker {

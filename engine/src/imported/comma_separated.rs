@@ -9,14 +9,9 @@ use std::collections::BTreeMap;
 pub(super) fn runs(files: &[&Content], mapping: &Mapping) -> Result<Vec<Run>, Error> {
     let (mut runs, mut places): (Vec<Run>, BTreeMap<Key, usize>) = (Vec::new(), BTreeMap::new());
     for (file, place) in files.iter().zip(0..) {
+        let head = columns(file)?;
         let mut reader = csv::Reader::from_reader(file.bytes.as_slice());
-        let head: Vec<String> = reader
-            .headers()
-            .map_err(|error| wrong(file, &error))?
-            .iter()
-            .map(|name| name.trim().to_owned())
-            .collect();
-        let columns = Columns::of(file, &head, mapping)?;
+        let chosen = Columns::of(file, &head, mapping)?;
         let before = runs.len();
         let mut counted = 0;
         for record in reader.records() {
@@ -27,9 +22,9 @@ pub(super) fn runs(files: &[&Content], mapping: &Mapping) -> Result<Vec<Run>, Er
                 head: &head,
                 record: &record,
             };
-            if columns.only.iter().all(|(column, value)| line.is(*column, value)) {
+            if chosen.only.iter().all(|(column, value)| line.is(*column, value)) {
                 counted += 1;
-                columns.take(&line, place, &mut runs, &mut places)?;
+                chosen.take(&line, place, &mut runs, &mut places)?;
             }
         }
         if counted == 0 && before == runs.len() {
@@ -42,6 +37,13 @@ pub(super) fn runs(files: &[&Content], mapping: &Mapping) -> Result<Vec<Run>, Er
         }
     }
     Ok(runs)
+}
+
+/// The names of a file's columns.
+pub(super) fn columns(file: &Content) -> Result<Vec<String>, Error> {
+    let mut reader = csv::Reader::from_reader(file.bytes.as_slice());
+    let head = reader.headers().map_err(|error| wrong(file, &error))?;
+    Ok(head.iter().map(|name| name.trim().to_owned()).collect())
 }
 
 /// What tells runs apart: the file where nothing else does, the run, and the seed.

@@ -32,6 +32,16 @@ pub(super) fn runs(files: &[&Content], mapping: &Mapping) -> Result<Vec<Run>, Er
     Ok(runs.into_values().collect())
 }
 
+/// The tags of a file.
+pub(super) fn tags(file: &Content) -> Result<Vec<String>, Error> {
+    let events = events(&file.bytes).map_err(|problem| input(&file.path, None, None, problem))?;
+    let scalars = events
+        .iter()
+        .filter_map(|event| event.summary.as_ref())
+        .flat_map(|summary| &summary.value);
+    Ok(scalars.map(|scalar| scalar.tag.clone()).collect())
+}
+
 /// A key of the mapping that names a column.
 fn columns(mapping: &Mapping) -> Option<&'static str> {
     let given = [

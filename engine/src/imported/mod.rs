@@ -26,7 +26,7 @@ use crate::{
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
 };
@@ -115,6 +115,27 @@ pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<Found, Error> {
             .collect(),
         runs,
     })
+}
+
+/// Names of all columns and tags of some files, from which metrics can be chosen.
+///
+/// # Errors
+/// [`Error::File`] where one cannot be read, [`Error::Input`] where one is neither a table nor an event file.
+pub fn columns(files: &[PathBuf]) -> Result<BTreeSet<String>, Error> {
+    let mut names = BTreeSet::new();
+    for path in files {
+        let bytes = fs::read(path).map_err(Error::file("read", path))?;
+        let content = Content {
+            path: path.clone(),
+            bytes,
+        };
+        names.extend(if is_event_file(path) {
+            event_files::tags(&content)?
+        } else {
+            comma_separated::columns(&content)?
+        });
+    }
+    Ok(names)
 }
 
 fn is_event_file(path: &Path) -> bool {

@@ -51,7 +51,7 @@ pub use claims::ClaimSpec;
 pub use cross_play::{Pairs, Play, Player};
 pub use json_schema::json_schema;
 pub use plugin_config::load_config;
-pub use resolved::resolved_yaml;
+pub use resolved::{resolved_yaml, section_yaml};
 pub use search::Progress;
 pub use summary::Summary;
 pub use taking::Source;

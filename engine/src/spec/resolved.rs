@@ -85,6 +85,14 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     text(&sections)
 }
 
+/// A section as a study has it, in YAML.
+///
+/// # Errors
+/// [`Error::Render`] where a value has no form in YAML.
+pub fn section_yaml(name: &str, value: Value) -> Result<String, Error> {
+    text(&[(name.into(), Section::Plain(value))])
+}
+
 /// A section of a study.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Section {
