@@ -3,6 +3,7 @@
 use crate::{
     Metric, PerEpisode,
     drawing::Drawings,
+    imported::Origin,
     recorder::{Phase, Row},
     search::{Next, Point, Search, Tried},
     spec::Progress,
@@ -347,6 +348,8 @@ pub struct Results {
     pub success: Option<Success>,
     /// What trials left to be shown, by id, as far as figures of the study show it.
     pub drawings: BTreeMap<String, Drawings>,
+    /// Where imported runs come from, which are among the trials.
+    pub imported: Vec<Origin>,
 }
 
 /// What a search for a setting tried.

@@ -343,6 +343,8 @@ pub enum Purpose {
     Tried(String),
     /// It is an encounter of a play, whose name stands for the environment; the agents by role.
     Play(BTreeMap<String, String>),
+    /// It is a run of another program, which tables, figures and claims show beside our own.
+    Imported,
 }
 
 impl Trial {

@@ -45,6 +45,7 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
             "name one study: a folder holds the numbers of one".into(),
         ));
     };
+    study::say_imported(one, "are not exported");
     let results = load(one, &store);
     if !results.iter().any(TrialResult::is_ok) {
         return Err(Failure {
@@ -112,13 +113,14 @@ fn load(one: &Planned, store: &Store) -> Vec<TrialResult> {
 }
 
 /// A folder that appears whole or not at all: it is filled beside its place and renamed.
-struct Whole {
+pub(super) struct Whole {
     folder: PathBuf,
     to: PathBuf,
 }
 
 impl Whole {
-    fn begin(to: &Path) -> Result<Self, Failure> {
+    /// Begins one; `to` must hold nothing yet.
+    pub(super) fn begin(to: &Path) -> Result<Self, Failure> {
         if !store::names(to)?.is_empty() {
             return Err(refused(format!(
                 "`{}` is not empty; name a new folder",
@@ -138,7 +140,13 @@ impl Whole {
         Ok(Self { folder, to })
     }
 
-    fn end(self) -> Result<(), Error> {
+    /// Where it is filled.
+    pub(super) fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Lets it appear.
+    pub(super) fn end(self) -> Result<(), Error> {
         // An empty folder of the name is in the way of none.
         fs::rename(&self.folder, &self.to).map_err(Error::file("rename to", &self.to))
     }

@@ -1,11 +1,13 @@
 //! The command line: what can be said, and which function answers.
 
 mod command_line;
+mod compare;
 mod compute;
 mod describe;
 mod export;
 mod folders;
 mod fsck;
+mod import;
 mod looks;
 mod merge;
 mod new;
@@ -26,6 +28,7 @@ mod submit;
 mod summaries;
 mod verify;
 mod waiting;
+mod watch;
 
 use crate::Registry;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
@@ -56,7 +59,7 @@ struct Command {
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 4 nothing selected, 100 some trials failed, \
-101 a published value or claim differs under --strict, or stored numbers differ (merge, verify, selftest), 106 incomplete, 128+n signal n.";
+101 a published value or claim differs or moved under --strict, or stored numbers differ (merge, verify, selftest), 106 incomplete, 128+n signal n.";
 
 /// What every command understands.
 #[derive(Debug, Clone, Args)]
@@ -230,6 +233,9 @@ enum Verb {
         #[command(flatten)]
         summaries: summaries::Summaries,
     },
+    /// Show running trials, learning curves as they come, end states and the time left, in the terminal (q leaves), as
+    /// a page that renews itself, or once as text; nothing in the store is changed.
+    Watch(watch::WatchOptions),
     /// Write tables, figures and the report again from the store; nothing is trained.
     Report {
         #[command(flatten)]
@@ -276,9 +282,15 @@ enum Verb {
     /// Take the trials of other stores into one: what is new is taken, what is the same stays, and what differs is
     /// reported (101) and left.
     Merge(merge::MergeOptions),
+    /// Hold two results of a study against each other: which values moved beyond the interval of their difference,
+    /// which verdicts changed, which settings differ.
+    Compare(compare::CompareOptions),
     /// Write a study's numbers into a folder: tidy tables with every config key as a column, event files of
     /// TensorBoard, or a research object crate with the study, its report, metrics and who computed them.
     Export(export::ExportOptions),
+    /// Look into CSV and TensorBoard files of other programs and print the entry under which a study shows their runs
+    /// beside its own, marked as imported.
+    Import(import::ImportOptions),
     /// Compute stored trials again, beside the store, and compare digests of metrics and products; 101 where they
     /// differ, 106 where one could not be compared. It works in the system's temporary folder.
     Verify(verify::VerifyOptions),
@@ -359,11 +371,14 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Status { selection, summaries } => summaries.after(registry, &selection, common, || {
             study::status(registry, &selection, common)
         }),
+        Verb::Watch(options) => watch::watch(registry, &options, common),
         Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
         Verb::Overview { folder, into, page } => overview::overview(&folder, into.as_deref(), page),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
         Verb::Merge(options) => merge::merge(&options, common),
+        Verb::Compare(options) => compare::compare(registry, &options, common),
         Verb::Export(options) => export::export(registry, &options, common),
+        Verb::Import(options) => import::import(&options, common),
         Verb::Verify(options) => verify::verify(registry, &options, common),
         Verb::Selftest(options) => selftest::selftest(registry, selftest, &options, common),
         Verb::Worker {

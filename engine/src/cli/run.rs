@@ -18,7 +18,7 @@ use crate::{
     search::Search,
     spec::{self, Progress},
     store::{self, Store, write_durably},
-    trial::Trial,
+    trial::{Purpose, Trial},
 };
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -363,7 +363,7 @@ fn as_json(study: &StudyInfo, results: &Results, contents: &Contents, paths: &Re
     clippy::disallowed_methods,
     reason = "it says how wide the summary is, and reaches no result"
 )]
-fn terminal_width() -> usize {
+pub(super) fn terminal_width() -> usize {
     std::env::var("COLUMNS")
         .ok()
         .and_then(|text| text.parse().ok())
@@ -401,6 +401,8 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
     if names_times(&(&study.tables, &study.figures, &study.claims, &study.success)) {
         trials.iter_mut().for_each(TrialResult::add_times);
     }
+    // Nobody here knows how long runs of others took.
+    trials.extend(study.imported.iter().flat_map(|it| it.trials.iter().cloned()));
     if let Some(success) = &one.study.success {
         trials.iter_mut().for_each(|trial| trial.judge_success(success));
     }
@@ -416,6 +418,7 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
         design: study.design.clone(),
         success: study.success.clone(),
         drawings,
+        imported: study.imported.iter().map(|it| it.origin.clone()).collect(),
         ..Results::of(trials)
     }
 }
@@ -426,7 +429,11 @@ fn drawings(one: &Planned, store: &Store, trials: &[TrialResult]) -> BTreeMap<St
     let figures = one.study.figures.iter();
     let kinds: BTreeSet<ProductKind> = figures.filter_map(|(_, spec)| spec.kind.shows()).collect();
     let mut all: BTreeMap<String, Drawings> = BTreeMap::new();
-    for trial in trials.iter().filter(|trial| trial.is_ok()) {
+    // Runs of others left nothing here.
+    let own = trials
+        .iter()
+        .filter(|trial| trial.trial.purpose != Purpose::Imported);
+    for trial in own.filter(|trial| trial.is_ok()) {
         for kind in &kinds {
             let (id, drawings) = (&trial.trial.id, all.entry(trial.trial.id.clone()).or_default());
             if let Err(error) = read_drawing(store, id, *kind, drawings) {

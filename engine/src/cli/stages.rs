@@ -46,7 +46,7 @@ pub(super) fn of(one: &Planned) -> Vec<Stage> {
 
 fn entry(trial: &Trial) -> &str {
     match trial.purpose {
-        Purpose::Cell | Purpose::Tried(_) => &trial.agent,
+        Purpose::Cell | Purpose::Tried(_) | Purpose::Imported => &trial.agent,
         Purpose::Prepared | Purpose::Play(_) => &trial.environment,
     }
 }

@@ -430,6 +430,18 @@ fn say_failed(trials: &[Trial], ends: &[Option<TrialEnd>], selection: &Selection
     }
 }
 
+/// Says what becomes of a study's imported runs, where it has some.
+pub(super) fn say_imported(one: &Planned, what: &str) {
+    for it in &one.study.imported {
+        complain(&format!(
+            "{}: {} runs of `{}` are imported and {what}",
+            one.study.name,
+            it.trials.len(),
+            it.origin.name
+        ));
+    }
+}
+
 /// The exit code that fits the states of trials.
 pub(super) fn code_of(ends: &[Option<TrialEnd>]) -> u8 {
     if ends.iter().any(|end| is_missing(end.as_ref())) {

@@ -148,6 +148,7 @@ fn of_studies(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
     for one in study::load_with_looks(how.registry, how.asked.0, store)? {
         let limits = Arc::new(how.limits_of(&one.study.limits));
         found.studies.push(one.study.name.clone());
+        study::say_imported(&one, "cannot be computed again here");
         for trial in one.plan.trials {
             // Studies and settings share trials.
             if !seen.insert(trial.id.clone()) {

@@ -138,6 +138,27 @@ claims: [learner.return > rule.return]",
   paper: { protocol.steps: 100000, seeds: 10 }",
     ),
     example(
+        "imported",
+        "runs of another program, a file each",
+        "imported:
+  elsewhere:
+    from: \"runs/*.csv\"
+    environment: short
+    step: global_step
+    metrics: { return: charts/episodic_return }
+    last: 10
+    about: \"CleanRL 1.0\"
+claims: [learner.return > elsewhere.return in short]",
+    ),
+    example(
+        "imported",
+        "runs in several environments, told apart by a column",
+        "imported:
+  elsewhere:
+    - { from: runs/a.csv, environment: short, step: global_step, metrics: { return: charts/episodic_return }, only: { env: 1 } }
+    - { from: runs/a.csv, environment: long, step: global_step, metrics: { return: charts/episodic_return }, only: { env: 2 } }",
+    ),
+    example(
         "exclude",
         "",
         "exclude:

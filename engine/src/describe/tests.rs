@@ -55,8 +55,11 @@ fn study_with(example: &str) -> String {
 }
 
 fn passes(example: &str) {
-    let text = study_with(example);
-    let folder = tempfile::tempdir().unwrap();
+    let (text, folder) = (study_with(example), tempfile::tempdir().unwrap());
+    // What examples of imported runs name.
+    std::fs::create_dir(folder.path().join("runs")).unwrap();
+    let run = "global_step,env,charts/episodic_return\n0,1,0.5\n100,2,0.7\n";
+    std::fs::write(folder.path().join("runs/a.csv"), run).unwrap();
     std::fs::write(folder.path().join("common.yaml"), "limits: { retries: 1 }").unwrap();
     let study = spec::load_text(&text, "study.yaml", folder.path(), &toys(), &Options::default());
     if let Err(found) = study {

@@ -11,42 +11,59 @@ const FILE_VERSION: &str = "brain.Event:2";
 
 /// One event.
 #[derive(Clone, PartialEq, Message)]
-pub(super) struct Event {
+pub(crate) struct Event {
     /// Seconds since 1970.
     #[prost(double, tag = "1")]
-    pub(super) wall_time: f64,
+    pub(crate) wall_time: f64,
     /// Step of training.
     #[prost(int64, tag = "2")]
-    pub(super) step: i64,
+    pub(crate) step: i64,
     /// The form of the file, in its first event.
     #[prost(string, optional, tag = "3")]
-    pub(super) file_version: Option<String>,
+    pub(crate) file_version: Option<String>,
     /// Values.
     #[prost(message, optional, tag = "5")]
-    pub(super) summary: Option<Summary>,
+    pub(crate) summary: Option<Summary>,
 }
 
 /// Values of one step.
 #[derive(Clone, PartialEq, Message)]
-pub(super) struct Summary {
+pub(crate) struct Summary {
     /// The values.
     #[prost(message, repeated, tag = "1")]
-    pub(super) value: Vec<Scalar>,
+    pub(crate) value: Vec<Scalar>,
 }
 
 /// A value under a name.
 #[derive(Clone, PartialEq, Message)]
-pub(super) struct Scalar {
+pub(crate) struct Scalar {
     /// The name; what stands before a slash groups charts.
     #[prost(string, tag = "1")]
-    pub(super) tag: String,
+    pub(crate) tag: String,
     /// The value, in single precision.
     #[prost(float, optional, tag = "2")]
-    pub(super) simple_value: Option<f32>,
+    pub(crate) simple_value: Option<f32>,
+    /// The value as newer programs write it.
+    #[prost(message, optional, tag = "8")]
+    pub(crate) tensor: Option<Tensor>,
+}
+
+/// What `tensor.proto` says of a tensor, as far as one number needs it.
+#[derive(Clone, PartialEq, Message)]
+pub(crate) struct Tensor {
+    /// Its bytes, low byte first.
+    #[prost(bytes = "vec", tag = "4")]
+    pub(crate) tensor_content: Vec<u8>,
+    /// Its values in single precision.
+    #[prost(float, repeated, tag = "5")]
+    pub(crate) float_val: Vec<f32>,
+    /// Its values in double precision.
+    #[prost(double, repeated, tag = "6")]
+    pub(crate) double_val: Vec<f64>,
 }
 
 /// The event that a file begins with.
-pub(super) fn first(wall_time: f64) -> Event {
+pub(crate) fn first(wall_time: f64) -> Event {
     Event {
         wall_time,
         file_version: Some(FILE_VERSION.into()),
@@ -55,13 +72,49 @@ pub(super) fn first(wall_time: f64) -> Event {
 }
 
 /// Adds an event to a file.
-pub(super) fn append(event: &Event, file: &mut Vec<u8>) {
+pub(crate) fn append(event: &Event, file: &mut Vec<u8>) {
     let data = event.encode_to_vec();
     let length = (data.len() as u64).to_le_bytes();
     file.extend(length);
     file.extend(masked_crc(&length).to_le_bytes());
     file.extend(&data);
     file.extend(masked_crc(&data).to_le_bytes());
+}
+
+/// The events of a file, up to a record that was not written to its end.
+///
+/// # Errors
+/// What is wrong with the file, in words.
+pub(crate) fn events(file: &[u8]) -> Result<Vec<Event>, String> {
+    let (mut events, mut rest) = (Vec::new(), file);
+    while let Some((head, behind)) = rest.split_at_checked(12) {
+        let at = file.len() - rest.len();
+        let whole = |bytes: &[u8], check: &[u8]| check == masked_crc(bytes).to_le_bytes();
+        let mut length = [0; 8];
+        length.copy_from_slice(&head[..8]);
+        if !whole(&length, &head[8..]) {
+            return Err(format!(
+                "the checksum at byte {at} does not hold: it is no event file, or damaged"
+            ));
+        }
+        let length = usize::try_from(u64::from_le_bytes(length)).unwrap_or(usize::MAX);
+        let split = behind.split_at_checked(length);
+        let Some((data, (check, behind))) =
+            split.and_then(|(data, behind)| Some((data, behind.split_at_checked(4)?)))
+        else {
+            break;
+        };
+        if !whole(data, check) {
+            return Err(format!(
+                "the checksum of the record at byte {at} does not hold: the file is damaged"
+            ));
+        }
+        events.push(
+            Event::decode(data).map_err(|error| format!("the record at byte {at} is no event: {error}"))?,
+        );
+        rest = behind;
+    }
+    Ok(events)
 }
 
 /// A checksum of data that may hold checksums: rotated and moved, so that it is no CRC of itself.
@@ -73,20 +126,24 @@ fn masked_crc(bytes: &[u8]) -> u32 {
 pub(super) mod tests {
     use super::*;
 
-    /// Reads a file back; panics where a checksum does not hold.
-    pub(in crate::export) fn read(mut file: &[u8]) -> Vec<Event> {
-        let mut events = Vec::new();
-        while !file.is_empty() {
-            let (head, rest) = file.split_at(12);
-            let length = u64::from_le_bytes(head[..8].try_into().unwrap());
-            assert_eq!(head[8..], masked_crc(&head[..8]).to_le_bytes());
-            let (data, rest) = rest.split_at(usize::try_from(length).unwrap());
-            let (check, rest) = rest.split_at(4);
-            assert_eq!(check, masked_crc(data).to_le_bytes());
-            events.push(Event::decode(data).unwrap());
-            file = rest;
+    /// Reads a file back.
+    pub(in crate::export) fn read(file: &[u8]) -> Vec<Event> {
+        events(file).unwrap()
+    }
+
+    #[test]
+    fn a_torn_end_is_passed_over_and_damage_is_not() {
+        let mut file = Vec::new();
+        append(&first(0.0), &mut file);
+        let whole = file.len();
+        append(&first(1.0), &mut file);
+        assert_eq!(read(&file[..file.len() - 1]).len(), 1);
+        assert_eq!(read(&file[..whole + 5]).len(), 1);
+        for byte in [0, whole + 13] {
+            let mut damaged = file.clone();
+            damaged[byte] ^= 1;
+            assert!(events(&damaged).unwrap_err().contains("checksum"));
         }
-        events
     }
 
     /// The check value of CRC-32C (RFC 3720, appendix B.4: 32 bytes of zeros), masked by hand.
@@ -112,6 +169,7 @@ pub(super) mod tests {
         let value = Scalar {
             tag: "final/return".into(),
             simple_value: Some(0.0),
+            tensor: None,
         };
         let event = Event {
             step: 7,

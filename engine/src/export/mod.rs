@@ -10,7 +10,7 @@
 
 mod comma_separated;
 mod config;
-mod event_file;
+pub(crate) mod event_file;
 mod ro_crate;
 mod table;
 mod tables;

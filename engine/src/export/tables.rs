@@ -255,5 +255,6 @@ fn purpose(purpose: &Purpose) -> &'static str {
         Purpose::Prepared => "prepared",
         Purpose::Tried(_) => "tried",
         Purpose::Play(_) => "play",
+        Purpose::Imported => "imported",
     }
 }

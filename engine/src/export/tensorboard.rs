@@ -110,6 +110,7 @@ fn scalars(result: &TrialResult) -> BTreeMap<u64, Vec<Scalar>> {
                 scalars.entry(step).or_default().push(Scalar {
                     tag: format!("{}/{metric}", phase.name()),
                     simple_value: Some(value as f32),
+                    tensor: None,
                 });
             }
         }

@@ -2,7 +2,7 @@
 //! its series end.
 
 use super::{
-    chart::{Chart, Panel, Point, Scale, Series, Shape},
+    chart::{Cells, Chart, Panel, Point, Scale, Series, Shape},
     drawn,
 };
 use crate::table::NumberFormat;
@@ -50,6 +50,7 @@ fn noun(chart: &Chart) -> &'static str {
         Some(Shape::Bars(..)) => "Bars",
         Some(Shape::Across(_)) => "Intervals as bars",
         Some(Shape::Surface(_)) => "Filled contours",
+        Some(Shape::Cells(_)) => "Coloured cells",
         _ => "Lines",
     }
 }
@@ -184,8 +185,38 @@ fn series_values(series: &Series, panel: &Panel, format: NumberFormat) -> Option
                 format.write(high)
             ))
         }
+        Shape::Cells(cells) => {
+            let (low, high) = ends(cells.values.iter().flatten().copied().flatten())?;
+            let format = NumberFormat::fitting([low, high].into_iter());
+            let at = |value: f64| place_of(cells, panel, value);
+            Some(format!(
+                "{} from {} ({}) to {} ({})",
+                cells.label,
+                format.write(low),
+                at(low),
+                format.write(high),
+                at(high)
+            ))
+        }
         Shape::Images(_) | Shape::Graph(_) => None,
     }
+}
+
+/// Row and column of the first cell with a value.
+fn place_of(cells: &Cells, panel: &Panel, value: f64) -> String {
+    let name = |names: &Scale, index: usize| names.categories.get(index).cloned().unwrap_or_default();
+    let rows = cells.values.iter().enumerate();
+    let found = rows
+        .flat_map(|(row, values)| {
+            values
+                .iter()
+                .enumerate()
+                .map(move |(column, it)| (row, column, it))
+        })
+        .find(|(_, _, it)| **it == Some(value));
+    found.map_or_else(String::new, |(row, column, _)| {
+        format!("{}, {}", name(&panel.y, row), name(&panel.x, column))
+    })
 }
 
 fn last(points: &[Point]) -> Option<f64> {

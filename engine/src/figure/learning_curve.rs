@@ -210,7 +210,7 @@ struct Measured {
 
 impl Measured {
     fn of(kind: &LearningCurve, scope: &Scope<'_>, label: String, style: Style) -> Option<Self> {
-        let learns = scope.learns();
+        let learns = scope.learns() || scope.is_imported();
         let (trials, runs): (Vec<String>, Vec<Run>) = runs(scope, &kind.metric).into_iter().unzip();
         let measured = Self {
             label,

@@ -36,7 +36,7 @@ impl Ground {
             let mut series = chart.panels.iter().flat_map(|panel| &panel.series);
             series.any(|series| is(&series.shape))
         };
-        if has(|shape| matches!(shape, Shape::Graph(_))) {
+        if has(|shape| matches!(shape, Shape::Graph(_) | Shape::Cells(_))) {
             Self::Boxes
         } else if has(|shape| matches!(shape, Shape::Surface(_) | Shape::Path(_) | Shape::Images(_))) {
             Self::Colored

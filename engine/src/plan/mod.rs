@@ -70,7 +70,7 @@ impl Study {
         };
         plan.keep(|trial| match trial.purpose {
             Purpose::Prepared => false,
-            Purpose::Tried(_) => true,
+            Purpose::Tried(_) | Purpose::Imported => true,
             Purpose::Cell | Purpose::Play(_) => trial.key.seed < u64::from(seeds(trial)),
         });
         plan.trials.sort_by_key(look);

@@ -7,6 +7,7 @@ use super::{
 use crate::{
     Phase,
     count::count,
+    imported::marked,
     results::{EPISODE_LENGTH, Results, TrialResult},
     trial::Purpose,
 };
@@ -91,8 +92,9 @@ pub(super) fn cost(results: &Results) -> Cost {
 }
 
 impl Cost {
-    /// Trials that stand in several settings and are the same were computed once.
+    /// Trials that stand in several settings and are the same were computed once, and imported runs by others.
     fn of<'a>(trials: impl Iterator<Item = &'a TrialResult>) -> Self {
+        let trials = trials.filter(|trial| trial.trial.purpose != Purpose::Imported);
         let ended = trials.filter_map(|trial| Some((trial.trial.id.as_str(), trial.end.as_ref()?.wall_s)));
         let seconds: BTreeMap<&str, f64> = ended.collect();
         Self {
@@ -169,7 +171,11 @@ impl Budget<'_> {
         let cost = Cost::of(self.trials.iter().copied());
         let mut row = vec![
             Entry::plain(self.environment),
-            Entry::plain(self.agent),
+            Entry::plain(if self.is_imported() {
+                marked(self.agent)
+            } else {
+                self.agent.to_owned()
+            }),
             self.count(),
         ];
         row.extend([self.steps(study.learners.contains(self.agent)), self.updates()]);
@@ -181,6 +187,12 @@ impl Budget<'_> {
             NONE.into()
         }));
         row
+    }
+
+    fn is_imported(&self) -> bool {
+        self.trials
+            .iter()
+            .any(|trial| trial.trial.purpose == Purpose::Imported)
     }
 
     fn ok(&self) -> impl Iterator<Item = &TrialResult> {

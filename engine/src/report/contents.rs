@@ -3,7 +3,8 @@
 use super::StudyInfo;
 use crate::{
     cross_play::Encounters,
-    figure::{self, Chart},
+    figure::{self, Chart, FigureSpec},
+    imported::marked,
     results::{CellName, Results, TIMES_ARE_OF_THE_MACHINE, TrialResult, names_times},
     spec::ClaimSpec,
     statistics::{
@@ -70,12 +71,12 @@ impl Contents {
             agents: &study.agents,
             units: &study.units,
         };
-        let chart = |spec| match figure::build(spec, context) {
-            Ok(chart) => Ok(Chart {
-                notes: with_times(spec, chart.notes),
-                ..chart
-            }),
-            Err(error) => Err(error.to_string()),
+        let chart = |spec: &FigureSpec| {
+            let spec = marked_in(spec, results);
+            let mut chart = figure::build(&spec, context).map_err(|error| error.to_string())?;
+            let notes = with_times(&spec, std::mem::take(&mut chart.notes));
+            chart.notes = with_origins(notes, results, |name| shows(&chart, &spec.labels[name]));
+            Ok(chart)
         };
         let figures = study
             .figures
@@ -247,6 +248,35 @@ fn count(list: &[&'static str], words: impl Iterator<Item = &'static str>) -> Co
     counted.filter(|(_, n)| *n > 0).collect()
 }
 
+/// A figure in which the names of imported runs are marked.
+fn marked_in(spec: &FigureSpec, results: &Results) -> FigureSpec {
+    let mut spec = spec.clone();
+    for name in results.imported.iter().map(|origin| &origin.name) {
+        let label = spec.labels.entry(name.clone()).or_insert_with(|| name.clone());
+        *label = marked(label);
+    }
+    spec
+}
+
+/// Whether something in a figure has this label.
+fn shows(chart: &Chart, label: &str) -> bool {
+    chart.panels.iter().any(|panel| {
+        let series = panel.series.iter().map(|series| &series.label);
+        let categories = panel.x.categories.iter().chain(&panel.y.categories);
+        series
+            .chain(categories)
+            .chain([&panel.title])
+            .any(|text| text.contains(label))
+    })
+}
+
+/// Notes with a sentence on all imported runs that are shown.
+fn with_origins(mut notes: Vec<String>, results: &Results, shown: impl Fn(&str) -> bool) -> Vec<String> {
+    let origins = results.imported.iter().filter(|origin| shown(&origin.name));
+    notes.extend(origins.map(|origin| origin.sentence.clone()));
+    notes
+}
+
 /// Notes with the sentence on times, where a table or figure shows some.
 fn with_times(spec: &impl Serialize, mut notes: Vec<String>) -> Vec<String> {
     notes.extend(names_times(spec).then(|| TIMES_ARE_OF_THE_MACHINE.to_owned()));
@@ -255,7 +285,23 @@ fn with_times(spec: &impl Serialize, mut notes: Vec<String>) -> Vec<String> {
 
 fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<Grid, crate::Error> {
     let mut grid = table::build(spec, results)?;
-    grid.notes = with_times(spec, grid.notes);
+    let behind: BTreeSet<&str> = grid
+        .cells
+        .iter()
+        .flatten()
+        .flat_map(|cell| &cell.rests_on)
+        .map(|cell| cell.1.as_str())
+        .collect();
+    grid.notes = with_origins(
+        with_times(spec, std::mem::take(&mut grid.notes)),
+        results,
+        |name| behind.contains(name),
+    );
+    for heading in grid.rows.iter_mut().chain(&mut grid.columns) {
+        if results.imported.iter().any(|origin| origin.name == heading.name) {
+            heading.label = marked(&heading.label);
+        }
+    }
     if let Some(metric) = spec.kind.metric_of_unit() {
         grid.unit = study
             .units
@@ -387,9 +433,13 @@ fn claim_lines(number: usize, spec: &ClaimSpec, study: &StudyInfo, results: &Res
             .flat_map(|operand| trials_behind(scope, results, operand, setting))
             .collect();
         let looks = results.seeds_of(&trials);
-        let verdict = hold(&claim, spec, &trials, &looks, &|operand| match operand.within {
+        let mut verdict = hold(&claim, spec, &trials, &looks, &|operand| match operand.within {
             Some(_) => in_play(results, operand),
             None => values(scope, operand, setting),
+        });
+        let notes = std::mem::take(&mut verdict.notes);
+        verdict.notes = with_origins(notes, results, |name| {
+            trials.iter().any(|it| it.trial.agent == name)
         });
         ClaimLine {
             looks,

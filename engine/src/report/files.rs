@@ -37,7 +37,7 @@ pub(super) fn by_seed(name: &str) -> String {
 }
 
 /// A name with everything but letters, digits, `.`, `_` and `-` replaced.
-pub(super) fn slug(name: &str) -> String {
+pub(crate) fn slug(name: &str) -> String {
     let keep = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
     let slug: String = name.chars().map(|c| if keep(c) { c } else { '-' }).collect();
     slug.trim_start_matches('.').to_owned()

@@ -5,8 +5,10 @@ use crate::{
     build::tally,
     count::count,
     figure::{Chart, FigureSpec},
+    imported::Origin,
     results::TrialResult,
     table::{Grid, escape_markdown as escape, markdown, prose},
+    trial::Purpose,
 };
 
 /// The whole report.
@@ -173,9 +175,10 @@ fn runs(parts: &Parts<'_>) -> Vec<String> {
         .collect()
 }
 
-/// The trials that others take from, and those that are shown.
+/// The trials that others take from, and those that are shown; imported runs are none of ours.
 pub(super) fn all<'a>(parts: &Parts<'a>) -> impl Iterator<Item = &'a TrialResult> + use<'a> {
-    parts.results.prepared.iter().chain(&parts.results.trials)
+    let all = parts.results.prepared.iter().chain(&parts.results.trials);
+    all.filter(|trial| trial.trial.purpose != Purpose::Imported)
 }
 
 /// How many trials ended in each way.
@@ -208,6 +211,25 @@ pub(super) fn failure(trial: &TrialResult) -> String {
     )
 }
 
+/// Files of imported runs, each with its hash.
+fn imported(parts: &Parts<'_>) -> String {
+    let entry = |origin: &Origin| {
+        let files: Vec<String> = origin
+            .files
+            .iter()
+            .map(|(file, sha256)| format!("{file} (SHA-256 {sha256})"))
+            .collect();
+        format!("{}: {}", origin.name, files.join(", "))
+    };
+    parts
+        .results
+        .imported
+        .iter()
+        .map(entry)
+        .collect::<Vec<_>>()
+        .join("; ")
+}
+
 /// What made the results, by name.
 pub(super) fn provenance(parts: &Parts<'_>) -> Vec<(&'static str, String)> {
     let provenance = parts.provenance;
@@ -224,6 +246,7 @@ pub(super) fn provenance(parts: &Parts<'_>) -> Vec<(&'static str, String)> {
         ("plugin versions", Some(plugins.join(", "))),
         ("profile", provenance.profile.clone()),
         ("seeds", Some(seeds.join(", "))),
+        ("imported", Some(imported(parts))),
         ("trials ended", parts.study.ended.as_ref().map(Period::sentence)),
         ("processor", Some(provenance.cpu.clone())),
         ("operating system", Some(provenance.operating_system.clone())),

@@ -36,6 +36,7 @@ mod verdicts;
 pub use basis::basis;
 pub use budgets::duration;
 pub use contents::{ClaimLine, Contents, Counts, Open, UNREAD};
+pub(crate) use files::slug as file_slug;
 pub use index::{IndexEntry, index};
 pub use junit::junit;
 pub use manifest::{Manifest, Replaced};

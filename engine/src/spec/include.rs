@@ -130,7 +130,13 @@ impl Reader<'_> {
         let name = self.sources.place(root.span).file;
         let folder = Path::new(&name).parent().unwrap_or(Path::new(""));
         if along(Path::new(""), folder) != along(Path::new(""), self.study) {
-            relocate(&mut root, "", folder, self.study);
+            let Kind::Mapping(entries) = &mut root.kind else {
+                return Ok(root);
+            };
+            for Entry { key, value, .. } in entries {
+                let names_files = if key == "imported" { "from" } else { "file" };
+                relocate(value, key, names_files, (folder, self.study));
+            }
         }
         Ok(root)
     }
@@ -153,9 +159,9 @@ fn forget(node: &mut Node, keys: &[&str]) {
     }
 }
 
-/// Names data files, which stand under the key `file` or in lists for it, as seen from another folder.
-fn relocate(node: &mut Node, key: &str, from: &Path, to: &Path) {
-    let is_file = key == "file" || key.ends_with(".file");
+/// Names files, which stand under a key and in lists for it, as seen from another folder.
+fn relocate(node: &mut Node, key: &str, names_files: &str, (from, to): (&Path, &Path)) {
+    let is_file = key.rsplit('.').next() == Some(names_files);
     match &mut node.kind {
         Kind::Scalar(_) => {
             if let Some(text) = node.as_str().filter(|text| is_file && !text.is_empty()) {
@@ -163,14 +169,17 @@ fn relocate(node: &mut Node, key: &str, from: &Path, to: &Path) {
                 *node = Node::scalar(node.span, path.into());
             }
         }
-        Kind::Sequence(items) => items.iter_mut().for_each(|item| relocate(item, key, from, to)),
+        Kind::Sequence(items) => items
+            .iter_mut()
+            .for_each(|item| relocate(item, key, names_files, (from, to))),
         Kind::Mapping(entries) => {
             for Entry {
                 key: below, value, ..
             } in entries
             {
                 let is_list_of_files = is_file && !matches!(value.kind, Kind::Scalar(_));
-                relocate(value, if is_list_of_files { key } else { below }, from, to);
+                let key = if is_list_of_files { key } else { below };
+                relocate(value, key, names_files, (from, to));
             }
         }
     }

@@ -19,6 +19,7 @@
 //! | `specimens` | what cells would leave, for a check of those that take it |
 //! | `builds` | builds what the cells name, to hear what plugins refuse and what trials record |
 //! | `cross_play` | plays: which agents meet after they were trained, and in which seats |
+//! | `imported` | runs of other programs, which stand where agents stand |
 //! | `summary` | the sentence that sums a study up, and its placeholders |
 //! | `names` | tables, figures and claims against what trials record |
 //! | `resolved` | a study with all defaults written out |
@@ -30,6 +31,7 @@ mod cells;
 mod claims;
 mod config;
 mod cross_play;
+mod imported;
 mod include;
 mod json_schema;
 mod lay;
@@ -55,7 +57,7 @@ pub use claims::ClaimSpec;
 pub use cross_play::{Pairs, Play, Player};
 pub use json_schema::json_schema;
 pub use plugin_config::load_config;
-pub use resolved::resolved_yaml;
+pub use resolved::{resolved_yaml, section_yaml};
 pub use search::Progress;
 pub use summary::Summary;
 pub use taking::Source;
@@ -66,6 +68,7 @@ use crate::{
     diagnostic::{Diagnostic, Sources, Span, in_order},
     document::{self, Node},
     figure::FigureSpec,
+    imported::Imported,
     limits::Limits,
     results::Success,
     schema_check::{At, Checker, View},
@@ -132,6 +135,8 @@ pub struct Study {
     pub claims: Vec<ClaimSpec>,
     /// Plays, in order.
     pub plays: Vec<Play>,
+    /// Runs of other programs, in order; their names are among those of the agents.
+    pub imported: Vec<Imported>,
     /// What one trial may use.
     pub limits: Limits,
     /// What can be run and is probably not meant, sorted by position.
@@ -283,6 +288,7 @@ struct Made {
     cells: Vec<Cell>,
     order: Vec<usize>,
     world: builds::World,
+    imported: Vec<Imported>,
     asked: names::Asked,
 }
 
@@ -303,6 +309,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     let mut cells = sections.cells().map_err(&with)?;
     let order = taking::link(sections, &mut cells, &plan.seeds).map_err(&with)?;
     let mut world = builds::build(sections, &cells, &plan.seeds[..plan.certain()]).map_err(&with)?;
+    let imported = imported::resolve(root, sections, &plan, &mut world).map_err(&with)?;
     let about_success = names::success(root, success.as_ref(), &mut world, sources);
     world.plays = cross_play::resolve(sections, &cells, plan.seeds.len())
         .map_err(|errors| with(about_success.iter().cloned().chain(errors).collect()))?;
@@ -318,6 +325,7 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         cells,
         order,
         world,
+        imported,
         asked,
     })
 }
@@ -334,6 +342,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         cells,
         order,
         world,
+        imported,
         asked,
     } = made;
     let profiles = root.get("profiles").map_or(&[][..], Node::entries);
@@ -355,6 +364,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         tables: asked.tables,
         figures: asked.figures,
         claims: asked.claims,
+        imported,
         limits: section(root, "limits").unwrap_or_default(),
         warnings: world.warnings,
         searches: sections.searches.iter().map(search::progress).collect(),

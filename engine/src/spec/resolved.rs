@@ -5,6 +5,7 @@ use super::{
     cells::Sections,
     config,
     cross_play::Play,
+    imported,
     path::Target,
     search::Searched,
     seeds::SeedPlan,
@@ -46,6 +47,10 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     // In the resolved configs files are named from the current folder, in sweeps and overrides from the
     // study's.
     let relocated = study.resolved.iter().map(|(key, section)| {
+        if key == "imported" {
+            let seen = |_: &str, entry| imported::relocated(entry, &study.folder, folder);
+            return (key.clone(), section.clone().map(seen));
+        }
         let from = if ["sweep", "overrides", "cross_play"].contains(&key.as_str()) {
             study.folder.as_path()
         } else {
@@ -78,6 +83,14 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
         sections.push(("limits".into(), Section::Plain(json!(study.limits))));
     }
     text(&sections)
+}
+
+/// A section as a study has it, in YAML.
+///
+/// # Errors
+/// [`Error::Render`] where a value has no form in YAML.
+pub fn section_yaml(name: &str, value: Value) -> Result<String, Error> {
+    text(&[(name.into(), Section::Plain(value))])
 }
 
 /// A section of a study.
@@ -151,6 +164,13 @@ pub fn sections(
             .map(|(index, entry)| (entry.name.clone(), prepared(index, entry, &mut full)))
             .collect();
         all.push(("prepare".into(), Section::Named(entries)));
+    }
+    if let Some(section) = root.get("imported") {
+        let entries = section
+            .entries()
+            .iter()
+            .map(|entry| (entry.key.clone(), entry.value.to_value()));
+        all.push(("imported".into(), Section::Named(entries.collect())));
     }
     if !sections.searches.is_empty() {
         let searches = sections.written.searches.iter().zip(sections.searches);

@@ -10,6 +10,7 @@ use super::{
 };
 use crate::{
     figure::FigureSpec,
+    imported::ImportedText,
     limits::Limits,
     results::Success,
     schema_check::{NAME, SLUG},
@@ -62,6 +63,10 @@ pub(super) struct Sections {
     /// Plays by name: agents that meet after they were trained, in every combination over roles.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     cross_play: BTreeMap<String, PlayText>,
+    /// Runs of other programs by name, each entry in one environment or a list of such. They stand beside the agents in
+    /// tables, figures and claims, and are marked there as imported.
+    #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
+    imported: BTreeMap<String, Parts>,
     /// Values for some combinations only.
     overrides: Vec<Overridden>,
     /// Tables by name.
@@ -140,6 +145,17 @@ struct PlayText {
     /// Keys of the environment that differ from the training.
     #[serde(default)]
     environment_config: Map<String, Value>,
+}
+
+/// Imported runs in one environment, or in several.
+#[derive(serde::Serialize, JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "its schema alone is used")]
+enum Parts {
+    /// In one.
+    One(ImportedText),
+    /// In several, a part for each.
+    Several(#[schemars(length(min = 1))] Vec<ImportedText>),
 }
 
 fn episodes() -> u64 {

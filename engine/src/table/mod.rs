@@ -40,6 +40,7 @@ pub use number_format::NumberFormat;
 pub use published::{Margin, Published, PublishedCell, PublishedValue, StatedMargin};
 pub use rank_correlation::RankCorrelation;
 pub use seeds::Scope;
+pub(crate) use terminal::align;
 pub use terminal::{terminal, wrap};
 
 use crate::{

@@ -48,7 +48,7 @@ impl<'a> Scope<'a> {
         let wanted = |trial: &&TrialResult| {
             listed(agents, &trial.trial.agent) && listed(environments, &trial.trial.environment)
         };
-        let usual = |trial: &&TrialResult| trial.trial.purpose == Purpose::Cell;
+        let usual = |trial: &&TrialResult| matches!(trial.trial.purpose, Purpose::Cell | Purpose::Imported);
         Self {
             trials: results.trials.iter().filter(usual).filter(wanted).collect(),
         }
@@ -101,6 +101,14 @@ impl<'a> Scope<'a> {
     #[must_use]
     pub fn learns(&self) -> bool {
         self.trials.iter().any(|trial| trial.updates().is_some())
+    }
+
+    /// True where other programs made the runs.
+    #[must_use]
+    pub fn is_imported(&self) -> bool {
+        self.trials
+            .iter()
+            .any(|trial| trial.trial.purpose == Purpose::Imported)
     }
 
     /// Environment steps and updates of an agent that learns, as in `240000 steps, 15000 updates`; `None` for

@@ -67,7 +67,8 @@ fn long(grid: &Grid) -> Vec<Vec<String>> {
     lines
 }
 
-fn align(lines: &[Vec<String>], left: &[bool]) -> String {
+/// Lines under a head in aligned columns; words begin at the left.
+pub(crate) fn align(lines: &[Vec<String>], left: &[bool]) -> String {
     let widths = widths(lines);
     let mut out = String::new();
     for (index, line) in lines.iter().enumerate() {

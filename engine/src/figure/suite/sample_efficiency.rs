@@ -101,7 +101,7 @@ fn panel(suite: &Suite<'_>, series: Vec<Series>) -> Panel {
 
 /// The line of an agent; `None` where its runs share no step.
 fn line(suite: &Suite<'_>, player: &Player<'_>) -> Option<Series> {
-    let learns = player.scope.learns();
+    let learns = player.scope.learns() || player.scope.is_imported();
     let tasks: Vec<Vec<Run>> = suite
         .scales
         .iter()

@@ -1,0 +1,302 @@
+//! `watch`: running trials and learning curves in a terminal, as a page, or once as text.
+
+use super::{
+    BAD_SPEC, Common, Failure, Format, INCOMPLETE, OK, Selection, complain,
+    compute::listen_for_signals,
+    run, say, settings,
+    study::{self, Planned},
+};
+use crate::{
+    Error, Registry,
+    figure::FigureKind,
+    store::{self, Store, write_durably},
+    watch::{Choice, View, Watched, Watcher, draw, page, plain},
+};
+use clap::Args;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use std::{
+    io::IsTerminal,
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+/// What is watched, and how it is shown.
+#[derive(Debug, Clone, Args)]
+pub(super) struct WatchOptions {
+    #[command(flatten)]
+    selection: Selection,
+    /// Write a page with the curves, again and again until no trial is left, in place of the terminal view.
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// Show once and leave, as text; so it is where standard output is no terminal.
+    #[arg(long)]
+    once: bool,
+    /// Metric that is shown first; that of the study's learning curves where absent.
+    #[arg(long, value_name = "NAME")]
+    metric: Option<String>,
+    /// Seconds between two looks at the store.
+    #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = seconds)]
+    every_s: f64,
+}
+
+/// A look takes at most this part of the time, however large the store is.
+const REST_PER_LOOK: u32 = 5;
+/// How long a key may have to wait.
+const KEY_WAIT: Duration = Duration::from_millis(100);
+/// Studies that grow are planned again after so many looks.
+const LOOKS_PER_PLAN: u64 = 10;
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let number = text
+        .parse::<f64>()
+        .ok()
+        .filter(|number| (0.1..=3600.0).contains(number));
+    number.ok_or_else(|| "write a number from 0.1 to 3600".into())
+}
+
+/// Leaves with 0 whatever it saw; with 2 where a study is wrong.
+pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common) -> Result<u8, Failure> {
+    let settings = settings::read(common)?;
+    let store = Store::at(&settings.store);
+    let planned = study::load_with_looks(registry, &options.selection, &store)?;
+    let preferred = options
+        .metric
+        .iter()
+        .cloned()
+        .chain(planned.iter().flat_map(metrics))
+        .collect();
+    let mut watching = Watching {
+        registry,
+        options,
+        watcher: Watcher::new(store.clone(), settings.workers, preferred),
+        store,
+        planned,
+        looks: 0,
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    if let Some(path) = &options.html {
+        listen_for_signals(&stop)?;
+        return watching.write_pages(path, &stop);
+    }
+    let is_terminal = std::io::stdout().is_terminal() && common.format == Format::Text;
+    if options.once || !is_terminal {
+        let view = watching.look();
+        say(&match common.format {
+            Format::Text => plain(&view, u16::try_from(run::terminal_width()).unwrap_or(u16::MAX)),
+            Format::Json => serde_json::to_string(&view).map_err(|error| Failure {
+                code: BAD_SPEC,
+                text: format!("error: {error}"),
+            })?,
+        });
+        return Ok(OK);
+    }
+    listen_for_signals(&stop)?;
+    let terminal = ratatui::try_init().map_err(broken)?;
+    // A panic restores the terminal by the hook that was installed with it.
+    let shown = watching.show(terminal, &stop);
+    ratatui::restore();
+    shown
+}
+
+fn broken(error: std::io::Error) -> Failure {
+    Failure {
+        code: INCOMPLETE,
+        text: format!("error: cannot use the terminal: {error}; `--once` prints text"),
+    }
+}
+
+/// Metrics that the learning curves of a study show, in order.
+fn metrics(one: &Planned) -> Vec<String> {
+    let curves = one
+        .study
+        .figures
+        .iter()
+        .filter_map(|(_, figure)| match &figure.kind {
+            FigureKind::LearningCurve(curve) => Some(curve.metric.clone()),
+            _ => None,
+        });
+    curves.collect()
+}
+
+struct Watching<'a> {
+    registry: &'a Registry,
+    options: &'a WatchOptions,
+    store: Store,
+    watcher: Watcher,
+    planned: Vec<Planned>,
+    looks: u64,
+}
+
+impl Watching<'_> {
+    /// What is there now. Studies whose trials depend on results are planned again from time to time; as long as one
+    /// cannot be read, because it is being edited, the last plan holds.
+    fn look(&mut self) -> View {
+        let grows = |one: &Planned| one.study.design.is_some() || !one.study.searches.is_empty();
+        if self.looks > 0 && self.looks.is_multiple_of(LOOKS_PER_PLAN) && self.planned.iter().any(grows) {
+            let again = study::load_with_looks(self.registry, &self.options.selection, &self.store);
+            self.planned = again.unwrap_or_else(|_| std::mem::take(&mut self.planned));
+        }
+        self.looks += 1;
+        let watched = self.planned.iter().map(|one| Watched {
+            name: &one.study.name,
+            trials: &one.plan.trials,
+            costs: &one.costs,
+        });
+        self.watcher.look(&watched.collect::<Vec<_>>(), store::now())
+    }
+
+    /// A look, and when the next one is due.
+    fn look_timed(&mut self) -> (View, Instant) {
+        let begun = now();
+        let view = self.look();
+        let every = Duration::from_secs_f64(self.options.every_s);
+        (view, now() + every.max(begun.elapsed() * REST_PER_LOOK))
+    }
+
+    /// Writes pages until no trial is left or a signal asks to leave.
+    fn write_pages(&mut self, path: &Path, stop: &AtomicBool) -> Result<u8, Failure> {
+        loop {
+            let (view, next) = self.look_timed();
+            let last = self.options.once || view.is_finished() || stop.load(Ordering::SeqCst);
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "from 1 to 3600"
+            )]
+            let refresh_s = (!last).then(|| self.options.every_s.ceil() as u64);
+            write_page(path, &page(&view, refresh_s)?)?;
+            if last {
+                return Ok(OK);
+            }
+            if self.looks == 1 {
+                complain(&format!(
+                    "`{}` is renewed until no trial is left; Ctrl-C leaves",
+                    path.display()
+                ));
+            }
+            while now() < next && !stop.load(Ordering::SeqCst) {
+                std::thread::sleep(KEY_WAIT);
+            }
+        }
+    }
+
+    fn show(&mut self, mut terminal: ratatui::DefaultTerminal, stop: &AtomicBool) -> Result<u8, Failure> {
+        let mut choice = Choice {
+            colours: super::colour(),
+            keys: true,
+            ..Choice::default()
+        };
+        let (mut view, mut next) = self.look_timed();
+        loop {
+            terminal
+                .draw(|frame| draw(frame, &view, choice))
+                .map_err(broken)?;
+            if event::poll(KEY_WAIT).map_err(broken)? {
+                match event::read().map_err(broken)? {
+                    Event::Key(key) if key.kind == KeyEventKind::Press && leaves(key) => return Ok(OK),
+                    Event::Key(key) if key.kind == KeyEventKind::Press => choice = turned(choice, key.code),
+                    _ => {}
+                }
+            }
+            if stop.load(Ordering::SeqCst) {
+                return Ok(OK);
+            }
+            if now() >= next {
+                (view, next) = self.look_timed();
+            }
+        }
+    }
+}
+
+fn leaves(key: KeyEvent) -> bool {
+    let with_control = key.modifiers.contains(KeyModifiers::CONTROL);
+    match key.code {
+        KeyCode::Char('q') | KeyCode::Esc => true,
+        KeyCode::Char('c') => with_control,
+        _ => false,
+    }
+}
+
+/// What is chosen after a key.
+fn turned(choice: Choice, key: KeyCode) -> Choice {
+    let (panel, metric, scroll) = (choice.panel, choice.metric, choice.scroll);
+    match key {
+        KeyCode::Right | KeyCode::Tab => Choice {
+            panel: panel.wrapping_add(1),
+            ..choice
+        },
+        KeyCode::Left => Choice {
+            panel: panel.saturating_sub(1),
+            ..choice
+        },
+        KeyCode::Char('m') => Choice {
+            metric: metric.wrapping_add(1),
+            ..choice
+        },
+        KeyCode::Down => Choice {
+            scroll: scroll.saturating_add(1),
+            ..choice
+        },
+        KeyCode::Up => Choice {
+            scroll: scroll.saturating_sub(1),
+            ..choice
+        },
+        _ => choice,
+    }
+}
+
+/// The page appears whole; its folder is made where it is not there.
+fn write_page(path: &Path, text: &str) -> Result<(), Error> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder {
+        std::fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+    }
+    write_durably(path, text.as_bytes())
+}
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "it says when to look again, and reaches no result"
+)]
+fn now() -> Instant {
+    Instant::now()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_leave_or_turn_what_is_shown() {
+        let key = |code| KeyEvent::new(code, KeyModifiers::NONE);
+        assert!(leaves(key(KeyCode::Char('q'))) && leaves(key(KeyCode::Esc)));
+        assert!(
+            leaves(KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL))
+                && !leaves(key(KeyCode::Char('c')))
+        );
+        let after = |keys: &[KeyCode]| {
+            keys.iter()
+                .fold(Choice::default(), |choice, key| turned(choice, *key))
+        };
+        let choice = after(&[
+            KeyCode::Right,
+            KeyCode::Right,
+            KeyCode::Left,
+            KeyCode::Char('m'),
+            KeyCode::Up,
+            KeyCode::Down,
+        ]);
+        assert_eq!((choice.panel, choice.metric, choice.scroll), (1, 1, 1));
+        assert_eq!(after(&[KeyCode::Left]).panel, 0);
+    }
+
+    #[test]
+    fn times_between_looks_have_bounds() {
+        assert_eq!(seconds("0.5"), Ok(0.5));
+        assert!(seconds("0").is_err() && seconds("nan").is_err() && seconds("soon").is_err());
+    }
+}

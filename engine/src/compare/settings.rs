@@ -1,0 +1,102 @@
+//! The keys of two resolved studies that differ.
+
+use super::Setting;
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+
+/// Every leaf of a study by its dotted key. A list without mappings is one value; claims are named by their words, so
+/// that one more claim moves none of the others.
+#[must_use]
+pub fn flat(study: &Value) -> BTreeMap<String, Value> {
+    let mut leaves = BTreeMap::new();
+    gather(String::new(), study, &mut leaves);
+    leaves
+}
+
+fn gather(key: String, value: &Value, leaves: &mut BTreeMap<String, Value>) {
+    match value {
+        Value::Object(map) if !map.is_empty() => {
+            for (name, value) in map {
+                let below = if key.is_empty() {
+                    name.clone()
+                } else {
+                    format!("{key}.{name}")
+                };
+                gather(below, value, leaves);
+            }
+        }
+        Value::Array(items) if items.iter().any(Value::is_object) => {
+            for (place, item) in items.iter().enumerate() {
+                let claim = item.get("claim").and_then(Value::as_str);
+                let by_words = claim.map(|claim| format!("{key}[{claim}]"));
+                let free = by_words.filter(|name| !leaves.contains_key(&format!("{name}.claim")));
+                gather(free.unwrap_or_else(|| format!("{key}[{place}]")), item, leaves);
+            }
+        }
+        leaf => drop(leaves.insert(key, leaf.clone())),
+    }
+}
+
+/// The keys that differ, in their order.
+pub(super) fn differing(a: &BTreeMap<String, Value>, b: &BTreeMap<String, Value>) -> Vec<Setting> {
+    let keys: BTreeMap<&String, ()> = a.keys().chain(b.keys()).map(|key| (key, ())).collect();
+    let pairs = keys.into_keys().map(|key| (key, a.get(key), b.get(key)));
+    pairs
+        .filter(|(_, first, second)| !is_equal(*first, *second))
+        .map(|(key, first, second)| Setting {
+            key: key.clone(),
+            a: first.cloned(),
+            b: second.cloned(),
+        })
+        .collect()
+}
+
+/// `1` and `1.0` are one number; an empty list or mapping and nothing at all are the same setting.
+fn is_equal(a: Option<&Value>, b: Option<&Value>) -> bool {
+    let is_nothing = |value: Option<&Value>| {
+        value.is_none_or(|value| *value == Value::Array(Vec::new()) || *value == Value::Object(Map::new()))
+    };
+    match (a, b) {
+        (Some(Value::Number(first)), Some(Value::Number(second))) => {
+            first == second || first.as_f64().map(f64::to_bits) == second.as_f64().map(f64::to_bits)
+        }
+        (first, second) => first == second || is_nothing(first) && is_nothing(second),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn keys(a: &Value, b: &Value) -> Vec<String> {
+        differing(&flat(a), &flat(b))
+            .into_iter()
+            .map(|setting| setting.key)
+            .collect()
+    }
+
+    #[test]
+    fn leaves_have_dotted_keys() {
+        let a =
+            json!({"agents": {"x": {"sac": {"discount": 0.9, "layers": [1, 2]}}}, "seeds": 5, "sweep": {}});
+        let b = json!({"agents": {"x": {"sac": {"discount": 0.99, "layers": [1, 3]}}, "y": {"rule": {"on": 1}}},
+            "seeds": 5.0});
+        assert_eq!(
+            keys(&a, &b),
+            ["agents.x.sac.discount", "agents.x.sac.layers", "agents.y.rule.on"]
+        );
+        assert_eq!(differing(&flat(&a), &flat(&b))[2].a, None);
+    }
+
+    #[test]
+    fn one_more_claim_moves_none_of_the_others() {
+        let claim = |words: &str| json!({"claim": words, "about": "x"});
+        let a = json!({"claims": [claim("p > q"), claim("r > s")]});
+        let b = json!({"claims": [claim("new"), claim("p > q"), claim("r > s")]});
+        assert_eq!(keys(&a, &b), ["claims[new].about", "claims[new].claim"]);
+        let twice = json!({"claims": [claim("p > q"), claim("p > q")]});
+        assert_eq!(keys(&twice, &twice).len(), 0);
+        assert_eq!(flat(&twice).len(), 4);
+    }
+}

@@ -1,0 +1,370 @@
+//! A view in a terminal of any size, and as plain text.
+
+use super::{Panel, RunningView, View};
+use crate::table::NumberFormat;
+use ratatui::{
+    Frame, Terminal,
+    backend::TestBackend,
+    layout::{Constraint, Layout, Rect},
+    style::{Color, Modifier, Style},
+    symbols::Marker,
+    text::{Line, Span},
+    widgets::{Axis, Chart, Dataset, GraphType, Paragraph},
+};
+
+/// What of a view is shown.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Choice {
+    /// Which panel, counted round.
+    pub panel: usize,
+    /// Which metric, counted round.
+    pub metric: usize,
+    /// How many running trials are passed over.
+    pub scroll: usize,
+    /// Whether agents have colours, and not only marks.
+    pub colours: bool,
+    /// Whether keys are explained.
+    pub keys: bool,
+}
+
+/// Colours that every terminal has, told apart on a light and on a dark ground.
+const COLOURS: [Color; 6] = [
+    Color::Cyan,
+    Color::Yellow,
+    Color::Magenta,
+    Color::Green,
+    Color::Blue,
+    Color::Red,
+];
+/// Marks in place of colours, with how a legend shows them.
+const MARKS: [(Marker, &str); 3] = [(Marker::Braille, "⠒"), (Marker::Dot, "•"), (Marker::Block, "█")];
+/// The smallest area in which curves can be read.
+const LEAST_CURVES: (u16, u16) = (24, 6);
+/// Columns of the bars of running trials.
+const BAR: usize = 20;
+const KEYS: &str = "q leave   ←→ environment   m metric   ↑↓ running trials";
+
+/// Draws a view.
+pub fn draw(frame: &mut Frame<'_>, view: &View, choice: Choice) {
+    let area = frame.area();
+    let head = head(view, choice);
+    let running: Vec<&RunningView> = view.studies.iter().flat_map(|study| &study.running).collect();
+    // The head comes first, then as many running trials as fit beside curves.
+    let lines = |count: usize| u16::try_from(count).unwrap_or(u16::MAX);
+    let keys = u16::from(choice.keys && area.height > 2);
+    let free = area.height.saturating_sub(lines(head.len()) + keys);
+    let most = if free >= 2 * LEAST_CURVES.1 {
+        free / 2
+    } else {
+        free.saturating_sub(LEAST_CURVES.1 + 1)
+    };
+    let shown = if running.is_empty() {
+        0
+    } else {
+        lines(running.len() + 1).min(most.max(free.min(2)))
+    };
+    let [top, middle, rest, bottom] = Layout::vertical([
+        Constraint::Length(lines(head.len())),
+        Constraint::Length(shown),
+        Constraint::Min(0),
+        Constraint::Length(keys),
+    ])
+    .areas(area);
+    frame.render_widget(Paragraph::new(head), top);
+    frame.render_widget(Paragraph::new(running_lines(&running, choice, middle)), middle);
+    curves(frame, view, choice, rest);
+    frame.render_widget(
+        Paragraph::new(KEYS).style(Style::new().add_modifier(Modifier::DIM)),
+        bottom,
+    );
+}
+
+/// A view as text of `width` columns, without colours.
+#[must_use]
+pub fn plain(view: &View, width: u16) -> String {
+    let running: usize = view.studies.iter().map(|study| study.running.len()).sum();
+    let curves = if view.panels().next().is_some() { 18 } else { 0 };
+    let notes: usize = view.studies.iter().map(|study| study.notes.len()).sum();
+    let height = 2 * view.studies.len() + notes + running.min(20) + curves + 2;
+    let height = u16::try_from(height).unwrap_or(u16::MAX);
+    let text = drawn(view, Choice::default(), (width, height));
+    text.trim_end().to_owned()
+}
+
+/// What a terminal of some size shows, line by line.
+fn drawn(view: &View, choice: Choice, (width, height): (u16, u16)) -> String {
+    // Nothing can fail in a buffer in memory.
+    let Ok(mut terminal) = Terminal::new(TestBackend::new(width, height));
+    let Ok(_) = terminal.draw(|frame| draw(frame, view, choice));
+    let buffer = terminal.backend().buffer();
+    let line = |y: u16| {
+        let cells = (0..width).filter_map(|x| buffer.cell((x, y)));
+        cells.map(ratatui::buffer::Cell::symbol).collect::<String>()
+    };
+    (0..height)
+        .map(|y| line(y).trim_end().to_owned() + "\n")
+        .collect()
+}
+
+/// Two lines a study, and what could not be read.
+fn head(view: &View, choice: Choice) -> Vec<Line<'static>> {
+    let bold = Style::new().add_modifier(Modifier::BOLD);
+    let alarm = if choice.colours {
+        Style::new().fg(Color::Red)
+    } else {
+        Style::new()
+    };
+    let mut lines = Vec::new();
+    for study in &view.studies {
+        let (done, all) = (study.done(), study.trials);
+        lines.push(Line::from(vec![
+            Span::styled(study.name.clone(), bold),
+            Span::raw(format!("  {} {done}/{all} trials", bar(part(done, all)))),
+        ]));
+        lines.push(Line::raw(format!("  {}", study.summary())));
+        lines.extend(
+            study
+                .notes
+                .iter()
+                .map(|note| Line::styled(format!("  {note}"), alarm)),
+        );
+    }
+    lines
+}
+
+fn part(done: usize, all: usize) -> Option<f64> {
+    #[allow(clippy::cast_precision_loss, reason = "it is shown in a bar")]
+    let part = done as f64 / all as f64;
+    part.is_finite().then_some(part)
+}
+
+/// A bar of 20 columns; empty where the part is not known.
+fn bar(part: Option<f64>) -> String {
+    let full = (part.unwrap_or(0.0).clamp(0.0, 1.0) * BAR as f64).floor() as usize;
+    format!("{}{}", "━".repeat(full), "─".repeat(BAR - full))
+}
+
+fn running_lines(running: &[&RunningView], choice: Choice, area: Rect) -> Vec<Line<'static>> {
+    let height = usize::from(area.height);
+    if height == 0 {
+        return Vec::new();
+    }
+    let from = choice.scroll.min((running.len() + 1).saturating_sub(height));
+    let shown = &running[from..(from + height - 1).min(running.len())];
+    let head = if shown.len() < running.len() {
+        format!(
+            "running: {} to {} of {}",
+            from + 1,
+            from + shown.len(),
+            running.len()
+        )
+    } else {
+        "running".to_owned()
+    };
+    let width = shown.iter().map(|it| it.title.chars().count()).max().unwrap_or(0);
+    let line = |it: &&RunningView| {
+        let steps = if it.steps > 0 {
+            format!("{}/{}", it.step, it.steps)
+        } else {
+            it.step.to_string()
+        };
+        Line::raw(format!(
+            "  {:<width$}  {} {steps}  {}",
+            it.title,
+            bar(it.part()),
+            it.by
+        ))
+    };
+    std::iter::once(Line::styled(head, Style::new().add_modifier(Modifier::BOLD)))
+        .chain(shown.iter().map(line))
+        .collect()
+}
+
+/// The curves of the chosen panel and metric, under their legend.
+fn curves(frame: &mut Frame<'_>, view: &View, choice: Choice, area: Rect) {
+    let panels: Vec<_> = view.panels().collect();
+    if panels.is_empty()
+        || view.metrics.is_empty()
+        || area.width < LEAST_CURVES.0
+        || area.height < LEAST_CURVES.1
+    {
+        return;
+    }
+    let (study, panel) = panels[choice.panel % panels.len()];
+    let metric = &view.metrics[choice.metric % view.metrics.len()];
+    let study = if view.studies.len() > 1 {
+        format!("{}, ", study.name)
+    } else {
+        String::new()
+    };
+    let title = format!("{study}{}: {metric}, every seed", panel.environment);
+    let legend = legend(panel, metric, choice);
+    let [top, names, rest] =
+        Layout::vertical([Constraint::Length(1), Constraint::Length(1), Constraint::Min(0)]).areas(area);
+    frame.render_widget(
+        Paragraph::new(title).style(Style::new().add_modifier(Modifier::BOLD)),
+        top,
+    );
+    frame.render_widget(Paragraph::new(legend), names);
+    chart(frame, panel, metric, choice, rest);
+}
+
+fn legend(panel: &Panel, metric: &str, choice: Choice) -> Line<'static> {
+    let standing = panel.standing(metric);
+    if standing.is_empty() {
+        return Line::raw("  nothing is recorded yet");
+    }
+    let entry = |(agent, words): (usize, String)| {
+        let (_, mark) = MARKS[if choice.colours { 0 } else { agent % MARKS.len() }];
+        [
+            Span::raw("  "),
+            Span::styled(format!("{mark} {words}"), style(agent, choice)),
+        ]
+    };
+    Line::from(standing.into_iter().flat_map(entry).collect::<Vec<_>>())
+}
+
+fn style(agent: usize, choice: Choice) -> Style {
+    if choice.colours {
+        Style::new().fg(COLOURS[agent % COLOURS.len()])
+    } else {
+        Style::new()
+    }
+}
+
+fn chart(frame: &mut Frame<'_>, panel: &Panel, metric: &str, choice: Choice, area: Rect) {
+    let Some([x, y]) = panel.bounds(metric) else {
+        return;
+    };
+    #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
+    let points = |curve: &Vec<(u64, f64)>| -> Vec<(f64, f64)> {
+        curve.iter().map(|(step, value)| (*step as f64, *value)).collect()
+    };
+    let lines = panel
+        .lines
+        .iter()
+        .filter_map(|line| Some((line.agent, points(line.curves.get(metric)?))));
+    let lines: Vec<(usize, Vec<(f64, f64)>)> = lines.collect();
+    let dataset = |(agent, points): &'_ (usize, Vec<(f64, f64)>)| {
+        let (marker, _) = MARKS[if choice.colours { 0 } else { agent % MARKS.len() }];
+        let graph = if points.len() > 1 {
+            GraphType::Line
+        } else {
+            GraphType::Scatter
+        };
+        (marker, graph, style(*agent, choice))
+    };
+    let datasets = lines.iter().map(|line| {
+        let (marker, graph, style) = dataset(line);
+        Dataset::default()
+            .marker(marker)
+            .graph_type(graph)
+            .style(style)
+            .data(&line.1)
+    });
+    let axis = |(low, high): (f64, f64), format: NumberFormat| {
+        let labels = [low, f64::midpoint(low, high), high].map(|value| format.write(value));
+        Axis::default().bounds([low, high]).labels(labels)
+    };
+    frame.render_widget(
+        Chart::new(datasets.collect())
+            .x_axis(axis(x, NumberFormat::Fixed(0)))
+            .y_axis(axis(y, NumberFormat::fitting([y.0, y.1].into_iter()))),
+        area,
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::view;
+    use super::*;
+
+    #[test]
+    fn a_terminal_of_the_usual_size_shows_everything() {
+        let choice = Choice {
+            keys: true,
+            colours: true,
+            ..Choice::default()
+        };
+        insta::assert_snapshot!(drawn(&view(), choice, (80, 24)));
+    }
+
+    #[test]
+    fn a_small_one_shows_what_matters_most() {
+        let choice = Choice {
+            keys: true,
+            ..Choice::default()
+        };
+        insta::assert_snapshot!(drawn(&view(), choice, (40, 12)));
+    }
+
+    #[test]
+    fn every_size_can_be_drawn() {
+        let mut many = view();
+        let running = many.studies[0].running.clone();
+        many.studies[0].running = running.into_iter().cycle().take(50).collect();
+        many.studies.push(many.studies[0].clone());
+        let odd = View {
+            metrics: vec!["none".into()],
+            ..many.clone()
+        };
+        for view in [view(), many, odd, View::default()] {
+            for (width, height) in (0..40).flat_map(|width| (0..30).map(move |height| (width, height))) {
+                let choice = Choice {
+                    panel: 7,
+                    metric: 9,
+                    scroll: 99,
+                    colours: width % 2 == 0,
+                    keys: true,
+                };
+                drawn(&view, choice, (width, height));
+            }
+        }
+    }
+
+    #[test]
+    fn many_running_trials_leave_room_for_curves_and_are_scrolled() {
+        let mut view = view();
+        view.studies[0].running = (0..50)
+            .map(|seed| RunningView {
+                title: format!("trial {seed}"),
+                ..RunningView::default()
+            })
+            .collect();
+        let text = drawn(&view, Choice::default(), (80, 24));
+        assert!(
+            text.contains("running: 1 to 10 of 50") && text.contains("every seed"),
+            "{text}"
+        );
+        let scrolled = drawn(
+            &view,
+            Choice {
+                scroll: 45,
+                ..Choice::default()
+            },
+            (80, 24),
+        );
+        assert!(
+            scrolled.contains("running: 41 to 50 of 50") && scrolled.contains("trial 49"),
+            "{scrolled}"
+        );
+    }
+
+    #[test]
+    fn plain_text_is_as_long_as_what_there_is_to_say() {
+        let text = plain(&view(), 80);
+        assert!(
+            text.starts_with("small  ━━━━━━━━━━────────── 3/6 trials\n"),
+            "{text}"
+        );
+        assert!(
+            text.contains("2 ok, 1 nan, 2 running, 1 missing; about") && !text.contains("q leave"),
+            "{text}"
+        );
+        assert!(text.lines().count() <= 26 && !text.contains('\u{1b}'), "{text}");
+        let mut view = view();
+        view.studies[0].panels.clear();
+        view.studies[0].running.clear();
+        assert_eq!(plain(&view, 80).lines().count(), 2);
+    }
+}
