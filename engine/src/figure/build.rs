@@ -2,7 +2,7 @@
 
 use super::{
     FigureSpec,
-    chart::{Chart, Paper, Scale, Series, Shape, Style},
+    chart::{Chart, Hue, Paper, Scale, Series, Shape, Style},
 };
 use crate::{
     Error,
@@ -58,6 +58,17 @@ impl Context<'_> {
                 .or_else(|| all.names(Axis::Agent, &[]).iter().position(|name| name == agent))
                 .unwrap_or(0),
         )
+    }
+
+    /// The look of one of so many settings of an agent, which has a scale of colours where it is `alone` in having
+    /// several.
+    pub(super) fn style_of_setting(&self, agent: &str, index: usize, (count, alone): (usize, bool)) -> Style {
+        let own = self.style(agent);
+        let hue = if alone { Hue::Ramp(index, count) } else { own.hue };
+        match count {
+            0 | 1 => own,
+            _ => Style { variant: index, hue },
+        }
     }
 
     /// Label of an axis that shows a metric: its name with spaces, and its unit.

@@ -3,7 +3,7 @@
 use super::{
     Figure, FigureSpec,
     build::{Context, by_environment, count, label, label_with_setting, level},
-    chart::{Chart, Point, Scale, Series, Shape, Style},
+    chart::{Chart, Point, Scale, Series, Shape},
 };
 use crate::{
     Error,
@@ -80,6 +80,8 @@ fn build(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result
     );
     let mut chart = by_environment(spec, &scope, &kind.environments, scales, |scope| {
         let agents = scope.names(Axis::Agent, &kind.agents);
+        let is_swept = |agent: &&String| scope.at(Axis::Agent, agent).varies(Axis::Setting);
+        let alone = agents.iter().filter(is_swept).count() == 1;
         agents
             .iter()
             .flat_map(|agent| {
@@ -88,7 +90,7 @@ fn build(kind: &GroupedLines, spec: &FigureSpec, context: Context<'_>) -> Result
                     spec,
                     context,
                     &scope.at(Axis::Agent, agent),
-                    agent,
+                    (agent, alone),
                     &categories,
                 )
             })
@@ -129,7 +131,7 @@ fn swept(
     spec: &FigureSpec,
     context: Context<'_>,
     scope: &Scope<'_>,
-    agent: &str,
+    (agent, alone): (&str, bool),
     categories: &[String],
 ) -> Vec<Series> {
     let mut groups: BTreeMap<Option<String>, Group> = BTreeMap::new();
@@ -156,18 +158,11 @@ fn swept(
         });
         (group.1, group.2) = (group.1.min(summary.n), group.2.max(scope.planned()));
     }
-    let several = groups.len() > 1;
+    let count = groups.len();
     let series = |(index, (rest, group)): (usize, (Option<String>, Group))| {
         let (mut points, n, planned) = group;
         points.sort_by(|a, b| a.x.total_cmp(&b.x));
-        let style = Style {
-            variant: if several {
-                index
-            } else {
-                context.style(agent).variant
-            },
-            ..context.style(agent)
-        };
+        let style = context.style_of_setting(agent, index, (count, alone));
         match rest {
             None => level(label(spec, agent), style, (n, planned), points[0].y),
             Some(rest) => {

@@ -94,7 +94,8 @@ impl Grid {
         let columns = chart.columns.max(1);
         let mut top = self.top;
         for (row, panels) in chart.panels.chunks(columns).enumerate() {
-            let titled = panels.iter().any(|panel| !panel.title.is_empty());
+            // Over a colour bar stands what it shows.
+            let titled = self.heights.is_some() || panels.iter().any(|panel| !panel.title.is_empty());
             top += if titled { LINE + 2.0 } else { 4.0 };
             for (column, panel) in panels.iter().enumerate() {
                 self.panel(chart, panel, (row, column), top, marks);

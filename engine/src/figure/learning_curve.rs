@@ -163,20 +163,17 @@ fn build(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>) -> Resul
 
 fn panel(kind: &LearningCurve, spec: &FigureSpec, context: Context<'_>, scope: &Scope<'_>) -> Vec<Series> {
     let agents = scope.names(Axis::Agent, &kind.agents);
+    let is_swept = |agent: &&String| scope.at(Axis::Agent, agent).varies(Axis::Setting);
+    // Settings of one agent lie on a scale of colours. Those of several are told apart by dashes, so that agents keep
+    // their colours.
+    let alone = agents.iter().filter(is_swept).count() == 1;
     let of_agent = |agent: &String| {
         let scope = scope.at(Axis::Agent, agent);
         let settings = scope.names(Axis::Setting, &[]);
-        let several = settings.len() > 1;
+        let settings_of_agent = settings.len();
+        let several = settings_of_agent > 1;
         let measured = move |(index, setting): (usize, &String)| {
-            let variant = if several {
-                index
-            } else {
-                context.style(agent).variant
-            };
-            let style = Style {
-                variant,
-                ..context.style(agent)
-            };
+            let style = context.style_of_setting(agent, index, (settings_of_agent, alone));
             let label = label_with_setting(spec, agent, if several { setting } else { "" });
             Measured::of(kind, &scope.at(Axis::Setting, setting), label, style)
         };

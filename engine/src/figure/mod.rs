@@ -17,6 +17,7 @@ mod grouped_lines;
 mod heat_map;
 mod image_tiles;
 mod images;
+mod importance;
 mod in_words;
 mod layout;
 mod learning_curve;
@@ -24,10 +25,12 @@ mod legend;
 mod on_dark;
 mod over_runs;
 mod paint;
+mod parallel_coordinates;
 mod pdf;
 mod plot_data;
 mod published;
 mod scatter;
+mod searched;
 mod series;
 mod style;
 mod suite;
@@ -48,8 +51,10 @@ pub use graph::GraphFigure;
 pub use grouped_lines::GroupedLines;
 pub use heat_map::HeatMap;
 pub use images::Images;
+pub use importance::ImportanceFigure;
 pub use learning_curve::{Automatic, Band, LearningCurve, Line, SeedLines};
 pub use on_dark::{Ground, on_dark};
+pub use parallel_coordinates::ParallelCoordinates;
 pub use pdf::pdf;
 pub use plot_data::plot_data;
 pub use scatter::Scatter;
@@ -96,6 +101,10 @@ kinds! {
         "sample_efficiency" => SampleEfficiency(SampleEfficiency),
             "The interquartile mean of normalised scores over several environments against environment steps, \
              one line per agent.";
+        "importance" => Importance(ImportanceFigure),
+            "How much each key of a search matters: what a forest's forecast loses without it.";
+        "parallel_coordinates" => ParallelCoordinates(ParallelCoordinates),
+            "The settings that a search tried, a line each over its keys and its metric.";
         "images" => Images(Images),
             "Samples that trials left as images, a grid of them per agent.";
         "graph" => GraphFigure(GraphFigure),

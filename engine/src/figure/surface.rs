@@ -167,7 +167,9 @@ pub(super) fn color_bar(chart: &Chart, heights: Range, last: &Frame, marks: &mut
             opacity: 1.0,
         });
     }
-    for tick in axes::ticks(&Scale::default(), heights, bar.bottom - bar.top, false) {
+    // A low bar has a few numbers all the same.
+    let length = (bar.bottom - bar.top).max(72.0);
+    for tick in axes::ticks(&Scale::default(), heights, length, false) {
         marks.push(text(
             (bar.right + 2.5, bar.at(bar.x.low, tick.value).1),
             &tick.text,

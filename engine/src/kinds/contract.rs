@@ -32,7 +32,7 @@ cross_play:
 ";
 
 const SEARCH: &str = "search: { learner_rates: { over: { learner.discount: { uniform: { low: 0.9, high: 0.999 } } }, by: return, \
-                      environment: short, settings: 3 } }\n";
+                      environment: short, settings: 12 } }\n";
 
 /// Every kind with the section that it belongs to.
 fn all() -> impl Iterator<Item = (&'static str, &'static Kind)> {
@@ -51,10 +51,10 @@ fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnost
         "{HEAD}{search}{sweep}{section}: {{ it: {{ {}: {options} }} }}\n",
         kind.name
     );
-    let points = [0.9, 0.99, 0.95].map(|discount| vec![json!(discount)]);
+    let points = (0..12).map(|place| vec![json!(f64::from(900 + 7 * place) / 1000.0)]);
     let progress = Progress {
-        points: points.into(),
-        stops: vec![None; 3],
+        points: points.collect(),
+        stops: vec![None; 12],
         chosen: Some(1),
     };
     let options = Options {
@@ -65,7 +65,13 @@ fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnost
 }
 
 /// Kinds that show what trials leave, not what they record, and name no metric.
-const WITHOUT_METRICS: [&str; 3] = ["graph", "images", "best_settings"];
+const WITHOUT_METRICS: [&str; 5] = [
+    "graph",
+    "images",
+    "best_settings",
+    "importance",
+    "parallel_coordinates",
+];
 
 /// The first of some words that a kind's example has, replaced by one that no study knows; `None` where it has
 /// none.
@@ -77,7 +83,9 @@ fn with_unknown(kind: &Kind, words: &[&str]) -> Option<String> {
 
 /// Values that differ by agent and seed, during learning, at the end and in a trace of a full grid.
 fn made_up(trial: Trial) -> TrialResult {
-    let value = 10.0 * trial.agent.len() as f64 + trial.key.seed as f64;
+    // Settings differ, so that something can be said of what they do.
+    let of_setting = trial.setting.bytes().map(f64::from).sum::<f64>() / 1000.0;
+    let value = 10.0 * trial.agent.len() as f64 + trial.key.seed as f64 + of_setting;
     let mut rows: synthetic::Rows = Vec::new();
     for (phase, step) in [(Phase::Evaluate, 0), (Phase::Evaluate, 500), (Phase::Final, 1000)] {
         rows.extend(["return", "length"].map(|metric| (phase, step, 0, metric, value + step as f64)));

@@ -7,6 +7,7 @@
 //! keeps the settings of a smaller one.
 
 mod halving;
+pub mod importance;
 mod range;
 mod tree_parzen;
 

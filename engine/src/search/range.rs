@@ -3,6 +3,7 @@
 //! A *share* is a place on that line. Every value owns a stretch of it (its cell): a listed one or an integer a
 //! stretch of some width, any other number a point.
 
+use crate::setting::word;
 use serde_json::{Value, json};
 
 /// The values of a searched key.
@@ -21,6 +22,29 @@ impl Range {
         match self {
             Self::Numbers(numbers) => numbers.at(share),
             Self::Choice(values) => values[option(share, values.len())].clone(),
+        }
+    }
+
+    /// Where a value lies between the ends of the range, from 0 to 1: the place of a listed one in the list. `None`
+    /// for what is not of the range.
+    #[must_use]
+    pub fn share_of(&self, value: &Value) -> Option<f64> {
+        match self {
+            Self::Numbers(numbers) => Some(numbers.share(value.as_f64()?, numbers.low, numbers.high)),
+            Self::Choice(values) => {
+                let place = values.iter().position(|listed| listed == value)?;
+                #[allow(clippy::cast_precision_loss, reason = "a number of options")]
+                Some(place as f64 / (values.len() - 1).max(1) as f64)
+            }
+        }
+    }
+
+    /// The ends in words, the lower one first, or all that is listed.
+    #[must_use]
+    pub fn in_words(&self) -> String {
+        match self {
+            Self::Numbers(numbers) => format!("{} to {}", numbers.low, numbers.high),
+            Self::Choice(values) => values.iter().map(word).collect::<Vec<_>>().join(", "),
         }
     }
 
@@ -142,6 +166,28 @@ mod tests {
         };
         assert_eq!(log.at(0.5), json!(1e-3));
         assert_eq!(log.at(0.0), json!(1e-5));
+    }
+
+    #[test]
+    fn values_lie_between_the_ends() {
+        let choice = Range::Choice(vec![json!("a"), json!(2), json!(true)]);
+        assert_eq!(
+            [json!("a"), json!(2), json!(true), json!("b")].map(|it| choice.share_of(&it)),
+            [Some(0.0), Some(0.5), Some(1.0), None]
+        );
+        let log = Range::Numbers(Numbers {
+            low: 1e-4,
+            high: 1.0,
+            log: true,
+            integer: false,
+        });
+        assert!(
+            (log.share_of(&json!(0.01)).unwrap() - 0.5).abs() < 1e-12 && log.share_of(&json!("a")).is_none()
+        );
+        assert_eq!(
+            (log.in_words(), choice.in_words()),
+            ("0.0001 to 1".into(), "a, 2, true".into())
+        );
     }
 
     #[test]

@@ -49,18 +49,11 @@ impl Table for BestSettings {
         at: &Place<'_>,
         _: Option<&Place<'_>>,
     ) -> (Vec<String>, Vec<String>) {
-        let known = names.world.searches.clone();
-        let Some((_, by)) = known.iter().find(|(name, _)| *name == self.search) else {
-            let help = suggest(&self.search, known.iter().map(|(name, _)| name.as_str()));
-            names.say(
-                at.value("search"),
-                format!("no search is named `{}`", self.search),
-                help,
-            );
+        let Some(by) = metric_of_search(&self.search, names, at) else {
             return (Vec::new(), Vec::new());
         };
-        names.labels(at, &[], std::slice::from_ref(by));
-        (Vec::new(), vec![by.clone()])
+        names.labels(at, &[], std::slice::from_ref(&by));
+        (Vec::new(), vec![by])
     }
 
     fn build(&self, results: &Results) -> Result<Grid, Error> {
@@ -72,6 +65,17 @@ impl Table for BestSettings {
     fn metric_of_unit(&self) -> Option<&str> {
         None
     }
+}
+
+/// The metric of a search; says so where no search has the name.
+pub(crate) fn metric_of_search(search: &str, names: &mut Names<'_>, at: &Place<'_>) -> Option<String> {
+    let known = names.world.searches.clone();
+    let found = known.iter().find(|(name, _)| name == search);
+    if found.is_none() {
+        let help = suggest(search, known.iter().map(|(name, _)| name.as_str()));
+        names.say(at.value("search"), format!("no search is named `{search}`"), help);
+    }
+    found.map(|(_, by)| by.clone())
 }
 
 impl BestSettings {

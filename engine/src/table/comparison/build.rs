@@ -48,7 +48,7 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
         } else {
             OneNumber::Of(comparison.statistic)
         },
-        row_axis: comparison.rows.name(),
+        row_axis: comparison.rows.name().replace('_', " ").into(),
         format: format(comparison, relation.form, &cells),
         rows: rows.into_iter().map(heading).collect(),
         columns: columns.into_iter().map(heading).collect(),
