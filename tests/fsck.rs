@@ -206,7 +206,7 @@ fn links_are_reported_and_set_aside_and_never_followed() {
         "{}",
         found.out
     );
-    assert!(found.out.contains("1 trials have to run again"), "{}", found.out);
+    assert!(found.out.contains("1 trial has to run again"), "{}", found.out);
     for name in ["a.txt", "policy.safetensors", "metrics.log", "metrics.parquet"] {
         assert!(
             bench.path(&format!("outside/{name}")).exists(),

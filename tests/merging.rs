@@ -194,7 +194,7 @@ fn damaged_and_running_trials_are_named_and_left() {
     let again = bench.run(&["merge", "two", "--into", "one"]);
     assert_eq!(again.code, 106);
     assert!(
-        again.out.contains("1 trials were taken, 6 were there, 1 damaged"),
+        again.out.contains("1 trial was taken, 6 were there, 1 damaged"),
         "{}",
         again.out
     );

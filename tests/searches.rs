@@ -300,10 +300,16 @@ fn what_a_search_saw_is_drawn() {
     let figures = "figures:\n  keys: { importance: { search: rates } }\n  tried: { parallel_coordinates: { search: rates } }\n";
     bench.write("tuned.yaml", &format!("{study}{figures}"));
     bench.ok(&["run", "tuned.yaml", "-j", "2"]);
-    let read = |name: &str| std::fs::read_to_string(bench.path(&format!("results/tuned/figures/{name}.csv"))).unwrap();
+    let read = |name: &str| {
+        std::fs::read_to_string(bench.path(&format!("results/tuned/figures/{name}.csv"))).unwrap()
+    };
     let (keys, tried) = (read("keys"), read("tried"));
     // A bar for each of three keys, and twelve lines over three keys and the metric.
-    assert_eq!((keys.lines().count(), tried.lines().count()), (4, 49), "{keys}\n{tried}");
+    assert_eq!(
+        (keys.lines().count(), tried.lines().count()),
+        (4, 49),
+        "{keys}\n{tried}"
+    );
     for key in ["actor learning rate", "policy layers", "target entropy"] {
         assert!(keys.replace('_', " ").contains(key), "{keys}");
     }

@@ -392,7 +392,7 @@ impl Cluster {
 
     /// Waits until a task of the bench's submission has started a trial, and returns its id.
     fn until_running(&self, bench: &Bench) -> String {
-        until("a worker runs", || logs(bench).contains("worker processes"));
+        until("a worker runs", || logs(bench).contains("worker process"));
         let name = format!("--name=regimen-{}", only(submissions(bench)));
         let running = self.call(
             "squeue",

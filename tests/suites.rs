@@ -57,7 +57,10 @@ fn all_four_are_drawn_of_what_was_measured() {
     assert!(read("profile.svg").contains("width=\"88.90mm\""));
     let page = read("../index.html");
     assert!(
-        page.contains("aria-label=\"Aggregates of two batteries\"") && page.contains("figures/profile.pdf")
+        page.contains("aria-label=\"Intervals as bars in 4 panels")
+            && page.contains("Aggregates of two batteries")
+            && page.contains("figures/profile.pdf"),
+        "{page}"
     );
     for name in ["estimates", "profile", "improvement", "efficiency"] {
         let pdf = fs::read(figures.join(name).with_extension("pdf")).unwrap();

@@ -271,7 +271,7 @@ fn of_how_many(planned: &[Planned], tasks: usize) -> String {
 }
 
 /// Whether a trial has come to its pause.
-fn has_paused(task: &Task<'_>, store: &Store) -> bool {
+pub(super) fn has_paused(task: &Task<'_>, store: &Store) -> bool {
     let logged = || store.logged_measurement(&task.trial.id);
     task.until
         .is_some_and(|until| logged().is_some_and(|step| step >= until))

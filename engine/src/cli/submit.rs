@@ -3,7 +3,7 @@
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, LimitOptions, NOTHING_SELECTED, OK, RunOptions, Selection,
     complain,
-    compute::{Compute, listen_for_signals},
+    compute::{Compute, has_paused, listen_for_signals},
     prepare::Ends,
     progress::Progress,
     say, settings,
@@ -419,6 +419,11 @@ impl Watch for Watching<'_> {
             .retain(|&trial| match store.end(&tasks[trial].trial.id).unwrap_or(None) {
                 Some(end) if !is_missing(Some(&end)) => {
                     progress.show(&Event::Ended { slot: 0, trial, end });
+                    false
+                }
+                // A trial that came to its pause, and was left there, waits for what the others come to.
+                _ if has_paused(&tasks[trial], store) && store.running(&tasks[trial].trial.id).is_none() => {
+                    progress.show(&Event::Paused { slot: 0, trial });
                     false
                 }
                 _ => true,

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     Error,
-    search::importance::{EXCHANGES, FEWEST, Importance, TREES, importance},
+    search::importance::{FEWEST, Importance, TREES, importance},
     spec::names::{Names, Place},
     table::metric_of_search,
 };
@@ -21,6 +21,14 @@ use serde::{Deserialize, Serialize};
 pub struct ImportanceFigure {
     /// The search.
     pub search: String,
+    /// How often the values of each key are exchanged.
+    #[serde(default = "twenty")]
+    #[schemars(range(min = 2, max = 1000))]
+    pub exchanges: usize,
+}
+
+fn twenty() -> usize {
+    20
 }
 
 /// A forest that explains less than this of the variance knows too little for its importances.
@@ -37,17 +45,22 @@ impl Figure for ImportanceFigure {
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
         let searched = Searched::of(&self.search, context)?;
-        let found = importance(&searched.shares, &searched.values, &self.search)?;
+        let found = importance(&searched.shares, &searched.values, self.exchanges, &self.search)?;
         let too_few = || {
             problem(&format!(
                 "it takes at least {FEWEST} settings that went to their ends and differ"
             ))
         };
-        Ok(chart(&searched, &found.ok_or_else(too_few)?, spec))
+        Ok(chart(
+            &searched,
+            &found.ok_or_else(too_few)?,
+            self.exchanges,
+            spec,
+        ))
     }
 }
 
-fn chart(searched: &Searched<'_>, found: &Importance, spec: &FigureSpec) -> Chart {
+fn chart(searched: &Searched<'_>, found: &Importance, exchanges: usize, spec: &FigureSpec) -> Chart {
     let bar = |(place, (mean, deviation)): (usize, &(f64, f64))| Point {
         x: count(place),
         y: 100.0 * mean,
@@ -74,17 +87,17 @@ fn chart(searched: &Searched<'_>, found: &Importance, spec: &FigureSpec) -> Char
     Chart {
         panels: vec![panel],
         columns: 1,
-        notes: notes(searched, found),
+        notes: notes(searched, found, exchanges),
         ..Chart::default()
     }
 }
 
-fn notes(searched: &Searched<'_>, found: &Importance) -> Vec<String> {
+fn notes(searched: &Searched<'_>, found: &Importance, exchanges: usize) -> Vec<String> {
     let (settings, by) = (searched.values.len(), spaced(&searched.result.search.by));
     let explained = 100.0 * found.explained;
     let how = format!(
         "A forest of {TREES} trees forecasts the {by} of settings that it has not seen ({settings} settings, in fifths); bars are what it loses \
-         when the values of a key are exchanged, mean and standard deviation over {EXCHANGES} exchanges."
+         when the values of a key are exchanged, mean and standard deviation over {exchanges} exchanges."
     );
     let what = if found.explained < LITTLE {
         format!("It explains {explained:.0} % of the variance, too little for its importances to say much.")

@@ -168,6 +168,10 @@ fn series_values(series: &Series, panel: &Panel, format: NumberFormat) -> Option
     match &series.shape {
         Shape::Level(value) => Some(format.write(*value)),
         Shape::Curve(curve) => last(&curve.points).map(|value| format.write(value)),
+        // Where rows have names, the values lie along the horizontal axis.
+        Shape::Line(points) if !panel.y.categories.is_empty() => {
+            points.last().map(|point| format.write(point.x))
+        }
         Shape::Line(points) | Shape::MarkedLine(points) => last(points).map(|value| format.write(value)),
         Shape::Bars(points, _) => Some(at_names(points, &panel.x, format)),
         Shape::Across(points) => Some(at_names(points, &panel.y, format)),

@@ -20,6 +20,10 @@ use serde::{Deserialize, Serialize};
 pub struct ParallelCoordinates {
     /// The search.
     pub search: String,
+    /// How many of the best settings are drawn; all where absent.
+    #[serde(default)]
+    #[schemars(range(min = 1))]
+    pub best: Option<usize>,
 }
 
 impl Figure for ParallelCoordinates {
@@ -32,11 +36,11 @@ impl Figure for ParallelCoordinates {
     }
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
-        Ok(chart(&Searched::of(&self.search, context)?, spec))
+        Ok(chart(&Searched::of(&self.search, context)?, self.best, spec))
     }
 }
 
-fn chart(searched: &Searched<'_>, spec: &FigureSpec) -> Chart {
+fn chart(searched: &Searched<'_>, best: Option<usize>, spec: &FigureSpec) -> Chart {
     let search = &searched.result.search;
     let (low, high) = ends(&searched.values);
     let mut ranked: Vec<usize> = (0..searched.values.len()).collect();
@@ -44,6 +48,7 @@ fn chart(searched: &Searched<'_>, spec: &FigureSpec) -> Chart {
         let merit = |at: &usize| search.goal.merit(searched.values[*at]);
         merit(one).total_cmp(&merit(other)).then(one.cmp(other))
     });
+    ranked.drain(..ranked.len().saturating_sub(best.unwrap_or(usize::MAX)));
     let width = ranked.len();
     let line = |(rank, at): (usize, &usize)| {
         let value = if high > low {
@@ -93,7 +98,7 @@ fn chart(searched: &Searched<'_>, spec: &FigureSpec) -> Chart {
     };
     let untold = searched.result.tried.len() - width;
     let rest = if untold > 0 {
-        format!(" {untold} more stopped early or failed and are not drawn.")
+        format!(" {untold} more are worse, stopped early or failed, and are not drawn.")
     } else {
         String::new()
     };

@@ -14,8 +14,6 @@ use smartcore::{
 pub const FEWEST: usize = 10;
 /// Trees of a forest.
 pub const TREES: usize = 100;
-/// How often the values of each key are exchanged.
-pub const EXCHANGES: usize = 20;
 /// Parts of the settings, each of which is forecast from the others.
 const FOLDS: usize = 5;
 
@@ -30,13 +28,19 @@ pub struct Importance {
     pub explained: f64,
 }
 
-/// The importance of each key for `values`, of which there is one for each of `settings` `[setting][key]`;
+/// The importance of each key for `values`, of which there is one for each of `settings` `[setting][key]`, by at
+/// least two exchanges of the values of each key;
 /// `name` names the stream of random numbers. `None` with fewer than [`FEWEST`] settings, or where all
 /// values are the same.
 ///
 /// # Errors
 /// [`Error::Render`] where the forest cannot be fitted.
-pub fn importance(settings: &[Vec<f64>], values: &[f64], name: &str) -> Result<Option<Importance>, Error> {
+pub fn importance(
+    settings: &[Vec<f64>],
+    values: &[f64],
+    exchanges: usize,
+    name: &str,
+) -> Result<Option<Importance>, Error> {
     let n = values.len();
     #[allow(clippy::cast_precision_loss, reason = "a number of settings")]
     let mean = values.iter().sum::<f64>() / n as f64;
@@ -47,7 +51,7 @@ pub fn importance(settings: &[Vec<f64>], values: &[f64], name: &str) -> Result<O
     }
     let mut rng = random::stream(&["importance of searched keys", name]);
     let order = shuffled(n, &mut rng);
-    let (mut plain, mut exchanged) = (0.0, vec![vec![0.0; EXCHANGES]; keys]);
+    let (mut plain, mut exchanged) = (0.0, vec![vec![0.0; exchanges]; keys]);
     for fold in 0..FOLDS {
         let is_held_out = |place: &usize| place % FOLDS == fold;
         let (held_out, known): (Vec<usize>, Vec<usize>) = (0..n).partition(is_held_out);
@@ -149,7 +153,7 @@ mod tests {
     #[test]
     fn keys_are_ranked_by_what_they_do_and_chance_is_nothing() {
         let (settings, values) = made();
-        let found = importance(&settings, &values, "a").unwrap().unwrap();
+        let found = importance(&settings, &values, 20, "a").unwrap().unwrap();
         let [first, second, third] = [0, 1, 2].map(|key| found.keys[key].0);
         assert!(
             first > 2.0 * second && second > 0.05 && third.abs() < 0.05,
@@ -159,7 +163,7 @@ mod tests {
             found.explained > 0.6 && found.keys.iter().all(|(_, deviation)| *deviation < 0.5),
             "{found:?}"
         );
-        assert_eq!(importance(&settings, &values, "a").unwrap().unwrap(), found);
+        assert_eq!(importance(&settings, &values, 20, "a").unwrap().unwrap(), found);
     }
 
     #[test]
@@ -167,8 +171,8 @@ mod tests {
         let (settings, _) = made();
         let mut rng = random::stream(&["noise"]);
         let noise: Vec<f64> = settings.iter().map(|_| rng.random_range(0.0..1.0)).collect();
-        assert!(importance(&settings, &noise, "a").unwrap().unwrap().explained < 0.2);
-        assert_eq!(importance(&settings[..9], &noise[..9], "a").unwrap(), None);
-        assert_eq!(importance(&settings, &[1.0; 80], "a").unwrap(), None);
+        assert!(importance(&settings, &noise, 20, "a").unwrap().unwrap().explained < 0.2);
+        assert_eq!(importance(&settings[..9], &noise[..9], 20, "a").unwrap(), None);
+        assert_eq!(importance(&settings, &[1.0; 80], 20, "a").unwrap(), None);
     }
 }
