@@ -72,7 +72,7 @@ fn chart(searched: &Searched<'_>, found: &Importance, exchanges: usize, spec: &F
             ..Scale::default()
         },
         y: Scale {
-            label: "lost without the key (% of the variance)".into(),
+            label: "loss (% of variance)".into(),
             includes: vec![0.0],
             ..Scale::default()
         },
