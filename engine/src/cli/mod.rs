@@ -1,5 +1,6 @@
 //! The command line: what can be said, and which function answers.
 
+mod absent;
 mod command_line;
 mod compare;
 mod compute;

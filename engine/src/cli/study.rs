@@ -1,8 +1,8 @@
 //! `check`, `plan`, `status`, `resolve`: what is known of studies without running anything.
 
 use super::{
-    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, colour,
-    complain, looks,
+    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, absent,
+    colour, complain, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
     say, searches, settings, stages, submit,
@@ -94,7 +94,7 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
             text: problems.join("\n"),
         });
     }
-    if let Some(text) = unknown_names(&planned, &selection.only) {
+    if let Some(text) = absent::unknown_names(&planned, &selection.only) {
         return Err(Failure {
             code: NOTHING_SELECTED,
             text,
@@ -111,31 +111,6 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
         });
     }
     Ok(planned)
-}
-
-/// What is said of names after `--only` that no study has; `None` where every one is known.
-fn unknown_names(planned: &[Planned], only: &[String]) -> Option<String> {
-    let studies = || planned.iter().map(|one| &one.study);
-    let of_trials = planned.iter().flat_map(|one| &one.plan.trials);
-    let known: BTreeSet<&str> = studies()
-        .flat_map(|study| {
-            study
-                .environments
-                .iter()
-                .chain(&study.agents)
-                .chain(&study.prepared)
-        })
-        .map(String::as_str)
-        .chain(of_trials.flat_map(|trial| [trial.environment.as_str(), trial.agent.as_str()]))
-        .collect();
-    let unknown = only.iter().filter(|name| !known.contains(name.as_str()));
-    let lines: Vec<String> = unknown
-        .map(|name| {
-            let help = diagnostic::suggest(name, known.iter().copied());
-            format!("error: --only {name}: no environment or agent is named `{name}`: {help}")
-        })
-        .collect();
-    (!lines.is_empty()).then(|| lines.join("\n"))
 }
 
 fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
@@ -187,38 +162,12 @@ pub(super) fn load_with_looks(
     store: &Store,
 ) -> Result<Vec<Planned>, Failure> {
     let mut planned = load(registry, selection)?;
-    say_if_absent(store.root());
+    absent::say_if_new(store.root());
     for one in &mut planned {
         searches::grow(one, registry, store)?;
         looks::grow(one, registry, store);
     }
     Ok(planned)
-}
-
-/// Says where there is no store yet, and a store of nearly that name beside it.
-fn say_if_absent(store: &Path) {
-    if store.exists() {
-        return;
-    }
-    let folder = store.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let entries = std::fs::read_dir(folder.unwrap_or(Path::new(".")))
-        .into_iter()
-        .flatten()
-        .flatten();
-    let stores = entries.filter(|entry| entry.path().join("trials").is_dir());
-    let mut names: Vec<String> = stores
-        .map(|entry| entry.file_name().to_string_lossy().into_owned())
-        .collect();
-    names.sort();
-    let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let wanted = store.file_name().unwrap_or_default().to_string_lossy();
-    if let Some(near) = diagnostic::nearest(&wanted, &names) {
-        let near = store.with_file_name(near);
-        let (store, near) = (store.display(), near.display());
-        complain(&format!(
-            "warning: there is no store `{store}` yet; did you mean `{near}`?"
-        ));
-    }
 }
 
 /// Says what can be run and is probably not meant.
