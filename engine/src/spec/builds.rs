@@ -500,7 +500,9 @@ impl Builder<'_> {
         let built = self.config(cell, 2).and_then(|config| (entry.build)(&config));
         let (measures, refusal) = match built {
             Ok(protocol) => {
-                let doubt = protocol.doubt().map(|doubt| self.refused(resolved, &doubt));
+                // What an override gives to some combinations is meant for them.
+                let doubt = protocol.doubt().filter(|_| resolved.given.overrides.is_empty());
+                let doubt = doubt.map(|doubt| self.refused(resolved, &doubt));
                 world.warnings.extend(doubt.map(Diagnostic::as_warning));
                 (Some(Measures::of(protocol)), None)
             }
