@@ -62,7 +62,7 @@ fn a_study_of_two_files_is_run_reported_and_taken_away_whole() {
         "--license",
         "CC-BY-4.0",
     ]);
-    let included = fs::read_to_string(bench.path("crate/included/common.yaml")).unwrap();
+    let included = fs::read_to_string(bench.path("crate/included/1/common.yaml")).unwrap();
     assert_eq!(included, COMMON);
     // Written as one file, it has the same trials.
     let whole = bench.ok(&["resolve", "small.yaml"]);

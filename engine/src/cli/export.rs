@@ -172,25 +172,7 @@ fn pack(
         folder,
         pieces: Vec::new(),
     };
-    let study = fs::read(&one.path).map_err(Error::file("read", &one.path))?;
-    packing.add(&name, &study, "the study, as it was written", None)?;
-    for path in &one.study.included {
-        let bytes = fs::read(path).map_err(Error::file("read", path))?;
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        packing.add(
-            &format!("included/{name}"),
-            &bytes,
-            "what the study includes, as it was written",
-            None,
-        )?;
-    }
-    let resolved = spec::resolved_yaml(&one.study, folder)?;
-    packing.add(
-        "resolved.yaml",
-        resolved.as_bytes(),
-        "the study with every default",
-        None,
-    )?;
+    packing.study(one, &name)?;
     for table in write_tables(subject, false, &folder.join("tables"))? {
         packing.note(
             &format!("tables/{table}"),
@@ -199,25 +181,7 @@ fn pack(
         );
     }
     packing.report(one, &options.selection)?;
-    let ids: BTreeSet<&str> = subject
-        .trials
-        .iter()
-        .filter(|(result, _)| result.is_ok())
-        .map(|(result, _)| result.trial.id.as_str())
-        .collect();
-    for id in ids {
-        for (file, about) in [
-            ("metrics.parquet", "what the trial recorded"),
-            (
-                "trial.json",
-                "what determined the numbers, how the trial ended, and a hash of its metrics",
-            ),
-        ] {
-            let path = store.folder(id).join(file);
-            let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
-            packing.add(&format!("trials/{id}/{file}"), &bytes, about, Some(id))?;
-        }
-    }
+    packing.trials(subject, store)?;
     let described = Crate {
         folder: folder.to_owned(),
         pieces: packing.pieces,
@@ -236,6 +200,47 @@ struct Packing<'a> {
 }
 
 impl Packing<'_> {
+    /// The study as it was written, with what it includes, and with every default.
+    fn study(&mut self, one: &Planned, name: &str) -> Result<(), Error> {
+        let read = |path: &Path| fs::read(path).map_err(Error::file("read", path));
+        self.add(name, &read(&one.path)?, "the study, as it was written", None)?;
+        // Files of two folders may have one name, and one file may be included twice.
+        let included: BTreeSet<&PathBuf> = one.study.included.iter().collect();
+        for (number, path) in (1..).zip(included) {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let about = "what the study includes, as it was written";
+            self.add(&format!("included/{number}/{name}"), &read(path)?, about, None)?;
+        }
+        let resolved = spec::resolved_yaml(&one.study, self.folder)?;
+        self.add(
+            "resolved.yaml",
+            resolved.as_bytes(),
+            "the study with every default",
+            None,
+        )
+    }
+
+    /// What every trial that ended well recorded, and what acknowledges it.
+    fn trials(&mut self, subject: &Subject<'_>, store: &Store) -> Result<(), Error> {
+        const FILES: [(&str, &str); 2] = [
+            ("metrics.parquet", "what the trial recorded"),
+            (
+                "trial.json",
+                "what determined the numbers, how the trial ended, and a hash of its metrics",
+            ),
+        ];
+        let ok = subject.trials.iter().filter(|(result, _)| result.is_ok());
+        let ids: BTreeSet<&str> = ok.map(|(result, _)| result.trial.id.as_str()).collect();
+        for id in ids {
+            for (file, about) in FILES {
+                let path = store.folder(id).join(file);
+                let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
+                self.add(&format!("trials/{id}/{file}"), &bytes, about, Some(id))?;
+            }
+        }
+        Ok(())
+    }
+
     fn note(&mut self, path: &str, about: &str, trial: Option<&str>) {
         self.pieces.push(Piece {
             path: path.into(),
