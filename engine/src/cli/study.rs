@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     Registry,
-    count::count,
+    count::{count, either},
     diagnostic,
     plan::{self, Novelty, Plan, Wanted},
     report,
@@ -383,10 +383,11 @@ fn say_failed(trials: &[Trial], ends: &[Option<TrialEnd>], selection: &Selection
 pub(super) fn say_imported(one: &Planned, what: &str) {
     for it in &one.study.imported {
         complain(&format!(
-            "{}: {} runs of `{}` are imported and {what}",
+            "{}: {} of `{}` {} imported and {what}",
             one.study.name,
-            it.trials.len(),
-            it.origin.name
+            count(it.trials.len(), "run"),
+            it.origin.name,
+            either(&it.trials.len(), "is", "are")
         ));
     }
 }
