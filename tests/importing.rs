@@ -1,6 +1,6 @@
 //! Runs of other programs in a study's tables, figures and claims: marked everywhere, computed nowhere.
 
-use crate::program::Bench;
+use crate::program::{Answer, Bench};
 use serde_json::Value;
 use std::fs;
 
@@ -173,58 +173,74 @@ fn event_files_are_read_back() {
     assert_eq!(back, single);
 }
 
-#[test]
-fn the_command_prints_an_entry_that_the_study_reads() {
-    let bench = bench();
-    let own = STUDY.split("imported:").next().unwrap();
+/// A study without imported runs, in a folder of its own beside those of the runs.
+fn with_own_study() -> (Bench, &'static str) {
+    let (bench, own) = (bench(), STUDY.split("imported:").next().unwrap());
     fs::create_dir(bench.path("studies")).unwrap();
     bench.write("studies/own.yaml", own);
+    (bench, own)
+}
+
+fn import(bench: &Bench, more: &[&str]) -> Answer {
     let files = ["runs/run-0.csv", "runs/run-1.csv", "runs/run-2.csv"];
-    let import = |more: &[&str]| {
-        bench.run(
-            &[
-                &["import", "--study", "studies/own.yaml", "--name", "other"],
-                &files[..],
-                more,
-            ]
-            .concat(),
-        )
-    };
-    let asked = import(&[]);
-    assert!(
-        asked.code == 2 && asked.err.contains("there are charts/length, global_step, loss"),
-        "{}",
-        asked.err
-    );
-    let metric = [
-        "--metric",
-        "cycle_length=charts/length",
-        "--step",
-        "global_step",
-        "--last",
-        "2",
+    let words = [
+        &["import", "--study", "studies/own.yaml", "--name", "other"],
+        &files[..],
+        more,
     ];
-    let wrong = import(&["--metric", "cycle_length=charts/length"]);
-    assert!(
-        wrong.code == 2 && wrong.err.contains("column `step`: there is no such column"),
-        "{}",
-        wrong.err
-    );
-    let entry = import(&metric);
+    bench.run(&words.concat())
+}
+
+const MAPPED: [&str; 6] = [
+    "--metric",
+    "cycle_length=charts/length",
+    "--step",
+    "global_step",
+    "--last",
+    "2",
+];
+
+/// The study reads the entry that the command printed.
+fn is_read(bench: &Bench, own: &str, entry: &Answer) {
     assert_eq!(entry.code, 0, "{}", entry.err);
+    bench.write("studies/whole.yaml", &format!("{own}\n{}", entry.out));
+    let checked = bench.ok(&["check", "studies/whole.yaml"]);
+    assert!(checked.contains("8 trials"), "{}", entry.out);
+}
+
+#[test]
+fn the_command_prints_an_entry_that_the_study_reads() {
+    let (bench, own) = with_own_study();
+    let entry = import(&bench, &MAPPED);
     assert!(
         entry.err.contains("other: 3 runs in 3 files") && entry.err.contains("513 at step 64"),
         "{}",
         entry.err
     );
-    bench.write("studies/whole.yaml", &format!("{own}\n{}", entry.out));
-    assert!(
-        bench.ok(&["check", "studies/whole.yaml"]).contains("8 trials"),
-        "{}",
-        entry.out
-    );
-    // Copied files stand beside the study, with where they came from.
-    let copied = import(&[&metric[..], &["--copy"]].concat());
+    is_read(&bench, own, &entry);
+}
+
+#[test]
+fn what_the_command_lacks_it_asks_for() {
+    let (bench, _) = with_own_study();
+    let refused = |answer: Answer, part: &str| {
+        assert!(
+            answer.code == 2 && answer.err.contains(part),
+            "{part}\n{}",
+            answer.err
+        );
+    };
+    refused(import(&bench, &[]), "there are charts/length, global_step, loss");
+    let unmapped = import(&bench, &["--metric", "cycle_length=charts/length"]);
+    refused(unmapped, "column `step`: there is no such column");
+    let nowhere = bench.run(&["import", "--study", "nowhere.yaml", "--name", "other", "x.csv"]);
+    refused(nowhere, "there is no study `nowhere.yaml`");
+}
+
+#[test]
+fn copied_files_stand_beside_the_study_with_where_they_came_from() {
+    let (bench, own) = with_own_study();
+    let copied = import(&bench, &[&MAPPED[..], &["--copy"]].concat());
     assert_eq!(copied.code, 0, "{}", copied.err);
     let manifest = fs::read_to_string(bench.path("studies/imported/other/manifest.json")).unwrap();
     let manifest: Value = serde_json::from_str(&manifest).unwrap();
@@ -232,94 +248,81 @@ fn the_command_prints_an_entry_that_the_study_reads() {
     assert_eq!(manifest["files"][1]["source"], "runs/run-1.csv");
     assert_eq!(manifest["files"][1]["sha256"].as_str().unwrap().len(), 64);
     fs::remove_dir_all(bench.path("runs")).unwrap();
-    bench.write("studies/whole.yaml", &format!("{own}\n{}", copied.out));
-    assert!(
-        bench.ok(&["check", "studies/whole.yaml"]).contains("8 trials"),
-        "{}",
-        copied.out
-    );
-    let again = bench.run(&["import", "--study", "nowhere.yaml", "--name", "other", "x.csv"]);
-    assert!(
-        again.code == 2 && again.err.contains("there is no study `nowhere.yaml`"),
-        "{}",
-        again.err
-    );
+    is_read(&bench, own, &copied);
 }
+
+/// What is replaced in the study, by what, and what is said of it.
+const MISTAKES: [(&str, &str, &[&str]); 10] = [
+    (
+        "runs/*.csv",
+        "none/*.csv",
+        &[
+            "there is no file `none/*.csv`",
+            "wrong.yaml:10:",
+            "imported.other.from",
+        ],
+    ),
+    (
+        "charts/length",
+        "charts/lenght",
+        &[
+            "runs/run-0.csv`, line 1, column `charts/lenght`",
+            "did you mean `charts/length`",
+        ],
+    ),
+    ("last: 2", "last: 0", &["imported.other"]),
+    ("last: 2", "lasst: 2", &["lasst"]),
+    (
+        "last: 2",
+        "environment: sells",
+        &["no environment is named `sells`"],
+    ),
+    (
+        "  other: {",
+        "  equal: {",
+        &["`equal` names something else in this study, too"],
+    ),
+    (
+        "seeds: 4",
+        "seeds: { min: 3, max: 6, looks: 2 }",
+        &["runs of others cannot be"],
+    ),
+    (
+        "seeds: 4",
+        "seeds: [1, 1000000]",
+        &["seeds from 1000000 on stand for imported runs"],
+    ),
+    (
+        "value: cycle_length, rows: agent, columns",
+        "value: reward, agents: [other], rows: agent, columns",
+        &["no trial records `reward`"],
+    ),
+    (
+        "  - other.cycle_length >",
+        "  - others.cycle_length >",
+        &["did you mean `other`"],
+    ),
+];
 
 #[test]
 fn what_is_wrong_with_an_entry_is_said_where_it_stands() {
     let bench = bench();
-    let refused = |from: &str, to: &str| {
+    for (from, to, parts) in MISTAKES {
         assert!(STUDY.contains(from), "{from}");
         bench.write("wrong.yaml", &STUDY.replace(from, to));
         let answer = bench.run(&["check", "wrong.yaml"]);
         assert_eq!(answer.code, 2, "{from} {to}\n{}", answer.out);
-        answer.err
-    };
-    for (from, to, parts) in [
-        (
-            "runs/*.csv",
-            "none/*.csv",
-            &[
-                "there is no file `none/*.csv`",
-                "wrong.yaml:10:",
-                "imported.other.from",
-            ][..],
-        ),
-        (
-            "charts/length",
-            "charts/lenght",
-            &[
-                "runs/run-0.csv`, line 1, column `charts/lenght`",
-                "did you mean `charts/length`",
-            ],
-        ),
-        ("last: 2", "last: 0", &["imported.other"]),
-        ("last: 2", "lasst: 2", &["lasst"]),
-        (
-            "last: 2",
-            "environment: sells",
-            &["no environment is named `sells`"],
-        ),
-        (
-            "  other: {",
-            "  equal: {",
-            &["`equal` names something else in this study, too"],
-        ),
-        (
-            "seeds: 4",
-            "seeds: { min: 3, max: 6, looks: 2 }",
-            &["runs of others cannot be"],
-        ),
-        (
-            "seeds: 4",
-            "seeds: [1, 1000000]",
-            &["seeds from 1000000 on stand for imported runs"],
-        ),
-        (
-            "value: cycle_length, rows: agent, columns",
-            "value: reward, agents: [other], rows: agent, columns",
-            &["no trial records `reward`"],
-        ),
-        (
-            "  - other.cycle_length >",
-            "  - others.cycle_length >",
-            &["did you mean `other`"],
-        ),
-    ] {
-        let said = refused(from, to);
         for part in parts {
-            assert!(said.contains(part), "{part}\n{said}");
+            assert!(answer.err.contains(part), "{part}\n{}", answer.err);
         }
     }
+}
+
+#[test]
+fn a_value_that_is_no_number_is_named_with_its_line() {
+    let bench = bench();
     bench.write("runs/run-1.csv", "global_step,charts/length\n0,1\n5,high\n");
     let answer = bench.run(&["check", "small.yaml"]);
-    assert!(
-        answer.code == 2
-            && answer
-                .err
-                .contains("run-1.csv`, line 3, column `charts/length`: `high` is no number"),
-        "{}",
-        answer.err
-    );
+    let said = "run-1.csv`, line 3, column `charts/length`: `high` is no number";
+    assert!(answer.code == 2 && answer.err.contains(said), "{}", answer.err);
 }

@@ -2,8 +2,8 @@
 
 use super::{DEEPEST, Entry, Kind, MOST_NODES, Node, scalar::scalar};
 use crate::diagnostic::{Diagnostic, Sources, Span};
-use saphyr_parser::{Event, Parser, ScalarStyle, StrInput};
-use std::collections::BTreeMap;
+use saphyr_parser::{Event, Parser, ScalarStyle, StrInput, Tag};
+use std::{borrow::Cow, collections::BTreeMap};
 
 /// Reads events into nodes. Mistakes that leave the tree readable are collected, others end the reading.
 pub struct Reader<'a> {
@@ -186,65 +186,47 @@ impl<'a> Reader<'a> {
 
     fn node(&mut self, event: Event<'a>, span: Span, depth: usize) -> Result<Node, Fatal> {
         self.count(1, span)?;
+        let refuse = |reader: &Self, message: String| Err(Box::new(reader.sources.error(span, "", message)));
         if depth > DEEPEST {
-            return Err(Box::new(self.sources.error(
-                span,
-                "",
-                format!("nested more than {DEEPEST} levels deep"),
-            )));
+            return refuse(self, format!("nested more than {DEEPEST} levels deep"));
         }
         let before = self.nodes;
-        let (anchor, node) = match event {
+        let (anchor, kind) = match event {
             Event::Alias(id) => return self.alias(id, span),
-            Event::Scalar(text, style, anchor, tag) => {
-                let as_text = tag
-                    .as_ref()
-                    .is_some_and(|tag| tag.is_yaml_core_schema() && tag.suffix == "str");
-                if let Some(tag) = tag.filter(|_| !as_text) {
-                    self.refuse_tag(&tag.to_string(), span);
-                }
-                let plain = style == ScalarStyle::Plain && !as_text;
-                (
-                    anchor,
-                    Node {
-                        span,
-                        kind: Kind::Scalar(scalar(text.into_owned(), plain)),
-                    },
-                )
-            }
+            Event::Scalar(text, style, anchor, tag) => (anchor, self.scalar(text, style, tag, span)),
             Event::SequenceStart(anchor, tag) => {
                 tag.inspect(|tag| self.refuse_tag(&tag.to_string(), span));
-                (
-                    anchor,
-                    Node {
-                        span,
-                        kind: Kind::Sequence(self.items(depth)?),
-                    },
-                )
+                (anchor, Kind::Sequence(self.items(depth)?))
             }
             Event::MappingStart(anchor, tag) => {
                 tag.inspect(|tag| self.refuse_tag(&tag.to_string(), span));
-                (
-                    anchor,
-                    Node {
-                        span,
-                        kind: Kind::Mapping(self.entries(depth)?),
-                    },
-                )
+                (anchor, Kind::Mapping(self.entries(depth)?))
             }
-            _ => {
-                return Err(Box::new(self.sources.error(
-                    span,
-                    "",
-                    "not valid YAML: a value is missing here",
-                )));
-            }
+            _ => return refuse(self, "not valid YAML: a value is missing here".into()),
         };
+        let node = Node { span, kind };
         if anchor > 0 {
             self.anchors
                 .insert(anchor, (node.clone(), self.nodes - before + 1));
         }
         Ok(node)
+    }
+
+    /// A scalar; the tag `!!str` makes a text of it, and every other one is refused.
+    fn scalar(
+        &mut self,
+        text: Cow<'a, str>,
+        style: ScalarStyle,
+        tag: Option<Cow<'a, Tag>>,
+        span: Span,
+    ) -> Kind {
+        let is_text = |tag: &Cow<'_, Tag>| tag.is_yaml_core_schema() && tag.suffix == "str";
+        let as_text = tag.as_ref().is_some_and(is_text);
+        if let Some(tag) = tag.filter(|_| !as_text) {
+            self.refuse_tag(&tag.to_string(), span);
+        }
+        let plain = style == ScalarStyle::Plain && !as_text;
+        Kind::Scalar(scalar(text.into_owned(), plain))
     }
 
     fn refuse_tag(&mut self, tag: &str, span: Span) {

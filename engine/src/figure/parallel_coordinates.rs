@@ -8,6 +8,7 @@ use super::{
 };
 use crate::{
     Error,
+    search::Range,
     spec::names::{Names, Place},
     table::metric_of_search,
 };
@@ -41,51 +42,21 @@ impl Figure for ParallelCoordinates {
 }
 
 fn chart(searched: &Searched<'_>, best: Option<usize>, spec: &FigureSpec) -> Chart {
-    let search = &searched.result.search;
-    let (low, high) = ends(&searched.values);
-    let mut ranked: Vec<usize> = (0..searched.values.len()).collect();
-    ranked.sort_by(|one, other| {
-        let merit = |at: &usize| search.goal.merit(searched.values[*at]);
-        merit(one).total_cmp(&merit(other)).then(one.cmp(other))
-    });
-    ranked.drain(..ranked.len().saturating_sub(best.unwrap_or(usize::MAX)));
-    let width = ranked.len();
-    let line = |(rank, at): (usize, &usize)| {
-        let value = if high > low {
-            (searched.values[*at] - low) / (high - low)
-        } else {
-            0.5
-        };
-        let places = searched.shares[*at].iter().copied().chain([value]);
-        let point = |(x, y): (usize, f64)| Point {
-            x: count(x),
-            y,
-            interval: None,
-        };
-        Series {
-            label: String::new(),
-            seeds: None,
-            style: Style {
-                // The best is the darkest, and is drawn last.
-                hue: Hue::Ramp(width - 1 - rank, width.max(2)),
-                variant: 0,
-            },
-            shape: Shape::Line(places.enumerate().map(point).collect()),
-        }
+    let drawn = ranked(searched, best);
+    let range = ends(drawn.iter().map(|at| searched.values[*at]));
+    let line = |(rank, at): (usize, &usize)| Series {
+        label: String::new(),
+        seeds: None,
+        style: Style {
+            // The best is the darkest, and is drawn last.
+            hue: Hue::Ramp(drawn.len() - 1 - rank, drawn.len().max(2)),
+            variant: 0,
+        },
+        shape: Shape::Line(points(searched, *at, range)),
     };
-    let named = |(key, (_, range)): (&&str, &(String, crate::search::Range))| {
-        format!("{} ({})", label(spec, key), range.in_words())
-    };
-    let metric = format!(
-        "{} ({} to {})",
-        label(spec, &spaced(&search.by)),
-        short(low),
-        short(high)
-    );
-    let keys = searched.keys();
     let panel = Panel {
         x: Scale {
-            categories: keys.iter().zip(&search.keys).map(named).chain([metric]).collect(),
+            categories: axes(searched, range, spec),
             ..Scale::default()
         },
         y: Scale {
@@ -93,28 +64,68 @@ fn chart(searched: &Searched<'_>, best: Option<usize>, spec: &FigureSpec) -> Cha
             includes: vec![0.0, 1.0],
             ..Scale::default()
         },
-        series: ranked.iter().enumerate().map(line).collect(),
+        series: drawn.iter().enumerate().map(line).collect(),
         ..Panel::default()
-    };
-    let untold = searched.result.tried.len() - width;
-    let rest = if untold > 0 {
-        format!(" {untold} more are worse, stopped early or failed, and are not drawn.")
-    } else {
-        String::new()
     };
     Chart {
         panels: vec![panel],
         columns: 1,
-        notes: vec![format!(
-            "A line for each of {width} settings, the best the darkest; listed values stand from the bottom up.{rest}"
-        )],
+        notes: vec![note(searched, drawn.len())],
         ..Chart::default()
     }
 }
 
-fn ends(values: &[f64]) -> (f64, f64) {
-    let fold = |(low, high): (f64, f64), value: &f64| (low.min(*value), high.max(*value));
-    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), fold)
+/// The settings that are drawn, the best last.
+fn ranked(searched: &Searched<'_>, best: Option<usize>) -> Vec<usize> {
+    let merit = |at: &usize| searched.result.search.goal.merit(searched.values[*at]);
+    let mut all: Vec<usize> = (0..searched.values.len()).collect();
+    all.sort_by(|one, other| merit(one).total_cmp(&merit(other)).then(one.cmp(other)));
+    all.drain(..all.len().saturating_sub(best.unwrap_or(usize::MAX)));
+    all
+}
+
+/// Where a setting lies on the axes of the keys, and then on that of the metric.
+fn points(searched: &Searched<'_>, at: usize, (low, high): (f64, f64)) -> Vec<Point> {
+    let value = searched.values[at];
+    let value = if high > low {
+        (value - low) / (high - low)
+    } else {
+        0.5
+    };
+    let places = searched.shares[at].iter().copied().chain([value]);
+    let point = |(x, y): (usize, f64)| Point {
+        x: count(x),
+        y,
+        interval: None,
+    };
+    places.enumerate().map(point).collect()
+}
+
+/// The names of the axes with their ends.
+fn axes(searched: &Searched<'_>, (low, high): (f64, f64), spec: &FigureSpec) -> Vec<String> {
+    let search = &searched.result.search;
+    let named =
+        |(key, (_, range)): (&str, &(String, Range))| format!("{} ({})", label(spec, key), range.in_words());
+    let keys = searched.keys().into_iter().zip(&search.keys).map(named);
+    let metric = label(spec, &spaced(&search.by));
+    keys.chain([format!("{metric} ({} to {})", short(low), short(high))])
+        .collect()
+}
+
+fn note(searched: &Searched<'_>, drawn: usize) -> String {
+    let rest = match searched.result.tried.len() - drawn {
+        0 => String::new(),
+        more => format!(" {more} more are worse, stopped early or failed, and are not drawn."),
+    };
+    format!(
+        "A line for each of {drawn} settings, the best the darkest; listed values stand from the bottom up.{rest}"
+    )
+}
+
+fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+        (low.min(value), high.max(value))
+    })
 }
 
 /// A number with about three digits.

@@ -410,53 +410,23 @@ fn notes_of(claim: &ClaimVerdict) -> Vec<String> {
 }
 
 fn claim_lines(number: usize, spec: &ClaimSpec, study: &StudyInfo, results: &Results) -> Vec<ClaimLine> {
-    let line = |place: String, verdict| {
-        let (looks, rests_on) = (Seeds::default(), BTreeSet::new());
-        ClaimLine {
-            number,
-            spec: spec.clone(),
-            place,
-            verdict,
-            seen_at: None,
-            looks,
-            rests_on,
-        }
-    };
     let claim = match claim::parse(&spec.claim) {
         Ok(claim) => claim,
-        Err(error) => return vec![line(String::new(), Err(error.to_string()))],
+        Err(error) => return vec![claim_line(number, spec, String::new(), Err(error.to_string()))],
     };
     let held = |scope: &Scope<'_>, setting: Option<&str>, place: String| {
-        let trials: Vec<&TrialResult> = claim
-            .operands()
-            .into_iter()
-            .flat_map(|operand| trials_behind(scope, results, operand, setting))
-            .collect();
-        let looks = results.seeds_of(&trials);
-        let mut verdict = hold(&claim, spec, &trials, &looks, &|operand| match operand.within {
-            Some(_) => in_play(results, operand),
-            None => values(scope, operand, setting),
-        });
-        let notes = std::mem::take(&mut verdict.notes);
-        verdict.notes = with_origins(notes, results, |name| {
-            trials.iter().any(|it| it.trial.agent == name)
-        });
+        let (verdict, trials, looks) = held_in(&claim, spec, results, scope, setting);
         ClaimLine {
             looks,
             rests_on: trials.iter().map(|trial| trial.cell()).collect(),
-            ..line(place, Ok(verdict))
+            ..claim_line(number, spec, place, Ok(verdict))
         }
     };
     let all = Scope {
         trials: results.trials.iter().collect(),
     };
-    if claim.operands().iter().all(|operand| operand.within.is_some()) {
-        let plays: BTreeSet<&str> = claim
-            .operands()
-            .into_iter()
-            .filter_map(|it| Some(it.within.as_ref()?.play.as_str()))
-            .collect();
-        return vec![held(&all, None, plays.into_iter().collect::<Vec<_>>().join(", "))];
+    if let Some(plays) = plays_of(&claim) {
+        return vec![held(&all, None, plays)];
     }
     let environments = match claim.environment.as_ref().or(spec.environment.as_ref()) {
         Some(environment) => vec![environment.clone()],
@@ -473,6 +443,58 @@ fn claim_lines(number: usize, spec: &ClaimSpec, study: &StudyInfo, results: &Res
         settings(&claim, &scope).into_iter().map(line).collect::<Vec<_>>()
     };
     environments.iter().flat_map(in_environment).collect()
+}
+
+/// A line that rests on nothing yet.
+fn claim_line(
+    number: usize,
+    spec: &ClaimSpec,
+    place: String,
+    verdict: Result<ClaimVerdict, String>,
+) -> ClaimLine {
+    ClaimLine {
+        number,
+        spec: spec.clone(),
+        place,
+        verdict,
+        seen_at: None,
+        looks: Seeds::default(),
+        rests_on: BTreeSet::new(),
+    }
+}
+
+/// The plays that a claim speaks of, where it speaks of nothing else.
+fn plays_of(claim: &Claim) -> Option<String> {
+    let plays = claim
+        .operands()
+        .into_iter()
+        .map(|it| Some(it.within.as_ref()?.play.as_str()));
+    let plays: BTreeSet<&str> = plays.collect::<Option<_>>()?;
+    Some(plays.into_iter().collect::<Vec<_>>().join(", "))
+}
+
+/// The verdict on a claim in a scope, in one setting of agents that have several, with the trials that it
+/// rests on.
+fn held_in<'r>(
+    claim: &Claim,
+    spec: &ClaimSpec,
+    results: &'r Results,
+    scope: &Scope<'r>,
+    setting: Option<&str>,
+) -> (ClaimVerdict, Vec<&'r TrialResult>, Seeds) {
+    let operands = claim.operands().into_iter();
+    let trials: Vec<&TrialResult> = operands
+        .flat_map(|operand| trials_behind(scope, results, operand, setting))
+        .collect();
+    let looks = results.seeds_of(&trials);
+    let mut verdict = hold(claim, spec, &trials, &looks, &|operand| match operand.within {
+        Some(_) => in_play(results, operand),
+        None => values(scope, operand, setting),
+    });
+    let notes = std::mem::take(&mut verdict.notes);
+    let is_there = |name: &str| trials.iter().any(|it| it.trial.agent == name);
+    verdict.notes = with_origins(notes, results, is_there);
+    (verdict, trials, looks)
 }
 
 /// The verdict on a claim, unless something keeps it from meaning what it says.

@@ -146,7 +146,7 @@ pub fn sections(
     let agents = parts(&sections.written.agents, Target::Agent);
     let protocol = full(Target::Protocol, &sections.written.protocol);
     let exclude = root.get("exclude").map_or_else(|| json!([]), Node::to_value);
-    let mut all = vec![
+    let written = vec![
         ("environments".into(), environments),
         ("agents".into(), agents),
         ("protocol".into(), Section::Plain(protocol)),
@@ -155,37 +155,35 @@ pub fn sections(
         ("exclude".into(), Section::Plain(exclude)),
         ("overrides".into(), Section::Plain(overrides(root, sections))),
     ];
-    if let Some(success) = root.get("success") {
-        all.push(("success".into(), Section::Plain(success.to_value())));
-    }
-    if !sections.written.prepared.is_empty() {
-        let entries = sections.written.prepared.iter().enumerate();
-        let entries = entries
-            .map(|(index, entry)| (entry.name.clone(), prepared(index, entry, &mut full)))
-            .collect();
-        all.push(("prepare".into(), Section::Named(entries)));
-    }
-    if let Some(section) = root.get("imported") {
-        let entries = section
-            .entries()
-            .iter()
-            .map(|entry| (entry.key.clone(), entry.value.to_value()));
-        all.push(("imported".into(), Section::Named(entries.collect())));
-    }
-    if !sections.searches.is_empty() {
-        let searches = sections.written.searches.iter().zip(sections.searches);
-        let searches = searches
-            .map(|(named, it)| (named.name.clone(), search(named, it)))
-            .collect();
-        all.push(("search".into(), Section::Named(searches)));
-    }
-    if !plays.is_empty() {
-        all.push((
-            "cross_play".into(),
-            Section::Named(plays.iter().map(|it| (it.name.clone(), play(it))).collect()),
-        ));
-    }
-    all
+    let entries = sections.written.prepared.iter().enumerate();
+    let prepared = entries.map(|(index, entry)| (entry.name.clone(), prepared(index, entry, &mut full)));
+    let prepared = ("prepare", prepared.collect());
+    let success = root
+        .get("success")
+        .map(|it| ("success".into(), Section::Plain(it.to_value())));
+    let named = [prepared]
+        .into_iter()
+        .chain(named_sections(root, sections, plays));
+    let named = named.filter(|(_, entries)| !entries.is_empty());
+    let named = named.map(|(name, entries)| (name.into(), Section::Named(entries)));
+    written.into_iter().chain(success).chain(named).collect()
+}
+
+/// Entries with their names, in the order of the study.
+type Entries = Vec<(String, Value)>;
+
+/// The sections of named entries besides environments and agents; without entries where a study has none.
+fn named_sections(root: &Node, sections: &Sections<'_>, plays: &[Play]) -> [(&'static str, Entries); 3] {
+    let imported = root.get("imported").map_or(&[][..], Node::entries).iter();
+    let imported = imported.map(|entry| (entry.key.clone(), entry.value.to_value()));
+    let searches = sections.written.searches.iter().zip(sections.searches);
+    let searches = searches.map(|(named, it)| (named.name.clone(), search(named, it)));
+    let plays = plays.iter().map(|it| (it.name.clone(), play(it)));
+    [
+        ("imported", imported.collect()),
+        ("search", searches.collect()),
+        ("cross_play", plays.collect()),
+    ]
 }
 
 fn seeds(plan: &SeedPlan) -> Value {
