@@ -78,6 +78,56 @@ fn no_agent_is_made_of_another() {
     assert_eq!(found, [("opponent_gradients.rs".to_owned(), about.to_owned())]);
 }
 
+/// So that tests can put a simulated machine in its place.
+#[test]
+fn one_module_names_files_clocks_and_processes() {
+    let mut found = Vec::new();
+    visit(&repository().join("engine/src"), &mut |path, text| {
+        let name = path.to_string_lossy().into_owned();
+        let is_test = name.ends_with("tests.rs") || name.contains("/tests/");
+        if is_test || name.contains("/world/") {
+            return;
+        }
+        let text = text.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
+        let imported = text
+            .split("use std::{")
+            .nth(1)
+            .and_then(|rest| rest.split("};").next());
+        let imports = imported.unwrap_or_default().split([',', '{', '}', ' ', '\n']);
+        let foreign = ["fs", "fs::File", "process::Command"];
+        found.extend(
+            imports
+                .filter(|it| foreign.contains(it) || it.starts_with("fs::"))
+                .map(|it| format!("{name}: {it}")),
+        );
+        let words = [
+            "std::fs",
+            "process::Command::",
+            "std::process::id",
+            "Instant::now()",
+            "SystemTime::now()",
+            "thread::sleep",
+            "RandomState",
+            ".elapsed()",
+            ".exists()",
+            ".canonicalize()",
+            ".symlink_metadata()",
+            "path.is_file()",
+            "path.is_dir()",
+            "folder.is_dir()",
+        ];
+        found.extend(
+            words
+                .into_iter()
+                .filter(|word| text.contains(word))
+                .map(|word| format!("{name}: {word}")),
+        );
+    });
+    // The bar that shows progress has a clock of its own.
+    found.retain(|it| !it.ends_with("cli/progress.rs: .elapsed()"));
+    assert_eq!(found, [""; 0]);
+}
+
 fn visit(folder: &std::path::Path, seen: &mut dyn FnMut(&std::path::Path, &str)) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();

@@ -6,13 +6,12 @@
 //! file meanwhile, it reads the same. Binary files may be larger than memory: of them a config gets the hash,
 //! and plugins read them by their path.
 
-use crate::{Error, parquet, store};
+use crate::{Error, parquet, store, world::fs};
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{
     borrow::Cow,
-    fs,
     io::{self, Read as _},
     path::{Path, PathBuf},
     sync::Arc,

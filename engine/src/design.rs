@@ -1,8 +1,8 @@
 //! Designs that a search chose: what lies in `choice.json` of its trial, for other trials to build again.
 
-use crate::{Error, Space};
+use crate::{Error, Space, world::fs};
 use serde::{Deserialize, Serialize};
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
 /// The file of chosen designs inside a trial's folder.
 pub const FILE: &str = "choice.json";

@@ -3,11 +3,10 @@
 //! A protocol whose environment has something to draw calls [`leave`] after an episode. `graph.json` holds a
 //! [`Graph`]; `images.png` holds square images of one size, one below the other, in 8-bit RGB.
 
-use crate::{Environment, Error, ProductKind};
+use crate::{Environment, Error, ProductKind, world::fs};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, btree_map::Entry},
-    fs,
     io::Cursor,
     path::{Path, PathBuf},
 };

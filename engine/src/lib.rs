@@ -60,6 +60,7 @@ pub mod table;
 pub mod trial;
 pub mod verification;
 pub mod watch;
+mod world;
 
 pub use agent::{Agent, Mode, Transition, Updates};
 pub use build::Build;

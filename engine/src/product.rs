@@ -8,6 +8,7 @@
 use crate::{
     Error,
     drawing::{GRAPH_FILE, IMAGES_FILE},
+    world::fs,
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
@@ -85,16 +86,19 @@ impl ProductKind {
     #[must_use]
     pub fn lies_in(self, folder: &Path) -> bool {
         let beside_or_below = |name: &str| {
-            let below = std::fs::read_dir(folder).into_iter().flatten().flatten();
-            folder.join(name).is_file() || below.into_iter().any(|entry| entry.path().join(name).is_file())
+            let below = fs::read_dir(folder).into_iter().flatten().flatten();
+            fs::is_file(&folder.join(name))
+                || below
+                    .into_iter()
+                    .any(|entry| fs::is_file(&entry.path().join(name)))
         };
         match self {
             Self::Policy => beside_or_below("policy.safetensors"),
             Self::Networks => beside_or_below("networks.safetensors"),
-            Self::Dataset => folder.join("dataset").is_dir(),
-            Self::Choice => folder.join("choice.json").is_file(),
-            Self::Graph => folder.join(GRAPH_FILE).is_file(),
-            Self::Images => folder.join(IMAGES_FILE).is_file(),
+            Self::Dataset => fs::is_folder(&folder.join("dataset")),
+            Self::Choice => fs::is_file(&folder.join("choice.json")),
+            Self::Graph => fs::is_file(&folder.join(GRAPH_FILE)),
+            Self::Images => fs::is_file(&folder.join(IMAGES_FILE)),
         }
     }
 

@@ -1,12 +1,11 @@
 //! Curves that others published: CSV files with a step and a value in each row.
 
-use crate::statistics::estimators;
+use crate::{statistics::estimators, world::fs::File};
 use csv::{Reader, ReaderBuilder, StringRecord, Trim};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, btree_map::Entry},
-    fs::File,
     path::{Path, PathBuf},
 };
 

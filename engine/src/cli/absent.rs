@@ -1,7 +1,7 @@
 //! What was asked for and is not there: names after `--only`, and stores.
 
 use super::{complain, study::Planned};
-use crate::diagnostic;
+use crate::{diagnostic, world::fs};
 use std::{collections::BTreeSet, path::Path};
 
 /// What is said of names after `--only` that no study has; `None` where every one is known.
@@ -31,15 +31,15 @@ pub(super) fn unknown_names(planned: &[Planned], only: &[String]) -> Option<Stri
 
 /// Says where there is no store yet, and a store of nearly that name beside it.
 pub(super) fn say_if_new(store: &Path) {
-    if store.exists() {
+    if fs::exists(store) {
         return;
     }
     let folder = store.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let entries = std::fs::read_dir(folder.unwrap_or(Path::new(".")))
+    let entries = fs::read_dir(folder.unwrap_or(Path::new(".")))
         .into_iter()
         .flatten()
         .flatten();
-    let stores = entries.filter(|entry| entry.path().join("trials").is_dir());
+    let stores = entries.filter(|entry| fs::is_folder(&entry.path().join("trials")));
     let mut names: Vec<String> = stores
         .map(|entry| entry.file_name().to_string_lossy().into_owned())
         .collect();

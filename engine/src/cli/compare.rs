@@ -10,13 +10,10 @@ use crate::{
     report::{Contents, Verdicts},
     spec,
     store::{Store, write_durably},
+    world::{fs, process::Command},
 };
 use clap::Args;
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::path::{Path, PathBuf};
 
 /// What is compared, and how it is shown.
 #[derive(Debug, Clone, Args)]
@@ -103,10 +100,10 @@ struct Asked<'a> {
 impl Asked<'_> {
     /// Reads it. Files that a study names are named as `other` names them, where that is a folder of results.
     fn side(&self, other: &Path) -> Result<Side, Failure> {
-        if self.path.is_dir() {
+        if fs::is_folder(&self.path) {
             return self.folder(&self.path);
         }
-        if self.path.is_file() {
+        if fs::is_file(&self.path) {
             return self.study(other);
         }
         let text = self.path.display().to_string();
@@ -150,7 +147,7 @@ impl Asked<'_> {
         let contents = Contents::judged(&info, &results);
         let verdicts = Verdicts::of(&info, &results, &contents);
         // Two studies name their files as seen from where they lie.
-        let beside = if other.is_dir() {
+        let beside = if fs::is_folder(&other) {
             other
         } else {
             self.path.parent().unwrap_or(Path::new(""))

@@ -12,11 +12,11 @@ use crate::{
     results::TrialResult,
     spec,
     store::{self, Store, StoredTrial, write_durably},
+    world::{fs, process},
 };
 use clap::Args;
 use std::{
     collections::BTreeSet,
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -133,7 +133,7 @@ impl Whole {
                 to.display()
             ))
         })?;
-        let beside = format!(".{}.{}.tmp", name.to_string_lossy(), std::process::id());
+        let beside = format!(".{}.{}.tmp", name.to_string_lossy(), process::id());
         let folder = to.with_file_name(beside);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let to = to.to_owned();

@@ -6,6 +6,7 @@ use crate::{
     report::{Manifest, Replaced},
     spec::{along, way},
     store,
+    world::{fs, process},
 };
 use std::{
     collections::BTreeMap,
@@ -96,7 +97,7 @@ pub(super) fn check(
         let earlier = earlier
             .map(Path::to_owned)
             .or_else(|| owner(&folder).filter(|owner| !is_same(owner, &one.path)));
-        if let Some(earlier) = earlier.filter(|earlier| earlier.exists()) {
+        if let Some(earlier) = earlier.filter(|earlier| fs::exists(earlier)) {
             return Err(refusal(&folder, &earlier, &one.path, selection, reporting));
         }
         probe(&folder)?;
@@ -106,10 +107,10 @@ pub(super) fn check(
 
 /// Tries to write into a folder, or into what is there of the way to it.
 fn probe(folder: &Path) -> Result<(), Failure> {
-    let there = |folder: &&Path| folder.symlink_metadata().is_ok();
+    let there = |folder: &&Path| fs::is_taken(folder);
     let nearest = folder.ancestors().find(there).unwrap_or(Path::new("."));
-    let file = nearest.join(format!(".regimen-{}", std::process::id()));
-    let tried = std::fs::write(&file, "").and_then(|()| std::fs::remove_file(&file));
+    let file = nearest.join(format!(".regimen-{}", process::id()));
+    let tried = fs::write(&file, "").and_then(|()| fs::remove_file(&file));
     tried.map_err(|error| {
         let (folder, nearest) = (folder.display(), nearest.display());
         let text = format!(
@@ -142,8 +143,7 @@ fn owner(folder: &Path) -> Option<PathBuf> {
 }
 
 fn is_same(one: &Path, other: &Path) -> bool {
-    one.canonicalize()
-        .is_ok_and(|one| other.canonicalize().is_ok_and(|other| one == other))
+    fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(other).is_ok_and(|other| one == other))
 }
 
 /// Notes in a folder which study file its results are of and which files a report wrote, and removes what an

@@ -1,8 +1,11 @@
 //! `fsck`: checks every file of a store, and sets aside what is wrong.
 
 use super::{Common, Failure, Format, INCOMPLETE, OK, say, settings};
-use crate::count::{count, either};
 use crate::store::{Findings, Store};
+use crate::{
+    count::{count, either},
+    world::fs,
+};
 use std::{collections::BTreeSet, path::PathBuf};
 
 /// 106 where a trial has to run again, otherwise 0.
@@ -11,7 +14,7 @@ pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> R
         Some(folder) => folder,
         None => settings::read(common)?.store,
     };
-    if !root.is_dir() {
+    if !fs::is_folder(&root) {
         let text = format!("error: there is no store at `{}`", root.display());
         return Err(Failure {
             code: super::BAD_SPEC,

@@ -6,13 +6,13 @@ use crate::{
     imported::{Found, ImportedText, Patterns, columns, read},
     spec::{section_yaml, way},
     store::{self, write_durably},
+    world::fs,
 };
 use clap::Args;
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},
     ffi::OsStr,
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -90,7 +90,7 @@ fn refused(problem: String) -> Failure {
 
 /// 2 where the files are not as the options say; it prints the entry.
 pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<u8, Failure> {
-    if !options.study.is_file() {
+    if !fs::is_file(&options.study) {
         return Err(refused(format!(
             "there is no study `{}`",
             options.study.display()

@@ -15,12 +15,13 @@ use crate::{
     store::{self, Store, write_durably},
     table::Grid,
     trial,
+    world::fs,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs, io,
+    io,
     path::Path,
 };
 

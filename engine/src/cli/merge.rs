@@ -1,8 +1,11 @@
 //! `merge`: the trials of several stores in one.
 
 use super::{BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, OK, looks, say, settings};
-use crate::count::{count, either};
 use crate::store::{Difference, Fate, Finding, Imprint, Leases, Merge, Merged, Side, Store};
+use crate::{
+    count::{count, either},
+    world::fs,
+};
 use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -68,12 +71,10 @@ fn check(from: &Path, into: &Path) -> Result<(), Failure> {
         code: BAD_SPEC,
         text: format!("error: {problem}"),
     };
-    if !from.is_dir() {
+    if !fs::is_folder(from) {
         return Err(refused(format!("there is no store at `{}`", from.display())));
     }
-    let same = from
-        .canonicalize()
-        .is_ok_and(|from| into.canonicalize().is_ok_and(|into| from == into));
+    let same = fs::canonicalize(from).is_ok_and(|from| fs::canonicalize(into).is_ok_and(|into| from == into));
     if same {
         return Err(refused(format!(
             "`{}` is the store that is taken into; name another one",

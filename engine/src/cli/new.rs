@@ -1,7 +1,7 @@
 //! `new`: writes a first study.
 
 use super::{BAD_SPEC, Failure, OK, say};
-use crate::{Registry, first_study};
+use crate::{Registry, first_study, world::fs};
 use clap::Args;
 use std::{
     io::{ErrorKind, Write},
@@ -37,12 +37,12 @@ pub(super) fn new(registry: &Registry, options: &NewOptions) -> Result<u8, Failu
             "`{shown}` is there already; choose another name, or remove it"
         ))
     };
-    if path.exists() {
+    if fs::exists(&path) {
         return Err(exists());
     }
     let text =
         first_study::write(registry, name, environment, agent).map_err(|error| refused(error.to_string()))?;
-    let written = std::fs::File::create_new(&path).and_then(|mut file| file.write_all(text.as_bytes()));
+    let written = fs::File::create_new(&path).and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => exists(),
         _ => refused(format!("cannot write `{shown}`: {error}")),

@@ -6,9 +6,10 @@ use crate::{
     Error,
     report::{self, IndexEntry, Manifest, Verdicts},
     store::write_durably,
+    world::fs,
 };
 use std::{
-    fs, io,
+    io,
     path::{Path, PathBuf},
 };
 
@@ -108,7 +109,7 @@ pub(super) fn index(
 /// Writes `index<name>.html` over the reports in a folder that were asked for with these options.
 fn write_index(folder: &Path, name: &str, options: &[String]) -> Result<PathBuf, Error> {
     let (mut entries, mut unread) = (Vec::new(), Vec::new());
-    for place in within(folder)?.into_iter().filter(|place| place.is_dir()) {
+    for place in within(folder)?.into_iter().filter(|place| fs::is_folder(place)) {
         let Some(manifest) = Manifest::read(&place) else {
             continue;
         };

@@ -1,7 +1,7 @@
 //! Where numbers come from: programs, plugins, machine.
 
 use super::study::Planned;
-use crate::{Build, Registry, report::Provenance, store::StoredTrial};
+use crate::{Build, Registry, report::Provenance, store::StoredTrial, world::fs};
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BTreeSet},
@@ -62,7 +62,7 @@ fn used(registry: &Registry, one: &Planned) -> Vec<(String, u32)> {
 }
 
 fn cpu() -> String {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let text = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = text.lines().find_map(|line| {
         line.strip_prefix("model name")?
             .split_once(':')

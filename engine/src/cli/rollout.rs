@@ -12,6 +12,7 @@ use crate::{
     spec,
     store::{Store, TrialFile},
     trial::{Part, Purpose, Trial},
+    world::fs,
 };
 use clap::Args;
 use serde_json::Value;
@@ -161,7 +162,7 @@ fn build(
 /// The agent of the trial that left the policy in a folder, where the folder says so.
 fn left_by(folder: &Path) -> Result<Option<Part>, Failure> {
     let path = folder.join("trial.json");
-    let Ok(text) = std::fs::read(&path) else {
+    let Ok(text) = fs::read(&path) else {
         return Ok(None);
     };
     let file: TrialFile =

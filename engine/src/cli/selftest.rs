@@ -1,15 +1,14 @@
 //! `selftest`: the same study computed in every way there is, and the digests of all trials compared.
 
 use super::{Common, DIFFERS, Failure, OK, Selection, complain, say, study};
-use crate::{Error, Registry, store::Store, trial::Trial};
-use std::{
-    collections::BTreeMap,
-    fs,
-    os::unix::process::CommandExt,
-    path::PathBuf,
-    process::{Child, Command, Stdio},
-    time::Duration,
+use crate::{
+    Error, Registry,
+    store::Store,
+    trial::Trial,
+    world::process::{self, Child, Command, Stdio},
+    world::{clock, fs},
 };
+use std::{collections::BTreeMap, os::unix::process::CommandExt, path::PathBuf, time::Duration};
 
 /// The name of the study inside the folder of the test.
 const STUDY: &str = "selftest.yaml";
@@ -122,10 +121,10 @@ fn show(rows: &[(&str, usize, usize, bool, bool)], trials: usize, common: &Commo
 
 impl Bench {
     fn prepare(registry: &Registry, embedded: &str, options: &SelftestOptions) -> Result<Self, Failure> {
-        let temporary = || std::env::temp_dir().join(format!("regimen-selftest-{}", std::process::id()));
+        let temporary = || std::env::temp_dir().join(format!("regimen-selftest-{}", process::id()));
         let folder = options.folder.clone().unwrap_or_else(temporary);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-        let folder = folder.canonicalize().map_err(Error::file("find", &folder))?;
+        let folder = fs::canonicalize(&folder).map_err(Error::file("find", &folder))?;
         let (text, profile) = match &options.spec {
             Some(path) => (
                 fs::read_to_string(path).map_err(Error::file("read", path))?,
@@ -140,7 +139,7 @@ impl Bench {
         fs::write(&path, text).map_err(Error::file("write", &path))?;
         // Often enough that a killed trial has something to continue from.
         let settings = folder.join("regimen.toml");
-        let kept = if settings.exists() {
+        let kept = if fs::exists(&settings) {
             fs::read_to_string(&settings).unwrap_or_default()
         } else {
             String::new()
@@ -284,7 +283,7 @@ impl Bench {
         let log = format!("{store}.log");
         for kill in 1..=KILLS {
             let mut child = self.start(&["worker", "-j", "2"], store, &log)?;
-            std::thread::sleep(Duration::from_millis(u64::from(kill) * 60));
+            clock::sleep(Duration::from_millis(u64::from(kill) * 60));
             end_group(&mut child)?;
         }
         // A trial that was being computed when its program died runs again, but only its last execution ends.

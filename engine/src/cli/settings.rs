@@ -26,6 +26,7 @@ use super::{BAD_SPEC, Common, Failure};
 use crate::{
     executor::{self, Executor, Kind, LOCAL},
     limits::Limits,
+    world::fs,
 };
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -133,7 +134,7 @@ pub(super) fn read(common: &Common) -> Result<Settings, Failure> {
     let here = std::env::current_dir().unwrap_or_default();
     let mut folder = PathBuf::new();
     for _ in here.ancestors() {
-        match std::fs::read_to_string(folder.join(FILE)) {
+        match fs::read_to_string(folder.join(FILE)) {
             Ok(text) => return combine(&text, &folder, common),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => folder.push(".."),
             Err(error) => return Err(wrong(&format!("{}: {error}", folder.display()))),

@@ -6,9 +6,10 @@ use crate::{
     Registry,
     report::{Outcome, junit, outcomes_as_json},
     store::{Store, write_durably},
+    world::{clock, fs},
 };
 use clap::Args;
-use std::{fs, path::PathBuf, time::Instant};
+use std::{path::PathBuf, time::Instant};
 
 /// Which files to write.
 #[derive(Debug, Clone, Args)]
@@ -34,7 +35,7 @@ impl Summaries {
         common: &Common,
         command: impl FnOnce() -> Result<u8, Failure>,
     ) -> Result<u8, Failure> {
-        let started = started_now();
+        let started = clock::now();
         let answer = command();
         let code = answer.as_ref().map_or_else(|failure| failure.code, |code| *code);
         let written = self.write(registry, selection, common, started, code);
@@ -53,7 +54,7 @@ impl Summaries {
         if self.junit.is_none() && self.summary.is_none() {
             return Ok(());
         }
-        let wall_s = started.elapsed().as_secs_f64();
+        let wall_s = clock::since(started).as_secs_f64();
         let store = Store::at(&settings::read(common)?.store);
         let outcomes: Vec<Outcome> = study::load_with_looks(registry, selection, &store)?
             .into_iter()
@@ -83,12 +84,4 @@ fn write(path: &std::path::Path, text: String) -> Result<(), Failure> {
         fs::create_dir_all(folder).map_err(crate::Error::file("create", folder))?;
     }
     Ok(write_durably(path, text.as_bytes())?)
-}
-
-#[expect(
-    clippy::disallowed_methods,
-    reason = "wall time is reported, it reaches no result"
-)]
-fn started_now() -> Instant {
-    Instant::now()
 }

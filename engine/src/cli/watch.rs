@@ -11,6 +11,7 @@ use crate::{
     figure::FigureKind,
     store::{self, Store, write_durably},
     watch::{Choice, View, Watched, Watcher, draw, page, plain},
+    world::{clock, fs},
 };
 use clap::Args;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
@@ -151,10 +152,13 @@ impl Watching<'_> {
 
     /// A look, and when the next one is due.
     fn look_timed(&mut self) -> (View, Instant) {
-        let begun = now();
+        let begun = clock::now();
         let view = self.look();
         let every = Duration::from_secs_f64(self.options.every_s);
-        (view, now() + every.max(begun.elapsed() * REST_PER_LOOK))
+        (
+            view,
+            clock::now() + every.max(clock::since(begun) * REST_PER_LOOK),
+        )
     }
 
     /// Writes pages until no trial is left or a signal asks to leave.
@@ -178,8 +182,8 @@ impl Watching<'_> {
                     path.display()
                 ));
             }
-            while now() < next && !stop.load(Ordering::SeqCst) {
-                std::thread::sleep(KEY_WAIT);
+            while clock::now() < next && !stop.load(Ordering::SeqCst) {
+                clock::sleep(KEY_WAIT);
             }
         }
     }
@@ -205,7 +209,7 @@ impl Watching<'_> {
             if stop.load(Ordering::SeqCst) {
                 return Ok(OK);
             }
-            if now() >= next {
+            if clock::now() >= next {
                 (view, next) = self.look_timed();
             }
         }
@@ -253,17 +257,9 @@ fn turned(choice: Choice, key: KeyCode) -> Choice {
 fn write_page(path: &Path, text: &str) -> Result<(), Error> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder {
-        std::fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+        fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
     }
     write_durably(path, text.as_bytes())
-}
-
-#[expect(
-    clippy::disallowed_methods,
-    reason = "it says when to look again, and reaches no result"
-)]
-fn now() -> Instant {
-    Instant::now()
 }
 
 #[cfg(test)]

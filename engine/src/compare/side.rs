@@ -7,12 +7,13 @@ use crate::{
     document,
     report::{Contents, Manifest, Passed, Verdicts, file_slug},
     table::{Cell, Grid},
+    world::fs,
 };
 use serde::Serialize;
 use serde_json::Value;
 use std::{
     collections::BTreeMap,
-    fmt, fs, io,
+    fmt, io,
     path::{Path, PathBuf},
 };
 

@@ -4,6 +4,7 @@ use super::Episode;
 use crate::{
     End, Error, Seat, Space,
     parquet::{self, Table, Values},
+    world::fs,
 };
 use std::path::Path;
 
@@ -65,7 +66,7 @@ fn values<'a>(space: &Space, rows: Vec<&'a [f64]>, path: &Path) -> Result<Values
 /// # Errors
 /// [`Error::File`] where it is missing, [`Error::Damaged`] where it is something else.
 pub(super) fn read(path: &Path, seat: &Seat) -> Result<Episode, Error> {
-    let bytes = std::fs::read(path).map_err(Error::file("read", path))?;
+    let bytes = fs::read(path).map_err(Error::file("read", path))?;
     let table = Table::decode(bytes, path)?;
     let mut actions = rows(&table, "actions", &seat.action, path)?;
     let mut rewards = full(table.f64s("rewards")?, "rewards", path)?;

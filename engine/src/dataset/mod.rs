@@ -27,12 +27,9 @@ mod minari;
 #[cfg(test)]
 mod tests;
 
-use crate::{End, Error, Interface, Observation, Seat, Transition};
+use crate::{End, Error, Interface, Observation, Seat, Transition, world::fs};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 /// The folder of a dataset inside that of the trial that gathered it.
 pub const FOLDER: &str = "dataset";
@@ -186,7 +183,7 @@ impl DatasetWriter {
     pub fn create(trial: &Path, interface: &Interface) -> Result<Self, Error> {
         let seat = only_seat(interface)?.clone();
         let folder = trial.join(FOLDER);
-        if folder.exists() {
+        if fs::exists(&folder) {
             fs::remove_dir_all(&folder).map_err(Error::file("remove", &folder))?;
         }
         let data = folder.join(minari::DATA);

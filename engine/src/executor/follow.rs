@@ -1,7 +1,10 @@
 //! Waiting for trials that the tasks of a queue compute, and keeping enough tasks at them.
 
 use super::{Dispatch, Error, State, Submission, Task, View};
-use crate::count::{count, either};
+use crate::{
+    count::{count, either},
+    world::clock,
+};
 use std::{
     collections::BTreeSet,
     time::{Duration, Instant},
@@ -127,17 +130,17 @@ impl Dispatch<'_> {
             dispatch: self,
             followed,
             patience: Patience::new(self.queue.resubmissions()),
-            submitted: now(),
+            submitted: clock::now(),
             missing_then: None,
             saved_then: watch.saved(),
             lacking: false,
             pause_s: self.queue.poll_s(),
         };
-        let mut asked = now();
+        let mut asked = clock::now();
         loop {
-            let looked = now();
+            let looked = clock::now();
             let missing = watch.missing();
-            let look = looked.elapsed();
+            let look = clock::since(looked);
             if missing.is_empty() {
                 follower.finish();
                 return Ok(Outcome::Ended);
@@ -145,11 +148,11 @@ impl Dispatch<'_> {
             if watch.is_stopped() {
                 return Ok(Outcome::Stopped);
             }
-            if asked.elapsed().as_secs_f64() >= follower.pause_s {
+            if clock::since(asked).as_secs_f64() >= follower.pause_s {
                 if let Some(outcome) = follower.ask(&missing, watch)? {
                     return Ok(outcome);
                 }
-                asked = now();
+                asked = clock::now();
             }
             // A look at a large store on a slow disk is not repeated at once.
             rest(STORE_POLL.max(look * 5), watch);
@@ -199,7 +202,7 @@ impl Follower<'_> {
         self.lacking = false;
         let bore_fruit = missing.len() < before || watch.saved() > self.saved_then;
         self.patience
-            .note(bore_fruit, self.submitted.elapsed().as_secs_f64());
+            .note(bore_fruit, clock::since(self.submitted).as_secs_f64());
         match self.patience.is_over() {
             // Nothing is added to tasks that live; their end will be noted.
             Some(_) if view.alive() > 0 => Ok(None),
@@ -246,7 +249,7 @@ impl Follower<'_> {
                     watch.say(&format!("submitted again: {}", describe(&holding.submission)));
                 });
                 self.followed = view.live.into_iter().map(|holding| holding.submission).collect();
-                (self.submitted, self.missing_then) = (now(), Some(missing.len()));
+                (self.submitted, self.missing_then) = (clock::now(), Some(missing.len()));
                 self.saved_then = watch.saved();
             }
             Err(error @ (Error::Refused { .. } | Error::NoProgram { .. })) if alive == 0 => {
@@ -299,19 +302,10 @@ pub fn describe(submission: &Submission) -> String {
     )
 }
 
-/// The clock of the wait.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "it says when the queue is asked, which reaches no result"
-)]
-fn now() -> Instant {
-    Instant::now()
-}
-
 fn rest(pause: Duration, watch: &dyn Watch) {
-    let started = now();
-    while started.elapsed() < pause && !watch.is_stopped() {
-        std::thread::sleep(Duration::from_millis(50));
+    let started = clock::now();
+    while clock::since(started) < pause && !watch.is_stopped() {
+        clock::sleep(Duration::from_millis(50));
     }
 }
 

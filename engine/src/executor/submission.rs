@@ -14,13 +14,15 @@ use super::{Queue, Work};
 use crate::{
     Error,
     store::{names, write_durably},
+    world::{
+        fs::{self, File},
+        process,
+    },
 };
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::{
     collections::BTreeSet,
-    fs::{self, File},
-    hash::{BuildHasher, RandomState},
     io::ErrorKind,
     path::{Path, PathBuf},
 };
@@ -237,13 +239,9 @@ fn read(store: &Path, path: &Path) -> Result<Option<Submission>, Error> {
 }
 
 /// Creates a folder under a name that no other submission has; the system's randomness is read, no clock.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "a submission needs a name that nobody has, which is in no result"
-)]
 fn unused_name(all: &Path) -> Result<String, Error> {
     loop {
-        let random = RandomState::new().hash_one(std::process::id());
+        let random = process::random_number();
         let name = blake3::hash(&random.to_le_bytes()).to_hex()[..10].to_string();
         let folder = all.join(&name);
         match fs::create_dir(&folder) {

@@ -1,8 +1,8 @@
 //! A table as comma-separated values that a spreadsheet can open without running anything.
 
 use super::table::{Cells, Column, Table};
-use crate::Error;
-use std::{fs::File, io::BufWriter, path::Path};
+use crate::{Error, world::fs::File};
+use std::{io::BufWriter, path::Path};
 
 /// What is said of [`guarded`] where columns are described.
 pub(super) const ABOUT_GUARD: &str = "a text that begins with = + - @ or a control character has an \

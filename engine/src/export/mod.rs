@@ -24,9 +24,10 @@ use crate::{
     Error, Metric, Registry,
     results::TrialResult,
     store::{StoredTrial, write_durably},
+    world::fs,
 };
 use serde_json::{Value, json};
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
 /// A form in which a study is taken away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

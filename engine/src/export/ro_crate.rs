@@ -9,12 +9,12 @@ use super::{Subject, pretty};
 use crate::{
     Build, Error,
     store::{StoredTrial, rfc_3339_of, seconds_of, write_durably},
+    world::fs,
 };
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Path, PathBuf},
 };
 

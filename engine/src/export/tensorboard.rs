@@ -10,9 +10,10 @@ use crate::{
     recorder::Phase,
     results::TrialResult,
     store::{StoredTrial, seconds_of, write_durably},
+    world::fs,
 };
 use serde_json::{Value, json};
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
 /// Phases whose values are shown by step; traces have decisions in the place of steps.
 const PHASES: [Phase; 3] = [Phase::Train, Phase::Evaluate, Phase::Final];

@@ -22,12 +22,12 @@ use crate::{
     results::{EndState, TrialEnd, TrialResult},
     setting::Setting,
     trial::{Part, Purpose, Trial, TrialKey, hash},
+    world::fs,
 };
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs,
     path::{Path, PathBuf},
 };
 

@@ -1,6 +1,6 @@
 //! Files by patterns in which `*` stands for any part of one name.
 
-use crate::{Error, store::names};
+use crate::{Error, store::names, world::fs};
 use std::path::{Component, Path, PathBuf};
 
 /// The files that a pattern names, seen from `folder`, in the order of their names; none where no file matches.
@@ -19,7 +19,7 @@ pub fn matching(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, Error> {
         let mut below = Vec::new();
         for path in found
             .iter()
-            .filter(|path| path.as_os_str().is_empty() || path.is_dir())
+            .filter(|path| path.as_os_str().is_empty() || fs::is_folder(path))
         {
             let listed = if path.as_os_str().is_empty() {
                 Path::new(".")
@@ -34,7 +34,7 @@ pub fn matching(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, Error> {
         }
         found = below;
     }
-    found.retain(|path| path.is_file());
+    found.retain(|path| fs::is_file(path));
     Ok(found)
 }
 

@@ -6,11 +6,11 @@ use super::{
 };
 use crate::{
     Action, End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent,
-    dataset, drawing, results::EPISODE_LENGTH,
+    dataset, drawing, results::EPISODE_LENGTH, world::clock,
 };
 use serde::Serialize;
 use serde_json::Value;
-use std::{cell::RefCell, collections::BTreeMap, time::Instant};
+use std::{cell::RefCell, collections::BTreeMap};
 
 /// Episodes that are stepped together, so that the policy sees many rows at a time.
 const ROWS: u64 = 256;
@@ -360,20 +360,16 @@ fn advance(
 }
 
 /// The agent's actions. How long it took for those of the final measurement is kept beside the rows.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "times are no rows: no number depends on them"
-)]
 fn decide(
     run: &mut Run<'_>,
     what: &Measurement,
     observations: &[Observation],
     rng: &mut Rng,
 ) -> Result<Vec<Action>, Error> {
-    let asked = Instant::now();
+    let asked = clock::now();
     let actions = run.agent.act(observations, what.mode, rng)?;
     if what.phase == Phase::Final {
-        run.record.decided(actions.len(), asked.elapsed());
+        run.record.decided(actions.len(), clock::since(asked));
     }
     Ok(actions)
 }

@@ -1,7 +1,10 @@
 //! Files that appear whole or not at all.
 
-use crate::Error;
-use std::{fs, path::Path};
+use crate::{
+    Error,
+    world::{fs, process},
+};
+use std::path::Path;
 
 /// Writes a file and the folder it lies in.
 pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
@@ -16,7 +19,7 @@ pub(super) fn write_with(path: &Path, fill: impl FnOnce(&Path) -> Result<(), Err
     let dir = path.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(dir).map_err(Error::file("create", dir))?;
     let file_name = path.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = dir.join(format!(".{}-{file_name}", std::process::id()));
+    let temporary = dir.join(format!(".{}-{file_name}", process::id()));
     let filled =
         fill(&temporary).and_then(|()| fs::rename(&temporary, path).map_err(Error::file("write", path)));
     if filled.is_err() {

@@ -3,11 +3,10 @@
 //! nothing else.
 
 use super::files;
-use crate::{Error, store};
+use crate::{Error, store, world::fs};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
-    fs,
     path::{Component, Path, PathBuf},
 };
 

@@ -1,11 +1,16 @@
 //! One worker process as the slot that talks to it and the thread that watches it share it.
 
 use super::worker::Message;
-use crate::{Error, limits::Limits, results::EndState};
+use crate::{
+    Error,
+    limits::Limits,
+    results::EndState,
+    world::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
+    world::{clock, fs},
+};
 use std::{
     io::{BufReader, Write},
     path::Path,
-    process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
@@ -61,7 +66,7 @@ impl Shared {
             let _ = writeln!(process.requests, "{message}");
             let limits = Arc::clone(limits);
             process.busy = Some(Busy {
-                since: super::queue::now(),
+                since: clock::now(),
                 limits,
                 told_to_stop: false,
                 exceeded: None,
@@ -128,7 +133,7 @@ impl Shared {
         }) = self.lock().as_mut()
             && busy.exceeded.is_none()
         {
-            busy.exceeded = exceeded(&busy.limits, busy.since.elapsed(), child.id());
+            busy.exceeded = exceeded(&busy.limits, clock::since(busy.since), child.id());
             if busy.exceeded.is_some() {
                 let _ = child.kill();
             }
@@ -164,7 +169,7 @@ fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(EndState, S
 
 /// Memory that a process holds: resident and swapped out.
 fn resident_bytes(pid: u32) -> Option<u64> {
-    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let kilobytes = |key: &str| {
         let line = status.lines().find_map(|line| line.strip_prefix(key))?;
         line.split_whitespace().next()?.parse::<u64>().ok()

@@ -3,7 +3,7 @@
 //! left.
 
 use super::Task;
-use crate::results::TrialEnd;
+use crate::{results::TrialEnd, world::clock};
 use std::{
     cmp::Reverse,
     collections::{BTreeSet, HashMap},
@@ -125,7 +125,7 @@ impl<'a> Queue<'a> {
     /// The next trial; whoever gets one says [`Queue::done`], [`Queue::retry`] or [`Queue::held`] about it.
     pub(super) fn next(&self) -> Next {
         let mut state = self.lock();
-        let now = now();
+        let now = clock::now();
         if let Some(position) = state.later.iter().position(|later| later.due <= now) {
             let Later { turn, .. } = state.later.swap_remove(position);
             state.busy += 1;
@@ -164,7 +164,7 @@ impl<'a> Queue<'a> {
         let mut state = self.lock();
         state.busy -= 1;
         state.later.push(Later {
-            due: now() + wait,
+            due: clock::now() + wait,
             turn,
         });
     }
@@ -226,14 +226,6 @@ fn longest_paths(
         }
     }
     paths.into_iter().map(Option::unwrap_or_default).collect()
-}
-
-#[expect(
-    clippy::disallowed_methods,
-    reason = "it decides when a trial runs, which reaches no result"
-)]
-pub(super) fn now() -> Instant {
-    Instant::now()
 }
 
 #[cfg(test)]

@@ -10,11 +10,14 @@ use crate::{
     Error,
     results::{EndState, TrialEnd},
     store::{Claim, Leases, Store, is_missing},
+    world::{
+        clock,
+        process::{ChildStdout, ExitStatus},
+    },
 };
 use std::{
     io::{BufRead, BufReader},
     path::Path,
-    process::{ChildStdout, ExitStatus},
     sync::{
         atomic::{AtomicBool, Ordering},
         mpsc::Sender,
@@ -89,7 +92,7 @@ impl<'a> Slot<'a> {
                         return Err(error);
                     }
                 }
-                Next::Wait(wait) => std::thread::sleep(wait.min(Duration::from_millis(50))),
+                Next::Wait(wait) => clock::sleep(wait.min(Duration::from_millis(50))),
                 Next::Done => break,
             }
         }
@@ -232,7 +235,7 @@ impl<'a> Slot<'a> {
             Some(replies) => replies,
             None => self.process.start(self.all.program)?,
         };
-        let started = super::queue::now();
+        let started = clock::now();
         self.process.begin(&line, &task.limits);
         let answer = self.listen(&mut replies);
         // A process whose trial panicked leaves after saying so.
@@ -248,7 +251,7 @@ impl<'a> Slot<'a> {
             Some(Reply::Paused) => Ok(Attempt::Paused),
             Some(Reply::Unready { reason }) => Ok(Attempt::Unready(reason)),
             Some(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
-            _ => self.died(task, turn, started.elapsed().as_secs_f64()),
+            _ => self.died(task, turn, clock::since(started).as_secs_f64()),
         }
     }
 

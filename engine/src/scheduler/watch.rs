@@ -1,7 +1,7 @@
 //! The thread that watches: leases, limits, the wish to stop.
 
 use super::process::Shared;
-use crate::store::Leases;
+use crate::{store::Leases, world::clock};
 use std::{
     sync::atomic::{AtomicBool, Ordering},
     time::Duration,
@@ -25,7 +25,7 @@ pub(super) struct Watch<'a> {
 impl Watch<'_> {
     /// Watches until the slots are done.
     pub(super) fn run(&self, heartbeat: Duration) {
-        let mut renewed = super::queue::now();
+        let mut renewed = clock::now();
         while self.on.load(Ordering::SeqCst) {
             let stopping = self.stop.load(Ordering::SeqCst) || self.halt.load(Ordering::SeqCst);
             for child in self.children {
@@ -34,8 +34,8 @@ impl Watch<'_> {
                 }
                 child.hold_limits();
             }
-            if renewed.elapsed() >= heartbeat {
-                renewed = super::queue::now();
+            if clock::since(renewed) >= heartbeat {
+                renewed = clock::now();
                 // A store that cannot be written now shows at the next trial; until then the leases only look
                 // older.
                 let _ = self.leases.beat();

@@ -5,6 +5,7 @@ use crate::{
     results::{EndState, TrialEnd},
     store::{RunningTrial, Store},
     trial::Trial,
+    world::{clock, fs},
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -16,7 +17,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
         mpsc,
     },
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 /// A line to a worker.
@@ -164,16 +165,16 @@ fn attempt(
         Store::at(&request.store).by(registry.build.clone()),
         &request.trial,
     );
-    let mut told = now();
+    let mut told = clock::now();
     let mut progress = |done, total| {
-        if told.elapsed() > Duration::from_millis(200) {
-            told = now();
+        if clock::since(told) > Duration::from_millis(200) {
+            told = clock::now();
             // A scheduler that is gone shows when the end is told.
             let _ = say(replies, &Reply::Progress { done, total });
         }
     };
     let folder = store.folder(&trial.id);
-    std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+    fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
     let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
     let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop)).until(request.until);
     let outcome = catch_unwind(AssertUnwindSafe(|| {
@@ -226,12 +227,4 @@ fn message(panic: &(dyn std::any::Any + Send)) -> String {
 
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
-}
-
-#[expect(
-    clippy::disallowed_methods,
-    reason = "wall time is reported, it reaches no result"
-)]
-fn now() -> Instant {
-    Instant::now()
 }

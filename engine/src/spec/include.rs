@@ -8,6 +8,7 @@ use crate::{
     diagnostic::{Diagnostic, Sources, Span},
     document::{self, Entry, Kind, Node},
     schema_check::View,
+    world::fs,
 };
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -81,7 +82,7 @@ impl Reader<'_> {
         let path = folder.join(name);
         self.admit(name, span, &path)?;
         let shown = path.display().to_string();
-        let bytes = std::fs::read(&path).map_err(|error| {
+        let bytes = fs::read(&path).map_err(|error| {
             let message = format!("the included file `{name}` cannot be read: {error}");
             let help = format!("files are sought from the folder of the file that includes them: `{shown}`");
             vec![self.sources.error(span, "include", message).help(help)]

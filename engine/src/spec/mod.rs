@@ -75,6 +75,7 @@ use crate::{
     search::Search,
     statistics::spending::Design,
     table::TableSpec,
+    world::fs,
 };
 pub(crate) use cells::{Cell, Place};
 use cells::{MOST_TRIALS, Sections};
@@ -183,7 +184,7 @@ pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study
             format!("cannot read the study: {error}"),
         )]
     };
-    let bytes = std::fs::read(path).map_err(unreadable)?;
+    let bytes = fs::read(path).map_err(unreadable)?;
     let text = document::decode(&name, &bytes)?;
     load_text(
         &text,

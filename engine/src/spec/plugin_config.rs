@@ -7,6 +7,7 @@ use crate::{
     registry::About,
     schema_check::{At, Checker, View},
     trial::Part,
+    world::fs,
 };
 use std::path::Path;
 
@@ -54,7 +55,7 @@ pub fn load_config(name: &str, about: &About, path: Option<&Path>) -> Result<Par
 
 fn read(path: &Path) -> Result<String, Vec<Diagnostic>> {
     let name = path.display().to_string();
-    let bytes = std::fs::read(path).map_err(|error| {
+    let bytes = fs::read(path).map_err(|error| {
         let mut sources = Sources::default();
         let source = sources.add_file(&name, "");
         vec![sources.error(

@@ -7,7 +7,9 @@ use super::{
     cells::Cell,
     taking::{self, Source},
 };
-use crate::{Agent, Error, Interface, ProductKind, diagnostic::Diagnostic, product::Taken, random};
+use crate::{
+    Agent, Error, Interface, ProductKind, diagnostic::Diagnostic, product::Taken, random, world::fs,
+};
 use serde_json::Value;
 use std::{
     collections::BTreeMap,
@@ -29,7 +31,7 @@ impl Specimens {
         }
         let root = self.root.as_ref().map_or(Path::new(""), tempfile::TempDir::path);
         let folder = root.join(cell.to_string());
-        std::fs::create_dir_all(&folder)?;
+        fs::create_dir_all(&folder)?;
         Ok(folder)
     }
 }

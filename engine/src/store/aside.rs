@@ -9,10 +9,10 @@ use super::{
 use crate::{
     Error,
     results::{EndState, TrialEnd},
+    world::fs,
 };
 use rayon::prelude::*;
 use std::{
-    fs,
     io::ErrorKind,
     path::{Path, PathBuf},
 };

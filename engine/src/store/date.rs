@@ -1,16 +1,13 @@
 //! When something happened, as text: in UTC, to the second.
 
+use crate::world::clock;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 const SECONDS_A_DAY: u64 = 86_400;
 
 /// This moment, to be noted beside a result; nothing that is compared or hashed for identity may hold it.
-#[expect(
-    clippy::disallowed_methods,
-    reason = "the date is noted for readers, it reaches no result"
-)]
 pub(crate) fn now() -> String {
-    rfc_3339(SystemTime::now())
+    rfc_3339(clock::date())
 }
 
 /// A moment in seconds since 1970 as RFC 3339 writes it.

@@ -12,6 +12,7 @@ use super::{
 use crate::{
     Error,
     results::EndState::{self, Killed, Oom, Timeout},
+    world::fs,
 };
 use serde::Serialize;
 use std::{
@@ -311,13 +312,13 @@ impl<'a> Check<'a> {
             }
         } else if is_folder(&running) {
             self.note(folder.join("running"), Fault::Left, "the trial has ended", None);
-        } else if running.symlink_metadata().is_ok() {
+        } else if fs::is_taken(&running) {
             self.foreign(
                 folder.join("running"),
                 "a running trial keeps a folder of this name",
             );
         }
-        if earlier.symlink_metadata().is_err() {
+        if !fs::is_taken(&earlier) {
             return Ok(());
         }
         if acknowledged.is_some() {

@@ -1,9 +1,8 @@
 //! Reads what lies in a store, and nothing else: no symbolic link is followed, and no name leads out of a
 //! trial's folder.
 
-use crate::{Error, ProductKind};
+use crate::{Error, ProductKind, world::fs};
 use std::{
-    fs,
     io::ErrorKind,
     path::{Path, PathBuf},
 };

@@ -14,11 +14,14 @@
 //! owner whose file is gone writes it again.
 
 use super::{Owner, Store, boundary, remove, write_durably};
-use crate::Error;
+use crate::{
+    Error,
+    world::clock,
+    world::fs::{self, File, OpenOptions},
+};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs::{self, File, OpenOptions},
     io::{ErrorKind, Write},
     path::{Path, PathBuf},
     sync::{Mutex, MutexGuard, PoisonError},
@@ -105,7 +108,7 @@ impl Leases {
                     return Ok(Claim::Mine);
                 }
                 Err(source) if source.kind() == ErrorKind::AlreadyExists => {}
-                Err(source) if source.kind() == ErrorKind::NotFound && !self.file.exists() => {
+                Err(source) if source.kind() == ErrorKind::NotFound && !fs::exists(&self.file) => {
                     self.announce_again()?;
                     continue;
                 }
@@ -167,7 +170,7 @@ impl Leases {
     /// so that renewing it goes on to renew them all.
     fn announce_again(&self) -> Result<(), Error> {
         let held = lock(&self.held);
-        for id in held.iter().filter(|_| !self.file.exists()) {
+        for id in held.iter().filter(|_| !fs::exists(&self.file)) {
             let lease = self.store.folder(id).join("lease");
             if self.is_ours(&lease)? && fs::hard_link(&lease, &self.file).is_ok() {
                 return self
@@ -175,7 +178,11 @@ impl Leases {
                     .map_err(Error::file("renew the leases by", &self.file));
             }
         }
-        if self.file.exists() { Ok(()) } else { self.write() }
+        if fs::exists(&self.file) {
+            Ok(())
+        } else {
+            self.write()
+        }
     }
 
     fn write(&self) -> Result<(), Error> {
@@ -227,11 +234,13 @@ impl Leases {
     /// future (a clock was set back): its age is not known then, but a living owner renews it all the same.
     fn silence_seen(&self, lease: &Path, renewed: SystemTime) -> Duration {
         let mut ahead = lock(&self.ahead);
-        let seen = ahead.entry(lease.to_owned()).or_insert_with(|| (renewed, now()));
+        let seen = ahead
+            .entry(lease.to_owned())
+            .or_insert_with(|| (renewed, clock::now()));
         if seen.0 != renewed {
-            *seen = (renewed, now());
+            *seen = (renewed, clock::now());
         }
-        seen.1.elapsed()
+        clock::since(seen.1)
     }
 
     /// Removes a lease whose owner is dead. Only who holds `takeover` may, and looks again first: otherwise
@@ -251,10 +260,10 @@ impl Leases {
                 if self.is_dead(&takeover)? {
                     remove(&takeover)?;
                 }
-                std::thread::sleep(Duration::from_millis(2));
+                clock::sleep(Duration::from_millis(2));
                 Ok(())
             }
-            Err(source) if source.kind() == ErrorKind::NotFound && !self.file.exists() => {
+            Err(source) if source.kind() == ErrorKind::NotFound && !fs::exists(&self.file) => {
                 self.announce_again()
             }
             Err(source) => Err(Error::file("link", &takeover)(source)),
@@ -323,7 +332,7 @@ impl Found {
     /// False where the process is known to be dead, or cannot be seen and was silent for longer than clocks
     /// can differ.
     fn may_be_alive(&self) -> bool {
-        let gap = wall_clock()
+        let gap = clock::date()
             .duration_since(self.renewed)
             .unwrap_or_else(|ahead| ahead.duration());
         self.said
@@ -366,22 +375,6 @@ fn modified(path: &Path) -> std::io::Result<SystemTime> {
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     // What is locked is whole between any two statements.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-#[expect(
-    clippy::disallowed_methods,
-    reason = "it says how long a lease was silent, which reaches no result"
-)]
-fn now() -> Instant {
-    Instant::now()
-}
-
-#[expect(
-    clippy::disallowed_methods,
-    reason = "it says how long a lease was silent, which reaches no result"
-)]
-fn wall_clock() -> SystemTime {
-    SystemTime::now()
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Lends what a trial left to another store, which computes what takes it.
 
 use super::{Store, TrialFile, write_durably};
-use crate::{Error, product::Taken};
-use std::{fs, path::Path};
+use crate::{Error, product::Taken, world::fs};
+use std::path::Path;
 
 impl Store {
     /// Puts a product, every file of which is held against its acknowledged hash, into another store under the
@@ -30,7 +30,7 @@ impl Store {
 fn share(from: &Path, to: &Path) -> Result<(), Error> {
     let folder = to.parent().unwrap_or(to);
     fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
-    if to.exists() || fs::hard_link(from, to).is_ok() {
+    if fs::exists(to) || fs::hard_link(from, to).is_ok() {
         return Ok(());
     }
     fs::copy(from, to).map(|_| ()).map_err(Error::file("copy to", to))

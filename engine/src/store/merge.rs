@@ -12,9 +12,9 @@ use super::{
     seal::hash,
     write_durably,
 };
-use crate::{Error, results::EndState, trial::TrialKey};
+use crate::{Error, results::EndState, trial::TrialKey, world::fs};
 use serde::Serialize;
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
 /// One of the two stores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -16,10 +16,10 @@ use super::MetricsTable;
 use crate::{
     Error, Recorder,
     recorder::{Phase, Row},
+    world::fs::{self, File, OpenOptions},
 };
 use serde::{Deserialize, Serialize};
 use std::{
-    fs::{File, OpenOptions},
     io::Write,
     path::{Path, PathBuf},
 };
@@ -69,7 +69,7 @@ pub struct LogPosition {
 /// # Errors
 /// Where the file cannot be read. Damage is no error: see [`LogContents::end`].
 pub fn read(path: &Path) -> Result<LogContents, Error> {
-    std::fs::read(path)
+    fs::read(path)
         .map(|bytes| decode(&bytes))
         .map_err(Error::file("read", path))
 }
@@ -108,7 +108,7 @@ impl MetricLog {
         trial: &str,
         position: &LogPosition,
     ) -> Result<Option<(Self, MetricsTable)>, Error> {
-        let Ok(bytes) = std::fs::read(path) else {
+        let Ok(bytes) = fs::read(path) else {
             return Ok(None);
         };
         let Some(before) = usize::try_from(position.bytes)

@@ -17,6 +17,7 @@ use crate::{
     recorder::{Phase, Row, intern},
     results::Results,
     trial::Trial,
+    world::fs,
 };
 use std::path::Path;
 
@@ -78,7 +79,7 @@ type Summary<'a> = (&'a Trial, Phase, u64, &'a String, f64);
 /// # Errors
 /// [`Error::Damaged`] where it is no Parquet file or its columns are not those above.
 pub fn read(path: &Path) -> Result<MetricsTable, Error> {
-    decode(std::fs::read(path).map_err(Error::file("read", path))?, path)
+    decode(fs::read(path).map_err(Error::file("read", path))?, path)
 }
 
 /// The metrics file of a trial.

@@ -51,11 +51,12 @@ use crate::{
     Build, Error, Recorder,
     results::{EndState, TrialEnd, TrialResult},
     trial::{Purpose, Trial, TrialKey},
+    world::fs::{self, File},
+    world::process,
 };
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
-    fs::{self, File},
     io::{self, Write},
     path::{Path, PathBuf},
 };
@@ -338,7 +339,7 @@ pub fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
         .unwrap_or(Path::new("."));
     // The process id keeps two processes that write the same trial apart.
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = folder.join(format!(".{name}.{}.tmp", std::process::id()));
+    let temporary = folder.join(format!(".{name}.{}.tmp", process::id()));
     boundary::pass("before a file is created", path);
     let written = write_flushed(&temporary, path, bytes);
     if written.is_err() {

@@ -5,10 +5,14 @@ use super::{
     inside::{files_of, is_file, is_product, read_in},
     seal::hash,
 };
-use crate::{Error, product::Taken, results::EndState};
+use crate::{
+    Error,
+    product::Taken,
+    results::EndState,
+    world::fs::{self, File},
+};
 use std::{
     collections::BTreeMap,
-    fs::{self, File},
     path::{Path, PathBuf},
 };
 

@@ -16,12 +16,16 @@ use super::{
     names,
     sealed_folder::{flush, is_whole, seal},
 };
-use crate::{Agent, Error, Keeper, Phase, Recorder, recorder::Running};
+use crate::{
+    Agent, Error, Keeper, Phase, Recorder,
+    recorder::Running,
+    world::{clock, fs},
+};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::{
     collections::BTreeSet,
-    fs, io,
+    io,
     path::{Path, PathBuf},
     sync::{
         Arc,
@@ -84,10 +88,10 @@ impl RunningTrial {
             until: None,
             paused: false,
             log: None,
-            begun: now(),
+            begun: clock::now(),
             earlier_s: 0.0,
-            noted: now(),
-            saved: now(),
+            noted: clock::now(),
+            saved: clock::now(),
             cost: Duration::ZERO,
             taken_up: None,
             refused: BTreeSet::new(),
@@ -105,7 +109,7 @@ impl RunningTrial {
     /// that it goes on from.
     #[must_use]
     pub fn wall_s(&self) -> f64 {
-        self.earlier_s + self.begun.elapsed().as_secs_f64()
+        self.earlier_s + clock::since(self.begun).as_secs_f64()
     }
 
     /// Removes what is kept of a trial that ended; there may be nothing.
@@ -212,7 +216,7 @@ impl Keeper for RunningTrial {
     fn due(&mut self) -> bool {
         self.stopping()
             || self.every.is_zero()
-            || self.saved.elapsed() >= self.every.max(self.cost * WORK_PER_SAVE)
+            || clock::since(self.saved) >= self.every.max(self.cost * WORK_PER_SAVE)
     }
 
     fn stopping(&self) -> bool {
@@ -230,7 +234,7 @@ impl Keeper for RunningTrial {
     }
 
     fn save(&mut self, state: Value, agent: &dyn Agent, record: &mut Recorder) -> Result<(), Error> {
-        let started = now();
+        let started = clock::now();
         let log = self.log()?;
         log.append(record)?;
         boundary::pass("after rows are appended", &self.log_path());
@@ -249,7 +253,7 @@ impl Keeper for RunningTrial {
         }
         self.write(number, &state, agent)?;
         self.remove_all_but(number)?;
-        self.saved = now();
+        self.saved = clock::now();
         (self.noted, self.cost) = (self.saved, self.saved - started);
         Ok(())
     }
@@ -281,9 +285,9 @@ impl Keeper for RunningTrial {
 
     fn note(&mut self, record: &Recorder) -> Result<(), Error> {
         let written = self.log.as_ref().map_or(0, MetricLog::rows);
-        if record.rows().len() > written && self.noted.elapsed() >= NOTE_EVERY {
+        if record.rows().len() > written && clock::since(self.noted) >= NOTE_EVERY {
             self.log()?.append(record)?;
-            self.noted = now();
+            self.noted = clock::now();
         }
         Ok(())
     }
@@ -346,14 +350,6 @@ fn flush_upwards(folder: &Path) -> Result<(), Error> {
     above
         .into_iter()
         .try_for_each(|path| flush(path).map_err(Error::file("flush", path)))
-}
-
-#[expect(
-    clippy::disallowed_methods,
-    reason = "the clock says when to save, it reaches no result"
-)]
-fn now() -> Instant {
-    Instant::now()
 }
 
 #[cfg(test)]

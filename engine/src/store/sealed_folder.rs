@@ -1,15 +1,13 @@
 //! A folder that says of itself whether it is whole: its last file, `manifest.json`, lists a hash of every
 //! other one.
 
-use super::inside::{contents, is_folder, read};
-use crate::Error;
-use serde::{Deserialize, Serialize};
-use std::{
-    collections::BTreeMap,
-    fs::{self, File},
-    io,
-    path::Path,
+use super::inside::{contents, is_file, is_folder, read};
+use crate::{
+    Error,
+    world::fs::{self, File},
 };
+use serde::{Deserialize, Serialize};
+use std::{collections::BTreeMap, io, path::Path};
 
 const MANIFEST: &str = "manifest.json";
 
@@ -57,7 +55,7 @@ pub(super) fn flush(path: &Path) -> io::Result<()> {
 
 fn describe(folder: &Path, trial: &str) -> io::Result<Manifest> {
     let mut files = BTreeMap::new();
-    for path in contents(folder)?.into_iter().filter(|path| path.is_file()) {
+    for path in contents(folder)?.into_iter().filter(|path| is_file(path)) {
         let name = path
             .strip_prefix(folder)
             .unwrap_or(&path)

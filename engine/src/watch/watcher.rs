@@ -7,8 +7,9 @@ use crate::{
     results::{EndState, TrialEnd, TrialResult},
     store::{Owner, Store, is_missing, metric_log},
     trial::Trial,
+    world::fs,
 };
-use std::{collections::BTreeMap, fs, path::PathBuf};
+use std::{collections::BTreeMap, path::PathBuf};
 
 /// A study to be watched.
 #[derive(Debug, Clone)]

@@ -1,11 +1,10 @@
 //! Slurm's commands: what they are asked, and what their answers mean.
 
-use crate::executor::{Error, Task};
-use std::{
-    ffi::OsStr,
-    path::Path,
-    process::{Command, Stdio},
+use crate::{
+    executor::{Error, Task},
+    world::process::{Command, Stdio},
 };
+use std::{ffi::OsStr, path::Path};
 
 /// States of tasks that have come to an end.
 const ENDED: [&str; 10] = [

@@ -1,0 +1,28 @@
+//! Clocks. What they say decides when something is done and is told to people; it reaches no result.
+
+#![expect(
+    clippy::disallowed_methods,
+    reason = "here the clocks are read; no result depends on them"
+)]
+
+use std::time::{Duration, Instant, SystemTime};
+
+/// The clock that is never set.
+pub fn now() -> Instant {
+    Instant::now()
+}
+
+/// The time since a moment.
+pub fn since(moment: Instant) -> Duration {
+    now().saturating_duration_since(moment)
+}
+
+/// The date and time of this machine, which may be wrong and may jump.
+pub fn date() -> SystemTime {
+    SystemTime::now()
+}
+
+/// Waits.
+pub fn sleep(wait: Duration) {
+    std::thread::sleep(wait);
+}
