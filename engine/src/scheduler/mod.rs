@@ -7,6 +7,8 @@
 //! Everything that happens reaches the caller as an [`Event`] on one channel, so there is one owner of what
 //! is shown.
 
+#[cfg(test)]
+mod fault_tests;
 mod process;
 mod queue;
 mod readiness;
@@ -190,7 +192,6 @@ pub fn run(
         let slots: Vec<_> = (0..count)
             .map(|number| {
                 let shared = slot::Shared {
-                    program: &program,
                     tasks,
                     store,
                     leases: &leases,
@@ -198,7 +199,8 @@ pub fn run(
                     queue: &queue,
                     halt: &halt,
                 };
-                let mut slot = slot::Slot::new(number, shared, &children[number], events);
+                let runner = process::Worker::new(&program, &children[number]);
+                let mut slot = slot::Slot::new(number, shared, runner, events);
                 scope.spawn(move || slot.work())
             })
             .collect();

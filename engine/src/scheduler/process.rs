@@ -1,19 +1,98 @@
-//! One worker process as the slot that talks to it and the thread that watches it share it.
+//! Runs trials in a worker process, which the slot that talks to it and the thread that watches it share.
 
-use super::worker::Message;
+use super::{
+    slot::{Answer, Runner},
+    worker::{Message, Reply, Request},
+};
 use crate::{
     Error,
     limits::Limits,
     results::EndState,
-    world::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
-    world::{clock, fs},
+    world::{
+        clock, fs,
+        process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
+    },
 };
 use std::{
-    io::{BufReader, Write},
+    io::{BufRead, BufReader, Write},
     path::Path,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
+
+/// Runs the trials of one slot in a process, which is replaced where it dies.
+pub(super) struct Worker<'a> {
+    program: &'a Path,
+    process: &'a Shared,
+    replies: Option<BufReader<ChildStdout>>,
+}
+
+impl<'a> Worker<'a> {
+    /// No process yet; `program` will be started.
+    pub(super) fn new(program: &'a Path, process: &'a Shared) -> Self {
+        Self {
+            program,
+            process,
+            replies: None,
+        }
+    }
+}
+
+impl Runner for Worker<'_> {
+    fn run(
+        &mut self,
+        request: Request,
+        limits: &Arc<Limits>,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<Answer, Error> {
+        let message = serde_json::to_string(&Message::Run(Box::new(request)));
+        let message = message.map_err(|source| Error::Worker {
+            problem: source.to_string(),
+        })?;
+        let mut replies = match self.replies.take() {
+            Some(replies) => replies,
+            None => self.process.start(self.program)?,
+        };
+        self.process.begin(&message, limits);
+        let Some(reply) = listen(&mut replies, progress) else {
+            let (status, exceeded) = self.process.bury();
+            let by_limit = exceeded.is_some();
+            let (state, reason) = exceeded.unwrap_or_else(|| explain(status));
+            return Ok(Answer::Died {
+                state,
+                reason,
+                by_limit,
+            });
+        };
+        // A process whose trial panicked leaves after saying so.
+        if matches!(&reply, Reply::Ended { end } if end.state == EndState::Panicked) {
+            self.process.dismiss();
+        } else if self.process.end() {
+            self.replies = Some(replies);
+        }
+        Ok(Answer::Said(reply))
+    }
+
+    fn dismiss(&mut self) {
+        self.process.dismiss();
+    }
+}
+
+/// Passes on what the process says, until its last word; `None` where it died without one.
+fn listen(replies: &mut BufReader<ChildStdout>, progress: &mut dyn FnMut(u64, u64)) -> Option<Reply> {
+    loop {
+        let mut line = String::new();
+        if replies.read_line(&mut line).unwrap_or(0) == 0 {
+            return None;
+        }
+        match serde_json::from_str(&line) {
+            Ok(Reply::Progress { done, total }) => progress(done, total),
+            Ok(last) => return Some(last),
+            // Whatever else a plugin prints on standard output is not for us.
+            Err(_) => {}
+        }
+    }
+}
 
 /// The process of one slot, where it has one.
 #[derive(Default)]
@@ -175,4 +254,23 @@ fn resident_bytes(pid: u32) -> Option<u64> {
         line.split_whitespace().next()?.parse::<u64>().ok()
     };
     Some((kilobytes("VmRSS:")? + kilobytes("VmSwap:").unwrap_or(0)) * 1024)
+}
+
+fn explain(status: Option<ExitStatus>) -> (EndState, String) {
+    use std::os::unix::process::ExitStatusExt;
+    let Some(status) = status else {
+        return (EndState::Killed, "the worker process vanished".into());
+    };
+    match (status.signal(), status.code()) {
+        // SIGABRT is how a Rust program that cannot unwind ends itself.
+        (Some(6), _) => (EndState::Panicked, "the worker process aborted".into()),
+        (Some(signal), _) => (
+            EndState::Killed,
+            format!("the worker process was ended by signal {signal}"),
+        ),
+        (None, code) => (
+            EndState::Killed,
+            format!("the worker process left with exit code {}", code.unwrap_or(-1)),
+        ),
+    }
 }

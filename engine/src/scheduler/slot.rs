@@ -1,34 +1,62 @@
-//! One worker slot: takes trials from the queue, under their leases, and has its process run them.
+//! One worker slot: takes trials from the queue, under their leases, and has them run.
 
 use super::{
-    Event, Task, Workers, process,
+    Event, Task, Workers,
     queue::{Next, Queue, Turn},
     readiness::{Readiness, readiness},
-    worker::{Message, Reply, Request},
+    worker::{Reply, Request},
 };
 use crate::{
     Error,
+    limits::Limits,
     results::{EndState, TrialEnd},
     store::{Claim, Leases, Store, is_missing},
-    world::{
-        clock,
-        process::{ChildStdout, ExitStatus},
-    },
+    world::clock,
 };
 use std::{
-    io::{BufRead, BufReader},
-    path::Path,
     sync::{
+        Arc,
         atomic::{AtomicBool, Ordering},
         mpsc::Sender,
     },
     time::Duration,
 };
 
+/// What runs the trials of a slot: a process of its own, outside tests.
+pub(super) trait Runner {
+    /// Runs a trial to its end, its pause, or until it is stopped; `progress` hears steps done and in all.
+    ///
+    /// # Errors
+    /// [`Error::Worker`] where nothing can be run.
+    fn run(
+        &mut self,
+        request: Request,
+        limits: &Arc<Limits>,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<Answer, Error>;
+
+    /// Nothing more will be run for now.
+    fn dismiss(&mut self);
+}
+
+/// What became of a request.
+pub(super) enum Answer {
+    /// The last word about it.
+    Said(Reply),
+    /// Who ran it is gone without one.
+    Died {
+        /// How.
+        state: EndState,
+        /// In words.
+        reason: String,
+        /// Whether it was ended for a limit.
+        by_limit: bool,
+    },
+}
+
 /// What all slots share.
 #[derive(Clone, Copy)]
 pub(super) struct Shared<'a> {
-    pub(super) program: &'a Path,
     pub(super) tasks: &'a [Task<'a>],
     pub(super) store: &'a Store,
     pub(super) leases: &'a Leases,
@@ -39,11 +67,10 @@ pub(super) struct Shared<'a> {
 }
 
 /// One slot.
-pub(super) struct Slot<'a> {
+pub(super) struct Slot<'a, R> {
     number: usize,
     all: Shared<'a>,
-    process: &'a process::Shared,
-    replies: Option<BufReader<ChildStdout>>,
+    runner: R,
     events: &'a Sender<Event>,
 }
 
@@ -56,19 +83,13 @@ enum Attempt {
     Unready(String),
 }
 
-impl<'a> Slot<'a> {
-    /// A slot without a process yet.
-    pub(super) fn new(
-        number: usize,
-        all: Shared<'a>,
-        process: &'a process::Shared,
-        events: &'a Sender<Event>,
-    ) -> Self {
+impl<'a, R: Runner> Slot<'a, R> {
+    /// A slot that has run nothing yet.
+    pub(super) fn new(number: usize, all: Shared<'a>, runner: R, events: &'a Sender<Event>) -> Self {
         Self {
             number,
             all,
-            process,
-            replies: None,
+            runner,
             events,
         }
     }
@@ -88,7 +109,7 @@ impl<'a> Slot<'a> {
                             slot: self.number,
                             problem: error.to_string(),
                         });
-                        self.process.dismiss();
+                        self.runner.dismiss();
                         return Err(error);
                     }
                 }
@@ -96,7 +117,7 @@ impl<'a> Slot<'a> {
                 Next::Done => break,
             }
         }
-        self.process.dismiss();
+        self.runner.dismiss();
         Ok(())
     }
 
@@ -219,7 +240,6 @@ impl<'a> Slot<'a> {
         }
     }
 
-    /// One attempt at a trial in the slot's process.
     fn attempt(&mut self, task: &Task<'_>, turn: &Turn) -> Result<Attempt, Error> {
         let request = Request {
             trial: task.trial.clone(),
@@ -227,61 +247,32 @@ impl<'a> Slot<'a> {
             checkpoint_every_s: self.all.workers.checkpoint_every.as_secs_f64(),
             until: task.until,
         };
-        let line =
-            serde_json::to_string(&Message::Run(Box::new(request))).map_err(|source| Error::Worker {
-                problem: source.to_string(),
-            })?;
-        let mut replies = match self.replies.take() {
-            Some(replies) => replies,
-            None => self.process.start(self.all.program)?,
+        let (slot, events, started) = (self.number, self.events, clock::now());
+        let mut progress = |done, total| {
+            let _ = events.send(Event::Progress { slot, done, total });
         };
-        let started = clock::now();
-        self.process.begin(&line, &task.limits);
-        let answer = self.listen(&mut replies);
-        // A process whose trial panicked leaves after saying so.
-        let panicked = matches!(&answer, Some(Reply::Ended { end }) if end.state == EndState::Panicked);
-        if panicked {
-            self.process.dismiss();
-        } else if answer.is_some() && self.process.end() {
-            self.replies = Some(replies);
-        }
-        match answer {
-            Some(Reply::Ended { end }) => Ok(Attempt::Ended(end)),
-            Some(Reply::Stopped) => Ok(Attempt::Stopped),
-            Some(Reply::Paused) => Ok(Attempt::Paused),
-            Some(Reply::Unready { reason }) => Ok(Attempt::Unready(reason)),
-            Some(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
-            _ => self.died(task, turn, clock::since(started).as_secs_f64()),
-        }
-    }
-
-    /// Passes on what the process says, until its last word; `None` where it died without one.
-    fn listen(&self, replies: &mut BufReader<ChildStdout>) -> Option<Reply> {
-        loop {
-            let mut line = String::new();
-            if replies.read_line(&mut line).unwrap_or(0) == 0 {
-                return None;
-            }
-            match serde_json::from_str(&line) {
-                Ok(Reply::Progress { done, total }) => self.tell(Event::Progress {
-                    slot: self.number,
-                    done,
-                    total,
-                }),
-                Ok(last) => return Some(last),
-                // Whatever else a plugin prints on standard output is not for us.
-                Err(_) => {}
+        match self.runner.run(request, &task.limits, &mut progress)? {
+            Answer::Said(Reply::Ended { end }) => Ok(Attempt::Ended(end)),
+            Answer::Said(Reply::Paused) => Ok(Attempt::Paused),
+            Answer::Said(Reply::Unready { reason }) => Ok(Attempt::Unready(reason)),
+            Answer::Said(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
+            Answer::Said(Reply::Stopped | Reply::Progress { .. }) => Ok(Attempt::Stopped),
+            Answer::Died { by_limit: false, .. } if self.stopping() => Ok(Attempt::Stopped),
+            Answer::Died { state, reason, .. } => {
+                self.died(task, turn, state, reason, clock::since(started).as_secs_f64())
             }
         }
     }
 
-    /// Finds out how the process died and stores it.
-    fn died(&mut self, task: &Task<'_>, turn: &Turn, wall_s: f64) -> Result<Attempt, Error> {
-        let (status, exceeded) = self.process.bury();
-        if exceeded.is_none() && self.stopping() {
-            return Ok(Attempt::Stopped);
-        }
-        let (state, reason) = exceeded.unwrap_or_else(|| explain(status));
+    /// Stores how it died.
+    fn died(
+        &self,
+        task: &Task<'_>,
+        turn: &Turn,
+        state: EndState,
+        reason: String,
+        wall_s: f64,
+    ) -> Result<Attempt, Error> {
         let end = TrialEnd {
             state,
             reason,
@@ -306,24 +297,5 @@ impl<'a> Slot<'a> {
     fn tell(&self, event: Event) {
         // A caller that no longer listens has stopped caring; the trials go on.
         let _ = self.events.send(event);
-    }
-}
-
-fn explain(status: Option<ExitStatus>) -> (EndState, String) {
-    use std::os::unix::process::ExitStatusExt;
-    let Some(status) = status else {
-        return (EndState::Killed, "the worker process vanished".into());
-    };
-    match (status.signal(), status.code()) {
-        // SIGABRT is how a Rust program that cannot unwind ends itself.
-        (Some(6), _) => (EndState::Panicked, "the worker process aborted".into()),
-        (Some(signal), _) => (
-            EndState::Killed,
-            format!("the worker process was ended by signal {signal}"),
-        ),
-        (None, code) => (
-            EndState::Killed,
-            format!("the worker process left with exit code {}", code.unwrap_or(-1)),
-        ),
     }
 }

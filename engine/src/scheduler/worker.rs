@@ -138,7 +138,13 @@ fn ignore_signals() -> Result<(), Error> {
     Ok(())
 }
 
-fn run(registry: &Registry, request: &Request, stop: &Arc<AtomicBool>, replies: &mut impl Write) -> Reply {
+/// Runs a trial and says how it ended.
+pub(super) fn run(
+    registry: &Registry,
+    request: &Request,
+    stop: &Arc<AtomicBool>,
+    replies: &mut impl Write,
+) -> Reply {
     match attempt(registry, request, stop, replies) {
         Ok(end) => Reply::Ended { end },
         Err(Error::Stopped) if stop.load(Ordering::SeqCst) => Reply::Stopped,

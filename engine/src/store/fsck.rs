@@ -6,6 +6,7 @@
 use super::{
     LOOKS, Store, TrialFile,
     inside::{files_of, is_folder, is_link, read_in},
+    lease::is_lease,
     names, running,
     seal::hash,
 };
@@ -240,7 +241,7 @@ impl<'a> Check<'a> {
     fn unexpected(&mut self, path: PathBuf, name: &str) {
         match name {
             "running" | "earlier.json" => {}
-            "lease" | "takeover" => self.note(path, Fault::Left, "its owner is gone", None),
+            name if is_lease(name) => self.note(path, Fault::Left, "its owner is gone", None),
             name if name.starts_with('.') && name.ends_with(".tmp") => {
                 self.note(path, Fault::Left, "its writing was never finished", None);
             }

@@ -51,6 +51,19 @@ fn no_file(path: &Path) -> Error {
     }
 }
 
+/// What is at a path, a link for itself; `None` where nothing is. Unlike the answers below, it tells what cannot be
+/// seen from what is not there.
+///
+/// # Errors
+/// Where the system does not say.
+pub(super) fn look(path: &Path) -> Result<Option<fs::Metadata>, Error> {
+    match fs::symlink_metadata(path) {
+        Ok(data) => Ok(Some(data)),
+        Err(source) if source.kind() == ErrorKind::NotFound => Ok(None),
+        Err(source) => Err(Error::file("look at", path)(source)),
+    }
+}
+
 /// True for a folder, and not for a link to one.
 pub(super) fn is_folder(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|data| data.is_dir())
@@ -98,7 +111,7 @@ pub(super) fn files_of(trial: &Path) -> Result<Vec<String>, Error> {
 fn gather(folder: &Path, at: &str, deeper: usize, found: &mut Vec<String>) -> Result<(), Error> {
     for name in super::names(folder)? {
         let (path, inside) = (folder.join(&name), format!("{at}{name}"));
-        if deeper > 0 && is_folder(&path) && inside != "running" {
+        if deeper > 0 && inside != "running" && look(&path)?.is_some_and(|data| data.is_dir()) {
             gather(&path, &format!("{inside}/"), deeper - 1, found)?;
         } else {
             found.push(inside);

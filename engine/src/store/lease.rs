@@ -1,8 +1,10 @@
 //! Leases: which process computes a trial now.
 //!
 //! ```text
-//! <root>/owners/<token>.json     one file per process: host, boot, process id, start, Slurm job, how long a
-//! lease holds <trial's folder>/lease         a hard link to its owner's file
+//! <root>/owners/<token>.json        one file per process: host, boot, process id, start, Slurm job, and how long a
+//!                                   lease holds
+//! <trial's folder>/lease            a hard link to its owner's file
+//!                  takeover-<hash>  the same, while the lease of a dead owner is removed
 //! ```
 //!
 //! Taking a lease is one link, which fails where the lease exists; nothing half-written can be seen. The
@@ -31,6 +33,14 @@ use std::{
 /// How far the clock of a machine may be from that of the file system. Only commands that write nothing need
 /// to know it.
 const CLOCKS_DIFFER: Duration = Duration::from_secs(300);
+
+/// How the name of a mark begins, under which the lease of a dead process is removed.
+const MARK: &str = "takeover-";
+
+/// True for the name of a lease in a trial's folder, and for that of a mark.
+pub(super) fn is_lease(name: &str) -> bool {
+    name == "lease" || name.starts_with(MARK.trim_end_matches('-'))
+}
 
 /// The outcome of asking for a trial.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -116,7 +126,7 @@ impl Leases {
             }
             match self.holder(&lease)? {
                 Some(owner) => return Ok(Claim::Held(owner)),
-                None => self.remove_dead(&folder, &lease)?,
+                None => self.remove_dead(&lease)?,
             }
         }
     }
@@ -202,16 +212,6 @@ impl Leases {
         Ok(self.lives(lease, &found)?.then_some(found.said.owner))
     }
 
-    /// Whether a lease is there and its owner is dead, or nobody can hold it. One that is gone may be another one the
-    /// next moment.
-    fn is_dead(&self, lease: &Path) -> Result<bool, Error> {
-        match look(lease)? {
-            Looked::Gone => Ok(false),
-            Looked::Damaged => Ok(true),
-            Looked::Owned(found) => Ok(!self.lives(lease, &found)?),
-        }
-    }
-
     fn lives(&self, lease: &Path, found: &Found) -> Result<bool, Error> {
         match found.said.owner.is_alive() {
             Some(alive) => Ok(alive),
@@ -243,32 +243,53 @@ impl Leases {
         clock::since(seen.1)
     }
 
-    /// Removes a lease whose owner is dead. Only who holds `takeover` may, and looks again first: otherwise
-    /// the lease that another process has just taken could be removed.
-    fn remove_dead(&self, folder: &Path, lease: &Path) -> Result<(), Error> {
-        let takeover = folder.join("takeover");
-        match fs::hard_link(&self.file, &takeover) {
+    /// Removes a lease, or a mark, whose owner is dead. Only who holds the mark for just this owner may: who was
+    /// slower would otherwise remove what another process has just put in its place. A mark whose own owner died is
+    /// removed in the same way.
+    fn remove_dead(&self, file: &Path) -> Result<(), Error> {
+        let Some(owner) = self.dead_owner(file)? else {
+            return Ok(());
+        };
+        let mark = mark_for(file, &owner);
+        match fs::hard_link(&self.file, &mark) {
             Ok(()) => {
-                boundary::pass("before a dead lease is removed", lease);
-                let removed = self
-                    .is_dead(lease)
-                    .and_then(|dead| if dead { remove(lease) } else { Ok(()) });
-                remove(&takeover)?;
+                boundary::pass("before a dead lease is removed", file);
+                let again = self.dead_owner(file);
+                let removed = again.and_then(|now| if now == Some(owner) { remove(file) } else { Ok(()) });
+                remove(&mark)?;
                 removed
             }
             Err(source) if source.kind() == ErrorKind::AlreadyExists => {
-                if self.is_dead(&takeover)? {
-                    remove(&takeover)?;
-                }
+                self.remove_dead(&mark)?;
                 clock::sleep(Duration::from_millis(2));
                 Ok(())
             }
             Err(source) if source.kind() == ErrorKind::NotFound && !fs::exists(&self.file) => {
                 self.announce_again()
             }
-            Err(source) => Err(Error::file("link", &takeover)(source)),
+            Err(source) => Err(Error::file("link", &mark)(source)),
         }
     }
+
+    /// Who has a lease or a mark and is dead, by the name of its file; empty where nobody can have it. `None` where
+    /// its owner lives, or nothing is there.
+    fn dead_owner(&self, file: &Path) -> Result<Option<String>, Error> {
+        match look(file)? {
+            Looked::Gone => Ok(None),
+            Looked::Damaged => Ok(Some(String::new())),
+            Looked::Owned(found) => {
+                let lives = self.lives(file, &found)?;
+                Ok((!lives).then(|| found.said.owner.token()))
+            }
+        }
+    }
+}
+
+/// Where the mark lies under which what a dead owner left at `file` is removed.
+fn mark_for(file: &Path, owner: &str) -> PathBuf {
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let hash = blake3::hash(format!("{name}/{owner}").as_bytes());
+    file.with_file_name(format!("{MARK}{}", &hash.to_hex()[..16]))
 }
 
 impl Drop for Leases {

@@ -8,7 +8,9 @@ use super::{
     Claim, Fault, Finding, Imprint, Leases, Owner, RunningTrial, Store, TrialFile, earlier,
     fsck::{Check, refuse_links},
     inside::{files_of, is_folder, is_link, read_in},
-    is_missing, names, remove,
+    is_missing,
+    lease::is_lease,
+    names, remove,
     seal::hash,
     write_durably,
 };
@@ -230,7 +232,7 @@ impl<'a> Merge<'a> {
             let last = name.rsplit('/').next().unwrap_or(&name);
             if last.starts_with('.') && last.ends_with(".tmp") {
                 remove(&folder.join(&name))?;
-            } else if !KEPT.contains(&name.as_str()) && !named.contains_key(&name) {
+            } else if !is_lease(&name) && !KEPT.contains(&name.as_str()) && !named.contains_key(&name) {
                 others.push(orphan(self.into, &folder.join(&name)));
             }
         }
@@ -242,7 +244,7 @@ impl<'a> Merge<'a> {
 }
 
 /// Files of a trial's folder that are there while it is missing.
-const KEPT: [&str; 5] = ["lease", "takeover", "running", "earlier.json", "trial.json"];
+const KEPT: [&str; 3] = ["running", "earlier.json", "trial.json"];
 
 fn orphan(store: &Store, path: &Path) -> Finding {
     Finding {

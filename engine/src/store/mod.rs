@@ -212,6 +212,7 @@ impl Store {
             build,
             ..TrialFile::new(trial, end.clone(), files)
         };
+        sealed_folder::flush_way_to(&folder)?;
         let path = folder.join("trial.json");
         let text = file.to_bytes().map_err(|source| Error::Damaged {
             path: path.clone(),

@@ -2,7 +2,7 @@
 
 use super::{
     Store,
-    inside::{files_of, is_file, is_product, read_in},
+    inside::{files_of, is_product, look, read_in},
     seal::hash,
 };
 use crate::{
@@ -92,11 +92,11 @@ fn is_whole(folder: &Path, name: &str, digest: &str) -> bool {
 /// folders that hold it.
 pub(super) fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error> {
     let mut files = BTreeMap::new();
-    for name in files_of(folder)?
-        .into_iter()
-        .filter(|name| is_product(name) && is_file(&folder.join(name)))
-    {
+    for name in files_of(folder)?.into_iter().filter(|name| is_product(name)) {
         let path = folder.join(&name);
+        if !look(&path)?.is_some_and(|data| data.is_file()) {
+            continue;
+        }
         let seat = path.parent().filter(|parent| *parent != folder);
         for flushed in [Some(path.as_path()), seat].into_iter().flatten() {
             File::open(flushed)

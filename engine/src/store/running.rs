@@ -14,7 +14,7 @@ use super::{
     inside::is_file,
     metric_log::{self, LogEnd, LogPosition, MetricLog},
     names,
-    sealed_folder::{flush, is_whole, seal},
+    sealed_folder::{flush, flush_way_to, is_whole, seal},
 };
 use crate::{
     Agent, Error, Keeper, Phase, Recorder,
@@ -249,7 +249,7 @@ impl Keeper for RunningTrial {
         };
         let number = self.numbers()?.last().map_or(1, |last| last + 1);
         if number == 1 {
-            flush_upwards(&self.folder)?;
+            flush_with_way(&self.folder)?;
         }
         self.write(number, &state, agent)?;
         self.remove_all_but(number)?;
@@ -341,15 +341,12 @@ fn running(folder: &Path) -> PathBuf {
     folder.join("running")
 }
 
-/// The names of a new folder and of the three above it, which may be as new, reach the disk.
-fn flush_upwards(folder: &Path) -> Result<(), Error> {
-    let above = folder
-        .ancestors()
-        .take(4)
-        .filter(|path| !path.as_os_str().is_empty());
-    above
-        .into_iter()
-        .try_for_each(|path| flush(path).map_err(Error::file("flush", path)))
+/// The name of a new folder of a trial, and those that lead to it, reach the disk.
+fn flush_with_way(folder: &Path) -> Result<(), Error> {
+    for path in folder.ancestors().take(2) {
+        flush(path).map_err(Error::file("flush", path))?;
+    }
+    flush_way_to(folder.parent().unwrap_or(folder))
 }
 
 #[cfg(test)]

@@ -49,8 +49,37 @@ pub(super) fn is_whole(folder: &Path, trial: &str) -> bool {
 }
 
 /// Waits until a file, or the names in a folder, are on the disk.
+#[track_caller]
 pub(super) fn flush(path: &Path) -> io::Result<()> {
     File::open(path)?.sync_all()
+}
+
+/// Brings the names that lead to a trial's folder to the disk: its own, those of the two folders above it in the
+/// store, and that of the store. Whoever made them may not have come to it.
+///
+/// # Errors
+/// Where a folder of the store cannot be flushed.
+pub(super) fn flush_way_to(trial: &Path) -> Result<(), Error> {
+    let mut above = trial.ancestors().skip(1).map(named_or_here);
+    for folder in above.by_ref().take(3) {
+        flush(folder).map_err(Error::file("flush", folder))?;
+    }
+    match above.next().map_or(Ok(()), flush) {
+        // The folder that holds the store may be one that only others can read.
+        Err(source) if source.kind() != io::ErrorKind::PermissionDenied => {
+            Err(Error::file("flush the folder above", trial)(source))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// A folder by a path that leads to it: that of the current one is empty.
+fn named_or_here(folder: &Path) -> &Path {
+    if folder.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        folder
+    }
 }
 
 fn describe(folder: &Path, trial: &str) -> io::Result<Manifest> {

@@ -9,6 +9,10 @@ use std::time::{Duration, Instant, SystemTime};
 
 /// The clock that is never set.
 pub fn now() -> Instant {
+    #[cfg(test)]
+    if let Some(now) = super::simulated::now() {
+        return now;
+    }
     Instant::now()
 }
 
@@ -19,10 +23,18 @@ pub fn since(moment: Instant) -> Duration {
 
 /// The date and time of this machine, which may be wrong and may jump.
 pub fn date() -> SystemTime {
+    #[cfg(test)]
+    if let Some(date) = super::simulated::date() {
+        return date;
+    }
     SystemTime::now()
 }
 
 /// Waits.
 pub fn sleep(wait: Duration) {
+    #[cfg(test)]
+    if super::simulated::sleep(wait) {
+        return;
+    }
     std::thread::sleep(wait);
 }

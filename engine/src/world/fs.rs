@@ -3,9 +3,15 @@
 //! The calls are those of the standard library, by their names, and what a path alone can be asked stands beside
 //! them, because a method of a path would go past a simulated disk.
 
+#[cfg(test)]
+pub use super::simulated::files::{
+    File, Metadata, OpenOptions, canonicalize, copy, create_dir, create_dir_all, hard_link, metadata, read,
+    read_dir, read_link, read_to_string, remove_dir_all, remove_file, rename, symlink_metadata, write,
+};
+#[cfg(not(test))]
 pub use std::fs::{
-    File, OpenOptions, canonicalize, copy, create_dir, create_dir_all, hard_link, metadata, read, read_dir,
-    read_link, read_to_string, remove_dir_all, remove_file, rename, symlink_metadata, write,
+    File, Metadata, OpenOptions, canonicalize, copy, create_dir, create_dir_all, hard_link, metadata, read,
+    read_dir, read_link, read_to_string, remove_dir_all, remove_file, rename, symlink_metadata, write,
 };
 
 use std::path::Path;

@@ -31,11 +31,19 @@ pub enum Look {
 
 /// The id of this process.
 pub fn id() -> u32 {
+    #[cfg(test)]
+    if let Some(id) = super::simulated::process_id() {
+        return id;
+    }
     std::process::id()
 }
 
 /// Where this process stands.
 pub fn place() -> Place {
+    #[cfg(test)]
+    if let Some(place) = super::simulated::place() {
+        return place;
+    }
     Place {
         host: line_of("/proc/sys/kernel/hostname").unwrap_or_else(|| "unknown".into()),
         boot: boot().unwrap_or_default(),
@@ -44,6 +52,10 @@ pub fn place() -> Place {
 
 /// What is seen of a process of this place.
 pub fn look(pid: u32) -> Look {
+    #[cfg(test)]
+    if let Some(look) = super::simulated::look(pid) {
+        return look;
+    }
     match fs::read_to_string(format!("/proc/{pid}/stat")) {
         Ok(stat) => started_ticks(&stat).map_or(Look::Gone, Look::Started),
         // The first process always runs: where it cannot be seen, those of other users are hidden too.
@@ -60,6 +72,10 @@ pub fn look(pid: u32) -> Look {
     reason = "a name that nobody has needs the system's randomness, and is in no result"
 )]
 pub fn random_number() -> u64 {
+    #[cfg(test)]
+    if let Some(number) = super::simulated::random_number() {
+        return number;
+    }
     RandomState::new().hash_one(id())
 }
 

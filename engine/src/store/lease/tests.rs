@@ -33,7 +33,7 @@ fn elsewhere() -> Owner {
 }
 
 fn set_renewed(path: &Path, time: SystemTime) {
-    OpenOptions::new()
+    std::fs::OpenOptions::new()
         .write(true)
         .open(path)
         .unwrap()

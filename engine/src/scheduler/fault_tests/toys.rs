@@ -1,0 +1,179 @@
+//! Small plugins whose trials save after every step and leave a policy.
+
+use super::ledger::Ledger;
+use crate::{
+    Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Metric, Mode,
+    Observation, PerEpisode, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates, product,
+    protocol, world::fs,
+};
+use rand::Rng as _;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::Path;
+
+#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct DiceConfig {}
+
+impl Config for DiceConfig {}
+
+/// One throw.
+struct Throw {
+    seats: Vec<Seat>,
+    metrics: Vec<Metric>,
+    start: f64,
+}
+
+impl Environment for Throw {
+    fn seats(&self) -> &[Seat] {
+        &self.seats
+    }
+    fn metrics(&self) -> &[Metric] {
+        &self.metrics
+    }
+    fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
+        self.start = rng.random();
+        Ok(vec![vec![self.start]])
+    }
+    fn step(&mut self, actions: &[Vec<f64>], _: &mut Rng) -> Result<Step, Error> {
+        Ok(Step {
+            observations: vec![vec![self.start]],
+            rewards: vec![actions[0][0]],
+            info: vec![self.start],
+            end: Some(End::Terminated),
+        })
+    }
+    fn trace_channels(&self) -> Vec<Channel> {
+        Vec::new()
+    }
+    fn trace(&self) -> Vec<f64> {
+        Vec::new()
+    }
+    fn snapshot(&self) -> Value {
+        json!(self.start)
+    }
+    fn restore(&mut self, snapshot: &Value) -> Result<(), Error> {
+        self.start = snapshot.as_f64().unwrap();
+        Ok(())
+    }
+}
+
+/// Counts how often it learned; it may go on from what another one left.
+#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct TallyConfig {
+    /// Where it goes on from.
+    from: Option<product::Product<product::Policy>>,
+    /// Whether its learning fails in the end.
+    fails: bool,
+}
+
+impl Config for TallyConfig {}
+
+struct Tally {
+    began_with: f64,
+    count: u64,
+    fails: bool,
+}
+
+impl Tally {
+    const POLICY: &str = "policy.safetensors";
+
+    fn new(config: TallyConfig) -> Result<Self, Error> {
+        let began_with = match &config.from {
+            Some(product) => number(&product.folder()?.join(Self::POLICY))?,
+            None => 0.0,
+        };
+        Ok(Self {
+            began_with,
+            count: 0,
+            fails: config.fails,
+        })
+    }
+}
+
+fn number(path: &Path) -> Result<f64, Error> {
+    let text = fs::read_to_string(path).map_err(Error::file("read", path))?;
+    text.parse().map_err(|_| Error::Checkpoint {
+        what: "tally",
+        problem: text,
+    })
+}
+
+impl Agent for Tally {
+    fn act(&mut self, observations: &[Observation], _: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        Ok(observations
+            .iter()
+            .map(|_| vec![vec![rng.random::<f64>() + self.began_with]])
+            .collect())
+    }
+
+    fn learn(&mut self, _: &[Transition], _: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        // Whatever was saved before this step is promised to stay.
+        Ledger::of_this_trial(|ledger, trial| ledger.goes_on(trial, self.count));
+        self.count += 1;
+        if self.fails && self.count == 3 {
+            return Err(Error::Worker {
+                problem: "as it should".into(),
+            });
+        }
+        record.mean("loss", self.count as f64);
+        Ok(())
+    }
+
+    fn updates(&self) -> Option<Updates> {
+        Some(Updates {
+            made: self.count,
+            first_after: 1,
+        })
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        let path = dir.join("count");
+        fs::write(&path, self.count.to_string()).map_err(Error::file("write", &path))
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        self.count = number(&dir.join("count"))? as u64;
+        Ok(())
+    }
+
+    fn export(&self, dir: &Path) -> Result<bool, Error> {
+        let path = dir.join(Self::POLICY);
+        let left = self.count as f64 + self.began_with;
+        fs::write(&path, left.to_string()).map_err(Error::file("write", &path))?;
+        Ok(true)
+    }
+}
+
+pub fn registry() -> Registry {
+    let mut registry = Registry::default();
+    protocol::register(&mut registry);
+    registry.environment("throw", 1, "One throw.", |_: DiceConfig| {
+        let channel = || Space::Box(vec![Channel::new("number", "")]);
+        let seat = Seat {
+            name: String::new(),
+            observation: channel(),
+            action: channel(),
+        };
+        Ok(Box::new(Throw {
+            seats: vec![seat],
+            metrics: vec![Metric::new("start", "", "the number").per_episode(PerEpisode::Last)],
+            start: 0.0,
+        }))
+    });
+    let traits = AgentTraits {
+        learns: true,
+        metrics: vec![Metric::new("loss", "", "the count")],
+        ..AgentTraits::default()
+    };
+    registry.agent(
+        "tally",
+        1,
+        "Counts.",
+        traits,
+        |config: TallyConfig, _: &Interface, _: &mut Rng| Ok(Box::new(Tally::new(config)?)),
+    );
+    registry
+}

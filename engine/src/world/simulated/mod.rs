@@ -1,0 +1,75 @@
+//! A machine, or several that share a disk, on which chance decides what happens next.
+//!
+//! Every process of the simulation is a thread, and only one of them runs at a time: at each call for a file, a clock
+//! or a process the turn may pass to another one, time goes on, and a fault may strike: a process is killed or halts
+//! for a while, a machine or all of them lose their power, a clock jumps, a call fails, the disk is full, a machine
+//! sees the names in a folder as they were a moment ago. All of it follows from one seed, so that a seed that fails
+//! fails again.
+//!
+//! A thread that is no process of a simulation sees the real machine: most tests are such.
+
+mod dice;
+mod disk;
+pub mod files;
+mod machine;
+mod turns;
+
+pub use machine::{Faults, Machine};
+pub use turns::{Simulation, quietly, start};
+
+use super::process::{Look, Place};
+use std::{
+    cell::RefCell,
+    rc::Rc,
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
+};
+use turns::Process;
+
+thread_local! {
+    static THIS: RefCell<Option<Rc<Process>>> = const { RefCell::new(None) };
+}
+
+/// The process that this thread is, where it is one of a simulation.
+fn this() -> Option<Rc<Process>> {
+    THIS.with(|this| this.borrow().clone())
+}
+
+pub fn now() -> Option<Instant> {
+    let this = this()?;
+    Some(this.began() + this.see(|machine, _| machine.time))
+}
+
+pub fn date() -> Option<SystemTime> {
+    let seen = this()?.see(|machine, me| machine.date(me.host));
+    Some(UNIX_EPOCH + seen)
+}
+
+/// True where the thread is a process of a simulation; it has slept then.
+pub fn sleep(wait: Duration) -> bool {
+    this().is_some_and(|this| {
+        this.sleep(wait);
+        true
+    })
+}
+
+pub fn process_id() -> Option<u32> {
+    Some(this()?.see(|_, me| me.pid))
+}
+
+pub fn place() -> Option<Place> {
+    Some(this()?.see(|machine, me| machine.place(me.host)))
+}
+
+pub fn look(pid: u32) -> Option<Look> {
+    Some(this()?.see(|machine, me| machine.look(me.host, pid)))
+}
+
+/// Whether a process of the simulation runs, whoever asks.
+pub fn lives(pid: u32) -> bool {
+    let runs = |machine: &mut Machine, _: &turns::Me| machine.processes.iter().any(|entry| entry.pid == pid);
+    this().is_some_and(|this| quietly(|| this.see(runs)))
+}
+
+pub fn random_number() -> Option<u64> {
+    Some(this()?.see(|machine, _| machine.dice.number()))
+}

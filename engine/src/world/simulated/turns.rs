@@ -1,0 +1,260 @@
+//! Threads that take turns: each is a process of a simulation, and only one runs at a time.
+
+use super::{
+    THIS,
+    machine::{Entry, Faults, Machine, State},
+};
+use std::{
+    any::Any,
+    cell::Cell,
+    io,
+    panic::{AssertUnwindSafe, catch_unwind, resume_unwind},
+    rc::Rc,
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+/// What the threads share.
+struct Shared {
+    machine: Mutex<Machine>,
+    /// One for each place: it is told when it has the turn, or is gone.
+    told: Vec<Condvar>,
+    began: Instant,
+}
+
+/// The process that a thread is.
+pub struct Process {
+    shared: Arc<Shared>,
+    at: usize,
+    generation: u64,
+    quiet: Cell<bool>,
+}
+
+/// What a thread unwinds with whose process is gone.
+struct Gone;
+
+/// A simulation to be run.
+pub struct Simulation {
+    pub machine: Machine,
+}
+
+/// Runs `body` in a process at each place until each has said that it is done; it begins again in a new process
+/// where it was killed or is not done. Gives the machine back.
+///
+/// # Errors
+/// What a process panicked with, and that there is no progress; with the machine.
+pub fn start(simulation: Simulation, body: impl Fn(usize) -> bool + Sync) -> (Machine, Result<(), String>) {
+    let places = simulation.machine.processes.len();
+    let shared = Arc::new(Shared {
+        machine: Mutex::new(simulation.machine),
+        told: (0..places).map(|_| Condvar::new()).collect(),
+        began: crate::world::clock::now(),
+    });
+    std::thread::scope(|scope| {
+        for at in 0..places {
+            let (shared, body) = (Arc::clone(&shared), &body);
+            scope.spawn(move || live(&shared, at, body));
+        }
+    });
+    let shared = Arc::into_inner(shared).unwrap_or_else(|| unreachable!("every thread has ended"));
+    let mut machine = shared
+        .machine
+        .into_inner()
+        .unwrap_or_else(PoisonError::into_inner);
+    let outcome = machine.failed.take().map_or(Ok(()), Err);
+    (machine, outcome)
+}
+
+/// Does something without passing the turn on, without faults, and sees everything as it is.
+pub fn quietly<T>(act: impl FnOnce() -> T) -> T {
+    let this = super::this();
+    this.iter().for_each(|this| this.quiet.set(true));
+    let outcome = act();
+    this.iter().for_each(|this| this.quiet.set(false));
+    outcome
+}
+
+/// One process after the other at a place.
+fn live(shared: &Arc<Shared>, at: usize, body: &(impl Fn(usize) -> bool + Sync)) {
+    loop {
+        let Some(generation) = shared.begin(at) else {
+            return;
+        };
+        let process = Process {
+            shared: Arc::clone(shared),
+            at,
+            generation,
+            quiet: Cell::new(false),
+        };
+        THIS.with(|this| *this.borrow_mut() = Some(Rc::new(process)));
+        let outcome = catch_unwind(AssertUnwindSafe(|| body(at)));
+        THIS.with(|this| *this.borrow_mut() = None);
+        if shared.end(at, generation, outcome) {
+            return;
+        }
+    }
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Machine> {
+        // A panic of a process ends the simulation, which only reads the machine then.
+        self.machine.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until the process of a place begins; `None` where none does any more.
+    fn begin(&self, at: usize) -> Option<u64> {
+        let mut machine = self.lock();
+        loop {
+            let entry = &machine.processes[at];
+            if machine.failed.is_some() || entry.state == State::Over {
+                return None;
+            }
+            if machine.turn == Some(at) {
+                return Some(entry.generation);
+            }
+            machine = self.told[at]
+                .wait(machine)
+                .unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Takes in how a process ended; true where the place is left.
+    fn end(&self, at: usize, generation: u64, outcome: Result<bool, Box<dyn Any + Send>>) -> bool {
+        let mut machine = self.lock();
+        let killed = machine.processes[at].generation != generation;
+        match outcome {
+            Err(panic) if !panic.is::<Gone>() => {
+                let text = panic.downcast_ref::<String>().cloned();
+                let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
+                machine
+                    .failed
+                    .get_or_insert(text.unwrap_or_else(|| "a panic".into()));
+            }
+            _ if killed => return machine.failed.is_some(),
+            Ok(true) => machine.processes[at].state = State::Over,
+            _ => {
+                let pause = Duration::from_millis(machine.dice.up_to(5000) as u64);
+                machine.replace(at, pause);
+            }
+        }
+        machine.choose();
+        self.tell(&machine);
+        machine.failed.is_some() || machine.processes[at].state == State::Over
+    }
+
+    /// Tells whose turn it is; where the simulation has failed, everybody.
+    fn tell(&self, machine: &Machine) {
+        match machine.turn.filter(|_| machine.failed.is_none()) {
+            Some(at) => self.told[at].notify_one(),
+            None => self.told.iter().for_each(Condvar::notify_one),
+        }
+    }
+}
+
+impl Process {
+    pub fn began(&self) -> Instant {
+        self.shared.began
+    }
+
+    /// A look at the machine that cannot fail.
+    pub fn see<T>(&self, look: impl FnOnce(&mut Machine, &Me) -> T) -> T {
+        let mut machine = self.turn();
+        let me = self.me(&machine);
+        look(&mut machine, &me)
+    }
+
+    /// A call for a file, which may fail.
+    pub fn call<T>(
+        &self,
+        what: impl FnOnce() -> String,
+        act: impl FnOnce(&mut Machine, &Me) -> io::Result<T>,
+    ) -> io::Result<T> {
+        if std::thread::panicking() {
+            return Err(io::Error::other("the process is gone"));
+        }
+        let mut machine = self.turn();
+        let me = self.me(&machine);
+        let fails = if me.quiet { None } else { machine.fails() };
+        let outcome = match fails {
+            Some(false) => Err(broken()),
+            Some(true) => act(&mut machine, &me).and(Err(broken())),
+            None => act(&mut machine, &me),
+        };
+        let said = outcome
+            .as_ref()
+            .err()
+            .map_or_else(String::new, |error| format!(": {error}"));
+        if !me.quiet {
+            machine.note(|| format!("{} {}{said}", self.at, what()));
+        }
+        outcome
+    }
+
+    pub fn sleep(&self, wait: Duration) {
+        let mut machine = self.shared.lock();
+        self.hold(&machine);
+        machine.delay(self.at, wait);
+        drop(machine);
+        drop(self.turn());
+    }
+
+    /// Waits for the turn; unwinds where the process is gone.
+    fn turn(&self) -> MutexGuard<'_, Machine> {
+        let mut machine = self.shared.lock();
+        self.hold(&machine);
+        if self.quiet.get() || std::thread::panicking() {
+            return machine;
+        }
+        machine.pass(self.at);
+        if machine.turn != Some(self.at) || machine.failed.is_some() {
+            self.shared.tell(&machine);
+        }
+        loop {
+            self.hold(&machine);
+            if machine.turn == Some(self.at) {
+                return machine;
+            }
+            machine = self.shared.told[self.at]
+                .wait(machine)
+                .unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Unwinds where the process is gone.
+    fn hold(&self, machine: &Machine) {
+        let gone = machine.processes[self.at].generation != self.generation || machine.failed.is_some();
+        if gone && !std::thread::panicking() {
+            resume_unwind(Box::new(Gone));
+        }
+    }
+
+    fn me(&self, machine: &Machine) -> Me {
+        let Entry { host, pid, .. } = machine.processes[self.at];
+        Me {
+            at: self.at,
+            host,
+            pid,
+            quiet: self.quiet.get(),
+        }
+    }
+}
+
+/// Who calls.
+pub struct Me {
+    pub at: usize,
+    pub host: usize,
+    pub pid: u32,
+    pub quiet: bool,
+}
+
+fn broken() -> io::Error {
+    io::Error::other("input/output error")
+}
+
+impl Simulation {
+    pub fn new(seed: u64, faults: Faults, hosts_of: &[usize]) -> Self {
+        Self {
+            machine: Machine::new(seed, faults, hosts_of),
+        }
+    }
+}
