@@ -147,7 +147,7 @@ impl Asked<'_> {
         let contents = Contents::judged(&info, &results);
         let verdicts = Verdicts::of(&info, &results, &contents);
         // Two studies name their files as seen from where they lie.
-        let beside = if fs::is_folder(&other) {
+        let beside = if fs::is_folder(other) {
             other
         } else {
             self.path.parent().unwrap_or(Path::new(""))

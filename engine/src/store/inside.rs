@@ -11,7 +11,7 @@ use std::{
 ///
 /// # Errors
 /// [`Error::Damaged`] where something else than a file has its name.
-pub(super) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
+pub(crate) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let absent = |kind: ErrorKind| kind == ErrorKind::NotFound;
     match fs::symlink_metadata(path).map(|data| data.is_file()) {
         Ok(true) => {}
@@ -83,8 +83,19 @@ pub(super) fn is_product(name: &str) -> bool {
         && ProductKind::ALL.iter().any(|kind| kind.has_file(name))
 }
 
+/// Names in a trial's folder under which no seat and no product keeps its files.
+const NO_SEATS: [&str; 6] = [
+    "running",
+    "lease",
+    "takeover",
+    "trial.json",
+    "earlier.json",
+    "metrics.parquet",
+];
+
 /// Paths of all files in a trial's folder and the folders in it, in order. Whatever else is there is one
-/// entry: links, folders that are deeper than any product, and `running`, what a running trial keeps.
+/// entry: links, empty folders, those that are deeper than any product, `running`, what a running trial keeps, and
+/// folders with the name of a file.
 ///
 /// # Errors
 /// Where a folder cannot be read.
@@ -98,9 +109,12 @@ pub(super) fn files_of(trial: &Path) -> Result<Vec<String>, Error> {
 fn gather(folder: &Path, at: &str, deeper: usize, found: &mut Vec<String>) -> Result<(), Error> {
     for name in super::names(folder)? {
         let (path, inside) = (folder.join(&name), format!("{at}{name}"));
-        if deeper > 0 && is_folder(&path) && inside != "running" {
+        let before = found.len();
+        if deeper > 0 && is_folder(&path) && !NO_SEATS.contains(&inside.as_str()) {
             gather(&path, &format!("{inside}/"), deeper - 1, found)?;
-        } else {
+        }
+        // Also a folder with nothing in it is there.
+        if found.len() == before {
             found.push(inside);
         }
     }

@@ -51,7 +51,7 @@ impl Names<'_> {
     /// A published curve whose file does not hold what is asked of it, said at the key that asks.
     fn unreadable(&mut self, curve: &PublishedCurve, error: &PublishedCurveError, place: &Place<'_>) {
         match error {
-            PublishedCurveError::Unreadable { file, .. } if !fs::exists(&file) => {
+            PublishedCurveError::Unreadable { file, .. } if !fs::exists(file) => {
                 let written = place.node.get("file").and_then(Node::as_str).unwrap_or_default();
                 let help = format!(
                     "files are sought from the folder of the study: `{}`",
