@@ -2,7 +2,7 @@
 
 use super::{Error, Stop};
 use crate::{
-    store::Owner,
+    store::{Owner, Store},
     world::{
         clock,
         fs::{self, File},
@@ -49,7 +49,9 @@ pub fn lock(store: &Path, wait: Wait<'_>) -> Result<File, Error> {
         }
         let waited = clock::since(begun);
         if wait.stop.is_asked() {
-            return Err(Error::Interrupted { program: "regimen" });
+            return Err(Error::Interrupted {
+                program: "the holder of the submissions' lock",
+            });
         }
         if waited >= wait.limit {
             let (by, after_s) = (holder(&path), wait.limit.as_secs_f64());
@@ -68,6 +70,9 @@ pub fn lock(store: &Path, wait: Wait<'_>) -> Result<File, Error> {
 
 fn open(store: &Path) -> Result<(File, PathBuf), crate::Error> {
     let folder = super::submission::folder_of_all(store);
+    if fs::is_taken(&folder) && !fs::is_folder(&folder) {
+        return Err(Store::at(store).no_place(&folder));
+    }
     fs::create_dir_all(&folder).map_err(crate::Error::file("create", &folder))?;
     let path = folder.join("lock");
     // Opening a pipe would wait for a reader.

@@ -142,7 +142,7 @@ impl Submission {
     pub fn all(store: &Path) -> Result<Vec<Self>, Error> {
         let folder = folder_of_all(store);
         let mut submissions = Vec::new();
-        for name in names(&folder)? {
+        for name in records(&folder)? {
             match read(store, &folder.join(name)) {
                 Err(Error::Damaged { .. }) => {}
                 found => submissions.extend(found?),
@@ -220,6 +220,15 @@ pub(super) fn folder_of_all(store: &Path) -> PathBuf {
     store.join("submissions")
 }
 
+/// Names of the folders of records; what is no folder holds none.
+fn records(folder: &Path) -> Result<Vec<String>, Error> {
+    if fs::is_folder(folder) {
+        names(folder)
+    } else {
+        Ok(Vec::new())
+    }
+}
+
 /// What is damaged among the records of a store: paths inside it, each with the fault.
 ///
 /// # Errors
@@ -227,7 +236,7 @@ pub(super) fn folder_of_all(store: &Path) -> PathBuf {
 pub fn damaged(store: &Path) -> Result<Vec<Finding>, Error> {
     let folder = folder_of_all(store);
     let mut findings = Vec::new();
-    for name in names(&folder)? {
+    for name in records(&folder)? {
         if let Err(Error::Damaged { problem, .. }) = read(store, &folder.join(&name)) {
             findings.push(Finding {
                 path: Path::new("submissions").join(&name).join(RECORD),

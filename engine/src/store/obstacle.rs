@@ -36,7 +36,7 @@ impl Store {
     }
 
     /// What stands where the store keeps something else, and what helps.
-    pub(super) fn no_place(&self, path: &Path) -> Error {
+    pub(crate) fn no_place(&self, path: &Path) -> Error {
         let problem = format!(
             "it stands where the store keeps another kind of file: `regimen fsck {}` sets it aside",
             self.root.display()
