@@ -5,7 +5,7 @@ use std::borrow::Cow;
 /// True for characters that are no text: those that control a terminal, and those that XML does not know.
 #[must_use]
 pub fn is_unprintable(letter: char) -> bool {
-    letter.is_control() && !matches!(letter, '\n' | '\t' | '\r') || matches!(letter, '\u{fffe}' | '\u{ffff}')
+    letter.is_control() && !matches!(letter, '\n' | '\t') || matches!(letter, '\u{fffe}' | '\u{ffff}')
 }
 
 /// The text with a sign in the place of every character that is none.
@@ -47,7 +47,7 @@ mod tests {
 
     #[test]
     fn what_is_no_text_is_replaced_by_a_sign() {
-        assert_eq!(printable("größe\t1\n"), "größe\t1\n");
+        assert_eq!(printable("größe\t1\n\r"), "größe\t1\n\u{fffd}");
         assert_eq!(
             printable("a\u{1b}[2Jb\u{0}\u{9b}\u{ffff}"),
             "a\u{fffd}[2Jb\u{fffd}\u{fffd}\u{fffd}"
