@@ -77,3 +77,34 @@ fn a_full_disk_is_said_and_loses_nothing() {
     bench.ok(&["worker", "big.yaml", "-j", "2", "--store", "small/store"]);
     assert_eq!(bench.digests("small/store"), whole);
 }
+
+#[test]
+fn results_that_do_not_fit_on_the_disk_are_said_in_words() {
+    let bench = Bench::new();
+    let Some(disk) = SmallDisk::mount(&bench) else {
+        return;
+    };
+    let shown = "tables: { life: { comparison: { rows: environment, columns: agent, value: return } } }\n\
+                 figures: { curve: { learning_curve: { metric: return } } }\n";
+    let study = STUDY
+        .replace("seeds: 60", "seeds: 2")
+        .replace("width: 96", "width: 8");
+    bench.write("big.yaml", &format!("{study}{shown}"));
+    bench.ok(&["worker", "big.yaml"]);
+    for size in ["8k", "40k", "80k", "120k", "160k"] {
+        disk.resize(size);
+        let told = bench.run(&["report", "big.yaml", "-o", "small/results"]);
+        assert_ne!(told.code, 0, "{size}");
+        assert!(
+            told.err.contains("No space left on device"),
+            "{size}: {}",
+            told.err
+        );
+        assert!(
+            !told.err.contains("IoError") && !told.err.contains("kind:"),
+            "{size}: {}",
+            told.err
+        );
+        let _ = std::fs::remove_dir_all(bench.path("small/results"));
+    }
+}

@@ -231,3 +231,45 @@ fn fail_fast_stops_and_keep_going_does_not() {
         (Some(20), Some(20))
     );
 }
+
+#[test]
+fn limits_that_limit_nothing_or_everything_are_refused_on_the_command_line() {
+    let bench = Bench::new();
+    bench.write("study.yaml", &study("{ how: loop }"));
+    for (option, value, instead) in [
+        ("--wall-time-s", "-1", "0.001"),
+        ("--wall-time-s", "nan", "0.001"),
+        ("--wall-time-s", "inf", "0.001"),
+        ("--wall-time-s", "0", "0.001"),
+        ("--memory-mb", "0", "1 megabyte or more"),
+        ("--retries", "101", "from 0 to 100"),
+        ("--retry-delay-s", "-1", "from 0 to 86400"),
+        ("--retry-on", "ok", "known: failed"),
+    ] {
+        let told = bench.run_misused(&["run", "study.yaml", option, value]);
+        assert_eq!(told.code, 2, "{option} {value}: {}", told.err);
+        assert!(
+            told.err.contains(option) && told.err.contains(instead),
+            "{}",
+            told.err
+        );
+    }
+    assert!(!bench.path("store").exists());
+}
+
+#[test]
+fn the_checkpoint_that_is_kept_after_a_timeout_is_no_fault() {
+    let bench = Bench::new();
+    bench.write(
+        "study.yaml",
+        &study("{ how: loop }").replace("steps: 16", "steps: 160000"),
+    );
+    bench.write(
+        "regimen.toml",
+        "checkpoint_every_s = 0\n[limits]\nwall_time_s = 3\n",
+    );
+    let ran = bench.run_misused(&["run", "study.yaml", "-j", "2", "--retry-on", "killed"]);
+    assert_eq!(ran.code, 100, "{}", ran.err);
+    let checked = bench.ok(&["fsck", "store"]);
+    assert!(checked.contains("0 files are wrong"), "{checked}");
+}

@@ -70,7 +70,7 @@ fn a_bit_flipped_anywhere_is_found_and_its_trial_is_missing() {
         let mut flipped = whole.clone();
         flipped[byte] ^= 1 << bit;
         fs::write(file, flipped).unwrap();
-        let found = store.check(false).unwrap();
+        let found = store.check(false, Vec::new()).unwrap();
         let id = file.parent().unwrap().file_name().unwrap().to_str().unwrap();
         let noticed = found
             .findings
@@ -84,7 +84,7 @@ fn a_bit_flipped_anywhere_is_found_and_its_trial_is_missing() {
         assert_eq!(found.whole, 7, "only its trial is affected");
         fs::write(file, whole).unwrap();
     }
-    assert_eq!(store.check(false).unwrap().findings, []);
+    assert_eq!(store.check(false, Vec::new()).unwrap().findings, []);
 }
 
 #[test]

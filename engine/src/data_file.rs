@@ -6,14 +6,20 @@
 //! file meanwhile, it reads the same. Binary files may be larger than memory: of them a config gets the hash,
 //! and plugins read them by their path.
 
-use crate::{Error, parquet, store, world::fs};
+use crate::{
+    Error,
+    input_file::{self, Use},
+    parquet, store,
+    world::fs::File,
+};
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{
     borrow::Cow,
-    io::{self, Read as _},
+    io::{self, Read as _, Seek as _},
     path::{Path, PathBuf},
+    string::FromUtf8Error,
     sync::Arc,
 };
 
@@ -52,18 +58,26 @@ impl FileFormat {
     /// # Errors
     /// [`Error::File`] where the file cannot be read.
     fn of(path: &Path) -> Result<Self, Error> {
-        let file = fs::File::open(path).map_err(Error::file("read", path))?;
-        let mut first = Vec::new();
-        file.take(4096)
-            .read_to_end(&mut first)
-            .map_err(Error::file("read", path))?;
-        Ok(match first[..] {
+        let opened = input_file::open(path, Use::Bytes).and_then(|mut file| first_bytes(&mut file));
+        opened
+            .map(|first| Self::of_first(&first))
+            .map_err(Error::file("read", path))
+    }
+
+    fn of_first(first: &[u8]) -> Self {
+        match first[..] {
             [b'P', b'A', b'R', b'1', ..] => Self::Parquet,
             [0x89, b'H', b'D', b'F', b'\r', b'\n', 0x1a, b'\n', ..] => Self::Hdf5,
-            _ if is_text(&first) => Self::Text,
+            _ if is_text(first) => Self::Text,
             _ => Self::Binary,
-        })
+        }
     }
+}
+
+fn first_bytes(file: &mut File) -> io::Result<Vec<u8>> {
+    let mut first = Vec::new();
+    file.take(4096).read_to_end(&mut first)?;
+    Ok(first)
 }
 
 /// True where the first bytes of a file are UTF-8, maybe cut inside a character, without control characters.
@@ -101,7 +115,8 @@ impl DataFile {
     pub fn text(&self) -> Result<Cow<'_, str>, Error> {
         match &self.content {
             Some(content) => Ok(Cow::Borrowed(content)),
-            None => fs::read_to_string(&self.path)
+            None => input_file::read(&self.path, Use::Text)
+                .and_then(as_text)
                 .map(Cow::Owned)
                 .map_err(Error::file("read", &self.path)),
         }
@@ -136,9 +151,19 @@ impl DataFile {
     /// [`Error::File`] where it cannot be read, [`Error::Damaged`] where it is no such file, and [`Error::Input`]
     /// with the column that is missing or holds something else, and the row of a cell that is empty.
     pub fn parquet_columns(&self, names: &[&str]) -> Result<Vec<Vec<f64>>, Error> {
-        let bytes = fs::read(&self.path).map_err(Error::file("read", &self.path))?;
-        let table = parquet::Table::decode(bytes, &self.path)?;
-        names.iter().map(|name| table.numbers(name)).collect()
+        let bytes = input_file::read(&self.path, Use::Bytes).map_err(Error::file("read", &self.path))?;
+        if self
+            .digest
+            .as_deref()
+            .is_some_and(|digest| store::digest(&bytes) != digest)
+        {
+            let path = self.path.clone();
+            return Err(Error::DataFileChanged { path });
+        }
+        parquet::without_panic(&self.path, || {
+            let table = parquet::Table::decode(bytes, &self.path)?;
+            names.iter().map(|name| table.numbers(name)).collect()
+        })
     }
 }
 
@@ -180,15 +205,25 @@ impl JsonSchema for DataFile {
     }
 }
 
-/// Hash of what the file at `path` holds, as it enters ids; `None` where it cannot be read.
-#[must_use]
-pub fn hash_of(path: &Path) -> Option<String> {
-    digest_of(path).ok()
+/// Hash of what the file at `path` holds, as it enters ids.
+///
+/// # Errors
+/// [`Error::File`] where it cannot be read.
+pub fn hash_of(path: &Path) -> Result<String, Error> {
+    digest_of(path)
 }
 
 fn digest_of(path: &Path) -> Result<String, Error> {
-    let read = || store::digest_of_file(fs::File::open(path)?);
+    let read = || store::digest_of_file(input_file::open(path, Use::Bytes)?);
     read().map_err(Error::file("read", path))
+}
+
+fn as_text(bytes: Vec<u8>) -> io::Result<String> {
+    let no_text = |source: FromUtf8Error| {
+        let message = format!("it is no UTF-8 text: {}", source.utf8_error());
+        io::Error::new(io::ErrorKind::InvalidData, message)
+    };
+    String::from_utf8(bytes).map_err(no_text)
 }
 
 /// The config's value of the [`DataFile`] at the path `named`, with its content, or its hash where it is binary.
@@ -198,24 +233,39 @@ fn digest_of(path: &Path) -> Result<String, Error> {
 /// or is no UTF-8.
 pub(crate) fn read(named: &str, expected: &str) -> Result<Value, Error> {
     let path = Path::new(named);
+    let content = content(path, expected)?;
+    Ok(match content {
+        Some(text) => json!({ "path": named, "content": text }),
+        None => json!({ "path": named, "digest": expected }),
+    })
+}
+
+/// The text of a file, `None` where it is binary; the file is opened once, and what is read is what is held
+/// against the hash.
+fn content(path: &Path, expected: &str) -> Result<Option<String>, Error> {
+    let of_file = || Error::file("read", path);
     let unchanged = |digest: String| {
+        let path = path.into();
         (digest == expected)
             .then_some(())
-            .ok_or_else(|| Error::DataFileChanged { path: path.into() })
+            .ok_or(Error::DataFileChanged { path })
     };
-    if FileFormat::of(path)? != FileFormat::Text {
-        unchanged(digest_of(path)?)?;
-        return Ok(json!({ "path": named, "digest": expected }));
+    let mut file = input_file::open(path, Use::Bytes).map_err(of_file())?;
+    let first = first_bytes(&mut file).map_err(of_file())?;
+    if FileFormat::of_first(&first) == FileFormat::Text {
+        let bytes = input_file::rest(file, first, Use::Text).map_err(of_file())?;
+        unchanged(store::digest(&bytes))?;
+        return as_text(bytes).map(Some).map_err(of_file());
     }
-    let bytes = fs::read(path).map_err(Error::file("read", path))?;
-    unchanged(store::digest(&bytes))?;
-    let text = String::from_utf8(bytes).map_err(|source| io::Error::new(io::ErrorKind::InvalidData, source));
-    Ok(json!({ "path": named, "content": text.map_err(Error::file("read", path))? }))
+    let digest = file.rewind().and_then(|()| store::digest_of_file(file));
+    unchanged(digest.map_err(of_file())?)?;
+    Ok(None)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn a_file_is_its_path_in_a_config_and_keeps_what_it_was_given() {
@@ -238,7 +288,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("load.csv");
         let named = path.to_str().unwrap();
-        assert_eq!(hash_of(&path), None);
+        assert!(hash_of(&path).is_err());
         assert!(matches!(read(named, ""), Err(Error::File { .. })));
         // Text at its beginning, and none at its end.
         fs::write(&path, [vec![b'1'; 5000], vec![0xff]].concat()).unwrap();

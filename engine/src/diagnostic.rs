@@ -29,25 +29,40 @@ pub struct Sources {
 #[derive(Debug, Clone)]
 struct Source {
     name: String,
-    lines: Vec<String>,
+    text: String,
+    /// Where each line begins.
+    starts: Vec<usize>,
     numbered: bool,
+}
+
+impl Source {
+    /// A line, counted from 1; empty where there is none.
+    fn line(&self, number: usize) -> &str {
+        let start = number.checked_sub(1).and_then(|index| self.starts.get(index));
+        let rest = start
+            .and_then(|start| self.text.get(*start..))
+            .unwrap_or_default();
+        rest.lines().next().unwrap_or_default()
+    }
 }
 
 impl Sources {
     /// Adds a file under the name that messages show; returns its index.
     pub fn add_file(&mut self, name: &str, text: &str) -> usize {
-        self.add(name, text.lines().map(String::from).collect(), true)
+        self.add(name, text, true)
     }
 
     /// Adds one option of the command line, as it was typed (`--set protocol.steps=1000`); returns its index.
     pub fn add_option(&mut self, option: &str) -> usize {
-        self.add("command line", vec![option.into()], false)
+        self.add("command line", option, false)
     }
 
-    fn add(&mut self, name: &str, lines: Vec<String>, numbered: bool) -> usize {
+    fn add(&mut self, name: &str, text: &str, numbered: bool) -> usize {
+        let behind = text.match_indices('\n').map(|(end, _)| end + 1);
         self.sources.push(Source {
             name: name.into(),
-            lines,
+            starts: std::iter::once(0).chain(behind).collect(),
+            text: text.into(),
             numbered,
         });
         self.sources.len() - 1
@@ -56,7 +71,8 @@ impl Sources {
     /// An error at `span`; `path` is the dotted path of the key, empty for the whole file.
     #[must_use]
     pub fn error(&self, span: Span, path: &str, message: impl Into<String>) -> Diagnostic {
-        let (message, path, place) = (message.into(), path.into(), self.place(span));
+        let (message, path) = (shortened(&message.into(), 2000), shortened(path, 500));
+        let place = self.place(span);
         Diagnostic {
             severity: Severity::Error,
             message,
@@ -78,19 +94,29 @@ impl Sources {
     #[must_use]
     pub fn place(&self, span: Span) -> Place {
         let source = self.sources.get(span.source);
+        let (text, left_out) = piece(source.map_or("", |source| source.line(span.line)), span.column);
         Place {
             file: source.map_or_else(String::new, |source| source.name.clone()),
             line: span.line,
             column: span.column,
             length: span.length,
             numbered: source.is_some_and(|source| source.numbered),
-            text: source
-                .and_then(|source| source.lines.get(span.line.wrapping_sub(1)))
-                .cloned()
-                .unwrap_or_default(),
+            text,
+            left_out,
             source: span.source,
         }
     }
+}
+
+/// A line, or of a long one what stands around a column, and how many characters stand in front of that: a
+/// message holds no line of any length.
+fn piece(line: &str, column: usize) -> (String, usize) {
+    const LONGEST: usize = 2000;
+    if line.len() <= LONGEST {
+        return (line.into(), 0);
+    }
+    let left_out = column.saturating_sub(LONGEST / 2);
+    (line.chars().skip(left_out).take(LONGEST).collect(), left_out)
 }
 
 /// A position that can be shown on its own.
@@ -104,8 +130,11 @@ pub struct Place {
     pub column: usize,
     /// Number of characters.
     pub length: usize,
-    /// The line's text.
+    /// The line's text; of a very long line the part around the column.
     pub text: String,
+    /// How many characters of the line stand in front of it.
+    #[serde(skip)]
+    left_out: usize,
     #[serde(skip)]
     numbered: bool,
     #[serde(skip)]
@@ -155,7 +184,7 @@ impl Diagnostic {
     #[must_use]
     pub fn help(self, help: impl Into<String>) -> Self {
         Self {
-            help: Some(help.into()),
+            help: Some(shortened(&help.into(), 5000)),
             ..self
         }
     }
@@ -194,6 +223,20 @@ pub fn in_order(mut diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
         }
     }
     kept
+}
+
+/// How many diagnostics are shown; a file with more mistakes has one that they all come from.
+pub const SHOWN: usize = 50;
+
+/// The first diagnostics as text, and how many more there are.
+#[must_use]
+pub fn render_first(diagnostics: &[Diagnostic], colour: bool) -> String {
+    let (shown, more) = diagnostics.split_at(diagnostics.len().min(SHOWN));
+    let mut text = render(shown, colour);
+    if !more.is_empty() {
+        let _ = writeln!(text, "\nand {} more messages, which are not shown", more.len());
+    }
+    text
 }
 
 /// All diagnostics as text for a terminal or a log, separated by empty lines.
@@ -274,11 +317,19 @@ fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
     for (word, text) in lines.into_iter().filter_map(|(word, text)| Some((word, text?))) {
         line(
             &mut out,
-            &format!("{margin} {} {}: {text}", paint.blue("="), paint.bold(word)),
+            &format!(
+                "{margin} {} {}: {}",
+                paint.blue("="),
+                paint.bold(word),
+                printable(&text)
+            ),
         );
     }
     for (remark, place) in &diagnostic.notes {
-        line(&mut out, &format!("{}: {remark}", paint.blue("note")));
+        line(
+            &mut out,
+            &format!("{}: {}", paint.blue("note"), printable(remark)),
+        );
         excerpt(&mut out, place, gutter, '-', paint);
     }
     out
@@ -290,7 +341,8 @@ const WINDOW: (usize, usize) = (150, 60);
 fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char, paint: Paint) {
     let margin = " ".repeat(gutter);
     if place.line == 0 {
-        return line(out, &format!("{margin}{} {}", paint.blue("-->"), place.file));
+        let file = printable(&place.file);
+        return line(out, &format!("{margin}{} {file}", paint.blue("-->")));
     }
     let number = if place.numbered {
         place.line.to_string()
@@ -298,9 +350,9 @@ fn excerpt(out: &mut String, place: &Place, gutter: usize, mark: char, paint: Pa
         String::new()
     };
     let position = if place.numbered {
-        format!("{}:{}:{}", place.file, place.line, place.column)
+        format!("{}:{}:{}", printable(&place.file), place.line, place.column)
     } else {
-        place.file.clone()
+        printable(&place.file)
     };
     line(out, &format!("{margin}{} {position}", paint.blue("-->")));
     line(out, &format!("{margin} {}", paint.blue("|")));
@@ -345,7 +397,8 @@ fn window(place: &Place) -> (String, usize) {
         letter if letter.is_control() => '\u{fffd}',
         letter => letter,
     };
-    let (before, count) = (place.column.saturating_sub(1), place.text.chars().count());
+    let before = place.column.saturating_sub(1 + place.left_out);
+    let count = place.text.chars().count();
     let start = if count > WINDOW.0 {
         before.saturating_sub(WINDOW.1)
     } else {
@@ -358,7 +411,7 @@ fn window(place: &Place) -> (String, usize) {
         .take(WINDOW.0)
         .map(visible)
         .collect();
-    if start > 0 {
+    if start + place.left_out > 0 {
         shown = format!("… {}", shown.chars().skip(2).collect::<String>());
     }
     if count > start + WINDOW.0 {
@@ -372,10 +425,25 @@ fn columns(letter: char) -> usize {
     letter.width().unwrap_or(0)
 }
 
+/// The beginning of a long text, for a message: none holds as much as a file may.
+#[must_use]
+pub fn shortened(word: &str, longest: usize) -> String {
+    match word.char_indices().nth(longest) {
+        Some((end, _)) => format!("{}…", &word[..end]),
+        None => word.into(),
+    }
+}
+
 /// Names in messages come from the file: control characters in them are not passed to the terminal.
 fn printable(text: &str) -> String {
     text.chars()
-        .map(|letter| if letter.is_control() { '\u{fffd}' } else { letter })
+        .map(|letter| {
+            if letter.is_control() && letter != '\n' {
+                '\u{fffd}'
+            } else {
+                letter
+            }
+        })
         .collect()
 }
 

@@ -122,6 +122,14 @@ pub enum Error {
         /// What is wrong with it.
         problem: String,
     },
+    /// A stored file is of a later program; it is left as it is.
+    #[error("`{}` was written by a newer program ({problem}) and is left as it is: use that program", path.display())]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// What says so.
+        problem: String,
+    },
     /// An environment gives something to draw that cannot be drawn.
     #[error(transparent)]
     Drawing(#[from] crate::drawing::DrawingError),

@@ -12,7 +12,7 @@ pub struct Limits {
     /// Longest time that an attempt at a trial may take; then its process is ended and the trial is a
     /// `timeout`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(range(min = 0.001), extend("x-unit" = "s"))]
+    #[schemars(range(min = 0.001, max = 1e9), extend("x-unit" = "s"))]
     pub wall_time_s: Option<f64>,
     /// Most memory that a trial's process may hold; then it is ended and the trial is `oom`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -22,7 +22,7 @@ pub struct Limits {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(range(max = 100))]
     pub retries: Option<u32>,
-    /// The ends after which it is tried again; only `killed` where absent.
+    /// The ends after which it is tried again, of which `ok` is none; only `killed` where absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub retry_on: Option<Vec<EndState>>,
     /// Wait before the first retry; it doubles with each further one. 0.5 where absent.
@@ -31,7 +31,54 @@ pub struct Limits {
     pub retry_delay_s: Option<f64>,
 }
 
+/// A limit that limits nothing, or everything.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{key}` is {value}: {instead}")]
+pub struct LimitError {
+    /// The key.
+    pub key: &'static str,
+    /// What was given.
+    pub value: String,
+    /// What to write instead.
+    pub instead: &'static str,
+}
+
 impl Limits {
+    /// Refuses what limits nothing or everything, wherever it is written.
+    ///
+    /// # Errors
+    /// The first key that is wrong.
+    pub fn check(&self) -> Result<(), LimitError> {
+        let wrong = |key, value: &dyn ToString, instead| {
+            let value = value.to_string();
+            Err(LimitError { key, value, instead })
+        };
+        // A number that is none lies in no range.
+        if let Some(value) = self.wall_time_s.filter(|value| !(0.001..=1e9).contains(value)) {
+            let instead = "write seconds from 0.001 to 1e9, or leave it out where nothing is limited";
+            return wrong("wall_time_s", &value, instead);
+        }
+        if self.memory_mb == Some(0) {
+            let instead = "write 1 megabyte or more, or leave it out where nothing is limited";
+            return wrong("memory_mb", &0, instead);
+        }
+        if let Some(value) = self.retries.filter(|value| *value > 100) {
+            return wrong("retries", &value, "write a number from 0 to 100");
+        }
+        if let Some(value) = self
+            .retry_delay_s
+            .filter(|value| !(0.0..=86_400.0).contains(value))
+        {
+            return wrong("retry_delay_s", &value, "write seconds from 0 to 86400");
+        }
+        if self.retry_on.iter().flatten().any(|state| *state == EndState::Ok) {
+            let instead = "a trial that ended ok has nothing to try again; write some of failed, panicked, \
+                           timeout, oom, nan and killed";
+            return wrong("retry_on", &"ok", instead);
+        }
+        Ok(())
+    }
+
     /// These limits with those of the machine: the tighter wall time and memory hold, and the machine's word
     /// on retries wins.
     #[must_use]
@@ -111,6 +158,40 @@ mod tests {
         assert!(asked.retry_after(EndState::Timeout, 1).is_some());
         assert!(asked.retry_after(EndState::Timeout, 2).is_none());
         assert!(asked.retry_after(EndState::Killed, 1).is_none());
+    }
+
+    #[test]
+    fn what_limits_nothing_or_everything_is_refused() {
+        let told = |limits: Limits| limits.check().map_err(|error| error.to_string());
+        assert_eq!(told(Limits::default()), Ok(()));
+        for value in [-1.0, 0.0, f64::NAN, f64::INFINITY, 1e300] {
+            let limits = Limits {
+                wall_time_s: Some(value),
+                ..Limits::default()
+            };
+            let told = told(limits).unwrap_err();
+            assert!(
+                told.starts_with(&format!("`wall_time_s` is {value}: write ")),
+                "{told}"
+            );
+        }
+        for value in [-0.5, f64::NAN, f64::INFINITY] {
+            let limits = Limits {
+                retry_delay_s: Some(value),
+                ..Limits::default()
+            };
+            assert!(told(limits).unwrap_err().contains("from 0 to 86400"));
+        }
+        let limits = Limits {
+            memory_mb: Some(0),
+            ..Limits::default()
+        };
+        assert!(told(limits).unwrap_err().contains("1 megabyte or more"));
+        let limits = Limits {
+            retry_on: Some(vec![EndState::Timeout, EndState::Ok]),
+            ..Limits::default()
+        };
+        assert!(told(limits).unwrap_err().starts_with("`retry_on` is ok: "));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! The same table always makes the same bytes.
 
-use crate::Error;
+use crate::{Error, input_file::quoted_names};
 use polars::prelude::{
     Column, DataFrame, DataType, Float64Type, IntoColumn, ListBuilderTrait, ListPrimitiveChunkedBuilder,
     PolarsError,
@@ -14,7 +14,11 @@ use polars_io::{
         write::{KeyValueMetadata, ParquetCompression, ParquetWriter},
     },
 };
-use std::{io::Cursor, path::Path};
+use std::{
+    io::Cursor,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
+};
 
 /// What a column holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,6 +125,18 @@ pub(crate) fn encode(
     Ok(bytes)
 }
 
+/// What `read` gives. The reader may panic over a file that nobody wrote as it is: such a file is damaged.
+///
+/// # Errors
+/// [`Error::Damaged`] for a panic, and what `read` says.
+pub(crate) fn without_panic<T>(path: &Path, read: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+    let damaged = |_| Error::Damaged {
+        path: path.to_path_buf(),
+        problem: "it is no Parquet file that can be read".into(),
+    };
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|panic| Err(damaged(panic)))
+}
+
 /// A file that was read. Its columns are asked for by name and kind; a cell that is empty is `None`.
 pub(crate) struct Table<'a> {
     frame: DataFrame,
@@ -221,7 +237,7 @@ impl<'a> Table<'a> {
                 .into_iter()
                 .map(polars::prelude::PlSmallStr::as_str)
                 .collect();
-            wrong(None, format!("is missing; there are {}", known.join(", ")))
+            wrong(None, format!("is missing; there are {}", quoted_names(known)))
         })?;
         let numbers = Some(column)
             .filter(|column| column.dtype().is_primitive_numeric())

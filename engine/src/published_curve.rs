@@ -1,6 +1,10 @@
 //! Curves that others published: CSV files with a step and a value in each row.
 
-use crate::{statistics::estimators, world::fs::File};
+use crate::{
+    input_file::{self, Use},
+    statistics::estimators,
+    world::fs::File,
+};
 use csv::{Reader, ReaderBuilder, StringRecord, Trim};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -302,7 +306,7 @@ fn whole(text: &str) -> Option<u64> {
 }
 
 fn open(file: &Path) -> Result<Reader<File>, PublishedCurveError> {
-    let opened = File::open(file).map_err(|error| unreadable(file, &error))?;
+    let opened = input_file::open(file, Use::Text).map_err(|error| unreadable(file, &error))?;
     Ok(ReaderBuilder::new().trim(Trim::All).from_reader(opened))
 }
 

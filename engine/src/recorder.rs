@@ -152,8 +152,13 @@ impl Recorder {
     /// it would be one.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] for the first such row.
+    /// [`Error::NotFinite`] for the first such row, and [`Error::Config`] for more metrics than rows can tell
+    /// apart.
     pub fn all_finite(&self) -> Result<(), Error> {
+        if self.names.len() > MOST_METRICS {
+            let problem = format!("a trial records at most {MOST_METRICS} metrics");
+            return Err(Error::config("metrics", problem));
+        }
         let Some(row) = self.not_finite.map(|index| self.rows[index]) else {
             return Ok(());
         };
@@ -205,6 +210,9 @@ impl Recorder {
     }
 }
 
+/// Most metrics of a trial: rows name them by a number.
+pub(crate) const MOST_METRICS: usize = u16::MAX as usize;
+
 /// Index of a name in a list of names, which grows by it where it is new.
 pub(crate) fn intern(names: &mut Vec<String>, name: &str) -> u16 {
     let index = names.iter().position(|known| known == name).unwrap_or_else(|| {
@@ -222,6 +230,14 @@ mod tests {
         record
             .all_finite()
             .map_or_else(|error| error.to_string(), |()| String::new())
+    }
+
+    #[test]
+    fn more_metrics_than_rows_can_name_are_refused() {
+        let names = |count: usize| (0..count).map(|name| name.to_string()).collect::<Vec<_>>();
+        let record = |count| Recorder::resumed(names(count), Vec::new(), Running::default());
+        assert_eq!(reason(&record(MOST_METRICS)), "");
+        assert!(reason(&record(MOST_METRICS + 1)).contains("at most 65535 metrics"));
     }
 
     #[test]

@@ -320,3 +320,144 @@ fn a_machine_without_slurm_is_told_so() {
         ran.err
     );
 }
+
+/// Commands may take a second here.
+const IMPATIENT: &str = "executor = \"slurm\"\n[slurm]\npoll_s = 1\nanswer_s = 1\nsubmit_s = 1\n";
+
+#[test]
+fn a_queue_that_hangs_is_asked_again_and_hides_no_stored_trial() {
+    let later = "setsid bash -c \"sleep 4; bash $2\" > worker.log 2>&1 & echo 7";
+    let bench = bench(later, "if [ $n -le 2 ]; then sleep 600; fi");
+    bench.write(
+        "regimen.toml",
+        &IMPATIENT.replace("submit_s = 1", "submit_s = 100"),
+    );
+    let ran = run(&bench, &["run", "small.yaml"]);
+    assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
+    assert!(
+        ran.err
+            .contains("squeue gave no answer within 1 s and was ended; "),
+        "{}",
+        ran.err
+    );
+    assert_eq!(bench.digests("store").len(), 6);
+}
+
+#[test]
+fn a_submission_that_hangs_is_sent_again_under_its_name() {
+    let bench = bench(
+        &format!("if [ $n = 1 ]; then sleep 600; fi; setsid {RUN} & sleep 0.1; echo 7"),
+        "",
+    );
+    bench.write("regimen.toml", IMPATIENT);
+    let ran = run(&bench, &["run", "small.yaml"]);
+    assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
+    assert!(
+        ran.err
+            .contains("sbatch gave no answer within 1 s and was ended; trying again in 1 s"),
+        "{}",
+        ran.err
+    );
+    assert_eq!(submissions(&bench).len(), 1);
+}
+
+#[test]
+fn one_interrupt_ends_the_wait_for_a_command_that_hangs() {
+    for (sbatch, squeue, hanging) in [("sleep 600", "", "sbatch"), ("echo 7", "sleep 600", "squeue")] {
+        let bench = bench(sbatch, squeue);
+        let path = format!(
+            "{}:{}",
+            bench.path("bin").display(),
+            std::env::var("PATH").unwrap()
+        );
+        let mut command = bench.command(&["run", "small.yaml"]);
+        let run = command
+            .env("PATH", path)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        let run = run.spawn().unwrap();
+        until("the command was called", || calls(&bench, hanging) > 0);
+        let interrupted = std::time::Instant::now();
+        let pid = run.id().to_string();
+        assert!(
+            Command::new("kill")
+                .args(["-INT", &pid])
+                .status()
+                .unwrap()
+                .success()
+        );
+        let left = answer(&run.wait_with_output().unwrap());
+        assert!(
+            interrupted.elapsed().as_secs() < 50,
+            "the limit is a minute or more"
+        );
+        assert_eq!(left.code, 106, "{}", left.err);
+        assert!(
+            left.err.contains("`regimen cancel small.yaml` ends them"),
+            "{}",
+            left.err
+        );
+    }
+}
+
+#[test]
+fn who_holds_the_lock_of_submissions_is_named_and_not_waited_for_without_end() {
+    let bench = bench(&format!("{RUN}; echo 7"), "");
+    bench.write("regimen.toml", IMPATIENT);
+    std::fs::create_dir_all(bench.path("store/submissions")).unwrap();
+    let path = bench.write("store/submissions/lock", "process 12 on elsewhere\n");
+    let held = std::fs::File::options().append(true).open(path).unwrap();
+    held.lock().unwrap();
+    let refused = run(&bench, &["run", "small.yaml"]);
+    assert_eq!(
+        (refused.code, calls(&bench, "sbatch")),
+        (106, 0),
+        "{}",
+        refused.err
+    );
+    for words in [
+        "which process 12 on elsewhere holds",
+        "process 12 on elsewhere holds `",
+    ] {
+        assert!(refused.err.contains(words), "{words}: {}", refused.err);
+    }
+    drop(held);
+    bench.write("regimen.toml", SETTINGS);
+    assert_eq!(run(&bench, &["run", "small.yaml"]).code, 0);
+}
+
+#[test]
+fn a_damaged_record_of_a_submission_is_set_aside_and_said() {
+    for command in ["status", "run", "submit", "cancel"] {
+        let bench = bench(&format!("{RUN}; echo 7"), "");
+        bench.write("regimen.toml", SETTINGS);
+        std::fs::create_dir_all(bench.path("store/submissions/0123456789")).unwrap();
+        let record = bench.write("store/submissions/0123456789/submission.json", "{\"schema\": 1");
+        let checked = bench.run(&["fsck", "store", "--dry-run"]);
+        assert!(
+            checked
+                .out
+                .contains("damaged   submissions/0123456789/submission.json: ")
+                && record.exists(),
+            "{}",
+            checked.out
+        );
+        let executor = ["--executor", "slurm"];
+        let more = if command == "submit" { &executor[..] } else { &[] };
+        let did = run(&bench, &[&[command, "small.yaml"][..], more].concat());
+        let expected = match command {
+            "status" => 106,
+            "cancel" => 4,
+            _ => 0,
+        };
+        assert_eq!(did.code, expected, "{command}: {}", did.err);
+        for words in ["was set aside in `aside/1`", "named regimen-0123456789"] {
+            assert!(did.err.contains(words), "{command}: {}", did.err);
+        }
+        assert!(!record.exists());
+        let again = run(&bench, &["status", "small.yaml"]);
+        assert!(!again.err.contains("aside"), "{}", again.err);
+        let checked = bench.ok(&["fsck", "store"]);
+        assert!(checked.contains("0 files are wrong"), "{checked}");
+    }
+}

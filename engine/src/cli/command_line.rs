@@ -27,6 +27,8 @@ impl Selection {
             .machine
             .iter()
             .flat_map(|name| ["--machine".to_owned(), name.clone()]);
+        let input = common.input_mb.iter();
+        let input = input.flat_map(|size| ["--input-mb".to_owned(), size.to_string()]);
         let words = ["regimen".to_owned(), verb.to_owned()]
             .into_iter()
             .chain(specs)
@@ -34,6 +36,7 @@ impl Selection {
         let words = words
             .chain(store)
             .chain(machine)
+            .chain(input)
             .chain(more.iter().map(|&word| word.to_owned()));
         words.map(|word| quoted(&word)).collect::<Vec<_>>().join(" ")
     }
@@ -66,6 +69,7 @@ mod tests {
         let common = Common {
             store: Some("else/where".into()),
             machine: None,
+            input_mb: None,
             format: Format::Text,
         };
         assert_eq!(

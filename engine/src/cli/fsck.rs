@@ -1,9 +1,10 @@
 //! `fsck`: checks every file of a store, and sets aside what is wrong.
 
 use super::{Common, Failure, Format, INCOMPLETE, OK, say, settings};
-use crate::store::{Findings, Store};
 use crate::{
     count::{count, either},
+    executor,
+    store::{Fault, Findings, Store},
     world::fs,
 };
 use std::{collections::BTreeSet, path::PathBuf};
@@ -21,13 +22,21 @@ pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> R
             text,
         });
     }
-    let found = Store::at(&root).check(!dry_run)?;
+    let found = Store::at(&root).check(!dry_run, executor::damaged(&root)?)?;
     if common.format == Format::Json {
         say(&serde_json::to_string(&found).unwrap_or_default());
     } else {
         say(&as_text(&found));
     }
-    Ok(if lost(&found).is_empty() { OK } else { INCOMPLETE })
+    let unread = found
+        .findings
+        .iter()
+        .any(|finding| finding.fault == Fault::Unreadable);
+    Ok(if lost(&found).is_empty() && !unread {
+        OK
+    } else {
+        INCOMPLETE
+    })
 }
 
 /// Trials that have to run again.
@@ -52,14 +61,19 @@ fn as_text(found: &Findings) -> String {
             )
         })
         .collect();
+    let wrong = found
+        .findings
+        .iter()
+        .filter(|it| it.fault != Fault::Newer)
+        .count();
     lines.push(format!(
         "{} {} whole, {} {} being computed, {} {} wrong",
         count(found.whole, "trial"),
         either(&found.whole, "is", "are"),
         found.running,
         either(&found.running, "is", "are"),
-        count(found.findings.len(), "file"),
-        either(&found.findings.len(), "is", "are")
+        count(wrong, "file"),
+        either(&wrong, "is", "are")
     ));
     if let Some(aside) = &found.aside {
         lines.push(format!(

@@ -235,7 +235,11 @@ fn number(judged: bool, planned: usize, ended: usize, looks: &crate::statistics:
 
 /// A record that cannot be read is begun anew: it guards against mistakes and holds no result.
 fn read(path: &Path) -> Seen {
-    let read = fs::read(path).and_then(|text| serde_json::from_slice(&text).map_err(io::Error::from));
+    let whole = || match fs::metadata(path)?.is_file() {
+        true => fs::read(path),
+        false => Err(io::Error::new(io::ErrorKind::InvalidData, "it is no file")),
+    };
+    let read = whole().and_then(|text| serde_json::from_slice(&text).map_err(io::Error::from));
     read.unwrap_or_else(|error| {
         if error.kind() != io::ErrorKind::NotFound {
             complain(&format!(

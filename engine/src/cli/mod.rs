@@ -31,7 +31,7 @@ mod verify;
 mod waiting;
 mod watch;
 
-use crate::Registry;
+use crate::{Registry, input_file, limits::Limits, plain_text::for_terminal};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use std::{io::IsTerminal, path::PathBuf, process::ExitCode};
 
@@ -71,6 +71,10 @@ struct Common {
     /// Profile of regimen.toml to use.
     #[arg(long, global = true, env = "REGIMEN_MACHINE", value_name = "NAME")]
     machine: Option<String>,
+    /// Largest file, in megabytes, that is read as a study, data, curves or runs of others; usually 10 MB of a
+    /// study, 256 MB of other text and 16 GB of other bytes.
+    #[arg(long, global = true, env = "REGIMEN_INPUT_MB", value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
+    input_mb: Option<u64>,
     /// How to print: for people or as JSON.
     #[arg(long, global = true, value_enum, default_value_t = Format::Text)]
     format: Format,
@@ -134,19 +138,19 @@ struct LimitOptions {
     #[arg(long)]
     keep_going: bool,
     /// How often a trial that was killed from outside is tried again.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = retries)]
     retries: Option<u32>,
     /// End states after which a trial is tried again, in place of `killed`.
     #[arg(long, value_name = "STATE", value_delimiter = ',', value_parser = end_state)]
     retry_on: Vec<crate::results::EndState>,
     /// Wait before the first retry; it doubles with each further one.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = retry_delay_s)]
     retry_delay_s: Option<f64>,
     /// Longest time of an attempt at a trial.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = wall_time_s)]
     wall_time_s: Option<f64>,
     /// Most memory of a trial's process.
-    #[arg(long, value_name = "MB")]
+    #[arg(long, value_name = "MB", value_parser = memory_mb)]
     memory_mb: Option<u64>,
 }
 
@@ -180,6 +184,44 @@ impl LimitOptions {
         }
         all
     }
+}
+
+fn wall_time_s(text: &str) -> Result<f64, String> {
+    limit(text, |value| Limits {
+        wall_time_s: Some(value),
+        ..Limits::default()
+    })
+}
+
+fn memory_mb(text: &str) -> Result<u64, String> {
+    limit(text, |value| Limits {
+        memory_mb: Some(value),
+        ..Limits::default()
+    })
+}
+
+fn retries(text: &str) -> Result<u32, String> {
+    limit(text, |value| Limits {
+        retries: Some(value),
+        ..Limits::default()
+    })
+}
+
+fn retry_delay_s(text: &str) -> Result<f64, String> {
+    limit(text, |value| Limits {
+        retry_delay_s: Some(value),
+        ..Limits::default()
+    })
+}
+
+/// A limit that holds, of the same check as everywhere.
+fn limit<T>(text: &str, limits: impl Fn(T) -> Limits) -> Result<T, String>
+where
+    T: std::str::FromStr<Err: std::fmt::Display> + Copy,
+{
+    let value: T = text.parse().map_err(|error: T::Err| error.to_string())?;
+    let checked = limits(value).check();
+    checked.map(|()| value).map_err(|error| error.instead.to_owned())
 }
 
 /// An end state by its word.
@@ -340,6 +382,7 @@ enum Verb {
 #[must_use]
 pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
     let Command { verb, common } = parse(registry);
+    common.input_mb.into_iter().for_each(input_file::allow);
     ExitCode::from(match answer(registry, selftest, verb, &common) {
         Ok(code) => code,
         Err(failure) => {
@@ -436,14 +479,14 @@ impl From<crate::Error> for Failure {
 fn say(text: &str) {
     use std::io::Write;
     // A reader that closed the pipe (`| head`) has what it wanted.
-    let _ = writeln!(std::io::stdout(), "{}", text.trim_end_matches('\n'));
+    let _ = writeln!(std::io::stdout(), "{}", for_terminal(text.trim_end_matches('\n')));
 }
 
 /// Standard error is for progress and complaints.
 fn complain(text: &str) {
     use std::io::Write;
     // One write a message: programs that share a log do not mix their lines.
-    let message = format!("{}\n", text.trim_end_matches('\n'));
+    let message = format!("{}\n", for_terminal(text.trim_end_matches('\n')));
     let _ = std::io::stderr().write_all(message.as_bytes());
 }
 

@@ -68,10 +68,17 @@ impl Compute<'_> {
         }
         let leases = Leases::open(store, self.settings.lease_expiry)?;
         for id in &failed {
-            if leases.claim(id)? == Claim::Mine {
-                let marked = mark(id, store);
-                leases.release(id)?;
-                marked?;
+            match leases.claim(id) {
+                Ok(Claim::Mine) => {
+                    let marked = mark(id, store);
+                    leases.release(id)?;
+                    marked?;
+                }
+                Ok(Claim::Held(_)) => {}
+                Err(error) => match store.obstacle_to_writing(id) {
+                    Some(obstacle) => complain(&format!("warning: {obstacle}")),
+                    None => return Err(error.into()),
+                },
             }
         }
         Ok(failed)

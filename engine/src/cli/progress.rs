@@ -6,6 +6,7 @@
 use super::complain;
 use crate::{
     count::count,
+    plain_text::for_terminal,
     report::duration,
     results::{EndState, TrialEnd},
     scheduler::{Event, Task},
@@ -66,6 +67,10 @@ impl<'a> Progress<'a> {
             Event::Held { trial, owner } => self.held(*trial, owner),
             Event::Awaits { trial, source, owner } => self.awaits(*trial, source, owner),
             Event::Unready { trial, reason } => self.block(*trial, reason),
+            Event::Obstructed { trial, reason } => {
+                let title = self.tasks[*trial].trial.title();
+                self.line(&format!("passed over {title}: {reason}"));
+            }
             Event::Stopped { slot } => self.stopped(*slot),
             Event::Paused { slot, trial } => self.paused(*slot, *trial),
             Event::Broken { slot, problem } => self.line(&format!("worker {slot} cannot go on: {problem}")),
@@ -209,7 +214,7 @@ impl<'a> Progress<'a> {
     pub(super) fn line(&self, text: &str) {
         match &self.bars {
             // A terminal that cannot show the line still has the bars.
-            Some(bars) => drop(bars.all.println(text)),
+            Some(bars) => drop(bars.all.println(for_terminal(text))),
             None => complain(text),
         }
     }

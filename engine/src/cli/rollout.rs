@@ -281,7 +281,7 @@ fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
 fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {
     let part = spec::load_config(name, about, path).map_err(|problems| Failure {
         code: BAD_SPEC,
-        text: diagnostic::render(&problems, colour()),
+        text: diagnostic::render_first(&problems, colour()),
     })?;
     Ok((*part.config).clone())
 }

@@ -381,11 +381,12 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
         .zip(store.load_all(&planned))
         .map(|(trial, loaded)| {
             loaded.unwrap_or_else(|error| {
-                if let Some(mend) = mend {
-                    complain(&format!(
-                        "warning: {error}; the trial counts as missing: `{mend}` sets it aside \
-                                   and runs it again"
-                    ));
+                let then = |mend| match error {
+                    Error::Damaged { .. } => format!(": `{mend}` sets it aside and runs it again"),
+                    _ => String::new(),
+                };
+                if let Some(then) = mend.map(then) {
+                    complain(&format!("warning: {error}; the trial counts as missing{then}"));
                 }
                 TrialResult {
                     trial: trial.clone(),

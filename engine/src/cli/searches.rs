@@ -37,7 +37,7 @@ pub(super) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Res
         grown = true;
         one.study = spec::load(&one.path, registry, &options).map_err(|problems| Failure {
             code: BAD_SPEC,
-            text: diagnostic::render(&problems, colour()),
+            text: diagnostic::render_first(&problems, colour()),
         })?;
         one.options = options;
         let wanted = std::mem::take(&mut one.wanted);

@@ -168,6 +168,11 @@ fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failu
         .or(top.checkpoint_every_s)
         .unwrap_or(60.0);
     let lease_expiry_s = profile.lease_expiry_s.or(top.lease_expiry_s).unwrap_or(30.0);
+    for limits in [&top.limits, &profile.limits].into_iter().flatten() {
+        limits
+            .check()
+            .map_err(|error| wrong(&format!("[limits] {error}")))?;
+    }
     let settings = Settings {
         store: common
             .store
@@ -176,7 +181,7 @@ fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failu
             .unwrap_or_else(|| "store".into()),
         workers: some(profile.workers.or(top.workers), "workers")?.unwrap_or(cores),
         checkpoint_every: seconds("checkpoint_every_s", checkpoint_every_s)?,
-        lease_expiry: seconds("lease_expiry_s", lease_expiry_s)?,
+        lease_expiry: some_time("lease_expiry_s", lease_expiry_s)?,
         limits: profile.limits.or(top.limits).unwrap_or_default(),
         executor: profile
             .executor
@@ -252,6 +257,14 @@ fn seconds(key: &str, value: f64) -> Result<Duration, Failure> {
         .map_err(|_| wrong(&format!("{key} = {value}: a time in seconds, at least 0")))
 }
 
+/// A time that is not zero.
+fn some_time(key: &str, value: f64) -> Result<Duration, Failure> {
+    match seconds(key, value)? {
+        Duration::ZERO => Err(wrong(&format!("{key} = {value}: a time in seconds, above 0"))),
+        time => Ok(time),
+    }
+}
+
 /// A number of processes that is not zero.
 fn some(number: Option<usize>, key: &str) -> Result<Option<usize>, Failure> {
     match number {
@@ -294,6 +307,7 @@ mod tests {
     fn common(machine: Option<&str>) -> Common {
         Common {
             store: None,
+            input_mb: None,
             machine: machine.map(Into::into),
             format: Format::Text,
         }
@@ -372,6 +386,36 @@ mod tests {
         assert!(text("[profile.big.kubernetes]\nimages = 1\n").contains("images"));
         assert!(text("[slrum]\ntime = \"1\"\n").contains("tables of executors are [slurm] and [kubernetes]"));
         assert!(text("profile = 1\n").contains("`profile` holds tables"));
+    }
+
+    #[test]
+    fn limits_that_limit_nothing_or_everything_are_refused_at_the_top_and_in_a_profile() {
+        for (key, value) in [
+            ("wall_time_s", "-1.0"),
+            ("wall_time_s", "nan"),
+            ("wall_time_s", "inf"),
+            ("memory_mb", "0"),
+            ("retries", "101"),
+            ("retry_delay_s", "-inf"),
+            ("retry_on", "[\"ok\"]"),
+        ] {
+            for (text, machine) in [
+                (format!("[limits]\n{key} = {value}\n"), None),
+                (format!("[profile.big.limits]\n{key} = {value}\n"), Some("big")),
+            ] {
+                let told = combine(&text, Path::new(""), &common(machine)).err().unwrap();
+                let expected = format!("regimen.toml: [limits] `{key}` is ");
+                assert!(told.text.contains(&expected), "{}", told.text);
+                assert_eq!(told.code, BAD_SPEC);
+            }
+        }
+        let told = combine("lease_expiry_s = 0\n", Path::new(""), &common(None))
+            .err()
+            .unwrap();
+        assert!(
+            told.text
+                .contains("lease_expiry_s = 0: a time in seconds, above 0")
+        );
     }
 
     #[test]

@@ -115,8 +115,8 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
 
 fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
     let options = options(selection);
-    let study =
-        spec::load(path, registry, &options).map_err(|problems| diagnostic::render(&problems, colour()))?;
+    let study = spec::load(path, registry, &options)
+        .map_err(|problems| diagnostic::render_first(&problems, colour()))?;
     let plan = Plan {
         study: study.name.clone(),
         title: study.title.clone(),
@@ -173,7 +173,7 @@ pub(super) fn load_with_looks(
 /// Says what can be run and is probably not meant.
 pub(super) fn warn(planned: &[Planned]) {
     for one in planned.iter().filter(|one| !one.study.warnings.is_empty()) {
-        complain(&diagnostic::render(&one.study.warnings, colour()));
+        complain(&diagnostic::render_first(&one.study.warnings, colour()));
     }
 }
 

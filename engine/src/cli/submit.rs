@@ -12,7 +12,7 @@ use super::{
 use crate::{
     Registry,
     executor::{
-        self, Dispatch, Error, Executor, Kind, Outcome, Task, View, Wanted, Watch, Way, Work, describe,
+        self, Dispatch, Error, Executor, Kind, Outcome, Stop, Task, View, Wanted, Watch, Way, Work, describe,
     },
     scheduler::{self, Event},
     store::{Store, is_missing, write_durably},
@@ -25,10 +25,7 @@ use serde_json::json;
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
+    sync::{Arc, atomic::AtomicBool},
 };
 
 /// The executors that the program can run trials with, as values of an option.
@@ -92,21 +89,28 @@ pub(super) struct Asked<'a> {
 /// exit code.
 pub(super) fn run(asked: &Asked<'_>, options: &RunOptions) -> Result<Option<u8>, Failure> {
     let executor = asked.how.settings.executor(asked.kind, options.jobs)?;
-    let dispatch = asked.dispatch(&*executor)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let dispatch = asked.dispatch(&*executor, Stop::on(&stop))?;
+    set_aside_damaged(&dispatch.store)?;
     let ends = asked.how.prepare(asked.planned, &Store::at(&dispatch.store))?;
     let tasks = asked.how.tasks(asked.planned, &ends, |_| true);
     if tasks.is_empty() {
         complain(&asked.how.nothing_runs(asked.planned, &ends));
         return Ok(None);
     }
-    let stop = Arc::new(AtomicBool::new(false));
     listen_for_signals(&stop)?;
-    let mut watching = Watching::new(&tasks, &dispatch.store, asked.kind.title, stop);
+    let mut watching = Watching::new(&tasks, &dispatch.store, asked.kind.title);
     if watching.missing().is_empty() {
         complain("what is missing is blocked: it takes what is not there; nothing runs");
         return Ok(None);
     }
-    let view = begin(&dispatch, &mut watching)?;
+    let view = match begin(&dispatch, &mut watching) {
+        Err(error @ Error::Interrupted { .. }) => {
+            drop(watching);
+            return Ok(Some(leave(&format!("{error}; {}", asked.going_on()))));
+        }
+        begun => begun?,
+    };
     if options.detach {
         complain(&asked.going_on());
         return Ok(Some(OK));
@@ -128,7 +132,7 @@ fn leave(text: &str) -> u8 {
 }
 
 /// Submits what lacks and says what is followed.
-fn begin(dispatch: &Dispatch<'_>, watching: &mut Watching<'_>) -> Result<View, Failure> {
+fn begin(dispatch: &Dispatch<'_>, watching: &mut Watching<'_>) -> Result<View, Error> {
     let before = executor::open(&dispatch.store)?;
     let before: BTreeSet<String> = before.into_iter().map(|submission| submission.id).collect();
     let view = dispatch.begin(&watching.missing(), watching)?;
@@ -155,7 +159,7 @@ impl Asked<'_> {
         )
     }
 
-    fn dispatch<'e>(&self, executor: &'e dyn Executor) -> Result<Dispatch<'e>, Failure> {
+    fn dispatch<'e>(&self, executor: &'e dyn Executor, stop: Stop) -> Result<Dispatch<'e>, Failure> {
         let name = self.kind.name;
         let none = || Failure {
             code: BAD_SPEC,
@@ -170,6 +174,7 @@ impl Asked<'_> {
             queue,
             trials_per_task,
             trials: ids(self.planned),
+            stop,
         })
     }
 
@@ -303,7 +308,8 @@ fn show_or_write(text: &str, options: &SubmitOptions) -> Result<u8, Failure> {
 pub(super) fn cancel(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let store = absolute(&settings::read(common)?.store)?;
     let planned = study::load_with_looks(registry, selection, &Store::at(&store))?;
-    let cancelled = executor::cancel(&store, &ids(&planned))?;
+    set_aside_damaged(&store)?;
+    let cancelled = executor::cancel(&store, &ids(&planned), &Stop::default(), &mut complain)?;
     cancelled
         .iter()
         .for_each(|submission| say(&format!("cancelled {}", describe(submission))));
@@ -316,7 +322,11 @@ pub(super) fn cancel(registry: &Registry, selection: &Selection, common: &Common
 
 /// What queues hold of this store's submissions; nothing where there is none.
 pub(super) fn show(store: &Path, format: Format) {
-    let holdings = match absolute(store).map(|store| executor::holdings(&store)) {
+    let holdings = absolute(store).map(|store| {
+        set_aside_damaged(&store)?;
+        executor::holdings(&store, &Stop::default())
+    });
+    let holdings = match holdings {
         Ok(Ok(holdings)) => holdings,
         Ok(Err(error)) => {
             return complain(&format!(
@@ -346,6 +356,20 @@ pub(super) fn show(store: &Path, format: Format) {
     }
 }
 
+/// A record that cannot be read hides no other one: it is set aside, and that is said.
+fn set_aside_damaged(store: &Path) -> Result<(), Error> {
+    let found = executor::heal(store)?;
+    let aside = found.aside.unwrap_or_default();
+    for finding in &found.findings {
+        let (path, problem) = (finding.path.display(), &finding.problem);
+        complain(&format!(
+            "warning: `{path}` of the store is damaged and was set aside in `{}`: {problem}",
+            aside.display()
+        ));
+    }
+    Ok(())
+}
+
 fn worker_arguments(
     specs: &[PathBuf],
     store: &Path,
@@ -364,6 +388,8 @@ fn worker_arguments(
             .iter()
             .flat_map(|name| ["--machine".to_owned(), name.clone()]),
     );
+    let input = common.input_mb.iter();
+    all.extend(input.flat_map(|size| ["--input-mb".to_owned(), size.to_string()]));
     all
 }
 
@@ -385,7 +411,6 @@ struct Watching<'a> {
     tasks: &'a [scheduler::Task<'a>],
     left: BTreeSet<usize>,
     store: Store,
-    stop: Arc<AtomicBool>,
     progress: Progress<'a>,
     /// What the queue is called, and what was last said of it.
     title: &'static str,
@@ -393,18 +418,12 @@ struct Watching<'a> {
 }
 
 impl<'a> Watching<'a> {
-    fn new(
-        tasks: &'a [scheduler::Task<'a>],
-        store: &Path,
-        title: &'static str,
-        stop: Arc<AtomicBool>,
-    ) -> Self {
+    fn new(tasks: &'a [scheduler::Task<'a>], store: &Path, title: &'static str) -> Self {
         let (left, progress) = ((0..tasks.len()).collect(), Progress::new(tasks, 0));
         Self {
             tasks,
             left,
             store: Store::at(store),
-            stop,
             progress,
             title,
             queue: String::new(),
@@ -442,10 +461,6 @@ impl Watch for Watching<'_> {
             .iter()
             .map(|&trial| self.store.checkpoints(&self.tasks[trial].trial.id))
             .sum()
-    }
-
-    fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::SeqCst)
     }
 
     fn queue(&mut self, tasks: &[Task]) {

@@ -13,6 +13,10 @@ use serde_json::{Map, Value};
 
 /// Largest number of nodes in a document, aliases expanded.
 pub const MOST_NODES: usize = 200_000;
+/// Most bytes of keys and scalars in a document, aliases expanded; a document without aliases may have more.
+pub const MOST_BYTES: usize = 32_000_000;
+/// So many mistakes in one document are collected; then its reading ends.
+pub const MOST_MISTAKES: usize = 1000;
 /// Deepest nesting of a document.
 pub const DEEPEST: usize = 64;
 

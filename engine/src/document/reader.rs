@@ -1,19 +1,37 @@
 //! Reads the parser's events into nodes, within bounds.
 
-use super::{DEEPEST, Entry, Kind, MOST_NODES, Node, scalar::scalar};
-use crate::diagnostic::{Diagnostic, Sources, Span};
+use super::{DEEPEST, Entry, Kind, MOST_BYTES, MOST_MISTAKES, MOST_NODES, Node, scalar::scalar};
+use crate::diagnostic::{Diagnostic, Sources, Span, shortened};
+use crate::plain_text::is_unprintable;
 use saphyr_parser::{Event, Parser, ScalarStyle, StrInput, Tag};
 use std::{borrow::Cow, collections::BTreeMap};
 
 /// Reads events into nodes. Mistakes that leave the tree readable are collected, others end the reading.
 pub struct Reader<'a> {
     parser: Parser<'a, StrInput<'a>>,
-    lines: Vec<&'a str>,
+    text: &'a str,
     sources: &'a Sources,
     start: Span,
-    anchors: BTreeMap<usize, (Node, usize)>,
-    nodes: usize,
+    anchors: BTreeMap<usize, (Node, Size)>,
+    size: Size,
     found: Vec<Diagnostic>,
+}
+
+/// How much of a document was read, aliases expanded.
+#[derive(Clone, Copy, Default)]
+struct Size {
+    nodes: usize,
+    /// Of keys and scalars.
+    bytes: usize,
+}
+
+impl Size {
+    fn since(self, before: Self) -> Self {
+        Self {
+            nodes: self.nodes - before.nodes,
+            bytes: self.bytes - before.bytes,
+        }
+    }
 }
 
 type Fatal = Box<Diagnostic>;
@@ -21,14 +39,13 @@ type Fatal = Box<Diagnostic>;
 impl<'a> Reader<'a> {
     /// A reader of `text`, which begins at `start`.
     pub fn new(sources: &'a Sources, start: Span, text: &'a str) -> Self {
-        let (parser, lines) = (Parser::new_from_str(text), text.lines().collect());
         Self {
-            parser,
-            lines,
+            parser: Parser::new_from_str(text),
+            text,
             sources,
             start,
             anchors: BTreeMap::new(),
-            nodes: 0,
+            size: Size::default(),
             found: Vec::new(),
         }
     }
@@ -107,8 +124,9 @@ impl<'a> Reader<'a> {
 
     fn syntax(&self, error: &saphyr_parser::ScanError) -> Diagnostic {
         let (line, column) = (error.marker().line().max(1), error.marker().col() + 1);
-        if let Some(tab) = self.tab_indentation(line) {
-            let at = self.lines[tab - 1]
+        let lines: Vec<&str> = self.text.lines().collect();
+        if let Some(tab) = tab_indentation(&lines, line) {
+            let at = lines[tab - 1]
                 .chars()
                 .position(|letter| letter == '\t')
                 .unwrap_or(0)
@@ -121,16 +139,16 @@ impl<'a> Reader<'a> {
             return error.help("replace each tab by spaces (two per level)");
         }
         // The reader stops behind the last line where something is still open: show the last line instead.
-        let (line, column) = match self.lines.len() {
+        let (line, column) = match lines.len() {
             0 => (1, 1),
-            last if line > last => (last, self.lines[last - 1].chars().count() + 1),
+            last if line > last => (last, lines[last - 1].chars().count() + 1),
             _ => (line, column),
         };
         let words = error.info().trim_end_matches('.');
         let diagnostic =
             self.sources
                 .error(self.span(line, column, 1), "", format!("not valid YAML: {words}"));
-        let Some((line, column, bracket)) = self.open_bracket() else {
+        let Some((line, column, bracket)) = open_bracket(&lines) else {
             return diagnostic.help(self.advice());
         };
         let place = self.sources.place(self.span(line, column, 1));
@@ -147,50 +165,18 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The last bracket that opens a list or mapping and has no partner. Brackets count only where a value
-    /// can begin, and quoted text and remarks are passed over.
-    fn open_bracket(&self) -> Option<(usize, usize, char)> {
-        let mut open = Vec::new();
-        for (index, line) in self.lines.iter().enumerate() {
-            let (mut quote, mut before, mut last) = (None, ' ', ':');
-            for (column, letter) in line.chars().enumerate() {
-                let begins = open.is_empty() && ":-".contains(last) || !open.is_empty();
-                match (quote, letter) {
-                    (Some(mark), _) if mark == letter => quote = None,
-                    (Some(_), _) => {}
-                    (None, '"' | '\'') if ":-,[{".contains(last) => quote = Some(letter),
-                    (None, '#') if before == ' ' => break,
-                    (None, '[' | '{') if begins => open.push((index + 1, column + 1, letter)),
-                    (None, ']' | '}') => drop(open.pop()),
-                    _ => {}
-                }
-                before = letter;
-                last = if letter.is_whitespace() { last } else { letter };
-            }
-        }
-        open.last().copied()
-    }
-
-    /// The first line up to `last` (or the one after it) that is indented by a tab.
-    fn tab_indentation(&self, last: usize) -> Option<usize> {
-        let indented = |text: &&str| {
-            let indent: &str = &text[..text.len() - text.trim_start().len()];
-            indent.contains('\t') && !text.trim().is_empty() && !text.trim().starts_with('#')
-        };
-        self.lines
-            .iter()
-            .take(last + 1)
-            .position(indented)
-            .map(|index| index + 1)
-    }
-
     fn node(&mut self, event: Event<'a>, span: Span, depth: usize) -> Result<Node, Fatal> {
-        self.count(1, span)?;
+        let bytes = match &event {
+            Event::Scalar(text, ..) => text.len(),
+            _ => 0,
+        };
+        self.count(Size { nodes: 1, bytes }, false, span)?;
         let refuse = |reader: &Self, message: String| Err(Box::new(reader.sources.error(span, "", message)));
         if depth > DEEPEST {
             return refuse(self, format!("nested more than {DEEPEST} levels deep"));
         }
-        let before = self.nodes;
+        let mut before = self.size;
+        (before.nodes, before.bytes) = (before.nodes - 1, before.bytes - bytes);
         let (anchor, kind) = match event {
             Event::Alias(id) => return self.alias(id, span),
             Event::Scalar(text, style, anchor, tag) => (anchor, self.scalar(text, style, tag, span)),
@@ -207,7 +193,7 @@ impl<'a> Reader<'a> {
         let node = Node { span, kind };
         if anchor > 0 {
             self.anchors
-                .insert(anchor, (node.clone(), self.nodes - before + 1));
+                .insert(anchor, (node.clone(), self.size.since(before)));
         }
         Ok(node)
     }
@@ -221,12 +207,26 @@ impl<'a> Reader<'a> {
         span: Span,
     ) -> Kind {
         let is_text = |tag: &Cow<'_, Tag>| tag.is_yaml_core_schema() && tag.suffix == "str";
+        self.refuse_control(&text, span);
         let as_text = tag.as_ref().is_some_and(is_text);
         if let Some(tag) = tag.filter(|_| !as_text) {
             self.refuse_tag(&tag.to_string(), span);
         }
         let plain = style == ScalarStyle::Plain && !as_text;
         Kind::Scalar(scalar(text.into_owned(), plain))
+    }
+
+    /// A study is shown in terminals, on pages and in figures: what is no text has no place in it.
+    fn refuse_control(&mut self, text: &str, span: Span) {
+        if let Some(letter) = text.chars().find(|letter| is_unprintable(*letter)) {
+            let message = format!(
+                "a control character (U+{:04X}) has no meaning in a study",
+                u32::from(letter)
+            );
+            let error = self.sources.error(span, "", message);
+            self.found
+                .push(error.help("remove it, or the escape sequence in quotes that stands for it"));
+        }
     }
 
     fn refuse_tag(&mut self, tag: &str, span: Span) {
@@ -240,11 +240,11 @@ impl<'a> Reader<'a> {
 
     /// A copy of the anchored node; the copy keeps the positions of the original.
     fn alias(&mut self, id: usize, span: Span) -> Result<Node, Fatal> {
-        match self.anchors.get(&id).cloned() {
-            Some((node, size)) => {
-                self.count(size, span)?;
-                Ok(node)
-            }
+        // Counted before it is copied.
+        let size = self.anchors.get(&id).map(|(_, size)| *size);
+        self.count(size.unwrap_or_default(), true, span)?;
+        match self.anchors.get(&id) {
+            Some((node, _)) => Ok(node.clone()),
             None => Err(Box::new(self.sources.error(
                 span,
                 "",
@@ -253,12 +253,22 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn count(&mut self, more: usize, span: Span) -> Result<(), Fatal> {
-        self.nodes += more;
-        if self.nodes <= MOST_NODES {
-            return Ok(());
+    /// Takes note of what was read, or of a copy of what was read before.
+    fn count(&mut self, more: Size, is_copy: bool, span: Span) -> Result<(), Fatal> {
+        self.size.nodes += more.nodes;
+        self.size.bytes += more.bytes;
+        if self.found.len() >= MOST_MISTAKES {
+            let message = format!("after {MOST_MISTAKES} mistakes the rest is not read");
+            return Err(Box::new(self.sources.error(span, "", message)));
         }
-        let message = format!("with its aliases written out the document has more than {MOST_NODES} values");
+        let much = if self.size.nodes > MOST_NODES {
+            format!("{MOST_NODES} values")
+        } else if is_copy && self.size.bytes > MOST_BYTES {
+            format!("{} MB", MOST_BYTES / 1_000_000)
+        } else {
+            return Ok(());
+        };
+        let message = format!("with its aliases written out the document has more than {much}");
         Err(Box::new(
             self.sources
                 .error(span, "", message)
@@ -285,12 +295,15 @@ impl<'a> Reader<'a> {
                 return Ok(entries);
             }
             let key = self.key(event, key_span)?;
+            self.size.bytes += key.len();
             let (event, span) = self.next()?;
             let value = self.node(event, span, depth + 1)?;
             if let Some(first) = known.get(&key) {
-                let error = self
-                    .sources
-                    .error(key_span, "", format!("the key `{key}` is given twice"));
+                let error = self.sources.error(
+                    key_span,
+                    "",
+                    format!("the key `{}` is given twice", shortened(&key, 200)),
+                );
                 self.found.push(
                     error
                         .note("it is given first here", self.sources.place(*first))
@@ -305,8 +318,48 @@ impl<'a> Reader<'a> {
 
     fn key(&mut self, event: Event<'a>, span: Span) -> Result<String, Fatal> {
         match event {
-            Event::Scalar(text, ..) => Ok(text.into_owned()),
+            Event::Scalar(text, ..) => {
+                self.refuse_control(&text, span);
+                Ok(text.into_owned())
+            }
             _ => Err(Box::new(self.sources.error(span, "", "a key must be one word"))),
         }
     }
+}
+
+/// The last bracket that opens a list or mapping and has no partner. Brackets count only where a value
+/// can begin, and quoted text and remarks are passed over.
+fn open_bracket(lines: &[&str]) -> Option<(usize, usize, char)> {
+    let mut open = Vec::new();
+    for (index, line) in lines.iter().enumerate() {
+        let (mut quote, mut before, mut last) = (None, ' ', ':');
+        for (column, letter) in line.chars().enumerate() {
+            let begins = open.is_empty() && ":-".contains(last) || !open.is_empty();
+            match (quote, letter) {
+                (Some(mark), _) if mark == letter => quote = None,
+                (Some(_), _) => {}
+                (None, '"' | '\'') if ":-,[{".contains(last) => quote = Some(letter),
+                (None, '#') if before == ' ' => break,
+                (None, '[' | '{') if begins => open.push((index + 1, column + 1, letter)),
+                (None, ']' | '}') => drop(open.pop()),
+                _ => {}
+            }
+            before = letter;
+            last = if letter.is_whitespace() { last } else { letter };
+        }
+    }
+    open.last().copied()
+}
+
+/// The first line up to `last` (or the one after it) that is indented by a tab.
+fn tab_indentation(lines: &[&str], last: usize) -> Option<usize> {
+    let indented = |text: &&str| {
+        let indent: &str = &text[..text.len() - text.trim_start().len()];
+        indent.contains('\t') && !text.trim().is_empty() && !text.trim().starts_with('#')
+    };
+    lines
+        .iter()
+        .take(last + 1)
+        .position(indented)
+        .map(|index| index + 1)
 }

@@ -6,12 +6,15 @@
 //! crashed: where too few tasks are left for what is missing, more are submitted. Outcomes come from the
 //! store alone; no accounting database is asked.
 
-use super::{Array, Error, Executor, Queue, State, Submission, Task, Way, Work, find, lock, tasks_for};
+use super::{
+    Array, Error, Executor, Queue, State, Stop, Submission, Task, Wait, Way, Work, find, lock, tasks_for,
+};
 use crate::store::write_durably;
 use std::{
     collections::{BTreeMap, BTreeSet},
     num::NonZeroUsize,
     path::{Path, PathBuf},
+    time::Duration,
 };
 
 /// One run that computes its trials through a queue.
@@ -26,6 +29,8 @@ pub struct Dispatch<'a> {
     pub trials_per_task: NonZeroUsize,
     /// Ids of all trials of the run, whether they are missing or not.
     pub trials: BTreeSet<String>,
+    /// Who may end a wait for the queue.
+    pub stop: Stop,
 }
 
 /// A submission and the tasks of it that its queue knows of.
@@ -72,7 +77,7 @@ impl View {
 ///
 /// # Errors
 /// Where a record cannot be read or a queue cannot be asked.
-pub fn holdings(store: &Path) -> Result<Vec<Holding>, Error> {
+pub fn holdings(store: &Path, stop: &Stop) -> Result<Vec<Holding>, Error> {
     let mut by_executor: BTreeMap<String, Vec<Submission>> = BTreeMap::new();
     for submission in open(store)? {
         by_executor
@@ -83,7 +88,7 @@ pub fn holdings(store: &Path) -> Result<Vec<Holding>, Error> {
     let mut all = Vec::new();
     for submissions in by_executor.into_values() {
         let names: Vec<String> = submissions.iter().map(Submission::job_name).collect();
-        let tasks = asked(&submissions[0], |queue| queue.tasks(&names))?;
+        let tasks = asked(&submissions[0], |queue| queue.tasks(&names, stop))?;
         all.extend(submissions.into_iter().map(|submission| held(submission, &tasks)));
     }
     all.sort_by(|one, other| one.submission.id.cmp(&other.submission.id));
@@ -125,16 +130,27 @@ pub fn open(store: &Path) -> Result<Vec<Submission>, Error> {
         .collect())
 }
 
+/// How long a cancellation waits for others who decide about submissions.
+const LONGEST_WAIT: Duration = Duration::from_secs(600);
+
 /// Cancels every open submission that is meant to compute one of these trials and returns them.
 ///
 /// # Errors
 /// Where a queue cannot be asked; the submission stays open then.
-pub fn cancel(store: &Path, trials: &BTreeSet<String>) -> Result<Vec<Submission>, Error> {
-    let _held = lock(store)?;
+pub fn cancel(
+    store: &Path,
+    trials: &BTreeSet<String>,
+    stop: &Stop,
+    say: &mut dyn FnMut(&str),
+) -> Result<Vec<Submission>, Error> {
+    let limit = LONGEST_WAIT;
+    let _held = lock(store, Wait { limit, stop, say })?;
     let mut cancelled = Vec::new();
     for mut submission in open(store)? {
         if !submission.trials.is_disjoint(trials) {
-            asked(&submission, |queue| queue.cancel(&submission.job_name(), false))?;
+            asked(&submission, |queue| {
+                queue.cancel(&submission.job_name(), false, stop)
+            })?;
             submission.close(State::Cancelled)?;
             cancelled.push(submission);
         }
@@ -148,7 +164,7 @@ impl Dispatch<'_> {
     /// # Errors
     /// As [`holdings`].
     pub fn look(&self, missing: &BTreeSet<String>) -> Result<View, Error> {
-        let (live, dead): (Vec<_>, Vec<_>) = holdings(&self.store)?
+        let (live, dead): (Vec<_>, Vec<_>) = holdings(&self.store, &self.stop)?
             .into_iter()
             .partition(|holding| holding.alive() > 0);
         let live: Vec<Holding> = live
@@ -172,8 +188,9 @@ impl Dispatch<'_> {
     ///
     /// # Errors
     /// As [`holdings`]; [`Error::Refused`] where the queue does not take the jobs.
-    pub fn ensure(&self, missing: &BTreeSet<String>) -> Result<View, Error> {
-        let _held = lock(&self.store)?;
+    pub fn ensure(&self, missing: &BTreeSet<String>, say: &mut dyn FnMut(&str)) -> Result<View, Error> {
+        let (limit, stop) = (self.queue.patience(), &self.stop);
+        let _held = lock(&self.store, Wait { limit, stop, say })?;
         let mut view = self.look(missing)?;
         let mut unsent = None;
         for mut submission in view.dead.drain(..) {
@@ -208,7 +225,7 @@ impl Dispatch<'_> {
 
     fn prepare(&self, missing: &BTreeSet<String>, view: &View) -> Result<Submission, Error> {
         let at_once = self.queue.max_tasks().saturating_sub(view.alive());
-        let arrays = Array::divide(view.need, self.queue.largest_array()?, at_once);
+        let arrays = Array::divide(view.need, self.queue.largest_array(&self.stop)?, at_once);
         let mut submission = Submission::sample(&self.store, &self.work, self.queue, arrays);
         submission.trials = missing.clone();
         submission.enter()?;
@@ -222,7 +239,7 @@ impl Dispatch<'_> {
     /// Hands the arrays over; ids are noted as they come.
     fn send(&self, mut submission: Submission) -> Result<Submission, Error> {
         for array in 0..submission.arrays.len() {
-            match self.queue.submit(&submission.script(array)) {
+            match self.queue.submit(&submission.script(array), &self.stop) {
                 Ok(job) => submission.arrays[array].job = Some(job),
                 Err(error) => {
                     if matches!(error, Error::Refused { .. } | Error::NoProgram { .. }) && array == 0 {

@@ -1,6 +1,6 @@
 //! Waiting for trials that the tasks of a queue compute, and keeping enough tasks at them.
 
-use super::{Dispatch, Error, State, Submission, Task, View};
+use super::{Dispatch, Error, State, Stop, Submission, Task, View};
 use crate::{
     count::{count, either},
     world::clock,
@@ -23,8 +23,6 @@ pub trait Watch {
     fn missing(&mut self) -> BTreeSet<String>;
     /// A number that grows whenever a missing trial saves a checkpoint.
     fn saved(&mut self) -> u64;
-    /// True where the wait is to end, whatever the trials do.
-    fn is_stopped(&self) -> bool;
     /// The tasks that the queue holds for the trials now.
     fn queue(&mut self, tasks: &[Task]);
     /// Something that a person wants to know.
@@ -102,20 +100,20 @@ impl Dispatch<'_> {
     /// Submits what lacks, trying again while the controller is busy, and returns what is followed then.
     ///
     /// # Errors
-    /// As [`Dispatch::ensure`], and [`Error::Busy`] after some minutes.
+    /// As [`Dispatch::ensure`], and [`Error::Busy`] or [`Error::Silent`] after some minutes.
     pub fn begin(&self, missing: &BTreeSet<String>, watch: &mut dyn Watch) -> Result<View, Error> {
         let mut pause_s = 1.0;
         for _ in 1..FIRST_TRIES {
-            match self.ensure(missing) {
-                Err(error @ Error::Busy { .. }) if !watch.is_stopped() => {
+            match self.ensure(missing, &mut |text| watch.say(text)) {
+                Err(error) if error.is_passing() && !self.stop.is_asked() => {
                     watch.say(&format!("{error}; trying again in {pause_s} s"));
-                    rest(Duration::from_secs_f64(pause_s), watch);
+                    rest(Duration::from_secs_f64(pause_s), &self.stop);
                     pause_s = (pause_s * 2.0).min(LONGEST_PAUSE_S);
                 }
                 other => return other,
             }
         }
-        self.ensure(missing)
+        self.ensure(missing, &mut |text| watch.say(text))
     }
 
     /// Waits until every trial has ended; submits again while tasks are too few for what is missing.
@@ -145,7 +143,7 @@ impl Dispatch<'_> {
                 follower.finish();
                 return Ok(Outcome::Ended);
             }
-            if watch.is_stopped() {
+            if self.stop.is_asked() {
                 return Ok(Outcome::Stopped);
             }
             if clock::since(asked).as_secs_f64() >= follower.pause_s {
@@ -155,7 +153,7 @@ impl Dispatch<'_> {
                 asked = clock::now();
             }
             // A look at a large store on a slow disk is not repeated at once.
-            rest(STORE_POLL.max(look * 5), watch);
+            rest(STORE_POLL.max(look * 5), &self.stop);
         }
     }
 }
@@ -212,7 +210,7 @@ impl Follower<'_> {
             }),
             None => {
                 let pause_s = self.dispatch.queue.poll_s() * f64::from(self.patience.polls_to_wait());
-                rest(Duration::from_secs_f64(pause_s), watch);
+                rest(Duration::from_secs_f64(pause_s), &self.dispatch.stop);
                 self.submit(&watch.missing(), view.alive(), watch)
             }
         }
@@ -236,10 +234,10 @@ impl Follower<'_> {
         alive: usize,
         watch: &mut dyn Watch,
     ) -> Result<Option<Outcome>, Error> {
-        if missing.is_empty() || watch.is_stopped() {
+        if missing.is_empty() || self.dispatch.stop.is_asked() {
             return Ok(None);
         }
-        match self.dispatch.ensure(missing) {
+        match self.dispatch.ensure(missing, &mut |text| watch.say(text)) {
             Ok(view) => {
                 let added = view
                     .live
@@ -261,6 +259,9 @@ impl Follower<'_> {
     }
 
     fn not_answered(&mut self, error: &Error, watch: &mut dyn Watch) {
+        if self.dispatch.stop.is_asked() {
+            return;
+        }
         self.pause_s = (self.pause_s * 2.0).min(LONGEST_PAUSE_S.max(self.dispatch.queue.poll_s()));
         watch.say(&format!("{error}; asking again in {:.0} s", self.pause_s));
     }
@@ -276,7 +277,10 @@ impl Follower<'_> {
     fn finish(self) {
         for mut submission in self.followed {
             if submission.trials.is_subset(&self.dispatch.trials) {
-                let _ = self.dispatch.queue.cancel(&submission.job_name(), true);
+                let _ = self
+                    .dispatch
+                    .queue
+                    .cancel(&submission.job_name(), true, &self.dispatch.stop);
                 let _ = submission.close(State::Ended);
             }
         }
@@ -302,9 +306,9 @@ pub fn describe(submission: &Submission) -> String {
     )
 }
 
-fn rest(pause: Duration, watch: &dyn Watch) {
+fn rest(pause: Duration, stop: &Stop) {
     let started = clock::now();
-    while clock::since(started) < pause && !watch.is_stopped() {
+    while clock::since(started) < pause && !stop.is_asked() {
         clock::sleep(Duration::from_millis(50));
     }
 }

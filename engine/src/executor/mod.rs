@@ -15,23 +15,31 @@
 //! after a crash of its controller, and an accepted job may be forgotten by one: job ids are kept to be
 //! shown, never to decide.
 
+mod answer;
 mod dispatch;
 mod follow;
 mod kind;
 pub mod kubernetes;
+mod lock;
 mod queue;
 pub mod slurm;
 mod submission;
 mod work;
 
+pub use answer::Stop;
 pub use dispatch::{Dispatch, Holding, View, cancel, holdings, open};
 pub use follow::{Outcome, Patience, Watch, describe};
 pub use kind::{Kind, LOCAL, Options, Way, all, find};
+pub use lock::{Wait, lock};
 pub use queue::{Queue, Task, counts, summary};
-pub use submission::{Array, State, Submission, lock};
+pub use submission::{Array, State, Submission, damaged, heal};
 pub use work::{Work, quoted};
 
-use std::{fmt::Debug, num::NonZeroUsize, path::Path};
+use std::{
+    fmt::Debug,
+    num::NonZeroUsize,
+    path::{Path, PathBuf},
+};
 
 /// Something that starts workers on other machines, with its options.
 pub trait Executor: Debug {
@@ -89,6 +97,33 @@ pub enum Error {
         /// What it said.
         said: String,
     },
+    /// A program of the executor did not end within its time; what it was to do may have been done.
+    #[error("{program} gave no answer within {after_s} s and was ended")]
+    Silent {
+        /// The program.
+        program: &'static str,
+        /// How long it was waited for.
+        after_s: f64,
+    },
+    /// The wait for an answer was stopped by whoever waited.
+    #[error("{program} had not answered when it was stopped")]
+    Interrupted {
+        /// The program.
+        program: &'static str,
+    },
+    /// Another process decides about the submissions of the store, and does not come to an end.
+    #[error(
+        "{by} holds `{}` for more than {after_s} s: if it hangs, end it, and run this again",
+        path.display()
+    )]
+    Held {
+        /// The lock's file.
+        path: PathBuf,
+        /// Who holds it.
+        by: String,
+        /// How long it was waited for.
+        after_s: f64,
+    },
     /// The executor answered no.
     #[error("{program} refuses: {said}")]
     Refused {
@@ -140,6 +175,13 @@ pub enum Error {
     /// The submission's own files cannot be read or written.
     #[error(transparent)]
     Engine(#[from] crate::Error),
+}
+
+impl Error {
+    /// True where the same question may be answered later.
+    fn is_passing(&self) -> bool {
+        matches!(self, Self::Busy { .. } | Self::Silent { .. })
+    }
 }
 
 /// How many tasks `trials` are worth: one for every `per_task`.

@@ -1,13 +1,16 @@
 //! What takes submissions and shows what became of their tasks.
 
-use super::{Error, Submission};
+use super::{Error, Stop, Submission};
 use serde_json::Value;
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::Path,
+    time::Duration,
 };
 
 /// A batch system that takes job arrays and tells which of their tasks live.
+///
+/// Whoever asks says who may stop the wait for an answer; an answer that takes too long is [`Error::Silent`].
 ///
 /// Jobs are found by the name that they carry, [`Submission::job_name`]: an id may be lost, and may be given
 /// twice.
@@ -23,7 +26,11 @@ pub trait Queue {
     ///
     /// # Errors
     /// [`Error::Busy`] where it does not answer.
-    fn largest_array(&self) -> Result<usize, Error>;
+    fn largest_array(&self, stop: &Stop) -> Result<usize, Error>;
+
+    /// How long its answers to one submission may take in all: whoever decides about a submission for longer
+    /// hangs.
+    fn patience(&self) -> Duration;
 
     /// Tasks that may run at a time.
     fn max_tasks(&self) -> usize;
@@ -41,20 +48,20 @@ pub trait Queue {
     ///
     /// # Errors
     /// [`Error::Busy`] where it does not answer.
-    fn tasks(&self, names: &[String]) -> Result<Vec<Task>, Error>;
+    fn tasks(&self, names: &[String], stop: &Stop) -> Result<Vec<Task>, Error>;
 
     /// Submits a script and returns the job's id.
     ///
     /// # Errors
     /// [`Error::Refused`] where it says no, [`Error::Busy`] where it does not answer; the job may exist even
     /// then.
-    fn submit(&self, script: &Path) -> Result<String, Error>;
+    fn submit(&self, script: &Path, stop: &Stop) -> Result<String, Error>;
 
     /// Cancels the jobs of a name: all, or those that have not started.
     ///
     /// # Errors
     /// As [`submit`](Self::submit).
-    fn cancel(&self, name: &str, waiting_only: bool) -> Result<(), Error>;
+    fn cancel(&self, name: &str, waiting_only: bool, stop: &Stop) -> Result<(), Error>;
 }
 
 /// A task of a job that a queue knows of.

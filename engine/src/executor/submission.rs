@@ -13,11 +13,8 @@
 use super::{Queue, Work};
 use crate::{
     Error,
-    store::{names, write_durably},
-    world::{
-        fs::{self, File},
-        process,
-    },
+    store::{self, Fault, Finding, Findings, Store, names, write_durably},
+    world::{fs, process},
 };
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -137,15 +134,19 @@ impl Submission {
         self.save()
     }
 
-    /// All submissions of a store, in the order of their names.
+    /// All submissions of a store, in the order of their names. What is damaged is none, and is told by
+    /// [`damaged`]; what a later version of the program wrote is its own.
     ///
     /// # Errors
-    /// Where a record is damaged or cannot be read.
+    /// Where a record cannot be read.
     pub fn all(store: &Path) -> Result<Vec<Self>, Error> {
         let folder = folder_of_all(store);
         let mut submissions = Vec::new();
-        for name in names(&folder)? {
-            submissions.extend(read(store, &folder.join(name).join("submission.json"))?);
+        for name in records(&folder)? {
+            match read(store, &folder.join(name)) {
+                Err(Error::Damaged { .. }) => {}
+                found => submissions.extend(found?),
+            }
         }
         Ok(submissions)
     }
@@ -173,7 +174,7 @@ impl Submission {
     /// # Errors
     /// Where it cannot be written.
     pub fn save(&self) -> Result<(), Error> {
-        let path = self.folder().join("submission.json");
+        let path = self.folder().join(RECORD);
         let text = serde_json::to_vec_pretty(self).map_err(|source| Error::Damaged {
             path: path.clone(),
             problem: source.to_string(),
@@ -215,27 +216,77 @@ impl Submission {
     }
 }
 
-fn folder_of_all(store: &Path) -> PathBuf {
+pub(super) fn folder_of_all(store: &Path) -> PathBuf {
     store.join("submissions")
 }
 
-/// A record; `None` where a submitter died before it wrote one.
-fn read(store: &Path, path: &Path) -> Result<Option<Submission>, Error> {
-    let text = match fs::read(path) {
-        Ok(text) => text,
-        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
-            return Ok(None);
+/// Names of the folders of records; what is no folder holds none.
+fn records(folder: &Path) -> Result<Vec<String>, Error> {
+    if fs::is_folder(folder) {
+        names(folder)
+    } else {
+        Ok(Vec::new())
+    }
+}
+
+/// What is damaged among the records of a store: paths inside it, each with the fault.
+///
+/// # Errors
+/// Where a record cannot be read.
+pub fn damaged(store: &Path) -> Result<Vec<Finding>, Error> {
+    let folder = folder_of_all(store);
+    let mut findings = Vec::new();
+    for name in records(&folder)? {
+        if let Err(Error::Damaged { problem, .. }) = read(store, &folder.join(&name)) {
+            findings.push(Finding {
+                path: Path::new("submissions").join(&name).join(RECORD),
+                fault: Fault::Damaged,
+                problem: format!("{problem}; its jobs, if any live, are named regimen-{name}"),
+                trial: None,
+            });
         }
-        Err(source) => return Err(Error::file("read", path)(source)),
+    }
+    Ok(findings)
+}
+
+/// Sets aside damaged records, so that the others count, and answers what was found.
+///
+/// # Errors
+/// Where a record cannot be read or moved.
+pub fn heal(store: &Path) -> Result<Findings, Error> {
+    Store::at(store).aside(damaged(store)?)
+}
+
+const RECORD: &str = "submission.json";
+
+/// A record; `None` where a submitter died before it wrote one, or a later version of the program wrote it.
+fn read(store: &Path, folder: &Path) -> Result<Option<Submission>, Error> {
+    if !fs::is_folder(folder) {
+        return Ok(None);
+    }
+    let path = folder.join(RECORD);
+    let Some(text) = store::read_file(&path)? else {
+        return Ok(None);
     };
-    let submission: Submission = serde_json::from_slice(&text).map_err(|source| Error::Damaged {
-        path: path.to_path_buf(),
+    let damaged = |source: serde_json::Error| Error::Damaged {
+        path: path.clone(),
         problem: source.to_string(),
-    })?;
+    };
+    let version: Version = serde_json::from_slice(&text).map_err(damaged)?;
+    if version.schema > SCHEMA {
+        return Ok(None);
+    }
+    let submission: Submission = serde_json::from_slice(&text).map_err(damaged)?;
     Ok(Some(Submission {
         store: store.to_path_buf(),
         ..submission
     }))
+}
+
+/// What every version of the record says.
+#[derive(Deserialize)]
+struct Version {
+    schema: u32,
 }
 
 /// Creates a folder under a name that no other submission has; the system's randomness is read, no clock.
@@ -249,28 +300,6 @@ fn unused_name(all: &Path) -> Result<String, Error> {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
             Err(source) => return Err(Error::file("create", &folder)(source)),
         }
-    }
-}
-
-/// Keeps other processes from deciding about submissions of this store until the file is dropped. The system
-/// gives the lock back when its holder dies.
-///
-/// # Errors
-/// Where the lock's file cannot be created or locked.
-pub fn lock(store: &Path) -> Result<File, Error> {
-    let folder = folder_of_all(store);
-    fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
-    let path = folder.join("lock");
-    let file = File::options()
-        .create(true)
-        .append(true)
-        .open(&path)
-        .map_err(Error::file("open", &path))?;
-    match file.lock() {
-        // Some shared file systems have no locks. Two submitters at the same instant then submit more workers
-        // than are needed.
-        Err(error) if error.kind() != ErrorKind::Unsupported => Err(Error::file("lock", &path)(error)),
-        _ => Ok(file),
     }
 }
 
@@ -314,7 +343,6 @@ mod tests {
         one.close(State::Ended).unwrap();
         let mut expected = vec![one, other];
         expected.sort_by(|one, other| one.id.cmp(&other.id));
-        let _held = lock(store.path()).unwrap();
         assert_eq!(Submission::all(store.path()).unwrap(), expected);
     }
 
@@ -337,11 +365,25 @@ mod tests {
         let one = create(store.path());
         fs::remove_file(one.folder().join("submission.json")).unwrap();
         assert_eq!(Submission::all(store.path()).unwrap(), []);
+        let other = create(store.path());
         fs::write(one.folder().join("submission.json"), "{").unwrap();
-        assert!(matches!(
-            Submission::all(store.path()),
-            Err(Error::Damaged { .. })
-        ));
+        assert_eq!(Submission::all(store.path()).unwrap(), [other]);
+        let found = heal(store.path()).unwrap();
+        assert_eq!(found.aside, Some("aside/1".into()));
+        let path = Path::new("submissions").join(&one.id).join("submission.json");
+        assert_eq!(found.findings[0].path, path);
+        assert!(store.path().join("aside/1").join(path).exists());
+        assert_eq!(damaged(store.path()).unwrap(), []);
+    }
+
+    #[test]
+    fn a_record_of_a_later_version_is_left_to_it() {
+        let store = tempfile::tempdir().unwrap();
+        let one = create(store.path());
+        let later = r#"{"schema": 9, "kind": "other"}"#;
+        fs::write(one.folder().join("submission.json"), later).unwrap();
+        assert_eq!(Submission::all(store.path()).unwrap(), []);
+        assert_eq!(damaged(store.path()).unwrap(), []);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! clock.
 
 use super::style::Rgb;
-use crate::{Error, drawing::Image};
+use crate::{Error, drawing::Image, plain_text::printable};
 use base64::{Engine as _, prelude::BASE64_STANDARD};
 use plotters::{
     backend::{BitMapBackend, DrawingBackend, SVGBackend},
@@ -251,7 +251,7 @@ pub(super) fn png(drawing: &Drawing, path: &Path) -> Result<(), Error> {
     backend
         .blit_bitmap((0, 0), (width, height), &pixels)
         .map_err(refused)?;
-    backend.present().map_err(refused)
+    backend.present().map_err(|error| unwritten(path, &error))
 }
 
 /// The mean of each square of pixels.
@@ -391,7 +391,9 @@ impl Pen {
             color: fill(color, 1.0).color.to_backend_color(),
             pos: Pos::new(align, VPos::Center),
         };
-        backend.draw_text(text, &style, self.place(at)).map_err(refused)
+        backend
+            .draw_text(&printable(text), &style, self.place(at))
+            .map_err(refused)
     }
 
     fn place(&self, (x, y): Place) -> (i32, i32) {
@@ -422,6 +424,15 @@ fn load_font() {
         // themselves.
         let _ = register_font(FAMILY, FontStyle::Normal, FONT);
     });
+}
+
+/// Why the file of an image was not written. The backend's error tells that in its debugging text alone, where
+/// the words of the system stand in quotes.
+fn unwritten(path: &Path, error: &impl std::fmt::Display) -> Error {
+    let text = error.to_string();
+    let words = text.split_once('"').and_then(|(_, rest)| rest.rsplit_once('"'));
+    let words = words.map_or("the image could not be encoded", |(words, _)| words);
+    Error::file("write", path)(std::io::Error::other(words.to_owned()))
 }
 
 fn refused(error: impl std::fmt::Display) -> Error {

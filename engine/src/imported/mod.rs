@@ -18,11 +18,11 @@ pub use pattern::matching;
 use crate::{
     Error, Phase,
     cast::Seating,
+    input_file,
     recorder::Row,
     results::{EndState, TrialEnd, TrialResult},
     setting::Setting,
     trial::{Part, Purpose, Trial, TrialKey, hash},
-    world::fs,
 };
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -96,7 +96,7 @@ pub struct Found {
 /// says.
 pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<Found, Error> {
     let content = |path: &PathBuf| {
-        let bytes = fs::read(path).map_err(Error::file("read", path))?;
+        let bytes = input_file::read(path, input_file::Use::Bytes).map_err(Error::file("read", path))?;
         let path = path.clone();
         Ok(Content { path, bytes })
     };
@@ -124,7 +124,7 @@ pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<Found, Error> {
 pub fn columns(files: &[PathBuf]) -> Result<BTreeSet<String>, Error> {
     let mut names = BTreeSet::new();
     for path in files {
-        let bytes = fs::read(path).map_err(Error::file("read", path))?;
+        let bytes = input_file::read(path, input_file::Use::Bytes).map_err(Error::file("read", path))?;
         let content = Content {
             path: path.clone(),
             bytes,

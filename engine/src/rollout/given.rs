@@ -1,7 +1,10 @@
 //! Actions that a person gives, read from a CSV file.
 
 use super::columns::{action_names, blank_action};
-use crate::{Action, Error, Seat};
+use crate::{
+    Action, Error, Seat,
+    input_file::{self, Use},
+};
 use std::{collections::BTreeMap, path::Path};
 
 /// Reads actions for the seats of an environment from a CSV file whose columns are the action channels, in
@@ -11,7 +14,8 @@ use std::{collections::BTreeMap, path::Path};
 /// [`Error::Input`] with file, line and column for a column that is missing, unknown or there twice, a line
 /// of another length and a cell that is no number; [`Error::File`] where the file cannot be read.
 pub fn read_actions(seats: &[Seat], path: &Path) -> Result<Vec<Action>, Error> {
-    let mut reader = csv::Reader::from_path(path).map_err(|source| unreadable(path, source))?;
+    let file = input_file::open(path, Use::Text).map_err(Error::file("read", path))?;
+    let mut reader = csv::Reader::from_reader(file);
     let header = reader
         .headers()
         .map_err(|source| unreadable(path, source))?

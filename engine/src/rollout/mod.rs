@@ -13,7 +13,7 @@ mod replay;
 pub use given::read_actions;
 pub use replay::{replay, trained_agent};
 
-use crate::{Action, Agent, Environment, Error, Mode, Observation, random};
+use crate::{Action, Agent, Environment, Error, Mode, Observation, random, table::guarded_csv as guarded};
 use columns::Columns;
 use std::path::Path;
 
@@ -37,11 +37,12 @@ pub enum Actions<'a> {
 pub fn write(rows: &[Vec<String>], out: &Path) -> Result<u64, Error> {
     let failed = |source: csv::Error| match source.into_kind() {
         csv::ErrorKind::Io(source) => Error::file("write", out)(source),
-        other => Error::file("write", out)(std::io::Error::other(format!("{other:?}"))),
+        _ => Error::file("write", out)(std::io::Error::other("a row has another number of columns")),
     };
     let mut csv = csv::Writer::from_path(out).map_err(failed)?;
     for row in rows {
-        csv.write_record(row).map_err(failed)?;
+        csv.write_record(row.iter().map(|field| guarded(field).into_owned()))
+            .map_err(failed)?;
     }
     csv.flush().map_err(Error::file("write", out))?;
     let decisions = rows

@@ -106,6 +106,13 @@ pub enum Event {
         /// Which trial lacks, and why.
         reason: String,
     },
+    /// Something at the place of a trial stands in its way; it stays missing, and the others go on.
+    Obstructed {
+        /// Index into the list of tasks.
+        trial: usize,
+        /// What, and what to do about it.
+        reason: String,
+    },
     /// A trial was given up because the run is being stopped; it stays missing and continues from its
     /// checkpoint.
     Stopped {

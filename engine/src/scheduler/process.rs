@@ -5,7 +5,7 @@ use super::{
     worker::{Message, Reply, Request},
 };
 use crate::{
-    Error,
+    Error, input_file,
     limits::Limits,
     results::EndState,
     world::{
@@ -119,6 +119,7 @@ impl Shared {
     pub(super) fn start(&self, program: &Path) -> Result<BufReader<ChildStdout>, Error> {
         let mut child = Command::new(program)
             .arg("trial-worker")
+            .envs(input_file::asked().map(|size| (input_file::VARIABLE, size.to_string())))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()

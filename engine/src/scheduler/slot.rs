@@ -99,8 +99,15 @@ impl<'a, R: Runner> Slot<'a, R> {
         while !self.stopping() {
             match self.all.queue.next() {
                 Next::Try(turn) => {
-                    let id = &self.all.tasks[turn.task].trial.id;
-                    if let Err(error) = self.take(turn) {
+                    let (trial, store) = (turn.task, self.all.store);
+                    let id = &self.all.tasks[trial].trial.id;
+                    if let Some(obstacle) = store.obstacle(id) {
+                        self.pass_over(trial, &obstacle);
+                    } else if let Err(error) = self.take(turn) {
+                        if let Some(obstacle) = store.obstacle_to_writing(id) {
+                            self.pass_over(trial, &obstacle);
+                            continue;
+                        }
                         // What cannot be written now cannot be written by the other slots either: nothing new
                         // begins.
                         self.all.halt.store(true, Ordering::SeqCst);
@@ -119,6 +126,13 @@ impl<'a, R: Runner> Slot<'a, R> {
         }
         self.runner.dismiss();
         Ok(())
+    }
+
+    /// What lies at the place of one trial concerns no other one.
+    fn pass_over(&self, trial: usize, obstacle: &Error) {
+        let reason = obstacle.to_string();
+        self.tell(Event::Obstructed { trial, reason });
+        self.all.queue.done(&self.all.tasks[trial].trial.id);
     }
 
     fn stopping(&self) -> bool {

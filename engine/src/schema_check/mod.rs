@@ -11,7 +11,7 @@ pub use view::View;
 
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, nearest, suggest},
-    document::{Kind, Node, Scalar},
+    document::{Kind, MOST_MISTAKES, Node, Scalar},
 };
 use serde_json::Value;
 use view::quoted;
@@ -20,6 +20,8 @@ use view::quoted;
 pub const SLUG: &str = "^[a-z0-9][a-z0-9._-]*$";
 /// Pattern of the names of environments and agents, which begin dotted paths.
 pub const NAME: &str = "^[A-Za-z_][A-Za-z0-9_-]*$";
+/// Most characters of a name; names of files are made of several.
+const LONGEST_NAME: usize = 100;
 
 /// Where a value stands: its key's span and name, and its dotted path.
 #[derive(Debug, Clone)]
@@ -74,6 +76,9 @@ impl<'a> Checker<'a> {
 
     /// Checks `node` against `schema`.
     pub fn check(&mut self, node: &Node, at: &At, schema: &View<'_>) {
+        if self.found.len() >= MOST_MISTAKES {
+            return;
+        }
         let places = schema.alternatives();
         let fitting: Vec<&View<'_>> = places.iter().filter(|place| place.accepts(node)).collect();
         match fitting.as_slice() {
@@ -467,6 +472,9 @@ fn advice(scalar: &Scalar, schema: &View<'_>) -> Option<String> {
 
 /// What is wrong with a text that has to fit one of the patterns of names; `None` where it fits.
 pub(crate) fn mismatch(pattern: &str, text: &str) -> Option<&'static str> {
+    if text.len() > LONGEST_NAME && [SLUG, NAME].contains(&pattern) {
+        return Some("use at most 100 characters: names are parts of names of files");
+    }
     let legal = |extra: &str, letter: char| letter.is_ascii_alphanumeric() || extra.contains(letter);
     match pattern {
         SLUG => {

@@ -12,6 +12,7 @@ use crate::{
     Agent, Environment, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     diagnostic::{Diagnostic, in_order},
     random,
+    recorder::MOST_METRICS,
     registry::AgentEntry,
     results::{
         EPISODE_LENGTH, time_per_decision_metric, time_per_update_metric, updates_metric, wall_time_metric,
@@ -280,7 +281,7 @@ impl Builder<'_> {
             let updates = entry.learns.then(|| [updates_metric(), time_per_update_metric()]);
             let of_agent = entry.metrics.iter().cloned();
             let of_agent: Vec<Metric> = of_agent.chain(updates.into_iter().flatten()).collect();
-            self.note(cell, pair, &of_agent, world);
+            self.note(cell, pair, &of_agent, world)?;
         }
         self.warn_of_short_training(cell, world);
         Ok(())
@@ -334,7 +335,7 @@ impl Builder<'_> {
         let learns_after = built.updates().map_or(0, |updates| updates.first_after).max(1);
         self.agents.insert(addresses, learns_after);
         if let Some(pair) = cell.pair().filter(|_| self.entry(cell).is_none()) {
-            self.note(cell, pair, &built.decision_metrics(), world);
+            self.note(cell, pair, &built.decision_metrics(), world)?;
         }
         Ok(())
     }
@@ -356,7 +357,13 @@ impl Builder<'_> {
     }
 
     /// Notes, once for each variant of environment and protocol, what the trials of a pair record.
-    fn note(&mut self, cell: &Cell, pair: (usize, usize), of_agent: &[Metric], world: &mut World) {
+    fn note(
+        &mut self,
+        cell: &Cell,
+        pair: (usize, usize),
+        of_agent: &[Metric],
+        world: &mut World,
+    ) -> Outcome<()> {
         let [environment, _, protocol] = &cell.parts;
         let known = (
             self.environments.get(&environment.id),
@@ -367,8 +374,26 @@ impl Builder<'_> {
                 .recorded
                 .insert((pair.0, pair.1, address(environment), address(protocol)))
         {
+            let metrics = measures.metrics.len() + facts.metrics.len() + of_agent.len();
+            if metrics > MOST_METRICS {
+                return Err(Box::new(self.records_too_much(environment, metrics)));
+            }
             note(pair, facts, measures, of_agent, world);
         }
+        Ok(())
+    }
+
+    fn records_too_much(&self, environment: &Resolved, metrics: usize) -> Diagnostic {
+        let named = self.sections.written.part(environment.given.target);
+        let (name, span) = named.map_or_else(Default::default, |it| (it.name.as_str(), it.name_span));
+        let message = format!(
+            "a trial of `{name}` records {metrics} metrics, but at most {MOST_METRICS} are told apart"
+        );
+        let error = self
+            .sections
+            .sources
+            .error(span, &format!("environments.{name}"), message);
+        error.help("make the environment smaller: its metrics follow from its size")
     }
 
     /// Builds the agent of a cell for the seats of its environment.

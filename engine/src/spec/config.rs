@@ -2,6 +2,7 @@
 //! study's own keys.
 
 use crate::{
+    Error,
     data_file::hash_of,
     diagnostic::{Diagnostic, Sources, Span},
     document::{Kind, Node},
@@ -12,6 +13,7 @@ use crate::{
 use serde_json::Value;
 use std::{
     collections::BTreeMap,
+    io::ErrorKind,
     path::{Path, PathBuf},
 };
 
@@ -32,7 +34,8 @@ pub struct Plugin<'a> {
 /// Reads data files once and remembers their hashes.
 pub struct Files<'a> {
     folder: &'a Path,
-    hashes: BTreeMap<PathBuf, Option<String>>,
+    /// What each holds, or why it cannot be read.
+    hashes: BTreeMap<PathBuf, Result<String, String>>,
 }
 
 impl<'a> Files<'a> {
@@ -45,11 +48,21 @@ impl<'a> Files<'a> {
         }
     }
 
-    fn hash(&mut self, path: &Path) -> Option<String> {
+    fn hash(&mut self, path: &Path) -> Result<String, String> {
         if !self.hashes.contains_key(path) {
-            self.hashes.insert(path.into(), hash_of(path));
+            self.hashes
+                .insert(path.into(), hash_of(path).map_err(|error| why(&error)));
         }
         self.hashes[path].clone()
+    }
+}
+
+/// Why a data file cannot be read; empty where there is none.
+fn why(error: &Error) -> String {
+    match error {
+        Error::File { source, .. } if source.kind() == ErrorKind::NotFound => String::new(),
+        Error::File { source, .. } => source.to_string(),
+        other => other.to_string(),
     }
 }
 
@@ -76,7 +89,7 @@ pub fn resolve(
     if let Some((pointer, path)) = absent {
         let key = pointer.trim_start_matches('/').replace('/', ".");
         let message = format!(
-            "the data file `{}` that `{key}` names by default does not exist",
+            "the data file `{}` that `{key}` names by default cannot be read",
             path.display()
         );
         return Err(vec![
@@ -177,17 +190,16 @@ fn missing_files(
                 {
                     Some(text) => {
                         let path = files.folder.join(text);
-                        if files.hash(&path).is_none() {
-                            let error = sources.error(
-                                entry.value.span,
-                                &below,
-                                format!("there is no data file `{text}`"),
-                            );
+                        if let Err(why) = files.hash(&path) {
+                            let message = match why.as_str() {
+                                "" => format!("there is no data file `{text}`"),
+                                why => format!("the data file `{text}` cannot be read: {why}"),
+                            };
                             let help = format!(
                                 "files are sought from the folder of the study: `{}`",
                                 path.display()
                             );
-                            found.push(error.help(help));
+                            found.push(sources.error(entry.value.span, &below, message).help(help));
                         }
                     }
                     None => missing_files(&entry.value, &below, files, sources, found),
@@ -211,7 +223,7 @@ fn name_files(
         Value::Object(map) => map.iter_mut().find_map(|(key, item)| match item {
             Value::String(text) if key == "file" && !text.is_empty() => {
                 let path = files.folder.join(&*text);
-                let Some(hash) = files.hash(&path) else {
+                let Ok(hash) = files.hash(&path) else {
                     return Some((below(key), path));
                 };
                 *text = path.display().to_string();

@@ -7,8 +7,8 @@ use super::{
 use crate::{
     diagnostic::{Diagnostic, Sources, Span},
     document::{self, Entry, Kind, Node},
+    input_file,
     schema_check::View,
-    world::fs,
 };
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -82,7 +82,7 @@ impl Reader<'_> {
         let path = folder.join(name);
         self.admit(name, span, &path)?;
         let shown = path.display().to_string();
-        let bytes = fs::read(&path).map_err(|error| {
+        let bytes = input_file::read(&path, input_file::Use::Study).map_err(|error| {
             let message = format!("the included file `{name}` cannot be read: {error}");
             let help = format!("files are sought from the folder of the file that includes them: `{shown}`");
             vec![self.sources.error(span, "include", message).help(help)]

@@ -69,13 +69,13 @@ use crate::{
     document::{self, Node},
     figure::FigureSpec,
     imported::Imported,
-    limits::Limits,
+    input_file,
+    limits::{LimitError, Limits},
     results::Success,
     schema_check::{At, Checker, View},
     search::Search,
     statistics::spending::Design,
     table::TableSpec,
-    world::fs,
 };
 pub(crate) use cells::{Cell, Place};
 use cells::{MOST_TRIALS, Sections};
@@ -184,7 +184,7 @@ pub fn load(path: &Path, registry: &Registry, options: &Options) -> Result<Study
             format!("cannot read the study: {error}"),
         )]
     };
-    let bytes = fs::read(path).map_err(unreadable)?;
+    let bytes = input_file::read(path, input_file::Use::Study).map_err(unreadable)?;
     let text = document::decode(&name, &bytes)?;
     load_text(
         &text,
@@ -214,6 +214,9 @@ pub fn load_text(
         mut found,
     } = compose(text, name, folder, &schema, &mut sources, options).map_err(in_order)?;
     found.extend(check_structure(&root, &schema, &sources));
+    if !found.iter().any(about_limits) {
+        found.extend(wrong_limits(&root, &sources));
+    }
     let mut written = Written::read(&root);
     found.extend(written.name_clashes(&sources));
     let (fixed, errors) = settings::apply(&root, &mut written, &schema, &mut sources, options);
@@ -401,6 +404,23 @@ fn check_structure(root: &Node, schema: &Value, sources: &Sources) -> Vec<Diagno
         &View::new(schema, schema),
     );
     checker.found
+}
+
+/// A limit that its schema allows and that limits nothing or everything.
+fn wrong_limits(root: &Node, sources: &Sources) -> Option<Diagnostic> {
+    let limits: Limits = section(root, "limits")?;
+    let LimitError { key, value, instead } = limits.check().err()?;
+    let span = root.get("limits")?.get(key)?.span;
+    let message = format!("`{key}` is {value}, which is no limit");
+    Some(
+        sources
+            .error(span, &format!("limits.{key}"), message)
+            .help(instead),
+    )
+}
+
+fn about_limits(diagnostic: &Diagnostic) -> bool {
+    diagnostic.path.split('.').next() == Some("limits")
 }
 
 /// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide

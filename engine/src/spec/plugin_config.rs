@@ -3,11 +3,10 @@
 use super::{config, json_schema::with_presets};
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, in_order},
-    document,
+    document, input_file,
     registry::About,
     schema_check::{At, Checker, View},
     trial::Part,
-    world::fs,
 };
 use std::path::Path;
 
@@ -55,7 +54,7 @@ pub fn load_config(name: &str, about: &About, path: Option<&Path>) -> Result<Par
 
 fn read(path: &Path) -> Result<String, Vec<Diagnostic>> {
     let name = path.display().to_string();
-    let bytes = fs::read(path).map_err(|error| {
+    let bytes = input_file::read(path, input_file::Use::Study).map_err(|error| {
         let mut sources = Sources::default();
         let source = sources.add_file(&name, "");
         vec![sources.error(

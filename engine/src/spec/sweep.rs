@@ -56,6 +56,9 @@ pub(super) enum Generator {
 #[serde(transparent)]
 pub(super) struct Listed(#[schemars(length(min = 1))] Vec<Value>);
 
+/// Most samples of a key; nothing is drawn where more are asked for.
+const MOST_SAMPLES: u64 = 100_000;
+
 /// Samples between two limits.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -240,6 +243,10 @@ fn values(
     sources: &Sources,
 ) -> Result<Vec<Node>, Box<Diagnostic>> {
     // What the check against the schema refused has no values.
+    let samples = generator.value.get("samples").map(Node::to_value);
+    if samples.is_some_and(|samples| samples.as_u64().is_none_or(|count| count > MOST_SAMPLES)) {
+        return Ok(vec![]);
+    }
     let Ok(read) = serde_json::from_value(json!({ generator.key.as_str(): generator.value.to_value() }))
     else {
         return Ok(vec![]);

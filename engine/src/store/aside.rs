@@ -2,7 +2,7 @@
 //! is lost.
 
 use super::{
-    Claim, Finding, Findings, Leases, Store,
+    Claim, Finding, Findings, Leases, Store, absent_is_fine,
     fsck::{Check, refuse_links},
     names,
 };
@@ -22,7 +22,8 @@ impl Store {
     #[must_use]
     pub fn with_damaged_metrics<'a>(&self, ended: &[(&'a str, &TrialEnd)]) -> Vec<&'a str> {
         let is_damaged = |(id, end): &&(&str, &TrialEnd)| {
-            end.state == EndState::Ok && matches!(self.metrics(id, &end.digest), Err(Error::Damaged { .. }))
+            end.state == EndState::Ok
+                && matches!(self.read_metrics(id, &end.digest), Err(Error::Damaged { .. }))
         };
         ended.par_iter().filter(is_damaged).map(|(id, _)| *id).collect()
     }
@@ -48,46 +49,74 @@ impl Store {
     ) -> Result<Findings, Error> {
         let mut found = Findings::default();
         for id in ids {
-            if leases.claim(id)? == Claim::Mine {
-                mine.push(id);
-                found.findings.extend(self.damage(id)?);
+            match leases.claim(id) {
+                Ok(Claim::Mine) => {
+                    mine.push(id);
+                    found.findings.extend(self.damage(id));
+                }
+                Ok(Claim::Held(_)) => {}
+                // Whoever runs the trial says what stands in its way.
+                Err(_) if self.obstacle_to_writing(id).is_some() => {}
+                Err(error) => return Err(error),
             }
         }
-        if !found.findings.is_empty() {
-            found.aside = Some(self.set_aside(&found.findings)?);
-        }
+        found.aside = self.set_aside(&found.findings)?;
         Ok(found)
     }
 
     /// What keeps a trial from counting: damaged files with their acknowledgement, and results without one.
-    fn damage(&self, id: &str) -> Result<Vec<Finding>, Error> {
+    fn damage(&self, id: &str) -> Vec<Finding> {
         let mut check = Check::new(self);
         let folder = self.folder(id);
-        check.inspect(folder.strip_prefix(self.root()).unwrap_or(&folder), id)?;
+        check.inspect(folder.strip_prefix(self.root()).unwrap_or(&folder), id);
         let mut findings = check.found.findings;
         if !findings.iter().any(|finding| finding.trial.is_some()) {
             // It became whole while its lease was waited for.
-            return Ok(Vec::new());
+            return Vec::new();
         }
         findings.retain(|finding| finding.trial.is_some() || finding.is_result());
-        Ok(findings)
+        findings
     }
 
-    /// Moves what was found into a new folder, which it answers, as seen from the store's.
-    pub(super) fn set_aside(&self, findings: &[Finding]) -> Result<PathBuf, Error> {
+    /// Sets aside what was found, which may be nothing.
+    pub(crate) fn aside(&self, findings: Vec<Finding>) -> Result<Findings, Error> {
+        if findings.is_empty() {
+            return Ok(Findings::default());
+        }
+        refuse_links(self)?;
+        Ok(Findings {
+            aside: self.set_aside(&findings)?,
+            findings,
+            ..Findings::default()
+        })
+    }
+
+    /// Moves what was found into a new folder, which it answers, as seen from the store's; `None` where nothing
+    /// is to be moved.
+    pub(super) fn set_aside(&self, findings: &[Finding]) -> Result<Option<PathBuf>, Error> {
+        if !findings.iter().any(|finding| finding.fault.is_moved()) {
+            return Ok(None);
+        }
         let aside = self.new_folder()?;
-        for finding in findings {
+        for finding in findings.iter().filter(|finding| finding.fault.is_moved()) {
             let to = self.root.join(&aside).join(&finding.path);
             let folder = to.parent().unwrap_or(&self.root);
             fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
-            fs::rename(self.root.join(&finding.path), &to).map_err(Error::file("set aside as", &to))?;
+            // Another process may have been quicker.
+            absent_is_fine(fs::rename(self.root.join(&finding.path), &to))
+                .map_err(Error::file("set aside as", &to))?;
         }
-        Ok(aside)
+        Ok(Some(aside))
     }
 
     /// A numbered folder that no other process has.
     fn new_folder(&self) -> Result<PathBuf, Error> {
         let all = self.root.join("aside");
+        if fs::is_taken(&all) && !fs::is_folder(&all) {
+            let problem =
+                "it stands where the store keeps what is set aside: move it out of the store".into();
+            return Err(Error::Damaged { path: all, problem });
+        }
         fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
         let mut number = names(&all)?
             .iter()

@@ -5,9 +5,9 @@
 
 use super::{
     LOOKS, Store, TrialFile,
-    inside::{files_of, is_folder, is_link, read_in},
+    inside::{files_of, is_file, is_folder, is_link, read_in},
     lease::is_lease,
-    names, running,
+    metrics_file, names, running,
     seal::hash,
 };
 use crate::{
@@ -33,6 +33,10 @@ pub enum Fault {
     Left,
     /// It is none of the store's files.
     Foreign,
+    /// A later program wrote it; it stays where it is.
+    Newer,
+    /// It cannot be read; it stays where it is.
+    Unreadable,
 }
 
 impl Fault {
@@ -44,7 +48,15 @@ impl Fault {
             Fault::Orphaned => "orphaned",
             Fault::Left => "left",
             Fault::Foreign => "foreign",
+            Fault::Newer => "newer",
+            Fault::Unreadable => "unreadable",
         }
+    }
+
+    /// True where what is so is set aside.
+    #[must_use]
+    pub fn is_moved(self) -> bool {
+        !matches!(self, Fault::Newer | Fault::Unreadable)
     }
 }
 
@@ -86,18 +98,20 @@ const KNOWN: [&str; 3] = ["owners", "submissions", "aside"];
 const NOT_FOLLOWED: &str = "it is a link, which is not followed";
 
 impl Store {
-    /// Checks every file of the store, and sets aside what is wrong if `mend` is set.
+    /// Checks every file of the store, and sets aside what is wrong if `mend` is set, with `further` findings of
+    /// those who keep files of their own in it.
     ///
     /// # Errors
     /// Where the store cannot be read, or a file cannot be moved.
-    pub fn check(&self, mend: bool) -> Result<Findings, Error> {
+    pub fn check(&self, mend: bool, further: Vec<Finding>) -> Result<Findings, Error> {
         refuse_links(self)?;
         let mut check = Check::new(self);
-        check.root()?;
+        check.root();
         let mut found = check.found;
+        found.findings.extend(further);
         found.findings.sort_by(|a, b| a.path.cmp(&b.path));
-        if mend && !found.findings.is_empty() {
-            found.aside = Some(self.set_aside(&found.findings)?);
+        if mend {
+            found.aside = self.set_aside(&found.findings)?;
         }
         Ok(found)
     }
@@ -131,43 +145,48 @@ impl<'a> Check<'a> {
         }
     }
 
-    fn root(&mut self) -> Result<(), Error> {
-        for name in names(&self.store.root)? {
+    fn root(&mut self) {
+        for name in self.names(Path::new("")) {
             let path = PathBuf::from(&name);
-            if name == "trials" {
-                self.groups(&path)?;
-            } else if name == LOOKS {
-                self.looks(&path)?;
-            } else if !KNOWN.contains(&name.as_str()) {
+            let is_own = name == "trials" || name == LOOKS || KNOWN.contains(&name.as_str());
+            if !is_own {
                 self.foreign(path, "the store has no such file");
+            } else if !is_folder(&self.store.root.join(&path)) {
+                self.foreign(path, "the store keeps a folder of this name");
+            } else if name == "trials" {
+                self.groups(&path);
+            } else if name == LOOKS {
+                self.looks(&path);
             }
         }
-        Ok(())
+    }
+
+    /// Names in a folder of the store; where it cannot be read that is noted, and others go on.
+    fn names(&mut self, folder: &Path) -> Vec<String> {
+        names(&self.store.root.join(folder)).unwrap_or_else(|error| {
+            self.unreadable(folder, &error);
+            Vec::new()
+        })
+    }
+
+    fn unreadable(&mut self, path: &Path, error: &Error) {
+        self.note(path.to_owned(), Fault::Unreadable, &problem(error), None);
     }
 
     /// Records of verdicts that were seen, a file a study.
-    fn looks(&mut self, folder: &Path) -> Result<(), Error> {
-        let root = self.store.root.join(folder);
-        if !is_folder(&root) {
-            self.foreign(
-                folder.to_path_buf(),
-                "verdicts that were seen are kept in a folder",
-            );
-            return Ok(());
-        }
-        for name in names(&root)? {
-            if !name.ends_with(".json") {
+    fn looks(&mut self, folder: &Path) {
+        for name in self.names(folder) {
+            if !name.ends_with(".json") || !is_file(&self.store.root.join(folder).join(&name)) {
                 self.foreign(
                     folder.join(name),
                     "verdicts that were seen are kept in a file per study",
                 );
             }
         }
-        Ok(())
     }
 
-    fn groups(&mut self, trials: &Path) -> Result<(), Error> {
-        for group in names(&self.store.root.join(trials))? {
+    fn groups(&mut self, trials: &Path) {
+        for group in self.names(trials) {
             let path = trials.join(&group);
             if !is_hexadecimal(&group, 2) || !is_folder(&self.store.root.join(&path)) {
                 self.foreign(
@@ -176,13 +195,13 @@ impl<'a> Check<'a> {
                 );
                 continue;
             }
-            for id in names(&self.store.root.join(&path))? {
+            for id in self.names(&path) {
                 let path = path.join(&id);
                 if is_hexadecimal(&id, 32)
                     && id.starts_with(&group)
                     && is_folder(&self.store.root.join(&path))
                 {
-                    self.trial(&path, &id)?;
+                    self.trial(&path, &id);
                 } else {
                     self.foreign(
                         path,
@@ -191,51 +210,57 @@ impl<'a> Check<'a> {
                 }
             }
         }
-        Ok(())
     }
 
-    fn trial(&mut self, folder: &Path, id: &str) -> Result<(), Error> {
+    fn trial(&mut self, folder: &Path, id: &str) {
         if self.store.running(id).is_some() {
             self.found.running += 1;
-            return Ok(());
+            return;
         }
         let before = self.found.findings.len();
-        let acknowledged = self.inspect(folder, id)?;
+        let acknowledged = self.inspect(folder, id);
         let whole = acknowledged
             && self.found.findings[before..]
                 .iter()
                 .all(|finding| finding.trial.is_none());
         self.found.whole += usize::from(whole);
-        Ok(())
     }
 
     /// Looks at the files of a trial on which nobody works; true where the trial is acknowledged.
-    pub(super) fn inspect(&mut self, folder: &Path, id: &str) -> Result<bool, Error> {
+    pub(super) fn inspect(&mut self, folder: &Path, id: &str) -> bool {
         let files = match files_of(&self.store.root.join(folder)) {
             Ok(files) => files,
             Err(error) => {
-                self.note(folder.to_owned(), Fault::Damaged, &problem(&error), Some(id));
-                return Ok(false);
+                self.unreadable(folder, &error);
+                return false;
             }
         };
-        let acknowledged = self.store.file(id).unwrap_or_else(|error| {
-            self.note(
-                folder.join("trial.json"),
-                Fault::Damaged,
-                &problem(&error),
-                Some(id),
-            );
-            None
-        });
+        let path = folder.join("trial.json");
+        let acknowledged = match self.store.file(id) {
+            Ok(acknowledged) => acknowledged,
+            // What such a program keeps beside it is not known here.
+            Err(error @ Error::Newer { .. }) => {
+                self.note(path, Fault::Newer, &problem(&error), None);
+                return false;
+            }
+            Err(error @ Error::File { .. }) => {
+                self.unreadable(&path, &error);
+                return false;
+            }
+            Err(error) => {
+                self.note(path, Fault::Damaged, &problem(&error), Some(id));
+                None
+            }
+        };
         let mut expected = vec!["trial.json".to_owned()];
         if let Some(file) = &acknowledged {
             expected.extend(self.results(folder, id, file));
         }
-        self.kept(folder, id, acknowledged.as_ref())?;
+        self.kept(folder, id, acknowledged.as_ref());
         for name in files.iter().filter(|name| !expected.contains(name)) {
             self.unexpected(folder.join(name), name);
         }
-        Ok(acknowledged.is_some())
+        acknowledged.is_some()
     }
 
     fn unexpected(&mut self, path: PathBuf, name: &str) {
@@ -279,7 +304,7 @@ impl<'a> Check<'a> {
 
     fn result(&mut self, folder: &Path, id: &str, name: &str, digest: &str) {
         match read_in(&self.store.root.join(folder), name) {
-            Ok(Some(bytes)) if hash(&bytes) == digest => {}
+            Ok(Some(bytes)) if hash(&bytes) == digest => self.readable(folder, id, name, bytes),
             Ok(Some(_)) => self.note(
                 folder.join(name),
                 Fault::Damaged,
@@ -297,19 +322,33 @@ impl<'a> Check<'a> {
                 let path = path.strip_prefix(&self.store.root).unwrap_or(&path).to_owned();
                 self.note(path, Fault::Damaged, &problem, Some(id));
             }
-            Err(error) => self.note(folder.join(name), Fault::Damaged, &problem(&error), Some(id)),
+            Err(error) => self.unreadable(&folder.join(name), &error),
+        }
+    }
+
+    /// A metrics file can be the acknowledged one and none that can be read.
+    fn readable(&mut self, folder: &Path, id: &str, name: &str, bytes: Vec<u8>) {
+        if name == "metrics.parquet"
+            && let Err(error) = metrics_file::decode(bytes, Path::new(name))
+        {
+            self.note(folder.join(name), Fault::Damaged, &problem(&error), Some(id));
         }
     }
 
     /// What is kept of a trial for its next attempt.
-    fn kept(&mut self, folder: &Path, id: &str, acknowledged: Option<&TrialFile>) -> Result<(), Error> {
+    fn kept(&mut self, folder: &Path, id: &str, acknowledged: Option<&TrialFile>) {
         let at = |name: &str| self.store.root.join(folder).join(name);
         let (running, earlier) = (at("running"), at("earlier.json"));
         // A trial that was ended from outside goes on from its checkpoint when it is run again.
         let goes_on = acknowledged.is_none_or(|file| matches!(file.end.state, Timeout | Oom | Killed));
         if is_folder(&running) && goes_on {
-            for (name, problem) in running::faults(&running, id)? {
-                self.note(folder.join("running").join(name), Fault::Damaged, problem, None);
+            match running::faults(&running, id) {
+                Ok(faults) => {
+                    for (name, problem) in faults {
+                        self.note(folder.join("running").join(name), Fault::Damaged, problem, None);
+                    }
+                }
+                Err(error) => self.unreadable(&folder.join("running"), &error),
             }
         } else if is_folder(&running) {
             self.note(folder.join("running"), Fault::Left, "the trial has ended", None);
@@ -320,7 +359,7 @@ impl<'a> Check<'a> {
             );
         }
         if !fs::is_taken(&earlier) {
-            return Ok(());
+            return;
         }
         if acknowledged.is_some() {
             self.note(
@@ -337,7 +376,6 @@ impl<'a> Check<'a> {
                 None,
             );
         }
-        Ok(())
     }
 
     fn foreign(&mut self, path: PathBuf, problem: &str) {
@@ -376,7 +414,8 @@ fn is_result(name: &str) -> bool {
 
 fn problem(error: &Error) -> String {
     match error {
-        Error::Damaged { problem, .. } => problem.clone(),
+        Error::Damaged { problem, .. } | Error::Newer { problem, .. } => problem.clone(),
+        Error::File { doing, source, .. } => format!("cannot {doing} it: {source}"),
         other => other.to_string(),
     }
 }

@@ -114,6 +114,9 @@ impl Store {
             path: path.clone(),
             problem,
         };
+        if let Some(problem) = newer(&text) {
+            return Err(Error::Newer { path, problem });
+        }
         let trial = parse(&text).map_err(damaged)?;
         let own = trial_id(
             trial.parts.each_ref().map(String::as_str),
@@ -207,6 +210,16 @@ struct Replicate {
     seed: u64,
     numerics: u32,
     device: String,
+}
+
+/// What says that a later program wrote a `trial.json`. One whose check does not hold is not believed.
+fn newer(text: &[u8]) -> Option<String> {
+    #[derive(Deserialize)]
+    struct Version {
+        schema: u32,
+    }
+    let Version { schema } = serde_json::from_slice(text).ok()?;
+    (schema > TRIAL_SCHEMA && is_sealed(text)).then(|| format!("version {schema} of its form"))
 }
 
 /// The check comes first: whatever a file says of its form, one that cannot be checked is not believed.

@@ -1,6 +1,7 @@
 //! Reads what lies in a store, and nothing else: no symbolic link is followed, and no name leads out of a
 //! trial's folder.
 
+use super::lease::is_lease;
 use crate::{Error, ProductKind, world::fs};
 use std::{
     io::ErrorKind,
@@ -11,7 +12,7 @@ use std::{
 ///
 /// # Errors
 /// [`Error::Damaged`] where something else than a file has its name.
-pub(super) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
+pub(crate) fn read(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let absent = |kind: ErrorKind| kind == ErrorKind::NotFound;
     match fs::symlink_metadata(path).map(|data| data.is_file()) {
         Ok(true) => {}
@@ -96,8 +97,12 @@ pub(super) fn is_product(name: &str) -> bool {
         && ProductKind::ALL.iter().any(|kind| kind.has_file(name))
 }
 
+/// Names in a trial's folder under which no seat and no product keeps its files.
+const NO_SEATS: [&str; 4] = ["running", "trial.json", "earlier.json", "metrics.parquet"];
+
 /// Paths of all files in a trial's folder and the folders in it, in order. Whatever else is there is one
-/// entry: links, folders that are deeper than any product, and `running`, what a running trial keeps.
+/// entry: links, empty folders, those that are deeper than any product, `running`, what a running trial keeps, and
+/// folders with the name of a file.
 ///
 /// # Errors
 /// Where a folder cannot be read.
@@ -111,9 +116,13 @@ pub(super) fn files_of(trial: &Path) -> Result<Vec<String>, Error> {
 fn gather(folder: &Path, at: &str, deeper: usize, found: &mut Vec<String>) -> Result<(), Error> {
     for name in super::names(folder)? {
         let (path, inside) = (folder.join(&name), format!("{at}{name}"));
-        if deeper > 0 && inside != "running" && look(&path)?.is_some_and(|data| data.is_dir()) {
+        let before = found.len();
+        let may_have = deeper > 0 && !NO_SEATS.contains(&inside.as_str()) && !is_lease(&inside);
+        if may_have && look(&path)?.is_some_and(|data| data.is_dir()) {
             gather(&path, &format!("{inside}/"), deeper - 1, found)?;
-        } else {
+        }
+        // Also a folder with nothing in it is there.
+        if found.len() == before {
             found.push(inside);
         }
     }

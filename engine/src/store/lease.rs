@@ -197,6 +197,9 @@ impl Leases {
 
     fn write(&self) -> Result<(), Error> {
         let folder = self.file.parent().unwrap_or(self.store.root());
+        if fs::is_taken(folder) && !fs::is_folder(folder) {
+            return Err(self.store.no_place(folder));
+        }
         fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
         let text = serde_json::to_vec(&self.announcement).map_err(|source| Error::Worker {
             problem: source.to_string(),
@@ -380,7 +383,11 @@ enum Looked {
 }
 
 fn look(path: &Path) -> Result<Looked, Error> {
+    // A pipe that is opened waits for a writer.
     let read = || -> std::io::Result<(Vec<u8>, SystemTime)> { Ok((fs::read(path)?, modified(path)?)) };
+    if fs::symlink_metadata(path).is_ok_and(|data| !data.is_file()) {
+        return Ok(Looked::Damaged);
+    }
     match read() {
         Ok((text, renewed)) => Ok(serde_json::from_slice(&text)
             .map_or(Looked::Damaged, |said| Looked::Owned(Found { said, renewed }))),

@@ -69,9 +69,27 @@ pub struct LogPosition {
 /// # Errors
 /// Where the file cannot be read. Damage is no error: see [`LogContents::end`].
 pub fn read(path: &Path) -> Result<LogContents, Error> {
-    fs::read(path)
+    bytes_of(path)
         .map(|bytes| decode(&bytes))
         .map_err(Error::file("read", path))
+}
+
+/// What a log's file holds; whatever else has its name is not opened.
+fn bytes_of(path: &Path) -> std::io::Result<Vec<u8>> {
+    if fs::symlink_metadata(path)?.is_file() {
+        fs::read(path)
+    } else {
+        let what = "it is no file";
+        Err(std::io::Error::new(std::io::ErrorKind::InvalidData, what))
+    }
+}
+
+/// Whether a log holds what it held at a position; nothing of it is changed.
+pub(super) fn holds(path: &Path, position: &LogPosition) -> bool {
+    let bytes = bytes_of(path).unwrap_or_default();
+    let end = usize::try_from(position.bytes).ok();
+    let before = end.and_then(|end| bytes.get(..end));
+    before.is_some_and(|before| digest(&blake3::hash(before)) == position.digest)
 }
 
 /// A log that is being written.
@@ -108,7 +126,7 @@ impl MetricLog {
         trial: &str,
         position: &LogPosition,
     ) -> Result<Option<(Self, MetricsTable)>, Error> {
-        let Ok(bytes) = fs::read(path) else {
+        let Ok(bytes) = bytes_of(path) else {
             return Ok(None);
         };
         let Some(before) = usize::try_from(position.bytes)
@@ -312,7 +330,8 @@ impl LogContents {
             .map(|_| payload.row())
             .collect::<Option<Vec<_>>>()?;
         let known = self.table.names.len() + names.len();
-        if !payload.0.is_empty() || rows.iter().any(|row| usize::from(row.metric) >= known) {
+        let most = usize::from(u16::MAX) + 1;
+        if known > most || !payload.0.is_empty() || rows.iter().any(|row| usize::from(row.metric) >= known) {
             return None;
         }
         self.table.names.extend(names);

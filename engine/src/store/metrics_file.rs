@@ -14,12 +14,12 @@
 use crate::{
     Error, Recorder,
     parquet::{self, Table, Values},
-    recorder::{Phase, Row, intern},
+    recorder::{Phase, Row},
     results::Results,
     trial::Trial,
     world::fs,
 };
-use std::path::Path;
+use std::{collections::HashMap, path::Path};
 
 /// Version of the columns, for other readers: this program holds a file against its acknowledged hash and
 /// knows one form.
@@ -121,14 +121,18 @@ fn columns(record: &Recorder) -> Vec<(&str, Values<'_>)> {
 }
 
 pub(super) fn decode(bytes: Vec<u8>, path: &Path) -> Result<MetricsTable, Error> {
-    rows(&Table::decode(bytes, path)?)?.ok_or_else(|| Error::Damaged {
-        path: path.to_path_buf(),
-        problem: "a cell is empty or a phase is unknown".into(),
-    })
+    let damaged = |problem: String| {
+        let path = path.to_path_buf();
+        Error::Damaged { path, problem }
+    };
+    let whole = || rows(&Table::decode(bytes, path)?);
+    let unknown = "a cell is empty, a phase is unknown, or there are more than 65535 names of metrics";
+    parquet::without_panic(path, whole)?.ok_or_else(|| damaged(unknown.into()))
 }
 
 fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
     let mut table = MetricsTable::default();
+    let mut known: HashMap<String, u16> = HashMap::new();
     let (phases, metrics) = (read.texts("phase")?, read.texts("metric")?);
     let (steps, episodes) = (read.u64s("step")?, read.u32s("episode")?);
     let (seats, values) = (read.u32s("seat")?, read.f64s("value")?);
@@ -144,7 +148,17 @@ fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
         else {
             return Ok(None);
         };
-        let metric = intern(&mut table.names, metric);
+        let metric = match known.get(metric) {
+            Some(index) => *index,
+            None => {
+                let Ok(index) = u16::try_from(table.names.len()) else {
+                    return Ok(None);
+                };
+                table.names.push(metric.into());
+                known.insert(metric.into(), index);
+                index
+            }
+        };
         let seat = u16::try_from(seat).unwrap_or(u16::MAX);
         table.rows.push(Row {
             phase,
@@ -160,4 +174,39 @@ fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
 
 fn phase_named(name: &str) -> Option<Phase> {
     Phase::ALL.into_iter().find(|phase| phase.name() == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(names: &[String]) -> Vec<u8> {
+        let (rows, path) = (names.len(), Path::new("metrics.parquet"));
+        let columns = vec![
+            ("phase", Values::Text(vec!["train"; rows])),
+            ("step", Values::U64(vec![0; rows])),
+            ("episode", Values::U32(vec![0; rows])),
+            ("seat", Values::U32(vec![0; rows])),
+            ("metric", Values::Text(names.iter().map(String::as_str).collect())),
+            ("value", Values::F64(vec![0.5; rows])),
+        ];
+        parquet::encode(path, columns, &[]).unwrap()
+    }
+
+    #[test]
+    fn more_names_than_rows_can_tell_apart_are_damage() {
+        let names: Vec<String> = (0..70_000).map(|name| format!("metric_{name}")).collect();
+        let path = Path::new("metrics.parquet");
+        let read = decode(file(&names[..1000]), path).unwrap();
+        assert_eq!((read.names.len(), read.rows[999].metric), (1000, 999));
+        let refused = decode(file(&names), path).unwrap_err().to_string();
+        assert!(refused.contains("more than 65535 names"), "{refused}");
+    }
+
+    #[test]
+    fn a_reader_that_panics_has_a_damaged_file() {
+        let read = || -> Result<(), Error> { panic!("as a reader of Parquet may") };
+        let refused = parquet::without_panic(Path::new("metrics.parquet"), read);
+        assert!(matches!(refused, Err(Error::Damaged { .. })));
+    }
 }

@@ -27,6 +27,7 @@ mod lending;
 mod merge;
 pub mod metric_log;
 mod metrics_file;
+mod obstacle;
 mod owner;
 mod products;
 mod running;
@@ -38,6 +39,7 @@ pub(crate) use date::{now, rfc_3339_of, seconds_of};
 pub use fsck::{Fault, Finding, Findings};
 pub use imprint::{Difference, Imprint};
 pub use index::StoredTrial;
+pub(crate) use inside::read as read_file;
 pub use lease::{Claim, Leases};
 pub use merge::{Fate, Merge, Merged, Side};
 pub use metrics_file::{
@@ -262,8 +264,7 @@ impl Store {
         };
         if result.is_ok() {
             let digest = result.end.as_ref().map_or("", |end| &end.digest);
-            let path = self.folder(&trial.id).join("metrics.parquet");
-            let table = metrics_file::decode(self.metrics(&trial.id, digest)?, &path)?;
+            let table = self.read_metrics(&trial.id, digest)?;
             (result.names, result.rows) = (table.names, table.rows);
         }
         Ok(result)
@@ -286,6 +287,12 @@ impl Store {
         let mut rows = log.table.rows.iter().rev();
         rows.find(|row| row.phase == crate::Phase::Evaluate)
             .map(|row| row.step)
+    }
+
+    /// What a trial recorded, from the file that was acknowledged.
+    fn read_metrics(&self, id: &str, digest: &str) -> Result<MetricsTable, Error> {
+        let path = self.folder(id).join("metrics.parquet");
+        metrics_file::decode(self.metrics(id, digest)?, &path)
     }
 
     /// The metrics file of a trial, held against its acknowledged hash.

@@ -319,6 +319,8 @@ pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'stati
         let path = running.join(&name);
         if name.starts_with(PREFIX) && !is_whole(&path, trial) {
             faults.push((name, "it is not what was saved"));
+        } else if name.starts_with(PREFIX) && !has_its_rows(&path, running) {
+            faults.push((name, "`metrics.log` lacks rows that it goes on from"));
         } else if name.starts_with('.') {
             faults.push((name, "its writing was never finished"));
         } else if name == "metrics.log" && is_damaged(&path, trial) {
@@ -328,6 +330,13 @@ pub(super) fn faults(running: &Path, trial: &str) -> Result<Vec<(String, &'stati
         }
     }
     Ok(faults)
+}
+
+/// True where the log still holds what a whole checkpoint needs of it.
+fn has_its_rows(checkpoint: &Path, running: &Path) -> bool {
+    let state = fs::read(checkpoint.join("state.json")).ok();
+    let state = state.and_then(|text| serde_json::from_slice::<State>(&text).ok());
+    state.is_none_or(|state| metric_log::holds(&running.join("metrics.log"), &state.log))
 }
 
 fn is_damaged(log: &Path, trial: &str) -> bool {

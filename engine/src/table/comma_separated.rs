@@ -2,6 +2,7 @@
 
 use super::{Cell, Grid};
 use crate::{Error, statistics::Verdict};
+use std::borrow::Cow;
 
 const HEADER: [&str; 13] = [
     "row",
@@ -63,6 +64,19 @@ fn fields(cell: &Cell) -> [String; 10] {
     ]
 }
 
+/// A field as a cell: what a spreadsheet would compute has an apostrophe before it and stays a text; numbers are
+/// numbers.
+#[must_use]
+pub fn guarded(field: &str) -> Cow<'_, str> {
+    let computed = field.starts_with(['=', '+', '-', '@', '\t', '\r', '\n']);
+    // A sign alone is no formula.
+    if computed && field.len() > 1 && field.parse::<f64>().is_err() {
+        Cow::Owned(format!("'{field}"))
+    } else {
+        Cow::Borrowed(field)
+    }
+}
+
 /// Lines of fields as comma-separated values, quoted where needed.
 ///
 /// # Errors
@@ -75,9 +89,24 @@ pub fn write(lines: &[Vec<String>]) -> Result<String, Error> {
     let mut writer = csv::WriterBuilder::new().flexible(true).from_writer(Vec::new());
     for line in lines {
         writer
-            .write_record(line)
+            .write_record(line.iter().map(|field| guarded(field).into_owned()))
             .map_err(|error| refused(error.to_string()))?;
     }
     let bytes = writer.into_inner().map_err(|error| refused(error.to_string()))?;
     String::from_utf8(bytes).map_err(|error| refused(error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_spreadsheet_computes_a_name() {
+        let fields = [
+            "=2+2", "+a", "-b", "@c", "\td", "-1.5", "+3", "-inf", "e=f", "+", "",
+        ]
+        .map(String::from);
+        let written = write(&[fields.to_vec()]).unwrap();
+        assert_eq!(written.trim_end(), "'=2+2,'+a,'-b,'@c,'\td,-1.5,+3,-inf,e=f,+,");
+    }
 }

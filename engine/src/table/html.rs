@@ -1,6 +1,7 @@
 //! A table in HTML: the verdict as a word, coloured by the page's style sheet.
 
 use super::{Grid, Intervals, Part, prose};
+use crate::plain_text::printable;
 use std::fmt::Write as _;
 
 /// A `table` element with caption and head, followed by its notes. It uses the classes `verdict`, `value` and
@@ -84,7 +85,7 @@ pub fn word(verdict: &str, text: &str) -> String {
 #[must_use]
 pub fn escape(text: &str) -> String {
     let mut out = String::new();
-    for character in text.chars() {
+    for character in printable(text).chars() {
         match character {
             '&' => out.push_str("&amp;"),
             '<' => out.push_str("&lt;"),

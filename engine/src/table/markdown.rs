@@ -1,6 +1,7 @@
 //! A table in Markdown.
 
 use super::{Grid, Intervals, Part, prose};
+use crate::plain_text::printable;
 
 /// The table, its caption above it and its notes below it.
 #[must_use]
@@ -54,12 +55,50 @@ fn rule(part: Part) -> &'static str {
 #[must_use]
 pub fn escape(text: &str) -> String {
     let mut out = String::new();
-    for character in text.chars() {
+    let text = printable(text);
+    let refers = text.trim_start().starts_with('[');
+    let mut rest = text.chars();
+    while let Some(character) = rest.next() {
         match character {
+            // What stands in brackets is a link or an image by what follows them, and at the beginning of a text
+            // what others refer to.
+            ']' if rest.as_str().starts_with(['(', '[']) || refers && rest.as_str().starts_with(':') => {
+                out.push_str("\\]");
+            }
             '|' | '*' | '_' | '`' | '\\' | '<' | '#' => out.extend(['\\', character]),
-            '\n' | '\r' => out.push(' '),
+            '\n' => out.push(' '),
             _ => out.push(character),
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_and_images_are_text() {
+        for text in [
+            "[press](javascript:alert(1))",
+            "![seen](https://example.org/a.png)",
+            "[a][b]",
+            "[b]: javascript:alert(1)",
+            "<javascript:alert(1)>",
+        ] {
+            let escaped = escape(text);
+            assert!(
+                !["](", "][", "]:"]
+                    .iter()
+                    .any(|mark| escaped.replace("\\]", "").contains(mark))
+            );
+            assert!(!escaped.replace("\\<", "").contains('<'), "{escaped}");
+        }
+        assert_eq!(
+            escape("![seen](https://a.b/c.png)"),
+            "![seen\\](https://a.b/c.png)"
+        );
+        assert_eq!(escape("1.5 [1.2, 1.8] and [0, 1]"), "1.5 [1.2, 1.8] and [0, 1]");
+        assert_eq!(escape("a\u{1b}[2Jb"), "a\u{fffd}[2Jb");
+    }
 }

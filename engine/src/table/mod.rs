@@ -26,7 +26,7 @@ pub use aggregate::{Aggregate, SUITE_MEAN};
 pub use best_settings::BestSettings;
 pub(crate) use best_settings::metric_of_search;
 pub use cause::Cause;
-pub use comma_separated::{csv, write as write_csv};
+pub use comma_separated::{csv, guarded as guarded_csv, write as write_csv};
 pub use comparison::{Along, AtStep, Axis, Comparison, Form, Improvement, Statistic, Taken, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;

@@ -4,6 +4,7 @@
 use super::{
     html::escape as escape_html, latex::escape as escape_latex, markdown::escape as escape_markdown,
 };
+use crate::plain_text::printable;
 
 /// The sentence in HTML.
 #[must_use]
@@ -29,6 +30,7 @@ pub fn latex(text: &str) -> String {
 
 /// Every second part between backticks is a name. A backtick without its pair is a character like any other.
 fn render(text: &str, plain: fn(&str) -> String, name: fn(&str) -> String) -> String {
+    let text = printable(text);
     let parts: Vec<&str> = text.split('`').collect();
     let paired = parts.len() - 1 - (parts.len() - 1) % 2;
     let part = |(index, part): (usize, &&str)| match index {

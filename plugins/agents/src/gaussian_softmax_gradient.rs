@@ -30,6 +30,7 @@ use numerics::gauss_hermite::gauss_hermite;
 use numerics::gaussian;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::cell::OnceCell;
 use std::path::Path;
 
 const NAME: &str = "gaussian_softmax_gradient";
@@ -80,7 +81,9 @@ impl engine::Config for Config {}
 #[derive(Debug)]
 pub struct GaussianSoftmaxGradient {
     mean: Vec<f64>,
-    sd: f64,
+    /// The sigma with the deviation that the config asks for, once it is needed: finding it takes longer than
+    /// building everything else.
+    sd: OnceCell<f64>,
     config: Config,
     channels: RewardChannels,
     /// Candidates of the last batch, in the order of its actions: the softmax cannot be inverted.
@@ -118,10 +121,10 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
         .into_iter()
         .map(f64::ln)
         .collect();
-    let sd = matching_sd(&mean, config.action_sd)?;
+    check_deviation(&mean, config.action_sd)?;
     Ok(Box::new(GaussianSoftmaxGradient {
         mean,
-        sd,
+        sd: OnceCell::new(),
         config,
         channels,
         candidates: Vec::new(),
@@ -130,30 +133,39 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
     }))
 }
 
-/// The sigma whose first share has the deviation `action_sd`, by bisection: the deviation grows with sigma.
-fn matching_sd(mean: &[f64], action_sd: f64) -> Result<f64, Error> {
-    let rule = gauss_hermite(NODES);
-    let deviation = |sd: f64| {
-        let first = expectation(mean, sd, &rule, &|action, _| action[0].exp());
-        let second = expectation(mean, sd, &rule, &|action, _| (2.0 * action[0]).exp());
-        (second - first * first).max(0.0).sqrt()
-    };
-    let (mut low, mut high) = (1e-6, 3.0);
-    if deviation(high) < action_sd {
-        return Err(Error::config(
-            "action_sd",
-            format!("at most {:.3} with this mean", deviation(high)),
-        ));
+/// Largest sigma that is looked at.
+const LARGEST_SD: f64 = 3.0;
+
+/// Refuses a deviation of the first share that no sigma has.
+fn check_deviation(mean: &[f64], action_sd: f64) -> Result<(), Error> {
+    let most = deviation(mean, LARGEST_SD, &gauss_hermite(NODES));
+    if most < action_sd {
+        let problem = format!("at most {most:.3} with this mean");
+        return Err(Error::config("action_sd", problem));
     }
+    Ok(())
+}
+
+/// The sigma whose first share has the deviation `action_sd`, by bisection: the deviation grows with sigma.
+fn matching_sd(mean: &[f64], action_sd: f64) -> f64 {
+    let rule = gauss_hermite(NODES);
+    let (mut low, mut high) = (1e-6, LARGEST_SD);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if deviation(middle) < action_sd {
+        if deviation(mean, middle, &rule) < action_sd {
             low = middle;
         } else {
             high = middle;
         }
     }
-    Ok(0.5 * (low + high))
+    0.5 * (low + high)
+}
+
+/// The deviation of the first share.
+fn deviation(mean: &[f64], sd: f64, rule: &[(f64, f64)]) -> f64 {
+    let first = expectation(mean, sd, rule, &|action, _| action[0].exp());
+    let second = expectation(mean, sd, rule, &|action, _| (2.0 * action[0]).exp());
+    (second - first * first).max(0.0).sqrt()
 }
 
 /// E f(ln a, x) over x ~ N(mean, sd^2 I) in three dimensions.
@@ -197,8 +209,14 @@ fn exact(mean: &[f64], sd: f64, reward: &Reward, entropy_weight: f64) -> Vec<f64
 }
 
 impl GaussianSoftmaxGradient {
+    fn sd(&self) -> f64 {
+        *self
+            .sd
+            .get_or_init(|| matching_sd(&self.mean, self.config.action_sd))
+    }
+
     fn estimate(&self, candidate: &[f64], action: &[f64], reward: f64) -> Vec<f64> {
-        let log_sd = vec![self.sd.ln(); self.mean.len()];
+        let log_sd = vec![self.sd().ln(); self.mean.len()];
         let point = if self.config.density == Density::Candidate {
             candidate
         } else {
@@ -208,14 +226,14 @@ impl GaussianSoftmaxGradient {
         point
             .iter()
             .zip(&self.mean)
-            .map(|(x, mean)| weight * (x - mean) / self.sd.powi(2))
+            .map(|(x, mean)| weight * (x - mean) / self.sd().powi(2))
             .collect()
     }
 }
 
 impl Agent for GaussianSoftmaxGradient {
     fn act(&mut self, observations: &[Observation], _: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
-        let log_sd = vec![self.sd.ln(); self.mean.len()];
+        let log_sd = vec![self.sd().ln(); self.mean.len()];
         self.candidates = observations
             .iter()
             .map(|_| gaussian::sample(&self.mean, &log_sd, rng))
@@ -237,7 +255,7 @@ impl Agent for GaussianSoftmaxGradient {
             if self.exact.as_ref().is_none_or(|(known, _)| *known != reward) {
                 self.exact = Some((
                     reward.clone(),
-                    exact(&self.mean, self.sd, &reward, self.config.entropy_weight),
+                    exact(&self.mean, self.sd(), &reward, self.config.entropy_weight),
                 ));
             }
             if let Some((_, exact)) = &self.exact {
@@ -295,7 +313,8 @@ mod tests {
     #[test]
     fn the_deviation_is_the_one_asked_for() {
         let mean = [(1.0f64 / 3.0).ln(); 3];
-        let sd = matching_sd(&mean, 0.05).unwrap();
+        let sd = matching_sd(&mean, 0.05);
+        assert!(check_deviation(&mean, 0.05).is_ok() && check_deviation(&mean, 0.6).is_err());
         // Linearised: sd(a_1) = sigma sqrt(2 / 27).
         assert!((sd - 0.05 / (2.0f64 / 27.0).sqrt()).abs() < 0.01, "{sd}");
     }

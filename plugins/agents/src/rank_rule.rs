@@ -15,6 +15,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 const NAME: &str = "rank_rule";
+/// How far shares may sum to less than 1; no environment takes less.
+const SUM_TOLERANCE: f64 = 1e-6;
 
 /// The weights.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
@@ -94,6 +96,11 @@ fn shares(weights: &[f64], n_assets: usize) -> Result<Vec<f64>, Error> {
             "weights are at least 0 and one is above 0",
         ));
     }
+    // What lies above 1 is for the environment to judge: as printed, one of the rules does.
+    if total < 1.0 - SUM_TOLERANCE {
+        let problem = format!("the weights sum to {total}; write shares that sum to 1");
+        return Err(Error::config("weights", problem));
+    }
     Ok(weights.to_vec())
 }
 
@@ -156,6 +163,22 @@ mod tests {
             action.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-15),
             "{action:?}"
         );
+    }
+
+    #[test]
+    fn weights_that_leave_demand_unmet_are_refused() {
+        for weights in [
+            [0.1, 0.15, 0.15, 0.25],
+            [0.0, 0.0, 0.0, 0.0],
+            [0.5, 0.6, -0.1, 0.0],
+        ] {
+            let config = Config {
+                weights: weights.to_vec(),
+            };
+            let mut rng = engine::random::stream(&["rank"]);
+            let refused = build(config, &allocation(&CHANNELS, &[], 4), &mut rng);
+            assert!(matches!(refused, Err(Error::Config { .. })), "{weights:?}");
+        }
     }
 
     #[test]

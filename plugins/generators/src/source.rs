@@ -2,7 +2,7 @@
 
 use crate::images::{CHANNELS, ImageFileError, Images, cifar10, shapes, stl10};
 use crate::kept::Kept;
-use engine::{DataFile, Error};
+use engine::{DataFile, Error, input_file};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{fs, sync::Arc};
@@ -202,7 +202,7 @@ impl Source {
 
 fn bytes(of: &ImageFile) -> Result<Vec<u8>, Error> {
     let path = of.file.path();
-    fs::read(path).map_err(Error::file("read", path))
+    input_file::read(path, input_file::Use::Bytes).map_err(Error::file("read", path))
 }
 
 fn damaged(error: ImageFileError) -> Error {

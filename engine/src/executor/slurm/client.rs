@@ -1,10 +1,10 @@
 //! Slurm's commands: what they are asked, and what their answers mean.
 
 use crate::{
-    executor::{Error, Task},
-    world::process::{Command, Stdio},
+    executor::{Error, Stop, Task, answer::ask},
+    world::process::Command,
 };
-use std::{ffi::OsStr, path::Path};
+use std::{ffi::OsStr, path::Path, time::Duration};
 
 /// States of tasks that have come to an end.
 const ENDED: [&str; 10] = [
@@ -23,27 +23,102 @@ const ENDED: [&str; 10] = [
 /// Reasons of waiting tasks that tell nobody anything: none, and that enough of the same array run.
 const SILENT: [&str; 3] = ["", "None", "JobArrayTaskLimit"];
 
-/// The tasks of jobs with these names that Slurm knows of. It forgets ended ones after some minutes.
-///
-/// # Errors
-/// [`Error::Busy`] where the controller does not answer.
-pub fn tasks(names: &[String]) -> Result<Vec<Task>, Error> {
-    if names.is_empty() {
-        return Ok(Vec::new());
+/// The commands, each with the time that it may take.
+pub struct Client<'a> {
+    /// What a question may take.
+    pub answer: Duration,
+    /// What a submission may take.
+    pub submit: Duration,
+    /// Who may end the wait before.
+    pub stop: &'a Stop,
+}
+
+impl Client<'_> {
+    /// The tasks of jobs with these names that Slurm knows of. It forgets ended ones after some minutes.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] or [`Error::Silent`] where the controller does not answer.
+    pub fn tasks(&self, names: &[String]) -> Result<Vec<Task>, Error> {
+        if names.is_empty() {
+            return Ok(Vec::new());
+        }
+        let names = format!("--name={}", names.join(","));
+        let arguments = [
+            "--noheader",
+            "--array",
+            "--states=all",
+            "--format=%j|%F|%T|%r",
+            &names,
+        ];
+        self.call("squeue", &arguments)?
+            .lines()
+            .filter(|line| !line.trim().is_empty())
+            .map(task)
+            .collect()
     }
-    let names = format!("--name={}", names.join(","));
-    let arguments = [
-        "--noheader",
-        "--array",
-        "--states=all",
-        "--format=%j|%F|%T|%r",
-        &names,
-    ];
-    call("squeue", &arguments)?
-        .lines()
-        .filter(|line| !line.trim().is_empty())
-        .map(task)
-        .collect()
+
+    /// Submits a script and returns the job's id.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] where Slurm says no, [`Error::Busy`] or [`Error::Silent`] where the controller does not
+    /// answer; the job may exist even then.
+    pub fn submit(&self, script: &Path) -> Result<String, Error> {
+        let answer = self.call("sbatch", &[OsStr::new("--parsable"), script.as_os_str()])?;
+        // A federation adds `;cluster`.
+        let id = answer
+            .lines()
+            .last()
+            .unwrap_or_default()
+            .trim()
+            .split(';')
+            .next()
+            .unwrap_or_default();
+        if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {
+            return Err(Error::Unreadable {
+                program: "sbatch",
+                text: answer.trim().into(),
+                expected: "a job id",
+            });
+        }
+        Ok(id.into())
+    }
+
+    /// The cluster's `MaxArraySize`; `None` where its configuration does not show one.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] or [`Error::Silent`] where the controller does not answer.
+    pub fn max_array_size(&self) -> Result<Option<usize>, Error> {
+        let config = self.call("scontrol", &["show", "config"])?;
+        Ok(setting(&config, "MaxArraySize").and_then(|text| text.parse().ok()))
+    }
+
+    /// Cancels the jobs of a submission: all, or those that have not started.
+    ///
+    /// # Errors
+    /// As [`submit`](Self::submit).
+    pub fn cancel(&self, name: &str, pending_only: bool) -> Result<(), Error> {
+        let name = format!("--name={name}");
+        let arguments: &[&str] = if pending_only {
+            &[&name, "--state=PENDING"]
+        } else {
+            &[&name]
+        };
+        self.call("scancel", arguments).map(drop)
+    }
+
+    fn call<S: AsRef<OsStr>>(&self, program: &'static str, arguments: &[S]) -> Result<String, Error> {
+        let limit = if program == "sbatch" {
+            self.submit
+        } else {
+            self.answer
+        };
+        let answer = ask(program, &mut command(program, arguments), limit, self.stop)?;
+        if answer.status.success() {
+            Ok(String::from_utf8_lossy(&answer.out).into_owned())
+        } else {
+            Err(complaint(program, &String::from_utf8_lossy(&answer.err)))
+        }
+    }
 }
 
 fn task(line: &str) -> Result<Task, Error> {
@@ -68,41 +143,6 @@ fn task(line: &str) -> Result<Task, Error> {
     })
 }
 
-/// Submits a script and returns the job's id.
-///
-/// # Errors
-/// [`Error::Refused`] where Slurm says no, [`Error::Busy`] where the controller does not answer; the job may
-/// exist even then.
-pub fn submit(script: &Path) -> Result<String, Error> {
-    let answer = call("sbatch", &[OsStr::new("--parsable"), script.as_os_str()])?;
-    // A federation adds `;cluster`.
-    let id = answer
-        .lines()
-        .last()
-        .unwrap_or_default()
-        .trim()
-        .split(';')
-        .next()
-        .unwrap_or_default();
-    if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_digit()) {
-        return Err(Error::Unreadable {
-            program: "sbatch",
-            text: answer.trim().into(),
-            expected: "a job id",
-        });
-    }
-    Ok(id.into())
-}
-
-/// The cluster's `MaxArraySize`; `None` where its configuration does not show one.
-///
-/// # Errors
-/// [`Error::Busy`] where the controller does not answer.
-pub fn max_array_size() -> Result<Option<usize>, Error> {
-    let config = call("scontrol", &["show", "config"])?;
-    Ok(setting(&config, "MaxArraySize").and_then(|text| text.parse().ok()))
-}
-
 fn setting<'a>(config: &'a str, name: &str) -> Option<&'a str> {
     config.lines().find_map(|line| {
         line.split_once('=')
@@ -111,27 +151,13 @@ fn setting<'a>(config: &'a str, name: &str) -> Option<&'a str> {
     })
 }
 
-/// Cancels the jobs of a submission: all, or those that have not started.
-///
-/// # Errors
-/// As [`submit`].
-pub fn cancel(name: &str, pending_only: bool) -> Result<(), Error> {
-    let name = format!("--name={name}");
-    let arguments: &[&str] = if pending_only {
-        &[&name, "--state=PENDING"]
-    } else {
-        &[&name]
-    };
-    call("scancel", arguments).map(drop)
-}
-
 #[expect(
     clippy::disallowed_methods,
     reason = "variables that stand for options of the commands are left out"
 )]
-fn call<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Result<String, Error> {
+fn command<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Command {
     let mut command = Command::new(program);
-    command.args(arguments).stdin(Stdio::null());
+    command.args(arguments);
     // These variables stand for options: they would hide jobs from us or take them the name that we find them
     // by.
     let ours = |name: &str| name.starts_with("SQUEUE_") || name.starts_with("SCANCEL_");
@@ -146,15 +172,7 @@ fn call<S: AsRef<OsStr>>(program: &'static str, arguments: &[S]) -> Result<Strin
     ] {
         command.env_remove(name);
     }
-    let output = command
-        .output()
-        .map_err(|source| Error::NoProgram { program, source })?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    if output.status.success() {
-        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
-    } else {
-        Err(complaint(program, &said))
-    }
+    command
 }
 
 /// What a command's complaint means for those who want an answer.

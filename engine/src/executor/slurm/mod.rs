@@ -6,9 +6,10 @@ mod script;
 
 pub use options::Options;
 
-use super::{Array, Error, Executor, Kind, Queue, Submission, Task, Wanted, Way, kind};
+use super::{Array, Error, Executor, Kind, Queue, Stop, Submission, Task, Wanted, Way, kind};
+use client::Client;
 use serde_json::Value;
-use std::{num::NonZeroUsize, path::Path};
+use std::{num::NonZeroUsize, path::Path, time::Duration};
 
 /// Its name in the list of executors.
 const NAME: &str = "slurm";
@@ -35,6 +36,16 @@ pub fn kind() -> Kind {
         title: "Slurm",
         about,
         way: Way::Queue(options),
+    }
+}
+
+impl Slurm {
+    fn client<'a>(&self, stop: &'a Stop) -> Client<'a> {
+        Client {
+            answer: self.options.answer(),
+            submit: self.options.submit(),
+            stop,
+        }
     }
 }
 
@@ -77,8 +88,16 @@ impl Queue for Slurm {
         serde_json::to_value(&self.options).unwrap_or_default()
     }
 
-    fn largest_array(&self) -> Result<usize, Error> {
-        Ok(client::max_array_size()?.unwrap_or(USUAL_MAX_ARRAY_SIZE))
+    fn largest_array(&self, stop: &Stop) -> Result<usize, Error> {
+        Ok(self
+            .client(stop)
+            .max_array_size()?
+            .unwrap_or(USUAL_MAX_ARRAY_SIZE))
+    }
+
+    /// One look at the queue, one at the configuration and one submission.
+    fn patience(&self) -> Duration {
+        self.options.answer() * 2 + self.options.submit()
     }
 
     fn max_tasks(&self) -> usize {
@@ -97,15 +116,15 @@ impl Queue for Slurm {
         script::render(submission, array, &self.options)
     }
 
-    fn tasks(&self, names: &[String]) -> Result<Vec<Task>, Error> {
-        client::tasks(names)
+    fn tasks(&self, names: &[String], stop: &Stop) -> Result<Vec<Task>, Error> {
+        self.client(stop).tasks(names)
     }
 
-    fn submit(&self, script: &Path) -> Result<String, Error> {
-        client::submit(script)
+    fn submit(&self, script: &Path, stop: &Stop) -> Result<String, Error> {
+        self.client(stop).submit(script)
     }
 
-    fn cancel(&self, name: &str, waiting_only: bool) -> Result<(), Error> {
-        client::cancel(name, waiting_only)
+    fn cancel(&self, name: &str, waiting_only: bool, stop: &Stop) -> Result<(), Error> {
+        self.client(stop).cancel(name, waiting_only)
     }
 }

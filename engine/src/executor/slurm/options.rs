@@ -3,7 +3,10 @@
 use crate::executor::{Error, four_each};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::num::{NonZeroU32, NonZeroUsize};
+use std::{
+    num::{NonZeroU32, NonZeroUsize},
+    time::Duration,
+};
 
 /// The table `[slurm]`. Every key can be left out.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -31,6 +34,12 @@ pub struct Options {
     pub resubmissions: Option<usize>,
     /// How often the queue is asked, in seconds; 5.
     pub poll_s: Option<NonZeroU32>,
+    /// How long `squeue`, `scontrol` and `scancel` may take to answer, in seconds; 60. One that takes longer is
+    /// ended, and the controller is asked again.
+    pub answer_s: Option<NonZeroU32>,
+    /// How long `sbatch` may take, in seconds; 300. A job that was taken without an answer is found again by its
+    /// name.
+    pub submit_s: Option<NonZeroU32>,
     /// Further arguments of `sbatch`, as in `["--qos=long"]`.
     pub arguments: Option<Vec<String>>,
     /// Lines of shell before the worker starts, as in `["module load cuda"]`.
@@ -96,6 +105,18 @@ impl Options {
         self.poll_s.map_or(5.0, |seconds| f64::from(seconds.get()))
     }
 
+    /// How long a question may take.
+    #[must_use]
+    pub fn answer(&self) -> Duration {
+        seconds(self.answer_s, 60)
+    }
+
+    /// How long a submission may take.
+    #[must_use]
+    pub fn submit(&self) -> Duration {
+        seconds(self.submit_s, 300)
+    }
+
     /// Refuses what Slurm would misread.
     ///
     /// # Errors
@@ -149,6 +170,10 @@ impl Options {
         }
         Ok(())
     }
+}
+
+fn seconds(given: Option<NonZeroU32>, usual: u32) -> Duration {
+    Duration::from_secs(given.map_or(usual, NonZeroU32::get).into())
 }
 
 /// Seconds of a time limit: `minutes`, `minutes:seconds`, `hours:minutes:seconds`,

@@ -250,3 +250,28 @@ fn what_earlier_processes_spent_is_counted() {
     next.load(&mut Counter(0), &mut Recorder::default()).unwrap();
     assert!(next.wall_s() >= 100.0);
 }
+
+#[test]
+fn a_checkpoint_whose_rows_are_cut_off_is_a_fault_and_an_older_one_is_none() {
+    let mut bench = Bench::new();
+    let mut keeper = bench.keeper();
+    bench.save(&mut keeper, 1);
+    let older = bench.set_aside("checkpoint-1");
+    let log = bench.path("metrics.log");
+    let length = fs::metadata(&log).unwrap().len();
+    bench.save(&mut keeper, 2);
+    fs::rename(older, bench.path("checkpoint-1")).unwrap();
+    let found = || faults(&bench.path(""), "trial").unwrap();
+    assert_eq!(found(), []);
+    fs::OpenOptions::new()
+        .write(true)
+        .open(&log)
+        .unwrap()
+        .set_len(length)
+        .unwrap();
+    let lacks = "`metrics.log` lacks rows that it goes on from";
+    assert_eq!(found(), [("checkpoint-2".to_owned(), lacks)]);
+    fs::remove_file(&log).unwrap();
+    let both = ["checkpoint-1", "checkpoint-2"].map(|name| (name.to_owned(), lacks));
+    assert_eq!(found(), both);
+}

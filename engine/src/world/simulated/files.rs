@@ -9,7 +9,7 @@ use super::{
 };
 use std::{
     ffi::{OsStr, OsString},
-    fs as real,
+    fs::{self as real, TryLockError},
     io::{self, ErrorKind, Read, Seek, SeekFrom, Write},
     panic::Location,
     path::{Path, PathBuf},
@@ -500,18 +500,19 @@ impl File {
         }
     }
 
-    pub fn lock(&self) -> io::Result<()> {
+    pub fn try_lock(&self) -> Result<(), TryLockError> {
         match self {
-            Self::Real(file) => file.lock(),
-            Self::Simulated(open) => loop {
+            Self::Real(file) => file.try_lock(),
+            Self::Simulated(open) => {
                 let taken = open.call("lock", |machine, me| {
                     Ok(*machine.locks.entry(open.node).or_insert(me.at) == me.at)
-                })?;
-                if taken {
-                    return Ok(());
+                });
+                match taken {
+                    Ok(true) => Ok(()),
+                    Ok(false) => Err(TryLockError::WouldBlock),
+                    Err(error) => Err(TryLockError::Error(error)),
                 }
-                open.by.sleep(Duration::from_millis(10));
-            },
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The load that the pack must carry.
 
-use engine::{DataFile, Error, Rng};
+use engine::{DataFile, Error, Rng, input_file::quoted};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -204,7 +204,7 @@ fn number(record: &csv::StringRecord, column: usize) -> Result<f64, String> {
     text.parse()
         .ok()
         .filter(|value: &f64| value.is_finite())
-        .ok_or_else(|| text.to_owned())
+        .ok_or_else(|| quoted(text))
 }
 
 #[cfg(test)]

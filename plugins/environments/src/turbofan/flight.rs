@@ -2,7 +2,10 @@
 
 use super::atmosphere::Air;
 use super::solver::Held;
-use engine::{DataFile, Error, Rng};
+use engine::{
+    DataFile, Error, Rng,
+    input_file::{quoted, quoted_names},
+};
 use rand::Rng as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -259,8 +262,8 @@ impl Columns {
         let place = |name: &str| header.iter().position(|column| column == name);
         let needed = |name: &str| {
             place(name).ok_or_else(|| {
-                let known: Vec<&str> = header.iter().collect();
-                let problem = format!("column `{name}` is missing; there are {}", known.join(", "));
+                let known = quoted_names(header);
+                let problem = format!("column `{name}` is missing; there are {known}");
                 wrong(file, Some(1), None, problem)
             })
         };
@@ -294,7 +297,7 @@ impl Columns {
                     file,
                     line,
                     self.header.get(place),
-                    format!("`{cell}` is no number"),
+                    format!("`{}` is no number", quoted(cell)),
                 )
             })
         };

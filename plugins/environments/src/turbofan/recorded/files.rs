@@ -1,6 +1,9 @@
 //! Rows of numbers from the files of recordings.
 
-use engine::{DataFile, Error, FileFormat};
+use engine::{
+    DataFile, Error, FileFormat,
+    input_file::{quoted, quoted_names},
+};
 
 /// Told of every row: its line (in CSV, from 1 with the header) or number, and the values of the columns.
 pub(super) type Row<'a> = dyn FnMut(u64, &[f64]) -> Result<(), Error> + 'a;
@@ -40,8 +43,7 @@ fn csv(file: &DataFile, names: &[&str], row: &mut Row<'_>) -> Result<(), Error> 
     let place = |name: &&str| {
         let found = header.iter().position(|column| column == *name);
         found.ok_or_else(|| {
-            let known: Vec<&str> = header.iter().collect();
-            let problem = format!("is missing; there are {}", known.join(", "));
+            let problem = format!("is missing; there are {}", quoted_names(&header));
             wrong(file, Some(1), Some(name), problem)
         })
     };
@@ -77,7 +79,12 @@ fn parquet(file: &DataFile, names: &[&str], row: &mut Row<'_>) -> Result<(), Err
 }
 
 fn no_number(file: &DataFile, line: u64, column: &str, cell: &str) -> Error {
-    wrong(file, Some(line), Some(column), format!("`{cell}` is no number"))
+    wrong(
+        file,
+        Some(line),
+        Some(column),
+        format!("`{}` is no number", quoted(cell)),
+    )
 }
 
 fn wrong(file: &DataFile, line: Option<u64>, column: Option<&str>, problem: String) -> Error {

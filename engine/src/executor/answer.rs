@@ -1,0 +1,203 @@
+//! Commands of a batch system: what they answer, within a time, unless somebody stops waiting.
+
+use super::Error;
+use crate::world::{
+    clock,
+    process::{Child, Command, ExitStatus, Stdio},
+};
+use std::{
+    io::Read,
+    os::unix::process::CommandExt as _,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, RecvTimeoutError, channel},
+    },
+    time::{Duration, Instant},
+};
+
+/// How often it is looked whether a command has ended.
+const LOOK: Duration = Duration::from_millis(20);
+/// What a command may still take once nobody waits any more: an answer that is under way is heard.
+const GRACE: Duration = Duration::from_millis(300);
+
+/// Whether those who wait were asked to stop.
+#[derive(Debug, Clone, Default)]
+pub struct Stop(Arc<AtomicBool>);
+
+impl Stop {
+    /// Stops when the flag is set.
+    #[must_use]
+    pub fn on(flag: &Arc<AtomicBool>) -> Self {
+        Self(Arc::clone(flag))
+    }
+
+    /// True once nobody is to wait any more.
+    #[must_use]
+    pub fn is_asked(&self) -> bool {
+        self.0.load(Ordering::SeqCst)
+    }
+}
+
+/// What a command printed, and how it ended.
+pub(super) struct Answer {
+    pub(super) status: ExitStatus,
+    pub(super) out: Vec<u8>,
+    pub(super) err: Vec<u8>,
+}
+
+/// Runs a command to its end. One that takes longer than `limit`, or is under way when `stop` is asked for, is
+/// ended with all that it started.
+///
+/// # Errors
+/// [`Error::NoProgram`], [`Error::Silent`] after the limit and [`Error::Interrupted`].
+pub(super) fn ask(
+    program: &'static str,
+    command: &mut Command,
+    limit: Duration,
+    stop: &Stop,
+) -> Result<Answer, Error> {
+    let missing = |source| Error::NoProgram { program, source };
+    // In a group of its own: Ctrl-C is for this program, which says what follows, and whatever the command
+    // starts can be ended with it.
+    command.stdin(Stdio::null()).process_group(0);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().map_err(missing)?;
+    let (out, err) = (heard(child.stdout.take()), heard(child.stderr.take()));
+    let mut patience = Patience {
+        begun: clock::now(),
+        limit,
+        stopped: None,
+    };
+    let answered = patience
+        .until_heard(&out, stop)
+        .zip(patience.until_heard(&err, stop))
+        .and_then(|(out, err)| Some((out, err, patience.until_ended(&mut child, stop)?)));
+    match answered {
+        Some((out, err, status)) => Ok(Answer { status, out, err }),
+        None => {
+            end(&mut child);
+            Err(patience.error(program))
+        }
+    }
+}
+
+/// What comes out of a pipe, once it ends. The reader is not waited for: a process that outlives its command
+/// may hold the pipe.
+fn heard(pipe: Option<impl Read + Send + 'static>) -> Receiver<Vec<u8>> {
+    let (tell, told) = channel();
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        if let Some(mut pipe) = pipe {
+            let _ = pipe.read_to_end(&mut bytes);
+        }
+        let _ = tell.send(bytes);
+    });
+    told
+}
+
+/// How long an answer is waited for.
+struct Patience {
+    begun: Instant,
+    limit: Duration,
+    /// When it was noticed that nobody waits any more.
+    stopped: Option<Instant>,
+}
+
+impl Patience {
+    fn is_over(&mut self, stop: &Stop) -> bool {
+        if stop.is_asked() && self.stopped.is_none() {
+            self.stopped = Some(clock::now());
+        }
+        clock::since(self.begun) >= self.limit || self.stopped.is_some_and(|then| clock::since(then) >= GRACE)
+    }
+
+    fn until_heard(&mut self, pipe: &Receiver<Vec<u8>>, stop: &Stop) -> Option<Vec<u8>> {
+        loop {
+            match pipe.recv_timeout(LOOK) {
+                Ok(bytes) => return Some(bytes),
+                Err(RecvTimeoutError::Disconnected) => return Some(Vec::new()),
+                Err(RecvTimeoutError::Timeout) if self.is_over(stop) => return None,
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
+    }
+
+    fn until_ended(&mut self, child: &mut Child, stop: &Stop) -> Option<ExitStatus> {
+        loop {
+            match child.try_wait() {
+                Ok(Some(status)) => return Some(status),
+                Ok(None) if !self.is_over(stop) => clock::sleep(LOOK / 10),
+                Ok(None) | Err(_) => return None,
+            }
+        }
+    }
+
+    fn error(&self, program: &'static str) -> Error {
+        if self.stopped.is_some() {
+            Error::Interrupted { program }
+        } else {
+            let after_s = self.limit.as_secs_f64();
+            Error::Silent { program, after_s }
+        }
+    }
+}
+
+/// Ends a command and what it started; what cannot be ended is left to itself.
+fn end(child: &mut Child) {
+    let group = format!("-{}", child.id());
+    let mut kill = Command::new("kill");
+    kill.args(["-KILL", "--", &group]).stdin(Stdio::null());
+    let _ = kill.stdout(Stdio::null()).stderr(Stdio::null()).status();
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shell(script: &str, limit_s: u64, stop: &Stop) -> Result<Answer, Error> {
+        let mut command = Command::new("sh");
+        ask(
+            "sh",
+            command.args(["-c", script]),
+            Duration::from_secs(limit_s),
+            stop,
+        )
+    }
+
+    #[test]
+    fn a_command_that_answers_is_heard_to_its_end() {
+        let script = "head -c 200000 /dev/zero; echo no >&2; exit 3";
+        let answer = shell(script, 60, &Stop::default()).ok().unwrap();
+        assert_eq!((answer.out.len(), answer.err.as_slice()), (200_000, &b"no\n"[..]));
+        assert_eq!(answer.status.code(), Some(3));
+    }
+
+    #[test]
+    fn a_command_that_never_ends_is_ended_with_what_it_started() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("late");
+        let script = format!("(sleep 3; touch {}) & sleep 600", file.display());
+        let began = clock::now();
+        let silent = shell(&script, 1, &Stop::default()).err().unwrap();
+        assert_eq!(silent.to_string(), "sh gave no answer within 1 s and was ended");
+        assert!(clock::since(began) < Duration::from_secs(100));
+        clock::sleep(Duration::from_secs(4));
+        assert!(!file.exists());
+    }
+
+    #[test]
+    fn who_stops_waiting_does_not_wait_for_the_limit() {
+        let flag = Arc::new(AtomicBool::new(true));
+        let began = clock::now();
+        let stopped = shell("sleep 600", 600, &Stop::on(&flag)).err().unwrap();
+        assert!(matches!(stopped, Error::Interrupted { program: "sh" }));
+        assert!(clock::since(began) < Duration::from_secs(100));
+        assert!(
+            shell("echo 7", 600, &Stop::on(&flag)).is_ok(),
+            "a quick answer is heard"
+        );
+    }
+}
