@@ -13,7 +13,7 @@
 use super::{Queue, Work};
 use crate::{
     Error,
-    store::{self, Fault, Finding, Findings, Store, names, write_durably},
+    store::{self, Fault, Finding, Findings, Store, flush, names, write_durably},
     world::{fs, process},
 };
 use serde::{Deserialize, Serialize};
@@ -131,6 +131,10 @@ impl Submission {
         let all = folder_of_all(&self.store);
         fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
         self.id = unused_name(&all)?;
+        // A job must not outlive its record, whatever becomes of the power.
+        for folder in [all.as_path(), &self.store] {
+            flush(folder).map_err(Error::file("flush", folder))?;
+        }
         self.save()
     }
 

@@ -364,8 +364,8 @@ fn one_seed() -> Option<u64> {
 fn what_was_promised_holds_whatever_happens() {
     if let Some(seed) = one_seed() {
         let (machine, outcome) = simulate(seed, |machine| machine.trace = Some(Vec::new()));
-        eprintln!("{}\n{outcome:?}", machine.trace.unwrap_or_default().join("\n"));
-        assert!(outcome.is_ok());
+        let trace = machine.trace.unwrap_or_default().join("\n");
+        assert!(outcome.is_ok(), "{trace}\n{outcome:?}");
         return;
     }
     let failed = (0..seeds()).into_par_iter().find_map_first(|seed| {

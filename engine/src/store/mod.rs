@@ -48,6 +48,7 @@ pub use metrics_file::{
 pub use owner::Owner;
 pub use running::RunningTrial;
 pub use seal::{hash as digest, hash_of_file as digest_of_file};
+pub(crate) use sealed_folder::flush;
 
 use crate::{
     Build, Error, Recorder,

@@ -50,7 +50,7 @@ pub(super) fn is_whole(folder: &Path, trial: &str) -> bool {
 
 /// Waits until a file, or the names in a folder, are on the disk.
 #[track_caller]
-pub(super) fn flush(path: &Path) -> io::Result<()> {
+pub(crate) fn flush(path: &Path) -> io::Result<()> {
     File::open(path)?.sync_all()
 }
 
