@@ -10,8 +10,11 @@ use super::{
     inside::{files_of, is_folder, is_link, read_in},
     is_missing,
     lease::is_lease,
-    names, remove,
+    names,
+    products::flush_within,
+    remove,
     seal::hash,
+    sealed_folder::flush_way_to,
     write_durably,
 };
 use crate::{Error, results::EndState, trial::TrialKey, world::fs};
@@ -213,7 +216,9 @@ impl<'a> Merge<'a> {
             let folder = path.parent().unwrap_or(&to);
             fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
             write_durably(&path, &bytes)?;
+            flush_within(&to, &path)?;
         }
+        flush_way_to(&to)?;
         let Some((text, _)) = source.acknowledged(id)? else {
             return Ok(gone_since(source, id, &from.join("trial.json")));
         };

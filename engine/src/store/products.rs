@@ -4,13 +4,9 @@ use super::{
     Store,
     inside::{files_of, is_product, look, read_in},
     seal::hash,
+    sealed_folder::flush,
 };
-use crate::{
-    Error,
-    product::Taken,
-    results::EndState,
-    world::fs::{self, File},
-};
+use crate::{Error, product::Taken, results::EndState, world::fs};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -97,14 +93,17 @@ pub(super) fn exported(folder: &Path) -> Result<BTreeMap<String, String>, Error>
         if !look(&path)?.is_some_and(|data| data.is_file()) {
             continue;
         }
-        let seat = path.parent().filter(|parent| *parent != folder);
-        for flushed in [Some(path.as_path()), seat].into_iter().flatten() {
-            File::open(flushed)
-                .and_then(|file| file.sync_all())
-                .map_err(Error::file("flush", flushed))?;
-        }
+        flush_within(folder, &path)?;
         let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
         files.insert(name, hash(&bytes));
     }
     Ok(files)
+}
+
+/// Brings a file of a trial to the disk, and the folders inside the trial's that lead to it.
+pub(super) fn flush_within(trial: &Path, file: &Path) -> Result<(), Error> {
+    let inside = file.ancestors().take_while(|path| *path != trial);
+    inside
+        .into_iter()
+        .try_for_each(|path| flush(path).map_err(Error::file("flush", path)))
 }

@@ -141,8 +141,13 @@ impl Agent for Tally {
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
         let path = dir.join(Self::POLICY);
-        let left = self.count as f64 + self.began_with;
-        fs::write(&path, left.to_string()).map_err(Error::file("write", &path))?;
+        let left = (self.count as f64 + self.began_with).to_string();
+        fs::write(&path, &left).map_err(Error::file("write", &path))?;
+        // Datasets lie deeper than anything else that a trial leaves.
+        let folder = dir.join("dataset/data");
+        fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+        let path = folder.join("part.parquet");
+        fs::write(&path, &left).map_err(Error::file("write", &path))?;
         Ok(true)
     }
 }
