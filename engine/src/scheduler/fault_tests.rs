@@ -28,8 +28,8 @@ use crate::{
     store::{Leases, Owner, Store, is_missing},
     trial::{Part, Purpose, Trial, TrialKey},
     world::{
-        clock, process,
-        simulated::{Faults, Machine, Simulation, lives, quietly, start},
+        clock, fs, process,
+        simulated::{Faults, Machine, Simulation, disk_date, lives, quietly, start},
     },
 };
 use ledger::{Ledger, Who};
@@ -38,7 +38,7 @@ use serde_json::{Value, json};
 use std::{
     io::{self, Write},
     sync::{Arc, atomic::AtomicBool, mpsc},
-    time::{Duration, Instant},
+    time::{Duration, Instant, UNIX_EPOCH},
 };
 
 const EXPIRY: Duration = Duration::from_secs(30);
@@ -104,13 +104,17 @@ impl Bench {
         }
     }
 
-    fn who(&self, place: usize) -> Who {
+    fn who(&self, place: usize, trial: &str) -> Who {
+        let lease = Store::at("/store").folder(trial).join("lease");
+        let renewed = fs::metadata(&lease).and_then(|data| data.modified()).ok();
+        let renewed = renewed.and_then(|date| date.duration_since(UNIX_EPOCH).ok());
         Who {
             place,
             pid: process::id(),
             host: self.hosts[place],
-            now: clock::now(),
-            has_lease: false,
+            now: disk_date(),
+            renewed: renewed.unwrap_or_default(),
+            has_lease: Store::at("/store").running(trial) == Some(Owner::this_process()),
         }
     }
 
@@ -194,13 +198,10 @@ impl Runner for InThread<'_> {
         _: &mut dyn FnMut(u64, u64),
     ) -> Result<Answer, Error> {
         let (id, ledger) = (request.trial.id.clone(), &self.bench.ledger);
-        let who = quietly(|| Who {
-            has_lease: Store::at("/store").running(&id) == Some(Owner::this_process()),
-            ..self.bench.who(self.place)
-        });
-        ledger.begins(&id, who, EXPIRY, lives);
+        ledger.begins(&id, quietly(|| self.bench.who(self.place, &id)), EXPIRY, lives);
         let mut replies = Beating {
             runner: self,
+            trial: id.clone(),
             last: quietly(clock::now),
         };
         let reply = worker::run(&self.bench.registry, &request, &Arc::default(), &mut replies);
@@ -220,16 +221,17 @@ impl Runner for InThread<'_> {
 /// Renews the leases when there is progress, in the place of the thread that does it.
 struct Beating<'a, 'b> {
     runner: &'a InThread<'b>,
+    trial: String,
     last: Instant,
 }
 
 impl Write for Beating<'_, '_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if clock::since(self.last) >= HEARTBEAT {
-            let who = quietly(|| self.runner.bench.who(self.runner.place));
+            let who = quietly(|| self.runner.bench.who(self.runner.place, &self.trial));
             if self.runner.leases.beat().is_ok() {
                 self.runner.bench.ledger.hears(who);
-                self.last = who.now;
+                self.last = clock::now();
             }
         }
         Ok(bytes.len())

@@ -111,6 +111,8 @@ impl Leases {
         let folder = self.store.folder(id);
         fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let lease = folder.join("lease");
+        // A lease is as old as its owner's file: it would begin silent where this process was halted for long.
+        self.beat()?;
         loop {
             match self.take(id, &lease) {
                 Ok(()) => {

@@ -5,7 +5,7 @@ use std::{
     cell::RefCell,
     collections::{BTreeMap, BTreeSet},
     sync::{Arc, Mutex, MutexGuard},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 thread_local! {
@@ -37,7 +37,7 @@ struct Runner {
     place: usize,
     pid: u32,
     host: usize,
-    heard: Instant,
+    heard: Duration,
 }
 
 /// What is known of the process that asks.
@@ -46,7 +46,10 @@ pub struct Who {
     pub place: usize,
     pub pid: u32,
     pub host: usize,
-    pub now: Instant,
+    /// The date by the clock of the disk.
+    pub now: Duration,
+    /// When it renewed its leases last, by that clock.
+    pub renewed: Duration,
     /// Whether the lease of the trial that it runs is its own now.
     pub has_lease: bool,
 }
@@ -69,7 +72,7 @@ impl Ledger {
         let runs = promises.runs.entry(trial.into()).or_default();
         runs.retain(|other| lives(other.pid));
         for other in &*runs {
-            let silence = who.now.saturating_duration_since(other.heard);
+            let silence = who.now.saturating_sub(other.heard);
             assert!(
                 other.host != who.host && silence + Duration::from_secs(1) >= expiry,
                 "{trial} was taken from process {} at place {}, which lives and was silent for {silence:?}",
@@ -82,7 +85,7 @@ impl Ledger {
             place: who.place,
             pid: who.pid,
             host: who.host,
-            heard: who.now,
+            heard: who.renewed,
         });
         if shared {
             promises.shared.insert(trial.into());
@@ -92,8 +95,11 @@ impl Ledger {
         TRIAL.with(|this| *this.borrow_mut() = Some((Arc::clone(self), trial.into())));
     }
 
-    /// A process has renewed its leases.
+    /// A process has renewed its leases. One that lost the lease while it was halted renews nothing by it.
     pub fn hears(&self, who: Who) {
+        if !who.has_lease {
+            return;
+        }
         let mut promises = self.lock();
         let runners = promises.runs.values_mut().flatten();
         runners

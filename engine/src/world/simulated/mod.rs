@@ -64,6 +64,11 @@ pub fn look(pid: u32) -> Option<Look> {
     Some(this()?.see(|machine, me| machine.look(me.host, pid)))
 }
 
+/// The date by the clock of the disk.
+pub fn disk_date() -> Duration {
+    this().map_or(Duration::ZERO, |this| this.see(|machine, _| machine.disk_date()))
+}
+
 /// Whether a process of the simulation runs, whoever asks.
 pub fn lives(pid: u32) -> bool {
     let runs = |machine: &mut Machine, _: &turns::Me| machine.processes.iter().any(|entry| entry.pid == pid);
