@@ -260,7 +260,11 @@ impl Leases {
             Ok(()) => {
                 // Marks have names of their own for every owner; this place in a trial has one.
                 let mark_of_any = file.with_file_name("takeover");
-                let place = if file.ends_with("lease") { file } else { &mark_of_any };
+                let place = if file.ends_with("lease") {
+                    file
+                } else {
+                    &mark_of_any
+                };
                 boundary::pass("before a dead lease is removed", place);
                 let again = self.dead_owner(file);
                 let removed = again.and_then(|now| if now == Some(owner) { remove(file) } else { Ok(()) });
