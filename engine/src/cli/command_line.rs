@@ -23,20 +23,13 @@ impl Selection {
             .store
             .iter()
             .flat_map(|store| ["--store".to_owned(), store.display().to_string()]);
-        let machine = common
-            .machine
-            .iter()
-            .flat_map(|name| ["--machine".to_owned(), name.clone()]);
-        let input = common.input_mb.iter();
-        let input = input.flat_map(|size| ["--input-mb".to_owned(), size.to_string()]);
         let words = ["regimen".to_owned(), verb.to_owned()]
             .into_iter()
             .chain(specs)
             .chain(self.options());
         let words = words
             .chain(store)
-            .chain(machine)
-            .chain(input)
+            .chain(common.of_the_machine())
             .chain(more.iter().map(|&word| word.to_owned()));
         words.map(|word| quoted(&word)).collect::<Vec<_>>().join(" ")
     }

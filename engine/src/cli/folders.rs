@@ -93,10 +93,10 @@ pub(super) fn check(
         let folder = folder(one, selection, reporting);
         let earlier = taken
             .insert(folder.clone(), &one.path)
-            .filter(|earlier| !is_same(earlier, &one.path));
+            .filter(|earlier| !fs::is_same(earlier, &one.path));
         let earlier = earlier
             .map(Path::to_owned)
-            .or_else(|| owner(&folder).filter(|owner| !is_same(owner, &one.path)));
+            .or_else(|| owner(&folder).filter(|owner| !fs::is_same(owner, &one.path)));
         if let Some(earlier) = earlier.filter(|earlier| fs::exists(earlier)) {
             return Err(refusal(&folder, &earlier, &one.path, selection, reporting));
         }
@@ -140,10 +140,6 @@ fn refusal(
 /// The study file whose results lie in a folder, as far as the folder says it.
 fn owner(folder: &Path) -> Option<PathBuf> {
     Some(along(folder, Path::new(&Manifest::read(folder)?.spec)))
-}
-
-fn is_same(one: &Path, other: &Path) -> bool {
-    fs::canonicalize(one).is_ok_and(|one| fs::canonicalize(other).is_ok_and(|other| one == other))
 }
 
 /// Notes in a folder which study file its results are of and which files a report wrote, and removes what an

@@ -74,8 +74,7 @@ fn check(from: &Path, into: &Path) -> Result<(), Failure> {
     if !fs::is_folder(from) {
         return Err(refused(format!("there is no store at `{}`", from.display())));
     }
-    let same = fs::canonicalize(from).is_ok_and(|from| fs::canonicalize(into).is_ok_and(|into| from == into));
-    if same {
+    if fs::is_same(from, into) {
         return Err(refused(format!(
             "`{}` is the store that is taken into; name another one",
             from.display()

@@ -80,6 +80,17 @@ struct Common {
     format: Format,
 }
 
+impl Common {
+    /// The options of the machine as words of a command line; the store is named by who writes it.
+    fn of_the_machine(&self) -> impl Iterator<Item = String> {
+        let machine = self.machine.iter().map(|name| ("--machine", name.clone()));
+        let input = self.input_mb.iter().map(|size| ("--input-mb", size.to_string()));
+        machine
+            .chain(input)
+            .flat_map(|(option, value)| [option.to_owned(), value])
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
     Text,

@@ -5,8 +5,10 @@ use crate::{
     Error, Registry,
     store::Store,
     trial::Trial,
-    world::process::{self, Child, Command, Stdio},
-    world::{clock, fs},
+    world::{
+        clock, fs,
+        process::{self, Child, Command, Stdio},
+    },
 };
 use std::{collections::BTreeMap, os::unix::process::CommandExt, path::PathBuf, time::Duration};
 

@@ -382,14 +382,7 @@ fn worker_arguments(
     all.extend(specs.iter().map(|path| text(path)));
     all.extend(["--store".into(), text(store), "-j".into(), jobs.to_string()]);
     all.extend(selection.options());
-    all.extend(
-        common
-            .machine
-            .iter()
-            .flat_map(|name| ["--machine".to_owned(), name.clone()]),
-    );
-    let input = common.input_mb.iter();
-    all.extend(input.flat_map(|size| ["--input-mb".to_owned(), size.to_string()]));
+    all.extend(common.of_the_machine());
     all
 }
 

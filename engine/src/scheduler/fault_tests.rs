@@ -29,7 +29,7 @@ use crate::{
     trial::{Part, Purpose, Trial, TrialKey},
     world::{
         clock, fs, process,
-        simulated::{Faults, Machine, Simulation, disk_date, lives, quietly, start},
+        simulated::{Faults, Machine, disk_date, lives, quietly, start},
     },
 };
 use ledger::{Ledger, Who};
@@ -301,21 +301,21 @@ fn faults(seed: u64) -> (Faults, Vec<usize>) {
 fn simulate(seed: u64, prepare: impl FnOnce(&mut Machine)) -> (Machine, Result<(), String>) {
     let (faults, hosts) = faults(seed);
     let bench = Bench::new(&hosts, faults.fail > 0.0);
-    let mut simulation = Simulation::new(seed, faults, &hosts);
-    prepare(&mut simulation.machine);
-    let (mut machine, outcome) = start(simulation, |place| bench.run(place));
+    let mut machine = Machine::new(seed, faults, &hosts);
+    prepare(&mut machine);
+    let (mut machine, outcome) = start(machine, |place| bench.run(place));
     if outcome.is_err() {
         return (machine, outcome);
     }
     machine.lose_power();
     machine.again();
     // What a process stored that was killed before it could say so may be lost once more, and is computed again.
-    let (mut machine, outcome) = start(Simulation { machine }, |place| bench.run(place));
+    let (mut machine, outcome) = start(machine, |place| bench.run(place));
     if outcome.is_err() {
         return (machine, outcome);
     }
     machine.again();
-    let (machine, outcome) = start(Simulation { machine }, |_| {
+    let (machine, outcome) = start(machine, |_| {
         inspect(&bench);
         true
     });
@@ -342,29 +342,24 @@ fn inspect(bench: &Bench) {
     }
 }
 
-/// How many seeds are run: so many where nothing else is said.
+/// How many seeds are run, where whoever runs the tests does not say.
 fn seeds() -> u64 {
-    #[expect(
-        clippy::disallowed_methods,
-        reason = "whoever runs the tests says how thoroughly"
-    )]
-    let variable = |name: &str| std::env::var(name).ok();
     let usual = if variable("CI").is_some() { 10_000 } else { 1_000 };
     variable("REGIMEN_SIM_SEEDS").map_or(usual, |text| text.parse().unwrap())
 }
 
-fn one_seed() -> Option<u64> {
-    #[expect(
-        clippy::disallowed_methods,
-        reason = "whoever runs the tests names a seed that failed"
-    )]
-    let text = std::env::var("REGIMEN_SIM_SEED").ok();
-    text.map(|text| text.parse().unwrap())
+#[expect(
+    clippy::disallowed_methods,
+    reason = "whoever runs the tests says how thoroughly, and names a seed that failed"
+)]
+fn variable(name: &str) -> Option<String> {
+    std::env::var(name).ok()
 }
 
 #[test]
 fn what_was_promised_holds_whatever_happens() {
-    if let Some(seed) = one_seed() {
+    if let Some(seed) = variable("REGIMEN_SIM_SEED") {
+        let seed = seed.parse().unwrap();
         let (machine, outcome) = simulate(seed, |machine| machine.trace = Some(Vec::new()));
         let trace = machine.trace.unwrap_or_default().join("\n");
         assert!(outcome.is_ok(), "{trace}\n{outcome:?}");

@@ -26,6 +26,11 @@ pub fn is_taken(path: &Path) -> bool {
     symlink_metadata(path).is_ok()
 }
 
+/// True where two paths lead to the same file or folder.
+pub fn is_same(one: &Path, other: &Path) -> bool {
+    canonicalize(one).is_ok_and(|one| canonicalize(other).is_ok_and(|other| one == other))
+}
+
 /// True for a file; a link is followed.
 pub fn is_file(path: &Path) -> bool {
     metadata(path).is_ok_and(|data| data.is_file())

@@ -106,10 +106,7 @@ pub fn copy(from: impl AsRef<Path>, to: impl AsRef<Path>) -> io::Result<u64> {
 pub fn create_dir(path: impl AsRef<Path>) -> io::Result<()> {
     let path = path.as_ref();
     let simulated = |machine: &mut Machine, me: &Me| {
-        let (folder, name) = machine.disk.place(path)?;
-        if machine.disk.names(folder)?.now.contains_key(name) {
-            return Err(ErrorKind::AlreadyExists.into());
-        }
+        let (folder, name) = free(machine, path)?;
         room(machine, me)?;
         let at = machine.disk_date();
         let node = machine.disk.make(true, at);
@@ -215,10 +212,7 @@ pub fn hard_link(from: impl AsRef<Path>, to: impl AsRef<Path>) -> io::Result<()>
     let (from, to) = (from.as_ref(), to.as_ref());
     let simulated = |machine: &mut Machine, me: &Me| {
         let node = fresh(machine, me, from)?;
-        let (folder, name) = machine.disk.place(to)?;
-        if machine.disk.names(folder)?.now.contains_key(name) {
-            return Err(ErrorKind::AlreadyExists.into());
-        }
+        let (folder, name) = free(machine, to)?;
         machine.change(me.host, vec![(folder, name, Some(node))]);
         Ok(())
     };
@@ -309,6 +303,15 @@ pub fn read_dir(path: impl AsRef<Path>) -> io::Result<std::vec::IntoIter<io::Res
 fn fresh(machine: &mut Machine, me: &Me, path: &Path) -> io::Result<Node> {
     machine.find(me.host, path, me.quiet)?;
     machine.disk.find(path)
+}
+
+/// Where a name is to be given that nothing may have yet.
+fn free<'a>(machine: &Machine, path: &'a Path) -> io::Result<(Node, &'a OsStr)> {
+    let (folder, name) = machine.disk.place(path)?;
+    if machine.disk.names(folder)?.now.contains_key(name) {
+        return Err(ErrorKind::AlreadyExists.into());
+    }
+    Ok((folder, name))
 }
 
 fn room(machine: &Machine, me: &Me) -> io::Result<()> {

@@ -15,7 +15,7 @@ mod machine;
 mod turns;
 
 pub use machine::{Faults, Machine};
-pub use turns::{Simulation, quietly, start};
+pub use turns::{quietly, start};
 
 use super::process::{Look, Place};
 use std::{

@@ -2,7 +2,7 @@
 
 use super::{
     THIS,
-    machine::{Entry, Faults, Machine, State},
+    machine::{Entry, Machine, State},
 };
 use std::{
     any::Any,
@@ -33,20 +33,15 @@ pub struct Process {
 /// What a thread unwinds with whose process is gone.
 struct Gone;
 
-/// A simulation to be run.
-pub struct Simulation {
-    pub machine: Machine,
-}
-
 /// Runs `body` in a process at each place until each has said that it is done; it begins again in a new process
 /// where it was killed or is not done. Gives the machine back.
 ///
 /// # Errors
 /// What a process panicked with, and that there is no progress; with the machine.
-pub fn start(simulation: Simulation, body: impl Fn(usize) -> bool + Sync) -> (Machine, Result<(), String>) {
-    let places = simulation.machine.processes.len();
+pub fn start(machine: Machine, body: impl Fn(usize) -> bool + Sync) -> (Machine, Result<(), String>) {
+    let places = machine.processes.len();
     let shared = Arc::new(Shared {
-        machine: Mutex::new(simulation.machine),
+        machine: Mutex::new(machine),
         told: (0..places).map(|_| Condvar::new()).collect(),
         began: crate::world::clock::now(),
     });
@@ -249,12 +244,4 @@ pub struct Me {
 
 fn broken() -> io::Error {
     io::Error::other("input/output error")
-}
-
-impl Simulation {
-    pub fn new(seed: u64, faults: Faults, hosts_of: &[usize]) -> Self {
-        Self {
-            machine: Machine::new(seed, faults, hosts_of),
-        }
-    }
 }
