@@ -18,8 +18,10 @@
 use super::{Owner, Store, boundary, remove, write_durably};
 use crate::{
     Error,
-    world::clock,
-    world::fs::{self, File, OpenOptions},
+    world::{
+        clock,
+        fs::{self, File, OpenOptions},
+    },
 };
 use serde::{Deserialize, Serialize};
 use std::{

@@ -54,8 +54,10 @@ use crate::{
     Build, Error, Recorder,
     results::{EndState, TrialEnd, TrialResult},
     trial::{Purpose, Trial, TrialKey},
-    world::fs::{self, File},
-    world::process,
+    world::{
+        fs::{self, File},
+        process,
+    },
 };
 use serde::{Deserialize, Serialize};
 use std::{
