@@ -1,11 +1,11 @@
-//! Time of `plan` and `status` over a store of many trials.
+//! Time and memory of `check`, `status`, `plan` and `report` over a store of many trials.
 //!
 //! usage: plan SETTINGS SEEDS [FOLDER]
 //!
 //! Writes a store (into FOLDER, which is kept; otherwise into a temporary folder) in which every trial of a
-//! study of SETTINGS sweep points and SEEDS seeds has ended, then starts the program on it: everything done,
-//! everything done with one more seed, one more sweep point, and everything new because of more training
-//! steps. Prints one line of JSON with seconds.
+//! study of SETTINGS sweep points and SEEDS seeds has ended, then starts the program on it: nothing stored,
+//! everything done, everything done with one more seed, one more sweep point, and everything new because of more
+//! training steps. Prints one line of JSON, for each command `[seconds, peak memory in MB]`.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
@@ -14,7 +14,12 @@ use engine::{
     spec,
     store::{Store, TrialFile},
 };
-use std::{collections::BTreeMap, path::Path, process::Command, time::Instant};
+use std::{
+    collections::BTreeMap,
+    path::Path,
+    process::Command,
+    time::{Duration, Instant},
+};
 
 #[expect(clippy::print_stdout, reason = "a benchmark prints its figure")]
 fn main() {
@@ -36,32 +41,53 @@ fn main() {
     std::fs::write(path("wider.yaml"), study(settings + 1, seeds)).unwrap();
     let trials = fill(&path("study.yaml"), &path("store"));
     let more = (seeds + 1).to_string();
-    let seconds = |arguments: &[&str]| {
-        let started = Instant::now();
-        let output = Command::new(env!("CARGO_BIN_EXE_regimen"))
-            .args(arguments)
-            .current_dir(folder)
-            .output()
-            .unwrap();
-        assert!(
-            matches!(output.status.code(), Some(0 | 106)),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        );
-        started.elapsed().as_secs_f64()
-    };
+    let measured = |arguments: &[&str]| measured(folder, arguments);
     println!(
         "{}",
         serde_json::json!({
             "trials": trials,
-            "check_s": seconds(&["check", "study.yaml"]),
-            "status_s": seconds(&["status", "study.yaml"]),
-            "plan_s": seconds(&["plan", "study.yaml"]),
-            "plan_new_seed_s": seconds(&["plan", "study.yaml", "--seeds", &more]),
-            "plan_new_point_s": seconds(&["plan", "wider.yaml"]),
-            "plan_all_new_s": seconds(&["plan", "study.yaml", "--set", "protocol.steps=240000"]),
+            "check": measured(&["check", "study.yaml"]),
+            "status_nothing_stored": measured(&["status", "study.yaml", "--store", "empty"]),
+            "plan_nothing_stored": measured(&["plan", "study.yaml", "--store", "empty"]),
+            "report_nothing_stored": measured(&["report", "study.yaml", "--store", "empty"]),
+            "status": measured(&["status", "study.yaml"]),
+            "plan": measured(&["plan", "study.yaml"]),
+            "plan_new_seed": measured(&["plan", "study.yaml", "--seeds", &more]),
+            "plan_new_point": measured(&["plan", "wider.yaml"]),
+            "plan_all_new": measured(&["plan", "study.yaml", "--set", "protocol.steps=240000"]),
         })
     );
+}
+
+/// Seconds that the program takes, and the most memory that it held, as the system last said before its end.
+fn measured(folder: &Path, arguments: &[&str]) -> (f64, u64) {
+    let started = Instant::now();
+    let out = std::fs::File::create(folder.join("out")).unwrap();
+    let mut program = Command::new(env!("CARGO_BIN_EXE_regimen"))
+        .args(arguments)
+        .current_dir(folder)
+        .stderr(out.try_clone().unwrap())
+        .stdout(out)
+        .spawn()
+        .unwrap();
+    let mut peak_mb = 0;
+    let ended = loop {
+        if let Some(ended) = program.try_wait().unwrap() {
+            break ended;
+        }
+        peak_mb = peak_mb.max(most_memory_mb(program.id()));
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    let said = std::fs::read_to_string(folder.join("out")).unwrap();
+    assert!(matches!(ended.code(), Some(0 | 106)), "{said}");
+    (started.elapsed().as_secs_f64(), peak_mb)
+}
+
+fn most_memory_mb(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kilobytes = line.and_then(|text| text.trim().trim_end_matches(" kB").parse::<u64>().ok());
+    kilobytes.unwrap_or(0) / 1024
 }
 
 fn study(settings: usize, seeds: usize) -> String {
@@ -72,7 +98,8 @@ fn study(settings: usize, seeds: usize) -> String {
         "study: many\nenvironments: {{ four: {{ battery: {{ cells: 4 }} }} }}\nagents: {{ dsac: {{ \
          dirichlet_sac: {{}} }} }}\n\
          protocol: {{ train_evaluate: {{ steps: 60000 }} }}\nseeds: {seeds}\n\
-         sweep:\n  dsac.actor_learning_rate: {{ grid: [{}] }}\n",
+         sweep:\n  dsac.actor_learning_rate: {{ grid: [{}] }}\n\
+         tables: {{ lengths: {{ comparison: {{ rows: dsac.actor_learning_rate, value: cycle_length }} }} }}\n",
         rates.join(", ")
     )
 }

@@ -26,13 +26,14 @@ fn finals(cells: &Value, agent: (&str, &str), metric: &str) -> Vec<f64> {
     let config = (registry.agents[agent.0].about.resolve)(&serde_json::from_str(agent.1).unwrap()).unwrap();
     let protocol = json!({"steps": 0, "final_episodes": 60, "trace_episodes": 0});
     let key = TrialKey {
-        environment: Part::new("battery", 2, environment),
-        agent: Seating::Agent(Part::new(agent.0, 1, config)),
+        environment: Part::new("battery", 2, environment).into(),
+        agent: Seating::Agent(Part::new(agent.0, 1, config)).into(),
         protocol: Part::new(
             "train_evaluate",
             1,
             (registry.protocols["train_evaluate"].about.resolve)(&protocol).unwrap(),
-        ),
+        )
+        .into(),
         seed: 3,
         numerics: registry.numerics_version,
         device: "cpu".into(),

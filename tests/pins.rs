@@ -222,9 +222,9 @@ fn recorded(registry: &Registry, trial: &[Part; 3]) -> Result<String, String> {
     let [environment, agent, protocol] = trial.clone().map(|part| Part { version: 0, ..part });
     let agent = Seating::Agent(agent);
     let key = TrialKey {
-        environment,
-        agent,
-        protocol,
+        environment: environment.into(),
+        agent: agent.into(),
+        protocol: protocol.into(),
         seed: 7,
         numerics: 0,
         device: "cpu".into(),

@@ -15,6 +15,7 @@ use std::{
     collections::BTreeSet,
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
+    sync::Arc,
     time::Duration,
 };
 
@@ -53,19 +54,18 @@ pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
     for (environment, environment_entry) in &registry.environments {
         for (protocol, protocol_entry) in &registry.protocols {
             let mut key = TrialKey {
-                environment: part(environment, &environment_entry.about),
-                agent: Seating::Agent(part(agent, &registry.agents[agent].about)),
-                protocol: part(protocol, &protocol_entry.about),
+                environment: part(environment, &environment_entry.about).into(),
+                agent: Seating::Agent(part(agent, &registry.agents[agent].about)).into(),
+                protocol: part(protocol, &protocol_entry.about).into(),
                 seed: 3,
                 numerics: registry.numerics_version,
                 device: "cpu".into(),
             };
             if !registry.agents[agent].learns {
-                key.protocol.config = (protocol_entry.without_training)(&key.protocol.config)
-                    .unwrap()
-                    .into();
+                let config = (protocol_entry.without_training)(&key.protocol.config).unwrap();
+                Arc::make_mut(&mut key.protocol).config = config.into();
             }
-            key.protocol = with_sources(key.protocol);
+            key.protocol = with_sources(Arc::unwrap_or_clone(key.protocol)).into();
             keys.push(key);
         }
     }

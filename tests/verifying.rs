@@ -186,7 +186,7 @@ fn a_trial_of_another_version_cannot_be_verified_and_is_named() {
     let bench = finished();
     let (file, text) = trial_of(&bench, |it| it["key"]["agent"]["plugin"] == "equal_split");
     let mut stored: TrialFile = serde_json::from_str(&text).unwrap();
-    let Seating::Agent(agent) = &mut stored.key.agent else {
+    let Seating::Agent(agent) = std::sync::Arc::make_mut(&mut stored.key.agent) else {
         panic!("an agent acts")
     };
     let version = agent.version;

@@ -49,8 +49,8 @@ impl<'a> Encounters<'a> {
     /// The trials of the play called `play`; none where the results know no such play.
     #[must_use]
     pub fn of(results: &'a Results, play: &str) -> Self {
-        let of_play = |it: &'a TrialResult| match &it.trial.purpose {
-            Purpose::Play(roles) if it.trial.environment == play => Some((roles, it)),
+        let of_play = |it: &'a TrialResult| match &it.trial.cell.purpose {
+            Purpose::Play(roles) if it.trial.cell.environment == play => Some((roles, it)),
             _ => None,
         };
         let trials: Vec<_> = results.trials.iter().filter_map(of_play).collect();
@@ -123,7 +123,7 @@ impl<'a> Encounters<'a> {
     pub fn by_seed(&self, cast: &[(&str, &str)], metric: &str) -> BTreeMap<u64, f64> {
         let mut of_combinations: BTreeMap<&str, Vec<Meeting<'_>>> = BTreeMap::new();
         for it in self.trials(cast) {
-            let meetings = of_combinations.entry(&it.trial.agent).or_default();
+            let meetings = of_combinations.entry(&it.trial.cell.agent).or_default();
             meetings.push(self.meeting(it, metric));
         }
         let mut seeds: BTreeMap<u64, Vec<Option<f64>>> = BTreeMap::new();
@@ -245,8 +245,8 @@ pub(crate) mod tests {
             ]
             .into(),
         };
-        result.trial.key.agent = Seating::Cast(cast);
-        result.trial.purpose = Purpose::Play(roles);
+        result.trial.key.agent = Seating::Cast(cast).into();
+        result.trial.cell_mut().purpose = Purpose::Play(roles);
         result
     }
 
@@ -297,7 +297,7 @@ pub(crate) mod tests {
         for (i, x) in (0..).zip(prey) {
             for (j, y) in (0..).zip(predators) {
                 let mut met = encounter("a", "b", i.max(j), 1.0 + x + y);
-                if let Seating::Cast(cast) = &mut met.trial.key.agent {
+                if let Seating::Cast(cast) = std::sync::Arc::make_mut(&mut met.trial.key.agent) {
                     for (role, id) in [("prey", format!("a-{i}")), ("predators", format!("b-{j}"))] {
                         cast.roles
                             .entry(role.into())

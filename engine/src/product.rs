@@ -330,16 +330,22 @@ pub fn named_in(config: &Value) -> BTreeMap<String, (ProductKind, Reference)> {
 }
 
 fn walk(value: &Value, at: &str, found: &mut BTreeMap<String, (ProductKind, Reference)>) {
-    let below = |key: &str| format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
+    let mut into = |key: &str, item: &Value| {
+        // Most of a config is numbers and words, which name nothing.
+        if item.is_object() || item.is_array() {
+            let below = format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
+            walk(item, &below, found);
+        }
+    };
     match value {
         Value::Object(map) => match as_reference(value) {
             Some(named) => drop(found.insert(at.into(), named)),
-            None => map.iter().for_each(|(key, item)| walk(item, &below(key), found)),
+            None => map.iter().for_each(|(key, item)| into(key, item)),
         },
         Value::Array(items) => items
             .iter()
             .enumerate()
-            .for_each(|(index, item)| walk(item, &below(&index.to_string()), found)),
+            .for_each(|(index, item)| into(&index.to_string(), item)),
         _ => {}
     }
 }

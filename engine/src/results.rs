@@ -166,13 +166,24 @@ pub struct TrialResult {
 }
 
 impl TrialResult {
+    /// A trial that has not run.
+    #[must_use]
+    pub fn missing(trial: Trial) -> Self {
+        Self {
+            trial,
+            end: None,
+            names: Vec::new(),
+            rows: Vec::new(),
+        }
+    }
+
     /// Names of environment, agent and setting.
     #[must_use]
     pub fn cell(&self) -> CellName {
         (
-            self.trial.environment.clone(),
-            self.trial.agent.clone(),
-            self.trial.setting.clone(),
+            self.trial.cell.environment.clone(),
+            self.trial.cell.agent.clone(),
+            self.trial.cell.setting.clone(),
         )
     }
 
@@ -392,7 +403,7 @@ impl TriedSetting {
         };
         for trial in trials {
             let (seed, has_ended) = (trial.trial.key.seed, !is_missing(trial.end.as_ref()));
-            tried.setting.clone_from(&trial.trial.setting);
+            tried.setting.clone_from(&trial.trial.cell.setting);
             tried.failed += usize::from(has_ended && !trial.is_ok());
             tried.missing -= usize::from(has_ended);
             let value = trial.mean(Phase::Final, &search.by).filter(|_| trial.is_ok());
@@ -433,8 +444,8 @@ impl SearchResult {
     pub fn of(search: &Search, progress: &Progress, trials: &[TrialResult]) -> Self {
         let purpose = Purpose::Tried(search.name.clone());
         let mut by_point: BTreeMap<String, BTreeMap<u64, &TrialResult>> = BTreeMap::new();
-        for it in trials.iter().filter(|it| it.trial.purpose == purpose) {
-            let point = json!(it.trial.point.values()).to_string();
+        for it in trials.iter().filter(|it| it.trial.cell.purpose == purpose) {
+            let point = json!(it.trial.cell.point.values()).to_string();
             by_point.entry(point).or_default().insert(it.trial.key.seed, it);
         }
         let setting = |(place, point): (usize, &Point)| {
@@ -478,13 +489,13 @@ pub type CellName = (String, String, String);
 impl Results {
     /// Trials of a study with a fixed number of seeds, which does not say what a success is.
     #[must_use]
-    pub fn of(trials: Vec<TrialResult>) -> Self {
-        let (tried, trials): (Vec<_>, Vec<_>) = trials
-            .into_iter()
-            .partition(|it| matches!(it.trial.purpose, Purpose::Tried(_)));
-        let (prepared, trials) = trials
-            .into_iter()
-            .partition(|it| it.trial.purpose == Purpose::Prepared);
+    pub fn of(mut trials: Vec<TrialResult>) -> Self {
+        let mut those = |is: fn(&Purpose) -> bool| {
+            let found = trials.extract_if(.., |it| is(&it.trial.cell.purpose));
+            found.collect()
+        };
+        let tried = those(|purpose| matches!(purpose, Purpose::Tried(_)));
+        let prepared = those(|purpose| *purpose == Purpose::Prepared);
         Self {
             trials,
             prepared,

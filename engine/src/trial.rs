@@ -51,7 +51,15 @@ impl Part {
     /// Hash of plugin, version, config, the content of data files and the trials whose products are taken.
     #[must_use]
     pub fn id(&self) -> String {
-        hash(&json!([self.plugin, self.version, *self.identity()]))
+        // The canonical text of `[plugin, version, config]`: a plan has many configs, and none is copied.
+        let mut text = vec![b'['];
+        written(&self.plugin, &mut text);
+        text.push(b',');
+        written(&self.version, &mut text);
+        text.push(b',');
+        canonical(&self.identity(), &mut text);
+        text.extend(b",]");
+        hash_text(&text)
     }
 
     /// The config with the content of data files in place of their paths, and trials in place of names: what
@@ -101,18 +109,22 @@ impl Part {
     }
 }
 
-/// A shared value is stored as the value itself.
+/// What is shared is stored as what it is.
 mod shared {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
-    use serde_json::Value;
     use std::sync::Arc;
 
-    pub(super) fn serialize<S: Serializer>(value: &Arc<Value>, serializer: S) -> Result<S::Ok, S::Error> {
+    pub(super) fn serialize<T: Serialize, S: Serializer>(
+        value: &Arc<T>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         value.as_ref().serialize(serializer)
     }
 
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Arc<Value>, D::Error> {
-        Value::deserialize(deserializer).map(Arc::new)
+    pub(super) fn deserialize<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Arc<T>, D::Error> {
+        T::deserialize(deserializer).map(Arc::new)
     }
 }
 
@@ -122,29 +134,45 @@ pub fn trial_id(parts: [&str; 3], seed: u64, numerics: u32, device: &str) -> Str
     // The canonical text of `[parts, seed, numerics, device]`, written at once: a plan has many trials.
     let [environment, agent, protocol] = parts;
     let device = json!(device);
-    hash_text(&format!(
-        r#"[["{environment}","{agent}","{protocol}",],{seed},{numerics},{device},]"#
-    ))
+    let text = format!(r#"[["{environment}","{agent}","{protocol}",],{seed},{numerics},{device},]"#);
+    hash_text(text.as_bytes())
 }
 
-/// Everything that determines the numbers of one trial, and nothing else.
+/// Everything that determines the numbers of one trial, and nothing else. Trials of a plan that differ in their
+/// seed alone share the rest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrialKey {
     /// The environment.
-    pub environment: Part,
+    #[serde(with = "shared")]
+    pub environment: Arc<Part>,
     /// Who acts.
-    pub agent: Seating,
+    #[serde(with = "shared")]
+    pub agent: Arc<Seating>,
     /// The protocol.
-    pub protocol: Part,
+    #[serde(with = "shared")]
+    pub protocol: Arc<Part>,
     /// The replicate.
     pub seed: u64,
     /// Version of the shared numerical code.
     pub numerics: u32,
     /// Kind of device, `cpu`.
-    pub device: String,
+    pub device: Cow<'static, str>,
 }
 
 impl TrialKey {
+    /// The same with another seed.
+    #[must_use]
+    pub fn with_seed(&self, seed: u64) -> Self {
+        Self { seed, ..self.clone() }
+    }
+
+    /// True where another key shares its parts in memory, so that they are equal without a look at them.
+    pub(crate) fn shares_parts(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.environment, &other.environment)
+            && Arc::ptr_eq(&self.agent, &other.agent)
+            && Arc::ptr_eq(&self.protocol, &other.protocol)
+    }
+
     /// The trial's id: 32 hexadecimal digits of a hash over the key.
     #[must_use]
     pub fn id(&self) -> String {
@@ -176,6 +204,18 @@ impl TrialKey {
         all.sort();
         all.dedup();
         all
+    }
+
+    /// True where it takes something from another trial.
+    #[must_use]
+    pub fn takes(&self) -> bool {
+        let takes = |part: &Part| !part.products.is_empty();
+        takes(&self.environment)
+            || takes(&self.protocol)
+            || match &*self.agent {
+                Seating::Agent(part) => takes(part),
+                Seating::Cast(_) => !self.agent.taken().is_empty(),
+            }
     }
 
     /// Of these, what it takes by names of its own: a cast takes policies, and what their agents were made
@@ -282,7 +322,7 @@ impl TrialKey {
         };
         protocol.run(&mut run)?;
         run.record.all_finite()?;
-        if let (Some(folder), Seating::Agent(_)) = (folder, &self.agent) {
+        if let (Some(folder), Seating::Agent(_)) = (folder, &*self.agent) {
             run.agent.export(folder).map_err(Error::of_store)?;
         }
         Ok(run.record)
@@ -296,7 +336,7 @@ impl TrialKey {
         streams: &Streams,
         find: FindProduct<'_>,
     ) -> Result<Box<dyn Agent>, Error> {
-        match &self.agent {
+        match &*self.agent {
             Seating::Cast(cast) => Ok(Box::new(Team::assemble(
                 cast, registry, interface, streams, find,
             )?)),
@@ -313,6 +353,16 @@ impl TrialKey {
 pub struct Trial {
     /// Hash of `key`.
     pub id: String,
+    /// What it is in the study; the trials of all seeds share it.
+    #[serde(flatten, with = "shared")]
+    pub cell: Arc<TrialCell>,
+    /// What determines the numbers.
+    pub key: TrialKey,
+}
+
+/// What a trial is in its study: all but its seed.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct TrialCell {
     /// Name of the environment in the study.
     pub environment: String,
     /// Name of the agent in the study.
@@ -325,8 +375,18 @@ pub struct Trial {
     /// What it is for.
     #[serde(default)]
     pub purpose: Purpose,
-    /// What determines the numbers.
-    pub key: TrialKey,
+}
+
+impl TrialCell {
+    /// An environment and an agent that no sweep concerns.
+    #[must_use]
+    pub fn of(environment: impl Into<String>, agent: impl Into<String>) -> Self {
+        Self {
+            environment: environment.into(),
+            agent: agent.into(),
+            ..Self::default()
+        }
+    }
 }
 
 /// What a trial is for in its study.
@@ -348,17 +408,22 @@ pub enum Purpose {
 }
 
 impl Trial {
+    /// What it is in the study, to be changed for this trial alone.
+    pub fn cell_mut(&mut self) -> &mut TrialCell {
+        Arc::make_mut(&mut self.cell)
+    }
+
     /// Environment, agent, setting and seed in words.
     #[must_use]
     pub fn title(&self) -> String {
-        let setting = if self.setting.is_empty() {
+        let setting = if self.cell.setting.is_empty() {
             String::new()
         } else {
-            format!(" [{}]", self.setting)
+            format!(" [{}]", self.cell.setting)
         };
         format!(
             "{} {}{setting} seed {}",
-            self.environment, self.agent, self.key.seed
+            self.cell.environment, self.cell.agent, self.key.seed
         )
     }
 }
@@ -372,39 +437,44 @@ fn find_entry<'a, T>(entries: &'a BTreeMap<&'static str, T>, kind: &str, name: &
 /// Hash of a JSON value that does not depend on the order of keys.
 #[must_use]
 pub fn hash(value: &Value) -> String {
-    let mut text = String::new();
+    let mut text = Vec::new();
     canonical(value, &mut text);
     hash_text(&text)
 }
 
-fn hash_text(text: &str) -> String {
-    blake3::hash(text.as_bytes()).to_hex()[..32].to_string()
+fn hash_text(text: &[u8]) -> String {
+    blake3::hash(text).to_hex()[..32].to_string()
 }
 
-fn canonical(value: &Value, out: &mut String) {
+fn canonical(value: &Value, out: &mut Vec<u8>) {
     match value {
         Value::Object(map) => {
             let mut entries: Vec<_> = map.iter().collect();
             entries.sort_by_key(|(key, _)| *key);
-            out.push('{');
+            out.push(b'{');
             for (key, value) in entries {
-                out.push_str(&json!(key).to_string());
-                out.push(':');
+                written(key, out);
+                out.push(b':');
                 canonical(value, out);
-                out.push(',');
+                out.push(b',');
             }
-            out.push('}');
+            out.push(b'}');
         }
         Value::Array(items) => {
-            out.push('[');
+            out.push(b'[');
             for item in items {
                 canonical(item, out);
-                out.push(',');
+                out.push(b',');
             }
-            out.push(']');
+            out.push(b']');
         }
-        scalar => out.push_str(&scalar.to_string()),
+        scalar => written(scalar, out),
     }
+}
+
+fn written(scalar: &impl Serialize, out: &mut Vec<u8>) {
+    // Neither a word nor a JSON value that holds no other can fail to be written into memory.
+    serde_json::to_writer(out, scalar).expect("a scalar is text");
 }
 
 #[cfg(test)]
@@ -420,6 +490,17 @@ mod tests {
         let parse = |text| serde_json::from_str::<Value>(text).unwrap();
         assert_eq!(hash(&parse(one)), hash(&parse(two)));
         assert_ne!(hash(&parse("[1,2]")), hash(&parse("[2,1]")));
+    }
+
+    #[test]
+    fn the_id_of_a_part_is_the_hash_of_its_canonical_text() {
+        let part = Part::new(
+            "odd \"name\"",
+            3,
+            json!({"b": [1.5, "x\n"], "a": {"c": null, "d": true}}),
+        );
+        assert_eq!(part.id(), hash(&json!([part.plugin, part.version, *part.config])));
+        assert_eq!(part.id(), "61feced781fc19da9c518f083e51baee");
     }
 
     #[test]

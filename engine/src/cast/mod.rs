@@ -179,9 +179,9 @@ pub(crate) mod tests {
     pub(crate) fn key(agent: Seating) -> TrialKey {
         let part = || Part::new("x", 1, Value::Null);
         TrialKey {
-            environment: part(),
-            agent,
-            protocol: part(),
+            environment: part().into(),
+            agent: agent.into(),
+            protocol: part().into(),
             seed: 0,
             numerics: 1,
             device: "cpu".into(),

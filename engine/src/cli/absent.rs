@@ -17,7 +17,7 @@ pub(super) fn unknown_names(planned: &[Planned], only: &[String]) -> Option<Stri
                 .chain(&study.prepared)
         })
         .map(String::as_str)
-        .chain(of_trials.flat_map(|trial| [trial.environment.as_str(), trial.agent.as_str()]))
+        .chain(of_trials.flat_map(|trial| [trial.cell.environment.as_str(), trial.cell.agent.as_str()]))
         .collect();
     let unknown = only.iter().filter(|name| !known.contains(name.as_str()));
     let lines: Vec<String> = unknown

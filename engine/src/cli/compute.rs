@@ -223,7 +223,7 @@ impl Compute<'_> {
                     task.until = task.until.zip(until).map(|(one, other)| one.max(other));
                 } else {
                     seen.insert(trial.id.as_str(), tasks.len());
-                    let pace_s = paces.get(trial.agent.as_str()).copied();
+                    let pace_s = paces.get(trial.cell.agent.as_str()).copied();
                     tasks.push(Task {
                         trial,
                         cost: *cost,
@@ -283,7 +283,7 @@ fn paces<'p>(planned: &'p [Planned], ends: &Ends) -> BTreeMap<&'p str, f64> {
     for (one, ends) in planned.iter().zip(ends) {
         for ((trial, cost), end) in one.plan.trials.iter().zip(&one.costs).zip(ends) {
             if let Some(end) = end.as_ref().filter(|end| end.state == EndState::Ok) {
-                let sum = sums.entry(trial.agent.as_str()).or_default();
+                let sum = sums.entry(trial.cell.agent.as_str()).or_default();
                 #[allow(clippy::cast_precision_loss, reason = "an estimate")]
                 let steps = *cost as f64 + 1.0;
                 *sum = (sum.0 + end.wall_s, sum.1 + steps);

@@ -1,7 +1,8 @@
 //! `export`: a study's numbers in a folder, in a form that other programs read.
 
 use super::{
-    BAD_SPEC, Common, Failure, NOTHING_SELECTED, ReportOptions, Selection, complain, folders, say, settings,
+    BAD_SPEC, Common, Failure, NOTHING_SELECTED, ReportOptions, Selection, complain, folders, run, say,
+    settings,
     study::{self, Planned},
 };
 use crate::{
@@ -11,7 +12,7 @@ use crate::{
     report::Manifest,
     results::TrialResult,
     spec,
-    store::{self, Store, StoredTrial, write_durably},
+    store::{self, Store, write_durably},
     world::{fs, process},
 };
 use clap::Args;
@@ -53,11 +54,7 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
             text: format!("no trial of `{}` has numbers; `run` it first", one.study.name),
         });
     }
-    let stored: Vec<Option<StoredTrial>> = store
-        .stored_of(&one.plan.trials)
-        .into_iter()
-        .map(|stored| stored.ok().flatten())
-        .collect();
+    let stored = store.stored_of(&one.plan.trials, |it| it).all;
     let subject = Subject {
         name: &one.study.name,
         title: &one.study.title,
@@ -83,8 +80,7 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
         count(results.len(), "trial"),
         options.to.display()
     ));
-    let ends: Vec<_> = results.iter().map(|result| result.end.clone()).collect();
-    Ok(study::code_of(&ends))
+    Ok(study::code_of(results.iter().map(|result| &result.end)))
 }
 
 fn refused(problem: String) -> Failure {
@@ -96,20 +92,10 @@ fn refused(problem: String) -> Failure {
 
 /// Every trial of the plan with all it recorded; what is damaged is said and counts as missing.
 fn load(one: &Planned, store: &Store) -> Vec<TrialResult> {
-    let trials = &one.plan.trials;
-    let loaded = trials.iter().zip(store.load_all(trials));
-    let told = |(trial, loaded): (&crate::trial::Trial, Result<TrialResult, Error>)| {
-        loaded.unwrap_or_else(|error| {
-            complain(&format!("warning: {error}; the trial counts as missing"));
-            TrialResult {
-                trial: trial.clone(),
-                end: None,
-                names: Vec::new(),
-                rows: Vec::new(),
-            }
-        })
-    };
-    loaded.map(told).collect()
+    let trials: Vec<_> = one.plan.trials.iter().collect();
+    run::load(&trials, store, |error| {
+        complain(&format!("warning: {error}; the trial counts as missing"));
+    })
 }
 
 /// A folder that appears whole or not at all: it is filled beside its place and renamed.

@@ -99,7 +99,7 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
             if seen.insert((*id, seeds)) {
                 open.push((*source, seeds));
                 // What is prepared has no seeds of its own: it runs for those that take from it.
-                if source.purpose != trial::Purpose::Prepared {
+                if source.cell.purpose != trial::Purpose::Prepared {
                     raise(wanted, &cell(source), seeds);
                 }
             }
@@ -109,9 +109,9 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
 
 fn cell(trial: &trial::Trial) -> CellName {
     (
-        trial.environment.clone(),
-        trial.agent.clone(),
-        trial.setting.clone(),
+        trial.cell.environment.clone(),
+        trial.cell.agent.clone(),
+        trial.cell.setting.clone(),
     )
 }
 

@@ -19,16 +19,17 @@ impl Compute<'_> {
         let mut damaged = BTreeSet::new();
         let mut ends: Ends = Vec::new();
         for one in planned {
-            let known = store.ends(&one.plan.trials);
-            damaged.extend(
-                one.plan
-                    .trials
-                    .iter()
-                    .zip(&known)
-                    .filter(|(_, end)| is_damage(end))
-                    .map(|(trial, _)| &*trial.id),
-            );
-            ends.push(known.into_iter().map(told).collect());
+            let trials = &one.plan.trials;
+            let found = store.ends(trials);
+            for (position, error) in found.unreadable {
+                match error {
+                    Error::Damaged { .. } => {
+                        damaged.insert(trials[position].id.as_str());
+                    }
+                    error => complain(&format!("warning: {error}; the trial counts as missing")),
+                }
+            }
+            ends.push(found.all);
         }
         if self.whole {
             damaged.extend(damaged_files(planned, &ends, store));
@@ -126,20 +127,6 @@ pub(super) fn failed_in_words<'a>(
         )
     };
     (!states.is_empty()).then(words)
-}
-
-fn is_damage(end: &Result<Option<TrialEnd>, Error>) -> bool {
-    matches!(end, Err(Error::Damaged { .. }))
-}
-
-/// The end of a trial. What is damaged is said when it is set aside; what cannot be read is said here.
-fn told(end: Result<Option<TrialEnd>, Error>) -> Option<TrialEnd> {
-    end.unwrap_or_else(|error| {
-        if !matches!(error, Error::Damaged { .. }) {
-            complain(&format!("warning: {error}; the trial counts as missing"));
-        }
-        None
-    })
 }
 
 /// Trials of the studies whose metrics, which the report will read, or whose products, which missing trials

@@ -6,21 +6,26 @@ use crate::{
     report::{ProfileState, ProfileTrials},
     results::EndState,
     spec,
-    store::{Store, StoredTrial},
+    store::Store,
+    trial::Trial,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The trials of a profile by their ids, each with how it ended; `None` where it has not run.
-type Ends = Vec<(String, Option<EndState>)>;
+/// The trials of a profile.
+struct Ends {
+    planned: usize,
+    /// Those that have run.
+    stored: Vec<(String, EndState)>,
+}
 
 /// Every profile with what the store has of its trials, the study without a profile first; nothing where it
-/// has no profiles. `stored` is what the store has of the report's own trials.
+/// has no profiles. `own` is how the report's own trials ended.
 ///
 /// A profile is taken as the study has it, without what the command line changes.
 pub(super) fn of(
     registry: &Registry,
     one: &Planned,
-    stored: &[Option<StoredTrial>],
+    own: &[Option<EndState>],
     selection: &Selection,
     store: &Store,
 ) -> Vec<ProfileState> {
@@ -32,7 +37,7 @@ pub(super) fn of(
     let load = |name: Option<String>| {
         let this_report = !changed && name == selection.profile;
         let ends = if this_report {
-            Some(own(one, stored))
+            Some(Ends::of(&one.plan.trials, own))
         } else {
             planned(registry, one, name.clone(), store)
         };
@@ -51,14 +56,17 @@ pub(super) fn of(
     loaded.iter().map(state).collect()
 }
 
-fn own(one: &Planned, stored: &[Option<StoredTrial>]) -> Ends {
-    let states = stored.iter().map(|stored| stored.as_ref().map(|it| it.end.state));
-    one.plan
-        .trials
-        .iter()
-        .map(|trial| trial.id.clone())
-        .zip(states)
-        .collect()
+impl Ends {
+    fn of(trials: &[Trial], states: &[Option<EndState>]) -> Self {
+        let stored = trials
+            .iter()
+            .zip(states)
+            .filter_map(|(trial, state)| Some((trial.id.clone(), (*state)?)));
+        Self {
+            planned: trials.len(),
+            stored: stored.collect(),
+        }
+    }
 }
 
 fn planned(registry: &Registry, one: &Planned, profile: Option<String>, store: &Store) -> Option<Ends> {
@@ -69,18 +77,20 @@ fn planned(registry: &Registry, one: &Planned, profile: Option<String>, store: &
     let trials = spec::load(&one.path, registry, &options).ok()?.plan().trials;
     // What is damaged was complained of when the report's own trials were read, or is no concern of this
     // report.
-    let states = store
-        .ends(&trials)
-        .into_iter()
-        .map(|end| end.ok().flatten().map(|end| end.state));
-    Some(trials.into_iter().map(|trial| trial.id).zip(states).collect())
+    let states = store.stored_of(&trials, |it| it.end.state).all;
+    Some(Ends::of(&trials, &states))
 }
 
-/// How many profiles have a trial, by the trial's id.
+/// How many profiles have a stored trial, by the trial's id.
 fn users<'a>(profiles: impl Iterator<Item = &'a Ends>) -> BTreeMap<&'a str, usize> {
     let mut users = BTreeMap::new();
-    for trials in profiles {
-        for id in trials.iter().map(|(id, _)| id.as_str()).collect::<BTreeSet<_>>() {
+    for ends in profiles {
+        for id in ends
+            .stored
+            .iter()
+            .map(|(id, _)| id.as_str())
+            .collect::<BTreeSet<_>>()
+        {
             *users.entry(id).or_default() += 1;
         }
     }
@@ -89,18 +99,15 @@ fn users<'a>(profiles: impl Iterator<Item = &'a Ends>) -> BTreeMap<&'a str, usiz
 
 fn count(ends: &Ends, users: &BTreeMap<&str, usize>) -> ProfileTrials {
     let mut counts = ProfileTrials {
-        planned: ends.len(),
+        planned: ends.planned,
         ..ProfileTrials::default()
     };
-    for (id, state) in ends
-        .iter()
-        .filter_map(|(id, state)| Some((id.as_str(), (*state)?)))
-    {
+    for (id, state) in &ends.stored {
         match state {
             EndState::Ok => counts.ok += 1,
             _ => counts.failed += 1,
         }
-        counts.own += usize::from(users.get(id) == Some(&1));
+        counts.own += usize::from(users.get(id.as_str()) == Some(&1));
     }
     counts
 }

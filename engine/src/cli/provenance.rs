@@ -1,22 +1,21 @@
 //! Where numbers come from: programs, plugins, machine.
 
 use super::study::Planned;
-use crate::{Build, Registry, report::Provenance, store::StoredTrial, world::fs};
+use crate::{Build, Registry, report::Provenance, world::fs};
 use std::{
     cmp::Reverse,
     collections::{BTreeMap, BTreeSet},
 };
 
-/// Facts about this program, the machine, a study and who computed its trials, of which `stored` is what the
-/// store has.
+/// Facts about this program, the machine and a study, of whose trials each of these builds computed so many.
 #[expect(
     clippy::disallowed_methods,
     reason = "a date that the report shall carry is given by the environment; no result holds it"
 )]
-pub(super) fn of(registry: &Registry, one: &Planned, stored: &[Option<StoredTrial>]) -> Provenance {
+pub(super) fn of(registry: &Registry, one: &Planned, builds: BTreeMap<Option<Build>, usize>) -> Provenance {
     Provenance {
         build: registry.build.clone(),
-        builds: builds(stored),
+        builds: most_first(builds),
         program: format!("regimen {}", env!("CARGO_PKG_VERSION")),
         plugins: used(registry, one),
         cpu: cpu(),
@@ -34,12 +33,7 @@ pub(super) fn of(registry: &Registry, one: &Planned, stored: &[Option<StoredTria
     }
 }
 
-/// How many of the stored trials each build computed, most first.
-fn builds(stored: &[Option<StoredTrial>]) -> Vec<(Option<Build>, usize)> {
-    let mut counts: BTreeMap<Option<Build>, usize> = BTreeMap::new();
-    for StoredTrial { build, .. } in stored.iter().flatten() {
-        *counts.entry(build.clone()).or_default() += 1;
-    }
+fn most_first(counts: BTreeMap<Option<Build>, usize>) -> Vec<(Option<Build>, usize)> {
     let mut builds: Vec<_> = counts.into_iter().collect();
     builds.sort_by_key(|(_, count)| Reverse(*count));
     builds
@@ -50,7 +44,7 @@ fn used(registry: &Registry, one: &Planned) -> Vec<(String, u32)> {
     let mut names = BTreeMap::new();
     for key in one.plan.trials.iter().map(|trial| &trial.key) {
         let agents = key.agent.parts().into_iter().map(|part| ("agent", part));
-        for (kind, part) in [("environment", &key.environment), ("protocol", &key.protocol)]
+        for (kind, part) in [("environment", &*key.environment), ("protocol", &*key.protocol)]
             .into_iter()
             .chain(agents)
         {

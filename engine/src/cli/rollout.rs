@@ -8,10 +8,9 @@ use crate::{
     registry::{About, AgentEntry},
     results::{EndState, TrialResult},
     rollout::{self, Actions},
-    setting::Setting,
     spec,
     store::{Store, TrialFile},
-    trial::{Part, Purpose, Trial},
+    trial::{Part, Trial, TrialCell},
     world::fs,
 };
 use clap::Args;
@@ -264,15 +263,9 @@ fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
         .into_iter()
         .map(|part| part.plugin.as_str())
         .collect();
-    let (environment, agent) = (file.key.environment.plugin.clone(), agents.join(" "));
-    let (id, setting, purpose) = (id.clone(), String::new(), Purpose::default());
     let trial = Trial {
-        id,
-        environment,
-        agent,
-        setting,
-        point: Setting::default(),
-        purpose,
+        id: id.clone(),
+        cell: TrialCell::of(&file.key.environment.plugin, agents.join(" ")).into(),
         key: file.key,
     };
     Ok(store.load(&trial)?)

@@ -227,29 +227,32 @@ fn write_report(
         collect(one, store, Some(&mend)),
         folders::folder(one, selection, reporting),
     );
+    let (mut builds, mut ended) = (BTreeMap::new(), None);
+    let trials = &one.plan.trials;
     // What is damaged was complained of while the results were collected.
-    let stored: Vec<_> = store
-        .stored_of(&one.plan.trials)
-        .into_iter()
-        .map(|stored| stored.ok().flatten())
-        .collect();
+    let states = store.stored_of(trials, |it| {
+        *builds.entry(it.build).or_default() += 1;
+        if let Some(date) = it.ended_at {
+            ended = Some(Period::with(ended.take(), date, trials.len()));
+        }
+        it.end.state
+    });
     let study = StudyInfo {
-        profiles: profiles::of(registry, one, &stored, selection, store),
-        ended: Period::of(stored.iter().map(|stored| stored.as_ref()?.ended_at.clone())),
+        profiles: profiles::of(registry, one, &states.all, selection, store),
+        ended,
         options: folders::options(selection),
         ..info(one, registry)
     };
     let mut contents = Contents::of(&study, &results);
     looks::record(one, store, &results, &mut contents)?;
-    let provenance = provenance::of(registry, one, &stored);
+    let provenance = provenance::of(registry, one, builds);
     let paths = report::write(&dir, &study, &results, &contents, &provenance)?;
     write_beside(&dir, one, selection, &results, &paths)?;
     say(&match common.format {
         Format::Json => as_json(&study, &results, &contents, &paths).to_string(),
         Format::Text => report::summary(&study, &results, &contents, &paths.page, terminal_width()),
     });
-    let ends: Vec<_> = results.trials.iter().map(|result| result.end.clone()).collect();
-    let code = study::code_of(&ends);
+    let code = study::code_of(results.trials.iter().map(|result| &result.end));
     Ok(if code == OK && reporting.strict && contents.contradicts() {
         DIFFERS
     } else {
@@ -306,7 +309,7 @@ fn learners(one: &Planned, registry: &Registry) -> BTreeSet<String> {
         .trials
         .iter()
         .filter(learns)
-        .map(|trial| trial.agent.clone())
+        .map(|trial| trial.cell.agent.clone())
         .collect()
 }
 
@@ -371,32 +374,27 @@ pub(super) fn terminal_width() -> usize {
         .unwrap_or(100)
 }
 
+/// Trials with what they recorded. One that cannot be read counts as missing, and `say` says why.
+pub(super) fn load(trials: &[&Trial], store: &Store, say: impl Fn(&Error)) -> Vec<TrialResult> {
+    let (results, unreadable) = store.load_all(trials);
+    unreadable.iter().for_each(|(_, error)| say(error));
+    results
+}
+
 /// All trials of a study with what they recorded; `mend` is the command that mends what is damaged, where
 /// that shall be said.
 pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Results {
     // In the order of the settings that searches try, some of which are set aside.
-    let planned: Vec<Trial> = one.paused.iter().chain(&one.plan.trials).cloned().collect();
-    let trials = planned
-        .iter()
-        .zip(store.load_all(&planned))
-        .map(|(trial, loaded)| {
-            loaded.unwrap_or_else(|error| {
-                let then = |mend| match error {
-                    Error::Damaged { .. } => format!(": `{mend}` sets it aside and runs it again"),
-                    _ => String::new(),
-                };
-                if let Some(then) = mend.map(then) {
-                    complain(&format!("warning: {error}; the trial counts as missing{then}"));
-                }
-                TrialResult {
-                    trial: trial.clone(),
-                    end: None,
-                    names: Vec::new(),
-                    rows: Vec::new(),
-                }
-            })
-        });
-    let mut trials: Vec<TrialResult> = trials.collect();
+    let planned: Vec<&Trial> = one.paused.iter().chain(&one.plan.trials).collect();
+    let mut trials = load(&planned, store, |error| {
+        let then = |mend| match error {
+            Error::Damaged { .. } => format!(": `{mend}` sets it aside and runs it again"),
+            _ => String::new(),
+        };
+        if let Some(then) = mend.map(then) {
+            complain(&format!("warning: {error}; the trial counts as missing{then}"));
+        }
+    });
     let study = &one.study;
     trials.iter_mut().for_each(|it| store.read_log(it));
     if names_times(&(&study.tables, &study.figures, &study.claims, &study.success)) {
@@ -433,7 +431,7 @@ fn drawings(one: &Planned, store: &Store, trials: &[TrialResult]) -> BTreeMap<St
     // Runs of others left nothing here.
     let own = trials
         .iter()
-        .filter(|trial| trial.trial.purpose != Purpose::Imported);
+        .filter(|trial| trial.trial.cell.purpose != Purpose::Imported);
     for trial in own.filter(|trial| trial.is_ok()) {
         for kind in &kinds {
             let (id, drawings) = (&trial.trial.id, all.entry(trial.trial.id.clone()).or_default());

@@ -63,7 +63,7 @@ fn progress(it: &SearchResult) -> Progress {
 /// Ids of the trials that have come to their pause: they wait for nothing and are not missing.
 fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
     let has_paused = |it: &&TrialResult| {
-        let search = match &it.trial.purpose {
+        let search = match &it.trial.cell.purpose {
             Purpose::Tried(name) => one.study.searches.iter().find(|(search, _)| search.name == *name),
             _ => None,
         };

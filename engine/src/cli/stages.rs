@@ -10,6 +10,9 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The entries of a study in the order of the plan; none where no trial takes from another one.
 pub(super) fn of(one: &Planned) -> Vec<Stage> {
     let trials = &one.plan.trials;
+    if !trials.iter().any(|trial| trial.key.takes()) {
+        return Vec::new();
+    }
     let by_id: BTreeMap<&str, &Trial> = trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
     let mut names: Vec<&str> = Vec::new();
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
@@ -45,9 +48,9 @@ pub(super) fn of(one: &Planned) -> Vec<Stage> {
 }
 
 fn entry(trial: &Trial) -> &str {
-    match trial.purpose {
-        Purpose::Cell | Purpose::Tried(_) | Purpose::Imported => &trial.agent,
-        Purpose::Prepared | Purpose::Play(_) => &trial.environment,
+    match trial.cell.purpose {
+        Purpose::Cell | Purpose::Tried(_) | Purpose::Imported => &trial.cell.agent,
+        Purpose::Prepared | Purpose::Play(_) => &trial.cell.environment,
     }
 }
 

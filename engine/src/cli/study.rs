@@ -16,7 +16,7 @@ use crate::{
     report,
     results::{EndState, SearchResult, TrialEnd},
     spec::{self, Study},
-    store::{Store, StoredTrial, is_missing},
+    store::{Found, Store, is_missing},
     trial::Trial,
 };
 use serde_json::json;
@@ -62,10 +62,9 @@ impl Planned {
         self.wanted = wanted;
         narrow(&mut self.plan, &self.only);
         self.pauses = self.study.pauses(&self.plan);
-        let (paused, trials) = std::mem::take(&mut self.plan.trials)
-            .into_iter()
-            .partition(|trial| self.set_aside.contains(&trial.id) && self.pauses.contains_key(&trial.id));
-        (self.paused, self.plan.trials) = (paused, trials);
+        let has_paused =
+            |trial: &mut Trial| self.set_aside.contains(&trial.id) && self.pauses.contains_key(&trial.id);
+        self.paused = self.plan.trials.extract_if(.., has_paused).collect();
         self.costs = costs(registry, &self.plan);
     }
 
@@ -147,11 +146,13 @@ fn narrow(plan: &mut Plan, only: &[String]) {
         return;
     }
     let named = |name: &String| only.contains(name);
-    let by_environment = plan.trials.iter().any(|trial| named(&trial.environment));
-    let by_agent = plan.trials.iter().any(|trial| named(&trial.agent));
+    let by_environment = plan.trials.iter().any(|trial| named(&trial.cell.environment));
+    let by_agent = plan.trials.iter().any(|trial| named(&trial.cell.agent));
     plan.keep(|trial| {
         let known = by_environment || by_agent;
-        known && (!by_environment || named(&trial.environment)) && (!by_agent || named(&trial.agent))
+        known
+            && (!by_environment || named(&trial.cell.environment))
+            && (!by_agent || named(&trial.cell.agent))
     });
 }
 
@@ -246,43 +247,34 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
     Ok(code)
 }
 
-/// The state of every trial; `None` where it has not run or must run again.
+/// The state of every trial; `None` where it has not run or must run again. What is damaged is said.
 pub(super) fn ends(store: &Store, trials: &[Trial]) -> Vec<Option<TrialEnd>> {
-    stored(store, trials)
-        .0
-        .into_iter()
-        .map(|stored| stored.map(|it| it.end))
-        .collect()
+    told(store.ends(trials)).0
 }
 
-/// What is stored of every trial, and whether something is damaged, which counts as missing.
-fn stored(store: &Store, trials: &[Trial]) -> (Vec<Option<StoredTrial>>, bool) {
-    let mut damaged = false;
-    let told = |stored: Result<Option<StoredTrial>, crate::Error>| {
-        stored.unwrap_or_else(|error| {
-            damaged = true;
-            complain(&format!("warning: {error}; the trial counts as missing"));
-            None
-        })
-    };
-    (store.stored_of(trials).into_iter().map(told).collect(), damaged)
+/// What was found, once it is said what is damaged and counts as missing, and whether something is.
+fn told<T>(found: Found<T>) -> (Vec<Option<T>>, bool) {
+    for (_, error) in &found.unreadable {
+        complain(&format!("warning: {error}; the trial counts as missing"));
+    }
+    (found.all, !found.unreadable.is_empty())
 }
 
-/// As [`stored`], and what mends it is said.
-fn stored_with_advice(
+/// As [`ends`], and what mends it is said.
+fn ends_with_advice(
     store: &Store,
     trials: &[Trial],
     selection: &Selection,
     common: &Common,
-) -> Vec<Option<StoredTrial>> {
-    let (stored, damaged) = stored(store, trials);
+) -> Vec<Option<TrialEnd>> {
+    let (ends, damaged) = told(store.ends(trials));
     if damaged {
         complain(&format!(
             "`{}` sets aside what is damaged and runs it again",
             selection.command("run", common, &[])
         ));
     }
-    stored
+    ends
 }
 
 /// `plan`: trials by cell, what is done, why the rest is not, and what it will cost.
@@ -293,15 +285,11 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
     warn(&planned);
     for one in planned {
         let trials = &one.plan.trials;
-        let stored = stored_with_advice(&store, trials, selection, common);
-        let ends: Vec<_> = stored
-            .iter()
-            .map(|stored| stored.as_ref().map(|it| it.end.clone()))
-            .collect();
+        let ends = ends_with_advice(&store, trials, selection, common);
         let known: Vec<_> = trials
             .iter()
-            .zip(&stored)
-            .filter_map(|(trial, it)| Some((trial.id.as_str(), it.as_ref()?)))
+            .zip(&ends)
+            .filter_map(|(trial, end)| end.as_ref().map(|_| trial))
             .collect();
         // Where every trial is there, nothing else of the store is looked at.
         let cells = if known.len() < trials.len() {
@@ -330,8 +318,7 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
     let store = Store::at(&settings.store);
     let mut code = OK;
     for one in load_with_looks(registry, selection, &store)? {
-        let stored = stored_with_advice(&store, &one.plan.trials, selection, common);
-        let ends: Vec<_> = stored.into_iter().map(|stored| stored.map(|it| it.end)).collect();
+        let ends = ends_with_advice(&store, &one.plan.trials, selection, common);
         let waiting = Waiting::of(&one.plan.trials, &ends, &store);
         say(&overview(
             &one,
@@ -393,14 +380,13 @@ pub(super) fn say_imported(one: &Planned, what: &str) {
 }
 
 /// The exit code that fits the states of trials.
-pub(super) fn code_of(ends: &[Option<TrialEnd>]) -> u8 {
-    if ends.iter().any(|end| is_missing(end.as_ref())) {
-        INCOMPLETE
-    } else if ends.iter().flatten().any(|end| end.state != EndState::Ok) {
-        TRIALS_FAILED
-    } else {
-        OK
-    }
+pub(super) fn code_of<'e>(ends: impl IntoIterator<Item = &'e Option<TrialEnd>>) -> u8 {
+    let code = |end: &Option<TrialEnd>| match end {
+        end if is_missing(end.as_ref()) => INCOMPLETE,
+        Some(end) if end.state != EndState::Ok => TRIALS_FAILED,
+        _ => OK,
+    };
+    ends.into_iter().map(code).max().unwrap_or(OK)
 }
 
 /// `resolve`: the study with every default.
@@ -432,9 +418,9 @@ fn cells<'a>(one: &'a Planned, ends: &[Option<TrialEnd>], waiting: &Waiting) -> 
         (Vec::new(), BTreeMap::new());
     for (index, ((trial, end), cost)) in one.plan.trials.iter().zip(ends).zip(&one.costs).enumerate() {
         let names = (
-            trial.environment.as_str(),
-            trial.agent.as_str(),
-            trial.setting.as_str(),
+            trial.cell.environment.as_str(),
+            trial.cell.agent.as_str(),
+            trial.cell.setting.as_str(),
         );
         // The trials of a cell stand side by side in a plan, except for those of later looks.
         let place = *places.entry(names).or_insert(cells.len());

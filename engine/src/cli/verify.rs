@@ -11,9 +11,8 @@ use crate::{
     plan::Plan,
     results::EndState,
     scheduler::Task,
-    setting::Setting,
     store::{Imprint, Store, TrialFile, write_durably},
-    trial::{Purpose, Trial, TrialKey},
+    trial::{Trial, TrialCell, TrialKey},
     verification::{Entry, Outcome, Receipt, cannot, id_here, rounds, sample},
 };
 use clap::Args;
@@ -192,11 +191,7 @@ fn of_store(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
 fn named(id: &str, key: TrialKey) -> Trial {
     Trial {
         id: id.to_owned(),
-        environment: key.environment.plugin.clone(),
-        agent: key.agents_by_plugin(),
-        setting: String::new(),
-        point: Setting::default(),
-        purpose: Purpose::Cell,
+        cell: TrialCell::of(&key.environment.plugin, key.agents_by_plugin()).into(),
         key,
     }
 }
@@ -204,9 +199,9 @@ fn named(id: &str, key: TrialKey) -> Trial {
 fn entry(trial: &Trial, outcome: Outcome) -> Entry {
     Entry {
         trial: trial.id.clone(),
-        environment: trial.environment.clone(),
-        agent: trial.agent.clone(),
-        setting: trial.setting.clone(),
+        environment: trial.cell.environment.clone(),
+        agent: trial.cell.agent.clone(),
+        setting: trial.cell.setting.clone(),
         seed: trial.key.seed,
         stored: None,
         now: None,

@@ -35,6 +35,10 @@ enum Source {
 impl Waiting {
     /// Looks at what every missing trial takes.
     pub(super) fn of(trials: &[Trial], ends: &[Option<TrialEnd>], store: &Store) -> Self {
+        // Where nothing takes anything, nothing is looked up.
+        if !trials.iter().any(|trial| trial.key.takes()) {
+            return Self::default();
+        }
         let known = trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
         let mut sources = Known {
             store,

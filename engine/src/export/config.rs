@@ -61,7 +61,7 @@ fn leaves(key: &TrialKey) -> Leaves {
     let mut found = Leaves::new();
     of_part("environment", "environment", &key.environment, &mut found);
     of_part("protocol", "protocol", &key.protocol, &mut found);
-    match &key.agent {
+    match &*key.agent {
         Seating::Agent(part) => of_part("agent", "agent", part, &mut found),
         Seating::Cast(cast) => {
             for (role, member) in &cast.roles {

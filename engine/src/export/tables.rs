@@ -153,13 +153,13 @@ fn names<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
         Column::new(
             "environment",
             "name in the study",
-            text(|it| &it.trial.environment),
+            text(|it| &it.trial.cell.environment),
         ),
-        Column::new("agent", "name in the study", text(|it| &it.trial.agent)),
+        Column::new("agent", "name in the study", text(|it| &it.trial.cell.agent)),
         Column::new(
             "setting",
             "the point of the sweep, empty without one",
-            text(|it| &it.trial.setting),
+            text(|it| &it.trial.cell.setting),
         ),
         Column::new("seed", "the replicate", Cells::Count(seeds.collect())),
     ]
@@ -182,7 +182,7 @@ fn ends<'a>(subject: &Subject<'a>) -> Vec<Column<'a>> {
     let purposes = subject
         .trials
         .iter()
-        .map(|(result, _)| Some(purpose(&result.trial.purpose).into()));
+        .map(|(result, _)| Some(purpose(&result.trial.cell.purpose).into()));
     let state = |end: &'a TrialEnd| Some(end.state.name().into());
     let reason = |end: &'a TrialEnd| Some(end.reason.as_str().into()).filter(|_| !end.reason.is_empty());
     vec![

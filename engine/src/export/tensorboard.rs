@@ -45,8 +45,8 @@ pub(super) fn write(subject: &Subject<'_>, folder: &Path) -> Result<(), Error> {
 
 fn describe(folder: &str, result: &TrialResult) -> Value {
     let trial = &result.trial;
-    json!({"folder": folder, "trial": trial.id, "environment": trial.environment, "agent": trial.agent,
-        "setting": trial.setting, "seed": trial.key.seed, "config": config::values(&trial.key)})
+    json!({"folder": folder, "trial": trial.id, "environment": trial.cell.environment, "agent": trial.cell.agent,
+        "setting": trial.cell.setting, "seed": trial.key.seed, "config": config::values(&trial.key)})
 }
 
 /// Folder of a trial's run: names as people read them, and the beginning of the id, so that no two are the same.
@@ -60,15 +60,15 @@ fn run(result: &TrialResult) -> String {
             .collect();
         word.trim_start_matches('.').to_owned()
     };
-    let setting = if trial.setting.is_empty() {
+    let setting = if trial.cell.setting.is_empty() {
         String::new()
     } else {
-        format!("{:.60}-", word(&trial.setting))
+        format!("{:.60}-", word(&trial.cell.setting))
     };
     format!(
         "{}/{}/{setting}seed-{}-{:.8}",
-        word(&trial.environment),
-        word(&trial.agent),
+        word(&trial.cell.environment),
+        word(&trial.cell.agent),
         trial.key.seed,
         trial.id
     )

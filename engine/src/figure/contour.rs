@@ -80,7 +80,7 @@ fn build(kind: &Contour, spec: &FigureSpec, context: Context<'_>) -> Result<Char
     let panel = |trial: &&TrialResult| {
         Ok(Panel {
             title: if titled {
-                label(spec, &trial.trial.agent)
+                label(spec, &trial.trial.cell.agent)
             } else {
                 String::new()
             },

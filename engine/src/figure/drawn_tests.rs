@@ -32,14 +32,14 @@ fn with_drawings() -> Results {
         study()
             .trials
             .into_iter()
-            .filter(|trial| trial.trial.environment == "eight_cells")
+            .filter(|trial| trial.trial.cell.environment == "eight_cells")
             .collect(),
     );
     for (index, agent) in ["equal", "dsac", "bound"].into_iter().enumerate() {
         let trial = results
             .trials
             .iter()
-            .find(|it| it.trial.agent == agent && it.trial.key.seed == 3);
+            .find(|it| it.trial.cell.agent == agent && it.trial.key.seed == 3);
         let drawings = Drawings {
             graph: [generator, cell, branched].map(|of| of()).into_iter().nth(index),
             images: (0..if index < 2 { 40 } else { 0 })
@@ -186,7 +186,7 @@ fn a_file_that_cannot_be_read_is_named() {
     let dsac = results
         .trials
         .iter()
-        .find(|it| it.trial.agent == "dsac" && it.trial.key.seed == 3);
+        .find(|it| it.trial.cell.agent == "dsac" && it.trial.key.seed == 3);
     let id = dsac.unwrap().trial.id.clone();
     let drawings = Drawings {
         problem: Some("`graph.json` is damaged".into()),

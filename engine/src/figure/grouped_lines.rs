@@ -108,7 +108,7 @@ fn categories(scope: &Scope<'_>, key: &str) -> Vec<String> {
     let values: Vec<&Value> = scope
         .trials
         .iter()
-        .filter_map(|trial| trial.trial.point.get(key))
+        .filter_map(|trial| trial.trial.cell.point.get(key))
         .collect();
     let mut names: Vec<String> = Vec::new();
     for name in values
@@ -142,7 +142,7 @@ fn swept(
             continue;
         };
         // All trials of a setting stand at one point of the sweep.
-        let point = &scope.trials[0].trial.point;
+        let point = &scope.trials[0].trial.cell.point;
         let (x, rest) = match point.get(&kind.x) {
             Some(value) => (
                 position(value, categories),

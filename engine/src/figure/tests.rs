@@ -242,7 +242,7 @@ fn all(dir: &Path) -> Vec<(&'static str, Chart)> {
         study()
             .trials
             .into_iter()
-            .filter(|trial| trial.trial.environment == "four_cells")
+            .filter(|trial| trial.trial.cell.environment == "four_cells")
             .collect(),
     );
     let mut all = vec![

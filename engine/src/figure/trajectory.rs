@@ -86,7 +86,7 @@ fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<C
             }
         }
         for (column, panel) in of_row.iter_mut().enumerate().filter(|_| row == 0) {
-            panel.title = label(spec, &trials[column].trial.agent);
+            panel.title = label(spec, &trials[column].trial.cell.agent);
             panel.series.extend(kind.threshold.map(threshold));
         }
         panels.extend(of_row);
@@ -100,7 +100,7 @@ fn build(kind: &Trajectory, spec: &FigureSpec, context: Context<'_>) -> Result<C
     let note = format!(
         "{which} of seed {} in {}.",
         trial.key.seed,
-        label(spec, &trial.environment)
+        label(spec, &trial.cell.environment)
     );
     Ok(Chart {
         panels,
@@ -149,7 +149,7 @@ fn panel(
     let series = |(index, (name, points)): (usize, (String, Vec<Point>))| {
         let alone = Style {
             variant: 0,
-            ..context.style(&trial.trial.agent)
+            ..context.style(&trial.trial.cell.agent)
         };
         let style = if count == 1 {
             alone

@@ -21,8 +21,7 @@ use crate::{
     input_file,
     recorder::Row,
     results::{EndState, TrialEnd, TrialResult},
-    setting::Setting,
-    trial::{Part, Purpose, Trial, TrialKey, hash},
+    trial::{Part, Purpose, Trial, TrialCell, TrialKey, hash},
 };
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -225,11 +224,12 @@ impl Found {
         let digests: Vec<&String> = self.files.iter().map(|(_, digest)| digest).collect();
         let part = |config: Value| Part::new("imported", 0, config);
         let key = TrialKey {
-            environment: part(Value::Null),
+            environment: part(Value::Null).into(),
             agent: Seating::Agent(part(
                 json!({ "sha256": digests, "read": mapping, "run": run.name }),
-            )),
-            protocol: part(Value::Null),
+            ))
+            .into(),
+            protocol: part(Value::Null).into(),
             seed,
             numerics: 0,
             device: "elsewhere".into(),
@@ -239,11 +239,13 @@ impl Found {
         TrialResult {
             trial: Trial {
                 id,
-                environment: environment.into(),
-                agent: name.into(),
-                setting: String::new(),
-                point: Setting::default(),
-                purpose: Purpose::Imported,
+                cell: TrialCell {
+                    environment: environment.into(),
+                    agent: name.into(),
+                    purpose: Purpose::Imported,
+                    ..TrialCell::default()
+                }
+                .into(),
                 key,
             },
             end: Some(TrialEnd {

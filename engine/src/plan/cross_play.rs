@@ -5,9 +5,8 @@ use super::DEVICE;
 use crate::{
     cast::{Cast, Member, Seating},
     cross_play::title,
-    setting::Setting,
     spec::{Pairs, Play, Player, Study},
-    trial::{Purpose, Trial, TrialKey},
+    trial::{Purpose, Trial, TrialCell, TrialKey},
 };
 use std::collections::BTreeMap;
 
@@ -67,22 +66,25 @@ fn encounter(
     });
     let latest = places.iter().copied().max().unwrap_or_default();
     let key = TrialKey {
-        environment: play.arena.clone(),
+        environment: play.arena.clone().into(),
         agent: Seating::Cast(Cast {
             roles: members.collect(),
-        }),
-        protocol: play.protocol.clone(),
+        })
+        .into(),
+        protocol: play.protocol.clone().into(),
         seed: study.seeds[latest],
         numerics: study.numerics,
         device: DEVICE.into(),
     };
     Trial {
         id: key.id(),
-        environment: play.name.clone(),
-        agent: title(&roles),
-        setting: String::new(),
-        point: Setting::default(),
-        purpose: Purpose::Play(roles),
+        cell: TrialCell {
+            environment: play.name.clone(),
+            agent: title(&roles),
+            purpose: Purpose::Play(roles),
+            ..TrialCell::default()
+        }
+        .into(),
         key,
     }
 }

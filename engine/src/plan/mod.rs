@@ -16,9 +16,12 @@ use crate::{
     product::Taken,
     results::CellName,
     spec::{Cell, Place, Play, Study},
-    trial::{Part, Purpose, Trial, TrialKey, trial_id},
+    trial::{Part, Purpose, Trial, TrialCell, TrialKey, trial_id},
 };
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// The kind of device that trials run on.
 const DEVICE: &str = "cpu";
@@ -62,13 +65,13 @@ impl Study {
         };
         let seeds = |trial: &Trial| {
             let cell = (
-                trial.environment.clone(),
-                trial.agent.clone(),
-                trial.setting.clone(),
+                trial.cell.environment.clone(),
+                trial.cell.agent.clone(),
+                trial.cell.setting.clone(),
             );
             wanted.get(&cell).copied().unwrap_or(design.looks()[0])
         };
-        plan.keep(|trial| match trial.purpose {
+        plan.keep(|trial| match trial.cell.purpose {
             Purpose::Prepared => false,
             Purpose::Tried(_) | Purpose::Imported => true,
             Purpose::Cell | Purpose::Play(_) => trial.key.seed < u64::from(seeds(trial)),
@@ -80,7 +83,13 @@ impl Study {
     fn plan_of_all_seeds(&self) -> Plan {
         let (seeds, waiting) = (self.seeds_of_cells(), self.waiting());
         let mut of_cells: Vec<Vec<Trial>> = vec![Vec::new(); self.cells.len()];
-        for &index in self.order.iter().filter(|index| !waiting.contains(index)) {
+        // What others take from comes first; the rest is made where it is put into the plan.
+        let taken = self.taken_from();
+        for &index in self
+            .order
+            .iter()
+            .filter(|index| taken.contains(index) && !waiting.contains(index))
+        {
             of_cells[index] = self.trials_of(index, &seeds, &of_cells);
         }
         let is_ready = |play: &&Play| !play.players.iter().any(|player| waiting.contains(&player.cell));
@@ -88,15 +97,17 @@ impl Study {
         let plays: Vec<Trial> = plays
             .flat_map(|play| cross_play::trials(self, play, &of_cells))
             .collect();
-        // Combinations come first, then the entries of `prepare`, then what searches try.
+        let mut trials = Vec::with_capacity(seeds.iter().map(Vec::len).sum::<usize>() + plays.len());
+        // Entries of `prepare` come first, then what searches try, then combinations.
         let n_combinations = self.cells.iter().filter(|cell| cell.pair().is_some()).count();
-        let before = of_cells.split_off(n_combinations);
-        let trials = before
-            .into_iter()
-            .chain(of_cells)
-            .flatten()
-            .chain(plays)
-            .collect();
+        for index in (n_combinations..self.cells.len()).chain(0..n_combinations) {
+            if taken.contains(&index) {
+                trials.extend(of_cells[index].iter().cloned());
+            } else if !waiting.contains(&index) {
+                trials.extend(self.trials_of(index, &seeds, &of_cells));
+            }
+        }
+        trials.extend(plays);
         Plan {
             study: self.name.clone(),
             title: self.title.clone(),
@@ -104,13 +115,26 @@ impl Study {
         }
     }
 
+    /// The cells that others take from, or whose policies play.
+    fn taken_from(&self) -> BTreeSet<usize> {
+        let sources = self.cells.iter().flat_map(|cell| &cell.sources);
+        let players = self.plays.iter().flat_map(|play| &play.players);
+        sources
+            .map(|source| source.cell)
+            .chain(players.map(|player| player.cell))
+            .collect()
+    }
+
     /// The steps at which searches pause trials of a plan, by id. What something else needs as well goes to its end.
     #[must_use]
     pub fn pauses(&self, plan: &Plan) -> BTreeMap<String, u64> {
         let (mut pauses, mut whole) = (BTreeMap::new(), BTreeSet::new());
+        if self.searches.is_empty() {
+            return pauses;
+        }
         let mut met: BTreeMap<&str, usize> = BTreeMap::new();
         for trial in &plan.trials {
-            let stop = match &trial.purpose {
+            let stop = match &trial.cell.purpose {
                 Purpose::Tried(name) => {
                     let met = met.entry(name).or_default();
                     *met += 1;
@@ -179,45 +203,51 @@ impl Study {
         seeds
     }
 
-    /// The trials of a cell, once those are there that it takes from. Parts that take nothing are hashed
-    /// once, not once per seed.
+    /// The trials of a cell, once those are there that it takes from. What does not depend on the seed is made and
+    /// hashed once.
     fn trials_of(&self, index: usize, seeds: &[Vec<u64>], of_cells: &[Vec<Trial>]) -> Vec<Trial> {
         let cell = &self.cells[index];
-        let (environment, agent) = self.names(cell);
+        // A source runs the seeds that are taken from it, and comes before in the order of cells.
+        let source = |cell: usize, seed: u64| {
+            let place = seeds[cell].iter().position(|it| *it == seed).unwrap_or_default();
+            &of_cells[cell][place]
+        };
+        let named = Arc::new(self.named(cell));
+        let shared = cell.sources.is_empty().then(|| self.key(cell, 0, &source));
         let trial = |&seed: &u64| {
-            // A source runs the seeds that are taken from it, and comes before in the order of cells.
-            let source = |cell: usize, seed: u64| {
-                let place = seeds[cell].iter().position(|it| *it == seed).unwrap_or_default();
-                &of_cells[cell][place]
+            let (id, key) = match &shared {
+                Some(shared) => (self.id(cell, seed), shared.with_seed(seed)),
+                None => {
+                    let key = self.key(cell, seed, &source);
+                    (key.id(), key)
+                }
             };
-            let key = self.key(cell, seed, &source);
-            let id = if cell.sources.is_empty() {
-                let [environment, agent, protocol] = &cell.parts;
-                trial_id(
-                    [&environment.id, &agent.id, &protocol.id],
-                    seed,
-                    self.numerics,
-                    DEVICE,
-                )
-            } else {
-                key.id()
-            };
-            let purpose = match cell.place {
-                Place::Combination(..) => Purpose::Cell,
-                Place::Prepared(_) => Purpose::Prepared,
-                Place::Tried(search) => Purpose::Tried(self.searches[search].0.name.clone()),
-            };
-            Trial {
-                id,
-                environment: environment.clone(),
-                agent: agent.clone(),
-                setting: cell.setting.clone(),
-                point: cell.point.clone(),
-                purpose,
-                key,
-            }
+            let cell = Arc::clone(&named);
+            Trial { id, cell, key }
         };
         seeds[index].iter().map(trial).collect()
+    }
+
+    /// The id of a trial of a cell that takes nothing.
+    fn id(&self, cell: &Cell, seed: u64) -> String {
+        let parts = cell.parts.each_ref().map(|part| part.id.as_str());
+        trial_id(parts, seed, self.numerics, DEVICE)
+    }
+
+    fn named(&self, cell: &Cell) -> TrialCell {
+        let (environment, agent) = self.names(cell);
+        let purpose = match cell.place {
+            Place::Combination(..) => Purpose::Cell,
+            Place::Prepared(_) => Purpose::Prepared,
+            Place::Tried(search) => Purpose::Tried(self.searches[search].0.name.clone()),
+        };
+        TrialCell {
+            environment,
+            agent,
+            setting: cell.setting.clone(),
+            point: cell.point.clone(),
+            purpose,
+        }
     }
 
     fn names(&self, cell: &Cell) -> (String, String) {
@@ -235,10 +265,11 @@ impl Study {
 
     fn key<'a>(&self, cell: &Cell, seed: u64, source: &dyn Fn(usize, u64) -> &'a Trial) -> TrialKey {
         let part = |place: usize| {
-            let mut part = cell.parts[place].part.clone();
+            let mut part = Arc::clone(&cell.parts[place].part);
             for it in cell.sources.iter().filter(|it| it.part == place) {
                 let trial = source(it.cell, it.seed_for(seed)).id.clone();
-                part.products
+                Arc::make_mut(&mut part)
+                    .products
                     .insert(it.pointer.clone(), Taken { trial, kind: it.kind });
             }
             part
@@ -250,13 +281,12 @@ impl Study {
             .filter(|_| cell.is_policy())
         {
             Some(it) => policy_of(source(it.cell, it.seed_for(seed))),
-            None => Seating::Agent(part(1)),
+            None => Seating::Agent(Arc::unwrap_or_clone(part(1))),
         };
-        let (environment, protocol) = (part(0), part(2));
         TrialKey {
-            environment,
-            agent,
-            protocol,
+            environment: part(0),
+            agent: agent.into(),
+            protocol: part(2),
             seed,
             numerics: self.numerics,
             device: DEVICE.into(),
@@ -285,25 +315,41 @@ fn policy_of(trial: &Trial) -> Seating {
 impl Plan {
     /// Keeps the trials that are wanted, and those that they take from, through any number of steps.
     pub fn keep(&mut self, wanted: impl Fn(&Trial) -> bool) {
+        let sources = self.sources_of(&wanted);
+        // Two combinations may share a trial; one that is not wanted does not come in by the other.
+        self.trials
+            .retain(|trial| wanted(trial) || sources.contains(&trial.id));
+    }
+
+    /// The ids that the wanted trials take from, through any number of steps.
+    fn sources_of(&self, wanted: impl Fn(&Trial) -> bool) -> BTreeSet<String> {
+        let mut open: Vec<String> = self
+            .trials
+            .iter()
+            .filter(|trial| trial.key.takes() && wanted(trial))
+            .flat_map(|trial| trial.key.sources())
+            .collect();
+        let mut sources = BTreeSet::new();
+        if open.is_empty() {
+            return sources;
+        }
         let by_id: BTreeMap<&str, &Trial> = self
             .trials
             .iter()
             .map(|trial| (trial.id.as_str(), trial))
             .collect();
-        let mut open: Vec<&Trial> = self.trials.iter().filter(|trial| wanted(trial)).collect();
-        let mut kept: BTreeSet<String> = BTreeSet::new();
-        let mut sources: BTreeSet<String> = BTreeSet::new();
-        while let Some(trial) = open.pop() {
-            if !kept.insert(trial.id.clone()) {
+        while let Some(id) = open.pop() {
+            if sources.contains(&id) {
                 continue;
             }
-            for source in trial.key.sources() {
-                open.extend(by_id.get(source.as_str()));
-                sources.insert(source);
-            }
+            open.extend(
+                by_id
+                    .get(id.as_str())
+                    .iter()
+                    .flat_map(|source| source.key.sources()),
+            );
+            sources.insert(id);
         }
-        // Two combinations may share a trial; one that is not wanted does not come in by the other.
-        self.trials
-            .retain(|trial| wanted(trial) || sources.contains(&trial.id));
+        sources
     }
 }

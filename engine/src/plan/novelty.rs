@@ -11,7 +11,10 @@ use crate::{
     results::{EndState, TrialEnd},
     trial::{Part, Purpose, Trial, TrialKey},
 };
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::{
+    collections::{BTreeMap, BTreeSet, HashMap},
+    sync::Arc,
+};
 
 /// Comparisons of combinations in one search, over all cells; a search that would need more looks at a part
 /// of the store only.
@@ -72,28 +75,46 @@ pub struct Novelty {
 /// `ends` has one entry per trial.
 #[must_use]
 pub fn novelties(trials: &[Trial], ends: &[Option<TrialEnd>], stored: &[StoredCell]) -> Vec<Novelty> {
-    let pending: Vec<(&Trial, Option<EndState>)> = (trials.iter().zip(ends))
-        .map(|(trial, end)| (trial, end.as_ref().map(|end| end.state)))
-        .filter(|(_, state)| *state != Some(EndState::Ok))
-        // What plays a policy is new because the policy is.
-        .filter(|(trial, _)| !matches!(trial.purpose, Purpose::Play(_)))
+    let pending = || {
+        (trials.iter().zip(ends))
+            .map(|(trial, end)| (trial, end.as_ref().map(|end| end.state)))
+            .filter(|(_, state)| *state != Some(EndState::Ok))
+            // What plays a policy is new because the policy is.
+            .filter(|(trial, _)| !matches!(trial.cell.purpose, Purpose::Play(_)))
+    };
+    let takes = pending().any(|(trial, _)| trial.key.takes());
+    let new: HashMap<&str, &Trial> = pending()
+        .filter(|_| takes)
+        .map(|(trial, _)| (trial.id.as_str(), trial))
         .collect();
-    let new: HashMap<&str, &Trial> = pending
-        .iter()
-        .map(|(trial, _)| (trial.id.as_str(), *trial))
-        .collect();
-    let cells: Vec<_> = pending
-        .chunk_by(|(one, _), (other, _)| names(one) == names(other))
-        .collect();
-    let mut search = Search::new(stored, cells.len());
-    cells
-        .into_iter()
-        .flat_map(|cell| of_cell(cell, &new, &mut search))
+    let mut search = Search::new(stored, by_cell(pending()).count());
+    by_cell(pending())
+        .flat_map(|cell| of_cell(&cell, &new, &mut search))
         .collect()
 }
 
+/// A trial that is to run, and how it ended where it did.
+type Pending<'a> = (&'a Trial, Option<EndState>);
+
+/// Neighbours of one cell together, cell after cell: a plan may have a million trials, and few of one cell.
+fn by_cell<'a>(pending: impl Iterator<Item = Pending<'a>>) -> impl Iterator<Item = Vec<Pending<'a>>> {
+    let mut pending = pending.peekable();
+    std::iter::from_fn(move || {
+        let first = pending.next()?;
+        let mut cell = vec![first];
+        while let Some(next) = pending.next_if(|(trial, _)| is_of_cell(first.0, trial)) {
+            cell.push(next);
+        }
+        Some(cell)
+    })
+}
+
+fn is_of_cell(one: &Trial, other: &Trial) -> bool {
+    Arc::ptr_eq(&one.cell, &other.cell) || names(one) == names(other)
+}
+
 fn names(trial: &Trial) -> (&str, &str, &str) {
-    (&trial.environment, &trial.agent, &trial.setting)
+    (&trial.cell.environment, &trial.cell.agent, &trial.cell.setting)
 }
 
 /// The entries that a trial takes from and that are new themselves.
@@ -107,17 +128,13 @@ fn new_sources(trial: &Trial, new: &HashMap<&str, &Trial>) -> BTreeSet<String> {
 }
 
 fn entry(trial: &Trial) -> String {
-    match trial.purpose {
-        Purpose::Prepared => trial.environment.clone(),
-        _ => format!("{} in {}", trial.agent, trial.environment),
+    match trial.cell.purpose {
+        Purpose::Prepared => trial.cell.environment.clone(),
+        _ => format!("{} in {}", trial.cell.agent, trial.cell.environment),
     }
 }
 
-fn of_cell(
-    cell: &[(&Trial, Option<EndState>)],
-    new: &HashMap<&str, &Trial>,
-    search: &mut Search,
-) -> Vec<Novelty> {
+fn of_cell(cell: &[Pending<'_>], new: &HashMap<&str, &Trial>, search: &mut Search) -> Vec<Novelty> {
     let mut reasons: Vec<(Reason, Vec<u64>)> = Vec::new();
     let mut add = |reason: Reason, seed: u64| match reasons.iter_mut().find(|(known, _)| *known == reason) {
         Some((_, seeds)) => seeds.push(seed),
@@ -137,9 +154,9 @@ fn of_cell(
     let first = cell[0].0;
     reasons.extend(search.reasons(&first.key, &absent));
     let (environment, agent, setting) = (
-        first.environment.clone(),
-        first.agent.clone(),
-        first.setting.clone(),
+        first.cell.environment.clone(),
+        first.cell.agent.clone(),
+        first.cell.setting.clone(),
     );
     let named = |(reason, seeds)| Novelty {
         environment: environment.clone(),
@@ -306,15 +323,15 @@ impl Combination {
 
 impl Catalogue {
     fn combination(&mut self, key: &TrialKey) -> Combination {
-        let agent = match &key.agent {
+        let agent = match &*key.agent {
             Seating::Agent(part) => part.clone(),
             Seating::Cast(cast) => Part::new(POLICY, 0, serde_json::json!(cast)),
         };
-        let parts = [&key.environment, &agent, &key.protocol].map(|part| self.index(part));
+        let parts = [&*key.environment, &agent, &*key.protocol].map(|part| self.index(part));
         Combination {
             parts,
             numerics: key.numerics,
-            device: key.device.clone(),
+            device: key.device.to_string(),
         }
     }
 }

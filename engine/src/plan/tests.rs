@@ -4,22 +4,22 @@ use super::{Novelty, Reason, StoredCell, explain, novelties, seed_ranges, to_jso
 use crate::{
     cast::Seating,
     results::{EndState, TrialEnd},
-    setting::Setting,
-    trial::{Part, Purpose, Trial, TrialKey},
+    trial::{Part, Trial, TrialCell, TrialKey},
 };
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, sync::Arc};
 
 /// A key that tests change in one place.
 fn key() -> TrialKey {
     TrialKey {
-        environment: Part::new("battery", 1, json!({"cells": 4, "start": {"charge": 0.9}})),
+        environment: Part::new("battery", 1, json!({"cells": 4, "start": {"charge": 0.9}})).into(),
         agent: Seating::Agent(Part::new(
             "dirichlet_sac",
             1,
             json!({"widths": [64, 64], "learning_rate": 0.001}),
-        )),
-        protocol: Part::new("train_evaluate", 1, json!({"steps": 60000, "episodes": 50})),
+        ))
+        .into(),
+        protocol: Part::new("train_evaluate", 1, json!({"steps": 60000, "episodes": 50})).into(),
         seed: 0,
         numerics: 1,
         device: "cpu".into(),
@@ -27,7 +27,7 @@ fn key() -> TrialKey {
 }
 
 fn agent(key: &mut TrialKey) -> &mut Part {
-    match &mut key.agent {
+    match Arc::make_mut(&mut key.agent) {
         Seating::Agent(part) => part,
         Seating::Cast(_) => unreachable!("these keys have agents"),
     }
@@ -45,11 +45,7 @@ fn planned(key: &TrialKey, seeds: std::ops::Range<u64>) -> Vec<Trial> {
         let key = TrialKey { seed, ..key.clone() };
         Trial {
             id: key.id(),
-            environment: "four".into(),
-            agent: "dsac".into(),
-            setting: String::new(),
-            purpose: Purpose::Cell,
-            point: Setting::default(),
+            cell: TrialCell::of("four", "dsac").into(),
             key,
         }
     };
@@ -68,7 +64,7 @@ fn reasons(key: &TrialKey, seeds: std::ops::Range<u64>, stored: &[StoredCell]) -
 
 fn edited(part: fn(&mut TrialKey) -> &mut Part, pointer: &str, value: Value) -> TrialKey {
     let mut key = key();
-    let config = std::sync::Arc::make_mut(&mut part(&mut key).config);
+    let config = Arc::make_mut(&mut part(&mut key).config);
     *config.pointer_mut(pointer).unwrap() = value;
     key
 }
@@ -79,16 +75,24 @@ fn each_kind_of_change_is_named() {
     let one = |key: &TrialKey| reasons(key, 0..1, &known).join("\n");
     assert_eq!(reasons(&key(), 3..5, &known), ["3-4: new seed (stored: 0-2)"]);
     assert_eq!(
-        one(&edited(|key| &mut key.protocol, "/steps", json!(240_000))),
+        one(&edited(
+            |key| Arc::make_mut(&mut key.protocol),
+            "/steps",
+            json!(240_000)
+        )),
         "0: protocol.steps: 60000 -> 240000"
     );
     assert_eq!(
-        one(&edited(|key| &mut key.environment, "/cells", json!(8))),
+        one(&edited(
+            |key| Arc::make_mut(&mut key.environment),
+            "/cells",
+            json!(8)
+        )),
         "0: environment battery.cells: 4 -> 8"
     );
     assert_eq!(
         one(&edited(
-            |key| &mut key.environment,
+            |key| Arc::make_mut(&mut key.environment),
             "/start/charge",
             json!("full")
         )),
@@ -113,9 +117,9 @@ fn each_kind_of_change_is_named() {
         "0: device cpu -> gpu"
     );
     let mut other = key();
-    other.agent = Seating::Agent(Part::new("ddpg", 1, json!({})));
+    other.agent = Seating::Agent(Part::new("ddpg", 1, json!({}))).into();
     assert_eq!(one(&other), "0: agent plugin dirichlet_sac -> ddpg");
-    other.environment = Part::new("particles", 1, json!({}));
+    other.environment = Part::new("particles", 1, json!({})).into();
     assert_eq!(one(&other), "0: nothing like it is stored");
     assert_eq!(reasons(&key(), 0..2, &[]), ["0-1: nothing like it is stored"]);
 }
@@ -124,7 +128,8 @@ fn each_kind_of_change_is_named() {
 fn keys_that_came_or_went_are_named() {
     let known = [stored(key(), &[0])];
     let mut longer = key();
-    longer.protocol.config = json!({"steps": 60000, "episodes": 50, "trace": {"every": 5}}).into();
+    Arc::make_mut(&mut longer.protocol).config =
+        json!({"steps": 60000, "episodes": 50, "trace": {"every": 5}}).into();
     assert_eq!(
         reasons(&longer, 0..1, &known),
         ["0: protocol.trace.every: absent -> 5"]
@@ -139,8 +144,8 @@ fn keys_that_came_or_went_are_named() {
 fn the_content_of_a_data_file_counts_and_its_path_does_not() {
     let with = |path: &str, content: &str| {
         let mut key = key();
-        key.environment = Part::new("battery", 1, json!({ "demand": { "file": path } }));
-        key.environment
+        key.environment = Part::new("battery", 1, json!({ "demand": { "file": path } })).into();
+        Arc::make_mut(&mut key.environment)
             .files
             .insert("/demand/file".into(), content.into());
         key
@@ -158,9 +163,9 @@ fn the_content_of_a_data_file_counts_and_its_path_does_not() {
 
 #[test]
 fn the_nearest_is_the_one_with_the_fewest_differing_leaves() {
-    let mut far = edited(|key| &mut key.protocol, "/steps", json!(1));
+    let mut far = edited(|key| Arc::make_mut(&mut key.protocol), "/steps", json!(1));
     agent(&mut far).version = 7;
-    let near = edited(|key| &mut key.protocol, "/episodes", json!(10));
+    let near = edited(|key| Arc::make_mut(&mut key.protocol), "/episodes", json!(10));
     let known = [stored(far, &[0, 1, 2, 3]), stored(near, &[0, 1])];
     // A seed counts as one leaf: with it the near one still has fewer differences.
     assert_eq!(
@@ -171,8 +176,8 @@ fn the_nearest_is_the_one_with_the_fewest_differing_leaves() {
         ]
     );
     // Among equally near ones, the one that has the seed.
-    let other = edited(|key| &mut key.protocol, "/steps", json!(9));
-    let near = edited(|key| &mut key.protocol, "/episodes", json!(10));
+    let other = edited(|key| Arc::make_mut(&mut key.protocol), "/steps", json!(9));
+    let near = edited(|key| Arc::make_mut(&mut key.protocol), "/episodes", json!(10));
     let known = [stored(other, &[2]), stored(near, &[0, 1])];
     assert_eq!(
         reasons(&key(), 0..3, &known),
@@ -226,7 +231,10 @@ fn several() -> Vec<Novelty> {
         seeds: seeds.to_vec(),
         reason,
     };
-    let trials = planned(&edited(|key| &mut key.protocol, "/steps", json!(240_000)), 0..1);
+    let trials = planned(
+        &edited(|key| Arc::make_mut(&mut key.protocol), "/steps", json!(240_000)),
+        0..1,
+    );
     let changed = novelties(&trials, &[None], &[stored(key(), &[0])])[0]
         .reason
         .clone();

@@ -218,9 +218,9 @@ fn key(agent: &str, protocol: (&str, Value)) -> TrialKey {
         Seating::Agent(Part::new(agent, 1, json!({}))),
     );
     TrialKey {
-        environment,
-        agent,
-        protocol,
+        environment: environment.into(),
+        agent: agent.into(),
+        protocol: protocol.into(),
         seed: 3,
         numerics: 1,
         device: "cpu".into(),
@@ -585,7 +585,7 @@ fn what_cannot_be_learned_from_is_refused_with_what_to_do() {
 fn several_seats_are_not_gathered() {
     let folder = tempfile::tempdir().unwrap();
     let mut several = key("rule", ("gather", json!({ "episodes": 2 })));
-    several.environment.config = json!({ "seats": 2 }).into();
+    std::sync::Arc::make_mut(&mut several.environment).config = json!({ "seats": 2 }).into();
     assert_eq!(
         refusal(&several, folder.path()),
         "a dataset holds what one seat saw and did; this environment has 2 seats"

@@ -175,9 +175,9 @@ fn key(agent: (&str, Value), protocol: (&str, Value)) -> TrialKey {
         protocol_config = (entry.without_training)(&protocol_config).unwrap();
     }
     TrialKey {
-        environment: Part::new("dice", 1, json!({})),
-        agent: Seating::Agent(Part::new(agent.0, 1, agent.1)),
-        protocol: Part::new(protocol.0, 1, protocol_config),
+        environment: Part::new("dice", 1, json!({})).into(),
+        agent: Seating::Agent(Part::new(agent.0, 1, agent.1)).into(),
+        protocol: Part::new(protocol.0, 1, protocol_config).into(),
         seed: 3,
         numerics: 1,
         device: "cpu".into(),
@@ -408,7 +408,7 @@ fn a_trial_that_records_no_number_says_which_and_when() {
         ),
     ] {
         let mut broken = key(("rule", json!({})), protocol);
-        broken.environment.config = json!({ "broken": true }).into();
+        std::sync::Arc::make_mut(&mut broken.environment).config = json!({ "broken": true }).into();
         assert_eq!(reason(&broken), step);
     }
 }
@@ -417,8 +417,8 @@ fn a_trial_that_records_no_number_says_which_and_when() {
 fn with_file(path: &Path, content: &str) -> TrialKey {
     std::fs::write(path, content).unwrap();
     let mut key = key(("rule", json!({})), budgets_of_rule());
-    key.environment.config = json!({ "file": path }).into();
-    key.environment
+    std::sync::Arc::make_mut(&mut key.environment).config = json!({ "file": path }).into();
+    std::sync::Arc::make_mut(&mut key.environment)
         .files
         .insert("/file".into(), hash_of(path).unwrap());
     key

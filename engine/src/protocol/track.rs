@@ -189,9 +189,9 @@ mod tests {
         let entry = &registry.protocols[protocol];
         let config = (entry.without_training)(&(entry.about.resolve)(config).unwrap()).unwrap();
         let key = TrialKey {
-            environment: Part::new("numbered", 1, json!({})),
-            agent: Seating::Agent(Part::new(agent, 1, json!({}))),
-            protocol: Part::new(protocol, 1, config),
+            environment: Part::new("numbered", 1, json!({})).into(),
+            agent: Seating::Agent(Part::new(agent, 1, json!({}))).into(),
+            protocol: Part::new(protocol, 1, config).into(),
             seed: 0,
             numerics: 1,
             device: "cpu".into(),

@@ -74,7 +74,7 @@ impl Combinations {
         for trial in results
             .trials
             .iter()
-            .filter(|it| it.trial.purpose == Purpose::Cell)
+            .filter(|it| it.trial.cell.purpose == Purpose::Cell)
         {
             let (planned, used) = seeds.entry(trial.cell()).or_default();
             *planned += 1;
@@ -254,7 +254,7 @@ mod tests {
         let mut results = results(&[2]);
         let encounter = |seed| {
             let mut it: TrialResult = trial("play", "both", "", seed, &Vec::new());
-            it.trial.purpose = Purpose::Play(BTreeMap::new());
+            it.trial.cell_mut().purpose = Purpose::Play(BTreeMap::new());
             it
         };
         results.trials.extend((0..4).map(encounter));

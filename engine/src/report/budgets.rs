@@ -94,7 +94,7 @@ pub(super) fn cost(results: &Results) -> Cost {
 impl Cost {
     /// Trials that stand in several settings and are the same were computed once, and imported runs by others.
     fn of<'a>(trials: impl Iterator<Item = &'a TrialResult>) -> Self {
-        let trials = trials.filter(|trial| trial.trial.purpose != Purpose::Imported);
+        let trials = trials.filter(|trial| trial.trial.cell.purpose != Purpose::Imported);
         let ended = trials.filter_map(|trial| Some((trial.trial.id.as_str(), trial.end.as_ref()?.wall_s)));
         let seconds: BTreeMap<&str, f64> = ended.collect();
         Self {
@@ -146,12 +146,16 @@ fn budgets(results: &Results) -> Vec<Budget<'_>> {
         .chain(&results.tried)
         .chain(&results.trials)
     {
-        let is_play = matches!(trial.trial.purpose, Purpose::Play(_));
-        let agent = if is_play { "all casts" } else { &trial.trial.agent };
+        let is_play = matches!(trial.trial.cell.purpose, Purpose::Play(_));
+        let agent = if is_play {
+            "all casts"
+        } else {
+            &trial.trial.cell.agent
+        };
         // The name of a search stands for the environment, as that of an entry of `prepare` does.
-        let environment = match &trial.trial.purpose {
+        let environment = match &trial.trial.cell.purpose {
             Purpose::Tried(search) => search,
-            _ => trial.trial.environment.as_str(),
+            _ => trial.trial.cell.environment.as_str(),
         };
         let place = *places.entry((environment, agent)).or_insert(budgets.len());
         if place == budgets.len() {
@@ -192,7 +196,7 @@ impl Budget<'_> {
     fn is_imported(&self) -> bool {
         self.trials
             .iter()
-            .any(|trial| trial.trial.purpose == Purpose::Imported)
+            .any(|trial| trial.trial.cell.purpose == Purpose::Imported)
     }
 
     fn ok(&self) -> impl Iterator<Item = &TrialResult> {
@@ -290,7 +294,10 @@ fn range(numbers: impl Iterator<Item = f64>) -> String {
 }
 
 fn notes(budgets: &[Budget<'_>], results: &Results) -> Vec<String> {
-    let settings = results.trials.iter().any(|trial| !trial.trial.setting.is_empty());
+    let settings = results
+        .trials
+        .iter()
+        .any(|trial| !trial.trial.cell.setting.is_empty());
     let over = if settings { "seeds and settings" } else { "seeds" };
     let mut notes = untrained(results);
     notes.push(format!(
@@ -412,7 +419,7 @@ mod tests {
     #[test]
     fn what_was_computed_once_costs_once_and_settings_make_ranges() {
         let mut shared = learner(0, "rate=0.1", 20, 3.0);
-        shared.trial.setting = "rate=0.2".into();
+        shared.trial.cell_mut().setting = "rate=0.2".into();
         let results = Results::of(vec![
             learner(0, "rate=0.1", 20, 3.0),
             shared,

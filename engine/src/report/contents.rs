@@ -492,7 +492,7 @@ fn held_in<'r>(
         None => values(scope, operand, setting),
     });
     let notes = std::mem::take(&mut verdict.notes);
-    let is_there = |name: &str| trials.iter().any(|it| it.trial.agent == name);
+    let is_there = |name: &str| trials.iter().any(|it| it.trial.cell.agent == name);
     verdict.notes = with_origins(notes, results, is_there);
     (verdict, trials, looks)
 }
@@ -509,7 +509,7 @@ fn hold(
     let untrained: BTreeSet<&str> = trials
         .iter()
         .filter(|trial| trial.updates() == Some(0.0))
-        .map(|trial| trial.trial.agent.as_str())
+        .map(|trial| trial.trial.cell.agent.as_str())
         .collect();
     if !untrained.is_empty() {
         let notes = vec![untrained_in_words(untrained.into_iter())];
@@ -556,7 +556,9 @@ fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Option<&str>) -
 /// The trials of an operand's agent, those with the values of swept keys that the claim names.
 fn told_apart<'r>(scope: &Scope<'r>, operand: &Operand) -> Scope<'r> {
     let mut scope = scope.at(Axis::Agent, &operand.agent);
-    scope.trials.retain(|trial| operand.is_at(&trial.trial.point));
+    scope
+        .trials
+        .retain(|trial| operand.is_at(&trial.trial.cell.point));
     scope
 }
 

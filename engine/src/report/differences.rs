@@ -82,16 +82,16 @@ impl Kind {
     /// Protocols are told apart by the agents that they were given.
     fn user(self, trial: &TrialResult) -> &str {
         if self == Kind::Environment {
-            &trial.trial.environment
+            &trial.trial.cell.environment
         } else {
-            &trial.trial.agent
+            &trial.trial.cell.agent
         }
     }
 }
 
 /// A protocol is shown for agents that learn, since training budgets do not reach the others.
 fn plugins<'a>(kind: Kind, study: &StudyInfo, results: &'a Results) -> Vec<Plugin<'a>> {
-    let learns = |trial: &TrialResult| study.learners.contains(&trial.trial.agent);
+    let learns = |trial: &TrialResult| study.learners.contains(&trial.trial.cell.agent);
     let all = kind != Kind::Protocol || !results.trials.iter().any(learns);
     let mut plugins: Vec<Plugin<'a>> = Vec::new();
     // The trials of a plan share their configs, and neighbours mostly have the same one.
@@ -99,13 +99,13 @@ fn plugins<'a>(kind: Kind, study: &StudyInfo, results: &'a Results) -> Vec<Plugi
     for trial in results
         .trials
         .iter()
-        .filter(|trial| trial.trial.purpose == Purpose::Cell && (all || learns(trial)))
+        .filter(|trial| trial.trial.cell.purpose == Purpose::Cell && (all || learns(trial)))
     {
         let Some(part) = kind.part(trial) else { continue };
         let place = (
             kind.user(trial),
-            trial.trial.environment.as_str(),
-            trial.trial.setting.as_str(),
+            trial.trial.cell.environment.as_str(),
+            trial.trial.cell.setting.as_str(),
             &part.config,
         );
         let same = |(user, environment, setting, config): (&str, &str, &str, &Arc<Value>)| {
@@ -345,8 +345,9 @@ mod tests {
             if agent == "rule" { "split" } else { "sac" },
             1,
             config,
-        ));
-        result.trial.key.protocol = Part::new("train", 1, json!({"steps": steps, "episodes": 5}));
+        ))
+        .into();
+        result.trial.key.protocol = Part::new("train", 1, json!({"steps": steps, "episodes": 5})).into();
         result
     }
 
@@ -475,7 +476,7 @@ mod tests {
             json!({"load": {"file": "/far/away/load.csv"}}),
             100,
         );
-        let Seating::Agent(agent) = &mut one.trial.key.agent else {
+        let Seating::Agent(agent) = Arc::make_mut(&mut one.trial.key.agent) else {
             unreachable!("these trials have agents")
         };
         agent.files.insert("/load/file".into(), "0123456789abcdef".into());

@@ -91,14 +91,14 @@ fn totals(ends: &[&Option<TrialEnd>], wall_s: f64) -> [(&'static str, String); 5
 
 fn case(xml: &mut Xml, study: &str, trial: &Trial, end: Option<&TrialEnd>) -> io::Result<()> {
     let seed = format!("seed {}", trial.key.seed);
-    let words = [trial.agent.as_str(), &trial.setting, &seed];
+    let words = [trial.cell.agent.as_str(), &trial.cell.setting, &seed];
     let name = words
         .into_iter()
         .filter(|word| !word.is_empty())
         .collect::<Vec<_>>()
         .join("/");
     let wall_s = end.map_or(0.0, |end| end.wall_s);
-    let class = format!("{study}.{}", trial.environment);
+    let class = format!("{study}.{}", trial.cell.environment);
     inside(
         xml,
         "testcase",

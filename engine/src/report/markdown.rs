@@ -178,7 +178,7 @@ fn runs(parts: &Parts<'_>) -> Vec<String> {
 /// The trials that others take from, and those that are shown; imported runs are none of ours.
 pub(super) fn all<'a>(parts: &Parts<'a>) -> impl Iterator<Item = &'a TrialResult> + use<'a> {
     let all = parts.results.prepared.iter().chain(&parts.results.trials);
-    all.filter(|trial| trial.trial.purpose != Purpose::Imported)
+    all.filter(|trial| trial.trial.cell.purpose != Purpose::Imported)
 }
 
 /// How many trials ended in each way.
@@ -198,16 +198,16 @@ pub(super) fn end_states(parts: &Parts<'_>) -> String {
 /// A failed trial in one line.
 pub(super) fn failure(trial: &TrialResult) -> String {
     let (key, end) = (&trial.trial, trial.end.as_ref());
-    let setting = if key.setting.is_empty() {
+    let setting = if key.cell.setting.is_empty() {
         String::new()
     } else {
-        format!(", {}", key.setting)
+        format!(", {}", key.cell.setting)
     };
     let state = end.map_or("", |end| end.state.name());
     let reason = end.map_or("", |end| &end.reason);
     format!(
         "{}, {}{setting}, seed {}: {state}: {reason}",
-        key.environment, key.agent, key.key.seed
+        key.cell.environment, key.cell.agent, key.key.seed
     )
 }
 

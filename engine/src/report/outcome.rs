@@ -71,7 +71,7 @@ fn study_as_json(outcome: &Outcome) -> Value {
 
 fn trial_as_json((trial, end): &(Trial, Option<TrialEnd>)) -> Value {
     json!({
-        "id": trial.id, "environment": trial.environment, "agent": trial.agent, "setting": trial.setting,
+        "id": trial.id, "environment": trial.cell.environment, "agent": trial.cell.agent, "setting": trial.cell.setting,
         "seed": trial.key.seed,
         "state": word(end.as_ref().map(|end| end.state)), "reason": end.as_ref().map_or("",
         |end| &end.reason),
@@ -83,8 +83,7 @@ pub(super) mod tests {
     use super::*;
     use crate::{
         cast::Seating,
-        setting::Setting,
-        trial::{Part, Purpose, TrialKey},
+        trial::{Part, TrialCell, TrialKey},
     };
 
     /// A study with one trial of every end, and one that has not run.
@@ -100,9 +99,9 @@ pub(super) mod tests {
                 (part("battery"), part("equal_split"), part("train_evaluate"));
             let agent = Seating::Agent(agent);
             let key = TrialKey {
-                environment,
-                agent,
-                protocol,
+                environment: environment.into(),
+                agent: agent.into(),
+                protocol: protocol.into(),
                 seed,
                 numerics: 1,
                 device: "cpu".into(),
@@ -112,14 +111,13 @@ pub(super) mod tests {
             } else {
                 String::new()
             };
-            let (environment, agent, purpose) = ("four".into(), "equal".into(), Purpose::Cell);
             let trial = Trial {
                 id: format!("{seed:032}"),
-                environment,
-                agent,
-                setting,
-                point: Setting::default(),
-                purpose,
+                cell: TrialCell {
+                    setting,
+                    ..TrialCell::of("four", "equal")
+                }
+                .into(),
                 key,
             };
             let reason = if state == Some(Ok) {

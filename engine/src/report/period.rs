@@ -14,20 +14,33 @@ pub struct Period {
 }
 
 impl Period {
-    /// The period of one date per trial, `None` for a trial without; `None` where no date is known.
+    /// The period of the known dates among so many trials; `None` where none is known.
     #[must_use]
-    pub fn of(dates: impl Iterator<Item = Option<String>>) -> Option<Self> {
-        let all: Vec<Option<String>> = dates.collect();
-        let mut known: Vec<&String> = all.iter().flatten().collect();
+    pub fn of(dates: impl Iterator<Item = String>, trials: usize) -> Option<Self> {
+        dates.fold(None, |period, date| Some(Self::with(period, date, trials)))
+    }
+
+    /// A period, or the beginning of one, that includes one more date of so many trials.
+    #[must_use]
+    pub fn with(period: Option<Self>, date: String, trials: usize) -> Self {
+        let Some(Self {
+            first, last, dated, ..
+        }) = period
+        else {
+            return Self {
+                first: date.clone(),
+                last: date,
+                dated: 1,
+                trials,
+            };
+        };
         // Dates of this form are in the order of their texts.
-        known.sort_unstable();
-        let (first, last) = (known.first()?.to_string(), known.last()?.to_string());
-        Some(Self {
-            first,
-            last,
-            dated: known.len(),
-            trials: all.len(),
-        })
+        Self {
+            first: first.min(date.clone()),
+            last: last.max(date),
+            dated: dated + 1,
+            trials,
+        }
     }
 
     /// The period in words.
@@ -58,14 +71,14 @@ mod tests {
 
     #[test]
     fn the_first_and_the_last_date_count_and_unknown_ones_are_told() {
-        let dates = ["2025-01-03T10:00:00Z", "2024-12-31T23:59:59Z"].map(|date| Some(date.to_owned()));
-        let period = Period::of(dates.clone().into_iter()).unwrap();
+        let dates = ["2025-01-03T10:00:00Z", "2024-12-31T23:59:59Z"].map(str::to_owned);
+        let period = Period::of(dates.clone().into_iter(), 2).unwrap();
         assert_eq!(
             period.sentence(),
             "the first 2024-12-31T23:59:59Z, the last 2025-01-03T10:00:00Z"
         );
-        let period = Period::of([dates[0].clone(), None].into_iter()).unwrap();
+        let period = Period::of(dates.into_iter().take(1), 2).unwrap();
         assert_eq!(period.sentence(), "2025-01-03T10:00:00Z (known of 1 of 2 trials)");
-        assert_eq!(Period::of([None, None].into_iter()), None);
+        assert_eq!(Period::of(std::iter::empty(), 2), None);
     }
 }

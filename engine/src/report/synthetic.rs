@@ -6,7 +6,7 @@ use crate::{
     recorder::Row,
     results::{EndState, Results, TrialEnd, TrialResult, UPDATES},
     setting::Setting,
-    trial::{Part, Purpose, Trial, TrialKey},
+    trial::{Part, Trial, TrialCell, TrialKey},
 };
 use serde_json::Value;
 
@@ -17,20 +17,23 @@ pub(crate) type Rows = Vec<(Phase, u64, u64, &'static str, f64)>;
 pub(crate) fn trial(environment: &str, agent: &str, setting: &str, seed: u64, rows: &Rows) -> TrialResult {
     let part = |plugin: &str| Part::new(plugin, 1, Value::Null);
     let key = TrialKey {
-        environment: part(environment),
-        agent: Seating::Agent(part(agent)),
-        protocol: part("train_evaluate"),
+        environment: part(environment).into(),
+        agent: Seating::Agent(part(agent)).into(),
+        protocol: part("train_evaluate").into(),
         seed,
         numerics: 1,
         device: "cpu".into(),
     };
     let trial = Trial {
-        purpose: Purpose::Cell,
         id: format!("{environment}-{agent}-{seed}"),
-        environment: environment.into(),
-        agent: agent.into(),
-        setting: setting.into(),
-        point: point(setting),
+        cell: TrialCell {
+            environment: environment.into(),
+            agent: agent.into(),
+            setting: setting.into(),
+            point: point(setting),
+            ..TrialCell::default()
+        }
+        .into(),
         key,
     };
     let mut names: Vec<String> = Vec::new();

@@ -33,10 +33,11 @@ fn results() -> Results {
         key.environment = Part::new(
             "battery",
             1,
-            json!({"cells": if result.trial.environment == "four_cells" { 4 } else { 8 }}),
-        );
-        key.agent = Seating::Agent(agent(&result.trial.agent));
-        key.protocol = Part::new("train_evaluate", 1, json!({"steps": 60_000, "final_episodes": 4}));
+            json!({"cells": if result.trial.cell.environment == "four_cells" { 4 } else { 8 }}),
+        )
+        .into();
+        key.agent = Seating::Agent(agent(&result.trial.cell.agent)).into();
+        key.protocol = Part::new("train_evaluate", 1, json!({"steps": 60_000, "final_episodes": 4})).into();
         if result.is_ok() {
             record_lengths(result);
         }
@@ -153,12 +154,10 @@ fn info() -> StudyInfo {
         defaults: defaults(),
         profiles: profiles(),
         ended: Period::of(
-            [
-                Some("2025-01-03T10:00:00Z".into()),
-                Some("2025-01-04T08:30:00Z".into()),
-                None,
-            ]
-            .into_iter(),
+            ["2025-01-03T10:00:00Z", "2025-01-04T08:30:00Z"]
+                .map(String::from)
+                .into_iter(),
+            3,
         ),
         units: BTreeMap::from([("cycle_length", "h"), ("voltage", "V"), ("load", "W")].map(unit)),
         options: vec!["--set dsac.discount=0.9".into(), "--seeds 5".into()],
@@ -386,7 +385,7 @@ fn an_agent_that_made_no_update_is_flagged_everywhere() {
     for result in results
         .trials
         .iter_mut()
-        .filter(|result| result.trial.agent == "dsac")
+        .filter(|result| result.trial.cell.agent == "dsac")
     {
         let updates = result.names.iter().position(|name| name == UPDATES).unwrap();
         result
@@ -645,6 +644,6 @@ fn open_statements_ask_for_the_next_look() {
         )
     );
     results.trials[0] = ended(results.trials[1].clone(), EndState::Oom, "x");
-    results.trials[0].trial.agent = "equal".into();
+    results.trials[0].trial.cell_mut().agent = "equal".into();
     assert_eq!(Contents::judged(&study, &results).open()[1].complete, 1);
 }

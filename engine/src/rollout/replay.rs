@@ -94,7 +94,7 @@ pub fn trained_agent(
     find: FindProduct<'_>,
 ) -> Result<Box<dyn Agent>, Error> {
     let mut agent = key.build_agent(registry, interface, streams, find)?;
-    if let Seating::Agent(part) = &key.agent
+    if let Seating::Agent(part) = &*key.agent
         && registry
             .agents
             .get(part.plugin.as_str())
@@ -142,6 +142,7 @@ fn other_version(key: &TrialKey, registry: &Registry) -> Option<String> {
     });
     let other = parts
         .into_iter()
+        .map(|(part, now)| (&**part, now))
         .chain(agents)
         .find_map(|(part, now)| now.filter(|now| *now != part.version).map(|now| (part, now)));
     if let Some((part, now)) = other {

@@ -24,9 +24,8 @@ use crate::{
     cast::Seating,
     limits::Limits,
     product::Taken,
-    setting::Setting,
     store::{Leases, Owner, Store, is_missing},
-    trial::{Part, Purpose, Trial, TrialKey},
+    trial::{Part, Trial, TrialCell, TrialKey},
     world::{
         clock, fs, process,
         simulated::{Faults, Machine, disk_date, lives, quietly, start},
@@ -67,20 +66,16 @@ fn trial(agent: Value, taken: Option<&Trial>, seed: u64) -> Trial {
         ("/from".to_owned(), taken)
     }));
     let key = TrialKey {
-        environment: Part::new("throw", 1, json!({})),
-        agent: Seating::Agent(agent),
-        protocol: Part::new("train_evaluate", 1, steps),
+        environment: Part::new("throw", 1, json!({})).into(),
+        agent: Seating::Agent(agent).into(),
+        protocol: Part::new("train_evaluate", 1, steps).into(),
         seed,
         numerics: 1,
         device: "cpu".into(),
     };
     Trial {
         id: key.id(),
-        environment: "throw".into(),
-        agent: "tally".into(),
-        setting: String::new(),
-        point: Setting::default(),
-        purpose: Purpose::Cell,
+        cell: TrialCell::of("throw", "tally").into(),
         key,
     }
 }

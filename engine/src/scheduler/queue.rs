@@ -84,7 +84,7 @@ impl<'a> Queue<'a> {
         }
         let paces = tasks
             .iter()
-            .filter_map(|task| Some((task.trial.agent.as_str(), task.pace_s?)))
+            .filter_map(|task| Some((task.trial.cell.agent.as_str(), task.pace_s?)))
             .collect();
         let paths = longest_paths(tasks, &takers, &paces);
         let ready = (0..tasks.len())
@@ -110,10 +110,10 @@ impl<'a> Queue<'a> {
     pub(super) fn note_pace(&self, task: usize, wall_s: f64) {
         let Task { trial, cost, .. } = &self.tasks[task];
         let mut state = self.lock();
-        if state.paces.contains_key(trial.agent.as_str()) {
+        if state.paces.contains_key(trial.cell.agent.as_str()) {
             return;
         }
-        state.paces.insert(&trial.agent, wall_s / steps(*cost));
+        state.paces.insert(&trial.cell.agent, wall_s / steps(*cost));
         state.paths = longest_paths(self.tasks, &self.takers, &state.paces);
         let ready: Vec<usize> = state.ready.iter().map(|(_, task)| *task).collect();
         state.ready = ready
@@ -203,7 +203,10 @@ fn longest_paths(
         reason = "a duration, saturating"
     )]
     let microseconds = |task: &Task<'_>| {
-        let pace = paces.get(task.trial.agent.as_str()).copied().unwrap_or(slowest);
+        let pace = paces
+            .get(task.trial.cell.agent.as_str())
+            .copied()
+            .unwrap_or(slowest);
         (steps(task.cost) * pace * 1e6).ceil() as u64
     };
     let mut paths: Vec<Option<u64>> = vec![None; tasks.len()];
@@ -233,29 +236,23 @@ mod tests {
     use super::*;
     use crate::{
         cast::Seating,
-        setting::Setting,
-        trial::{Part, Purpose, Trial, TrialKey},
+        trial::{Part, Trial, TrialCell, TrialKey},
     };
 
     fn trial(id: &str) -> Trial {
         let part = || Part::new("x", 1, serde_json::Value::Null);
         let (environment, agent, protocol) = (part(), Seating::Agent(part()), part());
         let key = TrialKey {
-            environment,
-            agent,
-            protocol,
+            environment: environment.into(),
+            agent: agent.into(),
+            protocol: protocol.into(),
             seed: 0,
             numerics: 1,
             device: "cpu".into(),
         };
-        let (environment, agent, setting) = ("e".into(), "a".into(), String::new());
         Trial {
             id: id.into(),
-            environment,
-            agent,
-            setting,
-            point: Setting::default(),
-            purpose: Purpose::Cell,
+            cell: TrialCell::of("e", "a").into(),
             key,
         }
     }
@@ -333,9 +330,9 @@ mod tests {
     #[test]
     fn what_is_known_of_an_agents_pace_orders_the_rest() {
         let mut trials = ["fast", "slow", "fast again", "slow again"].map(trial);
-        trials
-            .iter_mut()
-            .for_each(|trial| trial.agent = trial.id.split(' ').next().unwrap_or_default().into());
+        trials.iter_mut().for_each(|trial| {
+            trial.cell_mut().agent = trial.id.split(' ').next().unwrap_or_default().to_owned();
+        });
         let [fast, slow, fast_again, slow_again] = &trials;
         let known = Task {
             pace_s: Some(0.001),

@@ -64,29 +64,23 @@ mod tests {
     use super::*;
     use crate::{
         cast::Seating,
-        setting::Setting,
-        trial::{Part, Purpose, Trial, TrialKey},
+        trial::{Part, Trial, TrialCell, TrialKey},
     };
 
     fn trial(seed: u64) -> Trial {
         let part = || Part::new("x", 1, serde_json::Value::Null);
         let agent = Seating::Agent(part());
         let key = TrialKey {
-            environment: part(),
-            agent,
-            protocol: part(),
+            environment: part().into(),
+            agent: agent.into(),
+            protocol: part().into(),
             seed,
             numerics: 1,
             device: "cpu".into(),
         };
-        let (environment, agent, setting) = ("e".into(), "a".into(), String::new());
         Trial {
             id: key.id(),
-            environment,
-            agent,
-            setting,
-            point: Setting::default(),
-            purpose: Purpose::Cell,
+            cell: TrialCell::of("e", "a").into(),
             key,
         }
     }

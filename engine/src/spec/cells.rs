@@ -71,7 +71,7 @@ impl Cell {
 #[derive(Debug)]
 pub struct Resolved {
     /// What is built.
-    pub part: Part,
+    pub part: Arc<Part>,
     /// Its hash.
     pub id: String,
     /// What was given for it, to find the place of a mistake.
@@ -540,7 +540,7 @@ impl Known<'_> {
         }
         Ok(Arc::new(Resolved {
             id: part.id(),
-            part,
+            part: part.into(),
             given,
         }))
     }

@@ -87,11 +87,11 @@ fn told_apart<'a>(resolved: &Resolved, sources: impl Iterator<Item = &'a Source>
         .collect();
     let part = Part {
         products,
-        ..resolved.part.clone()
+        ..Part::clone(&resolved.part)
     };
     Arc::new(Resolved {
         id: part.id(),
-        part,
+        part: part.into(),
         given: resolved.given.clone(),
     })
 }

@@ -1,9 +1,9 @@
 //! Studies of toy plugins: every message that a wrong one gets, and what right ones become.
 
 use super::{toys::toys, *};
-use crate::figure::FigureKind;
+use crate::{figure::FigureKind, trial::Trial};
 use serde_json::json;
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, sync::Arc};
 
 const SPECS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/specs");
 
@@ -131,7 +131,7 @@ fn right_studies_resolve_and_their_resolved_form_makes_the_same_trials() {
         let lines = trials.iter().map(|it| {
             format!(
                 "# {} / {} / {} / seed {}\n",
-                it.environment, it.agent, it.setting, it.key.seed
+                it.cell.environment, it.cell.agent, it.cell.setting, it.key.seed
             )
         });
         snapshot("valid/resolved", &path, &(resolved + &lines.collect::<String>()));
@@ -157,14 +157,14 @@ fn a_sweep_multiplies_only_the_trials_of_its_owner() {
     let count = |environment: &str, agent: &str| {
         trials
             .iter()
-            .filter(|trial| trial.environment == environment && trial.agent == agent)
+            .filter(|trial| trial.cell.environment == environment && trial.cell.agent == agent)
             .count()
     };
     assert_eq!(count("short", "right"), 3);
     assert_eq!(count("short", "learner"), 6);
     assert_eq!(count("long", "right"), 6);
     assert_eq!(count("long", "learner"), 12);
-    assert_eq!(trials.last().unwrap().setting, "learning_rate=0.2 slip=0.1");
+    assert_eq!(trials.last().unwrap().cell.setting, "learning_rate=0.2 slip=0.1");
 }
 
 #[test]
@@ -193,7 +193,7 @@ fn agents_that_do_not_learn_do_not_depend_on_the_training_budget() {
             .plan()
             .trials
             .into_iter()
-            .filter(|trial| trial.agent == agent)
+            .filter(|trial| trial.cell.agent == agent)
             .map(|trial| trial.id)
             .collect::<Vec<_>>()
     };
@@ -215,7 +215,7 @@ fn presets_and_nested_defaults_are_laid_in_order() {
     assert!(environment.get("preset").is_none());
     let agent = &trials
         .iter()
-        .find(|trial| trial.agent == "learner")
+        .find(|trial| trial.cell.agent == "learner")
         .unwrap()
         .key
         .agent
@@ -248,7 +248,11 @@ fn options_come_after_the_profile_and_take_keys_out_of_the_sweep() {
     let trials = study.plan().trials;
     assert_eq!(study.seeds, [0, 1]);
     assert_eq!(trials.len(), 2 * 2 * 2);
-    let learner = &trials.iter().find(|trial| trial.agent == "learner").unwrap().key;
+    let learner = &trials
+        .iter()
+        .find(|trial| trial.cell.agent == "learner")
+        .unwrap()
+        .key;
     assert_eq!(
         (
             &learner.agent.agent().unwrap().config["discount"],
@@ -270,9 +274,9 @@ fn overrides_hold_for_their_combinations_only() {
         .plan()
         .trials
         .iter()
-        .filter(|trial| trial.agent == "learner")
+        .filter(|trial| trial.cell.agent == "learner")
     {
-        let expected = if trial.environment == "long" {
+        let expected = if trial.cell.environment == "long" {
             (json!(2000), json!(0.5))
         } else {
             (json!(1000), json!(0.99))
@@ -291,7 +295,12 @@ fn overrides_hold_for_their_combinations_only() {
 fn zipped_keys_go_together_and_samplers_share_their_index() {
     let zip =
         with("sweep: { learner.discount: { zip: [0.9, 0.99] }, learner.learning_rate: { zip: [0.1, 0.2] } }");
-    let settings: BTreeSet<String> = zip.plan().trials.into_iter().map(|trial| trial.setting).collect();
+    let settings: BTreeSet<String> = zip
+        .plan()
+        .trials
+        .into_iter()
+        .map(|trial| trial.cell.setting.clone())
+        .collect();
     assert_eq!(
         settings,
         [
@@ -308,13 +317,16 @@ fn zipped_keys_go_together_and_samplers_share_their_index() {
     );
     let trials = sampled.plan().trials;
     assert_eq!(
-        trials.iter().filter(|trial| trial.agent == "learner").count(),
+        trials
+            .iter()
+            .filter(|trial| trial.cell.agent == "learner")
+            .count(),
         2 * 7
     );
     assert!(
         trials
             .iter()
-            .filter(|it| it.agent == "learner")
+            .filter(|it| it.cell.agent == "learner")
             .all(|it| it.key.agent.agent().unwrap().config["network"]["width"].is_u64())
     );
 }
@@ -348,7 +360,20 @@ fn what_a_data_file_holds_is_hashed_and_its_path_is_not() {
 #[test]
 fn a_hundred_thousand_trials_are_planned() {
     let seeds = with("seeds: 25000");
-    assert_eq!(seeds.plan().trials.len(), 100_000);
+    let trials = seeds.plan().trials;
+    assert_eq!(trials.len(), 100_000);
+    for of_cell in trials.chunk_by(|one, other| {
+        one.cell.agent == other.cell.agent && one.cell.environment == other.cell.environment
+    }) {
+        let first = &of_cell[0];
+        assert_eq!(of_cell.len(), 25_000);
+        let shares =
+            |trial: &Trial| Arc::ptr_eq(&trial.cell, &first.cell) && trial.key.shares_parts(&first.key);
+        assert!(
+            of_cell.iter().all(shares),
+            "what seeds have in common is there once"
+        );
+    }
     let grid: Vec<f64> = (1..=250).map(|index| f64::from(index) / 1000.0).collect();
     let settings = with(&format!(
         "exclude: [{{ agent: right }}, {{ environment: short }}]\nsweep: {{ learner.discount: {{ grid: \
@@ -396,7 +421,7 @@ fn an_override_of_a_mapping_keeps_its_other_keys() {
     ))
     .unwrap();
     let trials = study.plan().trials;
-    let learner = trials.iter().find(|trial| trial.agent == "learner").unwrap();
+    let learner = trials.iter().find(|trial| trial.cell.agent == "learner").unwrap();
     assert_eq!(
         learner.key.agent.agent().unwrap().config["network"],
         json!({ "width": 8, "depth": 5 })

@@ -16,10 +16,23 @@ use serde::Deserialize;
 use std::{
     collections::{BTreeMap, BTreeSet, HashSet},
     path::Path,
+    sync::{Mutex, PoisonError},
 };
 
 /// From this many trials in one group of folders on, the group is listed and nothing is opened in vain.
 const LIST_FROM: usize = 4;
+
+/// So many groups of folders are read side by side.
+const GROUPS_AT_ONCE: usize = 16;
+
+/// What many trials came to.
+#[derive(Debug)]
+pub struct Found<T> {
+    /// One entry per trial, in their order; `None` where it has not run, and where its file cannot be used.
+    pub all: Vec<Option<T>>,
+    /// The trials, by their places, whose files are not what they should be, and why.
+    pub unreadable: Vec<(usize, Error)>,
+}
 
 /// A stored trial without its configs.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,21 +54,28 @@ pub struct StoredTrial {
 }
 
 impl Store {
-    /// How each trial ended, in the order of `trials`; `None` where it has not run.
-    ///
-    /// Each entry is what [`Store::end`] says of the trial: an error stands where its file is not what it
-    /// should be.
+    /// How each trial ended, as [`Store::end`] says.
     #[must_use]
-    pub fn ends(&self, trials: &[Trial]) -> Vec<Result<Option<TrialEnd>, Error>> {
-        self.stored_of(trials)
-            .into_iter()
-            .map(|stored| Ok(stored?.map(|it| it.end)))
-            .collect()
+    pub fn ends(&self, trials: &[Trial]) -> Found<TrialEnd> {
+        self.stored_of(trials, |it| it.end)
     }
 
-    /// What is stored of each trial, in the order of `trials`; otherwise as [`Store::ends`].
+    /// What `keep` keeps of each trial that is stored.
     #[must_use]
-    pub fn stored_of(&self, trials: &[Trial]) -> Vec<Result<Option<StoredTrial>, Error>> {
+    pub fn stored_of<T>(&self, trials: &[Trial], mut keep: impl FnMut(StoredTrial) -> T) -> Found<T> {
+        let (mut all, mut unreadable) = (Vec::new(), Vec::new());
+        all.resize_with(trials.len(), || None);
+        self.each_stored(trials, |position, stored| match stored {
+            Ok(stored) => all[position] = Some(keep(stored)),
+            Err(error) => unreadable.push((position, error)),
+        });
+        unreadable.sort_by_key(|(position, _)| *position);
+        Found { all, unreadable }
+    }
+
+    /// Calls `take` with the place of each trial that is stored and what is stored of it; an error stands where its
+    /// file is not what it should be. Trials come group by group, so that few are held at once.
+    fn each_stored(&self, trials: &[Trial], mut take: impl FnMut(usize, Result<StoredTrial, Error>)) {
         let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         for (position, trial) in trials.iter().enumerate() {
             groups.entry(digits(&trial.id)).or_default().push(position);
@@ -63,18 +83,33 @@ impl Store {
         let groups: Vec<_> = groups.into_iter().collect();
         let in_group =
             |(group, positions): &(&str, Vec<usize>)| self.stored_in_group(group, positions, trials);
-        let found: Vec<_> = groups.par_iter().flat_map_iter(in_group).collect();
-        let mut all: Vec<_> = trials.iter().map(|_| Ok(None)).collect();
-        for (position, stored) in found {
-            all[position] = stored;
+        for some in groups.chunks(GROUPS_AT_ONCE) {
+            let found: Vec<_> = some.par_iter().flat_map_iter(in_group).collect();
+            for (position, stored) in found {
+                stored
+                    .transpose()
+                    .into_iter()
+                    .for_each(|stored| take(position, stored));
+            }
         }
-        all
     }
 
-    /// Each trial with all it recorded, in the order of `trials`, as [`Store::load`] gives it.
+    /// Each trial with all it recorded, in the order of `trials`. Those that [`Store::load`] refuses are as if they had
+    /// not run; they are given by their places, with why.
     #[must_use]
-    pub fn load_all(&self, trials: &[Trial]) -> Vec<Result<TrialResult, Error>> {
-        trials.par_iter().map(|trial| self.load(trial)).collect()
+    pub fn load_all(&self, trials: &[&Trial]) -> (Vec<TrialResult>, Vec<(usize, Error)>) {
+        let (mut all, unreadable) = (Vec::new(), Mutex::new(Vec::new()));
+        let load = |(position, trial): (usize, &&Trial)| {
+            self.load(trial).unwrap_or_else(|error| {
+                let mut unreadable = unreadable.lock().unwrap_or_else(PoisonError::into_inner);
+                unreadable.push((position, error));
+                TrialResult::missing(Trial::clone(trial))
+            })
+        };
+        trials.par_iter().enumerate().map(load).collect_into_vec(&mut all);
+        let mut unreadable = unreadable.into_inner().unwrap_or_else(PoisonError::into_inner);
+        unreadable.sort_by_key(|(position, _)| *position);
+        (all, unreadable)
     }
 
     fn stored_in_group(
@@ -133,11 +168,11 @@ impl Store {
 
     /// The distinct combinations of parts in the store, each with its seeds.
     ///
-    /// `known` are trials by id that were read already; at most `most` others are read. Files that are not
-    /// what they should be are passed over.
+    /// `known` are trials that are known to be stored; at most `most` others are read. Files that are not what they
+    /// should be are passed over.
     #[must_use]
-    pub fn cells(&self, known: &[(&str, &StoredTrial)], most: usize) -> Vec<StoredCell> {
-        let read: HashSet<&str> = known.iter().map(|(id, _)| *id).collect();
+    pub fn cells(&self, known: &[&Trial], most: usize) -> Vec<StoredCell> {
+        let read: HashSet<&str> = known.iter().map(|trial| trial.id.as_str()).collect();
         let mut ids = self.ids();
         ids.retain(|id| !read.contains(id.as_str()));
         ids.truncate(most);
@@ -145,9 +180,8 @@ impl Store {
             .par_iter()
             .filter_map(|id| Some((id.as_str(), self.stored(id).ok()??)))
             .collect();
-        let others = others.iter().map(|(id, trial)| (*id, trial));
         let mut cells: BTreeMap<([&str; 3], u32, &str), (&str, BTreeSet<u64>)> = BTreeMap::new();
-        for (id, trial) in known.iter().copied().chain(others) {
+        for (id, trial) in &others {
             let parts = trial.parts.each_ref().map(String::as_str);
             let cell = cells
                 .entry((parts, trial.numerics, &trial.device))
@@ -161,7 +195,8 @@ impl Store {
                 seeds,
             })
         };
-        cells.into_par_iter().filter_map(cell).collect()
+        let others = cells.into_par_iter().filter_map(cell).collect::<Vec<_>>();
+        of_plan(known).into_iter().chain(others).collect()
     }
 
     /// The ids of the trials that have a folder and whose ids begin with `prefix`, in order.
@@ -185,6 +220,18 @@ impl Store {
         ids.sort_unstable();
         ids
     }
+}
+
+/// The combinations of trials of a plan. Neighbours that share their parts are of one; that others are too is found
+/// where combinations are compared.
+fn of_plan(trials: &[&Trial]) -> Vec<StoredCell> {
+    trials
+        .chunk_by(|one, other| one.key.shares_parts(&other.key))
+        .map(|cell| StoredCell {
+            key: cell[0].key.clone(),
+            seeds: cell.iter().map(|trial| trial.key.seed).collect(),
+        })
+        .collect()
 }
 
 /// The digits of an id that name its group of folders.
@@ -270,8 +317,7 @@ mod tests {
         Recorder,
         cast::Seating,
         results::EndState,
-        setting::Setting,
-        trial::{Part, Purpose, TrialKey},
+        trial::{Part, TrialCell, TrialKey},
     };
     use serde_json::json;
     use std::fs;
@@ -281,20 +327,16 @@ mod tests {
         let (environment, agent, protocol) = (part("battery"), part("equal"), part("evaluate"));
         let agent = Seating::Agent(agent);
         let key = TrialKey {
-            environment,
-            agent,
-            protocol,
+            environment: environment.into(),
+            agent: agent.into(),
+            protocol: protocol.into(),
             seed,
             numerics: 1,
             device: "cpu".into(),
         };
         Trial {
             id: key.id(),
-            environment: "four".into(),
-            agent: "equal".into(),
-            setting: String::new(),
-            purpose: Purpose::Cell,
-            point: Setting::default(),
+            cell: TrialCell::of("four", "equal").into(),
             key,
         }
     }
@@ -316,7 +358,7 @@ mod tests {
         let store = Store::at(folder.path());
         let trials: Vec<Trial> = (0..500).map(|seed| trial(4, seed)).collect();
         assert!(
-            store.ends(&trials).into_iter().all(|end| end.unwrap().is_none()),
+            store.ends(&trials).all.iter().all(Option::is_none),
             "nothing is stored yet"
         );
         for (trial, state) in trials.iter().step_by(7).zip(
@@ -326,8 +368,8 @@ mod tests {
         ) {
             acknowledge(&store, trial, state);
         }
-        for (trial, end) in trials.iter().zip(store.ends(&trials)) {
-            assert_eq!(end.unwrap(), store.end(&trial.id).unwrap());
+        for (trial, end) in trials.iter().zip(store.ends(&trials).all) {
+            assert_eq!(end, store.end(&trial.id).unwrap());
         }
     }
 
@@ -342,10 +384,12 @@ mod tests {
         let file = |trial: &Trial| store.folder(&trial.id).join("trial.json");
         fs::copy(file(&trials[0]), file(&trials[1])).unwrap();
         fs::write(file(&trials[2]), "{").unwrap();
-        let ends = store.ends(&trials);
-        assert!(matches!(ends[0], Ok(Some(_))));
-        assert!(matches!(&ends[1], Err(Error::Damaged { problem, .. }) if problem.contains(&trials[0].id)));
-        assert!(matches!(ends[2], Err(Error::Damaged { .. })));
+        let Found { all, unreadable } = store.ends(&trials);
+        assert!(all[0].is_some() && all[1].is_none() && all[2].is_none());
+        let [(1, Error::Damaged { problem, .. }), (2, Error::Damaged { .. })] = &unreadable[..] else {
+            panic!("{unreadable:?}")
+        };
+        assert!(problem.contains(&trials[0].id));
     }
 
     #[test]
@@ -401,12 +445,12 @@ mod tests {
         assert_eq!(*cells[0].key.environment.config, json!({"cells": 8}));
         assert_eq!(cells[1].seeds, BTreeSet::from([0, 2]));
         assert_eq!(store.cells(&[], 1).len(), 1);
-        let read = store.stored(&trial(8, 1).id).unwrap().unwrap();
+        let known = trial(8, 1);
         assert_eq!(
-            store.cells(&[(&trial(8, 1).id, &read)], usize::MAX).len(),
+            store.cells(&[&known], usize::MAX).len(),
             2,
-            "what was read is not read again"
+            "what is known is not read"
         );
-        assert_eq!(store.cells(&[(&trial(8, 1).id, &read)], 0).len(), 1);
+        assert_eq!(store.cells(&[&known], 0).len(), 1);
     }
 }

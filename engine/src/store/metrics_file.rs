@@ -56,9 +56,9 @@ pub fn write_results(path: &Path, results: &Results) -> Result<(), Error> {
     }
     let text = |of: for<'r> fn(&'r Summary<'_>) -> &'r str| Values::Text(rows.iter().map(of).collect());
     let columns = vec![
-        ("environment", text(|row| &row.0.environment)),
-        ("agent", text(|row| &row.0.agent)),
-        ("setting", text(|row| &row.0.setting)),
+        ("environment", text(|row| &row.0.cell.environment)),
+        ("agent", text(|row| &row.0.cell.agent)),
+        ("setting", text(|row| &row.0.cell.setting)),
         (
             "seed",
             Values::U64(rows.iter().map(|row| row.0.key.seed).collect()),

@@ -38,7 +38,7 @@ pub use boundary::install as install_boundary_hook;
 pub(crate) use date::{now, rfc_3339_of, seconds_of};
 pub use fsck::{Fault, Finding, Findings};
 pub use imprint::{Difference, Imprint};
-pub use index::StoredTrial;
+pub use index::{Found, StoredTrial};
 pub(crate) use inside::read as read_file;
 pub use lease::{Claim, Leases};
 pub use merge::{Fate, Merge, Merged, Side};
@@ -276,7 +276,7 @@ impl Store {
     /// Adds to a trial of a search that has not ended what its log has. A log that cannot be read is as none: the trial
     /// then begins anew.
     pub(crate) fn read_log(&self, result: &mut TrialResult) {
-        if is_missing(result.end.as_ref()) && matches!(result.trial.purpose, Purpose::Tried(_)) {
+        if is_missing(result.end.as_ref()) && matches!(result.trial.cell.purpose, Purpose::Tried(_)) {
             let path = self.folder(&result.trial.id).join("running").join("metrics.log");
             if let Ok(log) = metric_log::read(&path) {
                 (result.names, result.rows) = (log.table.names, log.table.rows);
@@ -401,28 +401,24 @@ pub fn is_missing(end: Option<&TrialEnd>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phase, cast::Seating, setting::Setting, trial::Purpose};
+    use crate::{Phase, cast::Seating, trial::TrialCell};
     use serde_json::json;
 
     fn trial(seed: u64) -> Trial {
-        let part = |plugin: &str| {
+        let part = |plugin: &str| -> crate::trial::Part {
             serde_json::from_value(json!({"plugin": plugin, "version": 1, "config": {"a": 0.1}})).unwrap()
         };
         let key = TrialKey {
-            environment: part("battery"),
-            agent: Seating::Agent(part("equal")),
-            protocol: part("evaluate"),
+            environment: part("battery").into(),
+            agent: Seating::Agent(part("equal")).into(),
+            protocol: part("evaluate").into(),
             seed,
             numerics: 1,
             device: "cpu".into(),
         };
         Trial {
             id: key.id(),
-            environment: "four".into(),
-            agent: "equal".into(),
-            setting: String::new(),
-            purpose: Purpose::Cell,
-            point: Setting::default(),
+            cell: TrialCell::of("four", "equal").into(),
             key,
         }
     }

@@ -326,7 +326,7 @@ impl Cell {
         let untrained: BTreeSet<&str> = trials
             .iter()
             .filter(|trial| trial.updates() == Some(0.0))
-            .map(|trial| trial.trial.agent.as_str())
+            .map(|trial| trial.trial.cell.agent.as_str())
             .collect();
         Self {
             untrained: untrained.into_iter().map(Into::into).collect(),

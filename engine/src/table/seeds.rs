@@ -33,9 +33,9 @@ impl Axis {
     #[must_use]
     pub fn of(self, trial: &TrialResult) -> &str {
         match self {
-            Axis::Agent => &trial.trial.agent,
-            Axis::Environment => &trial.trial.environment,
-            Axis::Setting => &trial.trial.setting,
+            Axis::Agent => &trial.trial.cell.agent,
+            Axis::Environment => &trial.trial.cell.environment,
+            Axis::Setting => &trial.trial.cell.setting,
         }
     }
 }
@@ -46,9 +46,10 @@ impl<'a> Scope<'a> {
     pub fn of(results: &'a Results, agents: &[String], environments: &[String]) -> Self {
         let listed = |list: &[String], name: &str| list.is_empty() || list.iter().any(|item| item == name);
         let wanted = |trial: &&TrialResult| {
-            listed(agents, &trial.trial.agent) && listed(environments, &trial.trial.environment)
+            listed(agents, &trial.trial.cell.agent) && listed(environments, &trial.trial.cell.environment)
         };
-        let usual = |trial: &&TrialResult| matches!(trial.trial.purpose, Purpose::Cell | Purpose::Imported);
+        let usual =
+            |trial: &&TrialResult| matches!(trial.trial.cell.purpose, Purpose::Cell | Purpose::Imported);
         Self {
             trials: results.trials.iter().filter(usual).filter(wanted).collect(),
         }
@@ -70,15 +71,18 @@ impl<'a> Scope<'a> {
     /// The names along an axis: as listed, then in the order of the plan.
     #[must_use]
     pub fn names(&self, axis: Axis, listed: &[String]) -> Vec<String> {
-        let present = |name: &str| self.trials.iter().any(|trial| axis.of(trial) == name);
-        let mut names: Vec<String> = listed.iter().filter(|name| present(name)).cloned().collect();
-        for trial in &self.trials {
-            let name = axis.of(trial);
-            if !names.iter().any(|known| known == name) {
-                names.push(name.into());
-            }
-        }
-        names
+        let mut seen = std::collections::HashSet::new();
+        let names = self.trials.iter().map(|trial| axis.of(trial));
+        let present: Vec<&str> = names.filter(|name| seen.insert(*name)).collect();
+        let first = listed
+            .iter()
+            .map(String::as_str)
+            .filter(|name| seen.contains(name));
+        let rest = present
+            .iter()
+            .copied()
+            .filter(|name| !listed.iter().any(|known| known == name));
+        first.chain(rest).map(str::to_owned).collect()
     }
 
     /// True where the trials differ along an axis.
@@ -108,7 +112,7 @@ impl<'a> Scope<'a> {
     pub fn is_imported(&self) -> bool {
         self.trials
             .iter()
-            .any(|trial| trial.trial.purpose == Purpose::Imported)
+            .any(|trial| trial.trial.cell.purpose == Purpose::Imported)
     }
 
     /// Environment steps and updates of an agent that learns, as in `240000 steps, 15000 updates`; `None` for

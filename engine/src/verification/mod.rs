@@ -9,7 +9,10 @@ use crate::{
     registry::About,
     trial::{Part, Trial, TrialKey},
 };
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// Ids of `size` of the trials, all of them where it is absent or larger. What is chosen depends on the seed and
 /// on the ids alone: each id gets a number from both, and the smallest numbers are taken, so that a larger sample
@@ -57,7 +60,7 @@ pub fn rounds(trials: &[&Trial]) -> Vec<Vec<usize>> {
 #[must_use]
 pub fn cannot(key: &TrialKey, registry: &Registry) -> Option<String> {
     let agents = key.agent.parts().into_iter().map(|part| ("agent", part));
-    let all = [("environment", &key.environment), ("protocol", &key.protocol)];
+    let all = [("environment", &*key.environment), ("protocol", &*key.protocol)];
     let other = all
         .into_iter()
         .chain(agents)
@@ -100,9 +103,9 @@ pub fn id_here(key: &TrialKey, registry: &Registry) -> String {
     let renew = |kind: &str, part: &mut Part| {
         part.version = version_of(kind, &part.plugin, registry).unwrap_or(part.version);
     };
-    renew("environment", &mut key.environment);
-    renew("protocol", &mut key.protocol);
-    key.agent.each_part(|part| renew("agent", part));
+    renew("environment", Arc::make_mut(&mut key.environment));
+    renew("protocol", Arc::make_mut(&mut key.protocol));
+    Arc::make_mut(&mut key.agent).each_part(|part| renew("agent", part));
     key.numerics = registry.numerics_version;
     key.id()
 }
@@ -110,9 +113,7 @@ pub fn id_here(key: &TrialKey, registry: &Registry) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        ProductKind, cast::Seating, product::Taken, setting::Setting, spec::toys::toys, trial::Purpose,
-    };
+    use crate::{ProductKind, cast::Seating, product::Taken, spec::toys::toys, trial::TrialCell};
     use proptest::prelude::*;
     use serde_json::json;
 
@@ -127,20 +128,16 @@ mod tests {
             agent.products.insert(format!("/{number}"), taken);
         }
         let key = TrialKey {
-            environment: part(),
-            agent: Seating::Agent(agent),
-            protocol: part(),
+            environment: part().into(),
+            agent: Seating::Agent(agent).into(),
+            protocol: part().into(),
             seed,
             numerics: 1,
             device: "cpu".into(),
         };
         Trial {
             id: format!("t{seed}"),
-            environment: "e".into(),
-            agent: "a".into(),
-            setting: String::new(),
-            point: Setting::default(),
-            purpose: Purpose::Cell,
+            cell: TrialCell::of("e", "a").into(),
             key,
         }
     }
@@ -194,16 +191,17 @@ mod tests {
                 environment,
                 registry.environments[environment].about.version,
                 json!({}),
-            ),
-            agent: Seating::Agent(Part::new(agent, registry.agents[agent].about.version, json!({}))),
-            protocol: Part::new(protocol, registry.protocols[protocol].about.version, json!({})),
+            )
+            .into(),
+            agent: Seating::Agent(Part::new(agent, registry.agents[agent].about.version, json!({}))).into(),
+            protocol: Part::new(protocol, registry.protocols[protocol].about.version, json!({})).into(),
             seed: 1,
             numerics: registry.numerics_version,
             device: "cpu".into(),
         };
         assert_eq!(cannot(&here, &registry), None);
         let mut older = here.clone();
-        older.agent.each_part(|part| part.version += 7);
+        Arc::make_mut(&mut older.agent).each_part(|part| part.version += 7);
         assert!(
             cannot(&older, &registry)
                 .unwrap()
@@ -214,7 +212,7 @@ mod tests {
         older.numerics += 1;
         assert_eq!(id_here(&older, &registry), here.id());
         let mut foreign = here;
-        foreign.environment.plugin = "of somebody else".into();
+        Arc::make_mut(&mut foreign.environment).plugin = "of somebody else".into();
         assert_eq!(
             cannot(&foreign, &registry).unwrap(),
             "this program has no environment `of somebody else`"

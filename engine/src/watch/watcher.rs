@@ -5,7 +5,7 @@ use crate::{
     Phase,
     recorder::Row,
     results::{EndState, TrialEnd, TrialResult},
-    store::{Owner, Store, is_missing, metric_log},
+    store::{Found, Owner, Store, is_missing, metric_log},
     trial::Trial,
     world::fs,
 };
@@ -81,15 +81,16 @@ impl Watcher {
 
     fn study(&mut self, study: &Watched<'_>, somebody: bool) -> StudyView {
         let mut notes = Vec::new();
-        let stored = self.store.stored_of(study.trials);
-        let trials = study.trials.iter().zip(study.costs).zip(stored);
+        let Found { all, unreadable } = self.store.ends(study.trials);
+        notes.extend(
+            unreadable
+                .iter()
+                .map(|(_, error)| format!("{error}; the trial counts as missing")),
+        );
+        let trials = study.trials.iter().zip(study.costs).zip(all);
         let mut seen = Vec::with_capacity(study.trials.len());
-        for ((trial, cost), stored) in trials {
-            let end = stored.unwrap_or_else(|error| {
-                notes.push(format!("{error}; the trial counts as missing"));
-                None
-            });
-            let end = end.map(|stored| stored.end).filter(|end| !is_missing(Some(end)));
+        for ((trial, cost), end) in trials {
+            let end = end.filter(|end| !is_missing(Some(end)));
             seen.push(self.trial(trial, *cost, end, somebody, &mut notes));
         }
         let running: Vec<&Seen<'_>> = seen.iter().filter(|it| it.owner.is_some()).collect();
@@ -232,13 +233,13 @@ fn left(seen: &[Seen<'_>], workers: usize) -> Left {
     let mut sums: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
     for it in seen {
         if let Some(end) = it.end.as_ref().filter(|end| end.state == EndState::Ok) {
-            let sum = sums.entry(it.trial.agent.as_str()).or_default();
+            let sum = sums.entry(it.trial.cell.agent.as_str()).or_default();
             *sum = (sum.0 + end.wall_s, sum.1 + steps(it.cost) + 1.0);
         }
     }
     let (mut wall_s, mut known, mut unknown) = (0.0, false, 0);
     for it in seen.iter().filter(|it| it.end.is_none()) {
-        match sums.get(it.trial.agent.as_str()) {
+        match sums.get(it.trial.cell.agent.as_str()) {
             Some((seconds, done)) => {
                 known = true;
                 wall_s += seconds / done * (steps(it.cost.saturating_sub(it.log.step)) + 1.0);
@@ -262,7 +263,7 @@ fn steps(count: u64) -> f64 {
 fn panels(seen: &[Seen<'_>]) -> Vec<Panel> {
     let mut panels: Vec<Panel> = Vec::new();
     for it in seen {
-        let (environment, agent) = (&it.trial.environment, agent(it.trial));
+        let (environment, agent) = (&it.trial.cell.environment, agent(it.trial));
         let place = panels.iter().position(|panel| panel.environment == *environment);
         let place = place.unwrap_or_else(|| {
             panels.push(Panel {
@@ -291,10 +292,10 @@ fn panels(seen: &[Seen<'_>]) -> Vec<Panel> {
 
 /// The agent with its setting, where it has one.
 fn agent(trial: &Trial) -> String {
-    if trial.setting.is_empty() {
-        trial.agent.clone()
+    if trial.cell.setting.is_empty() {
+        trial.cell.agent.clone()
     } else {
-        format!("{} {}", trial.agent, trial.setting.as_str())
+        format!("{} {}", trial.cell.agent, trial.cell.setting.as_str())
     }
 }
 

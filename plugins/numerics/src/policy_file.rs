@@ -146,11 +146,7 @@ impl Policy {
         let file = TensorFile::read(&dir.join(FILE_NAME))?;
         let header: PolicyHeader =
             serde_json::from_value(file.header.clone()).map_err(|source| format_error(&source))?;
-        if header.format != FORMAT || header.activations.len() + 2 != header.sizes.len() {
-            return Err(TensorFileError::Format {
-                problem: format!("policy format {}, layers {:?}", header.format, header.sizes),
-            });
-        }
+        header.fits(&file)?;
         let blank = Mlp::new(&header.sizes, &header.activations, 0.0, &mut Zeros, &device());
         Ok(Self {
             network: restore(blank, PREFIX, &file)?,
@@ -193,6 +189,48 @@ impl Policy {
             .zip(action_center)
             .for_each(|(it, center)| *it += center);
         action
+    }
+}
+
+impl PolicyHeader {
+    /// Holds what the header says against itself and against the tensors, before anything is made of its sizes.
+    fn fits(&self, file: &TensorFile) -> Result<(), TensorFileError> {
+        let Self { sizes, outputs, .. } = self;
+        let of_inputs = [&self.inputs.len(), &self.center.len(), &self.spread.len()];
+        let in_units = [&self.action_center, &self.action_spread];
+        let consistent = self.format == FORMAT
+            && self.activations.len() + 2 == sizes.len()
+            && sizes.iter().all(|size| *size > 0)
+            && of_inputs.iter().all(|length| Some(*length) == sizes.first())
+            && sizes
+                .last()
+                .is_some_and(|last| (1..=*last).contains(&outputs.len()))
+            && in_units
+                .iter()
+                .all(|it| it.is_empty() || it.len() == outputs.len());
+        if !consistent {
+            return Err(TensorFileError::Format {
+                problem: format!(
+                    "policy format {}, layers {sizes:?} of {:?}, {} inputs with {} centers and {} spreads, {} outputs",
+                    self.format,
+                    self.activations,
+                    self.inputs.len(),
+                    self.center.len(),
+                    self.spread.len(),
+                    outputs.len()
+                ),
+            });
+        }
+        for (layer, ends) in sizes.windows(2).enumerate() {
+            let weight = file.get(&format!("{PREFIX}.layers.{layer}.weight"))?;
+            if weight.shape != ends {
+                return Err(TensorFileError::Shape {
+                    expected: format!("layer {layer} of {ends:?}"),
+                    found: format!("{:?}", weight.shape),
+                });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -296,6 +334,46 @@ mod tests {
         let action = back.act(&[3.5, 30.0]);
         assert_eq!(action, policy.act(&[3.5, 30.0]));
         assert!((action.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_header_that_its_tensors_do_not_bear_out_is_refused_before_anything_is_made_of_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let refused = |change: fn(&mut PolicyHeader)| {
+            let mut policy = policy(Head::Tanh);
+            change(&mut policy.header);
+            policy.write(dir.path()).unwrap();
+            Policy::read(dir.path()).unwrap_err()
+        };
+        // Networks of these sizes would take all memory.
+        for change in [
+            (|it| it.sizes[0] = 1 << 40) as fn(&mut PolicyHeader),
+            |it| it.sizes[1] = 1 << 40,
+            |it| it.sizes[1] = 9,
+        ] {
+            let error = refused(change);
+            assert!(
+                matches!(
+                    error,
+                    TensorFileError::Shape { .. } | TensorFileError::Format { .. }
+                ),
+                "{error}"
+            );
+        }
+        for change in [
+            (|it| it.sizes.clear()) as fn(&mut PolicyHeader),
+            |it| it.sizes[1] = 0,
+            |it| it.inputs.push("more".into()),
+            |it| it.center.clear(),
+            |it| it.spread.clear(),
+            |it| it.outputs.clear(),
+            |it| it.outputs.push("more".into()),
+            |it| it.action_spread.push(1.0),
+            |it| it.format = 2,
+        ] {
+            let error = refused(change);
+            assert!(matches!(error, TensorFileError::Format { .. }), "{error}");
+        }
     }
 
     #[test]

@@ -117,7 +117,7 @@ fn an_agent_that_plays_only_a_part_is_left_out_by_name() {
     let mut results = study();
     results
         .trials
-        .retain(|trial| trial.trial.agent != "ddpg" || trial.trial.environment == "four_cells");
+        .retain(|trial| trial.trial.cell.agent != "ddpg" || trial.trial.cell.environment == "four_cells");
     let chart = chart(&spec("performance_profile", json!({})), &results);
     assert_eq!(chart.panels[0].series.len(), AGENTS.len() - 1);
     assert!(
@@ -217,7 +217,7 @@ fn an_agent_has_its_colour_in_figures_of_suites() {
 #[test]
 fn settings_are_not_pooled() {
     let mut results = study();
-    results.trials[0].trial.setting = "dsac.learning_rate=1".into();
+    results.trials[0].trial.cell_mut().setting = "dsac.learning_rate=1".into();
     let spec = spec("sample_efficiency", json!({}));
     let context = Context {
         results: &results,

@@ -127,9 +127,9 @@ fn registry() -> Registry {
 fn key(noise: f64, protocol: Value) -> TrialKey {
     let protocol = serde_json::to_value(serde_json::from_value::<Search>(protocol).unwrap()).unwrap();
     TrialKey {
-        environment: Part::new("digits", 1, json!({ "noise": noise })),
-        agent: Seating::Agent(Part::new("draws", 1, json!({ "noise": 0.0 }))),
-        protocol: Part::new("search", 1, protocol),
+        environment: Part::new("digits", 1, json!({ "noise": noise })).into(),
+        agent: Seating::Agent(Part::new("draws", 1, json!({ "noise": 0.0 }))).into(),
+        protocol: Part::new("search", 1, protocol).into(),
         seed: 5,
         numerics: 1,
         device: "cpu".into(),

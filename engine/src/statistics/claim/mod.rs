@@ -289,8 +289,7 @@ mod tests {
     use crate::{
         cast::Seating,
         recorder::Row,
-        setting::Setting,
-        trial::{Part, Purpose, Trial, TrialKey},
+        trial::{Part, Trial, TrialCell, TrialKey},
     };
 
     fn trial(rows: &[(Phase, u64, f64)]) -> TrialResult {
@@ -298,20 +297,16 @@ mod tests {
         let (environment, agent, protocol) = (part(), part(), part());
         let agent = Seating::Agent(agent);
         let key = TrialKey {
-            environment,
-            agent,
-            protocol,
+            environment: environment.into(),
+            agent: agent.into(),
+            protocol: protocol.into(),
             seed: 0,
             numerics: 1,
             device: "cpu".into(),
         };
         let trial = Trial {
             id: key.id(),
-            environment: "e".into(),
-            agent: "a".into(),
-            setting: String::new(),
-            purpose: Purpose::Cell,
-            point: Setting::default(),
+            cell: TrialCell::of("e", "a").into(),
             key,
         };
         let row = |&(phase, step, value): &(Phase, u64, f64)| Row {

@@ -326,13 +326,13 @@ impl Suite<'_> {
         let in_suite = |trial: &&TrialResult| {
             self.scales
                 .iter()
-                .any(|scale| scale.environment == trial.trial.environment)
+                .any(|scale| scale.environment == trial.trial.cell.environment)
         };
         let behind = all
             .trials
             .iter()
             .copied()
-            .filter(|trial| agents.contains(trial.trial.agent.as_str()));
+            .filter(|trial| agents.contains(trial.trial.cell.agent.as_str()));
         behind.filter(in_suite).collect()
     }
 

@@ -147,11 +147,11 @@ fn another_suite_is_no_aggregate() {
     for it in results
         .trials
         .iter_mut()
-        .filter(|it| it.trial.environment == "maze")
+        .filter(|it| it.trial.cell.environment == "maze")
     {
-        match it.trial.agent.as_str() {
+        match it.trial.cell.agent.as_str() {
             "able" => *it = ended(it.clone(), EndState::Failed, "it failed"),
-            "middling" => it.trial.agent = "strong".into(),
+            "middling" => it.trial.cell_mut().agent = "strong".into(),
             _ => {}
         }
     }
@@ -203,7 +203,7 @@ fn what_cannot_be_scaled_or_pooled_is_said() {
         "table: an aggregate needs trials in at least two environments"
     );
     let mut swept = results();
-    swept.trials[0].trial.setting = "rate=1".into();
+    swept.trials[0].trial.cell_mut().setting = "rate=1".into();
     assert!(
         message(
             &Aggregate {
@@ -248,7 +248,7 @@ fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     let of_weak = results
         .trials
         .iter()
-        .position(|it| it.trial.agent == "weak")
+        .position(|it| it.trial.cell.agent == "weak")
         .unwrap();
     let untrained = [
         (Phase::Final, 9, 0, "score", 0.1),

@@ -1,10 +1,14 @@
 //! What varies along rows and columns: agents, environments, settings, or the values of one swept key.
 
 use super::{Axis, Comparison};
-use crate::{results::TrialResult, setting::word, table::Scope};
+use crate::{results::TrialResult, setting::word, table::Scope, trial::TrialCell};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::borrow::Cow;
+use std::{
+    borrow::Cow,
+    collections::{HashMap, HashSet},
+    sync::Arc,
+};
 
 /// What varies along a table's rows or columns.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -42,24 +46,52 @@ impl From<Axis> for Along {
     }
 }
 
-/// The axes of a comparison. Where keys are rows or columns, what is left of a setting is the setting.
-pub(super) struct Axes<'a> {
+/// The axes of a comparison, and where its trials stand on them. Where keys are rows or columns, what is left of a
+/// setting is the setting.
+///
+/// A study may have a million trials in few cells. So cells are what is looked at, each with its places, and trials are
+/// taken from them at the end.
+pub(super) struct Axes<'a, 'r> {
     comparison: &'a Comparison,
     apart: Vec<&'a str>,
+    cells: Vec<CellOfTrials<'r>>,
 }
 
-impl<'a> Axes<'a> {
-    pub(super) fn of(comparison: &'a Comparison) -> Self {
-        let both = std::iter::once(&comparison.rows).chain(&comparison.columns);
-        Self {
+/// The trials of a cell by their places in the plan, and the cell's places along the axes.
+struct CellOfTrials<'r> {
+    trials: Vec<(usize, &'r TrialResult)>,
+    places: Vec<(Along, String)>,
+}
+
+/// Some of the cells of a comparison, by their numbers.
+pub(super) type Cells = Vec<usize>;
+
+impl<'a, 'r> Axes<'a, 'r> {
+    pub(super) fn of(comparison: &'a Comparison, scope: &Scope<'r>) -> Self {
+        let both = || std::iter::once(&comparison.rows).chain(&comparison.columns);
+        let mut axes = Self {
             comparison,
-            apart: both.filter_map(Along::key).collect(),
+            apart: both().filter_map(Along::key).collect(),
+            cells: Vec::new(),
+        };
+        let mut alongs: Vec<Along> = Axis::ALL.into_iter().map(Along::from).collect();
+        alongs.extend(both().filter(|along| along.key().is_some()).cloned());
+        let mut known: HashMap<*const TrialCell, usize> = HashMap::new();
+        for (position, trial) in scope.trials.iter().copied().enumerate() {
+            let cell = *known.entry(Arc::as_ptr(&trial.trial.cell)).or_insert_with(|| {
+                let at = |along: &Along| (along.clone(), axes.place(along, trial).into_owned());
+                let (trials, places) = (Vec::new(), alongs.iter().map(at).collect());
+                axes.cells.push(CellOfTrials { trials, places });
+                axes.cells.len() - 1
+            });
+            axes.cells[cell].trials.push((position, trial));
         }
+        axes
     }
 
     /// A trial's place along one of them; empty where the key is none of its setting's.
     fn place<'t>(&self, along: &Along, trial: &'t TrialResult) -> Cow<'t, str> {
-        let point = &trial.trial.point;
+        let point = &trial.trial.cell.point;
         match along {
             Along::Axis(Axis::Setting) if !self.apart.is_empty() => {
                 let rest = self
@@ -73,34 +105,63 @@ impl<'a> Axes<'a> {
         }
     }
 
-    /// The trials at one place.
-    pub(super) fn at<'r>(&self, scope: &Scope<'r>, along: &Along, name: &str) -> Scope<'r> {
-        let trials = scope.trials.iter().copied();
+    fn place_of(&self, cell: usize, along: &Along) -> &str {
+        let places = &self.cells[cell].places;
+        let place = places.iter().find(|(known, _)| known == along);
+        place.map_or("", |(_, name)| name)
+    }
+
+    /// All cells.
+    pub(super) fn all(&self) -> Cells {
+        (0..self.cells.len()).collect()
+    }
+
+    /// Of some cells those at all of these places.
+    pub(super) fn at(&self, some: &[usize], places: &[(Along, String)]) -> Cells {
+        let is_at = |cell: &usize| {
+            places
+                .iter()
+                .all(|(along, name)| self.place_of(*cell, along) == name)
+        };
+        some.iter().copied().filter(is_at).collect()
+    }
+
+    /// The trials of some cells, in the order of the plan.
+    pub(super) fn scope(&self, some: &[usize]) -> Scope<'r> {
+        let trials = some.iter().flat_map(|cell| &self.cells[*cell].trials);
+        let mut trials: Vec<_> = trials.copied().collect();
+        trials.sort_unstable_by_key(|(position, _)| *position);
         Scope {
-            trials: trials.filter(|trial| self.place(along, trial) == name).collect(),
+            trials: trials.into_iter().map(|(_, trial)| trial).collect(),
         }
     }
 
-    /// The places, as a study lists them and then in the order of the plan.
-    pub(super) fn names(&self, scope: &Scope<'_>, along: &Along) -> Vec<String> {
-        match along {
-            Along::Axis(Axis::Agent) => scope.names(Axis::Agent, &self.comparison.agents),
-            Along::Axis(Axis::Environment) => scope.names(Axis::Environment, &self.comparison.environments),
-            along => {
-                let mut names: Vec<String> = Vec::new();
-                for trial in &scope.trials {
-                    let name = self.place(along, trial);
-                    if !names.iter().any(|known| *known == name) {
-                        names.push(name.into_owned());
-                    }
-                }
-                names
-            }
-        }
+    /// The places of some cells, as a study lists them and then in the order of the plan.
+    pub(super) fn names(&self, some: &[usize], along: &Along) -> Vec<String> {
+        let listed: &[String] = match along {
+            Along::Axis(Axis::Agent) => &self.comparison.agents,
+            Along::Axis(Axis::Environment) => &self.comparison.environments,
+            _ => &[],
+        };
+        let mut seen = HashSet::new();
+        let present: Vec<&str> = some
+            .iter()
+            .map(|cell| self.place_of(*cell, along))
+            .filter(|name| seen.insert(*name))
+            .collect();
+        let first = listed
+            .iter()
+            .map(String::as_str)
+            .filter(|name| seen.contains(name));
+        let rest = present
+            .iter()
+            .copied()
+            .filter(|name| !listed.iter().any(|it| it == name));
+        first.chain(rest).map(str::to_owned).collect()
     }
 
-    /// True where trials differ along it.
-    pub(super) fn vary(&self, scope: &Scope<'_>, along: &Along) -> bool {
-        self.names(scope, along).len() > 1
+    /// True where cells differ along it.
+    pub(super) fn vary(&self, along: &Along) -> bool {
+        self.names(&self.all(), along).len() > 1
     }
 }

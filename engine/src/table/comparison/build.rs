@@ -8,6 +8,7 @@ use crate::{
     table::{Cell, Fixed, Grid, Heading, Missing, NumberFormat, OneNumber, Quantity, Scope, problem},
 };
 use measure::{Measure, seed_value};
+use std::collections::{BTreeMap, HashMap};
 
 /// Computes the cells of a comparison, without published values.
 ///
@@ -17,16 +18,16 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
     let relation = Relation::of(comparison, results)?;
     let mut scope = Scope::of(results, &comparison.agents, &comparison.environments);
     if let Some(baseline) = relation.hidden_baseline(comparison) {
-        scope.trials.retain(|trial| trial.trial.agent != baseline);
+        scope.trials.retain(|trial| trial.trial.cell.agent != baseline);
     }
     if scope.trials.is_empty() {
         return Err(problem("no trial of the study belongs to it"));
     }
-    let axes = Axes::of(comparison);
-    let (rows, columns) = places(comparison, &axes, &scope);
-    let cell = |row: &Place, column: &Place| {
+    let axes = Axes::of(comparison, &scope);
+    let (rows, columns) = places(comparison, &axes);
+    let cell = |of_row: &[usize], column: &Place| {
         make_cell(
-            &column.narrow(&axes, &row.narrow(&axes, &scope)),
+            &axes.scope(&axes.at(of_row, &column.at)),
             &Measure {
                 comparison,
                 at_step: column.at_step,
@@ -35,11 +36,13 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
             results,
         )
     };
-    let cells: Vec<Vec<Cell>> = rows
-        .iter()
-        .map(|row| columns.iter().map(|column| cell(row, column)).collect())
-        .collect();
-    let heading = |place: Place| place.heading_with_budget(comparison, &axes, &scope);
+    let all = axes.all();
+    let row = |row: &Place| {
+        let of_row = axes.at(&all, &row.at);
+        columns.iter().map(|column| cell(&of_row, column)).collect()
+    };
+    let cells: Vec<Vec<Cell>> = rows.iter().map(row).collect();
+    let heading = |place: Place| place.heading_with_budget(comparison, &axes);
     Ok(Grid {
         quantity: relation.quantity(comparison, results),
         unit: relation.unit().into(),
@@ -61,20 +64,26 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
 pub(super) struct Relation<'a> {
     form: Form,
     to: Option<&'a str>,
+    /// The other agent's trials by environment and seed.
+    others: HashMap<(&'a str, u64), Vec<&'a TrialResult>>,
 }
 
 impl<'a> Relation<'a> {
-    fn of(comparison: &'a Comparison, results: &Results) -> Result<Self, Error> {
+    fn of(comparison: &'a Comparison, results: &'a Results) -> Result<Self, Error> {
         let to = comparison.relative_to.as_deref();
         let form = comparison.resolved_form();
         match to {
             None if form != Form::Value => Err(problem(
                 "`relative_to` must name the agent that the others are compared with",
             )),
-            Some(agent) if !results.trials.iter().any(|trial| trial.trial.agent == agent) => Err(problem(
-                &format!("`relative_to`: no trial has the agent `{agent}`"),
-            )),
-            _ => Ok(Self { form, to }),
+            Some(agent) if !results.trials.iter().any(|trial| trial.trial.cell.agent == agent) => Err(
+                problem(&format!("`relative_to`: no trial has the agent `{agent}`")),
+            ),
+            _ => Ok(Self {
+                form,
+                to,
+                others: to.map(|agent| of_agent(agent, results)).unwrap_or_default(),
+            }),
         }
     }
 
@@ -115,17 +124,34 @@ impl<'a> Relation<'a> {
             && scope
                 .trials
                 .iter()
-                .all(|trial| Some(trial.trial.agent.as_str()) == self.to)
+                .all(|trial| Some(trial.trial.cell.agent.as_str()) == self.to)
     }
 
     /// The trials of a cell and those that they are compared with.
-    fn trials_behind<'r>(&self, scope: &Scope<'r>, results: &'r Results) -> Vec<&'r TrialResult> {
-        let other = self.other();
-        let others = scope
-            .trials
-            .iter()
-            .filter_map(|trial| counterpart(trial, other?, results));
+    fn trials_behind<'r>(&self, scope: &Scope<'r>) -> Vec<&'r TrialResult>
+    where
+        'a: 'r,
+    {
+        let others = scope.trials.iter().filter_map(|trial| {
+            self.other()?;
+            self.counterpart(trial)
+        });
         scope.trials.iter().copied().chain(others).collect()
+    }
+
+    /// The other agent's trial in the same environment with the same seed: of the same setting, or its only one.
+    pub(super) fn counterpart(&self, trial: &TrialResult) -> Option<&'a TrialResult> {
+        let own = &trial.trial;
+        let place = (own.cell.environment.as_str(), own.key.seed);
+        let candidates = self.others.get(&place)?;
+        let same = candidates
+            .iter()
+            .copied()
+            .find(|other| other.trial.cell.setting == own.cell.setting);
+        same.or(match candidates[..] {
+            [only] => Some(only),
+            _ => None,
+        })
     }
 
     fn unit(&self) -> &'static str {
@@ -152,10 +178,10 @@ struct Place {
 
 impl Place {
     /// The heading, with steps and updates of the agent where the study asks for them.
-    fn heading_with_budget(self, comparison: &Comparison, axes: &Axes<'_>, scope: &Scope<'_>) -> Heading {
+    fn heading_with_budget(self, comparison: &Comparison, axes: &Axes<'_, '_>) -> Heading {
         let names_agent = self.at.iter().any(|(along, _)| *along == Axis::Agent.into());
         let budget = if comparison.budgets && names_agent {
-            self.narrow(axes, scope).budget()
+            axes.scope(&axes.at(&axes.all(), &self.at)).budget()
         } else {
             None
         };
@@ -165,20 +191,11 @@ impl Place {
             name,
         }
     }
-
-    fn narrow<'a>(&self, axes: &Axes<'_>, scope: &Scope<'a>) -> Scope<'a> {
-        narrowed(axes, scope, &self.at)
-    }
 }
 
-/// The trials at all of these places.
-fn narrowed<'a>(axes: &Axes<'_>, scope: &Scope<'a>, at: &[(Along, String)]) -> Scope<'a> {
-    at.iter()
-        .fold(scope.clone(), |scope, (along, name)| axes.at(&scope, along, name))
-}
-
-fn places(comparison: &Comparison, axes: &Axes<'_>, scope: &Scope<'_>) -> (Vec<Place>, Vec<Place>) {
-    let free = |along: &Along| *along != comparison.rows && axes.vary(scope, along);
+fn places(comparison: &Comparison, axes: &Axes<'_, '_>) -> (Vec<Place>, Vec<Place>) {
+    let free = |along: &Along| *along != comparison.rows && axes.vary(along);
+    let cells = axes.all();
     let all = || Axis::ALL.into_iter().map(Along::from);
     let over_steps = matches!(comparison.taken, Taken::AtSteps { .. });
     let column_axis = comparison
@@ -193,7 +210,7 @@ fn places(comparison: &Comparison, axes: &Axes<'_>, scope: &Scope<'_>) -> (Vec<P
             .map(|step| step_column(comparison, *step))
             .collect(),
         Some(axis) => axes
-            .names(scope, axis)
+            .names(&cells, axis)
             .iter()
             .map(|name| place(comparison, &[(axis.clone(), name.clone())]))
             .collect(),
@@ -208,23 +225,18 @@ fn places(comparison: &Comparison, axes: &Axes<'_>, scope: &Scope<'_>) -> (Vec<P
     let splitting: Vec<Along> = all()
         .filter(|along| free(along) && Some(along) != column_axis.as_ref())
         .collect();
-    let rows = axes.names(scope, &comparison.rows).into_iter().flat_map(|name| {
+    let rows = axes.names(&cells, &comparison.rows).into_iter().flat_map(|name| {
         let first = vec![(comparison.rows.clone(), name)];
         splitting
             .iter()
-            .fold(vec![first], |rows, along| split(axes, scope, rows, along))
+            .fold(vec![first], |rows, along| split(axes, rows, along))
     });
     (rows.map(|at| place(comparison, &at)).collect(), columns)
 }
 
-fn split(
-    axes: &Axes<'_>,
-    scope: &Scope<'_>,
-    rows: Vec<Vec<(Along, String)>>,
-    along: &Along,
-) -> Vec<Vec<(Along, String)>> {
+fn split(axes: &Axes<'_, '_>, rows: Vec<Vec<(Along, String)>>, along: &Along) -> Vec<Vec<(Along, String)>> {
     let parts = |row: Vec<(Along, String)>| {
-        axes.names(&narrowed(axes, scope, &row), along)
+        axes.names(&axes.at(&axes.all(), &row), along)
             .into_iter()
             .map(move |name| [row.clone(), vec![(along.clone(), name)]].concat())
             .collect::<Vec<_>>()
@@ -293,13 +305,13 @@ fn label(comparison: &Comparison, name: &str) -> String {
 fn make_cell(scope: &Scope<'_>, measure: &Measure<'_>, relation: &Relation<'_>, results: &Results) -> Cell {
     let mut scope = measure.trained_for(scope);
     // A seed without success has ended too: looks wait for it no longer.
-    let behind = relation.trials_behind(&scope, results);
+    let behind = relation.trials_behind(&scope);
     if measure.comparison.given_success {
         scope.trials.retain(|trial| trial.succeeded() != Some(false));
     }
-    let (mut seeds, mut missing) = (std::collections::BTreeMap::new(), scope.absences());
+    let (mut seeds, mut missing) = (BTreeMap::new(), scope.absences());
     for trial in scope.trials.iter().filter(|trial| trial.is_ok()) {
-        match seed_value(trial, measure, relation, results) {
+        match seed_value(trial, measure, relation) {
             Ok(value) => {
                 seeds.insert(trial.trial.key.seed, value);
             }
@@ -348,28 +360,13 @@ pub(crate) fn summarise(seeds: Vec<(u64, f64)>, statistic: Statistic, cell: Cell
     }
 }
 
-/// The other agent's trial in the same environment with the same seed: of the same setting, or its only one.
-pub(super) fn counterpart<'a>(
-    trial: &TrialResult,
-    agent: &str,
-    results: &'a Results,
-) -> Option<&'a TrialResult> {
-    let own = &trial.trial;
-    let fits = |other: &&TrialResult| {
-        other.trial.agent == agent
-            && other.trial.environment == own.environment
-            && other.trial.key.seed == own.key.seed
-    };
-    let candidates: Vec<&TrialResult> = results.trials.iter().filter(fits).collect();
-    let same = candidates
-        .iter()
-        .copied()
-        .find(|other| other.trial.setting == own.setting);
-    same.or(if candidates.len() == 1 {
-        Some(candidates[0])
-    } else {
-        None
-    })
+fn of_agent<'a>(agent: &str, results: &'a Results) -> HashMap<(&'a str, u64), Vec<&'a TrialResult>> {
+    let mut trials: HashMap<_, Vec<&TrialResult>> = HashMap::new();
+    for it in results.trials.iter().filter(|it| it.trial.cell.agent == agent) {
+        let place = (it.trial.cell.environment.as_str(), it.trial.key.seed);
+        trials.entry(place).or_default().push(it);
+    }
+    trials
 }
 
 fn format(comparison: &Comparison, form: Form, cells: &[Vec<Cell>]) -> NumberFormat {

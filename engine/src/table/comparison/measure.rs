@@ -1,12 +1,9 @@
 //! The number of one seed: which of its trial's measurements, and how they relate to another agent's.
 
-use super::{
-    AtStep, Comparison, Taken,
-    build::{Relation, counterpart},
-};
+use super::{AtStep, Comparison, Taken, build::Relation};
 use crate::{
     Phase,
-    results::{Results, TrialResult},
+    results::TrialResult,
     statistics::estimators::{mean, moving_average},
     table::{NoValue, Scope},
 };
@@ -23,14 +20,13 @@ pub(super) fn seed_value(
     trial: &TrialResult,
     measure: &Measure<'_>,
     relation: &Relation<'_>,
-    results: &Results,
 ) -> Result<f64, NoValue> {
     let value = measure.of(trial)?;
     let Some(other) = relation.other() else {
         return Ok(value);
     };
     let (seed, agent) = (trial.trial.key.seed, other.to_owned());
-    let Some(other) = counterpart(trial, other, results) else {
+    let Some(other) = relation.counterpart(trial) else {
         return Err(NoValue::NoCounterpart { seed, agent });
     };
     if !other.is_ok() {
