@@ -96,8 +96,9 @@ seeds: {trials}
 
 def scale():
     """How the engine does with many trials and rows."""
-    plan = bench("plan", 1000, 100)
-    print("\n100,000 trials: " + ", ".join(f"{name.removesuffix('_s')} {seconds:.2f} s" for name, seconds in plan.items() if name != "trials"))
+    for seeds in (100, 1000):
+        plan = bench("plan", 1000, seeds)
+        print(f"\n{plan.pop('trials'):,} trials: " + ", ".join(f"{name.replace('_', ' ')} {seconds:.2f} s and {memory_mb} MB" for name, (seconds, memory_mb) in plan.items()))
     with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
         bench("rows", folder, 1000, 1000)
         ours = measured([f"{TARGET}/release/regimen", "report", "study.yaml"], folder)

@@ -23,6 +23,7 @@ mod exporting;
 mod first_study;
 mod folders;
 mod fsck;
+mod fuzzed;
 mod graph;
 mod identity;
 mod importing;

@@ -78,6 +78,11 @@ impl View {
 /// # Errors
 /// Where a record cannot be read or a queue cannot be asked.
 pub fn holdings(store: &Path, stop: &Stop) -> Result<Vec<Holding>, Error> {
+    holdings_with(store, None, stop)
+}
+
+/// The same; `own` is asked for what it took itself.
+fn holdings_with(store: &Path, own: Option<&dyn Queue>, stop: &Stop) -> Result<Vec<Holding>, Error> {
     let mut by_executor: BTreeMap<String, Vec<Submission>> = BTreeMap::new();
     for submission in open(store)? {
         by_executor
@@ -86,9 +91,12 @@ pub fn holdings(store: &Path, stop: &Stop) -> Result<Vec<Holding>, Error> {
             .push(submission);
     }
     let mut all = Vec::new();
-    for submissions in by_executor.into_values() {
+    for (executor, submissions) in by_executor {
         let names: Vec<String> = submissions.iter().map(Submission::job_name).collect();
-        let tasks = asked(&submissions[0], |queue| queue.tasks(&names, stop))?;
+        let tasks = match own.filter(|queue| queue.name() == executor) {
+            Some(queue) => queue.tasks(&names, stop)?,
+            None => asked(&submissions[0], |queue| queue.tasks(&names, stop))?,
+        };
         all.extend(submissions.into_iter().map(|submission| held(submission, &tasks)));
     }
     all.sort_by(|one, other| one.submission.id.cmp(&other.submission.id));
@@ -164,7 +172,7 @@ impl Dispatch<'_> {
     /// # Errors
     /// As [`holdings`].
     pub fn look(&self, missing: &BTreeSet<String>) -> Result<View, Error> {
-        let (live, dead): (Vec<_>, Vec<_>) = holdings(&self.store, &self.stop)?
+        let (live, dead): (Vec<_>, Vec<_>) = holdings_with(&self.store, Some(self.queue), &self.stop)?
             .into_iter()
             .partition(|holding| holding.alive() > 0);
         let live: Vec<Holding> = live
@@ -194,9 +202,9 @@ impl Dispatch<'_> {
         let mut view = self.look(missing)?;
         let mut unsent = None;
         for mut submission in view.dead.drain(..) {
-            // A submission that no controller has confirmed is sent again under its name; all others are
-            // over.
-            if unsent.is_none() && self.is_unsent(&submission) {
+            // A submission that no controller has confirmed is sent again under its name, unless it is for more
+            // tasks than lack by now; all others are over.
+            if unsent.is_none() && self.is_unsent(&submission) && submission.tasks() <= view.need {
                 unsent = Some(submission);
             } else {
                 submission.close(State::Ended)?;
@@ -229,16 +237,15 @@ impl Dispatch<'_> {
         let mut submission = Submission::sample(&self.store, &self.work, self.queue, arrays);
         submission.trials = missing.clone();
         submission.enter()?;
-        for array in 0..submission.arrays.len() {
-            let script = self.queue.script(&submission, array);
-            write_durably(&submission.script(array), script.as_bytes())?;
-        }
         Ok(submission)
     }
 
-    /// Hands the arrays over; ids are noted as they come.
+    /// Hands the arrays over; ids are noted as they come. Scripts are written here and not with the record: who died
+    /// after the record may not have come to them.
     fn send(&self, mut submission: Submission) -> Result<Submission, Error> {
         for array in 0..submission.arrays.len() {
+            let script = self.queue.script(&submission, array);
+            write_durably(&submission.script(array), script.as_bytes())?;
             match self.queue.submit(&submission.script(array), &self.stop) {
                 Ok(job) => submission.arrays[array].job = Some(job),
                 Err(error) => {

@@ -295,7 +295,7 @@ pub fn describe(submission: &Submission) -> String {
         .iter()
         .map(|array| array.job.as_deref().unwrap_or("?"))
         .collect();
-    let tasks: usize = submission.arrays.iter().map(|array| array.tasks).sum();
+    let tasks = submission.tasks();
     let at_once: usize = submission.arrays.iter().map(|array| array.at_once).sum();
     format!(
         "{} ({} {}), {}, {at_once} at a time",

@@ -13,7 +13,7 @@
 use super::{Queue, Work};
 use crate::{
     Error,
-    store::{self, Fault, Finding, Findings, Store, flush, names, write_durably},
+    store::{self, Fault, Finding, Findings, Store, flush_way, names, write_durably},
     world::{fs, process},
 };
 use serde::{Deserialize, Serialize};
@@ -132,9 +132,7 @@ impl Submission {
         fs::create_dir_all(&all).map_err(Error::file("create", &all))?;
         self.id = unused_name(&all)?;
         // A job must not outlive its record, whatever becomes of the power.
-        for folder in [all.as_path(), &self.store] {
-            flush(folder).map_err(Error::file("flush", folder))?;
-        }
+        flush_way(&self.folder(), 2)?;
         self.save()
     }
 
@@ -153,6 +151,12 @@ impl Submission {
             }
         }
         Ok(submissions)
+    }
+
+    /// Number of tasks of all arrays.
+    #[must_use]
+    pub fn tasks(&self) -> usize {
+        self.arrays.iter().map(|array| array.tasks).sum()
     }
 
     /// Its folder.
@@ -226,10 +230,19 @@ pub(super) fn folder_of_all(store: &Path) -> PathBuf {
 
 /// Names of the folders of records; what is no folder holds none.
 fn records(folder: &Path) -> Result<Vec<String>, Error> {
-    if fs::is_folder(folder) {
+    if is_folder(folder)? {
         names(folder)
     } else {
         Ok(Vec::new())
+    }
+}
+
+/// A record that cannot be looked at in this moment is not one that is not there: its jobs would be handed over again.
+fn is_folder(path: &Path) -> Result<bool, Error> {
+    match fs::metadata(path) {
+        Ok(data) => Ok(data.is_dir()),
+        Err(source) if source.kind() == ErrorKind::NotFound => Ok(false),
+        Err(source) => Err(Error::file("look at", path)(source)),
     }
 }
 
@@ -265,7 +278,7 @@ const RECORD: &str = "submission.json";
 
 /// A record; `None` where a submitter died before it wrote one, or a later version of the program wrote it.
 fn read(store: &Path, folder: &Path) -> Result<Option<Submission>, Error> {
-    if !fs::is_folder(folder) {
+    if !is_folder(folder)? {
         return Ok(None);
     }
     let path = folder.join(RECORD);

@@ -10,6 +10,7 @@
 //!
 //! A seed that fails is printed; `REGIMEN_SIM_SEED=<seed>` runs it alone and prints what happened.
 
+mod batch;
 mod ledger;
 mod toys;
 
@@ -292,26 +293,35 @@ fn faults(seed: u64) -> (Faults, Vec<usize>) {
     }
 }
 
-/// Runs a seed to its end, and looks at the store after the power went once more.
+/// Runs a seed of programs that share a store to its end.
 fn simulate(seed: u64, prepare: impl FnOnce(&mut Machine)) -> (Machine, Result<(), String>) {
     let (faults, hosts) = faults(seed);
     let bench = Bench::new(&hosts, faults.fail > 0.0);
     let mut machine = Machine::new(seed, faults, &hosts);
     prepare(&mut machine);
-    let (mut machine, outcome) = start(machine, |place| bench.run(place));
+    play(machine, &bench, |place| bench.run(place))
+}
+
+/// Runs what is at each place to the end, and looks at the store after the power went once more.
+fn play(
+    machine: Machine,
+    bench: &Bench,
+    run: impl Fn(usize) -> bool + Sync,
+) -> (Machine, Result<(), String>) {
+    let (mut machine, outcome) = start(machine, &run);
     if outcome.is_err() {
         return (machine, outcome);
     }
     machine.lose_power();
     machine.again();
     // What a process stored that was killed before it could say so may be lost once more, and is computed again.
-    let (mut machine, outcome) = start(machine, |place| bench.run(place));
+    let (mut machine, outcome) = start(machine, &run);
     if outcome.is_err() {
         return (machine, outcome);
     }
     machine.again();
     let (machine, outcome) = start(machine, |_| {
-        inspect(&bench);
+        inspect(bench);
         true
     });
     let outside = machine

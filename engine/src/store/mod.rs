@@ -48,7 +48,7 @@ pub use metrics_file::{
 pub use owner::Owner;
 pub use running::RunningTrial;
 pub use seal::{hash as digest, hash_of_file as digest_of_file};
-pub(crate) use sealed_folder::flush;
+pub(crate) use sealed_folder::flush_way;
 
 use crate::{
     Build, Error, Recorder,

@@ -54,20 +54,28 @@ pub(crate) fn flush(path: &Path) -> io::Result<()> {
     File::open(path)?.sync_all()
 }
 
-/// Brings the names that lead to a trial's folder to the disk: its own, those of the two folders above it in the
-/// store, and that of the store. Whoever made them may not have come to it.
+/// Brings the names that lead to a trial's folder to the disk. Whoever made them may not have come to it.
 ///
 /// # Errors
 /// Where a folder of the store cannot be flushed.
 pub(super) fn flush_way_to(trial: &Path) -> Result<(), Error> {
-    let mut above = trial.ancestors().skip(1).map(named_or_here);
-    for folder in above.by_ref().take(3) {
+    flush_way(trial, 3)
+}
+
+/// Brings the names that lead to a folder of the store to the disk: its own, and those of so many folders above it, of
+/// which the store is the last.
+///
+/// # Errors
+/// Where a folder of the store cannot be flushed.
+pub(crate) fn flush_way(to: &Path, folders: usize) -> Result<(), Error> {
+    let mut above = to.ancestors().skip(1).map(named_or_here);
+    for folder in above.by_ref().take(folders) {
         flush(folder).map_err(Error::file("flush", folder))?;
     }
     match above.next().map_or(Ok(()), flush) {
         // The folder that holds the store may be one that only others can read.
         Err(source) if source.kind() != io::ErrorKind::PermissionDenied => {
-            Err(Error::file("flush the folder above", trial)(source))
+            Err(Error::file("flush the folder above", to)(source))
         }
         _ => Ok(()),
     }

@@ -212,7 +212,16 @@ impl fmt::Display for Quantity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Quantity::Number(number) => write!(f, "{number}"),
-            Quantity::Measured { factor: 1.0, operand } => write!(f, "{operand}"),
+            Quantity::Measured { factor: 1.0, operand } => {
+                // The metric `5` of the agent `1` would read as a number.
+                let operand = operand.to_string();
+                let factor = if operand.parse::<f64>().is_ok() {
+                    "1 * "
+                } else {
+                    ""
+                };
+                write!(f, "{factor}{operand}")
+            }
             Quantity::Measured { factor, operand } => write!(f, "{factor} * {operand}"),
         }
     }
