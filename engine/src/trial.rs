@@ -409,7 +409,8 @@ pub enum Purpose {
 
 impl Trial {
     /// What it is in the study, to be changed for this trial alone.
-    pub fn cell_mut(&mut self) -> &mut TrialCell {
+    #[cfg(test)]
+    pub(crate) fn cell_mut(&mut self) -> &mut TrialCell {
         Arc::make_mut(&mut self.cell)
     }
 

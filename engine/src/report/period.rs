@@ -15,8 +15,8 @@ pub struct Period {
 
 impl Period {
     /// The period of the known dates among so many trials; `None` where none is known.
-    #[must_use]
-    pub fn of(dates: impl Iterator<Item = String>, trials: usize) -> Option<Self> {
+    #[cfg(test)]
+    pub(crate) fn of(dates: impl Iterator<Item = String>, trials: usize) -> Option<Self> {
         dates.fold(None, |period, date| Some(Self::with(period, date, trials)))
     }
 

@@ -6,7 +6,7 @@ use crate::{
     results::{EndState, Results, TrialResult, UPDATES},
     trial::Purpose,
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 /// Trials that share an agent, an environment or a setting.
 #[derive(Debug, Clone)]
@@ -40,6 +40,19 @@ impl Axis {
     }
 }
 
+/// The names that are present, each once: those that a study lists in its order, then the others in theirs.
+pub(super) fn listed_first<'n>(listed: &[String], present: impl Iterator<Item = &'n str>) -> Vec<String> {
+    let mut seen = HashSet::new();
+    let present: Vec<&str> = present.filter(|name| seen.insert(*name)).collect();
+    let is_listed = |name: &&str| listed.iter().any(|known| known == name);
+    let first = listed.iter().filter(|name| seen.contains(name.as_str())).cloned();
+    let rest = present
+        .into_iter()
+        .filter(|name| !is_listed(name))
+        .map(str::to_owned);
+    first.chain(rest).collect()
+}
+
 impl<'a> Scope<'a> {
     /// The trials of some agents and environments, without those of cross-play; an empty list stands for all.
     #[must_use]
@@ -71,18 +84,7 @@ impl<'a> Scope<'a> {
     /// The names along an axis: as listed, then in the order of the plan.
     #[must_use]
     pub fn names(&self, axis: Axis, listed: &[String]) -> Vec<String> {
-        let mut seen = std::collections::HashSet::new();
-        let names = self.trials.iter().map(|trial| axis.of(trial));
-        let present: Vec<&str> = names.filter(|name| seen.insert(*name)).collect();
-        let first = listed
-            .iter()
-            .map(String::as_str)
-            .filter(|name| seen.contains(name));
-        let rest = present
-            .iter()
-            .copied()
-            .filter(|name| !listed.iter().any(|known| known == name));
-        first.chain(rest).map(str::to_owned).collect()
+        listed_first(listed, self.trials.iter().map(|trial| axis.of(trial)))
     }
 
     /// True where the trials differ along an axis.

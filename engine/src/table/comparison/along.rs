@@ -1,14 +1,15 @@
 //! What varies along rows and columns: agents, environments, settings, or the values of one swept key.
 
 use super::{Axis, Comparison};
-use crate::{results::TrialResult, setting::word, table::Scope, trial::TrialCell};
+use crate::{
+    results::TrialResult,
+    setting::word,
+    table::{Scope, seeds::listed_first},
+    trial::TrialCell,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::{
-    borrow::Cow,
-    collections::{HashMap, HashSet},
-    sync::Arc,
-};
+use std::{borrow::Cow, collections::HashMap, sync::Arc};
 
 /// What varies along a table's rows or columns.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -143,21 +144,7 @@ impl<'a, 'r> Axes<'a, 'r> {
             Along::Axis(Axis::Environment) => &self.comparison.environments,
             _ => &[],
         };
-        let mut seen = HashSet::new();
-        let present: Vec<&str> = some
-            .iter()
-            .map(|cell| self.place_of(*cell, along))
-            .filter(|name| seen.insert(*name))
-            .collect();
-        let first = listed
-            .iter()
-            .map(String::as_str)
-            .filter(|name| seen.contains(name));
-        let rest = present
-            .iter()
-            .copied()
-            .filter(|name| !listed.iter().any(|it| it == name));
-        first.chain(rest).map(str::to_owned).collect()
+        listed_first(listed, some.iter().map(|cell| self.place_of(*cell, along)))
     }
 
     /// True where cells differ along it.

@@ -64,7 +64,7 @@ pub fn compare(comparison: &Comparison, results: &Results) -> Result<Grid, Error
 pub(super) struct Relation<'a> {
     form: Form,
     to: Option<&'a str>,
-    /// The other agent's trials by environment and seed.
+    /// The other agent's trials by environment and seed; none where values stand alone.
     others: HashMap<(&'a str, u64), Vec<&'a TrialResult>>,
 }
 
@@ -82,7 +82,10 @@ impl<'a> Relation<'a> {
             _ => Ok(Self {
                 form,
                 to,
-                others: to.map(|agent| of_agent(agent, results)).unwrap_or_default(),
+                others: to
+                    .filter(|_| form != Form::Value)
+                    .map(|agent| of_agent(agent, results))
+                    .unwrap_or_default(),
             }),
         }
     }
@@ -132,10 +135,7 @@ impl<'a> Relation<'a> {
     where
         'a: 'r,
     {
-        let others = scope.trials.iter().filter_map(|trial| {
-            self.other()?;
-            self.counterpart(trial)
-        });
+        let others = scope.trials.iter().filter_map(|trial| self.counterpart(trial));
         scope.trials.iter().copied().chain(others).collect()
     }
 
