@@ -53,6 +53,20 @@ pub struct About {
     pub resolve: Resolve,
 }
 
+impl About {
+    /// Keys of the config that say only how the plugin is looked at and never what happens in it: those that the
+    /// schema marks with `x-looks`. They belong to a trial's identity and not to its random streams.
+    pub fn looking_keys(&self) -> impl Iterator<Item = &str> {
+        let properties = self.schema.get("properties").and_then(Value::as_object);
+        let looks = |(_, property): &(&String, &Value)| property.get("x-looks") == Some(&Value::Bool(true));
+        properties
+            .into_iter()
+            .flatten()
+            .filter(looks)
+            .map(|(key, _)| key.as_str())
+    }
+}
+
 /// Fills in the defaults of a config and refuses what does not fit.
 pub type Resolve = Box<dyn Fn(&Value) -> Result<Value, serde_json::Error> + Send + Sync>;
 type Build<T> = Box<dyn Fn(&Value) -> Result<Box<T>, Error> + Send + Sync>;

@@ -8,6 +8,7 @@ use crate::{
     product::{FindProduct, Taken, no_product},
     protocol::Run,
     random::Streams,
+    registry::About,
     setting::Setting,
 };
 use serde::{Deserialize, Serialize};
@@ -60,6 +61,21 @@ impl Part {
         canonical(&self.identity(), &mut text);
         text.extend(b",]");
         hash_text(&text)
+    }
+
+    /// Hash that keys an environment's random streams: as [`id`](Self::id), without the keys of its config that say
+    /// only how it is looked at ([`About::looking_keys`]). Settings that differ in these meet the same episodes.
+    #[must_use]
+    pub fn stream_id(&self, about: &About) -> String {
+        let mut looking = about.looking_keys().peekable();
+        if looking.peek().is_none() {
+            return self.id();
+        }
+        let mut happening = self.clone();
+        if let Value::Object(config) = Arc::make_mut(&mut happening.config) {
+            looking.for_each(|key| drop(config.remove(key)));
+        }
+        happening.id()
     }
 
     /// The config with the content of data files in place of their paths, and trials in place of names: what
@@ -190,12 +206,6 @@ impl TrialKey {
         [self.environment.id(), self.agent.id(), self.protocol.id()]
     }
 
-    /// Hash of the environment alone, which keys the environment's random streams.
-    #[must_use]
-    pub fn environment_id(&self) -> String {
-        self.environment.id()
-    }
-
     /// The products of other trials that it takes.
     #[must_use]
     pub fn taken(&self) -> Vec<Taken> {
@@ -307,7 +317,11 @@ impl TrialKey {
         let protocol = (protocol.build)(&*self.protocol.loaded(find)?)?;
         let config = self.environment.loaded(find)?;
         let make_environment = || (environment.build)(&config);
-        let streams = Streams::new(&self.id(), &self.environment_id(), self.seed);
+        let streams = Streams::new(
+            &self.id(),
+            &self.environment.stream_id(&environment.about),
+            self.seed,
+        );
         let interface = make_environment()?.interface();
         let agent = self.build_agent(registry, &interface, &streams, find)?;
         let record = Recorder::default();

@@ -53,7 +53,7 @@ pub fn replay(
             key.environment.plugin
         ))
     })?;
-    let streams = Streams::new(&key.id(), &key.environment_id(), key.seed);
+    let streams = Streams::new(&key.id(), &key.environment.stream_id(&entry.about), key.seed);
     let (sender, rows) = channel();
     let start = streams.environment(Phase::Final.name(), episode);
     let config = key.environment.loaded(find)?;

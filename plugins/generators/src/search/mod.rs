@@ -94,8 +94,8 @@ pub struct Config {
     /// every step.
     #[schemars(range(min = 0.0, max = 1.0), extend("x-source" = "released code, for the final training: 0.999"))]
     pub average_decay: Option<f64>,
-    /// Generated images that are scored.
-    #[schemars(range(min = 10, max = 1_000_000), extend("x-source" = "released code: 5000"))]
+    /// Generated images that are scored. Settings that differ in it alone train on the same random numbers.
+    #[schemars(range(min = 10, max = 1_000_000), extend("x-source" = "released code: 5000", "x-looks" = true))]
     pub scored_images: usize,
     /// Real images that they are compared with, from the first one.
     #[schemars(range(min = 2, max = 10_000_000), extend("x-source" = "released code: 50 000"))]
@@ -239,7 +239,7 @@ struct Design {
 /// Registers the environment.
 pub(crate) fn register(registry: &mut Registry) {
     let about = "design a generator cell by cell: each one is trained against a discriminator and scored";
-    registry.environment(NAME, 1, about, build);
+    registry.environment(NAME, 2, about, build);
 }
 
 fn build(config: Config) -> Result<Box<dyn Environment>, Error> {

@@ -135,3 +135,37 @@ fn what_a_design_needs_is_asked_for_before_it_begins() {
     let text = problem(Config { sight, ..small() });
     assert!(text.contains("cannot find `nowhere.safetensors`"), "{text}");
 }
+
+#[test]
+fn the_number_of_scored_images_does_not_touch_the_training() {
+    let losses = |scored_images| {
+        let config = Config {
+            scored_images,
+            ..small()
+        };
+        let (mut search, mut rng) = (GeneratorSearch::new(config).unwrap(), stream(&["looks"]));
+        let (_, steps) = built(&mut search, PUBLISHED, &mut rng);
+        let of = |step: &Step| [step.info[3], step.info[4]];
+        (steps.iter().map(of).collect::<Vec<_>>(), steps[2].info[2])
+    };
+    let ((few, distance), (many, other_distance)) = (losses(20), losses(40));
+    assert_eq!(few, many);
+    assert!((distance - other_distance).abs() > 1e-6);
+}
+
+#[test]
+fn the_number_of_scored_images_is_in_the_identity_and_not_in_the_random_streams() {
+    let mut registry = Registry::default();
+    register(&mut registry);
+    let about = &registry.environments[NAME].about;
+    let of = |key: &str, value: usize| {
+        let mut config = about.defaults.clone();
+        config[key] = json!(value);
+        let environment = engine::trial::Part::new(NAME, about.version, config);
+        (environment.id(), environment.stream_id(about))
+    };
+    let ((id, streams), (other_id, other_streams)) = (of("scored_images", 20), of("scored_images", 40));
+    assert_ne!(id, other_id);
+    assert_eq!(streams, other_streams);
+    assert_ne!(streams, of("critic_steps", 20).1);
+}
