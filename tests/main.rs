@@ -35,6 +35,7 @@ mod namespaces;
 mod obstacles;
 mod offline;
 mod other_programs;
+mod packing;
 mod pages;
 mod pins;
 mod plain_output;

@@ -208,21 +208,20 @@ impl Packing<'_> {
 
     /// What every trial that ended well recorded, and what acknowledges it.
     fn trials(&mut self, subject: &Subject<'_>, store: &Store) -> Result<(), Error> {
-        const FILES: [(&str, &str); 2] = [
-            ("metrics.parquet", "what the trial recorded"),
-            (
-                "trial.json",
-                "what determined the numbers, how the trial ended, and a hash of its metrics",
-            ),
-        ];
+        const ACKNOWLEDGEMENT: &str =
+            "what determined the numbers, how the trial ended, and a hash of its metrics";
         let ok = subject.trials.iter().filter(|(result, _)| result.is_ok());
         let ids: BTreeSet<&str> = ok.map(|(result, _)| result.trial.id.as_str()).collect();
         for id in ids {
-            for (file, about) in FILES {
-                let path = store.folder(id).join(file);
-                let bytes = fs::read(&path).map_err(Error::file("read", &path))?;
-                self.add(&format!("trials/{id}/{file}"), &bytes, about, Some(id))?;
-            }
+            let [acknowledgement, metrics] = store.files(id)?;
+            let path = |file: &str| format!("trials/{id}/{file}");
+            self.add(
+                &path("metrics.parquet"),
+                &metrics,
+                "what the trial recorded",
+                Some(id),
+            )?;
+            self.add(&path("trial.json"), &acknowledgement, ACKNOWLEDGEMENT, Some(id))?;
         }
         Ok(())
     }

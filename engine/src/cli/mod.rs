@@ -13,6 +13,7 @@ mod looks;
 mod merge;
 mod new;
 mod overview;
+mod pack;
 mod prepare;
 mod profiles;
 mod progress;
@@ -333,6 +334,8 @@ enum Verb {
         #[arg(long, short = 'n')]
         dry_run: bool,
     },
+    /// Put short trials of a store into one file, so that it has few files; every command reads them there.
+    Pack(pack::PackOptions),
     /// Take the trials of other stores into one: what is new is taken, what is the same stays, and what differs is
     /// reported (101) and left.
     Merge(merge::MergeOptions),
@@ -430,6 +433,7 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
         Verb::Overview { folder, into, page } => overview::overview(&folder, into.as_deref(), page),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
+        Verb::Pack(options) => pack::pack(&options, common),
         Verb::Merge(options) => merge::merge(&options, common),
         Verb::Compare(options) => compare::compare(registry, &options, common),
         Verb::Export(options) => export::export(registry, &options, common),

@@ -4,7 +4,7 @@
 use super::{
     Claim, Finding, Findings, Leases, Store, absent_is_fine,
     fsck::{Check, refuse_links},
-    names,
+    inside, names, pack,
 };
 use crate::{
     Error,
@@ -102,6 +102,10 @@ impl Store {
             let to = self.root.join(&aside).join(&finding.path);
             let folder = to.parent().unwrap_or(&self.root);
             fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+            if pack::is_path(&finding.path) && inside::is_file(&self.root.join(&finding.path)) {
+                self.salvage(&finding.path, &to)?;
+                continue;
+            }
             // Another process may have been quicker.
             absent_is_fine(fs::rename(self.root.join(&finding.path), &to))
                 .map_err(Error::file("set aside as", &to))?;

@@ -7,7 +7,7 @@ use super::{
     LOOKS, Store, TrialFile,
     inside::{files_of, is_file, is_folder, is_link, read_in},
     lease::is_lease,
-    metrics_file, names, running,
+    metrics_file, names, pack, running,
     seal::hash,
 };
 use crate::{
@@ -129,7 +129,7 @@ pub(super) fn refuse_links(store: &Store) -> Result<(), Error> {
 
 /// A look at files of a store.
 pub(super) struct Check<'a> {
-    store: &'a Store,
+    pub(super) store: &'a Store,
     pub(super) found: Findings,
     /// Paths that were noted: each is wrong once, and moved once.
     noted: BTreeSet<PathBuf>,
@@ -148,7 +148,8 @@ impl<'a> Check<'a> {
     fn root(&mut self) {
         for name in self.names(Path::new("")) {
             let path = PathBuf::from(&name);
-            let is_own = name == "trials" || name == LOOKS || KNOWN.contains(&name.as_str());
+            let is_own =
+                ["trials", LOOKS, pack::FOLDER].contains(&name.as_str()) || KNOWN.contains(&name.as_str());
             if !is_own {
                 self.foreign(path, "the store has no such file");
             } else if !is_folder(&self.store.root.join(&path)) {
@@ -157,19 +158,21 @@ impl<'a> Check<'a> {
                 self.groups(&path);
             } else if name == LOOKS {
                 self.looks(&path);
+            } else if name == pack::FOLDER {
+                self.packs();
             }
         }
     }
 
     /// Names in a folder of the store; where it cannot be read that is noted, and others go on.
-    fn names(&mut self, folder: &Path) -> Vec<String> {
+    pub(super) fn names(&mut self, folder: &Path) -> Vec<String> {
         names(&self.store.root.join(folder)).unwrap_or_else(|error| {
             self.unreadable(folder, &error);
             Vec::new()
         })
     }
 
-    fn unreadable(&mut self, path: &Path, error: &Error) {
+    pub(super) fn unreadable(&mut self, path: &Path, error: &Error) {
         self.note(path.to_owned(), Fault::Unreadable, &problem(error), None);
     }
 
@@ -223,7 +226,9 @@ impl<'a> Check<'a> {
             && self.found.findings[before..]
                 .iter()
                 .all(|finding| finding.trial.is_none());
-        self.found.whole += usize::from(whole);
+        // What lies in a pack is counted there.
+        let is_own = fs::is_taken(&self.store.root.join(folder).join("trial.json"));
+        self.found.whole += usize::from(whole && is_own);
     }
 
     /// Looks at the files of a trial on which nobody works; true where the trial is acknowledged.
@@ -253,7 +258,11 @@ impl<'a> Check<'a> {
             }
         };
         let mut expected = vec!["trial.json".to_owned()];
-        if let Some(file) = &acknowledged {
+        if let Some(file) = &acknowledged
+            && !files.contains(&expected[0])
+        {
+            expected.extend(self.packed(folder, id, file));
+        } else if let Some(file) = &acknowledged {
             expected.extend(self.results(folder, id, file));
         }
         self.kept(folder, id, acknowledged.as_ref());
@@ -261,6 +270,30 @@ impl<'a> Check<'a> {
             self.unexpected(folder.join(name), name);
         }
         acknowledged.is_some()
+    }
+
+    /// Looks at a trial that lies in a pack; what an interrupted packing left in its folder is known.
+    fn packed(&mut self, folder: &Path, id: &str, file: &TrialFile) -> Option<String> {
+        match self.store.metrics_in_pack(id, &file.end.digest) {
+            Ok(Some(_)) => {}
+            Ok(None) => {
+                for path in self.store.packs_with(id) {
+                    self.note_trial(
+                        &path,
+                        "the metrics of a trial in it are not the acknowledged ones",
+                        id,
+                    );
+                }
+            }
+            Err(error) => self.unreadable(Path::new(pack::FOLDER), &error),
+        }
+        let metrics = "metrics.parquet".to_owned();
+        let left = folder.join(&metrics);
+        if !is_file(&self.store.root.join(&left)) {
+            return None;
+        }
+        self.note(left, Fault::Left, "the trial lies in a pack", None);
+        Some(metrics)
     }
 
     fn unexpected(&mut self, path: PathBuf, name: &str) {
@@ -378,7 +411,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    fn foreign(&mut self, path: PathBuf, problem: &str) {
+    pub(super) fn foreign(&mut self, path: PathBuf, problem: &str) {
         let problem = if is_link(&self.store.root.join(&path)) {
             NOT_FOLLOWED
         } else {
@@ -387,7 +420,17 @@ impl<'a> Check<'a> {
         self.note(path, Fault::Foreign, problem, None);
     }
 
-    fn note(&mut self, path: PathBuf, fault: Fault, problem: &str, trial: Option<&str>) {
+    /// Notes a trial that is lost in a file with others.
+    pub(super) fn note_trial(&mut self, path: &Path, problem: &str, trial: &str) {
+        self.found.findings.push(Finding {
+            path: path.to_owned(),
+            fault: Fault::Damaged,
+            problem: format!("{problem}: {trial}"),
+            trial: Some(trial.into()),
+        });
+    }
+
+    pub(super) fn note(&mut self, path: PathBuf, fault: Fault, problem: &str, trial: Option<&str>) {
         if self.noted.insert(path.clone()) {
             self.found.findings.push(Finding {
                 path,

@@ -4,7 +4,11 @@
 //! That a file belongs to the trial in whose folder it lies follows from the ids of its parts, its seed,
 //! numerics version and device.
 
-use super::{Store, TRIAL_SCHEMA, inside, names, seal::is_sealed};
+use super::{
+    Store, TRIAL_SCHEMA, inside, names,
+    pack::{Pack, acknowledged_in},
+    seal::is_sealed,
+};
 use crate::{
     Build, Error,
     plan::StoredCell,
@@ -16,7 +20,7 @@ use serde::Deserialize;
 use std::{
     collections::{BTreeMap, BTreeSet, HashSet},
     path::Path,
-    sync::{Mutex, PoisonError},
+    sync::{Arc, Mutex, PoisonError},
 };
 
 /// From this many trials in one group of folders on, the group is listed and nothing is opened in vain.
@@ -51,6 +55,14 @@ pub struct StoredTrial {
     pub ended_at: Option<String>,
     /// The source code of the program that computed it, where it said.
     pub build: Option<Build>,
+}
+
+impl StoredTrial {
+    /// The id of the trial that this is stored of.
+    pub(super) fn id(&self) -> String {
+        let parts = self.parts.each_ref().map(String::as_str);
+        trial_id(parts, self.seed, self.numerics, &self.device)
+    }
 }
 
 impl Store {
@@ -121,12 +133,17 @@ impl Store {
         let folder = self.root.join("trials").join(group);
         let listed: Option<HashSet<String>> =
             (positions.len() >= LIST_FROM).then(|| names(&folder).unwrap_or_default().into_iter().collect());
-        let present = |id: &str| listed.as_ref().is_none_or(|listed| listed.contains(id));
-        let there = positions
+        // Packs are looked for after the folders, which trials leave for packs.
+        let packs = self.packs();
+        let stored = |id: &String| match (&listed, &packs) {
+            (Some(listed), Ok(packs)) if !listed.contains(id) => stored_in(packs, id),
+            _ => self.stored(id),
+        };
+        let found = |&position: &usize| (position, stored(&trials[position].id));
+        positions
             .iter()
-            .filter(|&&position| present(&trials[position].id));
-        there
-            .map(|&position| (position, self.stored(&trials[position].id)))
+            .map(found)
+            .filter(|(_, stored)| !matches!(stored, Ok(None)))
             .collect()
     }
 
@@ -142,8 +159,12 @@ impl Store {
     /// gives.
     pub(super) fn acknowledged(&self, id: &str) -> Result<Option<(Vec<u8>, StoredTrial)>, Error> {
         let path = self.folder(id).join("trial.json");
-        let Some(text) = inside::read(&path)? else {
-            return Ok(None);
+        let text = match inside::read(&path)? {
+            Some(text) => text,
+            None => match self.acknowledged_in_pack(id)? {
+                Some(text) => text,
+                None => return Ok(None),
+            },
         };
         let damaged = |problem: String| Error::Damaged {
             path: path.clone(),
@@ -153,12 +174,7 @@ impl Store {
             return Err(Error::Newer { path, problem });
         }
         let trial = parse(&text).map_err(damaged)?;
-        let own = trial_id(
-            trial.parts.each_ref().map(String::as_str),
-            trial.seed,
-            trial.numerics,
-            &trial.device,
-        );
+        let own = trial.id();
         if own == id {
             Ok(Some((text, trial)))
         } else {
@@ -199,7 +215,7 @@ impl Store {
         of_plan(known).into_iter().chain(others).collect()
     }
 
-    /// The ids of the trials that have a folder and whose ids begin with `prefix`, in order.
+    /// The ids of the trials that have a place in the store and whose ids begin with `prefix`, in order.
     #[must_use]
     pub fn ids_beginning_with(&self, prefix: &str) -> Vec<String> {
         self.ids()
@@ -208,8 +224,19 @@ impl Store {
             .collect()
     }
 
+    /// The id of every trial that has a folder or lies in a pack, in order.
+    pub(super) fn ids(&self) -> Vec<String> {
+        let mut ids = self.ids_with_folders();
+        for pack in self.packs().unwrap_or_default() {
+            ids.extend(pack.ids());
+        }
+        ids.sort_unstable();
+        ids.dedup();
+        ids
+    }
+
     /// The id of every trial that has a folder, in order.
-    fn ids(&self) -> Vec<String> {
+    pub(super) fn ids_with_folders(&self) -> Vec<String> {
         let trials = self.root.join("trials");
         // What cannot be listed holds no trial; `fsck` says what it is.
         let in_folder = |folder: &Path| names(folder).unwrap_or_default();
@@ -220,6 +247,12 @@ impl Store {
         ids.sort_unstable();
         ids
     }
+}
+
+fn stored_in(packs: &[Arc<Pack>], id: &str) -> Result<Option<StoredTrial>, Error> {
+    let text = acknowledged_in(packs, id)?;
+    // What is acknowledged there was parsed before.
+    Ok(text.and_then(|text| parse(&text).ok()))
 }
 
 /// The combinations of trials of a plan. Neighbours that share their parts are of one; that others are too is found

@@ -111,11 +111,12 @@ impl Leases {
     /// Where the store cannot be written, or its file system knows no hard links.
     pub fn claim(&self, id: &str) -> Result<Claim, Error> {
         let folder = self.store.folder(id);
-        fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
         let lease = folder.join("lease");
         // A lease is as old as its owner's file: it would begin silent where this process was halted for long.
         self.beat()?;
         loop {
+            // Packing removes the folders of trials.
+            fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
             match self.take(id, &lease) {
                 Ok(()) => {
                     boundary::pass("after a lease is taken", &lease);
@@ -126,6 +127,7 @@ impl Leases {
                     self.announce_again()?;
                     continue;
                 }
+                Err(source) if source.kind() == ErrorKind::NotFound && !fs::exists(&folder) => continue,
                 Err(source) => return Err(Error::file("link a lease at", &lease)(source)),
             }
             match self.holder(&lease)? {

@@ -109,7 +109,7 @@ impl<'a> Merge<'a> {
     /// Where a store cannot be read or written.
     pub fn take(&mut self, source: &Store, told: &mut dyn FnMut(Merged)) -> Result<(), Error> {
         refuse_links(source)?;
-        for id in trials(source)? {
+        for id in ids(source)? {
             let fate = self.one(&id, source)?;
             let title = source
                 .file(&id)
@@ -209,7 +209,11 @@ impl<'a> Merge<'a> {
         self.clear(id, &named)?;
         for (name, digest) in &named {
             let changed = || gone_since(source, id, &from.join(name));
-            let Some(bytes) = read_in(&from, name)?.filter(|bytes| hash(bytes) == *digest) else {
+            let bytes = match read_in(&from, name)? {
+                None if name == "metrics.parquet" => source.metrics_in_pack(id, digest)?,
+                bytes => bytes,
+            };
+            let Some(bytes) = bytes.filter(|bytes| hash(bytes) == *digest) else {
                 return Ok(changed());
             };
             let path = to.join(name);
@@ -293,9 +297,6 @@ fn look(store: &Store, id: &str) -> Result<Look, Error> {
             trial: Some(id.to_owned()),
         }]));
     }
-    if !is_folder(&folder) {
-        return Ok(Ok(None));
-    }
     let mut check = Check::new(store);
     check.inspect(inside, id);
     let mut findings = check.found.findings;
@@ -327,7 +328,7 @@ impl Store {
 
 /// Ids of the trials that have a place in a store, in order. What else lies there is none of a store's files,
 /// as `fsck` says.
-fn trials(store: &Store) -> Result<Vec<String>, Error> {
+fn ids(store: &Store) -> Result<Vec<String>, Error> {
     let root = store.root().join("trials");
     let mut ids = Vec::new();
     for group in names(&root)? {
@@ -341,6 +342,11 @@ fn trials(store: &Store) -> Result<Vec<String>, Error> {
             ids.extend(names(&path)?.into_iter().filter(is_id));
         }
     }
+    for pack in store.packs()? {
+        ids.extend(pack.ids());
+    }
+    ids.sort_unstable();
+    ids.dedup();
     Ok(ids)
 }
 

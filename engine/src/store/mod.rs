@@ -11,6 +11,8 @@
 //! and a checkpoint, see [`RunningTrial`]
 //! ```
 //!
+//! A trial that ended `ok` and left nothing but metrics may lie in a [pack] with others.
+//!
 //! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial
 //! without it has not run, whatever else lies in its folder.
 
@@ -29,6 +31,7 @@ pub mod metric_log;
 mod metrics_file;
 mod obstacle;
 mod owner;
+mod pack;
 mod products;
 mod running;
 mod seal;
@@ -46,6 +49,7 @@ pub use metrics_file::{
     MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics, write_results,
 };
 pub use owner::Owner;
+pub use pack::Packing;
 pub use running::RunningTrial;
 pub use seal::{hash as digest, hash_of_file as digest_of_file};
 pub(crate) use sealed_folder::flush_way;
@@ -64,6 +68,7 @@ use std::{
     collections::BTreeMap,
     io::{self, Write},
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// Trials on disk under one folder.
@@ -72,6 +77,7 @@ pub struct Store {
     root: PathBuf,
     /// What is stored says that a program of this source code computed it.
     build: Option<Build>,
+    packs: Arc<pack::Packs>,
 }
 
 /// What `trial.json` holds.
@@ -137,6 +143,7 @@ impl Store {
         Self {
             root: root.into(),
             build: None,
+            packs: Arc::default(),
         }
     }
 
@@ -292,6 +299,19 @@ impl Store {
             .map(|row| row.step)
     }
 
+    /// The bytes of `trial.json` and of `metrics.parquet` of a trial that ended `ok`, wherever they lie.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where one is not what was acknowledged, or not there.
+    pub fn files(&self, id: &str) -> Result<[Vec<u8>; 2], Error> {
+        let absent = || Error::Damaged {
+            path: self.folder(id).join("trial.json"),
+            problem: "it is not there".into(),
+        };
+        let (text, stored) = self.acknowledged(id)?.ok_or_else(absent)?;
+        Ok([text, self.metrics(id, &stored.end.digest)?])
+    }
+
     /// What a trial recorded, from the file that was acknowledged.
     fn read_metrics(&self, id: &str, digest: &str) -> Result<MetricsTable, Error> {
         let path = self.folder(id).join("metrics.parquet");
@@ -307,7 +327,8 @@ impl Store {
                 path,
                 problem: "its hash is not the acknowledged one".into(),
             }),
-            None => Err(Error::Damaged {
+            // It may have gone into a pack, also in this moment.
+            None => self.metrics_in_pack(id, digest)?.ok_or(Error::Damaged {
                 path,
                 problem: "it is not there".into(),
             }),

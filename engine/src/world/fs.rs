@@ -6,12 +6,14 @@
 #[cfg(test)]
 pub use super::simulated::files::{
     File, Metadata, OpenOptions, canonicalize, copy, create_dir, create_dir_all, hard_link, metadata, read,
-    read_dir, read_link, read_to_string, remove_dir_all, remove_file, rename, symlink_metadata, write,
+    read_dir, read_link, read_to_string, remove_dir, remove_dir_all, remove_file, rename, symlink_metadata,
+    write,
 };
 #[cfg(not(test))]
 pub use std::fs::{
     File, Metadata, OpenOptions, canonicalize, copy, create_dir, create_dir_all, hard_link, metadata, read,
-    read_dir, read_link, read_to_string, remove_dir_all, remove_file, rename, symlink_metadata, write,
+    read_dir, read_link, read_to_string, remove_dir, remove_dir_all, remove_file, rename, symlink_metadata,
+    write,
 };
 
 use std::path::Path;

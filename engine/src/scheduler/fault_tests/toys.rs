@@ -67,6 +67,8 @@ struct TallyConfig {
     from: Option<product::Product<product::Policy>>,
     /// Whether its learning fails in the end.
     fails: bool,
+    /// Whether it leaves nothing, so that its trial can be packed.
+    leaves_nothing: bool,
 }
 
 impl Config for TallyConfig {}
@@ -75,6 +77,7 @@ struct Tally {
     began_with: f64,
     count: u64,
     fails: bool,
+    leaves_nothing: bool,
 }
 
 impl Tally {
@@ -89,6 +92,7 @@ impl Tally {
             began_with,
             count: 0,
             fails: config.fails,
+            leaves_nothing: config.leaves_nothing,
         })
     }
 }
@@ -140,6 +144,9 @@ impl Agent for Tally {
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
+        if self.leaves_nothing {
+            return Ok(false);
+        }
         let path = dir.join(Self::POLICY);
         let left = (self.count as f64 + self.began_with).to_string();
         fs::write(&path, &left).map_err(Error::file("write", &path))?;

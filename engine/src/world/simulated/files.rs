@@ -149,7 +149,8 @@ pub fn remove_file(path: impl AsRef<Path>) -> io::Result<()> {
     either("remove", path, simulated, || real::remove_file(path))
 }
 
-fn remove_dir(path: &Path) -> io::Result<()> {
+pub fn remove_dir(path: impl AsRef<Path>) -> io::Result<()> {
+    let path = path.as_ref();
     let simulated = |machine: &mut Machine, me: &Me| {
         let node = fresh(machine, me, path)?;
         if !machine.disk.names(node)?.now.is_empty() {
@@ -616,7 +617,19 @@ impl Seek for File {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match self {
             Self::Real(file) => file.seek(to),
-            Self::Simulated(_) => Err(ErrorKind::Unsupported.into()),
+            Self::Simulated(open) => {
+                open.at = match to {
+                    SeekFrom::Start(at) => usize::try_from(at).map_err(io::Error::other)?,
+                    SeekFrom::End(0) => {
+                        let node = open.node;
+                        open.call("measure", |machine, _| {
+                            Ok(machine.disk.content(node)?.bytes.len())
+                        })?
+                    }
+                    _ => return Err(ErrorKind::Unsupported.into()),
+                };
+                Ok(open.at as u64)
+            }
         }
     }
 }

@@ -1,0 +1,60 @@
+//! `pack`: short trials of a store in one file.
+
+use super::{BAD_SPEC, Common, Failure, Format, OK, say, settings};
+use crate::{
+    count::{count, either},
+    store::{Leases, Packing, Store},
+    world::fs,
+};
+use clap::Args;
+use std::{path::PathBuf, time::Duration};
+
+/// Which store, and how careful.
+#[derive(Debug, Clone, Args)]
+pub(super) struct PackOptions {
+    /// Folder of the store.
+    #[arg(value_name = "STORE")]
+    folder: Option<PathBuf>,
+    /// How long packed trials keep their folders: other machines that share the store may see its old names for so
+    /// long.
+    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    settle_s: u32,
+}
+
+/// Always 0: what cannot be packed stays as it is.
+pub(super) fn pack(options: &PackOptions, common: &Common) -> Result<u8, Failure> {
+    let settings = settings::read(common)?;
+    let root = options.folder.clone().unwrap_or(settings.store);
+    if !fs::is_folder(&root) {
+        let text = format!("error: there is no store at `{}`", root.display());
+        return Err(Failure { code: BAD_SPEC, text });
+    }
+    let store = Store::at(&root);
+    let leases = Leases::open(&store, settings.lease_expiry)?;
+    let done = store.pack(&leases, Duration::from_secs(options.settle_s.into()))?;
+    match common.format {
+        Format::Json => say(&serde_json::to_string(&done).unwrap_or_default()),
+        Format::Text => say(&as_text(&done)),
+    }
+    Ok(OK)
+}
+
+fn as_text(done: &Packing) -> String {
+    let pack = done.pack.as_ref().map_or_else(
+        || "no trial is new to packs".to_owned(),
+        |pack| {
+            let (trials, kilobytes) = (count(done.packed, "trial"), done.bytes.div_ceil(1000));
+            let lie = either(&done.packed, "lies", "lie");
+            format!("{trials} {lie} in `{}` now, {kilobytes} kB", pack.display())
+        },
+    );
+    let removed = count(done.removed, "folder");
+    let (gone, keep) = (
+        either(&done.removed, "is", "are"),
+        either(&done.kept, "keeps its folder", "keep their folders"),
+    );
+    let kept = count(done.kept, "trial");
+    format!(
+        "{pack}\n{removed} {gone} gone; {kept} {keep}: what left more than metrics, did not end well, runs now or is large"
+    )
+}

@@ -1,0 +1,214 @@
+//! Packs: files that hold many short trials, so that a store of very many has few files.
+//!
+//! `<root>/packs/<digest>.pack` holds `trial.json` and `metrics.parquet` of trials that ended `ok` and left nothing
+//! else, bit by bit, and is named by the hash of all that it holds. A pack is written once and never changed. Whatever
+//! has a folder of its own is read from there: packs come second, so that a trial may be in both, and one whose place in
+//! a pack is damaged runs again as one that is missing.
+
+mod form;
+mod packing;
+mod salvage;
+#[cfg(test)]
+mod tests;
+
+pub use packing::Packing;
+
+use super::{Store, index::parse, inside, names, seal};
+use crate::{Error, results::EndState, world::fs::File};
+use form::{Entry, id_of, number};
+use std::{
+    collections::BTreeMap,
+    io::{self, BufReader, Read, Seek, SeekFrom},
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+};
+
+/// The folder of packs in a store.
+pub(super) const FOLDER: &str = "packs";
+const ENDING: &str = ".pack";
+
+/// The packs of a store as they were last seen, by name.
+#[derive(Debug, Default)]
+pub(super) struct Packs(Mutex<BTreeMap<String, Arc<Pack>>>);
+
+/// A pack that was opened.
+#[derive(Debug)]
+pub(super) struct Pack {
+    path: PathBuf,
+    index: form::Index,
+}
+
+/// A short trial, as packs hold it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Short {
+    /// `trial.json`.
+    pub(super) acknowledgement: Vec<u8>,
+    /// `metrics.parquet`.
+    pub(super) metrics: Vec<u8>,
+}
+
+impl Short {
+    /// True where it is this trial as it was acknowledged.
+    fn is_whole(&self, id: &str) -> bool {
+        parse(&self.acknowledgement).is_ok_and(|trial| {
+            trial.id() == id
+                && trial.end.state == EndState::Ok
+                && seal::hash(&self.metrics) == trial.end.digest
+        })
+    }
+}
+
+impl Store {
+    /// The packs that are there now.
+    ///
+    /// # Errors
+    /// Where one cannot be read.
+    pub(super) fn packs(&self) -> Result<Vec<Arc<Pack>>, Error> {
+        let folder = self.root.join(FOLDER);
+        let there = names(&folder)?;
+        let mut known = lock(&self.packs.0);
+        known.retain(|name, _| there.contains(name));
+        for name in there.into_iter().filter(|name| is_pack(name)) {
+            if !known.contains_key(&name)
+                && let Some(pack) = Pack::open(&folder.join(&name))?
+            {
+                known.insert(name, Arc::new(pack));
+            }
+        }
+        Ok(known.values().cloned().collect())
+    }
+
+    /// Reads a pack anew when it is next asked for.
+    fn forget_pack(&self, path: &Path) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        lock(&self.packs.0).remove(&*name);
+    }
+
+    /// The packs that have a place for a trial, whatever lies there, inside the store.
+    pub(super) fn packs_with(&self, id: &str) -> Vec<PathBuf> {
+        let packs = self.packs().unwrap_or_default();
+        let with = packs.iter().filter(|pack| pack.entry(id).is_some());
+        with.map(|pack| {
+            pack.path
+                .strip_prefix(&self.root)
+                .unwrap_or(&pack.path)
+                .to_owned()
+        })
+        .collect()
+    }
+
+    /// What acknowledges a trial that lies in a pack, which is whole and of this trial; `None` where none has it.
+    ///
+    /// # Errors
+    /// Where a pack cannot be read.
+    pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<Vec<u8>>, Error> {
+        acknowledged_in(&self.packs()?, id)
+    }
+
+    /// The metrics of a trial that a pack has with the hash that was acknowledged.
+    ///
+    /// # Errors
+    /// Where a pack cannot be read.
+    pub(super) fn metrics_in_pack(&self, id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
+        for pack in self.packs()? {
+            let metrics = pack.trial(id)?.map(|trial| trial.metrics);
+            if let Some(metrics) = metrics.filter(|metrics| seal::hash(metrics) == digest) {
+                return Ok(Some(metrics));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// The acknowledgement of a trial from the first of these packs that has it whole.
+///
+/// # Errors
+/// Where a pack cannot be read.
+pub(super) fn acknowledged_in(packs: &[Arc<Pack>], id: &str) -> Result<Option<Vec<u8>>, Error> {
+    for pack in packs {
+        if let Some(text) = pack.acknowledgement(id)?.filter(|text| is_of(text, id)) {
+            return Ok(Some(text));
+        }
+    }
+    Ok(None)
+}
+
+/// True where this text acknowledges this trial.
+fn is_of(text: &[u8], id: &str) -> bool {
+    parse(text).is_ok_and(|trial| trial.id() == id)
+}
+
+impl Pack {
+    /// `None` where it is gone.
+    fn open(path: &Path) -> Result<Option<Self>, Error> {
+        if !inside::is_file(path) {
+            return Ok(None);
+        }
+        let file = match File::open(path) {
+            Ok(file) => file,
+            Err(source) if source.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(Error::file("read", path)(source)),
+        };
+        let index = form::index(&mut BufReader::new(file)).map_err(Error::file("read", path))?;
+        Ok(Some(Self {
+            path: path.to_owned(),
+            index,
+        }))
+    }
+
+    /// The ids of all trials in it, in order.
+    pub(super) fn ids(&self) -> impl Iterator<Item = String> {
+        self.index.entries.iter().map(|entry| id_of(entry.id))
+    }
+
+    fn entry(&self, id: &str) -> Option<&Entry> {
+        let id = number(id)?;
+        let entries = &self.index.entries;
+        let place = entries.binary_search_by_key(&id, |entry| entry.id).ok()?;
+        Some(&entries[place])
+    }
+
+    fn acknowledgement(&self, id: &str) -> Result<Option<Vec<u8>>, Error> {
+        let read = |entry: &Entry| self.bytes(entry.at, entry.acknowledgement.into());
+        self.entry(id).map(read).transpose()
+    }
+
+    /// What it holds of a trial, whatever that is worth.
+    pub(super) fn trial(&self, id: &str) -> Result<Option<Short>, Error> {
+        self.entry(id).map(|entry| self.trial_at(entry)).transpose()
+    }
+
+    fn trial_at(&self, entry: &Entry) -> Result<Short, Error> {
+        let mut bytes = self.bytes(entry.at, entry.length())?;
+        let metrics = bytes.split_off(entry.acknowledgement as usize);
+        Ok(Short {
+            acknowledgement: bytes,
+            metrics,
+        })
+    }
+
+    fn bytes(&self, at: u64, length: u64) -> Result<Vec<u8>, Error> {
+        let mut bytes = Vec::new();
+        let read = File::open(&self.path).and_then(|mut file| {
+            file.seek(SeekFrom::Start(at))?;
+            file.take(length).read_to_end(&mut bytes)
+        });
+        read.map_err(Error::file("read", &self.path)).map(|_| bytes)
+    }
+}
+
+/// True for the path of a pack inside a store.
+pub(super) fn is_path(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.parent() == Some(Path::new(FOLDER)) && is_pack(&name)
+}
+
+/// True for the name of a pack.
+fn is_pack(name: &str) -> bool {
+    name.strip_suffix(ENDING)
+        .is_some_and(|digest| number(digest).is_some())
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,212 @@
+//! Moves short trials from folders of their own into a pack.
+//!
+//! The pack is written beside its place, read back, flushed and renamed, with the folders that lead to it, before the
+//! first folder is touched. Other machines may go on to see a folder's old names for a while, so that what was packed
+//! stays in both places until the pack has settled. Then each trial's files go, its acknowledgement first, under its
+//! lease and only where they are the bytes that the pack has. Whenever this is interrupted, every trial is whole in one
+//! of the two places, and the next packing ends it.
+
+use super::{
+    ENDING, FOLDER, Pack, Short,
+    form::{Writer, id_of, number},
+};
+use crate::{
+    Error,
+    store::{
+        Claim, Leases, Owner, Store, TrialFile, absent_is_fine, fsck::refuse_links, inside, lease::is_lease,
+        remove, seal, sealed_folder::flush_way,
+    },
+    world::{
+        clock,
+        fs::{self, File},
+    },
+};
+use std::{
+    io::{BufWriter, ErrorKind},
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
+
+/// Trials with more bytes than this stay in folders: packing saves files, not bytes.
+const MOST_BYTES: usize = 1 << 20;
+
+/// The files of a trial that can be packed.
+const FILES: [&str; 2] = ["trial.json", "metrics.parquet"];
+
+/// What a packing did.
+#[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Packing {
+    /// The pack that was written, inside the store; `None` where no trial was new.
+    pub pack: Option<PathBuf>,
+    /// Trials in it.
+    pub packed: usize,
+    /// Its size.
+    pub bytes: u64,
+    /// Folders that were removed, of this packing and of earlier ones that were interrupted.
+    pub removed: usize,
+    /// Trials that keep their folders: they left more than metrics, did not end well, or are large.
+    pub kept: usize,
+}
+
+impl Store {
+    /// Packs every trial that ended `ok` and left nothing but metrics. Folders go when the pack is `settle` old.
+    ///
+    /// # Errors
+    /// Where the store cannot be read or written.
+    pub fn pack(&self, leases: &Leases, settle: Duration) -> Result<Packing, Error> {
+        refuse_links(self)?;
+        let ids = self.ids_with_folders();
+        let mut done = self.write_pack(&ids)?;
+        if done.packed > 0 {
+            clock::sleep(settle);
+        }
+        let packs = self.packs()?;
+        for id in &ids {
+            done.removed += usize::from(self.leave_to_packs(id, &packs, leases)?);
+        }
+        done.kept = ids.len() - done.removed;
+        Ok(done)
+    }
+
+    /// Writes those of the trials that no pack has yet into a new one.
+    fn write_pack(&self, ids: &[String]) -> Result<Packing, Error> {
+        let packs = self.packs()?;
+        let is_new = |id: &String, trial: &Short| {
+            let has = |pack: &Arc<Pack>| pack.trial(id).is_ok_and(|held| held.as_ref() == Some(trial));
+            !packs.iter().any(has)
+        };
+        let short = |id: &String| Some((number(id)?, self.short(id).filter(|trial| is_new(id, trial))?));
+        let mut trials = ids.iter().filter_map(short).peekable();
+        if trials.peek().is_none() {
+            return Ok(Packing::default());
+        }
+        self.new_pack(&mut trials)
+    }
+
+    /// Writes a pack of these trials, which come in the order of their ids.
+    pub(super) fn new_pack(&self, trials: &mut dyn Iterator<Item = (u128, Short)>) -> Result<Packing, Error> {
+        let folder = self.root.join(FOLDER);
+        fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+        // Processes of several machines may share their numbers.
+        let temporary = folder.join(format!(".{}.tmp", Owner::this_process().token()));
+        let written = write(&temporary, trials).and_then(|(packed, bytes)| {
+            let digest = File::open(&temporary).and_then(seal::hash_of_file);
+            let digest = digest.map_err(Error::file("read", &temporary))?;
+            let inside = Path::new(FOLDER).join(format!("{digest}{ENDING}"));
+            let path = self.root.join(&inside);
+            fs::rename(&temporary, &path).map_err(Error::file("rename to", &path))?;
+            flush_way(&path, 2)?;
+            Ok(Packing {
+                pack: Some(inside),
+                packed,
+                bytes,
+                ..Packing::default()
+            })
+        });
+        if written.is_err() {
+            // A disk that is full gets its space back; what cannot be removed is found by `fsck`.
+            let _ = fs::remove_file(&temporary);
+        }
+        written
+    }
+
+    /// A trial that can be packed, whole. What cannot be read is none; `fsck` says why.
+    fn short(&self, id: &str) -> Option<Short> {
+        let folder = self.folder(id);
+        let mut files = inside::files_of(&folder).ok()?;
+        files.retain(|name| !is_lease(name));
+        if files != ["metrics.parquet", "trial.json"] {
+            return None;
+        }
+        let [acknowledgement, metrics] = FILES.map(|name| inside::read(&folder.join(name)).ok().flatten());
+        let trial = Short {
+            acknowledgement: acknowledgement?,
+            metrics: metrics?,
+        };
+        let file: TrialFile = serde_json::from_slice(&trial.acknowledgement).ok()?;
+        let is_short =
+            trial.acknowledgement.len() + trial.metrics.len() <= MOST_BYTES && file.files.is_empty();
+        (is_short && trial.is_whole(id)).then_some(trial)
+    }
+
+    /// Removes the folder of a trial that packs have; true where it is gone.
+    fn leave_to_packs(&self, id: &str, packs: &[Arc<Pack>], leases: &Leases) -> Result<bool, Error> {
+        let mut held = Vec::new();
+        for pack in packs {
+            held.extend(pack.trial(id)?.filter(|trial| trial.is_whole(id)));
+        }
+        if held.is_empty() || leases.claim(id)? != Claim::Mine {
+            return Ok(false);
+        }
+        let removed = self.remove_files(id, &held);
+        leases.release(id)?;
+        if !removed? {
+            return Ok(false);
+        }
+        let folder = self.folder(id);
+        match fs::remove_dir(&folder) {
+            // Somebody has asked for the trial meanwhile.
+            Err(source) if source.kind() == ErrorKind::DirectoryNotEmpty => Ok(false),
+            outcome => absent_is_fine(outcome)
+                .map(|()| true)
+                .map_err(Error::file("remove", &folder)),
+        }
+    }
+
+    /// Removes the files of a trial that are the same bytes as those of one of `held`; true where they were.
+    fn remove_files(&self, id: &str, held: &[Short]) -> Result<bool, Error> {
+        let folder = self.folder(id);
+        let own = FILES.map(|name| inside::read(&folder.join(name)));
+        let [acknowledgement, metrics] = own;
+        let (acknowledgement, metrics) = (acknowledgement?, metrics?);
+        let is_same = |held: &Short| {
+            acknowledgement
+                .as_ref()
+                .is_none_or(|own| *own == held.acknowledgement)
+                && metrics.as_ref().is_none_or(|own| *own == held.metrics)
+        };
+        if !held.iter().any(is_same) {
+            return Ok(false);
+        }
+        FILES.iter().try_for_each(|name| remove(&folder.join(name)))?;
+        Ok(true)
+    }
+}
+
+/// Writes a pack, flushes it and reads it back; answers how many trials it has and how large it is.
+fn write(path: &Path, trials: &mut dyn Iterator<Item = (u128, Short)>) -> Result<(usize, u64), Error> {
+    let wrong = || Error::file("write", path);
+    let file = File::create(path).map_err(Error::file("create", path))?;
+    let mut writer = Writer::begin(BufWriter::new(file)).map_err(wrong())?;
+    for (id, trial) in trials {
+        writer
+            .add(id, &trial.acknowledgement, &trial.metrics)
+            .map_err(wrong())?;
+    }
+    let (buffer, entries) = writer.end().map_err(wrong())?;
+    let file = buffer.into_inner().map_err(|error| wrong()(error.into_error()))?;
+    file.sync_all().map_err(Error::file("flush", path))?;
+    let bytes = file.metadata().map_err(Error::file("read", path))?.len();
+    read_back(path, entries.len())?;
+    Ok((entries.len(), bytes))
+}
+
+/// Holds a pack that was written against what was meant to be in it.
+fn read_back(path: &Path, count: usize) -> Result<(), Error> {
+    let pack = Pack::open(path)?;
+    let is_whole = pack.is_some_and(|pack| {
+        let whole = |entry| {
+            pack.trial_at(entry)
+                .is_ok_and(|trial| trial.is_whole(&id_of(entry.id)))
+        };
+        pack.index.is_whole && pack.index.entries.len() == count && pack.index.entries.iter().all(whole)
+    });
+    if is_whole {
+        return Ok(());
+    }
+    Err(Error::Damaged {
+        path: path.to_owned(),
+        problem: "it did not come back from the disk as it was written".into(),
+    })
+}
