@@ -6,7 +6,7 @@
 
 use super::{
     Store, TRIAL_SCHEMA, inside, names,
-    pack::{Pack, acknowledged_in},
+    pack::{acknowledged_in, readers},
     seal::is_sealed,
 };
 use crate::{
@@ -20,7 +20,7 @@ use serde::Deserialize;
 use std::{
     collections::{BTreeMap, BTreeSet, HashSet},
     path::Path,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Mutex, PoisonError},
 };
 
 /// From this many trials in one group of folders on, the group is listed and nothing is opened in vain.
@@ -135,16 +135,22 @@ impl Store {
             (positions.len() >= LIST_FROM).then(|| names(&folder).unwrap_or_default().into_iter().collect());
         // Packs are looked for after the folders, which trials leave for packs.
         let packs = self.packs();
-        let stored = |id: &String| match (&listed, &packs) {
-            (Some(listed), Ok(packs)) if !listed.contains(id) => stored_in(packs, id),
-            _ => self.stored(id),
-        };
-        let found = |&position: &usize| (position, stored(&trials[position].id));
-        positions
-            .iter()
-            .map(found)
-            .filter(|(_, stored)| !matches!(stored, Ok(None)))
-            .collect()
+        let mut open = packs.as_ref().ok().and_then(|packs| readers(packs).ok());
+        let mut found = Vec::new();
+        for &position in positions {
+            let id = &trials[position].id;
+            let stored = match (&listed, &mut open) {
+                (Some(listed), Some(packs)) if !listed.contains(id) => {
+                    acknowledged_in(packs, id).map(|found| found.map(|(_, trial)| trial))
+                }
+                // What cannot be read is told for each trial.
+                _ => self.stored(id),
+            };
+            if !matches!(stored, Ok(None)) {
+                found.push((position, stored));
+            }
+        }
+        found
     }
 
     /// A trial without its configs; `None` where it has not run.
@@ -159,12 +165,8 @@ impl Store {
     /// gives.
     pub(super) fn acknowledged(&self, id: &str) -> Result<Option<(Vec<u8>, StoredTrial)>, Error> {
         let path = self.folder(id).join("trial.json");
-        let text = match inside::read(&path)? {
-            Some(text) => text,
-            None => match self.acknowledged_in_pack(id)? {
-                Some(text) => text,
-                None => return Ok(None),
-            },
+        let Some(text) = inside::read(&path)? else {
+            return self.acknowledged_in_pack(id);
         };
         let damaged = |problem: String| Error::Damaged {
             path: path.clone(),
@@ -247,12 +249,6 @@ impl Store {
         ids.sort_unstable();
         ids
     }
-}
-
-fn stored_in(packs: &[Arc<Pack>], id: &str) -> Result<Option<StoredTrial>, Error> {
-    let text = acknowledged_in(packs, id)?;
-    // What is acknowledged there was parsed before.
-    Ok(text.and_then(|text| parse(&text).ok()))
 }
 
 /// The combinations of trials of a plan. Neighbours that share their parts are of one; that others are too is found

@@ -13,7 +13,7 @@ mod tests;
 
 pub use packing::Packing;
 
-use super::{Store, index::parse, inside, names, seal};
+use super::{Store, StoredTrial, index::parse, inside, names, seal};
 use crate::{Error, results::EndState, world::fs::File};
 use form::{Entry, id_of, number};
 use std::{
@@ -97,12 +97,14 @@ impl Store {
         .collect()
     }
 
-    /// What acknowledges a trial that lies in a pack, which is whole and of this trial; `None` where none has it.
+    /// What acknowledges a trial that lies in a pack, which is whole and of this trial, and what it says; `None` where no
+    /// pack has it.
     ///
     /// # Errors
     /// Where a pack cannot be read.
-    pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<Vec<u8>>, Error> {
-        acknowledged_in(&self.packs()?, id)
+    pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<Acknowledged>, Error> {
+        let packs = self.packs()?;
+        acknowledged_in(&mut readers(&packs)?, id)
     }
 
     /// The metrics of a trial that a pack has with the hash that was acknowledged.
@@ -120,22 +122,64 @@ impl Store {
     }
 }
 
+/// The text of a `trial.json`, and what it says.
+pub(super) type Acknowledged = (Vec<u8>, StoredTrial);
+
 /// The acknowledgement of a trial from the first of these packs that has it whole.
 ///
 /// # Errors
 /// Where a pack cannot be read.
-pub(super) fn acknowledged_in(packs: &[Arc<Pack>], id: &str) -> Result<Option<Vec<u8>>, Error> {
+pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<Acknowledged>, Error> {
     for pack in packs {
-        if let Some(text) = pack.acknowledgement(id)?.filter(|text| is_of(text, id)) {
-            return Ok(Some(text));
+        let Some(text) = pack.acknowledgement(id)? else {
+            continue;
+        };
+        if let Some(trial) = parse(&text).ok().filter(|trial| trial.id() == id) {
+            return Ok(Some((text, trial)));
         }
     }
     Ok(None)
 }
 
-/// True where this text acknowledges this trial.
-fn is_of(text: &[u8], id: &str) -> bool {
-    parse(text).is_ok_and(|trial| trial.id() == id)
+/// A pack whose file is open.
+pub(super) struct Reader<'a> {
+    pack: &'a Pack,
+    file: File,
+}
+
+/// Opens these packs.
+///
+/// # Errors
+/// Where one cannot be read.
+pub(super) fn readers(packs: &[Arc<Pack>]) -> Result<Vec<Reader<'_>>, Error> {
+    packs.iter().map(|pack| pack.reader()).collect()
+}
+
+impl Reader<'_> {
+    fn acknowledgement(&mut self, id: &str) -> Result<Option<Vec<u8>>, Error> {
+        let entry = self.pack.entry(id).copied();
+        entry
+            .map(|entry| self.bytes(entry.at, entry.acknowledgement.into()))
+            .transpose()
+    }
+
+    fn trial_at(&mut self, entry: &Entry) -> Result<Short, Error> {
+        let mut bytes = self.bytes(entry.at, entry.length())?;
+        let metrics = bytes.split_off((entry.acknowledgement as usize).min(bytes.len()));
+        Ok(Short {
+            acknowledgement: bytes,
+            metrics,
+        })
+    }
+
+    fn bytes(&mut self, at: u64, length: u64) -> Result<Vec<u8>, Error> {
+        let mut bytes = Vec::new();
+        let read = self
+            .file
+            .seek(SeekFrom::Start(at))
+            .and_then(|_| (&mut self.file).take(length).read_to_end(&mut bytes));
+        read.map_err(Error::file("read", &self.pack.path)).map(|_| bytes)
+    }
 }
 
 impl Pack {
@@ -168,9 +212,9 @@ impl Pack {
         Some(&entries[place])
     }
 
-    fn acknowledgement(&self, id: &str) -> Result<Option<Vec<u8>>, Error> {
-        let read = |entry: &Entry| self.bytes(entry.at, entry.acknowledgement.into());
-        self.entry(id).map(read).transpose()
+    fn reader(&self) -> Result<Reader<'_>, Error> {
+        let file = File::open(&self.path).map_err(Error::file("read", &self.path))?;
+        Ok(Reader { pack: self, file })
     }
 
     /// What it holds of a trial, whatever that is worth.
@@ -179,21 +223,7 @@ impl Pack {
     }
 
     fn trial_at(&self, entry: &Entry) -> Result<Short, Error> {
-        let mut bytes = self.bytes(entry.at, entry.length())?;
-        let metrics = bytes.split_off(entry.acknowledgement as usize);
-        Ok(Short {
-            acknowledgement: bytes,
-            metrics,
-        })
-    }
-
-    fn bytes(&self, at: u64, length: u64) -> Result<Vec<u8>, Error> {
-        let mut bytes = Vec::new();
-        let read = File::open(&self.path).and_then(|mut file| {
-            file.seek(SeekFrom::Start(at))?;
-            file.take(length).read_to_end(&mut bytes)
-        });
-        read.map_err(Error::file("read", &self.path)).map(|_| bytes)
+        self.reader()?.trial_at(entry)
     }
 }
 
