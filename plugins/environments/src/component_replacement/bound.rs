@@ -7,7 +7,9 @@
 
 use super::components::{COMPONENTS, FAILED, Matrix, N_COMPONENTS, N_STATES};
 
-const N_JOINT: usize = N_STATES.pow(N_COMPONENTS as u32);
+/// What the state of a component is multiplied by in a joint state, which is a number of base 4.
+const STRIDES: [usize; N_COMPONENTS] = [1, 4, 16, 64, 256];
+const N_JOINT: usize = 1024;
 
 /// What the bound depends on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,13 +48,12 @@ pub fn least_cost(problem: &Problem) -> f64 {
     values[0]
 }
 
-/// The state of a component in a joint state, which is a number of base 4.
 fn state_of(joint: usize, component: usize) -> usize {
-    joint / N_STATES.pow(component as u32) % N_STATES
+    joint / STRIDES[component] % N_STATES
 }
 
 fn is_replaced(set: usize, component: usize) -> bool {
-    set >> component & 1 == 1
+    (set >> component) & 1 == 1
 }
 
 fn failure_cost(problem: &Problem, joint: usize) -> f64 {
@@ -79,7 +80,7 @@ fn expected(values: &[f64], transitions: &[[Matrix; 2]; N_COMPONENTS], set: usiz
     let mut values = values.to_vec();
     for (component, of) in transitions.iter().enumerate() {
         let matrix = &of[usize::from(is_replaced(set, component))];
-        let stride = N_STATES.pow(component as u32);
+        let stride = STRIDES[component];
         let averaged = |joint: usize| {
             let state = state_of(joint, component);
             let first = joint - state * stride;
@@ -98,42 +99,60 @@ fn expected(values: &[f64], transitions: &[[Matrix; 2]; N_COMPONENTS], set: usiz
 mod tests {
     use super::*;
 
-    fn problem(required: usize, horizon: usize) -> Problem {
+    fn problem(required: usize, horizon: usize, failure_cost: f64) -> Problem {
         Problem {
             required,
             horizon,
             discount: 0.99,
-            failure_cost: 2400.0,
+            failure_cost,
         }
     }
 
-    /// Three steps in which nothing is worth a replacement: nothing happens in the first two, and in the third a
-    /// system of five has failed with the probability that some component has gone two steps to failure.
+    /// New components need two steps to fail, and where a failure costs less than any replacement all are left alone:
+    /// the third step costs what it does with the probability that some component has failed by then.
     #[test]
     fn a_short_horizon_by_hand() {
-        assert_eq!(least_cost(&problem(5, 2)), 0.0);
+        assert_eq!(least_cost(&problem(5, 2, 2400.0)), 0.0);
         let fails = |component: &super::super::components::Component| {
             let d = component.transition(false);
             (0..N_STATES).map(|via| d[0][via] * d[via][FAILED]).sum::<f64>()
         };
-        let none = COMPONENTS
+        let all_work: f64 = COMPONENTS
             .iter()
             .map(|component| 1.0 - fails(component))
-            .product::<f64>();
-        // A replacement in the second step cannot undo a failure before its costs are paid, but in the first or
-        // second step it lowers the probability; by less than it costs.
-        let left_alone = 0.99_f64.powi(2) * 2400.0 * (1.0 - none);
-        let bound = least_cost(&problem(5, 3));
-        assert!(
-            bound <= left_alone + 1e-9 && bound > 0.8 * left_alone,
-            "{bound} {left_alone}"
-        );
+            .product();
+        let left_alone = 0.99_f64.powi(2) * (1.0 - all_work);
+        assert!((least_cost(&problem(5, 3, 10.0)) - 10.0 * left_alone).abs() < 1e-12);
+        // Where it costs more, replacements pay.
+        assert!(least_cost(&problem(5, 3, 2400.0)) < 0.9 * 2400.0 * left_alone);
+    }
+
+    #[test]
+    fn expectations_are_sums_over_all_joint_states() {
+        let transitions =
+            COMPONENTS.map(|component| [false, true].map(|replaced| component.transition(replaced)));
+        #[allow(clippy::cast_precision_loss, reason = "a thousand states")]
+        let values: Vec<f64> = (0..N_JOINT).map(|joint| (joint as f64 * 0.37).sin()).collect();
+        for (set, from) in [(0, 0), (0b10110, 123), (0b11111, 1023), (0b01001, 682)] {
+            let probability = |to: usize| -> f64 {
+                let of = |component: usize| {
+                    let matrix = &transitions[component][usize::from(is_replaced(set, component))];
+                    matrix[state_of(from, component)][state_of(to, component)]
+                };
+                (0..N_COMPONENTS).map(of).product()
+            };
+            let sum: f64 = (0..N_JOINT).map(|to| probability(to) * values[to]).sum();
+            assert!(
+                (expected(&values, &transitions, set)[from] - sum).abs() < 1e-13,
+                "{set} {from}"
+            );
+        }
     }
 
     #[test]
     fn more_is_paid_where_more_must_work_and_never_more_than_the_published_policies_pay() {
         let bounds: Vec<f64> = (1..=5)
-            .map(|required| least_cost(&problem(required, 50)))
+            .map(|required| least_cost(&problem(required, 50, 2400.0)))
             .collect();
         assert!(bounds.is_sorted(), "{bounds:?}");
         for (bound, published) in bounds.iter().zip([1485.74, 1498.8, 1654.19, 3998.41, 19728.42]) {

@@ -282,11 +282,11 @@ impl ComponentReplacement {
 /// The first entry whose cumulative probability is above `uniform`.
 fn drawn(probabilities: &[f64; N_STATES], uniform: f64) -> usize {
     let mut sum = 0.0;
-    let passed = |p: &f64| {
-        sum += p;
+    let passed = |p: &&f64| {
+        sum += **p;
         sum <= uniform
     };
-    let count = probabilities.iter().copied().take_while(|p| passed(p)).count();
+    let count = probabilities.iter().take_while(passed).count();
     // Rounding may leave the sum a little below 1: then it is the last entry that can be.
     let last = probabilities.iter().rposition(|p| *p > 0.0).unwrap_or_default();
     count.min(last)

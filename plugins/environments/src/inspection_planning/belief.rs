@@ -265,7 +265,7 @@ mod tests {
     /// All ways in which components can work or not, one by one.
     fn by_enumeration(failure: &[f64], required: usize) -> f64 {
         let probability = |set: u32| {
-            let of = |(at, p): (usize, &f64)| if set >> at & 1 == 1 { 1.0 - p } else { *p };
+            let of = |(at, p): (usize, &f64)| if (set >> at) & 1 == 1 { 1.0 - p } else { *p };
             failure.iter().enumerate().map(of).product::<f64>()
         };
         let fails = |set: &u32| (set.count_ones() as usize) < required;
@@ -275,7 +275,7 @@ mod tests {
     proptest! {
         #[test]
         fn the_failure_probability_is_that_of_all_cases(failure in prop::collection::vec(0.0..1.0f64, 1..9), part in 0.0..1.0f64) {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "a few components")]
             let required = 1 + (part * failure.len() as f64) as usize;
             let (ours, theirs) = (system_failure(failure.clone(), required), by_enumeration(&failure, required));
             prop_assert!((ours - theirs).abs() < 1e-14, "{ours} {theirs}");

@@ -74,7 +74,7 @@ impl CrackGrowth {
         let compute = || {
             let joint = joint_probabilities();
             Arc::new(Self {
-                rows: joint.iter().map(|of_age| conditional(of_age)).collect(),
+                rows: joint.iter().map(conditional).collect(),
                 initial: first_sizes(),
             })
         };
@@ -316,44 +316,41 @@ mod tests {
         }
     }
 
-    /// The published table was counted in samples: where few samples were, it is coarse.
+    /// The published table was counted in ten million samples, of which a bin held its mass: every entry lies within six
+    /// deviations of such a count.
     #[test]
-    fn the_published_table_is_met_where_it_was_sampled_well() {
+    fn the_published_table_is_met_as_well_as_it_was_sampled() {
+        const SAMPLES: f64 = 1e7;
         let (ours, theirs) = (CrackGrowth::of_paris_law(), published());
+        let within = |p: f64, counted: f64, held: f64| {
+            let deviation = ((p * (1.0 - p)).max(1e-6) / held).sqrt();
+            (p - counted).abs() < 6.0 * deviation + 1e-6
+        };
         let (mut compared, mut belief) = (0, first_sizes());
         for age in 0..N_AGES {
-            for (from, mass) in belief.iter().enumerate() {
-                let rows = (dense(&ours, age, from), dense(&theirs, age, from));
-                let largest = rows
-                    .0
-                    .iter()
-                    .zip(rows.1)
-                    .map(|(a, b)| (a - b).abs())
-                    .fold(0.0, f64::max);
-                // The worst row is that of the bin before failure, which is nearly empty at first.
-                let allowed = if *mass > 1e-2 {
-                    1e-3
-                } else if *mass > 1e-4 {
-                    6e-3
-                } else {
-                    0.04
-                };
-                assert!(
-                    largest < allowed,
-                    "age {age}, from {from} (mass {mass}): {largest}"
-                );
+            for (from, mass) in belief
+                .iter()
+                .enumerate()
+                .filter(|(_, mass)| **mass * SAMPLES > 30.0)
+            {
+                let rows = dense(&ours, age, from).into_iter().zip(dense(&theirs, age, from));
+                for (to, (p, counted)) in rows.enumerate() {
+                    assert!(
+                        within(p, counted, mass * SAMPLES),
+                        "age {age}, {from} to {to}: {p} {counted}"
+                    );
+                }
                 compared += 1;
             }
             belief = ours.grow(age, &belief);
         }
-        assert_eq!(compared, N_AGES * N_BINS);
-        let first: Vec<f64> = ours
-            .initial
-            .iter()
-            .zip(theirs.initial)
-            .map(|(a, b)| (a - b).abs())
-            .collect();
-        assert!(first.iter().all(|difference| *difference < 2e-4), "{first:?}");
+        assert!(compared > 700, "{compared} rows");
+        let first = ours.initial.iter().zip(theirs.initial);
+        assert!(
+            first.into_iter().all(|(p, counted)| within(*p, counted, SAMPLES)),
+            "{:?}",
+            ours.initial
+        );
     }
 
     /// The law itself, sample by sample and year by year, without its closed form.

@@ -136,9 +136,10 @@ impl InspectionPlanning {
         );
         let risk = if after >= before { after - before } else { after };
         let acts = inspections + repairs > 0.0;
-        let (per_inspection, campaign) = match self.config.campaign {
-            true => (CAMPAIGN_INSPECTION_COST, if acts { CAMPAIGN_COST } else { 0.0 }),
-            false => (INSPECTION_COST, 0.0),
+        let (per_inspection, campaign) = if self.config.campaign {
+            (CAMPAIGN_INSPECTION_COST, if acts { CAMPAIGN_COST } else { 0.0 })
+        } else {
+            (INSPECTION_COST, 0.0)
         };
         Costs {
             inspection: per_inspection * inspections,
