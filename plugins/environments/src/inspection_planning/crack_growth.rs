@@ -26,8 +26,9 @@
 use engine::{DataFile, Error};
 use serde::Deserialize;
 use std::{
+    collections::BTreeMap,
     f64::consts::PI,
-    sync::{Arc, OnceLock},
+    sync::{Arc, Mutex, OnceLock, PoisonError, Weak},
 };
 
 /// Bins of crack sizes; the last one holds failed components.
@@ -82,27 +83,39 @@ impl CrackGrowth {
     }
 
     /// A table from a file: columns `rate` (years without a repair), `from`, `to` (bins from 0) and `p`; rows without
-    /// `rate` and `from` are the first sizes.
+    /// `rate` and `from` are the first sizes. One that an environment in use has read is not read again.
     ///
     /// # Errors
     /// [`Error::File`] and [`Error::Input`] for a file that cannot be read, is no such table, or has rows that do not
     /// sum to 1.
     pub fn of_file(file: &DataFile) -> Result<Arc<Self>, Error> {
+        static IN_USE: Mutex<BTreeMap<String, Weak<CrackGrowth>>> = Mutex::new(BTreeMap::new());
+        let key = file.digest()?.into_owned();
+        // What panicked while it held the lock has left the map as it was.
+        let mut in_use = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = in_use.get(&key).and_then(Weak::upgrade) {
+            return Ok(known);
+        }
+        let read = Arc::new(Self::read(file)?);
+        in_use.retain(|_, growth| growth.strong_count() > 0);
+        in_use.insert(key, Arc::downgrade(&read));
+        Ok(read)
+    }
+
+    fn read(file: &DataFile) -> Result<Self, Error> {
         let text = file.text()?;
         let mut read = Self {
             rows: vec![vec![Vec::new(); N_BINS]; N_AGES],
             initial: [0.0; N_BINS],
         };
-        for (index, entry) in csv::Reader::from_reader(text.as_bytes())
-            .deserialize()
-            .enumerate()
-        {
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        for (index, entry) in reader.deserialize().enumerate() {
             let entry: Entry = entry.map_err(|source| wrong(file, Some(index), source.to_string()))?;
             read.take(&entry)
                 .map_err(|problem| wrong(file, Some(index), problem))?;
         }
         read.check().map_err(|problem| wrong(file, None, problem))?;
-        Ok(Arc::new(read))
+        Ok(read)
     }
 
     /// Sizes a year later of a component of this age (the last age for those beyond the table).
