@@ -12,7 +12,7 @@
 //! | tau_a | `observation` of seat a, and which seat it is (one entry each) | `[batch n, n_observed + n]` |
 //! | Q_a(tau_a, u_a) | `seat` network, one for all seats | `[batch n, n_choices]` |
 //! | s | `state`, for QMIX alone | `[batch, n_state]` |
-//! | Q_tot | [`ValueDecomposition::mixed`] | `[batch, 1]`; `[batch, n]` without mixing |
+//! | Q_tot | `mixed` | `[batch, 1]`; `[batch, n]` without mixing |
 //! | r | mean reward of the seats (all earn alike in a team); each its own without mixing | as Q_tot |
 //! | theta^- | `target` | |
 //! | epsilon | [`Config::exploration_at`] | scalar |
