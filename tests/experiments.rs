@@ -2,9 +2,11 @@
 
 use crate::program::{Bench, repository};
 
-fn studies() -> Vec<String> {
-    let mut names: Vec<String> = std::fs::read_dir(repository().join("experiments"))
-        .unwrap()
+/// The studies of the repository, those of the benchmark included.
+pub(crate) fn studies() -> Vec<String> {
+    let of = |folder: &str| std::fs::read_dir(repository().join(folder)).unwrap();
+    let mut names: Vec<String> = of("experiments")
+        .chain(of("experiments/benchmark"))
         .map(|entry| entry.unwrap().path())
         .filter(|path| path.extension().is_some_and(|extension| extension == "yaml"))
         .map(|path| path.to_string_lossy().into_owned())
@@ -18,6 +20,10 @@ fn every_study_and_every_profile_passes_the_check() {
     let bench = Bench::new();
     let studies = studies();
     assert!(studies.len() >= 8, "{studies:?}");
+    assert!(
+        studies.iter().any(|study| study.contains("benchmark/")),
+        "{studies:?}"
+    );
     for profile in [None, Some("smoke"), Some("paper")] {
         let mut arguments = vec!["check"];
         arguments.extend(profile.iter().flat_map(|profile| ["--profile", profile]));

@@ -3,7 +3,10 @@
 
 use crate::program::{Bench, repository, trial_files};
 use plugins::registry;
-use std::{path::Path, process::Command};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 const STUDY: &str = "
 study: readable
@@ -144,10 +147,7 @@ protocol: { train_evaluate: { steps: 64, environments: 8, episodes: 1, final_epi
 fn another_reader_of_yaml_finds_the_same_values_in_a_resolved_study() {
     let bench = Bench::new();
     let mut studies = vec![bench.write("ambiguous.yaml", AMBIGUOUS)];
-    let folder = std::fs::read_dir(repository().join("experiments"))
-        .unwrap()
-        .map(|entry| entry.unwrap().path());
-    studies.extend(folder.filter(|path| path.extension().is_some_and(|extension| extension == "yaml")));
+    studies.extend(crate::experiments::studies().into_iter().map(PathBuf::from));
     let registry = registry();
     let load = |path: &Path| engine::spec::load(path, &registry, &engine::spec::Options::default()).unwrap();
     let ids = |path: &Path| {

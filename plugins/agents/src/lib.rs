@@ -24,6 +24,8 @@
 
 pub mod autogan;
 pub mod behaviour_cloning;
+pub mod condition_based_replacement;
+pub mod constant_choice;
 pub mod ddpg;
 pub mod dirichlet_gradient;
 pub mod dirichlet_regression;
@@ -35,6 +37,7 @@ pub mod gaussian_softmax_regression;
 pub mod gaussian_softmax_sac;
 pub mod given_design;
 pub mod independent_sac;
+pub mod interval_inspection;
 pub mod lac;
 pub mod maddpg;
 pub mod masql;
@@ -51,6 +54,7 @@ pub mod soft_actor_critic;
 pub mod td3_bc;
 pub mod tdom_ac;
 pub mod tree_parzen;
+pub mod value_decomposition;
 pub mod water_filling;
 pub mod zero_action;
 
@@ -60,6 +64,8 @@ use engine::Registry;
 pub fn register(registry: &mut Registry) {
     autogan::register(registry, 1);
     behaviour_cloning::register(registry, 1);
+    condition_based_replacement::register(registry, 1);
+    constant_choice::register(registry, 1);
     ddpg::register(registry, 1);
     dirichlet_gradient::register(registry, 1);
     dirichlet_regression::register(registry, 1);
@@ -71,6 +77,7 @@ pub fn register(registry: &mut Registry) {
     gaussian_softmax_sac::register(registry, 1);
     given_design::register(registry, 1);
     independent_sac::register(registry, 1);
+    interval_inspection::register(registry, 1);
     lac::register(registry, 1);
     lac::register_constrained(registry, 1);
     maddpg::register(registry, 1);
@@ -87,6 +94,7 @@ pub fn register(registry: &mut Registry) {
     td3_bc::register(registry, 1);
     tdom_ac::register(registry, 1);
     tree_parzen::register(registry, 1);
+    value_decomposition::register(registry, 1);
     water_filling::register(registry, 1);
     water_filling::register_true_state(registry, 1);
     zero_action::register(registry, 1);

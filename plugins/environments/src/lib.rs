@@ -13,8 +13,11 @@
 
 pub mod allocation_bandit;
 pub mod battery;
+mod choices;
+pub mod component_replacement;
 pub mod differential_game;
 pub mod grid_reconfiguration;
+pub mod inspection_planning;
 pub mod particles;
 pub mod pendulum;
 pub mod redundancy;
@@ -37,10 +40,14 @@ pub fn register(registry: &mut engine::Registry) {
         "share a load among the cells of a lithium-ion pack",
         battery::build,
     );
+    let about = "replace and inspect five deteriorating components, of which k must work";
+    registry.environment("component_replacement", 1, about, component_replacement::build);
     let about = "players share the higher of two hills, of which the wider one is a trap";
     registry.environment("differential_game", 1, about, differential_game::build);
     let about = "switches of a distribution feeder, so that most load is supplied after faults";
     registry.environment("grid_reconfiguration", 1, about, grid_reconfiguration::build);
+    let about = "inspect and repair cracking components, of which k of n must work";
+    registry.environment("inspection_planning", 1, about, inspection_planning::build);
     let about = "agents push discs in a plane: cooperative navigation, or predators and prey";
     registry.environment("particles", 2, about, particles::build);
     let about = "swing a rod up on its pivot and hold it upright";

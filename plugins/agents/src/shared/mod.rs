@@ -6,6 +6,7 @@ pub mod allocation;
 pub(crate) mod bandit;
 pub mod box_seat;
 pub mod checkpoint;
+pub mod choice_seat;
 #[cfg(test)]
 pub(crate) mod coordination;
 pub mod dataset_actor;

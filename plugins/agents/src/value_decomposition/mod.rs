@@ -1,0 +1,374 @@
+//! Value decomposition: seats with one choice each learn one value of the team, and choose alone.
+//!
+//! - QMIX: T. Rashid, M. Samvelyan, C. Schroeder de Witt, G. Farquhar, J. Foerster and S. Whiteson, "QMIX: monotonic
+//!   value function factorisation for deep multi-agent reinforcement learning", ICML 2018, arXiv:1803.11485.
+//! - VDN: P. Sunehag and others, "Value-decomposition networks for cooperative multi-agent learning", AAMAS 2018,
+//!   arXiv:1706.05296.
+//! - Independent Q-learning: M. Tan, "Multi-agent reinforcement learning: independent vs. cooperative agents", ICML
+//!   1993; with deep networks V. Mnih and others, Nature 518 (2015) 529.
+//!
+//! | paper | here | shape |
+//! |---|---|---|
+//! | tau_a | `observation` of seat a, and which seat it is (one entry each) | `[batch n, n_observed + n]` |
+//! | Q_a(tau_a, u_a) | `seat` network, one for all seats | `[batch n, n_choices]` |
+//! | s | `state`, for QMIX alone | `[batch, n_state]` |
+//! | Q_tot | `mixed` | `[batch, 1]`; `[batch, n]` without mixing |
+//! | r | mean reward of the seats (all earn alike in a team); each its own without mixing | as Q_tot |
+//! | theta^- | `target` | |
+//! | epsilon | [`Config::exploration_at`] | scalar |
+//!
+//! `y = r + gamma (1 - d) Q_tot(s', tau', argmax_u Q(tau', u; theta); theta^-)` (eq. 6, with the choices of the
+//! learned network and the values of its target: H. van Hasselt, A. Guez and D. Silver, "Deep reinforcement learning
+//! with double Q-learning", AAAI 2016, as in the authors' code). Since Q_tot grows in every Q_a, what each seat likes
+//! best is what the team likes best (eq. 5).
+//!
+//! Departures from the papers
+//! - Networks see one observation and remember nothing: they are for observations that hold what is known, such as
+//!   beliefs. The papers have a recurrent layer. So the buffer holds steps, not episodes.
+//! - Adam in the place of RMSprop; targets follow by a moving average in the place of copies now and then; half of the
+//!   squared error.
+//! - The full state is scaled by the typical values of its channels, and so are observations.
+//!
+//! Metrics, means over updates since the last measurement: `value_loss` half the squared error, `value` the mean of
+//! Q_tot in the batch, `exploration` the probability of a random choice.
+
+mod config;
+mod mixer;
+#[cfg(test)]
+mod tests;
+
+pub use config::{Config, Mixing};
+pub use mixer::MonotonicMixer;
+
+use crate::shared::checkpoint::{self, finite};
+use crate::shared::choice_seat::choices;
+use crate::shared::joint::columns;
+use crate::shared::replay::{Batch, Replay};
+use crate::shared::scaling::Scaling;
+use crate::shared::schedule::UpdateSchedule;
+use crate::shared::seat::{mismatch, observed};
+use crate::shared::targets::{bootstrapped, half_squared_error, mean};
+use burn::module::Module;
+use burn::tensor::Tensor;
+use engine::{
+    Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
+    Transition, Updates,
+};
+use numerics::network::{Mlp, matrix, values};
+use numerics::optimizer::{Adam, Trained};
+use numerics::parameters::{restore, soft_update, store};
+use numerics::tensor_file::TensorFile;
+use rand::Rng as _;
+use std::path::Path;
+
+const NAME: &str = "value_decomposition";
+
+/// The agent.
+#[derive(Debug, Clone)]
+pub struct ValueDecomposition {
+    config: Config,
+    team: Team,
+    networks: Trained<Networks>,
+    target: Networks,
+    replay: Replay,
+    schedule: UpdateSchedule,
+}
+
+/// What is learned together.
+#[derive(Module, Debug, Default)]
+struct Networks {
+    seat: Mlp,
+    /// None without mixing and for a sum.
+    mixer: Option<MonotonicMixer>,
+}
+
+/// Seats that observe alike and choose among as many.
+#[derive(Debug, Clone)]
+struct Team {
+    n_seats: usize,
+    n_choices: usize,
+    observation: Scaling,
+    /// Of the full state where it is read, else of no channels.
+    state: Scaling,
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "QMIX, value-decomposition networks and independent Q-learning, for seats with choices";
+    let traits = AgentTraits {
+        learns: true,
+        metrics: metrics(),
+        ..AgentTraits::default()
+    };
+    registry.agent(NAME, version, about, traits, build);
+}
+
+/// Builds the agent for seats that observe boxes of one size and take one of as many choices.
+///
+/// # Errors
+/// [`Error::Mismatch`] for any other seats and, with monotonic mixing, for an environment without a full state;
+/// [`Error::Config`] for settings that contradict each other.
+fn build(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    Ok(Box::new(ValueDecomposition::new(config, interface, rng)?))
+}
+
+/// What [`ValueDecomposition::learn`] records.
+fn metrics() -> Vec<Metric> {
+    vec![
+        Metric::new("value_loss", "", "half the squared error of the value").lower_is_better(),
+        Metric::new(
+            "value",
+            "",
+            "mean value of the batch, in the unit of the scaled rewards",
+        ),
+        Metric::new("exploration", "", "probability that a seat chooses at random").lower_is_better(),
+    ]
+}
+
+impl Team {
+    fn new(config: &Config, interface: &Interface) -> Result<Self, Error> {
+        let Some(first) = interface.seats.first() else {
+            return Err(mismatch(NAME, "the environment has no seats"));
+        };
+        let (seen, n_choices) = (observed(NAME, first)?, choices(NAME, first)?.len());
+        for seat in &interface.seats {
+            if observed(NAME, seat)?.len() != seen.len() || choices(NAME, seat)?.len() != n_choices {
+                let problem = format!(
+                    "one network is for all seats, and `{}` is not as `{}`",
+                    seat.name, first.name
+                );
+                return Err(mismatch(NAME, problem));
+            }
+        }
+        let state = if config.mixing == Mixing::Monotonic {
+            &interface.state[..]
+        } else {
+            &[]
+        };
+        if config.mixing == Mixing::Monotonic && state.is_empty() {
+            return Err(mismatch(
+                NAME,
+                "`mixing: monotonic` reads the full state, and there is none",
+            ));
+        }
+        Ok(Self {
+            n_seats: interface.seats.len(),
+            n_choices,
+            observation: Scaling::new(config.observation_scaling, seen),
+            state: Scaling::new(config.observation_scaling, state),
+        })
+    }
+
+    fn n_observed(&self) -> usize {
+        self.n_seats * self.observation.n_channels()
+    }
+
+    /// What all seats see and, where it is read, the state: scaled, one seat after the other.
+    fn scaled(&self, seen: &Observation) -> Vec<f32> {
+        let seats = seen.seats.iter().flat_map(|seat| self.observation.apply(seat));
+        seats.chain(self.state.apply(&seen.state)).collect()
+    }
+
+    /// A step as the buffer keeps it: scaled, the state as one more seat.
+    fn scaled_step(&self, step: &Transition, reward_scale: f64) -> Transition {
+        let scaled = |seen: &Observation| Observation {
+            seats: vec![self.scaled(seen).into_iter().map(f64::from).collect()],
+            state: Vec::new(),
+        };
+        Transition {
+            observation: scaled(&step.observation),
+            action: step.action.clone(),
+            rewards: step.rewards.iter().map(|reward| reward * reward_scale).collect(),
+            next_observation: scaled(&step.next_observation),
+            end: step.end,
+        }
+    }
+
+    /// Q_a of all choices of all seats, `[batch n, n_choices]`, from rows that begin with the observations.
+    fn values(&self, network: &Mlp, rows: &Tensor<2>) -> Tensor<2> {
+        let (batch, n) = (rows.dims()[0], self.n_seats);
+        let seen = columns(rows, 0..self.n_observed()).reshape([batch * n, self.observation.n_channels()]);
+        let which = (0..batch * n * n)
+            .map(|at| f32::from(u8::from(at % n == at / n % n)))
+            .collect();
+        network.forward(Tensor::cat(vec![seen, matrix(which, n)], 1))
+    }
+
+    /// The values `[batch, n]` of one choice per seat.
+    fn of_choices(&self, values: Tensor<2>, chosen: &[usize]) -> Tensor<2> {
+        let is_chosen =
+            |choice: usize| (0..self.n_choices).map(move |other| f32::from(u8::from(other == choice)));
+        let mask = chosen.iter().flat_map(|choice| is_chosen(*choice)).collect();
+        let of_seats = (values * matrix(mask, self.n_choices)).sum_dim(1);
+        of_seats.reshape([chosen.len() / self.n_seats, self.n_seats])
+    }
+
+    /// What each seat likes best, the first of equals.
+    fn best(&self, values: &[f32]) -> Vec<usize> {
+        let best =
+            |row: &[f32]| (1..row.len()).fold(0, |best, at| if row[at] > row[best] { at } else { best });
+        values.chunks(self.n_choices).map(best).collect()
+    }
+}
+
+impl ValueDecomposition {
+    fn new(config: Config, interface: &Interface, rng: &mut Rng) -> Result<Self, Error> {
+        config.check()?;
+        let team = Team::new(&config, interface)?;
+        let (n, n_state) = (team.n_seats, team.state.n_channels());
+        let inputs = team.observation.n_channels() + n;
+        let seat = config.hidden().network(inputs, team.n_choices, 1.0, rng);
+        let mixer = (config.mixing == Mixing::Monotonic)
+            .then(|| MonotonicMixer::new(n_state, n, config.mixing_width, rng));
+        let networks = Networks { seat, mixer };
+        Ok(Self {
+            target: networks.valid(),
+            networks: Trained::new(networks, Adam::new(config.learning_rate, config.gradient_clip)),
+            replay: Replay::new(config.replay_capacity, team.n_observed() + n_state, n, n),
+            schedule: UpdateSchedule::new(),
+            team,
+            config,
+        })
+    }
+
+    fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
+        let size = self.config.batch_size.min(self.replay.len());
+        let batch = self.replay.sample_distinct(size, rng);
+        let value = self.value(self.networks.network(), &batch);
+        record.mean("value", f64::from(mean(value.clone())));
+        let loss = half_squared_error(value, self.target(&batch));
+        record.mean(
+            "value_loss",
+            finite("value_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
+        );
+        record.mean("exploration", self.config.exploration_at(self.schedule.n_steps()));
+        self.networks.descend(&loss);
+        let target = std::mem::take(&mut self.target);
+        self.target = soft_update(target, self.networks.network(), self.config.target_smoothing);
+        self.schedule.count_update();
+        Ok(())
+    }
+
+    /// Q_tot of what was done.
+    fn value(&self, networks: &Networks, batch: &Batch) -> Tensor<2> {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "positions of choices"
+        )]
+        let done: Vec<usize> = values(batch.actions.clone())
+            .into_iter()
+            .map(|choice| choice as usize)
+            .collect();
+        let of_all = self.team.values(&networks.seat, &batch.observations);
+        self.mixed(networks, self.team.of_choices(of_all, &done), &batch.observations)
+    }
+
+    /// Eq. 6: the target of Q_tot.
+    fn target(&self, batch: &Batch) -> Tensor<2> {
+        let next = &batch.next_observations;
+        let likes = self.team.values(&self.networks.network().seat.valid(), next);
+        let best = self.team.best(&values(likes));
+        let of_all = self.team.values(&self.target.seat, next);
+        let value = self.mixed(&self.target, self.team.of_choices(of_all, &best), next);
+        let rewards = match self.config.mixing {
+            Mixing::None => batch.rewards.clone(),
+            Mixing::Sum | Mixing::Monotonic => batch.rewards.clone().mean_dim(1),
+        };
+        bootstrapped(rewards, batch.continues.clone(), value, self.config.discount)
+    }
+
+    /// What is learned of the seats' values `[batch, n]`, given rows that end with the state.
+    fn mixed(&self, networks: &Networks, of_seats: Tensor<2>, rows: &Tensor<2>) -> Tensor<2> {
+        match (self.config.mixing, &networks.mixer) {
+            (Mixing::Sum, _) => of_seats.sum_dim(1),
+            (Mixing::Monotonic, Some(mixer)) => {
+                let width = rows.dims()[1];
+                mixer.forward(of_seats, &columns(rows, self.team.n_observed()..width))
+            }
+            _ => of_seats,
+        }
+    }
+
+    /// One choice per seat of every row, at random now and then.
+    fn explored(&self, choice: usize, rng: &mut Rng) -> usize {
+        if rng.random::<f64>() >= self.config.exploration_at(self.schedule.n_steps()) {
+            return choice;
+        }
+        // Not `usize`, whose width would reach the stream.
+        #[allow(clippy::cast_possible_truncation, reason = "nobody names 2^32 choices")]
+        let drawn = rng.random_range(0..self.team.n_choices as u32);
+        drawn as usize
+    }
+}
+
+impl Agent for ValueDecomposition {
+    fn act(&mut self, observations: &[Observation], mode: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
+        let seats = observations.iter().flat_map(|seen| seen.seats.iter());
+        let rows: Vec<f32> = seats.flat_map(|seat| self.team.observation.apply(seat)).collect();
+        let rows = matrix(rows, self.team.n_observed());
+        let values = values(self.team.values(&self.networks.network().seat.valid(), &rows));
+        if let Some(value) = values.iter().find(|value| !value.is_finite()) {
+            return Err(Error::NotFinite {
+                what: "the value of a choice".into(),
+                step: self.schedule.n_steps(),
+                value: f64::from(*value),
+            });
+        }
+        let mut chosen = self.team.best(&values);
+        if mode == Mode::Train {
+            chosen
+                .iter_mut()
+                .for_each(|choice| *choice = self.explored(*choice, rng));
+        }
+        #[allow(clippy::cast_precision_loss, reason = "positions of choices")]
+        let action = |row: &[usize]| row.iter().map(|choice| vec![*choice as f64]).collect();
+        Ok(chosen.chunks(self.team.n_seats).map(action).collect())
+    }
+
+    fn learn(
+        &mut self,
+        transitions: &[Transition],
+        rng: &mut Rng,
+        record: &mut Recorder,
+    ) -> Result<(), Error> {
+        for transition in transitions {
+            self.replay
+                .push(&self.team.scaled_step(transition, self.config.reward_scale));
+        }
+        let (starts, per_step) = (self.config.learning_starts, self.config.updates_per_step);
+        for _ in 0..self.schedule.advance(transitions.len(), starts, per_step) {
+            self.update(rng, record)?;
+        }
+        Ok(())
+    }
+
+    fn updates(&self) -> Option<Updates> {
+        Some(
+            self.schedule
+                .updates(self.config.learning_starts, self.config.updates_per_step),
+        )
+    }
+
+    fn reads_state(&self) -> bool {
+        self.config.mixing == Mixing::Monotonic
+    }
+
+    fn save(&self, dir: &Path) -> Result<(), Error> {
+        let mut file = TensorFile::default();
+        self.networks.store("networks", &mut file);
+        store(&self.target, "target", &mut file);
+        self.replay.store(&mut file);
+        checkpoint::write(NAME, dir, file, &self.schedule)
+    }
+
+    fn load(&mut self, dir: &Path) -> Result<(), Error> {
+        let (file, schedule) = checkpoint::read(NAME, dir)?;
+        let misfit = checkpoint::error_of(NAME);
+        self.networks.restore("networks", &file).map_err(&misfit)?;
+        self.target = restore(self.target.clone(), "target", &file).map_err(&misfit)?;
+        self.replay.restore(&file).map_err(&misfit)?;
+        self.schedule = schedule;
+        Ok(())
+    }
+}

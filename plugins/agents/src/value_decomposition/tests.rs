@@ -1,0 +1,327 @@
+//! Tests of the agent as a whole and of its equations.
+
+use super::*;
+use engine::{Channel, End, Seat, Space, random::stream};
+use numerics::optimizer::gradients;
+use numerics::parameters::{parameters, with_parameters};
+
+/// The two-step game of Rashid et al. 2018, section 5.1: in the first step the first seat chooses between two matrix
+/// games. In one the team earns 7 whatever it does; in the other 0, 1, 1 or 8.
+mod two_step {
+    use super::*;
+
+    const SEEN: usize = 3;
+
+    pub(super) fn interface() -> Interface {
+        let channels = || {
+            (0..SEEN)
+                .map(|at| Channel::new(format!("is_{at}"), ""))
+                .collect::<Vec<_>>()
+        };
+        let seat = |at: usize| Seat {
+            name: format!("seat_{at}"),
+            observation: Space::Box(channels()),
+            action: Space::Discrete(vec!["a".into(), "b".into()]),
+        };
+        Interface {
+            seats: vec![seat(0), seat(1)],
+            state: channels(),
+        }
+    }
+
+    pub(super) fn observation(state: usize) -> Observation {
+        let seen: Vec<f64> = (0..SEEN).map(|at| f64::from(u8::from(at == state))).collect();
+        Observation {
+            seats: vec![seen.clone(); 2],
+            state: seen,
+        }
+    }
+
+    /// The state that follows, the reward, and whether the episode ends.
+    pub(super) fn play(state: usize, action: &Action) -> (usize, f64, bool) {
+        let [one, two] = [action[0][0] > 0.5, action[1][0] > 0.5];
+        match state {
+            0 => (1 + usize::from(one), 0.0, false),
+            1 => (0, 7.0, true),
+            _ => (
+                0,
+                [[0.0, 1.0], [1.0, 8.0]][usize::from(one)][usize::from(two)],
+                true,
+            ),
+        }
+    }
+
+    /// What the scored choices earn.
+    pub(super) fn score(agent: &mut dyn Agent) -> f64 {
+        let (mut state, mut sum) = (0, 0.0);
+        loop {
+            let action = agent
+                .act(&[observation(state)], Mode::Evaluate, &mut stream(&[]))
+                .unwrap()
+                .remove(0);
+            let (next, reward, end) = play(state, &action);
+            (state, sum) = (next, sum + reward);
+            if end {
+                return sum;
+            }
+        }
+    }
+
+    pub(super) fn train(agent: &mut dyn Agent, steps: usize, rng: &mut Rng) -> Recorder {
+        let (mut record, mut state) = (Recorder::default(), 0);
+        for _ in 0..steps {
+            let action = agent
+                .act(&[observation(state)], Mode::Train, rng)
+                .unwrap()
+                .remove(0);
+            let (next, reward, end) = play(state, &action);
+            let transition = Transition {
+                observation: observation(state),
+                action,
+                rewards: vec![reward; 2],
+                next_observation: observation(next),
+                end: end.then_some(End::Terminated),
+            };
+            agent.learn(&[transition], rng, &mut record).unwrap();
+            state = next;
+        }
+        record
+    }
+}
+
+fn tiny(mixing: Mixing) -> Config {
+    Config {
+        mixing,
+        width: 16,
+        mixing_width: 8,
+        batch_size: 32,
+        learning_starts: 64,
+        updates_per_step: 1.0,
+        learning_rate: 5e-3,
+        target_smoothing: 0.05,
+        exploration_steps: 1_000_000,
+        replay_capacity: 500,
+        ..Config::default()
+    }
+}
+
+fn agent(config: Config) -> ValueDecomposition {
+    ValueDecomposition::new(config, &two_step::interface(), &mut stream(&["decomposition"])).unwrap()
+}
+
+fn trained(mixing: Mixing) -> (ValueDecomposition, Batch) {
+    let mut agent = agent(tiny(mixing));
+    two_step::train(&mut agent, 100, &mut stream(&["some"]));
+    let batch = agent.replay.sample_distinct(6, &mut stream(&["batch"]));
+    (agent, batch)
+}
+
+/// QMIX learns that the second game is worth 8. With all choices equally likely a sum cannot say so: of 0, 1, 1, 8 the
+/// nearest sums of two values are -1.5, 2.5, 2.5 and 6.5, so that the first game looks better (appendix B of the paper).
+#[test]
+fn the_two_step_game_is_solved_where_values_are_mixed_and_not_where_they_are_added() {
+    for (mixing, expected) in [(Mixing::Monotonic, 8.0), (Mixing::Sum, 7.0)] {
+        let mut agent = agent(tiny(mixing));
+        two_step::train(&mut agent, 3000, &mut stream(&["game"]));
+        assert_eq!(two_step::score(&mut agent), expected, "{mixing:?}");
+    }
+}
+
+#[test]
+fn a_sum_of_values_is_what_the_closest_sum_is() {
+    let mut agent = agent(tiny(Mixing::Sum));
+    two_step::train(&mut agent, 3000, &mut stream(&["sum"]));
+    let rows = matrix([0.0, 0.0, 1.0].repeat(2), 6);
+    let q = values(agent.team.values(&agent.networks.network().seat.valid(), &rows));
+    // Single steps of Adam leave some noise; the values of the game itself would be 1.5 away.
+    let sums = [q[0] + q[2], q[0] + q[3], q[1] + q[2], q[1] + q[3]];
+    assert!(
+        sums.iter()
+            .zip([-1.5, 2.5, 2.5, 6.5])
+            .all(|(a, b)| (a - b).abs() < 1.2),
+        "{sums:?}"
+    );
+}
+
+#[test]
+fn independent_learners_earn_the_safe_game() {
+    let mut agent = agent(tiny(Mixing::None));
+    two_step::train(&mut agent, 3000, &mut stream(&["independent"]));
+    // Given a random partner a seat earns 0.5 or 4.5 in the second game, and 7 in the first.
+    assert_eq!(two_step::score(&mut agent), 7.0);
+}
+
+#[test]
+fn targets_are_of_the_targets_value_of_the_learned_choice() {
+    for mixing in [Mixing::None, Mixing::Sum, Mixing::Monotonic] {
+        let (agent, batch) = trained(mixing);
+        let (y, r, continues) = (
+            values(agent.target(&batch)),
+            values(batch.rewards.clone()),
+            values(batch.continues.clone()),
+        );
+        let (next, width) = (
+            values(batch.next_observations.clone()),
+            batch.next_observations.dims()[1],
+        );
+        let q = |network: &Mlp, row: &[f32], seat: usize| {
+            let which = if seat == 0 { [1.0, 0.0] } else { [0.0, 1.0] };
+            let input = [&row[3 * seat..3 * seat + 3], &which].concat();
+            values(network.forward(matrix(input, 5)))
+        };
+        for (i, row) in next.chunks(width).enumerate() {
+            let best = [0, 1].map(|seat| {
+                let likes = q(&agent.networks.network().seat.valid(), row, seat);
+                q(&agent.target.seat, row, seat)[usize::from(likes[1] > likes[0])]
+            });
+            let expected: Vec<f32> = match (mixing, &agent.target.mixer) {
+                (Mixing::None, _) => vec![
+                    r[2 * i] + 0.99 * continues[i] * best[0],
+                    r[2 * i + 1] + 0.99 * continues[i] * best[1],
+                ],
+                (Mixing::Sum, _) => vec![r[2 * i] + 0.99 * continues[i] * (best[0] + best[1])],
+                (Mixing::Monotonic, Some(mixer)) => {
+                    let mixed = mixer.forward(matrix(best.to_vec(), 2), &matrix(row[6..].to_vec(), 3));
+                    vec![r[2 * i] + 0.99 * continues[i] * values(mixed)[0]]
+                }
+                _ => unreachable!("a monotonic mixture has a mixer"),
+            };
+            let n = expected.len();
+            assert!(
+                y[n * i..n * (i + 1)]
+                    .iter()
+                    .zip(expected)
+                    .all(|(a, b)| (a - b).abs() < 1e-4),
+                "{mixing:?} {i}"
+            );
+        }
+    }
+}
+
+#[test]
+fn gradients_of_the_loss_agree_with_finite_differences() {
+    for mixing in [Mixing::None, Mixing::Sum, Mixing::Monotonic] {
+        let (agent, batch) = trained(mixing);
+        let target = agent.target(&batch);
+        let loss = |networks: &Networks| half_squared_error(agent.value(networks, &batch), target.clone());
+        let network = agent.networks.network();
+        let analytic = gradients(network, &mut loss(network).backward());
+        let numbers = parameters(network);
+        let largest = analytic
+            .concat()
+            .iter()
+            .fold(0.0f32, |largest, g| largest.max(g.abs()));
+        for (p, parameter) in numbers.iter().enumerate() {
+            for i in (0..parameter.values.len()).step_by(7) {
+                let at = |step: f32| {
+                    let mut moved = numbers.clone();
+                    moved[p].values[i] += step;
+                    values(loss(&with_parameters(network.clone(), &moved).unwrap()))[0]
+                };
+                let difference = (at(2e-3) - at(-2e-3)) / 4e-3;
+                let gradient = analytic[p][i];
+                // Steps pass over kinks of the activations now and then.
+                assert!(
+                    (difference - gradient).abs() < 0.04 * largest.max(0.05),
+                    "{mixing:?} {} {i}: {difference} {gradient} of {largest}",
+                    parameter.name
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn exploration_declines_and_is_absent_from_what_is_scored() {
+    let config = Config {
+        exploration_steps: 100,
+        ..Config::default()
+    };
+    let at = |step| config.exploration_at(step);
+    assert!((at(0) - 1.0).abs() < 1e-12 && (at(50) - 0.525).abs() < 1e-12 && (at(500) - 0.05).abs() < 1e-12);
+    let at_once = Config {
+        exploration_steps: 0,
+        ..config
+    };
+    assert!((at_once.exploration_at(0) - 0.05).abs() < 1e-12);
+    let mut agent = agent(tiny(Mixing::Sum));
+    let rows = vec![two_step::observation(1); 400];
+    let mut chosen = |mode| agent.act(&rows, mode, &mut stream(&["rows"])).unwrap();
+    let scored = chosen(Mode::Evaluate);
+    assert!(scored.iter().all(|action| *action == scored[0]));
+    let explored = chosen(Mode::Train);
+    let ones = explored.iter().flatten().filter(|choice| choice[0] > 0.5).count();
+    // 800 fair choices have a deviation of 14.
+    assert!((330..470).contains(&ones), "{ones}");
+}
+
+#[test]
+fn a_saved_agent_continues() {
+    for mixing in [Mixing::None, Mixing::Monotonic] {
+        let mut rng = stream(&["continues"]);
+        let mut one = agent(tiny(mixing));
+        two_step::train(&mut one, 100, &mut rng);
+        let dir = tempfile::tempdir().unwrap();
+        one.save(dir.path()).unwrap();
+        let mut two = ValueDecomposition::new(
+            tiny(mixing),
+            &two_step::interface(),
+            &mut stream(&["another start"]),
+        )
+        .unwrap();
+        two.load(dir.path()).unwrap();
+        assert!(two.updates() == one.updates() && two.updates().unwrap().made > 0);
+        let (mut first, mut second) = (rng.clone(), rng);
+        let records = (
+            two_step::train(&mut one, 20, &mut first),
+            two_step::train(&mut two, 20, &mut second),
+        );
+        assert_eq!(format!("{:?}", records.0), format!("{:?}", records.1));
+        let bits = |agent: &ValueDecomposition| {
+            parameters(agent.networks.network())
+                .iter()
+                .flat_map(|p| p.values.clone())
+                .map(f32::to_bits)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(bits(&one), bits(&two));
+        assert!(matches!(
+            two.load(&dir.path().join("nowhere")),
+            Err(Error::File { .. })
+        ));
+    }
+}
+
+#[test]
+fn what_it_records_is_declared() {
+    let mut record = two_step::train(&mut agent(tiny(Mixing::Monotonic)), 80, &mut stream(&["record"]));
+    record.flush_means(1);
+    let mut recorded: Vec<_> = record.names().to_vec();
+    recorded.sort_unstable();
+    assert_eq!(recorded, ["exploration", "value", "value_loss"]);
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let refused = |change: &dyn Fn(&mut Config, &mut Interface)| {
+        let (mut config, mut interface) = (tiny(Mixing::Monotonic), two_step::interface());
+        change(&mut config, &mut interface);
+        build(config, &interface, &mut stream(&["x"]))
+            .err()
+            .unwrap()
+            .to_string()
+    };
+    assert!(refused(&|config, _| config.replay_capacity = 9).contains("`batch_size`"));
+    assert!(refused(&|config, _| config.exploration = 0.01).contains("0.05 is above `exploration`, 0.01"));
+    assert!(refused(&|_, all| all.state.clear()).contains("reads the full state"));
+    assert!(refused(&|_, all| all.seats.clear()).contains("no seats"));
+    assert!(
+        refused(&|_, all| all.seats[1].observation = Space::Box(Vec::new()))
+            .contains("`seat_1` is not as `seat_0`")
+    );
+    assert!(
+        refused(&|_, all| all.seats[1].action = Space::Discrete(vec!["a".into()]))
+            .contains("`seat_1` is not as")
+    );
+    assert!(refused(&|_, all| all.seats[0].action = Space::Box(Vec::new())).contains("takes a box"));
+}
