@@ -418,7 +418,7 @@ fn what_cannot_be_used_is_refused_before_anything_runs() {
         (
             "own.py:number",
             "",
-            "it made a int, which is neither a gymnasium.Env nor",
+            "what it makes is of type int, which is neither a gymnasium.Env nor",
         ),
         ("absent.py:make", "", "`make` names a file that cannot be read"),
         ("absent.py:make", "", "study.yaml:3:"),
@@ -427,7 +427,7 @@ fn what_cannot_be_used_is_refused_before_anything_runs() {
             "",
             "`tank` names nothing that makes an environment: write `gymnasium:ID`",
         ),
-        ("own.py:Tank", "height: 3", "unexpected keyword argument 'height'"),
+        ("own.py:Tank", "height: 3", "Tank() takes no arguments"),
         (
             "own.py:Spaces",
             "observation: multi_binary",
@@ -725,7 +725,7 @@ fn a_crash_of_python_ends_one_trial_with_its_last_words() {
         "leave",
         &[],
         "failed",
-        &["the Python process left with exit code 0"],
+        &["the Python process left with exit code 3"],
     );
 }
 
@@ -777,7 +777,7 @@ fn long(place: &Place, make: &str) {
         make,
         "",
         LEARNER,
-        "train_evaluate: { steps: 1200, environments: 2, evaluate_every: 300, episodes: 2, final_episodes: 3 }",
+        "train_evaluate: { steps: 600, environments: 2, evaluate_every: 200, episodes: 2, final_episodes: 3 }",
     );
 }
 
@@ -803,6 +803,7 @@ fn has_checkpoint(place: &Place) -> bool {
 #[test]
 fn a_killed_trial_goes_on_or_starts_over_to_the_same_bits() {
     let Some(place) = Place::new() else { return };
+    place.bench.write("regimen.toml", "checkpoint_every_s = 0.2\n");
     for make in ["own.py:Slow", "own.py:Held", "own.py:Forgetful"] {
         long(&place, make);
         place
@@ -810,7 +811,7 @@ fn a_killed_trial_goes_on_or_starts_over_to_the_same_bits() {
             .ok(&["run", "study.yaml", "-j", "1", "--store", "whole"]);
         let mut run = place
             .bench
-            .command(&["run", "study.yaml", "-j", "1", "--checkpoint-every-s", "0.2"]);
+            .command(&["run", "study.yaml", "-j", "1"]);
         let mut child = run.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         until("there is a checkpoint", || has_checkpoint(&place));
         assert!(!processes_of(&place).is_empty());

@@ -99,7 +99,8 @@ def die_with_parent():
 
 def told(error):
     """What went wrong, and the last lines of where."""
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename != "<string>"]
+    # Of this file and of the machinery of imports nothing is told.
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith("<")]
     where = [f"{os.path.basename(at.filename)}, line {at.lineno}, in {at.name}: {at.line}" for at in frames[-3:]]
     return "\n".join(["".join(traceback.format_exception_only(type(error), error)).strip(), *reversed(where)])
 
@@ -178,15 +179,15 @@ def found_module(make, sources, interpreter):
 
 
 def versions_in(path, text):
-    """Versions by package, of `name==version` lines or of a lock file in TOML."""
+    """Names and versions of packages, of `name==version` lines or of a lock file in TOML."""
     if path.endswith((".toml", ".lock")):
         import tomllib
 
         document = tomllib.loads(text)
         packages = document.get("package", []) + document.get("packages", [])
-        return {plain(package["name"]): package["version"] for package in packages if "version" in package}
+        return [(plain(package["name"]), package["version"]) for package in packages if "version" in package]
     pinned = re.findall(r"^\s*(?:- )?([A-Za-z0-9][\w.-]*)(?:\[[^\]]*\])?\s*==\s*([^\s;\\#]+)", text, re.MULTILINE)
-    return {plain(name): version for name, version in pinned}
+    return [(plain(name), version) for name, version in pinned]
 
 
 def plain(name):
@@ -197,7 +198,10 @@ def hold_against_lock(lock, interpreter):
     """The id of a trial names the lock file, so what is installed must be what it says."""
     from importlib.metadata import PackageNotFoundError, version
 
-    wanted = versions_in(lock["path"], lock["text"])
+    # A lock file for several platforms may name several versions of one package.
+    wanted = {}
+    for name, expected in versions_in(lock["path"], lock["text"]):
+        wanted.setdefault(name, []).append(expected)
     if "gymnasium" not in wanted:
         raise Refused(
             "lock", f"`{lock['path']}` pins no version of gymnasium: write it by `{interpreter} -m pip freeze`"
@@ -209,8 +213,8 @@ def hold_against_lock(lock, interpreter):
         except PackageNotFoundError:
             # A lock file may hold packages of other platforms.
             continue
-        if found.split("+")[0] != expected.split("+")[0]:
-            different.append(f"{name} {found} in place of {expected}")
+        if found.split("+")[0] not in [version.split("+")[0] for version in expected]:
+            different.append(f"{name} {found} in place of {' or '.join(expected)}")
     if different:
         raise Refused(
             "lock",
@@ -474,7 +478,7 @@ def kind_of(environment):
         return Parallel(environment)
     raise Refused(
         "make",
-        f"it made a {type(environment).__name__}, which is neither a gymnasium.Env nor an environment of "
+        f"what it makes is of type {type(environment).__name__}, which is neither a gymnasium.Env nor an environment of "
         "PettingZoo's parallel interface",
     )
 
@@ -483,12 +487,12 @@ class Server:
     """The environments of one trial."""
 
     def __init__(self, link, asked):
+        interpreter = asked["interpreter"]
+        call = found_module(asked["make"], asked["sources"], interpreter)
         import mmap
 
         import numpy
 
-        interpreter = asked["interpreter"]
-        call = found_module(asked["make"], asked["sources"], interpreter)
         hold_against_lock(asked["lock"], interpreter)
         self.link, self.make = link, lambda: call(**asked["arguments"])
         first = self.make()
@@ -653,8 +657,10 @@ def main():
     link.say(b"k", json.dumps(server.face()).encode())
     try:
         server.serve()
-    finally:
-        os._exit(0)
+    except SystemExit as left:
+        # Told as an exit code: an environment may leave, but not to be followed by another one.
+        os._exit(left.code if isinstance(left.code, int) else 1)
+    os._exit(0)
 
 
 main()
