@@ -345,7 +345,7 @@ fn agents_of_the_parallel_interface_are_seats() {
 #[test]
 fn a_learner_trains_in_python_and_two_workers_give_the_same_bits_as_one() {
     let Some(place) = Place::new() else { return };
-    let python = place.with("gymnasium:Pendulum-v1", "gravity: 9.81");
+    let python = place.with("gymnasium:Pendulum-v1", "g: 9.81");
     let own = place.with("own.py:Tank", "");
     let valve = place.with("own.py:Valve", "");
     place.bench.write(
@@ -809,9 +809,7 @@ fn a_killed_trial_goes_on_or_starts_over_to_the_same_bits() {
         place
             .bench
             .ok(&["run", "study.yaml", "-j", "1", "--store", "whole"]);
-        let mut run = place
-            .bench
-            .command(&["run", "study.yaml", "-j", "1"]);
+        let mut run = place.bench.command(&["run", "study.yaml", "-j", "1"]);
         let mut child = run.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         until("there is a checkpoint", || has_checkpoint(&place));
         assert!(!processes_of(&place).is_empty());
@@ -847,7 +845,7 @@ fn a_snapshot_is_taken_only_of_what_continues_alike() {
     let snapshot: Value = serde_json::from_str(&tank.snapshot().to_string()).unwrap();
     let mut other = place.built("own.py:Tank", json!({}));
     other.restore(&snapshot).unwrap();
-    let mut go_on = |environment: &mut dyn Environment| {
+    let go_on = |environment: &mut dyn Environment| {
         let mut rng = stream(&["on"]);
         (0..15)
             .map(|_| environment.step(&[vec![-0.2]], &mut rng).unwrap())
