@@ -141,6 +141,10 @@ compare("battery (cell-seconds/s)", "cell_seconds_per_s", lambda: bench("battery
 for scenario, words in (("cooperative_navigation", "cooperative navigation"), ("predator_prey", "predators and prey")):
     ours = lambda: bench("particles", scenario, 3)
     compare(f"particles, {words} (steps/s)", "steps_per_s", ours, lambda: peer("particles_mpe2.py", scenario, 3, cpu=0), True)
+for count in (1, 8):
+    for kind in ("sb3", "async"):
+        ours = lambda: bench("python_environments", PEERS, "Pendulum-v1", count, 3)
+        compare(f"environments in Python, {count} together (steps/s)", "steps_per_s", ours, lambda: peer("python_environments.py", kind, "Pendulum-v1", count, 3), True)
 for gas in ("TABULAR", "CEA"):
     compare(f"turbofan, warm point, {gas} (s)", "s_per_point", lambda: bench("turbofan", 3), lambda: peer("turbofan_pycycle.py", 10, gas, cpu=0), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_optuna.py", 2000), False)

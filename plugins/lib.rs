@@ -1,5 +1,5 @@
-//! What the program is made of: the engine's protocols, the environments, the agents, the estimators and the generators, in
-//! one registry.
+//! What the program is made of: the engine's protocols, the environments, those in Python, the agents, the estimators and
+//! the generators, in one registry.
 
 use engine::{Build, Registry};
 
@@ -22,5 +22,6 @@ pub fn registry() -> Registry {
     agents::register(&mut registry);
     estimators::register(&mut registry);
     generators::register(&mut registry);
+    python::register(&mut registry);
     registry
 }

@@ -21,6 +21,7 @@ fn the_engine_and_numerics_depend_on_no_workspace_crate() {
         "agents",
         "estimators",
         "generators",
+        "python",
     ] {
         assert!(
             !depends_on("plugins/numerics", name),
@@ -40,6 +41,15 @@ fn agents_and_environments_do_not_know_each_other() {
             !depends_on(folder, "estimators") && !depends_on(folder, "generators"),
             "{folder}"
         );
+    }
+}
+
+/// So that whoever has no Python can leave it out.
+#[test]
+fn environments_in_python_and_the_other_plugins_do_not_know_each_other() {
+    for folder in ["numerics", "environments", "agents", "estimators", "generators"] {
+        assert!(!depends_on(&format!("plugins/{folder}"), "python"), "{folder}");
+        assert!(!depends_on("plugins/python", folder), "{folder}");
     }
 }
 

@@ -51,7 +51,7 @@ fn prose(text: &str) -> impl Iterator<Item = &str> {
 }
 
 /// The blocks of code of a page in a language.
-fn blocks(text: &str, language: &str) -> Vec<String> {
+pub(crate) fn blocks(text: &str, language: &str) -> Vec<String> {
     let parts = text
         .split("\n```")
         .enumerate()
@@ -177,6 +177,8 @@ fn whole_studies_of_the_book_pass_check() {
     for (path, text) in pages()
         .iter()
         .filter(|(path, _)| !path.ends_with("reference/sections.md"))
+        // Its study needs a Python with packages, and is run where there is one.
+        .filter(|(path, _)| !path.ends_with("python-environments.md"))
     {
         for study in blocks(text, "yaml")
             .iter()

@@ -1,6 +1,6 @@
 //! `describe` tells everything that the registry and the schemas hold, and what it shows passes `check`.
 
-use crate::program::Bench;
+use crate::{contracts::ready_made, program::Bench};
 use engine::{
     Registry,
     describe::{self, Asked, Group, Subject, text},
@@ -140,7 +140,7 @@ fn examples_of_plugins_pass_check_together_as_they_are_described() {
         why: true,
     };
     let mut environments = BTreeMap::new();
-    for name in registry.environments.keys() {
+    for name in ready_made(&registry) {
         let subject = describe::subject(&registry, Group::Environments, name, asked).unwrap();
         let facts = subject.environment.as_ref().unwrap();
         let n = facts.learners.len() + facts.rules.len() + facts.unfit.len();
@@ -154,7 +154,7 @@ fn examples_of_plugins_pass_check_together_as_they_are_described() {
             !facts.rules.is_empty() || !facts.learners.is_empty(),
             "nobody fits {name}"
         );
-        environments.insert(*name, subject);
+        environments.insert(name, subject);
     }
     for name in registry.agents.keys() {
         let subject = describe::subject(&registry, Group::Agents, name, NOTHING_BUILT).unwrap();

@@ -41,6 +41,7 @@ mod pins;
 mod plain_output;
 mod program;
 mod provenance;
+mod python_environments;
 mod record;
 mod recorded_flights;
 mod reports;

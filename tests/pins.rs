@@ -13,6 +13,7 @@
 //! `REGIMEN_PINS=write cargo test --release --workspace pins` writes new pins and those of raised versions.
 
 use crate::{
+    contracts::ready_made,
     datasets::{self, with_sources},
     program::{in_ci, repository},
     shrunk::shrunk,
@@ -210,10 +211,8 @@ fn about<'a>(registry: &'a Registry, kind: &str, name: &str) -> Option<&'a About
 
 /// Everything that must have a pin.
 fn subjects(registry: &Registry) -> Vec<String> {
-    let environments = registry
-        .environments
-        .keys()
-        .map(|name| format!("environment {name}"));
+    // What an environment in Python gives out is pinned by its lock file.
+    let environments = ready_made(registry).map(|name| format!("environment {name}"));
     let agents = registry.agents.keys().map(|name| format!("agent {name}"));
     let protocols = registry.protocols.keys().map(|name| format!("protocol {name}"));
     environments.chain(agents).chain(protocols).collect()

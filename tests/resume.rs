@@ -1,6 +1,7 @@
 //! A trial that is stopped or killed and goes on in a fresh process ends as if nothing had happened: for
 //! every agent.
 
+use crate::contracts::ready_made;
 use crate::datasets::{self, with_sources};
 use crate::shrunk::shrunk;
 use engine::{
@@ -51,7 +52,8 @@ fn part(name: &str, about: &engine::registry::About) -> Part {
 /// A small trial of an agent with every environment and protocol, whether it fits them or not.
 pub(crate) fn keys(registry: &Registry, agent: &str) -> Vec<TrialKey> {
     let mut keys = Vec::new();
-    for (environment, environment_entry) in &registry.environments {
+    for environment in ready_made(registry) {
+        let environment_entry = &registry.environments[environment];
         for (protocol, protocol_entry) in &registry.protocols {
             let mut key = TrialKey {
                 environment: part(environment, &environment_entry.about).into(),

@@ -257,6 +257,16 @@ pub trait Environment: Send {
         self.reset(rng)
     }
 
+    /// Told the actions of the next [`step`](Self::step), which follows with the same ones. All environments that
+    /// are stepped together are told before the first of them is stepped, so that those that compute elsewhere
+    /// can do it together; others have nothing to do.
+    ///
+    /// # Errors
+    /// As `step`.
+    fn announce(&mut self, _actions: &[Vec<f64>]) -> Result<(), Error> {
+        Ok(())
+    }
+
     /// Applies one action per seat.
     ///
     /// # Errors
@@ -309,6 +319,15 @@ pub trait Environment: Send {
     /// # Errors
     /// [`Error::Checkpoint`] where the snapshot does not fit.
     fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), Error>;
+
+    /// Tried out by `check`, before any trial runs: an environment whose code is not this program's own refuses
+    /// here what would make trials that nobody can repeat.
+    ///
+    /// # Errors
+    /// What must not run.
+    fn rehearse(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
 
     /// What agents are built for.
     fn interface(&self) -> Interface {

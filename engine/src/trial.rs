@@ -33,6 +33,10 @@ pub struct Part {
     /// its name in a study does not.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub products: BTreeMap<String, Taken>,
+    /// Keys of the config that say where it is computed and not what, by name: they determine no numbers. The
+    /// plugin's schema says `x-identity: false` of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub of_machine: Vec<String>,
 }
 
 impl Part {
@@ -46,6 +50,7 @@ impl Part {
             config: Arc::new(config),
             files,
             products,
+            of_machine: Vec::new(),
         }
     }
 
@@ -78,14 +83,17 @@ impl Part {
         happening.id()
     }
 
-    /// The config with the content of data files in place of their paths, and trials in place of names: what
-    /// enters the hash.
+    /// The config with the content of data files in place of their paths, and trials in place of names, without
+    /// what is of a machine: what enters the hash.
     #[must_use]
     pub fn identity(&self) -> Cow<'_, Value> {
-        if self.files.is_empty() && self.products.is_empty() {
+        if self.files.is_empty() && self.products.is_empty() && self.of_machine.is_empty() {
             return Cow::Borrowed(&self.config);
         }
         let mut config = (*self.config).clone();
+        if let Some(keys) = config.as_object_mut() {
+            keys.retain(|key, _| !self.of_machine.contains(key));
+        }
         for (key, content) in &self.files {
             if let Some(path) = config.pointer_mut(key) {
                 *path = json!({ "content": content });
@@ -322,7 +330,9 @@ impl TrialKey {
             &self.environment.stream_id(&environment.about),
             self.seed,
         );
-        let interface = make_environment()?.interface();
+        // It stays until the trial ends, and with it what the environments of a trial have in common.
+        let first_environment = make_environment()?;
+        let interface = first_environment.interface();
         let agent = self.build_agent(registry, &interface, &streams, find)?;
         let record = Recorder::default();
         let mut run = Run {
@@ -516,6 +526,21 @@ mod tests {
         );
         assert_eq!(part.id(), hash(&json!([part.plugin, part.version, *part.config])));
         assert_eq!(part.id(), "61feced781fc19da9c518f083e51baee");
+    }
+
+    #[test]
+    fn what_is_of_a_machine_does_not_reach_the_id() {
+        let part = |program: &str| Part {
+            of_machine: vec!["program".into()],
+            ..Part::new("tank", 1, json!({ "program": program, "height": 2.0 }))
+        };
+        assert_eq!(part("python3").id(), part("/opt/python").id());
+        assert_eq!(
+            part("python3").id(),
+            Part::new("tank", 1, json!({ "height": 2.0 })).id()
+        );
+        let stored: Part = serde_json::from_value(json!(part("python3"))).unwrap();
+        assert_eq!(stored, part("python3"));
     }
 
     #[test]

@@ -323,6 +323,9 @@ fn advance(
             .zip(values)
             .for_each(|(sum, value)| *sum += value);
     }
+    for (episode, action) in active.iter_mut().zip(&actions) {
+        episode.environment.announce(action)?;
+    }
     let mut going_on = Vec::with_capacity(active.len());
     for (mut episode, action) in active.into_iter().zip(actions) {
         let step = episode.environment.step(&action, &mut episode.rng)?;

@@ -418,6 +418,9 @@ fn act_in_all(run: &mut Run<'_>, slots: &mut [Slot], rng: &mut Rng) -> Result<Ve
     let observations: Vec<Observation> = slots.iter().map(|slot| slot.observation.clone()).collect();
     let actions = run.agent.act(&observations, Mode::Train, rng)?;
     let mut transitions = Vec::with_capacity(slots.len());
+    for (slot, action) in slots.iter_mut().zip(&actions) {
+        slot.environment.announce(action)?;
+    }
     for ((slot, action), observation) in slots.iter_mut().zip(actions).zip(observations) {
         let step = slot.environment.step(&action, &mut slot.rng)?;
         let next_observation = observe(&*run.agent, &*slot.environment, step.observations);

@@ -233,7 +233,7 @@ fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(EndState, S
             format!("it took longer than the limit of {} s", limit.as_secs_f64()),
         ));
     }
-    let (limit, held) = (limits.memory_bytes()?, resident_bytes(pid)?);
+    let (limit, held) = (limits.memory_bytes()?, held_bytes(pid)?);
     let megabytes = |bytes: u64| bytes / 1_000_000;
     (held > limit).then(|| {
         (
@@ -245,6 +245,26 @@ fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(EndState, S
             ),
         )
     })
+}
+
+/// Memory that a process holds with those that it started. What these start in their turn is not counted: one that
+/// copies itself for a moment would count twice.
+fn held_bytes(pid: u32) -> Option<u64> {
+    // One that ended meanwhile holds nothing.
+    let of_children: u64 = children(pid).into_iter().filter_map(resident_bytes).sum();
+    Some(resident_bytes(pid)? + of_children)
+}
+
+/// The processes that the threads of a process started; none where the system does not say.
+fn children(pid: u32) -> Vec<u32> {
+    let threads = fs::read_dir(format!("/proc/{pid}/task"))
+        .into_iter()
+        .flatten()
+        .flatten();
+    let listed = threads.filter_map(|thread| fs::read_to_string(thread.path().join("children")).ok());
+    let listed: Vec<String> = listed.collect();
+    let ids = listed.iter().flat_map(|list| list.split_whitespace());
+    ids.filter_map(|id| id.parse().ok()).collect()
 }
 
 /// Memory that a process holds: resident and swapped out.

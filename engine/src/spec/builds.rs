@@ -500,6 +500,7 @@ impl Builder<'_> {
         }
         let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
         let built = self.config(cell, 0).and_then(|config| (entry.build)(&config));
+        let built = built.and_then(|mut environment| environment.rehearse().map(|()| environment));
         let facts = built.as_ref().ok().map(|environment| Facts {
             traced: traced(&**environment),
             units: environment

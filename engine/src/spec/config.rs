@@ -72,22 +72,25 @@ fn why(error: &Error) -> String {
 /// What the plugin refuses, and data files that do not exist.
 pub fn resolve(
     plugin: &Plugin<'_>,
-    config: &Node,
+    given: &Node,
     files: &mut Files<'_>,
     sources: &Sources,
 ) -> Result<Part, Vec<Diagnostic>> {
     let mut found = Vec::new();
-    missing_files(config, &plugin.at, files, sources, &mut found);
+    missing_files(given, &plugin.at, files, sources, &mut found);
     if !found.is_empty() {
         return Err(found);
     }
-    let merged = merged(plugin.about, config);
+    let merged = merged(plugin.about, given);
     let mut config =
-        (plugin.about.resolve)(&merged).map_err(|error| refused(plugin, config, &error, sources))?;
+        (plugin.about.resolve)(&merged).map_err(|error| refused(plugin, given, &error, sources))?;
     let mut hashes = BTreeMap::new();
     let absent = name_files(&mut config, "", files, &mut hashes);
     if let Some((pointer, path)) = absent {
         let key = pointer.trim_start_matches('/').replace('/', ".");
+        if let Some(span) = locate(given, &key) {
+            return Err(vec![in_a_word(plugin, &key, &path, span, sources)]);
+        }
         let message = format!(
             "the data file `{}` that `{key}` names by default cannot be read",
             path.display()
@@ -100,8 +103,29 @@ pub fn resolve(
     }
     Ok(Part {
         files: hashes,
+        of_machine: of_machine(plugin.about),
         ..Part::new(plugin.name, plugin.about.version, config)
     })
+}
+
+/// Keys that say where a config is computed, and not what.
+fn of_machine(about: &About) -> Vec<String> {
+    let keys = about.schema.get("properties").and_then(Value::as_object);
+    let is_apart = |schema: &Value| schema.get("x-identity") == Some(&Value::Bool(false));
+    let apart = keys.into_iter().flatten().filter(|(_, schema)| is_apart(schema));
+    apart.map(|(key, _)| key.clone()).collect()
+}
+
+/// A file that does not stand under a key `file`, but is part of a word, as in `tank.py:make`.
+fn in_a_word(plugin: &Plugin<'_>, key: &str, path: &Path, span: Span, sources: &Sources) -> Diagnostic {
+    let key = key.trim_end_matches(".file");
+    let message = format!("`{key}` names a file that cannot be read");
+    let at = format!("{}.{key}", plugin.at);
+    let help = format!(
+        "files are sought from the folder of the study: `{}`",
+        path.display()
+    );
+    sources.error(span, &at, message).help(help)
 }
 
 /// Why a config does not fit its plugin: what the schema says of it, or else what the plugin's reader says.

@@ -1,0 +1,284 @@
+//! The environments of one Python process: a block of shared memory for each, and who waits for an answer.
+//!
+//! What is written and read at a place of the file that Python has mapped is what lies in its memory, so that no
+//! code of ours touches a pointer.
+
+use crate::{
+    interface::{Face, n_asked},
+    process::{Answer, Process, failed},
+};
+use engine::{Error, Seat};
+use serde_json::Value;
+use std::{
+    collections::BTreeMap,
+    fs::{self, File, OpenOptions},
+    os::unix::fs::FileExt,
+    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
+};
+
+/// Blocks in the shared memory; the numbers of those that wait stand before them. As in `server.py`.
+const MOST_ENVIRONMENTS: usize = 8192;
+const BYTES: usize = 8;
+/// The seed of a rehearsal.
+const REHEARSED: u64 = 20;
+
+/// What an environment is asked; the numbers are those of `server.py`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Request {
+    /// A step.
+    Step = 1,
+    /// Another episode.
+    Reset = 2,
+    /// An episode of an environment as it was made.
+    Renew = 3,
+}
+
+/// The environments of one process.
+#[derive(Debug)]
+pub struct Server {
+    process: Process,
+    memory: File,
+    seats: Vec<Seat>,
+    /// Numbers of a request, and of an answer.
+    asked: usize,
+    answered: usize,
+    /// Which blocks are taken.
+    taken: Vec<bool>,
+    /// Blocks with requests that Python was not told of yet.
+    waiting: Vec<u64>,
+    bytes: Vec<u8>,
+}
+
+/// A process, shared by the environments in it; it ends with the last of them.
+pub type Shared = Arc<Mutex<Server>>;
+
+/// Servers in use, by what they were told.
+static SERVERS: Mutex<BTreeMap<String, Weak<Mutex<Server>>>> = Mutex::new(BTreeMap::new());
+
+/// The server of environments that are made in this way: the one in use, or a new one.
+///
+/// # Errors
+/// As [`Server::start`].
+pub fn shared(interpreter: &str, told: &Value) -> Result<Shared, Error> {
+    let mut servers = SERVERS.lock().unwrap_or_else(PoisonError::into_inner);
+    servers.retain(|_, server| server.strong_count() > 0);
+    if let Some(server) = servers.get(&told.to_string()).and_then(Weak::upgrade) {
+        return Ok(server);
+    }
+    let server = Arc::new(Mutex::new(Server::start(interpreter, told)?));
+    servers.insert(told.to_string(), Arc::downgrade(&server));
+    Ok(server)
+}
+
+/// Takes a server for a moment.
+pub fn lock(server: &Shared) -> MutexGuard<'_, Server> {
+    // A panic elsewhere ends the trial, and the process with it.
+    server.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Server {
+    /// Starts Python and looks at a first environment.
+    ///
+    /// # Errors
+    /// [`Error::Config`] where Python cannot be started, where nothing can be made there, and for an environment
+    /// whose spaces are not supported.
+    pub fn start(interpreter: &str, told: &Value) -> Result<Self, Error> {
+        let mut process = Process::start(interpreter)?;
+        let face: Face = match process.ask(None, told.to_string().as_bytes())? {
+            Answer::Done(text) => {
+                serde_json::from_slice(&text).map_err(|source| failed(source.to_string()))?
+            }
+            Answer::Cannot(refusal) | Answer::Failed(refusal) => return Err(refused(&refusal)),
+        };
+        let memory = OpenOptions::new().read(true).write(true).open(&face.memory);
+        let memory = memory.map_err(Error::file("open", &face.memory))?;
+        if face.remove {
+            fs::remove_file(&face.memory).map_err(Error::file("remove", &face.memory))?;
+        }
+        let seats = face.seats();
+        let seen: usize = seats.iter().map(|seat| seat.observation.len()).sum();
+        Ok(Self {
+            asked: 2 + seats.iter().map(n_asked).sum::<usize>(),
+            answered: 1 + seats.len() + seen,
+            process,
+            memory,
+            seats,
+            taken: Vec::new(),
+            waiting: Vec::new(),
+            bytes: Vec::new(),
+        })
+    }
+
+    /// The seats of its environments.
+    pub fn seats(&self) -> &[Seat] {
+        &self.seats
+    }
+
+    /// Takes a block.
+    ///
+    /// # Errors
+    /// [`Error::Model`] where there are too many.
+    pub fn open(&mut self) -> Result<usize, Error> {
+        let free = self.taken.iter().position(|taken| !taken);
+        let slot = free.unwrap_or(self.taken.len());
+        if slot == MOST_ENVIRONMENTS {
+            return Err(failed(format!(
+                "more than {MOST_ENVIRONMENTS} environments at a time"
+            )));
+        }
+        if slot == self.taken.len() {
+            self.taken.push(false);
+        }
+        self.taken[slot] = true;
+        Ok(slot)
+    }
+
+    /// Gives a block back.
+    pub fn close(&mut self, slot: usize) {
+        self.taken[slot] = false;
+        self.waiting.retain(|waiting| *waiting != slot as u64);
+    }
+
+    /// Writes a request, of which Python is told by the next [`answer`](Self::answer).
+    ///
+    /// # Errors
+    /// [`Error::Model`] where the shared memory cannot be written.
+    pub fn request(&mut self, slot: usize, what: Request, seed: u32, actions: &[f64]) -> Result<(), Error> {
+        let head = [f64::from(what as u8), f64::from(seed)];
+        self.bytes.clear();
+        self.bytes.extend(bytemuck::cast_slice(&head));
+        self.bytes.extend(bytemuck::cast_slice(actions));
+        self.memory
+            .write_all_at(&self.bytes, self.place(slot))
+            .map_err(|source| of_memory(&source))?;
+        self.waiting.push(slot as u64);
+        Ok(())
+    }
+
+    /// The answer in a block: how the episode stands, rewards, observations. All requests that wait are done first.
+    ///
+    /// # Errors
+    /// [`Error::Model`] for what went wrong in Python.
+    pub fn answer(&mut self, slot: usize, numbers: &mut Vec<f64>) -> Result<(), Error> {
+        if !self.waiting.is_empty() {
+            self.ring()?;
+        }
+        numbers.resize(self.answered, 0.0);
+        let place = self.place(slot) + (BYTES * self.asked) as u64;
+        let read = self
+            .memory
+            .read_exact_at(bytemuck::cast_slice_mut(numbers), place);
+        read.map_err(|source| of_memory(&source))
+    }
+
+    fn ring(&mut self) -> Result<(), Error> {
+        let mut list = vec![self.waiting.len() as u64];
+        list.append(&mut self.waiting);
+        let written = self.memory.write_all_at(bytemuck::cast_slice(&list), 0);
+        written.map_err(|source| of_memory(&source))?;
+        self.process.ring()
+    }
+
+    /// Where a block begins.
+    fn place(&self, slot: usize) -> u64 {
+        let block = self.asked + self.answered;
+        (BYTES * (1 + MOST_ENVIRONMENTS + slot * block)) as u64
+    }
+
+    /// The environment of a block as bytes, or why it has none from which it would continue alike.
+    ///
+    /// # Errors
+    /// [`Error::Model`] where Python ended.
+    pub fn snapshot(&mut self, slot: usize) -> Result<Answer, Error> {
+        self.process.ask(Some(b'p'), &(slot as u64).to_le_bytes())
+    }
+
+    /// Puts an environment in a block that goes on from a snapshot.
+    ///
+    /// # Errors
+    /// [`Error::Model`] where Python ended.
+    pub fn restore(&mut self, slot: usize, state: &[u8]) -> Result<Answer, Error> {
+        let text = [&(slot as u64).to_le_bytes(), state].concat();
+        self.process.ask(Some(b'r'), &text)
+    }
+
+    /// What a reset and ten steps answer in a new environment.
+    ///
+    /// # Errors
+    /// [`Error::Config`] for what went wrong in Python.
+    pub fn rehearse(&mut self) -> Result<Rehearsal, Error> {
+        match self.process.ask(Some(b't'), &REHEARSED.to_le_bytes())? {
+            Answer::Done(bytes) => Ok(Rehearsal {
+                rows: bytes.chunks(BYTES * self.answered).map(<[u8]>::to_vec).collect(),
+            }),
+            Answer::Cannot(problem) | Answer::Failed(problem) => Err(Error::config("make", problem)),
+        }
+    }
+
+    /// What an entry of an answer is.
+    fn name_of(&self, entry: usize) -> String {
+        if entry == 0 {
+            return "the end of the episode".into();
+        }
+        let rewards = self.seats.iter().map(|seat| prefixed(seat, "reward"));
+        let seen = self
+            .seats
+            .iter()
+            .flat_map(|seat| seat.observation.names().into_iter().map(|it| prefixed(seat, &it)));
+        rewards.chain(seen).nth(entry - 1).unwrap_or_default()
+    }
+
+    /// Where two rehearsals differ, in words; `None` where they do not.
+    pub fn difference(&self, first: &Rehearsal, second: &Rehearsal) -> Option<String> {
+        let row = first
+            .rows
+            .iter()
+            .zip(&second.rows)
+            .position(|(one, other)| one != other)?;
+        let numbers = |of: &Rehearsal| bytemuck::pod_collect_to_vec::<u8, f64>(&of.rows[row]);
+        let (one, other) = (numbers(first), numbers(second));
+        let entry = one
+            .iter()
+            .zip(&other)
+            .position(|(one, other)| one.to_bits() != other.to_bits())?;
+        let when = match row {
+            0 => "after `reset`".to_owned(),
+            // Where an episode ended, the reset that followed is counted too.
+            row => format!("after step {row}"),
+        };
+        let (one, other) = (one[entry], other[entry]);
+        Some(format!(
+            "{when}, `{}` is {one} and then {other}",
+            self.name_of(entry)
+        ))
+    }
+}
+
+/// What a reset and some steps answered.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Rehearsal {
+    rows: Vec<Vec<u8>>,
+}
+
+/// The name of what belongs to a seat.
+pub fn prefixed(seat: &Seat, name: &str) -> String {
+    if seat.name.is_empty() {
+        name.to_owned()
+    } else {
+        format!("{}_{name}", seat.name)
+    }
+}
+
+fn of_memory(source: &std::io::Error) -> Error {
+    failed(format!(
+        "the memory that is shared with Python cannot be used: {source}"
+    ))
+}
+
+/// What Python refuses, at the key that it names.
+fn refused(refusal: &str) -> Error {
+    let value: Value = serde_json::from_str(refusal).unwrap_or_default();
+    let word = |key: &str| value[key].as_str().map(str::to_owned);
+    let problem = word("problem").unwrap_or_else(|| refusal.to_owned());
+    Error::config(word("key").unwrap_or_else(|| "make".into()), problem)
+}
