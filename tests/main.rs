@@ -38,6 +38,8 @@ mod other_programs;
 mod pages;
 mod pins;
 mod plain_output;
+mod portable_datasets;
+mod portable_policies;
 mod program;
 mod provenance;
 mod record;
