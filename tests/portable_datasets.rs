@@ -235,5 +235,5 @@ fn the_lines_of_the_book_use_what_was_taken_away() {
         String::from_utf8_lossy(&output.stderr)
     );
     let said = String::from_utf8_lossy(&output.stdout);
-    assert!(said.contains("share_1") && said.contains("2 episodes"), "{said}");
+    assert!(said.contains("weight_1") && said.contains("2 episodes"), "{said}");
 }

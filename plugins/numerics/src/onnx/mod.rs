@@ -9,8 +9,9 @@
 //! - `softplus(x) = max(x, 0) + 2 artanh(t / (2 + t))` with `t = e^-|x|`, which is `ln(1 + t)` to the last digits also
 //!   where `t` is small, in operators that need no `log1p`.
 //!
-//! Of the same `float32` observation a runtime and [`Policy::act`](crate::policy_file::Policy::act) come to actions
-//! that differ by less than 1e-6 of the action's scale; tests hold two runtimes to it.
+//! Of the same `float32` observation, as an environment shows it, a runtime and
+//! [`Policy::act`](crate::policy_file::Policy::act) come to actions that differ by less than 1e-6 of the action's
+//! scale; `tests/portable_policies.rs` holds two runtimes to it.
 
 mod heads;
 mod layers;
