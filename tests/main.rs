@@ -39,6 +39,8 @@ mod packing;
 mod pages;
 mod pins;
 mod plain_output;
+mod portable_datasets;
+mod portable_policies;
 mod program;
 mod provenance;
 mod python_environments;

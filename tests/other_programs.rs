@@ -25,7 +25,7 @@ seeds: 1
 ";
 
 /// A Python with the modules, or `None` (which the caller says).
-fn python(modules: &str) -> Option<&'static str> {
+pub(crate) fn python(modules: &str) -> Option<&'static str> {
     let candidates = [
         concat!(env!("CARGO_MANIFEST_DIR"), "/target/python/bin/python"),
         "python3",
@@ -38,7 +38,7 @@ fn python(modules: &str) -> Option<&'static str> {
     })
 }
 
-fn check(script: &str, modules: &str, arguments: &[String]) {
+pub(crate) fn check(script: &str, modules: &str, arguments: &[String]) {
     let Some(python) = python(modules) else {
         assert!(
             std::env::var_os("CI").is_none(),

@@ -83,6 +83,19 @@ pub enum Error {
         /// What is wrong with it.
         problem: String,
     },
+    /// What a trial left as its policy is of no form that other runtimes can be given.
+    #[error(
+        "what trial {trial} of `{agent}` left as its policy acts on no observation in a form that is known here: {}",
+        known.join(", ")
+    )]
+    NoPortablePolicy {
+        /// Id of the trial.
+        trial: String,
+        /// Its agent.
+        agent: String,
+        /// Names of the forms.
+        known: Vec<&'static str>,
+    },
     /// A dataset was gathered in an environment whose seats see or do something else.
     #[error("the dataset was gathered in another environment: {what} is {found} there and {expected} here")]
     OtherInterface {

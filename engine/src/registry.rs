@@ -4,7 +4,10 @@
 //! once, so the engine can fill in defaults, refuse typos, print parameters and build the plugin without ever
 //! naming its type.
 
-use crate::{Agent, Environment, Error, Interface, Metric, Protocol, Rng};
+use crate::{
+    Agent, Environment, Error, Interface, Metric, Protocol, Rng,
+    export::{PolicyForm, ReadPolicies},
+};
 use schemars::{JsonSchema, Schema};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -120,6 +123,8 @@ pub struct Registry {
     pub agents: BTreeMap<&'static str, AgentEntry>,
     /// Protocols by name.
     pub protocols: BTreeMap<&'static str, ProtocolEntry>,
+    /// Forms of policies that can be written for other runtimes, by name.
+    pub policy_forms: BTreeMap<&'static str, PolicyForm>,
     /// Raised whenever numerical code that plugins share changes the numbers of trials: the engine's own
     /// [`NUMERICS_VERSION`], and that of every crate that [`shares`](Self::shares) with several plugins.
     pub numerics_version: u32,
@@ -166,6 +171,7 @@ impl Default for Registry {
             environments: BTreeMap::new(),
             agents: BTreeMap::new(),
             protocols: BTreeMap::new(),
+            policy_forms: BTreeMap::new(),
             numerics_version: NUMERICS_VERSION,
             build: None,
             first_study: None,
@@ -250,6 +256,19 @@ impl Registry {
         assert!(
             self.protocols.insert(name, entry).is_none(),
             "protocol `{name}` is registered twice"
+        );
+    }
+
+    /// Registers a form of policy files, so that `export` can write policies of it for other runtimes.
+    ///
+    /// # Panics
+    /// Where the name is taken: a mistake in the program, found by every test.
+    pub fn policy_form(&mut self, name: &'static str, read: ReadPolicies) {
+        assert!(
+            self.policy_forms
+                .insert(name, PolicyForm { name, read })
+                .is_none(),
+            "the form of policies `{name}` is registered twice"
         );
     }
 }

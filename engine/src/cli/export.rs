@@ -1,8 +1,8 @@
 //! `export`: a study's numbers in a folder, in a form that other programs read.
 
 use super::{
-    BAD_SPEC, Common, Failure, NOTHING_SELECTED, ReportOptions, Selection, complain, folders, run, say,
-    settings,
+    BAD_SPEC, Common, Failure, NOTHING_SELECTED, ReportOptions, Selection, complain, export_dataset,
+    export_policy, folders, run, say, settings,
     study::{self, Planned},
 };
 use crate::{
@@ -23,22 +23,49 @@ use std::{
 
 /// What is taken away, where to, and how.
 #[derive(Debug, Clone, Args)]
+#[command(mut_arg("specs", |specs| specs.required(false).required_unless_present_any(["onnx", "minari"])))]
 pub(super) struct ExportOptions {
     #[command(flatten)]
     selection: Selection,
     /// Folder to write; it must not hold anything yet.
-    #[arg(long, value_name = "FOLDER")]
+    #[arg(long, short = 'o', value_name = "FOLDER")]
     to: PathBuf,
     /// Form to write.
-    #[arg(long = "as", value_enum, value_name = "FORM")]
-    form: Form,
+    #[arg(long = "as", value_enum, value_name = "FORM", required_unless_present_any = ["onnx", "minari"])]
+    form: Option<Form>,
+    /// In place of a study, the policy of one trial of the store, by the first digits of its id: `policy.onnx`, or
+    /// `<seat>.onnx` for every seat that has its own.
+    #[arg(long, value_name = "TRIAL", conflicts_with_all = ["specs", "form", "minari"])]
+    onnx: Option<String>,
+    /// In place of a study, the episodes of one trial of the store as a Minari dataset: what it gathered, or what its
+    /// policy plays (`--episodes`).
+    #[arg(long, value_name = "TRIAL", conflicts_with_all = ["specs", "form"])]
+    minari: Option<String>,
+    #[command(flatten)]
+    play: export_dataset::Play,
     /// Licence of the results, which a crate must name: an id of SPDX such as CC-BY-4.0, or an address.
     #[arg(long, value_name = "LICENCE", required_if_eq("form", "ro-crate"))]
     license: Option<String>,
 }
 
-/// 106 where trials are missing, 100 where some failed: what is there is written all the same.
+/// A study: 106 where trials are missing, 100 where some failed: what is there is written all the same.
 pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Common) -> Result<u8, Failure> {
+    match (&options.onnx, &options.minari, options.form) {
+        (Some(trial), ..) => export_policy::of_trial(registry, trial, &options.to, common),
+        (None, Some(trial), _) => {
+            export_dataset::of_trial(registry, trial, options.play, &options.to, common)
+        }
+        (None, None, Some(form)) => of_study(registry, form, options, common),
+        (None, None, None) => Err(refused("say with `--as` in which form".into())),
+    }
+}
+
+fn of_study(
+    registry: &Registry,
+    form: Form,
+    options: &ExportOptions,
+    common: &Common,
+) -> Result<u8, Failure> {
     let store = Store::at(&settings::read(common)?.store);
     let planned = study::load_with_looks(registry, &options.selection, &store)?;
     let [one] = planned.as_slice() else {
@@ -65,12 +92,13 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
         trials: results.iter().zip(stored.iter().map(Option::as_ref)).collect(),
     };
     let whole = Whole::begin(&options.to)?;
-    match options.form {
+    match form {
         Form::Parquet | Form::Csv => {
-            write_tables(&subject, options.form == Form::Csv, &whole.folder)?;
+            write_tables(&subject, form == Form::Csv, &whole.folder)?;
         }
         Form::Tensorboard => write_event_files(&subject, &whole.folder)?,
         Form::RoCrate => pack(&subject, one, &store, options, &whole.folder)?,
+        Form::Onnx => export_policy::of_study(&subject, &store, &whole.folder)?,
     }
     whole.end()?;
     let ok = results.iter().filter(|result| result.is_ok()).count();
@@ -83,7 +111,7 @@ pub(super) fn export(registry: &Registry, options: &ExportOptions, common: &Comm
     Ok(study::code_of(results.iter().map(|result| &result.end)))
 }
 
-fn refused(problem: String) -> Failure {
+pub(super) fn refused(problem: String) -> Failure {
     Failure {
         code: BAD_SPEC,
         text: format!("error: {problem}"),

@@ -6,12 +6,15 @@ mod compare;
 mod compute;
 mod describe;
 mod export;
+mod export_dataset;
+mod export_policy;
 mod folders;
 mod fsck;
 mod import;
 mod looks;
 mod merge;
 mod new;
+mod one_trial;
 mod overview;
 mod pack;
 mod prepare;
@@ -343,7 +346,8 @@ enum Verb {
     /// which verdicts changed, which settings differ.
     Compare(compare::CompareOptions),
     /// Write a study's numbers into a folder: tidy tables with every config key as a column, event files of
-    /// TensorBoard, or a research object crate with the study, its report, metrics and who computed them.
+    /// TensorBoard, or a research object crate with the study, its report, metrics and who computed them. Or take away
+    /// the policy of one stored trial as ONNX files, or its episodes as a Minari dataset.
     Export(export::ExportOptions),
     /// Look into CSV and TensorBoard files of other programs and print the entry under which a study shows their runs
     /// beside its own, marked as imported.

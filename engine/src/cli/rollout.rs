@@ -1,16 +1,16 @@
 //! `regimen rollout`: one environment, given actions, an agent or a stored trial, one CSV file.
 
-use super::{BAD_SPEC, Common, Failure, OK, colour, complain, settings};
+use super::{BAD_SPEC, Common, Failure, OK, colour, complain, one_trial, settings};
 use crate::{
     Agent, Environment, Registry, diagnostic,
     product::Taken,
     random::Streams,
     registry::{About, AgentEntry},
-    results::{EndState, TrialResult},
+    results::TrialResult,
     rollout::{self, Actions},
     spec,
     store::{Store, TrialFile},
-    trial::{Part, Trial, TrialCell},
+    trial::Part,
     world::fs,
 };
 use clap::Args;
@@ -211,12 +211,7 @@ fn of_trial(
         );
         return Ok(rows);
     };
-    let name = key.environment.plugin.as_str();
-    let entry = registry
-        .environments
-        .get(name)
-        .ok_or_else(|| unknown("environment", name, registry.environments.keys()))?;
-    let mut environment = (entry.build)(&*key.environment.loaded(&find)?)?;
+    let mut environment = one_trial::environment(registry, key, &find)?;
     let streams = Streams::new("rollout", "rollout", seed);
     let mut agent = rollout::trained_agent(key, registry, &environment.interface(), &streams, &find)?;
     let actions = Actions::Agent {
@@ -226,49 +221,10 @@ fn of_trial(
     Ok(rollout::rows(&mut *environment, actions, seed)?)
 }
 
-/// The only trial of the store whose id begins with `prefix`; it ended `ok`.
+/// The only trial of the store whose id begins with `prefix`, with what it recorded; it ended `ok`.
 fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
-    let ids = store.ids_beginning_with(prefix);
-    let id = match ids.as_slice() {
-        [id] => id,
-        [] => {
-            let problem = format!(
-                "no trial in `{}` has an id that begins with `{prefix}`",
-                store.root().display()
-            );
-            return Err(refused(&problem));
-        }
-        [first, second, ..] => {
-            let problem = format!(
-                "`{prefix}` begins the ids of {} trials, {first} and {second} among them",
-                ids.len()
-            );
-            return Err(refused(&format!("{problem}; give more digits")));
-        }
-    };
-    let file = store
-        .file(id)?
-        .ok_or_else(|| refused(&format!("trial {id} has not ended")))?;
-    if file.end.state != EndState::Ok {
-        return Err(refused(&format!(
-            "trial {id} ended as {}: {}",
-            file.end.state.name(),
-            file.end.reason
-        )));
-    }
-    let agents: Vec<&str> = file
-        .key
-        .agent
-        .parts()
-        .into_iter()
-        .map(|part| part.plugin.as_str())
-        .collect();
-    let trial = Trial {
-        id: id.clone(),
-        cell: TrialCell::of(&file.key.environment.plugin, agents.join(" ")).into(),
-        key: file.key,
-    };
-    Ok(store.load(&trial)?)
+    let (id, file) = one_trial::that_ended_well(store, prefix)?;
+    Ok(store.load(&one_trial::named(&id, file.key))?)
 }
 
 fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {

@@ -2,7 +2,7 @@
 
 use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, NOTHING_SELECTED, OK, Selection,
-    complain, compute::Compute, say, settings, study,
+    complain, compute::Compute, one_trial::named, say, settings, study,
 };
 use crate::{
     Error, Registry,
@@ -12,7 +12,7 @@ use crate::{
     results::EndState,
     scheduler::Task,
     store::{Imprint, Store, TrialFile, write_durably},
-    trial::{Trial, TrialCell, TrialKey},
+    trial::Trial,
     verification::{Entry, Outcome, Receipt, cannot, id_here, rounds, sample},
 };
 use clap::Args;
@@ -185,15 +185,6 @@ fn of_store(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
         }
     }
     Ok(found)
-}
-
-/// A trial of no study, under the names of its plugins.
-fn named(id: &str, key: TrialKey) -> Trial {
-    Trial {
-        id: id.to_owned(),
-        cell: TrialCell::of(&key.environment.plugin, key.agents_by_plugin()).into(),
-        key,
-    }
 }
 
 fn entry(trial: &Trial, outcome: Outcome) -> Entry {

@@ -107,7 +107,14 @@ impl Dataset {
     /// # Errors
     /// [`Error::File`] where a file is missing, [`Error::Damaged`] where one is not what was written.
     pub fn read(trial: &Path) -> Result<Self, Error> {
-        let folder = trial.join(FOLDER);
+        Self::read_from(&trial.join(FOLDER))
+    }
+
+    /// Reads the dataset that lies in a folder.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_from(folder: &Path) -> Result<Self, Error> {
         let interface: Interface = read_json(&folder.join(INTERFACE))?;
         let totals: minari::Totals = read_json(&folder.join(minari::METADATA))?;
         let seat = only_seat(&interface)?;
@@ -181,11 +188,20 @@ impl DatasetWriter {
     /// [`Error::ManySeats`] for an environment that has not exactly one seat, and where the folder cannot be
     /// written.
     pub fn create(trial: &Path, interface: &Interface) -> Result<Self, Error> {
-        let seat = only_seat(interface)?.clone();
         let folder = trial.join(FOLDER);
+        only_seat(interface)?;
         if fs::exists(&folder) {
             fs::remove_dir_all(&folder).map_err(Error::file("remove", &folder))?;
         }
+        Self::at(&folder, interface)
+    }
+
+    /// Begins a dataset in a folder that holds none.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn at(folder: &Path, interface: &Interface) -> Result<Self, Error> {
+        let (folder, seat) = (folder.to_owned(), only_seat(interface)?.clone());
         let data = folder.join(minari::DATA);
         fs::create_dir_all(&data).map_err(Error::file("create", &data))?;
         write_json(&folder.join(INTERFACE), interface)?;

@@ -5,20 +5,24 @@
 //! | `parquet`, `csv` | tidy tables `evaluations`, `training` and `trials`, and `columns.json`, which says what each column is |
 //! | `tensorboard` | a folder with an event file per trial, and `runs.json` |
 //! | `ro-crate` | study, report, tables and metrics with their hashes, described by `ro-crate-metadata.json` |
+//! | `onnx` | `policy.onnx` of each trial, or one file per seat |
 //!
 //! What is written is a function of the store and the study, but for the date of publication of a crate.
 
 mod comma_separated;
 mod config;
 pub(crate) mod event_file;
+mod policy;
 mod ro_crate;
 mod table;
 mod tables;
 mod tensorboard;
 
+pub use policy::{PolicyForm, PolicySubject, PortablePolicy, ReadPolicies, onnx_files};
 pub use ro_crate::{Crate, Piece};
 pub use table::{Cells, Column, Table};
 pub use tables::tables;
+pub use tensorboard::{describe_run, folder_of_run};
 
 use crate::{
     Error, Metric, Registry,
@@ -40,6 +44,8 @@ pub enum Form {
     Tensorboard,
     /// A research object crate: study, report, tables, metrics with their hashes, and who computed them.
     RoCrate,
+    /// The policies that trials left as ONNX files, in a folder per trial, and `policies.json`.
+    Onnx,
 }
 
 /// A study with what is stored of it.
@@ -120,6 +126,11 @@ fn columns_json(subject: &Subject<'_>, as_csv: bool, tables: Vec<Value>) -> Valu
 fn pretty(value: &Value) -> String {
     // A value that was made here has keys that are texts, so that it can be written.
     serde_json::to_string_pretty(value).unwrap_or_default() + "\n"
+}
+
+/// Words as a list in JSON.
+fn json_list(words: &[String]) -> String {
+    json!(words).to_string()
 }
 
 #[cfg(test)]

@@ -30,27 +30,30 @@ const ABOUT: &str = "scalars by steps of the environment, means over episodes an
 pub(super) fn write(subject: &Subject<'_>, folder: &Path) -> Result<(), Error> {
     let mut runs = Vec::new();
     for (result, stored) in subject.trials.iter().filter(|(result, _)| result.is_ok()) {
-        let name = run(result);
+        let name = folder_of_run(result);
         let path = folder.join(&name);
         fs::create_dir_all(&path).map_err(Error::file("create", &path))?;
         let ended = ended(*stored);
         let file = path.join(format!("events.out.tfevents.{ended}.regimen"));
         write_durably(&file, &event_file(result, ended))?;
-        runs.push(describe(&name, result));
+        runs.push(describe_run(&name, result));
     }
     let described = json!({"schema": 1, "study": subject.name, "title": subject.title,
         "program": subject.program(), "description": ABOUT, "units": subject.units, "runs": runs});
     write_durably(&folder.join("runs.json"), pretty(&described).as_bytes())
 }
 
-fn describe(folder: &str, result: &TrialResult) -> Value {
+/// What says whose run lies in a folder.
+#[must_use]
+pub fn describe_run(folder: &str, result: &TrialResult) -> Value {
     let trial = &result.trial;
     json!({"folder": folder, "trial": trial.id, "environment": trial.cell.environment, "agent": trial.cell.agent,
         "setting": trial.cell.setting, "seed": trial.key.seed, "config": config::values(&trial.key)})
 }
 
 /// Folder of a trial's run: names as people read them, and the beginning of the id, so that no two are the same.
-fn run(result: &TrialResult) -> String {
+#[must_use]
+pub fn folder_of_run(result: &TrialResult) -> String {
     let trial = &result.trial;
     let keep = |letter: char| letter.is_ascii_alphanumeric() || "._-=".contains(letter);
     let word = |text: &str| -> String {

@@ -13,7 +13,10 @@ mod replay;
 pub use given::read_actions;
 pub use replay::{replay, trained_agent};
 
-use crate::{Action, Agent, Environment, Error, Mode, Observation, random, table::guarded_csv as guarded};
+use crate::{
+    Action, Agent, End, Environment, Error, Mode, Observation, Rng, Step, dataset::Episode, random,
+    table::guarded_csv as guarded,
+};
 use columns::Columns;
 use std::path::Path;
 
@@ -62,39 +65,120 @@ pub fn rows(
     seed: u64,
 ) -> Result<Vec<Vec<String>>, Error> {
     let columns = Columns::of(environment);
+    let mut rows = vec![columns.header()];
+    play(
+        environment,
+        &mut actions,
+        seed,
+        &mut |environment, seats, done| match done {
+            None => rows.extend(columns.start(environment, seats)),
+            Some(Done {
+                decision,
+                action,
+                step,
+            }) => {
+                rows.push(columns.row(environment, seats, decision, Some((action, step))));
+            }
+        },
+    )?;
+    Ok(rows)
+}
+
+/// The episode that an agent plays in an environment of one seat, as [`rows`] writes it for the same seed. One that has
+/// not ended after `decisions` is cut off there.
+///
+/// # Errors
+/// What the environment reports.
+pub fn episode(
+    environment: &mut dyn Environment,
+    agent: &mut dyn Agent,
+    decisions: u64,
+    seed: u64,
+) -> Result<Episode, Error> {
+    let mut played = Episode {
+        observations: Vec::new(),
+        actions: Vec::new(),
+        rewards: Vec::new(),
+        end: End::Truncated,
+    };
+    let mut actions = Actions::Agent { agent, decisions };
+    play(environment, &mut actions, seed, &mut |_, seats, done| {
+        played.observations.extend(seats.first().cloned());
+        if let Some(Done { action, step, .. }) = done {
+            played.actions.extend(action.first().cloned());
+            played.rewards.extend(step.rewards.first());
+            played.end = step.end.unwrap_or(played.end);
+        }
+    })?;
+    Ok(played)
+}
+
+/// A decision and what came of it.
+struct Done<'a> {
+    decision: u64,
+    action: &'a Action,
+    step: &'a Step,
+}
+
+/// Who listens to an episode: told of the environment, of what the seats see, and of the decision before.
+type Told<'a> = dyn FnMut(&dyn Environment, &[Vec<f64>], Option<Done<'_>>) + 'a;
+
+/// Plays an episode to its end or to that of the actions.
+fn play(
+    environment: &mut dyn Environment,
+    actions: &mut Actions<'_>,
+    seed: u64,
+    told: &mut Told<'_>,
+) -> Result<(), Error> {
     let mut rng = random::stream(&["rollout", "environment", &seed.to_string()]);
     let mut agent_rng = random::stream(&["rollout", "agent", &seed.to_string()]);
     let mut seats = environment.reset(&mut rng)?;
-    let mut rows = vec![columns.header()];
-    rows.extend(columns.start(environment, &seats));
+    told(environment, &seats, None);
     for decision in 1.. {
-        let action = match &mut actions {
-            Actions::Given(given) => match given.get(decision as usize - 1) {
-                Some(action) => action.clone(),
-                None => break,
-            },
-            Actions::Agent { decisions, .. } if decision > *decisions => break,
+        let Some(action) = actions.of(decision, environment, &seats, &mut agent_rng)? else {
+            break;
+        };
+        let step = environment
+            .step(&action, &mut rng)
+            .map_err(|error| of_decision(error, decision))?;
+        let done = Done {
+            decision,
+            action: &action,
+            step: &step,
+        };
+        told(environment, &step.observations, Some(done));
+        if step.end.is_some() {
+            break;
+        }
+        seats = step.observations;
+    }
+    Ok(())
+}
+
+impl Actions<'_> {
+    /// The action of a decision, counted from 1; `None` after the last.
+    fn of(
+        &mut self,
+        decision: u64,
+        environment: &dyn Environment,
+        seats: &[Vec<f64>],
+        rng: &mut Rng,
+    ) -> Result<Option<Action>, Error> {
+        match self {
+            Actions::Given(given) => Ok(given.get(decision as usize - 1).cloned()),
+            Actions::Agent { decisions, .. } if decision > *decisions => Ok(None),
             Actions::Agent { agent, .. } => {
                 let state = if agent.reads_state() {
                     environment.state()
                 } else {
                     Vec::new()
                 };
-                agent
-                    .act(&[Observation { seats, state }], Mode::Evaluate, &mut agent_rng)?
-                    .swap_remove(0)
+                let seats = seats.to_vec();
+                let mut actions = agent.act(&[Observation { seats, state }], Mode::Evaluate, rng)?;
+                Ok(Some(actions.swap_remove(0)))
             }
-        };
-        let step = environment
-            .step(&action, &mut rng)
-            .map_err(|error| of_decision(error, decision))?;
-        rows.push(columns.row(environment, &step.observations, decision, Some((&action, &step))));
-        if step.end.is_some() {
-            break;
         }
-        seats = step.observations;
     }
-    Ok(rows)
 }
 
 /// An action that is refused, with the number of its decision.

@@ -5,6 +5,7 @@ use super::{
     inside::{files_of, is_product, look, read_in},
     seal::hash,
     sealed_folder::flush,
+    write_durably,
 };
 use crate::{Error, product::Taken, results::EndState, world::fs};
 use std::{
@@ -61,6 +62,31 @@ impl Store {
             Some((name, _)) => Err(unusable(format!("`{name}` {DAMAGED}"))),
             None => Ok(Some(folder)),
         }
+    }
+
+    /// Copies the files of a product whose paths begin with `below` into a folder, under the rest of their paths; what
+    /// is written is what was held against the acknowledged hashes.
+    ///
+    /// # Errors
+    /// [`Error::Source`] as for [`product`](Self::product), [`Error::File`] where the folder cannot be written.
+    pub fn copy_product(&self, taken: &Taken, below: &str, to: &Path) -> Result<(), Error> {
+        let from = self.product(taken)?;
+        let file = self.file(&taken.trial)?;
+        for (name, digest) in file.iter().flat_map(|file| &file.files) {
+            let Some(inside) = name.strip_prefix(below).filter(|_| taken.kind.has_file(name)) else {
+                continue;
+            };
+            let bytes = read_in(&from, name)?.filter(|bytes| hash(bytes) == *digest);
+            let bytes = bytes.ok_or_else(|| Error::Source {
+                trial: taken.trial.clone(),
+                problem: format!("`{name}` {DAMAGED}"),
+            })?;
+            let path = to.join(inside);
+            let folder = path.parent().unwrap_or(to);
+            fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+            write_durably(&path, &bytes)?;
+        }
+        Ok(())
     }
 
     /// True where a trial left something for others and the files are not what was acknowledged.

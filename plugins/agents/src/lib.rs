@@ -60,8 +60,9 @@ pub mod zero_action;
 
 use engine::Registry;
 
-/// Registers every agent of this crate, with its version.
+/// Registers every agent of this crate, with its version, and the forms of the policies that they leave.
 pub fn register(registry: &mut Registry) {
+    shared::policy_forms::register(registry);
     autogan::register(registry, 1);
     behaviour_cloning::register(registry, 1);
     condition_based_replacement::register(registry, 1);

@@ -55,8 +55,9 @@ impl Activation {
     }
 }
 
+/// [`LEAKY_SLOPE`] as networks compute with it.
 #[allow(clippy::cast_possible_truncation, reason = "networks compute in f32")]
-const LEAKY: f32 = LEAKY_SLOPE as f32;
+pub(crate) const LEAKY: f32 = LEAKY_SLOPE as f32;
 
 /// Written so that a NaN stays one.
 fn rectified(x: f32, below: f32) -> f32 {

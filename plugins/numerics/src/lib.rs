@@ -14,6 +14,7 @@ pub mod image;
 pub mod input_norm;
 pub mod linearised;
 pub mod network;
+pub mod onnx;
 pub mod optimizer;
 pub mod parameters;
 pub mod policy_file;

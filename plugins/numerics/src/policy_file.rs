@@ -127,6 +127,11 @@ impl Policy {
         self
     }
 
+    /// The network behind the scaling.
+    pub(crate) fn network(&self) -> &Mlp {
+        &self.network
+    }
+
     /// Writes `policy.safetensors` into `dir`.
     ///
     /// # Errors

@@ -34,6 +34,7 @@
 mod asset_network;
 mod config;
 mod networks;
+mod policy_graph;
 
 use asset_network::AssetChannels;
 pub use config::{ActionScaling, Config, EvaluationAction, NetworkKind, TargetEntropy};
@@ -111,6 +112,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
         ..AgentTraits::default()
     };
     registry.agent(NAME, version, about, traits, build);
+    registry.policy_form("equivariant", policy_graph::portable);
 }
 
 /// Builds the agent for one seat that observes a box and acts on a simplex.

@@ -15,6 +15,7 @@ pub(crate) mod gradient_moments;
 pub mod joint;
 pub mod multiplier;
 pub mod opponent_modelling;
+pub(crate) mod policy_forms;
 pub(crate) mod proposer;
 #[cfg(test)]
 pub(crate) mod regulator;

@@ -24,12 +24,14 @@
 
 mod config;
 mod networks;
+mod policy_graph;
 mod prediction;
 #[cfg(test)]
 pub(crate) mod trials;
 
 pub use config::{ActingPrediction, Origin, Settings};
 pub use networks::{Critic, GaussianNetwork};
+pub(crate) use policy_graph::portable;
 pub(crate) use prediction::{decide, policy_loss, predict};
 
 use super::checkpoint::{self, finite};

@@ -1,0 +1,173 @@
+//! Policies of stored trials for other runtimes.
+//!
+//! The engine knows where a policy lies in a trial's folder and what is said of it, and not what it is made of: a
+//! [`PolicyForm`] that a plugin registered recognises the file and writes it.
+
+use super::json_list;
+use crate::{Channel, Error, Interface, Registry, Seat, Space, store::TrialFile, world::fs};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+/// The file that every policy has, in the folder of a trial or in one per seat.
+const FILE: &str = "policy.safetensors";
+
+/// A form of policy files that can be written for other runtimes.
+pub struct PolicyForm {
+    /// Its name, as messages and properties say it.
+    pub name: &'static str,
+    /// Reads the policies in a folder that holds `policy.safetensors`; `None` where it is of another form.
+    pub read: ReadPolicies,
+}
+
+/// What reads the policies of one form.
+///
+/// # Errors
+/// Where the file cannot be read, or is of this form and not whole.
+pub type ReadPolicies = fn(&Path) -> Result<Option<Vec<PortablePolicy>>, Error>;
+
+/// A policy from observations of one seat to its actions, ready to be written.
+pub struct PortablePolicy {
+    /// The seat, where one file holds the policies of several; else empty.
+    pub seat: String,
+    /// Names of the entries of the observation, in order.
+    pub inputs: Vec<String>,
+    /// Names of the entries of the action, in order.
+    pub outputs: Vec<String>,
+    /// How what its network gives out becomes an action, in a word.
+    pub head: String,
+    /// An ONNX file of it, with properties by name.
+    pub to_onnx: Box<dyn Fn(&[(String, String)]) -> Vec<u8>>,
+}
+
+/// A policy that was found in a trial's folder.
+struct Found {
+    form: &'static str,
+    /// Path of its file inside the trial's folder.
+    file: String,
+    policy: PortablePolicy,
+}
+
+/// What is said of the trial whose policies are written.
+pub struct PolicySubject<'a> {
+    /// Its id.
+    pub trial: &'a str,
+    /// What acknowledges it.
+    pub file: &'a TrialFile,
+    /// Its folder, with the policy that was held against its hashes.
+    pub folder: &'a Path,
+    /// What its environment's seats see and do.
+    pub interface: &'a Interface,
+    /// What the program is made of.
+    pub registry: &'a Registry,
+}
+
+/// ONNX files of the policies that a trial left, by name: `policy.onnx`, or `<seat>.onnx` where each seat has its own.
+///
+/// # Errors
+/// [`Error::NoPortablePolicy`] where no form recognises what lies there, and whatever reading says.
+pub fn onnx_files(subject: &PolicySubject<'_>) -> Result<BTreeMap<String, Vec<u8>>, Error> {
+    let mut files = BTreeMap::new();
+    for found in subject.found()? {
+        let seat = &found.policy.seat;
+        let name = if seat.is_empty() { "policy" } else { seat };
+        let bytes = (found.policy.to_onnx)(&subject.properties(&found));
+        files.insert(format!("{name}.onnx"), bytes);
+    }
+    Ok(files)
+}
+
+impl PolicySubject<'_> {
+    fn found(&self) -> Result<Vec<Found>, Error> {
+        let mut all = Vec::new();
+        for (seat, folder, file) in places(self.folder)? {
+            let (form, policies) = self.read(&folder)?;
+            all.extend(policies.into_iter().map(|mut policy| {
+                if policy.seat.is_empty() {
+                    policy.seat.clone_from(&seat);
+                }
+                let file = file.clone();
+                Found { form, file, policy }
+            }));
+        }
+        Ok(all)
+    }
+
+    fn read(&self, folder: &Path) -> Result<(&'static str, Vec<PortablePolicy>), Error> {
+        for form in self.registry.policy_forms.values() {
+            if let Some(policies) = (form.read)(folder)? {
+                return Ok((form.name, policies));
+            }
+        }
+        Err(Error::NoPortablePolicy {
+            trial: self.trial.into(),
+            agent: self.file.key.agents_by_plugin(),
+            known: self.registry.policy_forms.keys().copied().collect(),
+        })
+    }
+
+    /// What a file says of itself, in the order in which it says it.
+    fn properties(&self, found: &Found) -> Vec<(String, String)> {
+        let (key, policy) = (&self.file.key, &found.policy);
+        let digest = self.file.files.get(&found.file).cloned().unwrap_or_default();
+        let units = |names: &[String], of: fn(&Seat) -> &Space| -> Vec<String> {
+            names
+                .iter()
+                .map(|name| self.unit(&policy.seat, name, of))
+                .collect()
+        };
+        let all = [
+            ("program", crate::build::version(self.registry.build.as_ref())),
+            ("trial", self.trial.into()),
+            ("digest", digest),
+            ("environment", key.environment.plugin.clone()),
+            ("agent", key.agents_by_plugin()),
+            ("seed", key.seed.to_string()),
+            ("seat", policy.seat.clone()),
+            ("form", found.form.into()),
+            ("head", policy.head.clone()),
+            ("inputs", json_list(&policy.inputs)),
+            (
+                "input_units",
+                json_list(&units(&policy.inputs, |seat| &seat.observation)),
+            ),
+            ("outputs", json_list(&policy.outputs)),
+            (
+                "output_units",
+                json_list(&units(&policy.outputs, |seat| &seat.action)),
+            ),
+        ];
+        all.into_iter()
+            .map(|(name, value)| (name.to_owned(), value))
+            .collect()
+    }
+
+    /// The unit of a channel: of the seat, else of the first seat that has one of the name. Empty for what is none.
+    fn unit(&self, seat: &str, name: &str, of: fn(&Seat) -> &Space) -> String {
+        let seats = &self.interface.seats;
+        let own = seats.iter().filter(|it| it.name == seat);
+        let spaces = own.chain(seats).map(of);
+        let mut channels = spaces.flat_map(|space| match space {
+            Space::Box(channels) => channels.as_slice(),
+            _ => &[],
+        });
+        channels
+            .find(|channel: &&Channel| channel.name == name)
+            .map_or(String::new(), |channel| channel.unit.clone())
+    }
+}
+
+/// Seat, folder and path of every policy file of a trial: the trial's own has no seat.
+fn places(trial: &Path) -> Result<Vec<(String, PathBuf, String)>, Error> {
+    if fs::is_file(&trial.join(FILE)) {
+        return Ok(vec![(String::new(), trial.to_owned(), FILE.into())]);
+    }
+    let mut seats = crate::store::names(trial)?;
+    seats.sort();
+    let place = |seat: String| {
+        let (folder, file) = (trial.join(&seat), format!("{seat}/{FILE}"));
+        fs::is_file(&folder.join(FILE)).then_some((seat, folder, file))
+    };
+    Ok(seats.into_iter().filter_map(place).collect())
+}

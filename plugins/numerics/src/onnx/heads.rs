@@ -1,0 +1,101 @@
+//! How the outputs of a network become an action, and a whole policy file as a graph.
+
+use super::{Dense, Graph, Setting, Value, dense_layers};
+use crate::parameters::store;
+use crate::policy_file::{Head, PREFIX, Policy, PolicyHeader};
+use crate::tensor_file::{TensorFile, TensorFileError};
+
+impl Policy {
+    /// The policy as a graph, from an observation in the units of the channels to an action in its units.
+    ///
+    /// # Errors
+    /// [`TensorFileError`] for a network without layers.
+    pub fn graph(&self) -> Result<Graph, TensorFileError> {
+        let PolicyHeader {
+            activations,
+            center,
+            spread,
+            outputs,
+            head,
+            action_center,
+            action_spread,
+            ..
+        } = &self.header;
+        let mut file = TensorFile::default();
+        store(self.network(), PREFIX, &mut file);
+        let layers = with_first_outputs(dense_layers(&file, PREFIX)?, outputs.len());
+        let n_acted = head.n_entries(outputs.len());
+        let (mut graph, observation) = Graph::of_observation(center.len());
+        let x = graph.scaled(&observation, center, spread);
+        let x = graph.network(&x, &layers, activations);
+        let action = graph.head(&x, *head);
+        // An index has the first of the entries that units are given for, as where this program acts.
+        let units = |numbers: &[f64]| numbers[..n_acted.min(numbers.len())].to_vec();
+        let action = graph.in_units(&action, &units(action_center), &units(action_spread));
+        Ok(graph.acting(&action, n_acted))
+    }
+}
+
+/// Layers of which the last one has its first `n` outputs alone.
+#[must_use]
+pub fn with_first_outputs(mut layers: Vec<Dense>, n: usize) -> Vec<Dense> {
+    if let Some(last) = layers.last_mut() {
+        *last = last.first_outputs(n);
+    }
+    layers
+}
+
+impl Head {
+    /// Entries of the action that it makes of `n` outputs.
+    #[must_use]
+    pub fn n_entries(self, n: usize) -> usize {
+        if self == Head::Argmax { 1 } else { n }
+    }
+}
+
+impl Graph {
+    /// The action `[batch, m]` of outputs `[batch, n]`.
+    pub fn head(&mut self, x: &Value, head: Head) -> Value {
+        match head {
+            Head::DirichletMean => {
+                let softplus = self.softplus(x);
+                let one = self.constant("one", &[1], &[1.0]);
+                let alpha = self.node("Add", &[&softplus, &one], &[]);
+                self.shares(&alpha)
+            }
+            Head::DirichletMode => {
+                let softplus = self.softplus(x);
+                self.shares(&softplus)
+            }
+            Head::SoftmaxMean => self.node("Softmax", &[x], &[("axis", Setting::Int(1))]),
+            Head::Tanh => self.node("Tanh", &[x], &[]),
+            Head::Argmax => {
+                let settings = [("axis", Setting::Int(1)), ("keepdims", Setting::Int(1))];
+                let index = self.node("ArgMax", &[x], &settings);
+                self.node("Cast", &[&index], &[("to", Setting::Int(super::FLOAT.into()))])
+            }
+            Head::Identity => x.clone(),
+        }
+    }
+
+    /// `max(x, 0) + 2 artanh(t / (2 + t))` with `t = e^-|x|`: `ln(1 + e^x)`.
+    fn softplus(&mut self, x: &Value) -> Value {
+        let magnitude = self.node("Abs", &[x], &[]);
+        let negative = self.node("Neg", &[&magnitude], &[]);
+        let t = self.node("Exp", &[&negative], &[]);
+        let two = self.constant("two", &[1], &[2.0]);
+        let below = self.node("Add", &[&t, &two], &[]);
+        let ratio = self.node("Div", &[&t, &below], &[]);
+        let half = self.node("Atanh", &[&ratio], &[]);
+        let logarithm = self.node("Mul", &[&half, &two], &[]);
+        let positive = self.node("Relu", &[x], &[]);
+        self.node("Add", &[&positive, &logarithm], &[])
+    }
+
+    /// Each entry over the sum of its row.
+    fn shares(&mut self, x: &Value) -> Value {
+        let columns = self.positions("columns", &[1], &[1]);
+        let total = self.node("ReduceSum", &[x, &columns], &[("keepdims", Setting::Int(1))]);
+        self.node("Div", &[x, &total], &[])
+    }
+}

@@ -1,0 +1,229 @@
+//! Policies as ONNX files, for runtimes that know nothing of this program.
+//!
+//! A file is one graph from `observation` `[batch, n]` to `action` `[batch, m]`, both `float32`, in the operators of
+//! opset 17 (IR version 8). What a channel is called, and whose policy it is, stands in the file's properties.
+//!
+//! Everything is computed in `float32`, as the networks are. Scaling of inputs and outputs is known in `f64`:
+//! - `(x - center) / spread` subtracts the centre in two parts, its `float32` and what that leaves, so that nothing is
+//!   lost where a channel varies little around a large value; the spread is its `float32`.
+//! - `softplus(x) = max(x, 0) + 2 artanh(t / (2 + t))` with `t = e^-|x|`, which is `ln(1 + t)` to the last digits also
+//!   where `t` is small, in operators that need no `log1p`.
+//!
+//! Of the same `float32` observation, as an environment shows it, a runtime and
+//! [`Policy::act`](crate::policy_file::Policy::act) come to actions that differ by less than 1e-6 of the action's
+//! scale; `tests/portable_policies.rs` holds two runtimes to it.
+
+mod heads;
+mod layers;
+mod messages;
+#[cfg(test)]
+mod tests;
+
+pub use heads::with_first_outputs;
+pub use layers::{Dense, dense_layers};
+
+use crate::activation::Activation;
+use messages::{
+    Attribute, Dimension, FLOAT, Graph as GraphMessage, INT64, Model, Node, OperatorSet, Property, Shape,
+    Tensor, TensorType, Type, ValueInfo,
+};
+use prost::Message;
+
+/// Version of the operators.
+pub const OPSET: i64 = 17;
+/// Version of the file's form, that of ONNX 1.12.
+const IR_VERSION: i64 = 8;
+/// Name of the input of a policy.
+pub const OBSERVATION: &str = "observation";
+/// Name of its output.
+pub const ACTION: &str = "action";
+
+/// What an operation gives out or takes in, by its name in the graph.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Value(String);
+
+/// A graph under way.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Graph {
+    message: GraphMessage,
+}
+
+/// A setting of an operation.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Setting {
+    /// A number.
+    Float(f32),
+    /// A whole number.
+    Int(i64),
+    /// Whole numbers.
+    Ints(Vec<i64>),
+}
+
+impl Graph {
+    /// A graph that takes `observation` `[batch, n_observed]`, and that input.
+    #[must_use]
+    pub fn of_observation(n_observed: usize) -> (Self, Value) {
+        let mut graph = Self::default();
+        graph.message.name = "policy".into();
+        graph.message.input.push(port(OBSERVATION, n_observed));
+        (graph, Value(OBSERVATION.into()))
+    }
+
+    /// Constants of a shape, the last dimension running fastest.
+    ///
+    /// # Panics
+    /// Where the number of entries is not the product of the shape.
+    pub fn constant(&mut self, name: &str, shape: &[usize], values: &[f32]) -> Value {
+        assert_eq!(
+            shape.iter().product::<usize>(),
+            values.len(),
+            "entries of {name} {shape:?}"
+        );
+        let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        self.tensor(name, FLOAT, shape, bytes)
+    }
+
+    /// Whole numbers of a shape, as positions are.
+    ///
+    /// # Panics
+    /// Where the number of entries is not the product of the shape.
+    pub fn positions(&mut self, name: &str, shape: &[usize], values: &[usize]) -> Value {
+        assert_eq!(
+            shape.iter().product::<usize>(),
+            values.len(),
+            "entries of {name} {shape:?}"
+        );
+        let bytes = values
+            .iter()
+            .flat_map(|value| whole(*value).to_le_bytes())
+            .collect();
+        self.tensor(name, INT64, shape, bytes)
+    }
+
+    fn tensor(&mut self, name: &str, data_type: i32, shape: &[usize], raw_data: Vec<u8>) -> Value {
+        let name = self.free(name);
+        self.message.initializer.push(Tensor {
+            dims: shape.iter().copied().map(whole).collect(),
+            data_type,
+            name: name.clone(),
+            raw_data,
+        });
+        Value(name)
+    }
+
+    /// What an operator of the opset makes of its inputs.
+    pub fn node(&mut self, operator: &str, inputs: &[&Value], settings: &[(&str, Setting)]) -> Value {
+        let output = self.free(&operator.to_lowercase());
+        self.add(operator, inputs, settings, output.clone());
+        Value(output)
+    }
+
+    fn add(&mut self, operator: &str, inputs: &[&Value], settings: &[(&str, Setting)], output: String) {
+        self.message.node.push(Node {
+            input: inputs.iter().map(|value| value.0.clone()).collect(),
+            name: output.clone(),
+            output: vec![output],
+            op_type: operator.into(),
+            attribute: settings
+                .iter()
+                .map(|(name, setting)| attribute(name, setting))
+                .collect(),
+        });
+    }
+
+    /// The name, or one that begins with it and that nothing in the graph has.
+    fn free(&self, name: &str) -> String {
+        let taken = |name: &str| {
+            let graph = &self.message;
+            graph.initializer.iter().any(|it| it.name == name)
+                || graph.node.iter().any(|it| it.name == name)
+                || [OBSERVATION, ACTION].contains(&name)
+        };
+        let numbered = (2..).map(|number| format!("{name}_{number}"));
+        // There are more numbers than names in a graph.
+        let mut candidates = std::iter::once(name.to_owned()).chain(numbered);
+        candidates.find(|name| !taken(name)).expect("a free name")
+    }
+
+    /// The graph, whose `action` `[batch, n_acted]` is `value`.
+    #[must_use]
+    pub fn acting(mut self, value: &Value, n_acted: usize) -> Self {
+        self.add("Identity", &[value], &[], ACTION.into());
+        self.message.output.push(port(ACTION, n_acted));
+        self
+    }
+
+    /// The file, with properties by name.
+    #[must_use]
+    pub fn to_bytes(&self, properties: &[(String, String)]) -> Vec<u8> {
+        let property = |(key, value): &(String, String)| Property {
+            key: key.clone(),
+            value: value.clone(),
+        };
+        let model = Model {
+            ir_version: IR_VERSION,
+            producer_name: "regimen".into(),
+            graph: Some(self.message.clone()),
+            opset_import: vec![OperatorSet {
+                domain: String::new(),
+                version: OPSET,
+            }],
+            metadata_props: properties.iter().map(property).collect(),
+        };
+        model.encode_to_vec()
+    }
+
+    /// An activation, entry by entry.
+    pub fn activation(&mut self, x: &Value, activation: Activation) -> Value {
+        match activation {
+            Activation::Relu => self.node("Relu", &[x], &[]),
+            Activation::LeakyRelu => self.node(
+                "LeakyRelu",
+                &[x],
+                &[("alpha", Setting::Float(crate::activation::LEAKY))],
+            ),
+            Activation::Tanh => self.node("Tanh", &[x], &[]),
+        }
+    }
+}
+
+fn port(name: &str, width: usize) -> ValueInfo {
+    let batch = Dimension {
+        dim_param: Some("batch".into()),
+        dim_value: None,
+    };
+    let width = Dimension {
+        dim_value: Some(whole(width)),
+        dim_param: None,
+    };
+    let tensor_type = TensorType {
+        elem_type: FLOAT,
+        shape: Some(Shape {
+            dim: vec![batch, width],
+        }),
+    };
+    ValueInfo {
+        name: name.into(),
+        kind: Some(Type {
+            tensor_type: Some(tensor_type),
+        }),
+    }
+}
+
+fn attribute(name: &str, setting: &Setting) -> Attribute {
+    let mut attribute = Attribute {
+        name: name.into(),
+        ..Attribute::default()
+    };
+    match setting {
+        Setting::Float(value) => (attribute.kind, attribute.f) = (1, Some(*value)),
+        Setting::Int(value) => (attribute.kind, attribute.i) = (2, Some(*value)),
+        Setting::Ints(values) => (attribute.kind, attribute.ints) = (7, values.clone()),
+    }
+    attribute
+}
+
+fn whole(number: usize) -> i64 {
+    // Lengths and positions of what lies in memory are far below 2^63.
+    i64::try_from(number).expect("a length below 2^63")
+}

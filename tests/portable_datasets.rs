@@ -1,0 +1,239 @@
+//! Episodes of a stored trial are taken away as a dataset that Minari reads, and the book's lines about exports work.
+
+use crate::{
+    other_programs::{check, python},
+    program::{Bench, in_ci, repository, trial_files},
+};
+use engine::{Dataset, End};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+const LEARNED: &str = "
+study: learned
+environments: { cells: { battery: { cells: 3 } } }
+agents: { dsac: { dirichlet_sac: { width: 8, batch_size: 16, learning_starts: 64 } } }
+protocol: { train_evaluate: { steps: 128, environments: 8, evaluate_every: 0, final_episodes: 1 } }
+seeds: 1
+";
+
+const GATHERED: &str = "
+study: gathered
+environments: { cells: { battery: { cells: 3 } } }
+prepare:
+  by_rule: { environment: cells, agent: { equal_split: {} }, protocol: { gather: { episodes: 3 } } }
+agents: { learner: { behaviour_cloning: { width: 8 } } }
+protocol: { offline_fit: { datasets: [{ from: by_rule }], steps: 4, batch: 8, evaluate_every: 0 } }
+seeds: 1
+";
+
+/// Folder of the only trial in the store whose agent is `plugin`.
+fn trial(bench: &Bench, plugin: &str) -> PathBuf {
+    let of_agent = |file: &PathBuf| {
+        let text: serde_json::Value = serde_json::from_slice(&fs::read(file).unwrap()).unwrap();
+        text["key"]["agent"]["plugin"] == plugin
+    };
+    let file = trial_files(&bench.path("store"))
+        .into_iter()
+        .find(of_agent)
+        .unwrap();
+    file.parent().unwrap().to_path_buf()
+}
+
+fn id(trial: &Path) -> &str {
+    trial.file_name().unwrap().to_str().unwrap()
+}
+
+/// Lets Minari hold every number of the dataset in `<folder>/dataset` against what the engine reads of it.
+fn hold(folder: &Path) -> Dataset {
+    let dataset = Dataset::read_from(&folder.join("dataset")).unwrap();
+    let expected = serde_json::json!({ "episodes": dataset.episodes }).to_string();
+    fs::write(folder.join("expected.json"), expected).unwrap();
+    check(
+        "read_dataset.py",
+        "minari, pyarrow, PIL",
+        &[folder.to_string_lossy().into_owned()],
+    );
+    dataset
+}
+
+/// The cells of one column of a rollout, but for the row of the start.
+fn column(csv: &str, name: &str) -> Vec<f64> {
+    let mut lines = csv.lines();
+    let at = lines
+        .next()
+        .unwrap()
+        .split(',')
+        .position(|cell| cell == name)
+        .unwrap();
+    lines
+        .filter_map(|line| line.split(',').nth(at)?.parse().ok())
+        .collect()
+}
+
+#[test]
+fn what_a_policy_plays_is_what_a_rollout_writes_and_minari_reads_it() {
+    let bench = Bench::new();
+    bench.write("learned.yaml", LEARNED);
+    bench.ok(&["run", "learned.yaml"]);
+    let folder = trial(&bench, "dirichlet_sac");
+    let arguments = [
+        "export",
+        "--minari",
+        id(&folder),
+        "--episodes",
+        "3",
+        "--seed",
+        "5",
+        "--to",
+        "taken/dataset",
+    ];
+    let said = bench.ok(&arguments);
+    assert!(said.contains("3 episodes of "), "{said}");
+    let dataset = hold(&bench.path("taken"));
+    assert_eq!(dataset.interface.seats[0].observation.names().len(), 7);
+    for (episode, seed) in dataset.episodes.iter().zip(5..) {
+        let seed = seed.to_string();
+        bench.ok(&[
+            "rollout",
+            "--trial",
+            id(&folder),
+            "--seed",
+            &seed,
+            "--out",
+            "rollout.csv",
+        ]);
+        let csv = fs::read_to_string(bench.path("rollout.csv")).unwrap();
+        assert_eq!(column(&csv, "reward"), episode.rewards);
+        let names = dataset.interface.seats[0].action.names();
+        for (at, name) in names.iter().enumerate() {
+            let played: Vec<f64> = episode.actions.iter().map(|action| action[at]).collect();
+            assert_eq!(column(&csv, name), played, "{name}");
+        }
+        let word = match episode.end {
+            End::Terminated => "terminated",
+            End::Truncated => "truncated",
+        };
+        assert!(csv.trim_end().ends_with(word), "{csv}");
+    }
+    bench.ok(&[
+        "export",
+        "--minari",
+        id(&folder),
+        "--episodes",
+        "3",
+        "--seed",
+        "5",
+        "--to",
+        "again",
+    ]);
+    assert_eq!(Dataset::read_from(&bench.path("again")).unwrap(), dataset);
+    let unsaid = bench.run(&["export", "--minari", id(&folder), "--to", "third"]);
+    assert_eq!(unsaid.code, 2);
+    assert!(
+        unsaid.err.contains("say with `--episodes` how many"),
+        "{}",
+        unsaid.err
+    );
+    let there = bench.run(&[
+        "export",
+        "--minari",
+        id(&folder),
+        "--episodes",
+        "1",
+        "--to",
+        "again",
+    ]);
+    assert!(
+        there.code == 2 && there.err.contains("is not empty"),
+        "{}",
+        there.err
+    );
+}
+
+#[test]
+fn what_a_trial_gathered_is_copied_and_a_changed_byte_is_found() {
+    let bench = Bench::new();
+    bench.write("gathered.yaml", GATHERED);
+    bench.ok(&["run", "gathered.yaml"]);
+    let folder = trial(&bench, "equal_split");
+    bench.ok(&["export", "--minari", &id(&folder)[..10], "--to", "taken/dataset"]);
+    assert_eq!(hold(&bench.path("taken")), Dataset::read(&folder).unwrap());
+    for file in ["interface.json", "data/metadata.json", "data/2/part-0.parquet"] {
+        let read = |root: &Path| fs::read(root.join("dataset").join(file)).unwrap();
+        assert_eq!(read(&bench.path("taken")), read(&folder), "{file}");
+    }
+    let more = bench.run(&[
+        "export",
+        "--minari",
+        id(&folder),
+        "--episodes",
+        "2",
+        "--to",
+        "more",
+    ]);
+    assert_eq!(more.code, 2);
+    assert!(
+        more.err.contains("is taken as it is; leave out `--episodes`"),
+        "{}",
+        more.err
+    );
+    let part = folder.join("dataset/data/1/part-0.parquet");
+    let mut bytes = fs::read(&part).unwrap();
+    bytes[40] ^= 1;
+    fs::write(&part, bytes).unwrap();
+    let damaged = bench.run(&["export", "--minari", id(&folder), "--to", "damaged"]);
+    assert_eq!(damaged.code, 2);
+    assert!(
+        damaged.err.contains("part-0.parquet` is damaged or not there"),
+        "{}",
+        damaged.err
+    );
+    assert!(!bench.path("damaged").exists());
+}
+
+#[test]
+fn the_lines_of_the_book_use_what_was_taken_away() {
+    let page = fs::read_to_string(repository().join("docs/src/exporting.md")).unwrap();
+    let bench = Bench::new();
+    bench.write("learned.yaml", LEARNED);
+    bench.ok(&["run", "learned.yaml"]);
+    let folder = trial(&bench, "dirichlet_sac");
+    bench.ok(&["export", "--onnx", id(&folder), "--to", "policy"]);
+    bench.ok(&[
+        "export",
+        "--minari",
+        id(&folder),
+        "--episodes",
+        "2",
+        "--to",
+        "datasets/regimen/pack-v0",
+    ]);
+    let blocks = page
+        .split("```python\n")
+        .skip(1)
+        .map(|rest| rest.split("```").next().unwrap());
+    let script = bench.write("book.py", &blocks.collect::<Vec<_>>().concat());
+    let Some(python) = python("onnxruntime, minari, pyarrow, PIL") else {
+        assert!(
+            !in_ci(),
+            "no Python with onnxruntime and Minari: .ci/run installs it"
+        );
+        return;
+    };
+    let mut command = Command::new(python);
+    command
+        .arg(script)
+        .current_dir(bench.path(""))
+        .env("MINARI_DATASETS_PATH", bench.path("datasets"));
+    let output = command.output().unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("weight_1") && said.contains("2 episodes"), "{said}");
+}
