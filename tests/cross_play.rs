@@ -456,7 +456,8 @@ fn every_agent_with_several_seats_takes_up_the_policy_that_it_exported_to_the_bi
             "opponent_gradients",
             "pr2",
             "rommeo",
-            "tdom_ac"
+            "tdom_ac",
+            "value_decomposition"
         ]
     );
 }

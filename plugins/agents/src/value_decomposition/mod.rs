@@ -29,6 +29,9 @@
 //!   squared error.
 //! - The full state is scaled by the typical values of its channels, and so are observations.
 //!
+//! The policy of every seat is one file in its folder, all with the one network: the last inputs are 1 for the seat that
+//! looks and 0 for the others.
+//!
 //! Metrics, means over updates since the last measurement: `value_loss` half the squared error, `value` the mean of
 //! Q_tot in the batch, `exploration` the probability of a random choice.
 
@@ -57,6 +60,7 @@ use engine::{
 use numerics::network::{Mlp, matrix, values};
 use numerics::optimizer::{Adam, Trained};
 use numerics::parameters::{restore, soft_update, store};
+use numerics::policy_file::{self, Head, Policy, Ports};
 use numerics::tensor_file::TensorFile;
 use rand::Rng as _;
 use std::path::Path;
@@ -87,6 +91,8 @@ struct Networks {
 struct Team {
     n_seats: usize,
     n_choices: usize,
+    seats: Vec<String>,
+    choices: Vec<String>,
     observation: Scaling,
     /// Of the full state where it is read, else of no channels.
     state: Scaling,
@@ -154,9 +160,22 @@ impl Team {
         Ok(Self {
             n_seats: interface.seats.len(),
             n_choices,
+            seats: interface.seats.iter().map(|seat| seat.name.clone()).collect(),
+            choices: choices(NAME, first)?.to_vec(),
             observation: Scaling::new(config.observation_scaling, seen),
             state: Scaling::new(config.observation_scaling, state),
         })
+    }
+
+    /// What the network sees and gives out: an observation, and which seat looks.
+    fn ports(&self) -> Ports {
+        let mut ports = self.observation.ports(&self.choices);
+        for seat in &self.seats {
+            ports.inputs.push(format!("is_{seat}"));
+            ports.center.push(0.0);
+            ports.spread.push(1.0);
+        }
+        ports
     }
 
     fn n_observed(&self) -> usize {
@@ -352,6 +371,28 @@ impl Agent for ValueDecomposition {
 
     fn reads_state(&self) -> bool {
         self.config.mixing == Mixing::Monotonic
+    }
+
+    fn export(&self, dir: &Path) -> Result<bool, Error> {
+        for seat in &self.team.seats {
+            let folder = dir.join(seat);
+            std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
+            Policy::new(&self.networks.network().seat, self.team.ports(), Head::Argmax)
+                .write(&folder)
+                .map_err(checkpoint::error_of(NAME))?;
+        }
+        Ok(true)
+    }
+
+    fn import(&mut self, dir: &Path) -> Result<bool, Error> {
+        let misfit = checkpoint::error_of(NAME);
+        for seat in &self.team.seats {
+            let file = checkpoint::read_policy(NAME, &dir.join(seat), &self.team.ports(), Head::Argmax)?;
+            let mut networks = self.networks.network().clone();
+            networks.seat = restore(networks.seat, policy_file::PREFIX, &file).map_err(&misfit)?;
+            self.networks.set_network(networks);
+        }
+        Ok(true)
     }
 
     fn save(&self, dir: &Path) -> Result<(), Error> {
