@@ -354,6 +354,7 @@ fn every_policy_that_an_agent_leaves_is_taken_away_and_acts_as_the_agent() {
         "soft_actor_critic",
         "td3_bc",
         "tdom_ac",
+        "value_decomposition",
     ];
     assert_eq!(leaving, BTreeSet::from(expected));
     cases.hold();
