@@ -11,7 +11,7 @@
 //! and a checkpoint, see [`RunningTrial`]
 //! ```
 //!
-//! A trial that ended `ok` and left nothing but metrics may lie in a [pack] with others.
+//! A trial that ended `ok` and left nothing but metrics may lie in `<root>/packs/<digest>.pack` with others.
 //!
 //! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial
 //! without it has not run, whatever else lies in its folder.
