@@ -4,7 +4,7 @@ use crate::{
     other_programs::{check, python},
     program::{Bench, in_ci, repository, trial_files},
 };
-use engine::{Dataset, End};
+use engine::{Dataset, End, dataset::Episode};
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -73,84 +73,91 @@ fn column(csv: &str, name: &str) -> Vec<f64> {
         .collect()
 }
 
-#[test]
-fn what_a_policy_plays_is_what_a_rollout_writes_and_minari_reads_it() {
+/// The arguments that take three episodes away that a stored policy plays.
+fn played<'a>(trial: &'a Path, to: &'a str) -> [&'a str; 9] {
+    [
+        "export",
+        "--minari",
+        id(trial),
+        "--episodes",
+        "3",
+        "--seed",
+        "5",
+        "--to",
+        to,
+    ]
+}
+
+/// A stored policy, trained for a moment.
+fn learned() -> (Bench, PathBuf) {
     let bench = Bench::new();
     bench.write("learned.yaml", LEARNED);
     bench.ok(&["run", "learned.yaml"]);
     let folder = trial(&bench, "dirichlet_sac");
-    let arguments = [
-        "export",
-        "--minari",
-        id(&folder),
-        "--episodes",
-        "3",
+    (bench, folder)
+}
+
+/// Holds an episode of a dataset against what `rollout` writes of it.
+fn is_rolled_out(bench: &Bench, trial: &Path, seed: u64, dataset: &Dataset, episode: &Episode) {
+    let seed = seed.to_string();
+    bench.ok(&[
+        "rollout",
+        "--trial",
+        id(trial),
         "--seed",
-        "5",
-        "--to",
-        "taken/dataset",
-    ];
-    let said = bench.ok(&arguments);
+        &seed,
+        "--out",
+        "rollout.csv",
+    ]);
+    let csv = fs::read_to_string(bench.path("rollout.csv")).unwrap();
+    assert_eq!(column(&csv, "reward"), episode.rewards);
+    let names = dataset.interface.seats[0].action.names();
+    for (at, name) in names.iter().enumerate() {
+        let played: Vec<f64> = episode.actions.iter().map(|action| action[at]).collect();
+        assert_eq!(column(&csv, name), played, "{name}");
+    }
+    let word = match episode.end {
+        End::Terminated => "terminated",
+        End::Truncated => "truncated",
+    };
+    assert!(csv.trim_end().ends_with(word), "{csv}");
+}
+
+#[test]
+fn what_a_policy_plays_is_what_a_rollout_writes_and_minari_reads_it() {
+    let (bench, folder) = learned();
+    let said = bench.ok(&played(&folder, "taken/dataset"));
     assert!(said.contains("3 episodes of "), "{said}");
     let dataset = hold(&bench.path("taken"));
     assert_eq!(dataset.interface.seats[0].observation.names().len(), 7);
     for (episode, seed) in dataset.episodes.iter().zip(5..) {
-        let seed = seed.to_string();
-        bench.ok(&[
-            "rollout",
-            "--trial",
-            id(&folder),
-            "--seed",
-            &seed,
-            "--out",
-            "rollout.csv",
-        ]);
-        let csv = fs::read_to_string(bench.path("rollout.csv")).unwrap();
-        assert_eq!(column(&csv, "reward"), episode.rewards);
-        let names = dataset.interface.seats[0].action.names();
-        for (at, name) in names.iter().enumerate() {
-            let played: Vec<f64> = episode.actions.iter().map(|action| action[at]).collect();
-            assert_eq!(column(&csv, name), played, "{name}");
-        }
-        let word = match episode.end {
-            End::Terminated => "terminated",
-            End::Truncated => "truncated",
-        };
-        assert!(csv.trim_end().ends_with(word), "{csv}");
+        is_rolled_out(&bench, &folder, seed, &dataset, episode);
     }
-    bench.ok(&[
-        "export",
-        "--minari",
-        id(&folder),
-        "--episodes",
-        "3",
-        "--seed",
-        "5",
-        "--to",
-        "again",
-    ]);
+    bench.ok(&played(&folder, "again"));
     assert_eq!(Dataset::read_from(&bench.path("again")).unwrap(), dataset);
-    let unsaid = bench.run(&["export", "--minari", id(&folder), "--to", "third"]);
-    assert_eq!(unsaid.code, 2);
-    assert!(
-        unsaid.err.contains("say with `--episodes` how many"),
-        "{}",
-        unsaid.err
+}
+
+#[test]
+fn episodes_are_counted_by_who_asks_and_nothing_is_written_over() {
+    let (bench, folder) = learned();
+    let refused = |arguments: &[&str], said: &str| {
+        let answer = bench.run(arguments);
+        assert_eq!(answer.code, 2, "{}", answer.err);
+        assert!(answer.err.contains(said), "{}", answer.err);
+    };
+    refused(
+        &["export", "--minari", id(&folder), "--to", "third"],
+        "say with `--episodes` how many",
     );
-    let there = bench.run(&[
-        "export",
-        "--minari",
-        id(&folder),
-        "--episodes",
-        "1",
-        "--to",
-        "again",
-    ]);
-    assert!(
-        there.code == 2 && there.err.contains("is not empty"),
-        "{}",
-        there.err
-    );
+    bench.ok(&played(&folder, "there"));
+    refused(&played(&folder, "there"), "is not empty");
+    for of_a_study in ["--profile", "--set", "--seeds", "--only", "--license"] {
+        let value = if of_a_study == "--seeds" { "1" } else { "a=1" };
+        for taken in ["--minari", "--onnx"] {
+            let arguments = ["export", taken, id(&folder), "--to", "no", of_a_study, value];
+            refused(&arguments, "cannot be used with");
+        }
+    }
 }
 
 #[test]
@@ -197,10 +204,7 @@ fn what_a_trial_gathered_is_copied_and_a_changed_byte_is_found() {
 #[test]
 fn the_lines_of_the_book_use_what_was_taken_away() {
     let page = fs::read_to_string(repository().join("docs/src/exporting.md")).unwrap();
-    let bench = Bench::new();
-    bench.write("learned.yaml", LEARNED);
-    bench.ok(&["run", "learned.yaml"]);
-    let folder = trial(&bench, "dirichlet_sac");
+    let (bench, folder) = learned();
     bench.ok(&["export", "--onnx", id(&folder), "--to", "policy"]);
     bench.ok(&[
         "export",

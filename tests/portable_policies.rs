@@ -26,7 +26,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
     panic::{AssertUnwindSafe, catch_unwind},
-    path::Path,
+    path::{Path, PathBuf},
     process::Command,
 };
 
@@ -446,8 +446,8 @@ seeds: 1
 ";
 
 /// Id, folder and agent of every trial in a store.
-fn stored(bench: &Bench) -> Vec<(String, std::path::PathBuf, String)> {
-    let of = |file: std::path::PathBuf| {
+fn stored(bench: &Bench) -> Vec<(String, PathBuf, String)> {
+    let of = |file: PathBuf| {
         let text: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
         let folder = file.parent().unwrap().to_path_buf();
         let id = folder.file_name().unwrap().to_string_lossy().into_owned();
@@ -541,67 +541,79 @@ fn every_seat_has_a_file() {
     assert!(!bench.path("episodes").exists());
 }
 
-#[test]
-fn what_cannot_be_taken_away_is_refused_and_leaves_nothing() {
-    let bench = Bench::new();
-    bench.write("taken.yaml", STUDY);
-    bench.ok(&["run", "taken.yaml"]);
-    let refusal = |trial: &str| {
-        let answer = bench.run(&["export", "--onnx", trial, "--to", "taken"]);
+/// Trials of which some cannot be taken away.
+struct Stored {
+    bench: Bench,
+    trials: Vec<(String, PathBuf, String)>,
+}
+
+impl Stored {
+    fn new() -> Self {
+        let bench = Bench::new();
+        bench.write("taken.yaml", STUDY);
+        bench.ok(&["run", "taken.yaml"]);
+        let trials = stored(&bench);
+        Self { bench, trials }
+    }
+
+    /// Id and folder of a trial of this agent.
+    fn by(&self, plugin: &str) -> (&str, &Path) {
+        let (id, folder, _) = self.trials.iter().find(|(_, _, agent)| agent == plugin).unwrap();
+        (id, folder)
+    }
+
+    /// Lets a trial be refused, with these words, and nothing be written.
+    fn refused(&self, trial: &str, said: &str) {
+        let answer = self.bench.run(&["export", "--onnx", trial, "--to", "taken"]);
         assert_eq!(answer.code, 2, "{}", answer.err);
-        assert!(!bench.path("taken").exists() && !answer.err.is_empty());
-        answer.err
-    };
-    assert!(refusal("nowhere").contains("has an id that begins with `nowhere`"));
-    assert!(refusal("").contains("begins the ids of 4 trials"));
-    let trials = stored(&bench);
-    let by = |plugin: &str| {
-        trials
-            .iter()
-            .find(|(_, _, agent)| agent == plugin)
-            .unwrap()
-            .clone()
-    };
-    let (rule, rules_folder, _) = by("equal_split");
-    let text = refusal(&rule);
-    assert!(
-        text.contains("left no policy: `equal_split` learns none"),
-        "{text}"
-    );
-    let trial = fs::read_to_string(rules_folder.join("trial.json")).unwrap();
+        assert!(answer.err.contains(said), "{}", answer.err);
+        assert!(!self.bench.path("taken").exists());
+    }
+}
+
+#[test]
+fn what_names_no_trial_with_a_policy_is_refused_and_leaves_nothing() {
+    let stored = Stored::new();
+    stored.refused("nowhere", "has an id that begins with `nowhere`");
+    stored.refused("", "begins the ids of 4 trials");
+    let (rule, folder) = stored.by("equal_split");
+    stored.refused(rule, "left no policy: `equal_split` learns none");
+    let path = folder.join("trial.json");
+    let trial = fs::read_to_string(&path).unwrap();
     let failed = trial.replace("\"state\":\"ok\"", "\"state\":\"panicked\"");
     assert_ne!(failed, trial);
-    fs::write(rules_folder.join("trial.json"), reseal(&failed)).unwrap();
-    assert!(refusal(&rule).contains("ended as panicked"));
-    fs::remove_file(rules_folder.join("trial.json")).unwrap();
-    assert!(refusal(&rule).contains("has not ended"));
-    let (learner, folder, _) = by("dirichlet_sac");
-    let mut bytes = fs::read(folder.join("policy.safetensors")).unwrap();
+    fs::write(&path, reseal(&failed)).unwrap();
+    stored.refused(rule, "ended as panicked");
+    fs::remove_file(path).unwrap();
+    stored.refused(rule, "has not ended");
+}
+
+#[test]
+fn a_policy_that_is_damaged_or_of_an_unknown_form_is_refused_and_leaves_nothing() {
+    let stored = Stored::new();
+    let (learner, folder) = stored.by("dirichlet_sac");
+    let path = folder.join("policy.safetensors");
+    let mut bytes = fs::read(&path).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
-    fs::write(folder.join("policy.safetensors"), &bytes).unwrap();
-    let text = refusal(&learner);
-    assert!(
-        text.contains("`policy.safetensors` is damaged or not there"),
-        "{text}"
-    );
+    fs::write(&path, &bytes).unwrap();
+    stored.refused(learner, "`policy.safetensors` is damaged or not there");
     // Acknowledged, but no policy: what a form that nobody registered would leave.
     let trial = fs::read_to_string(folder.join("trial.json")).unwrap();
     let before = serde_json::from_str::<Value>(&trial).unwrap()["files"]["policy.safetensors"].clone();
     let acknowledged = |bytes: &[u8]| {
-        fs::write(folder.join("policy.safetensors"), bytes).unwrap();
+        fs::write(&path, bytes).unwrap();
         let digest = engine::store::digest(bytes);
         let text = reseal(&trial.replace(before.as_str().unwrap(), &digest));
         fs::write(folder.join("trial.json"), text).unwrap();
     };
     acknowledged(b"nonsense");
-    assert!(refusal(&learner).contains("not a file of f32 tensors"));
+    stored.refused(learner, "not a file of f32 tensors");
     let mut other = numerics::tensor_file::TensorFile::default();
     other.header = json!({ "kind": "another" });
-    other.write(&bench.path("other")).unwrap();
-    acknowledged(&fs::read(bench.path("other")).unwrap());
-    let text = refusal(&learner);
-    assert!(
-        text.contains("in a form that is known here: dense, equivariant, opponent_models"),
-        "{text}"
+    other.write(&stored.bench.path("other")).unwrap();
+    acknowledged(&fs::read(stored.bench.path("other")).unwrap());
+    stored.refused(
+        learner,
+        "in a form that is known here: dense, equivariant, opponent_models",
     );
 }

@@ -394,98 +394,101 @@ fn what_an_environment_prints_and_reads_meets_nobody() {
     );
 }
 
+/// What makes an environment, with which arguments, and what is said of it.
+const REFUSED: &[(&str, &str, &str)] = &[
+    ("gymnasium:NoSuchTask-v0", "", "`NoSuchTask` doesn't exist"),
+    (
+        "pettingzoo:no_such_module",
+        "",
+        "No module named 'no_such_module'",
+    ),
+    (
+        "pettingzoo:no_such_module",
+        "",
+        "-m pip install no_such_module` installs a package for this Python",
+    ),
+    (
+        "own.py:no_such_function",
+        "",
+        "has no function `no_such_function`",
+    ),
+    ("own.py:missing", "", "own.py, line 2"),
+    (
+        "own.py:number",
+        "",
+        "what it makes is of type int, which is neither a gymnasium.Env nor",
+    ),
+    ("absent.py:make", "", "`make` names a file that cannot be read"),
+    ("absent.py:make", "", "study.yaml:3:"),
+    (
+        "tank",
+        "",
+        "`tank` names nothing that makes an environment: write `gymnasium:ID`",
+    ),
+    ("own.py:Tank", "height: 3", "Tank() takes no arguments"),
+    (
+        "own.py:Spaces",
+        "observation: multi_binary",
+        "the observation is a space of kind MultiBinary, which is not supported",
+    ),
+    (
+        "own.py:Spaces",
+        "observation: multi_binary",
+        "gymnasium.wrappers.FlattenObservation",
+    ),
+    ("own.py:Spaces", "observation: tuple", "of kind Tuple"),
+    (
+        "own.py:Spaces",
+        "observation: twice",
+        "has two entries called a_0",
+    ),
+    (
+        "own.py:Spaces",
+        "action: multi_binary",
+        "the action is a space of kind MultiBinary",
+    ),
+    (
+        "own.py:Spaces",
+        "action: without_limits",
+        "the action is a box without limits",
+    ),
+    (
+        "own.py:Spaces",
+        "action: without_limits",
+        "gymnasium.wrappers.RescaleAction",
+    ),
+    (
+        "own.py:Spaces",
+        "action: whole_numbers",
+        "a box of whole numbers (int64)",
+    ),
+    (
+        "own.py:Spaces",
+        "action: dictionary_of_choices",
+        "the action['pump'] is a space of kind Discrete",
+    ),
+    ("own.py:Drawing", "source: numpy", "`observation_1` is"),
+    (
+        "own.py:Drawing",
+        "source: numpy",
+        "the second time, in one process: after `reset`",
+    ),
+    (
+        "own.py:Drawing",
+        "source: time",
+        "the second time, in one process",
+    ),
+    (
+        "own.py:Drawing",
+        "source: import",
+        "the second time, in another process",
+    ),
+];
+
 #[test]
 fn what_cannot_be_used_is_refused_before_anything_runs() {
     let Some(place) = Place::new() else { return };
-    for (make, arguments, said) in [
-        ("gymnasium:NoSuchTask-v0", "", "`NoSuchTask` doesn't exist"),
-        (
-            "pettingzoo:no_such_module",
-            "",
-            "No module named 'no_such_module'",
-        ),
-        (
-            "pettingzoo:no_such_module",
-            "",
-            "-m pip install no_such_module` installs a package for this Python",
-        ),
-        (
-            "own.py:no_such_function",
-            "",
-            "has no function `no_such_function`",
-        ),
-        ("own.py:missing", "", "own.py, line 2"),
-        (
-            "own.py:number",
-            "",
-            "what it makes is of type int, which is neither a gymnasium.Env nor",
-        ),
-        ("absent.py:make", "", "`make` names a file that cannot be read"),
-        ("absent.py:make", "", "study.yaml:3:"),
-        (
-            "tank",
-            "",
-            "`tank` names nothing that makes an environment: write `gymnasium:ID`",
-        ),
-        ("own.py:Tank", "height: 3", "Tank() takes no arguments"),
-        (
-            "own.py:Spaces",
-            "observation: multi_binary",
-            "the observation is a space of kind MultiBinary, which is not supported",
-        ),
-        (
-            "own.py:Spaces",
-            "observation: multi_binary",
-            "gymnasium.wrappers.FlattenObservation",
-        ),
-        ("own.py:Spaces", "observation: tuple", "of kind Tuple"),
-        (
-            "own.py:Spaces",
-            "observation: twice",
-            "has two entries called a_0",
-        ),
-        (
-            "own.py:Spaces",
-            "action: multi_binary",
-            "the action is a space of kind MultiBinary",
-        ),
-        (
-            "own.py:Spaces",
-            "action: without_limits",
-            "the action is a box without limits",
-        ),
-        (
-            "own.py:Spaces",
-            "action: without_limits",
-            "gymnasium.wrappers.RescaleAction",
-        ),
-        (
-            "own.py:Spaces",
-            "action: whole_numbers",
-            "a box of whole numbers (int64)",
-        ),
-        (
-            "own.py:Spaces",
-            "action: dictionary_of_choices",
-            "the action['pump'] is a space of kind Discrete",
-        ),
-        ("own.py:Drawing", "source: numpy", "`observation_1` is"),
-        (
-            "own.py:Drawing",
-            "source: numpy",
-            "the second time, in one process: after `reset`",
-        ),
-        (
-            "own.py:Drawing",
-            "source: time",
-            "the second time, in one process",
-        ),
-        (
-            "own.py:Drawing",
-            "source: import",
-            "the second time, in another process",
-        ),
-    ] {
+    for (make, arguments, said) in REFUSED {
         let found = place.refusal(make, arguments);
         assert!(
             found.contains(said),

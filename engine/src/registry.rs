@@ -60,12 +60,23 @@ impl About {
     /// Keys of the config that say only how the plugin is looked at and never what happens in it: those that the
     /// schema marks with `x-looks`. They belong to a trial's identity and not to its random streams.
     pub fn looking_keys(&self) -> impl Iterator<Item = &str> {
+        self.marked("x-looks", true)
+    }
+
+    /// Keys of the config that say where it is computed and not what: those that the schema marks with
+    /// `x-identity: false`. They belong neither to a trial's identity nor to its random streams.
+    pub fn machine_keys(&self) -> impl Iterator<Item = &str> {
+        self.marked("x-identity", false)
+    }
+
+    fn marked(&self, mark: &'static str, value: bool) -> impl Iterator<Item = &str> {
         let properties = self.schema.get("properties").and_then(Value::as_object);
-        let looks = |(_, property): &(&String, &Value)| property.get("x-looks") == Some(&Value::Bool(true));
+        let is_marked =
+            move |(_, property): &(&String, &Value)| property.get(mark) == Some(&Value::Bool(value));
         properties
             .into_iter()
             .flatten()
-            .filter(looks)
+            .filter(is_marked)
             .map(|(key, _)| key.as_str())
     }
 }

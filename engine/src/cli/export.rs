@@ -21,6 +21,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
+/// Options that say what of a study is taken away; one trial has none of them.
+const OF_A_STUDY: [&str; 7] = ["specs", "profile", "sets", "seeds", "only", "form", "license"];
+
 /// What is taken away, where to, and how.
 #[derive(Debug, Clone, Args)]
 #[command(mut_arg("specs", |specs| specs.required(false).required_unless_present_any(["onnx", "minari"])))]
@@ -35,11 +38,11 @@ pub(super) struct ExportOptions {
     form: Option<Form>,
     /// In place of a study, the policy of one trial of the store, by the first digits of its id: `policy.onnx`, or
     /// `<seat>.onnx` for every seat that has its own.
-    #[arg(long, value_name = "TRIAL", conflicts_with_all = ["specs", "form", "minari"])]
+    #[arg(long, value_name = "TRIAL", conflicts_with_all = OF_A_STUDY, conflicts_with = "minari")]
     onnx: Option<String>,
     /// In place of a study, the episodes of one trial of the store as a Minari dataset: what it gathered, or what its
     /// policy plays (`--episodes`).
-    #[arg(long, value_name = "TRIAL", conflicts_with_all = ["specs", "form"])]
+    #[arg(long, value_name = "TRIAL", conflicts_with_all = OF_A_STUDY)]
     minari: Option<String>,
     #[command(flatten)]
     play: export_dataset::Play,

@@ -103,17 +103,9 @@ pub fn resolve(
     }
     Ok(Part {
         files: hashes,
-        of_machine: of_machine(plugin.about),
+        of_machine: plugin.about.machine_keys().map(Into::into).collect(),
         ..Part::new(plugin.name, plugin.about.version, config)
     })
-}
-
-/// Keys that say where a config is computed, and not what.
-fn of_machine(about: &About) -> Vec<String> {
-    let keys = about.schema.get("properties").and_then(Value::as_object);
-    let is_apart = |schema: &Value| schema.get("x-identity") == Some(&Value::Bool(false));
-    let apart = keys.into_iter().flatten().filter(|(_, schema)| is_apart(schema));
-    apart.map(|(key, _)| key.clone()).collect()
 }
 
 /// A file that does not stand under a key `file`, but is part of a word, as in `tank.py:make`.

@@ -342,33 +342,9 @@ pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        Recorder,
-        cast::Seating,
-        results::EndState,
-        trial::{Part, TrialCell, TrialKey},
-    };
+    use crate::{Recorder, results::EndState, store::specimen::trial};
     use serde_json::json;
     use std::fs;
-
-    fn trial(cells: u32, seed: u64) -> Trial {
-        let part = |plugin: &str| Part::new(plugin, 1, json!({ "cells": cells }));
-        let (environment, agent, protocol) = (part("battery"), part("equal"), part("evaluate"));
-        let agent = Seating::Agent(agent);
-        let key = TrialKey {
-            environment: environment.into(),
-            agent: agent.into(),
-            protocol: protocol.into(),
-            seed,
-            numerics: 1,
-            device: "cpu".into(),
-        };
-        Trial {
-            id: key.id(),
-            cell: TrialCell::of("four", "equal").into(),
-            key,
-        }
-    }
 
     fn acknowledge(store: &Store, trial: &Trial, state: EndState) {
         let end = TrialEnd {

@@ -36,6 +36,8 @@ mod products;
 mod running;
 mod seal;
 mod sealed_folder;
+#[cfg(test)]
+mod specimen;
 
 pub use boundary::install as install_boundary_hook;
 pub(crate) use date::{now, rfc_3339_of, seconds_of};
@@ -422,26 +424,10 @@ pub fn is_missing(end: Option<&TrialEnd>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phase, cast::Seating, trial::TrialCell};
-    use serde_json::json;
+    use crate::Phase;
 
     fn trial(seed: u64) -> Trial {
-        let part = |plugin: &str| -> crate::trial::Part {
-            serde_json::from_value(json!({"plugin": plugin, "version": 1, "config": {"a": 0.1}})).unwrap()
-        };
-        let key = TrialKey {
-            environment: part("battery").into(),
-            agent: Seating::Agent(part("equal")).into(),
-            protocol: part("evaluate").into(),
-            seed,
-            numerics: 1,
-            device: "cpu".into(),
-        };
-        Trial {
-            id: key.id(),
-            cell: TrialCell::of("four", "equal").into(),
-            key,
-        }
+        specimen::trial(4, seed)
     }
 
     fn record() -> Recorder {

@@ -3,28 +3,13 @@
 use super::*;
 use crate::{
     Phase, Recorder,
-    cast::Seating,
-    store::{Fault, Leases, Merge, Packing},
-    trial::{Part, Trial, TrialCell, TrialKey},
+    store::{Fault, Leases, Merge, Packing, specimen},
+    trial::Trial,
 };
-use serde_json::json;
 use std::{fs, time::Duration};
 
 fn trial(seed: u64) -> Trial {
-    let part = |plugin: &str| Part::new(plugin, 1, json!({ "cells": 4 }));
-    let key = TrialKey {
-        environment: part("battery").into(),
-        agent: Seating::Agent(part("equal")).into(),
-        protocol: part("evaluate").into(),
-        seed,
-        numerics: 1,
-        device: "cpu".into(),
-    };
-    Trial {
-        id: key.id(),
-        cell: TrialCell::of("four", "equal").into(),
-        key,
-    }
+    specimen::trial(4, seed)
 }
 
 /// A store.

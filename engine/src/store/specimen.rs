@@ -1,0 +1,25 @@
+//! A trial for tests of the store.
+
+use crate::{
+    cast::Seating,
+    trial::{Part, Trial, TrialCell, TrialKey},
+};
+use serde_json::json;
+
+/// A trial of an environment with so many cells.
+pub(super) fn trial(cells: u32, seed: u64) -> Trial {
+    let part = |plugin: &str| Part::new(plugin, 1, json!({ "cells": cells }));
+    let key = TrialKey {
+        environment: part("battery").into(),
+        agent: Seating::Agent(part("equal")).into(),
+        protocol: part("evaluate").into(),
+        seed,
+        numerics: 1,
+        device: "cpu".into(),
+    };
+    Trial {
+        id: key.id(),
+        cell: TrialCell::of("four", "equal").into(),
+        key,
+    }
+}
