@@ -22,6 +22,12 @@ pub fn stream(words: &[&str]) -> Rng {
     Rng::from_seed(*hasher.finalize().as_bytes())
 }
 
+/// What the environment draws in a rollout with this seed, which belongs to no trial.
+#[must_use]
+pub fn rollout(seed: u64) -> Rng {
+    stream(&["rollout", "environment", &seed.to_string()])
+}
+
 /// The streams of one trial.
 ///
 /// What the environment draws depends on the environment and the seed only, never on the agent, so that all

@@ -130,7 +130,7 @@ fn play(
     seed: u64,
     told: &mut Told<'_>,
 ) -> Result<(), Error> {
-    let mut rng = random::stream(&["rollout", "environment", &seed.to_string()]);
+    let mut rng = random::rollout(seed);
     let mut agent_rng = random::stream(&["rollout", "agent", &seed.to_string()]);
     let mut seats = environment.reset(&mut rng)?;
     told(environment, &seats, None);

@@ -56,7 +56,7 @@ pub(crate) use builds::can_learn;
 pub use claims::ClaimSpec;
 pub use cross_play::{Pairs, Play, Player};
 pub use json_schema::json_schema;
-pub use plugin_config::load_config;
+pub use plugin_config::{load_config, read_config};
 pub use resolved::{resolved_yaml, section_yaml};
 pub use search::Progress;
 pub use summary::Summary;

@@ -16,13 +16,28 @@ use std::path::Path;
 /// # Errors
 /// Everything that is wrong with it, sorted by position.
 pub fn load_config(name: &str, about: &About, path: Option<&Path>) -> Result<Part, Vec<Diagnostic>> {
-    let mut sources = Sources::default();
     let (title, text) = match path {
         Some(path) => (path.display().to_string(), read(path)?),
         None => (format!("the defaults of `{name}`"), "{}".into()),
     };
-    let source = sources.add_file(&title, &text);
-    let root = document::parse(&sources, source, &text).map_err(in_order)?;
+    let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));
+    read_config(name, about, &title, &text, folder)
+}
+
+/// As [`load_config`], from a text that is at hand: messages call it `title`, and data files are sought from `folder`.
+///
+/// # Errors
+/// As [`load_config`].
+pub fn read_config(
+    name: &str,
+    about: &About,
+    title: &str,
+    text: &str,
+    folder: &Path,
+) -> Result<Part, Vec<Diagnostic>> {
+    let mut sources = Sources::default();
+    let source = sources.add_file(title, text);
+    let root = document::parse(&sources, source, text).map_err(in_order)?;
     let schema = with_presets(about);
     let mut checker = Checker::new(&sources);
     let start = Span {
@@ -41,7 +56,6 @@ pub fn load_config(name: &str, about: &About, path: Option<&Path>) -> Result<Par
     if !checker.found.is_empty() {
         return Err(in_order(checker.found));
     }
-    let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));
     let plugin = config::Plugin {
         name,
         about,

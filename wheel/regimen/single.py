@@ -1,0 +1,49 @@
+"""One agent: `gymnasium.Env`."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+
+from .simulation import TERMINATED, TRUNCATED, Simulation, one_seat, start
+from .spaces import as_space, as_value, observed
+
+
+class SimulatedEnv(gymnasium.Env):
+    """A simulator with one agent.
+
+    `reset(seed=s)` draws what `regimen rollout NAME --seed s` draws, so that the same actions come to the same bits; without a
+    seed the stream goes on. `reset(seed=s, options={"episode": k})` begins episode `k` of the final measurement of a trial
+    with seed `s` of this config, as `regimen rollout --trial ID --episode k` plays it. `info` holds the metrics of the step.
+    """
+
+    metadata = {"render_modes": []}
+
+    def __init__(self, name, config=None, *, render_mode=None):
+        if render_mode is not None:
+            raise ValueError("nothing is rendered here: leave out `render_mode`")
+        self.render_mode = None
+        self._simulation = Simulation(name, config)
+        self.seat = one_seat(self._simulation)
+        self.observation_space = observed(self.seat["observation"])
+        self.action_space = as_space(self.seat["action"])
+        self._has_seed = False
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        if seed is None and not self._has_seed:
+            seed = int(self.np_random.integers(2**63))
+        self._has_seed = True
+        observations = self._simulation.reset([start(seed, options)])
+        return as_value(self.observation_space, observations[0]), {}
+
+    def step(self, action):
+        observations, rewards, metrics, standing, _ = self._simulation.step(action)
+        info = dict(zip(self._simulation.metrics, metrics[0].tolist(), strict=True))
+        standing = standing[0, 0]
+        observation = as_value(self.observation_space, observations[0])
+        return observation, float(rewards[0, 0]), bool(standing == TERMINATED), bool(standing == TRUNCATED), info
+
+    def state(self):
+        """The full state, which no ordinary policy sees; empty where the simulator declares none."""
+        return np.array(self._simulation.native.state(0))

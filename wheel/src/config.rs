@@ -1,0 +1,74 @@
+//! From a name and the keys that a person gave to environments, by the registry and the checks of the program.
+
+use crate::refusal::Refusal;
+use engine::{
+    Environment, Registry, diagnostic,
+    product::no_product,
+    registry::{About, EnvironmentEntry},
+    spec,
+    trial::Part,
+};
+use pyo3::prelude::*;
+use serde_json::Value;
+use std::{path::Path, sync::LazyLock};
+
+static REGISTRY: LazyLock<Registry> = LazyLock::new(plugins::registry);
+
+/// An environment that can be built as often as asked.
+pub struct Configured {
+    entry: &'static EnvironmentEntry,
+    config: Value,
+    /// What keys its random streams in a trial.
+    pub stream_id: String,
+}
+
+impl Configured {
+    /// The environment `name` with the keys of a JSON text or of a YAML file; with its defaults where there is neither.
+    ///
+    /// # Errors
+    /// [`Refusal::Config`] with everything that is wrong, as `check` says it.
+    pub fn new(name: &str, keys: Option<&str>, file: Option<&Path>) -> Result<Self, Refusal> {
+        let entry = REGISTRY.environments.get(name).ok_or_else(|| unknown(name))?;
+        let part = read(name, &entry.about, keys, file)?;
+        Ok(Self {
+            entry,
+            config: part.loaded(&no_product)?.into_owned(),
+            stream_id: part.stream_id(&entry.about),
+        })
+    }
+
+    /// A new environment.
+    ///
+    /// # Errors
+    /// What its constructor refuses.
+    pub fn build(&self) -> Result<Box<dyn Environment>, Refusal> {
+        Ok((self.entry.build)(&self.config)?)
+    }
+}
+
+fn read(name: &str, about: &About, keys: Option<&str>, file: Option<&Path>) -> Result<Part, Refusal> {
+    let part = match keys {
+        Some(keys) => spec::read_config(
+            name,
+            about,
+            &format!("the config of `{name}`"),
+            keys,
+            Path::new(""),
+        ),
+        None => spec::load_config(name, about, file),
+    };
+    part.map_err(|problems| Refusal::Config(diagnostic::render_first(&problems, false)))
+}
+
+fn unknown(name: &str) -> Refusal {
+    let nearest = diagnostic::suggest(name, REGISTRY.environments.keys().copied());
+    Refusal::Config(format!("unknown environment `{name}`; {nearest}"))
+}
+
+/// Name, version and one line about every registered environment.
+#[pyfunction]
+pub fn environments() -> Vec<(&'static str, u32, &'static str)> {
+    let of =
+        |(name, entry): (&&'static str, &EnvironmentEntry)| (*name, entry.about.version, entry.about.about);
+    REGISTRY.environments.iter().map(of).collect()
+}

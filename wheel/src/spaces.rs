@@ -1,0 +1,149 @@
+//! Spaces as Python is told of them, and actions as they come from there.
+//!
+//! A choice comes as the position of its option, everything else as it is. It is the inverse of what `plugins/python`
+//! does with environments that are written in Python.
+
+use engine::{Channel, Error, Metric, Seat, Space, choice};
+use pyo3::prelude::*;
+
+/// A seat.
+#[derive(IntoPyObject)]
+pub struct SeatForm {
+    name: String,
+    observation: SpaceForm,
+    action: SpaceForm,
+}
+
+/// A space: `box`, `simplex`, `discrete` or `choices`.
+#[derive(IntoPyObject)]
+pub struct SpaceForm {
+    kind: &'static str,
+    /// One name per number of a vector in it.
+    names: Vec<String>,
+    /// Units and limits of a box.
+    units: Vec<String>,
+    low: Vec<f64>,
+    high: Vec<f64>,
+    /// Options of each choice.
+    options: Vec<(String, Vec<String>)>,
+}
+
+/// A metric.
+#[derive(IntoPyObject)]
+pub struct MetricForm {
+    name: String,
+    unit: String,
+    about: String,
+}
+
+impl From<&Seat> for SeatForm {
+    fn from(seat: &Seat) -> Self {
+        Self {
+            name: seat.name.clone(),
+            observation: SpaceForm::from(&seat.observation),
+            action: SpaceForm::from(&seat.action),
+        }
+    }
+}
+
+impl From<&Metric> for MetricForm {
+    fn from(metric: &Metric) -> Self {
+        let Metric {
+            name, unit, about, ..
+        } = metric.clone();
+        Self { name, unit, about }
+    }
+}
+
+impl SpaceForm {
+    /// A box over these channels.
+    pub fn of_channels(channels: &[Channel]) -> Self {
+        Self {
+            units: channels.iter().map(|channel| channel.unit.clone()).collect(),
+            low: channels.iter().map(|channel| channel.low).collect(),
+            high: channels.iter().map(|channel| channel.high).collect(),
+            names: channels.iter().map(|channel| channel.name.clone()).collect(),
+            ..Self::plain("box", Vec::new())
+        }
+    }
+
+    fn plain(kind: &'static str, names: Vec<String>) -> Self {
+        Self {
+            kind,
+            names,
+            units: Vec::new(),
+            low: Vec::new(),
+            high: Vec::new(),
+            options: Vec::new(),
+        }
+    }
+}
+
+impl From<&Space> for SpaceForm {
+    fn from(space: &Space) -> Self {
+        let options = match space {
+            Space::Box(channels) => return Self::of_channels(channels),
+            Space::Simplex(names) => return Self::plain("simplex", names.clone()),
+            Space::Discrete(names) => vec![("choice".into(), names.clone())],
+            Space::Choices(choices) => choices
+                .iter()
+                .map(|choice| (choice.name.clone(), choice.options.clone()))
+                .collect(),
+        };
+        let kind = if matches!(space, Space::Discrete(_)) {
+            "discrete"
+        } else {
+            "choices"
+        };
+        Self {
+            options,
+            ..Self::plain(kind, space.names())
+        }
+    }
+}
+
+/// How many numbers of a seat's action come from Python.
+#[must_use]
+pub fn n_asked(seat: &Seat) -> usize {
+    match &seat.action {
+        Space::Choices(choices) => choices.len(),
+        space => space.len(),
+    }
+}
+
+/// The action of every seat from the numbers that came from Python, seat after seat.
+///
+/// # Errors
+/// [`Error::Action`] for a number that is no position of an option; what else lies outside a space is refused by the
+/// environment.
+pub fn actions(seats: &[Seat], asked: &[f64]) -> Result<Vec<Vec<f64>>, Error> {
+    let mut rest = asked;
+    let of_seat = |seat: &Seat| {
+        let (own, after) = rest.split_at(n_asked(seat));
+        rest = after;
+        match &seat.action {
+            Space::Choices(choices) => {
+                let taken: Result<Vec<usize>, Error> = choices
+                    .iter()
+                    .zip(own)
+                    .map(|(choice, position)| position_in(&choice.name, &choice.options, *position))
+                    .collect();
+                Ok(choice::vector(choices, &taken?))
+            }
+            _ => Ok(own.to_vec()),
+        }
+    };
+    seats.iter().map(of_seat).collect()
+}
+
+fn position_in(name: &str, options: &[String], position: f64) -> Result<usize, Error> {
+    #[allow(clippy::cast_precision_loss, reason = "nobody names 2^52 options")]
+    let found = (0..options.len()).find(|option| *option as f64 == position);
+    found.ok_or_else(|| Error::Action {
+        problem: format!(
+            "`{name}` is {position}; its options are 0 to {}: {}",
+            options.len() - 1,
+            options.join(", ")
+        ),
+    })
+}
