@@ -1,6 +1,7 @@
 """Runs every speed comparison side by side, pair by pair, and prints the ratios as a Markdown table.
 
-Build first: cargo build --release && cargo bench --no-run. Peers: python3 -m venv V && V/bin/pip install -r benches/peers/requirements.txt
+Build first: cargo build --release && cargo bench --no-run. Peers: python3 -m venv V && V/bin/pip install -r benches/peers/requirements.txt, and our
+Python package: V/bin/maturin build --release --manifest-path wheel/Cargo.toml --out target/wheels && V/bin/pip install target/wheels/regimen-*.whl
 usage: run.py PYTHON_OF_THE_PEERS [ROUNDS] [ONLY...]
 """
 
@@ -145,6 +146,14 @@ for count in (1, 8):
     for kind in ("sb3", "async"):
         ours = lambda: bench("python_environments", PEERS, "Pendulum-v1", count, 3)
         compare(f"environments in Python, {count} together (steps/s)", "steps_per_s", ours, lambda: peer("python_environments.py", kind, "Pendulum-v1", count, 3), True)
+for count, kinds in ((1, ("gymnasium",)), (64, ("gymnasium", "numpy"))):
+    for kind in kinds:
+        ours = lambda: peer("python_package.py", "regimen", "pendulum", count, 3, cpu=0)
+        compare(f"pendulum stepped from Python, {count} together (steps/s)", "steps_per_s", ours, lambda: peer("python_package.py", kind, "pendulum", count, 3, cpu=0), True)
+ours = lambda: peer("python_package.py", "regimen", "particles", 1, 3, cpu=0)
+compare("cooperative navigation stepped from Python (steps/s)", "steps_per_s", ours, lambda: peer("particles_mpe2.py", "cooperative_navigation", 3, cpu=0), True)
+ours = lambda: peer("python_package.py", "regimen", "battery", 16, 3, cpu=0)
+compare("battery stepped from Python, 16 together (cell-seconds/s)", "cell_seconds_per_s", ours, lambda: peer("battery_progpy.py", 3, cpu=0), True)
 for gas in ("TABULAR", "CEA"):
     compare(f"turbofan, warm point, {gas} (s)", "s_per_point", lambda: bench("turbofan", 3), lambda: peer("turbofan_pycycle.py", 10, gas, cpu=0), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_optuna.py", 2000), False)

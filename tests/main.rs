@@ -60,3 +60,4 @@ mod suites;
 mod third_party;
 mod verifying;
 mod watching;
+mod wheel;

@@ -44,6 +44,10 @@ pub(crate) fn check(script: &str, modules: &str, arguments: &[String]) {
             std::env::var_os("CI").is_none(),
             "no Python with {modules}: .ci/run installs it"
         );
+        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
+        {
+            eprintln!("skipped: no Python with {modules}");
+        }
         return;
     };
     let script = repository().join("tests/python").join(script);

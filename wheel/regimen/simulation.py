@@ -42,7 +42,7 @@ class Simulation:
         They lie in one new array, so that whoever keeps them keeps what nobody else writes to.
         """
         outcome = np.empty(self._total)
-        self.native.step(np.ascontiguousarray(actions, dtype=np.float64), outcome)
+        self.native.step(np.asarray(actions, np.float64, order="C").reshape(-1), outcome)
         return [outcome[place].reshape(shape) for place, shape in self._sections]
 
 

@@ -37,7 +37,7 @@ class Simplex(Box):
 
 @batch_space.register(Simplex)
 def _several(space, n=1):
-    return Simplex((n, *space.shape), seed=space.np_random.integers(2**31))
+    return Simplex((n, *space.shape), seed=int(space.np_random.integers(2**31)))
 
 
 def as_space(form):

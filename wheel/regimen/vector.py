@@ -34,6 +34,7 @@ class SimulatedVectorEnv(VectorEnv):
         self.single_action_space = as_space(self.seat["action"])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._names = [(name, f"_{name}") for name in self._simulation.metrics]
         self._has_seed = False
 
     def reset(self, *, seed=None, options=None):
@@ -57,11 +58,21 @@ class SimulatedVectorEnv(VectorEnv):
 
     def step(self, actions):
         observations, rewards, metrics, standing, last = self._simulation.step(actions)
-        standing = standing[:, 0]
-        terminations, truncations = standing == TERMINATED, standing == TRUNCATED
+        standing, rewards = standing[:, 0], rewards[:, 0]
         observations = as_value(self.single_observation_space, observations)
+        if not standing.any():
+            nobody = np.zeros((2, self.num_envs), bool)
+            return observations, rewards, nobody[0], nobody[1], self._of_all(metrics)
+        terminations, truncations = standing == TERMINATED, standing == TRUNCATED
         infos = self._infos(metrics, standing, terminations | truncations, last)
-        return observations, rewards[:, 0], terminations, truncations, infos
+        return observations, rewards, terminations, truncations, infos
+
+    def _of_all(self, metrics):
+        """Metrics of a step in which no episode ended or began, as nearly all are."""
+        infos = {}
+        for place, (name, masked) in enumerate(self._names):
+            infos[name], infos[masked] = metrics[:, place], np.ones(self.num_envs, bool)
+        return infos
 
     def _infos(self, metrics, standing, ended, last):
         """Metrics with masks; where episodes end and begin in one step, those of the last step stand in `final_info`."""
@@ -80,8 +91,8 @@ class SimulatedVectorEnv(VectorEnv):
         if not mask.any():
             return {}
         infos = {}
-        for name, column in zip(self._simulation.metrics, metrics.T, strict=True):
-            infos[name], infos[f"_{name}"] = np.where(mask, column, 0.0), mask.copy()
+        for place, (name, masked) in enumerate(self._names):
+            infos[name], infos[masked] = np.where(mask, metrics[:, place], 0.0), mask.copy()
         return infos
 
     def state(self):

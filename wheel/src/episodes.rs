@@ -165,17 +165,18 @@ impl Episodes {
             return Err(Refusal::Length { found, expected });
         }
         let (seats, columns, autoreset) = (&self.seats, self.n_asked(), self.autoreset);
-        let of_place = |(number, place): (usize, &mut Place)| match place.stage {
+        let places = self.layout.places;
+        let of_one = |(number, place): (usize, &mut Place)| match place.stage {
             Stage::UnderWay => {
                 let own = &asked[number * columns..(number + 1) * columns];
-                let action = spaces::actions(seats, own).map_err(|error| of_place(error, number))?;
+                let action = spaces::actions(seats, own).map_err(|error| of_place(error, number, places))?;
                 place.environment.announce(&action)?;
                 Ok(Some(action))
             }
             Stage::Ended if autoreset == Autoreset::NextStep => Ok(None),
             Stage::Idle | Stage::Ended => Err(Refusal::NoEpisode { place: number }),
         };
-        self.places.iter_mut().enumerate().map(of_place).collect()
+        self.places.iter_mut().enumerate().map(of_one).collect()
     }
 
     /// Begins the next episode wherever one just ended, and keeps what was observed last.
@@ -239,7 +240,7 @@ impl Place {
         let step = self
             .environment
             .step(action, rng)
-            .map_err(|error| of_place(error, number))?;
+            .map_err(|error| of_place(error, number, layout.places))?;
         write(&mut numbers[layout.observations(number)], &step.observations);
         numbers[layout.rewards(number)].copy_from_slice(&step.rewards);
         numbers[layout.metrics(number)].copy_from_slice(&step.info);
@@ -263,10 +264,10 @@ fn write(target: &mut [f64], vectors: &[Vec<f64>]) {
         .for_each(|(place, value)| *place = *value);
 }
 
-/// An action that is refused, with the environment that refuses it.
-fn of_place(error: Error, number: usize) -> Error {
+/// An action that is refused, with the environment that refuses it where there are several.
+fn of_place(error: Error, number: usize, places: usize) -> Error {
     match error {
-        Error::Action { problem } => Error::Action {
+        Error::Action { problem } if places > 1 => Error::Action {
             problem: format!("environment {number}: {problem}"),
         },
         other => other,

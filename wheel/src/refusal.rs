@@ -46,7 +46,7 @@ pub enum Refusal {
         expected: usize,
     },
     /// A step where there is nothing to step.
-    #[error("environment {place} has no episode under way: call `reset`")]
+    #[error("no episode is under way in environment {place}: call `reset`")]
     NoEpisode {
         /// Which of the environments side by side.
         place: usize,

@@ -20,10 +20,12 @@ pub struct SpaceForm {
     kind: &'static str,
     /// One name per number of a vector in it.
     names: Vec<String>,
-    /// Units and limits of a box.
+    /// Units and limits of a box, and what is typical: a value and a deviation from it.
     units: Vec<String>,
     low: Vec<f64>,
     high: Vec<f64>,
+    center: Vec<f64>,
+    spread: Vec<f64>,
     /// Options of each choice.
     options: Vec<(String, Vec<String>)>,
 }
@@ -62,6 +64,8 @@ impl SpaceForm {
             units: channels.iter().map(|channel| channel.unit.clone()).collect(),
             low: channels.iter().map(|channel| channel.low).collect(),
             high: channels.iter().map(|channel| channel.high).collect(),
+            center: channels.iter().map(|channel| channel.center).collect(),
+            spread: channels.iter().map(|channel| channel.spread).collect(),
             names: channels.iter().map(|channel| channel.name.clone()).collect(),
             ..Self::plain("box", Vec::new())
         }
@@ -74,6 +78,8 @@ impl SpaceForm {
             units: Vec::new(),
             low: Vec::new(),
             high: Vec::new(),
+            center: Vec::new(),
+            spread: Vec::new(),
             options: Vec::new(),
         }
     }
