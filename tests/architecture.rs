@@ -56,7 +56,12 @@ fn environments_in_python_and_the_other_plugins_do_not_know_each_other() {
 /// So that no program needs to know of the Python package, which knows them all.
 #[test]
 fn nothing_depends_on_the_python_package() {
-    for folder in ["engine", "plugins/environments", "plugins/agents", "plugins/python"] {
+    for folder in [
+        "engine",
+        "plugins/environments",
+        "plugins/agents",
+        "plugins/python",
+    ] {
         assert!(!depends_on(folder, "pyo3"), "{folder}");
     }
     assert!(!manifest(".").contains("regimen-wheel"));
