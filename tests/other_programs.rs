@@ -28,6 +28,7 @@ seeds: 1
 pub(crate) fn python(modules: &str) -> Option<&'static str> {
     let candidates = [
         concat!(env!("CARGO_MANIFEST_DIR"), "/target/python/bin/python"),
+        concat!(env!("CARGO_MANIFEST_DIR"), "/target/stable-baselines3/bin/python"),
         "python3",
     ];
     candidates.into_iter().find(|python| {

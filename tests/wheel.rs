@@ -2,6 +2,7 @@
 //! which words, and the interfaces that Gymnasium and PettingZoo check.
 
 use crate::{
+    book::blocks,
     contracts::ready_made,
     other_programs::check,
     program::{Bench, repository, trial_files},
@@ -103,7 +104,7 @@ fn episode(environment: &mut dyn Environment, rng: &mut Rng, draws: &mut Rng) ->
 #[test]
 fn every_environment_gives_the_bits_of_the_registry_and_passes_the_checks_of_its_interface() {
     let bench = Bench::new();
-    let names = engine_names();
+    let names: Vec<&str> = registry().environments.keys().copied().collect();
     let cases: Vec<Value> = configs()
         .iter()
         .map(|(name, keys)| played(name, keys, 7))
@@ -115,10 +116,6 @@ fn every_environment_gives_the_bits_of_the_registry_and_passes_the_checks_of_its
         MODULES,
         &[file.to_string_lossy().into_owned()],
     );
-}
-
-fn engine_names() -> Vec<&'static str> {
-    registry().environments.keys().copied().collect()
 }
 
 const TRIAL: &str = "
@@ -221,6 +218,16 @@ fn what_is_wrong_is_refused_in_the_words_of_the_program() {
         MODULES,
         &[file.to_string_lossy().into_owned()],
     );
+}
+
+#[test]
+fn what_the_page_shows_runs() {
+    let page = std::fs::read_to_string(repository().join("docs/src/python-package.md")).unwrap();
+    let shown = blocks(&page, "python").concat();
+    assert!(shown.contains("regimen.make_parallel("), "{shown}");
+    let bench = Bench::new();
+    let script = bench.write("page.py", &shown);
+    check(script.to_str().unwrap(), MODULES, &[]);
 }
 
 #[test]

@@ -4,6 +4,7 @@ import json
 import sys
 import tempfile
 
+import gymnasium
 import numpy as np
 import regimen
 
@@ -80,3 +81,14 @@ short = regimen.make("pendulum", {"episode_limit": 1})
 short.reset(seed=0)
 assert short.step(np.zeros(1))[3]
 refused(regimen.EpisodeError, "call `reset`", lambda: short.step(np.zeros(1)))
+
+# An environment that is written in Python passes through Rust and comes back.
+with tempfile.NamedTemporaryFile("w", suffix=".txt") as file:
+    file.write(f"gymnasium=={gymnasium.__version__}\n")
+    file.flush()
+    config = {"make": "gymnasium:Pendulum-v1", "lock": {"file": file.name}, "interpreter": sys.executable}
+    written = regimen.make("python", config)
+    start, _ = written.reset(seed=1)
+    after = written.step(np.array([0.5]))[0]
+    assert start.shape == (3,) and not np.array_equal(start, after)
+    assert np.array_equal(written.reset(seed=1)[0], start) and np.array_equal(written.step(np.array([0.5]))[0], after)
