@@ -146,14 +146,15 @@ for count in (1, 8):
     for kind in ("sb3", "async"):
         ours = lambda: bench("python_environments", PEERS, "Pendulum-v1", count, 3)
         compare(f"environments in Python, {count} together (steps/s)", "steps_per_s", ours, lambda: peer("python_environments.py", kind, "Pendulum-v1", count, 3), True)
-for count, kinds in ((1, ("gymnasium",)), (64, ("gymnasium", "numpy"))):
-    for kind in kinds:
-        ours = lambda: peer("python_package.py", "regimen", "pendulum", count, 3, cpu=0)
-        compare(f"pendulum stepped from Python, {count} together (steps/s)", "steps_per_s", ours, lambda: peer("python_package.py", kind, "pendulum", count, 3, cpu=0), True)
-ours = lambda: peer("python_package.py", "regimen", "particles", 1, 3, cpu=0)
-compare("cooperative navigation stepped from Python (steps/s)", "steps_per_s", ours, lambda: peer("particles_mpe2.py", "cooperative_navigation", 3, cpu=0), True)
-ours = lambda: peer("python_package.py", "regimen", "battery", 16, 3, cpu=0)
-compare("battery stepped from Python, 16 together (cell-seconds/s)", "cell_seconds_per_s", ours, lambda: peer("battery_progpy.py", 3, cpu=0), True)
+for what, count, key, who in (
+    ("pendulum", 1, "steps_per_s", "gymnasium"),
+    ("pendulum", 64, "steps_per_s", "gymnasium"),
+    ("pendulum", 64, "steps_per_s", "numpy"),
+    ("particles", 1, "steps_per_s", "mpe2"),
+    ("battery", 16, "cell_seconds_per_s", "progpy"),
+):
+    ours, theirs = (lambda who=who: peer("python_package.py", who, what, count, 3, cpu=0) for who in ("regimen", who))
+    compare(f"{what} stepped from Python, {count} together ({key.replace('_per_s', '/s').replace('_', '-')})", key, ours, theirs, True)
 for gas in ("TABULAR", "CEA"):
     compare(f"turbofan, warm point, {gas} (s)", "s_per_point", lambda: bench("turbofan", 3), lambda: peer("turbofan_pycycle.py", 10, gas, cpu=0), False)
 compare("trivial trial (s)", "s_per_trial", lambda: overhead(10000), lambda: peer("overhead_optuna.py", 2000), False)

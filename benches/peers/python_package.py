@@ -1,12 +1,13 @@
-"""Steps per second of simulators that are stepped from Python, one thread. Prints the rate as JSON.
+"""Steps per second of processor time of simulators that are stepped from Python, one thread. Prints the rate as JSON.
 
-`regimen` is the Python package of this repository, `gymnasium` its own pendulum (NumPy), one environment after the other where there are
-several, and `numpy` a plain pendulum in NumPy, of all environments at once, which is what somebody would write by hand. The battery's rate is in
-simulated seconds of a cell, as in battery_progpy.py.
+`regimen` is the Python package of this repository. The others are originals in NumPy: `gymnasium` its own pendulum, one after the other where there
+are several, `numpy` a plain pendulum of all environments at once, as somebody would write it by hand, `mpe2` its cooperative navigation and
+`progpy` its battery cell, whose rate is in simulated seconds of a cell.
 
-usage: python_package.py regimen|gymnasium|numpy pendulum|particles|battery COUNT SECONDS
+usage: python_package.py regimen|gymnasium|numpy|mpe2|progpy pendulum|particles|battery COUNT SECONDS
 """
 
+import importlib.metadata
 import json
 import sys
 import time
@@ -43,15 +44,15 @@ class Pendulums:
 
 
 def measured(step, per_step=1):
-    """Rate over the seconds that are given, after a hundred steps."""
+    """Rate over the seconds of processor time that are given, after a hundred steps."""
     for _ in range(100):
         step()
-    steps, start = 0, time.perf_counter()
-    while time.perf_counter() < start + SECONDS:
+    steps, start = 0, time.process_time()
+    while time.process_time() < start + SECONDS:
         for _ in range(50):
             step()
         steps += 50
-    return steps * per_step / (time.perf_counter() - start)
+    return steps * per_step / (time.process_time() - start)
 
 
 def pendulum():
@@ -78,11 +79,17 @@ def pendulum():
 
 
 def particles():
-    import regimen
+    if WHO == "regimen":
+        import regimen
 
-    environment = regimen.make_parallel("particles", {"variant": "mpe2"})
+        environment, force = regimen.make_parallel("particles", {"variant": "mpe2"}), np.array([0.1, -0.2])
+    else:
+        from mpe2 import simple_spread_v3
+
+        environment = simple_spread_v3.parallel_env(continuous_actions=True, max_cycles=25)
+        force = np.array([0.0, 0.0, 0.1, 0.2, 0.0], np.float32)
     environment.reset(seed=0)
-    actions = {agent: np.array([0.1, -0.2]) for agent in environment.agents}
+    actions = dict.fromkeys(environment.agents, force)
 
     def step():
         environment.step(actions)
@@ -93,14 +100,29 @@ def particles():
 
 
 def battery():
-    import regimen
+    if WHO == "regimen":
+        import regimen
 
-    environment = regimen.make_vec("battery", {"cells": 4, "load": {"constant": {"power_w": 32.0}}, "start": "full"}, num_envs=COUNT)
-    environment.reset(seed=0)
-    shares = np.full((COUNT, 4), 0.25)
-    return measured(lambda: environment.step(shares), 40 * COUNT)
+        environment = regimen.make_vec("battery", {"cells": 4, "load": {"constant": {"power_w": 32.0}}, "start": "full"}, num_envs=COUNT)
+        environment.reset(seed=0)
+        shares = np.full((COUNT, 4), 0.25)
+        return measured(lambda: environment.step(shares), 40 * COUNT)
+    from progpy.models import BatteryElectroChemEOD
+
+    cell = BatteryElectroChemEOD(process_noise=0, measurement_noise=0)
+    load = cell.InputContainer({"i": 2.0})
+    state, seconds = cell.initialize(), 0
+
+    def step():
+        nonlocal state, seconds
+        load["i"] = 8.0 / cell.output(state)["v"]
+        state, seconds = cell.next_state(state, load, 1.0), seconds + 1
+        if seconds == 1000:
+            state, seconds = cell.initialize(), 0
+
+    return measured(step)
 
 
-names = {"regimen": "Regimen from Python", "gymnasium": f"Gymnasium {gymnasium.__version__}", "numpy": f"NumPy {np.__version__} by hand"}
+names = {"regimen": "Regimen from Python", "numpy": f"NumPy {np.__version__} by hand"}
 rate = {"pendulum": pendulum, "particles": particles, "battery": battery}[WHAT]()
-print(json.dumps({"who": names[WHO], "cell_seconds_per_s" if WHAT == "battery" else "steps_per_s": rate}))
+print(json.dumps({"who": names.get(WHO) or f"{WHO} {importlib.metadata.version(WHO)}", "cell_seconds_per_s" if WHAT == "battery" else "steps_per_s": rate}))
