@@ -6,6 +6,7 @@ use crate::{
     refusal::Refusal,
     spaces::{MetricForm, SeatForm, SpaceForm},
 };
+use engine::Environment;
 use pyo3::{buffer::PyBuffer, exceptions::PyValueError, prelude::*};
 use std::{
     path::PathBuf,
@@ -63,13 +64,13 @@ impl Simulation {
 
     /// The full state's space.
     fn state_space(&self) -> PyResult<SpaceForm> {
-        let channels = self.lock()?.environment(0).map(|it| it.state_channels());
+        let channels = self.lock()?.environment(0).map(Environment::state_channels);
         Ok(SpaceForm::of_channels(&channels.unwrap_or_default()))
     }
 
     /// The full state of one environment.
     fn state(&self, place: usize) -> PyResult<Vec<f64>> {
-        let state = self.lock()?.environment(place).map(|it| it.state());
+        let state = self.lock()?.environment(place).map(Environment::state);
         state.ok_or_else(|| PyValueError::new_err(format!("there is no environment {place}")))
     }
 
