@@ -120,7 +120,7 @@ impl Settings {
             .ok_or_else(|| wrong(&format!("`{name}` hands nothing over")))?;
         let mut values = self.executors.get(name).cloned().unwrap_or_else(|| json!({}));
         if let Some(tasks) = tasks.and_then(NonZeroUsize::new) {
-            values["max_tasks"] = tasks.get().into();
+            values[kind.key_of_jobs()] = tasks.get().into();
         }
         options
             .build(&values)
