@@ -30,6 +30,7 @@ use crate::{
 use std::{
     ffi::OsString,
     num::NonZeroUsize,
+    os::unix::process::CommandExt as _,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -83,7 +84,9 @@ impl Host {
         command
             .args(&self.shell[1..])
             .arg(&self.line)
-            .stderr(Stdio::null());
+            .stderr(Stdio::null())
+            // Ctrl-C is for this program, which lets trials save their checkpoints over the connection.
+            .process_group(0);
         command
     }
 }

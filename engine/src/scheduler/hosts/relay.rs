@@ -8,6 +8,7 @@ use super::wire::{FromHost, Manifest, Order, StudyFile, ToHost, broken, hear, re
 use crate::{
     Build, Error, build,
     limits::Limits,
+    results::EndState,
     scheduler::{
         process::{Shared, Worker},
         slot::{Answer, Runner},
@@ -169,9 +170,9 @@ impl Relay {
         runner: &mut Worker<'_>,
         output: &mut impl Write,
     ) -> Result<Answer, Error> {
-        // The connection may have broken before the end could be told.
+        // The connection may have broken before the end could be told. A failure is tried again, as it was asked.
         let stored = self.store.sound(&order.request.trial.id).ok().flatten();
-        if let Some(file) = stored.filter(|file| !is_missing(Some(&file.end))) {
+        if let Some(file) = stored.filter(|file| file.end.state == EndState::Ok) {
             return Ok(Answer::Said(Reply::Ended { end: file.end }));
         }
         let request = Request {
