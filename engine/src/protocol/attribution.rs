@@ -312,6 +312,10 @@ mod tests {
         }
     }
 
+    fn first(remembers: bool) -> Result<Box<dyn Agent>, Error> {
+        Ok(Box::new(First { remembers }))
+    }
+
     fn registry() -> Registry {
         let mut registry = Registry::default();
         crate::protocol::register(&mut registry);
@@ -327,16 +331,10 @@ mod tests {
                 left: 0,
             }))
         });
-        for (name, remembers) in [("first", false), ("remembers", true)] {
-            let agent = move || -> Result<Box<dyn Agent>, Error> { Ok(Box::new(First { remembers })) };
-            registry.agent(
-                name,
-                1,
-                "Does what is said first.",
-                AgentTraits::default(),
-                move |_: Nothing, _, _| agent(),
-            );
-        }
+        let about = "Does what is said first.";
+        let traits = AgentTraits::default;
+        registry.agent("first", 1, about, traits(), |_: Nothing, _, _| first(false));
+        registry.agent("remembers", 1, about, traits(), |_: Nothing, _, _| first(true));
         registry
     }
 
