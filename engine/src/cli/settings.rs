@@ -380,7 +380,7 @@ mod tests {
         assert!(text("[slurm]\ntime = \"soon\"\n").contains("regimen.toml: [slurm] `time`: `soon`"));
         let written = text("executor = \"kubernetes\"\n");
         assert!(
-            written.contains("`local` or `slurm`") && written.contains("line 1"),
+            written.contains("`local` or `ssh` or `slurm`") && written.contains("line 1"),
             "{written}"
         );
         assert!(text("[profile.big.kubernetes]\nimages = 1\n").contains("images"));
