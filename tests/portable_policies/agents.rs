@@ -148,7 +148,8 @@ fn every_policy_that_an_agent_leaves_is_taken_away_and_acts_as_the_agent() {
             .into_iter()
             .filter(|_| entry.learns)
         {
-            if key.environment.plugin == "generator_search" || key.protocol.plugin == "track" {
+            let is_untrained = ["attribution", "track"].contains(&key.protocol.plugin.as_str());
+            if key.environment.plugin == "generator_search" || is_untrained {
                 continue;
             }
             let key = with_few_episodes(&registry, key);
