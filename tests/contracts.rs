@@ -293,6 +293,7 @@ fn learns_as_told(registry: &Registry, name: &str) -> bool {
     let fits = |key: &TrialKey| match key.protocol.plugin.as_str() {
         "supervised_fit" => entry.learns_from_examples,
         "offline_fit" => entry.datasets != UseOfDatasets::Never,
+        "attribution" => false,
         _ => !entry.learns_from_examples && entry.datasets != UseOfDatasets::Only,
     };
     crate::resume::keys(registry, name)

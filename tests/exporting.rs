@@ -176,6 +176,33 @@ fn the_same_study_makes_the_same_bytes_and_nothing_is_replaced() {
 }
 
 #[test]
+fn a_trace_has_every_trial_once_and_no_two_at_once_in_a_lane() {
+    let bench = finished();
+    bench.ok(&["export", "small.yaml", "--to", "trace", "--as", "trace"]);
+    let trace: Value = serde_json::from_slice(&fs::read(bench.path("trace/trace.json")).unwrap()).unwrap();
+    let bars: Vec<&Value> = trace["traceEvents"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|event| event["ph"] == "X")
+        .collect();
+    assert_eq!(bars.len(), trial_files(&bench.path("store")).len());
+    let number = |bar: &Value, key: &str| bar[key].as_f64().unwrap();
+    for (index, one) in bars.iter().enumerate() {
+        assert!(number(one, "ts") >= 0.0 && number(one, "dur") >= 0.0, "{one}");
+        assert!(
+            one["args"]["trial"].is_string() && one["args"]["end"] == "ok",
+            "{one}"
+        );
+        for other in bars[..index].iter().filter(|other| other["tid"] == one["tid"]) {
+            // Ends are whole seconds.
+            let overlap = number(other, "ts") + number(other, "dur") - number(one, "ts");
+            assert!(overlap <= 1e6 + 1.0, "{one} {other}");
+        }
+    }
+}
+
+#[test]
 fn a_crate_has_what_the_specification_requires_and_describes_every_file() {
     let bench = finished();
     let unlicensed = bench.run(&["export", "small.yaml", "--to", "crate", "--as", "ro-crate"]);

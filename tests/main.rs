@@ -56,6 +56,7 @@ mod selftest;
 mod shrunk;
 mod signals;
 mod slurm;
+mod ssh;
 mod suites;
 mod third_party;
 mod verifying;

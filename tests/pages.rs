@@ -133,8 +133,8 @@ fn document(browser: &str, html: &str) -> (String, String) {
 fn ask(browser: &str, html: &str, width: u32, script: &str) -> Value {
     let asking = format!(
         "<script>addEventListener('load', () => setTimeout(() => {{ const answer = (() => {{ {script} }})(); \
-         setTimeout(() => parent.postMessage(JSON.stringify(typeof answer === 'function' ? answer() : answer), '*'), \
-         200); }}, 200))</script></body>"
+         setTimeout(() => Promise.resolve(typeof answer === 'function' ? answer() : answer) \
+         .then(it => parent.postMessage(JSON.stringify(it), '*')), 200); }}, 200))</script></body>"
     );
     let folder = tempfile::tempdir_in(STUDIES.path("results")).unwrap();
     let inner = folder.path().join("inner.html");
@@ -341,6 +341,40 @@ fn with_scripts_learning_curves_answer() {
     }
     // A page without learning curves has no script.
     assert!(!page("results/index.html").contains("<script"));
+}
+
+/// Points at the left end of the first plot with a finger, before and after two fingers were spread in its middle.
+const SPREAD: &str = "const over = document.querySelector('.u-over'), place = over.getBoundingClientRect();
+    const touch = (kind, shares) => {
+        const touches = shares.map((share, identifier) => new Touch({ identifier, target: over,
+            clientX: place.left + share * place.width, clientY: place.top + 0.4 * place.height }));
+        const event = new TouchEvent(kind, { touches, bubbles: true, cancelable: true });
+        return over.dispatchEvent(event);
+    };
+    const step = () => document.querySelector('.trace').textContent.match(/ at (\\S+) /)[1];
+    touch('touchstart', [0.01]);
+    return () => {
+        const before = step();
+        touch('touchend', []);
+        touch('touchstart', [0.6, 0.7]);
+        const scrolls = touch('touchmove', [0.1, 0.9]);
+        touch('touchend', []);
+        return new Promise(done => setTimeout(() => {
+            touch('touchstart', [0.01]);
+            setTimeout(() => done({ before, after: step(), scrolls }), 50);
+        }, 50));
+    };";
+
+#[test]
+fn two_fingers_stretch_the_axis_between_them() {
+    let Some(browser) = browser() else { return };
+    let told = ask(browser, &page("results/pages/index.html"), 400, SPREAD);
+    assert_eq!(
+        (&told["before"], &told["scrolls"]),
+        (&"0".into(), &false.into()),
+        "{told}"
+    );
+    assert!(told["after"].as_str().is_some_and(|step| step != "0"), "{told}");
 }
 
 #[test]

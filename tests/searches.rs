@@ -97,6 +97,29 @@ fn a_search_ends_alike_for_any_number_of_workers_and_after_fifty_kills() {
 }
 
 #[test]
+fn adaptation_ends_alike_for_any_number_of_workers_and_reports_what_it_tried() {
+    let bench = Bench::new();
+    let study = STUDY
+        .replace(
+            "      dsac.target_entropy: { choice: [minus_sqrt_d, { nats: -3 }] }\n",
+            "",
+        )
+        .replace(
+            "settings: 9\n    seeds: 2\n    method: { tree_parzen: { startup: 4, batch: 2 } }",
+            "settings: 8\n    method: { cma_es: { population: 3 } }",
+        );
+    bench.write("tuned.yaml", &study);
+    bench.ok(&["run", "tuned.yaml", "-j", "1", "--store", "one"]);
+    let (expected, whole) = (tables(&bench), bench.digests("one"));
+    assert_eq!(whole.len(), 8 + 6);
+    bench.ok(&["run", "tuned.yaml", "-j", "2", "--store", "two"]);
+    assert_eq!((tables(&bench), bench.digests("two")), (expected, whole));
+    let report = std::fs::read_to_string(bench.path("results/tuned/report.md")).unwrap();
+    let said = "Search rates of dsac: its setting was chosen among 8";
+    assert!(report.contains(said), "{report}");
+}
+
+#[test]
 fn the_chosen_setting_is_measured_on_fresh_seeds_and_everything_says_so() {
     let bench = bench();
     bench.ok(&["run", "tuned.yaml", "-P", "smoke"]);

@@ -224,6 +224,19 @@ impl TrialKey {
         all
     }
 
+    /// The data files that its configs name, with the hashes of what they hold.
+    pub(crate) fn data_files(&self) -> Vec<(&Path, &str)> {
+        let parts = [&*self.environment, &*self.protocol]
+            .into_iter()
+            .chain(self.agent.parts());
+        let files = parts.flat_map(|part| part.files.iter().map(move |(key, digest)| (part, key, digest)));
+        let files = files.filter_map(|(part, key, digest)| {
+            let path = part.config.pointer(key)?.as_str()?;
+            Some((Path::new(path), digest.as_str()))
+        });
+        files.collect()
+    }
+
     /// True where it takes something from another trial.
     #[must_use]
     pub fn takes(&self) -> bool {

@@ -12,7 +12,7 @@ use crate::{
     count::{count, either},
     limits::Limits,
     results::{EndState, TrialEnd},
-    scheduler::{self, Task, Workers},
+    scheduler::{self, Task, Workers, hosts::Host},
     store::{Store, is_missing},
     trial::Trial,
 };
@@ -23,6 +23,7 @@ use std::{
         atomic::{AtomicBool, Ordering},
         mpsc,
     },
+    time::Duration,
 };
 
 /// How to compute.
@@ -35,8 +36,10 @@ pub(super) struct Compute<'a> {
     pub(super) settings: &'a Settings,
     /// What the command line says of limits.
     pub(super) limits: &'a LimitOptions,
-    /// Worker processes.
+    /// Worker processes, on this machine or on all hosts.
     pub(super) workers: usize,
+    /// The hosts that run trials in the place of this machine, and how long one is looked after that is not reached.
+    pub(super) hosts: (Vec<Host>, Duration),
     /// Whether trials that ended otherwise than `ok` run again.
     pub(super) retry_failed: bool,
     /// Whether this is the whole command and not a part of one: it looks at what is stored before, and waits
@@ -95,8 +98,12 @@ impl Compute<'_> {
     /// How many processes run so many tasks, in words.
     pub(super) fn processes(&self, tasks: usize) -> String {
         let processes = self.workers.min(tasks);
+        let of_hosts = match self.hosts.0.len() {
+            0 => String::new(),
+            hosts => format!(" of {}", count(hosts, "host")),
+        };
         format!(
-            "{processes} worker {}",
+            "{processes} worker {}{of_hosts}",
             either(&processes, "process", "processes")
         )
     }
@@ -185,6 +192,8 @@ impl Compute<'_> {
         let lease_expiry = self.settings.lease_expiry;
         Workers {
             count: self.workers,
+            hosts: self.hosts.0.clone(),
+            patience: self.hosts.1,
             stop: Arc::clone(stop),
             fail_fast: self.limits.fail_fast,
             wait_for_others: self.whole,

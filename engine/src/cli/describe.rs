@@ -69,8 +69,8 @@ fn groups(registry: &Registry) -> Value {
     json!({ "format": FORMAT, "groups": Value::Object(groups.into_iter().collect()) })
 }
 
-/// Prints the JSON Schema of a study.
+/// Prints the JSON Schema of a study, for editors.
 pub(super) fn schema(registry: &Registry) -> Result<u8, Failure> {
-    say(&format!("{:#}", spec::json_schema(registry)));
+    say(&format!("{:#}", spec::for_editors(spec::json_schema(registry))));
     Ok(OK)
 }

@@ -8,7 +8,7 @@ use super::{
 use crate::{
     Error, Registry,
     count::count,
-    export::{Crate, Form, Piece, Subject, write_event_files, write_tables},
+    export::{Crate, Form, Piece, Subject, write_event_files, write_tables, write_trace},
     report::Manifest,
     results::TrialResult,
     spec,
@@ -100,6 +100,7 @@ fn of_study(
             write_tables(&subject, form == Form::Csv, &whole.folder)?;
         }
         Form::Tensorboard => write_event_files(&subject, &whole.folder)?,
+        Form::Trace => write_trace(&subject, &whole.folder)?,
         Form::RoCrate => pack(&subject, one, &store, options, &whole.folder)?,
         Form::Onnx => export_policy::of_study(&subject, &store, &whole.folder)?,
     }

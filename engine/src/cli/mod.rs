@@ -10,6 +10,7 @@ mod export_dataset;
 mod export_policy;
 mod folders;
 mod fsck;
+mod hosts;
 mod import;
 mod looks;
 mod merge;
@@ -35,9 +36,14 @@ mod verify;
 mod waiting;
 mod watch;
 
-use crate::{Registry, input_file, limits::Limits, plain_text::for_terminal};
+use crate::{Registry, input_file, limits::Limits, plain_text::for_terminal, scheduler::hosts::Relay};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
-use std::{io::IsTerminal, path::PathBuf, process::ExitCode};
+use std::{
+    io::IsTerminal,
+    path::{Path, PathBuf},
+    process::ExitCode,
+    time::Duration,
+};
 
 /// Everything went well.
 pub const OK: u8 = 0;
@@ -393,6 +399,15 @@ enum Verb {
     /// Serve trials on standard input; started by `run`.
     #[command(hide = true)]
     TrialWorker,
+    /// Serve trials of another machine on standard input; started by `run --executor ssh`.
+    #[command(hide = true)]
+    Relay {
+        /// The store of this machine in which they lie until they have arrived there.
+        folder: PathBuf,
+        /// When leases of silent programs count as dead.
+        #[arg(long, value_name = "SECONDS")]
+        lease_expiry_s: f64,
+    },
 }
 
 /// Reads the command line and does what it says. `selftest` is the study, with a profile `smoke`, that the
@@ -462,6 +477,10 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         Verb::New(options) => new::new(registry, &options),
         Verb::Schema => describe::schema(registry),
         Verb::TrialWorker => serve(registry),
+        Verb::Relay {
+            folder,
+            lease_expiry_s,
+        } => relay(registry, &folder, lease_expiry_s),
     }
 }
 
@@ -471,6 +490,14 @@ fn serve(registry: &Registry) -> Result<u8, Failure> {
         std::io::BufReader::new(std::io::stdin()),
         std::io::stdout(),
     )?;
+    Ok(OK)
+}
+
+fn relay(registry: &Registry, folder: &Path, lease_expiry_s: f64) -> Result<u8, Failure> {
+    let expiry = Duration::try_from_secs_f64(lease_expiry_s).unwrap_or(Duration::from_secs(30));
+    let input = std::io::BufReader::new(std::io::stdin());
+    let output = std::io::BufWriter::new(std::io::stdout());
+    Relay::open(folder, expiry)?.serve(registry.build.as_ref(), input, output)?;
     Ok(OK)
 }
 

@@ -73,6 +73,7 @@ impl<'a> Progress<'a> {
             }
             Event::Stopped { slot } => self.stopped(*slot),
             Event::Paused { slot, trial } => self.paused(*slot, *trial),
+            Event::Lost { slot, problem, wait } => self.lost(*slot, problem, *wait),
             Event::Broken { slot, problem } => self.line(&format!("worker {slot} cannot go on: {problem}")),
         }
     }
@@ -125,6 +126,16 @@ impl<'a> Progress<'a> {
             end.state.name(),
             end.reason,
             wait.as_secs_f64()
+        ));
+    }
+
+    fn lost(&self, slot: usize, problem: &str, wait: Option<Duration>) {
+        let then = wait.map_or_else(
+            || "it is given up".to_owned(),
+            |wait| format!("looked after again in {:.0} s", wait.as_secs_f64()),
+        );
+        self.line(&format!(
+            "worker {slot}: {problem}; its trial goes to the others; {then}"
         ));
     }
 

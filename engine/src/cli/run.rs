@@ -4,14 +4,14 @@ use super::{
     BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions,
     Selection, TRIALS_FAILED, complain,
     compute::Compute,
-    folders, looks, overview, profiles, provenance, say, searches, settings, stages,
+    folders, hosts, looks, overview, profiles, provenance, say, searches, settings, stages,
     study::{self, Planned},
     submit::{self, Asked},
 };
 use crate::{
     Error, ProductKind, Registry,
     drawing::Drawings,
-    executor,
+    executor::{self, Way},
     product::Taken,
     report::{self, Contents, Counts, Period, ReportPaths, StudyInfo},
     results::{Results, SearchResult, TrialResult, names_times},
@@ -49,15 +49,23 @@ pub(super) fn run(
         settings: &settings,
         limits: &options.limits,
         workers,
+        hosts: Default::default(),
         retry_failed: options.retry_failed,
         whole: true,
     };
-    let kind = elsewhere(options.executor.as_deref().unwrap_or(&settings.executor));
+    let mut kind = elsewhere(options.executor.as_deref().unwrap_or(&settings.executor));
+    let on_hosts = kind.take_if(|kind| matches!(kind.way, Way::Hosts(_)));
     if kind.is_none() && options.detach {
         return Err(Failure {
             code: BAD_SPEC,
             text: "error: --detach needs --executor slurm".into(),
         });
+    }
+    if let Some(kind) = &on_hosts {
+        let executor = settings.executor(kind, options.jobs)?;
+        if let Some(access) = executor.access() {
+            hosts::reach(&mut how, &planned, access)?;
+        }
     }
     let computed = match compute_all(&mut how, kind.as_ref(), &mut planned, &store, options)? {
         Computed::Left(code) => return Ok(code),
@@ -166,6 +174,7 @@ pub(super) fn worker(
         settings: &settings,
         limits,
         workers,
+        hosts: Default::default(),
         retry_failed: false,
         whole: false,
     };

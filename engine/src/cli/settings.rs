@@ -120,7 +120,7 @@ impl Settings {
             .ok_or_else(|| wrong(&format!("`{name}` hands nothing over")))?;
         let mut values = self.executors.get(name).cloned().unwrap_or_else(|| json!({}));
         if let Some(tasks) = tasks.and_then(NonZeroUsize::new) {
-            values["max_tasks"] = tasks.get().into();
+            values[kind.key_of_jobs()] = tasks.get().into();
         }
         options
             .build(&values)
@@ -380,7 +380,7 @@ mod tests {
         assert!(text("[slurm]\ntime = \"soon\"\n").contains("regimen.toml: [slurm] `time`: `soon`"));
         let written = text("executor = \"kubernetes\"\n");
         assert!(
-            written.contains("`local` or `slurm`") && written.contains("line 1"),
+            written.contains("`local` or `ssh` or `slurm`") && written.contains("line 1"),
             "{written}"
         );
         assert!(text("[profile.big.kubernetes]\nimages = 1\n").contains("images"));

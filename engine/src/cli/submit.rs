@@ -35,7 +35,7 @@ pub(super) fn that_run() -> PossibleValuesParser {
 
 /// The executors that missing trials can be handed to.
 fn that_take() -> PossibleValuesParser {
-    values(|kind| kind.options().is_some())
+    values(Kind::takes)
 }
 
 fn values(which: impl Fn(&Kind) -> bool) -> PossibleValuesParser {
@@ -263,6 +263,7 @@ pub(super) fn submit(
         settings: &settings,
         limits: &limits,
         workers: 1,
+        hosts: Default::default(),
         retry_failed: false,
         whole: false,
     };

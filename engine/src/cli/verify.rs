@@ -88,6 +88,7 @@ pub(super) fn verify(registry: &Registry, options: &VerifyOptions, common: &Comm
         settings: &settings,
         limits: &options.limits,
         workers: options.jobs.unwrap_or(settings.workers),
+        hosts: Default::default(),
         retry_failed: false,
         whole: true,
     };

@@ -285,7 +285,7 @@ fn executor(kind: &ExecutorKind) -> Option<Subject> {
         key::keys(&View::new(&schema, &schema), &Value::Object(Map::new()))
     });
     let about = match &kind.way {
-        Way::Here | Way::Queue(_) => format!("{}.", kind.about),
+        Way::Here | Way::Hosts(_) | Way::Queue(_) => format!("{}.", kind.about),
         Way::Written(_, command) => format!("{}; hand it over with `{command}`.", kind.about),
     };
     let keys = keys.into_iter().map(|key| Key {

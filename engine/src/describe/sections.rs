@@ -121,6 +121,19 @@ claims: [learner.return > rule.return]",
     ),
     example(
         "search",
+        "numbers that depend on each other, from a distribution that takes the shape of the good ones",
+        "search:
+  rates:
+    over:
+      learner.discount: { uniform: { low: 0.9, high: 0.999 } }
+      learner.learning_rate: { log_uniform: { low: 1e-5, high: 1e-2 } }
+    by: return
+    environment: short
+    settings: 60
+    method: { cma_es: { population: 6 } }",
+    ),
+    example(
+        "search",
         "random settings that pause, of which the best third goes on",
         "search:
   rates:

@@ -1,6 +1,6 @@
 //! The list of executors: their names, what each is, and the form of its table in `regimen.toml`.
 
-use super::{Error, Executor, kubernetes, slurm};
+use super::{Error, Executor, kubernetes, slurm, ssh};
 use schemars::{JsonSchema, Schema};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -25,6 +25,8 @@ pub struct Kind {
 pub enum Way {
     /// This program starts them itself.
     Here,
+    /// This program starts them itself, on hosts that it reaches.
+    Hosts(Options),
     /// A queue takes them, and the program can wait for them.
     Queue(Options),
     /// A person hands over what is written, with a command that reads it from standard input.
@@ -52,7 +54,7 @@ pub fn all() -> Vec<Kind> {
         about: "worker processes on this machine",
         way: Way::Here,
     };
-    vec![here, slurm::kind(), kubernetes::kind()]
+    vec![here, ssh::kind(), slurm::kind(), kubernetes::kind()]
 }
 
 /// The executor of a name.
@@ -67,7 +69,22 @@ impl Kind {
     pub fn options(&self) -> Option<&Options> {
         match &self.way {
             Way::Here => None,
-            Way::Queue(options) | Way::Written(options, _) => Some(options),
+            Way::Hosts(options) | Way::Queue(options) | Way::Written(options, _) => Some(options),
+        }
+    }
+
+    /// True where trials can be handed over to it.
+    #[must_use]
+    pub fn takes(&self) -> bool {
+        matches!(self.way, Way::Queue(_) | Way::Written(..))
+    }
+
+    /// The key of its table for which `--jobs` stands.
+    #[must_use]
+    pub fn key_of_jobs(&self) -> &'static str {
+        match self.way {
+            Way::Here | Way::Hosts(_) => "workers",
+            Way::Queue(_) | Way::Written(..) => "max_tasks",
         }
     }
 
@@ -129,7 +146,7 @@ mod tests {
     fn every_executor_is_listed_with_a_sentence_and_the_keys_of_its_table() {
         let all = all();
         let names: Vec<&str> = all.iter().map(|kind| kind.name).collect();
-        assert_eq!(names, ["local", "slurm", "kubernetes"]);
+        assert_eq!(names, ["local", "ssh", "slurm", "kubernetes"]);
         for kind in all.iter().filter_map(|kind| Some((kind, kind.options()?))) {
             let (kind, options) = kind;
             assert!(kind.about.len() > 20, "{}", kind.name);
@@ -144,7 +161,7 @@ mod tests {
                 kind.name
             );
             // `--jobs` takes the place of this one.
-            assert!(keys.contains_key("max_tasks"), "{}", kind.name);
+            assert!(keys.contains_key(kind.key_of_jobs()), "{}", kind.name);
         }
     }
 

@@ -9,7 +9,7 @@
 //! - Where it has a [`Queue`], [`Dispatch`] keeps as many tasks in it as the missing trials are worth, and
 //!   waits.
 //! - [`all`] is the list of executors; [`slurm`] has a queue, [`kubernetes`] writes a manifest and starts
-//!   nothing.
+//!   nothing, and [`ssh`] names hosts whose trials the scheduler of this machine runs itself.
 //!
 //! A [`Submission`] is identified by a name of our own, which the jobs carry. A queue may give a job id again
 //! after a crash of its controller, and an accepted job may be forgotten by one: job ids are kept to be
@@ -23,6 +23,7 @@ pub mod kubernetes;
 mod lock;
 mod queue;
 pub mod slurm;
+pub mod ssh;
 mod submission;
 mod work;
 
@@ -32,6 +33,7 @@ pub use follow::{Outcome, Patience, Watch, describe};
 pub use kind::{Kind, LOCAL, Options, Way, all, find};
 pub use lock::{Wait, lock};
 pub use queue::{Queue, Task, counts, summary};
+pub use ssh::Access;
 pub use submission::{Array, State, Submission, damaged, heal};
 pub use work::{Work, quoted};
 
@@ -57,6 +59,11 @@ pub trait Executor: Debug {
     /// # Errors
     /// [`Error::Option`] where an option is missing that nothing can stand for.
     fn written(&self, wanted: &Wanted<'_>) -> Result<String, Error>;
+
+    /// Hosts that the program reaches itself; `None` where something else owns the machines.
+    fn access(&self) -> Option<&Access> {
+        None
+    }
 
     /// What takes submissions and shows their tasks; `None` where a person hands over what is written.
     fn queue(&self) -> Option<&dyn Queue> {

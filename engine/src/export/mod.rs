@@ -5,6 +5,7 @@
 //! | `parquet`, `csv` | tidy tables `evaluations`, `training` and `trials`, and `columns.json`, which says what each column is |
 //! | `tensorboard` | a folder with an event file per trial, and `runs.json` |
 //! | `ro-crate` | study, report, tables and metrics with their hashes, described by `ro-crate-metadata.json` |
+//! | `trace` | `trace.json`, when trials ran, for Perfetto |
 //! | `onnx` | `policy.onnx` of each trial, or one file per seat |
 //!
 //! What is written is a function of the store and the study, but for the date of publication of a crate.
@@ -17,6 +18,7 @@ mod ro_crate;
 mod table;
 mod tables;
 mod tensorboard;
+mod trace;
 
 pub use policy::{PolicyForm, PolicySubject, PortablePolicy, ReadPolicies, onnx_files};
 pub use ro_crate::{Crate, Piece};
@@ -42,6 +44,8 @@ pub enum Form {
     Csv,
     /// Event files of TensorBoard, one folder a trial; values have single precision there.
     Tensorboard,
+    /// When trials ran: a trace that Perfetto and the tracing page of Chromium show.
+    Trace,
     /// A research object crate: study, report, tables, metrics with their hashes, and who computed them.
     RoCrate,
     /// The policies that trials left as ONNX files, in a folder per trial, and `policies.json`.
@@ -105,6 +109,14 @@ pub fn write_tables(subject: &Subject<'_>, as_csv: bool, folder: &Path) -> Resul
 /// [`Error::File`] where a file cannot be written.
 pub fn write_event_files(subject: &Subject<'_>, folder: &Path) -> Result<(), Error> {
     tensorboard::write(subject, folder)
+}
+
+/// Writes when trials ran into a folder.
+///
+/// # Errors
+/// [`Error::File`] where the file cannot be written.
+pub fn write_trace(subject: &Subject<'_>, folder: &Path) -> Result<(), Error> {
+    trace::write(subject, folder)
 }
 
 fn columns_json(subject: &Subject<'_>, as_csv: bool, tables: Vec<Value>) -> Value {

@@ -4,6 +4,7 @@
 //! here are made of is open to it: [`measure`] runs a [`Measurement`], [`measure_alone`] those of an agent
 //! that does not learn, [`observe`] makes an observation, and a [`Position`] says where to go on.
 
+mod attribution;
 mod estimator_tracking;
 mod evaluation;
 mod gather;
@@ -25,6 +26,7 @@ use crate::{
 use serde::{Serialize, de::DeserializeOwned};
 use std::path::Path;
 
+pub use attribution::Attribution;
 pub use estimator_tracking::EstimatorTracking;
 pub(crate) use evaluation::replay as replay_measurement;
 pub use evaluation::{Measurement, measure, measure_alone, metrics as measurement_metrics, observe};
@@ -39,6 +41,7 @@ pub use train_evaluate::TrainEvaluate;
 /// Registers the protocols of the engine.
 pub fn register(registry: &mut Registry) {
     train_evaluate::register(registry);
+    attribution::register(registry);
     supervised_fit::register(registry);
     estimator_tracking::register(registry);
     gather::register(registry);
@@ -154,6 +157,11 @@ pub trait Protocol: Send + Sync {
     /// What it records besides the environment's and the agent's metrics.
     fn metrics(&self) -> Vec<Metric>;
 
+    /// What it records besides in an environment with this interface.
+    fn metrics_of_interface(&self, _interface: &Interface) -> Vec<Metric> {
+        Vec::new()
+    }
+
     /// True where the environment's metrics are recorded per episode under their names.
     fn records_environment_metrics(&self) -> bool {
         true
@@ -181,6 +189,11 @@ pub trait Protocol: Send + Sync {
     /// True where agents are given transitions of datasets that others gathered, in batches, after they were
     /// told of all of them.
     fn gives_datasets(&self) -> bool {
+        false
+    }
+
+    /// True where an agent that learned nothing is what others are compared with.
+    fn compares_untrained(&self) -> bool {
         false
     }
 

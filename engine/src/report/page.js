@@ -59,7 +59,9 @@
   function figure(host, data) {
     const drawing = host.querySelector("svg"), box = make("div", "plot", ""), bar = make("div", "bar", "", box);
     const grid = make("div", "panels", "", box), legend = make("div", "legend", "", box);
-    const trace = make("p", "trace", "Move over a plot for values; drag to zoom, double-click for all.", box);
+    const hint = matchMedia("(pointer: coarse)").matches
+      ? "Touch a plot for values; stretch it with two fingers." : "Move over a plot for values; drag to zoom, double-click for all.";
+    const trace = make("p", "trace", hint, box);
     const series = data.panels.flatMap(panel => panel.series), off = new Set(), values = new Map();
     const positive = series.every(one => [].concat(one.y ?? one.level).some(value => value > 0));
     let runs = series.some(one => one.drawn), log = data.panels.some(panel => panel.log), words = "", plots = [];
@@ -95,6 +97,34 @@
       plot.setSeries(index + 1, { focus: true });
     }
 
+    // One finger points, and still moves the page up and down; two keep the steps under them while they move.
+    function touched(plot) {
+      const over = plot.over, steps = plot.data[0];
+      let held = null;
+      const places = event => {
+        const corner = over.getBoundingClientRect();
+        return [...event.touches].slice(0, 2).map(it => [it.clientX - corner.left, it.clientY - corner.top]);
+      };
+      const begin = event => {
+        const at = places(event);
+        held = at.length === 2 ? at.map(([left]) => plot.posToVal(left, "x")) : null;
+        if (at.length === 1) plot.setCursor({ left: at[0][0], top: at[0][1] });
+      };
+      const move = event => {
+        const at = places(event);
+        if (at.length === 1 && !held) return plot.setCursor({ left: at[0][0], top: at[0][1] });
+        if (at.length < 2 || !held) return;
+        event.preventDefault();
+        const perPixel = (held[1] - held[0]) / (at[1][0] - at[0][0]), min = held[0] - at[0][0] * perPixel;
+        if (perPixel > 0 && isFinite(perPixel)) plot.setScale("x", { min: Math.max(min, steps[0]),
+          max: Math.min(min + over.clientWidth * perPixel, steps[steps.length - 1]) });
+      };
+      over.style.touchAction = "pan-y";
+      over.addEventListener("touchstart", begin, { passive: true });
+      over.addEventListener("touchmove", move, { passive: false });
+      over.addEventListener("touchend", begin, { passive: true });
+    }
+
     function draw(panel, cell) {
       const all = columns(panel), shade = theme.matches ? "dark" : "light", ink = variable("--ink");
       const table = uPlot.join(all.map(({ x, y }) => [x, log ? y.map(value => value > 0 ? value : null) : y]));
@@ -122,6 +152,7 @@
         cursor: { drag: { x: true, y: true, uni: 40 }, points: { show: false } },
         hooks: { setCursor: [plot => tell(plot, all, panel)] },
       }, table, cell);
+      touched(plot);
       return { plot, all, cell };
     }
 

@@ -173,6 +173,8 @@ fn task(trial: &Trial) -> Task<'_> {
 
 fn workers() -> Workers {
     Workers {
+        hosts: Vec::new(),
+        patience: Duration::ZERO,
         count: 1,
         stop: Arc::default(),
         fail_fast: false,

@@ -1,6 +1,6 @@
 //! Runs what is missing: trials in worker processes, one single-threaded trial per process at a time.
 //!
-//! One thread per worker slot owns one child process and takes trials from a common queue; a trial is begun
+//! One thread per worker slot owns one child process, here or on a host ([`hosts`]), and takes trials from a common queue; a trial is begun
 //! only under its lease, so that several programs can work on one store. The child runs the trial, writes it
 //! to the store and says how it ended; a child that dies is replaced, and only its trial is affected. One
 //! watching thread renews the leases, holds the limits of time and memory, and passes on the wish to stop.
@@ -9,6 +9,7 @@
 
 #[cfg(test)]
 mod fault_tests;
+pub mod hosts;
 mod process;
 mod queue;
 mod readiness;
@@ -126,6 +127,15 @@ pub enum Event {
         /// Index into the list of tasks.
         trial: usize,
     },
+    /// The place of a slot cannot be reached; its trial goes back to the others.
+    Lost {
+        /// Worker slot.
+        slot: usize,
+        /// Which, and why.
+        problem: String,
+        /// The wait before it is looked after again; `None` where it is given up.
+        wait: Option<Duration>,
+    },
     /// A slot cannot go on.
     Broken {
         /// Worker slot.
@@ -158,8 +168,12 @@ pub struct Task<'a> {
 /// How to run trials.
 #[derive(Debug, Clone)]
 pub struct Workers {
-    /// Number of worker processes.
+    /// Number of worker processes on this machine, where there are no hosts.
     pub count: usize,
+    /// The hosts that run trials in the place of this machine.
+    pub hosts: Vec<hosts::Host>,
+    /// How long a host that cannot be reached is looked after again.
+    pub patience: Duration,
     /// Set from outside to stop: no new trial starts and running ones save a checkpoint and leave.
     pub stop: Arc<AtomicBool>,
     /// Stop at the first trial that does not end `ok`.
@@ -193,7 +207,8 @@ pub fn run(
     let leases = Leases::open(store, workers.lease_expiry)?;
     let (halt, watching) = (AtomicBool::new(false), AtomicBool::new(true));
     let queue = Queue::new(tasks);
-    let count = workers.count.min(tasks.len());
+    let places = places(workers);
+    let count = places.len().min(tasks.len());
     let children: Vec<process::Shared> = (0..count).map(|_| process::Shared::default()).collect();
     std::thread::scope(|scope| {
         let slots: Vec<_> = (0..count)
@@ -206,7 +221,11 @@ pub fn run(
                     queue: &queue,
                     halt: &halt,
                 };
-                let runner = process::Worker::new(&program, &children[number]);
+                let (place, child) = (places[number], &children[number]);
+                let runner: Box<dyn slot::Runner + Send> = match place {
+                    None => Box::new(process::Worker::new(&program, child)),
+                    Some(host) => Box::new(hosts::Remote::new(host, store, child)),
+                };
                 let mut slot = slot::Slot::new(number, shared, runner, events);
                 scope.spawn(move || slot.work())
             })
@@ -228,4 +247,21 @@ pub fn run(
         watcher.thread().unpark();
         outcome
     })
+}
+
+/// The place of each slot: a host, or `None` for this machine. The hosts take turns, so that few trials spread over
+/// all of them.
+fn places(workers: &Workers) -> Vec<Option<&hosts::Host>> {
+    if workers.hosts.is_empty() {
+        return vec![None; workers.count];
+    }
+    let most = workers.hosts.iter().map(hosts::Host::workers).max().unwrap_or(0);
+    let round = |turn: usize| {
+        workers
+            .hosts
+            .iter()
+            .filter(move |host| host.workers() > turn)
+            .map(Some)
+    };
+    (0..most).flat_map(round).collect()
 }

@@ -14,9 +14,9 @@ use crate::{
     },
 };
 use std::{
-    io::{BufRead, BufReader, Write},
+    io::{self, BufRead, BufReader, Write},
     path::Path,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError},
     time::{Duration, Instant},
 };
 
@@ -51,7 +51,7 @@ impl Runner for Worker<'_> {
         })?;
         let mut replies = match self.replies.take() {
             Some(replies) => replies,
-            None => self.process.start(self.program)?,
+            None => self.process.start(&mut worker(self.program))?,
         };
         self.process.begin(&message, limits);
         let Some(reply) = listen(&mut replies, progress) else {
@@ -76,6 +76,15 @@ impl Runner for Worker<'_> {
     fn dismiss(&mut self) {
         self.process.dismiss();
     }
+}
+
+/// The command of a worker process.
+fn worker(program: &Path) -> Command {
+    let mut command = Command::new(program);
+    command
+        .arg("trial-worker")
+        .envs(input_file::asked().map(|size| (input_file::VARIABLE, size.to_string())));
+    command
 }
 
 /// Passes on what the process says, until its last word; `None` where it died without one.
@@ -116,16 +125,14 @@ struct Busy {
 
 impl Shared {
     /// Starts a process; what it says is read from what is given back.
-    pub(super) fn start(&self, program: &Path) -> Result<BufReader<ChildStdout>, Error> {
-        let mut child = Command::new(program)
-            .arg("trial-worker")
-            .envs(input_file::asked().map(|size| (input_file::VARIABLE, size.to_string())))
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .map_err(|source| Error::Worker {
-                problem: format!("cannot start `{}`: {source}", program.display()),
-            })?;
+    pub(super) fn start(&self, command: &mut Command) -> Result<BufReader<ChildStdout>, Error> {
+        let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = piped.spawn().map_err(|source| Error::Worker {
+            problem: format!(
+                "cannot start `{}`: {source}",
+                command.get_program().to_string_lossy()
+            ),
+        })?;
         let (Some(requests), Some(replies)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(Error::Worker {
                 problem: "its pipes are missing".into(),
@@ -137,6 +144,14 @@ impl Shared {
             busy: None,
         });
         Ok(BufReader::new(replies))
+    }
+
+    /// Sends bytes to an idle process. One that takes none in holds up nobody but its slot.
+    pub(super) fn write(&self, bytes: &[u8]) -> io::Result<()> {
+        match self.lock().as_mut() {
+            Some(process) => process.requests.write_all(bytes),
+            None => Err(io::ErrorKind::BrokenPipe.into()),
+        }
     }
 
     /// Sends a message; the process is busy with a trial from now on. A process that is gone shows when its
@@ -196,7 +211,7 @@ impl Shared {
             requests,
             busy: Some(busy),
             ..
-        }) = self.lock().as_mut()
+        }) = self.look().as_deref_mut().and_then(Option::as_mut)
             && !std::mem::replace(&mut busy.told_to_stop, true)
             && let Ok(text) = serde_json::to_string(&Message::Stop)
         {
@@ -210,13 +225,22 @@ impl Shared {
             child,
             busy: Some(busy),
             ..
-        }) = self.lock().as_mut()
+        }) = self.look().as_deref_mut().and_then(Option::as_mut)
             && busy.exceeded.is_none()
         {
             busy.exceeded = exceeded(&busy.limits, clock::since(busy.since), child.id());
             if busy.exceeded.is_some() {
                 let _ = child.kill();
             }
+        }
+    }
+
+    /// The process, unless its slot is talking to it: whoever watches all of them looks again.
+    fn look(&self) -> Option<MutexGuard<'_, Option<Process>>> {
+        match self.process.try_lock() {
+            Ok(process) => Some(process),
+            Err(TryLockError::Poisoned(poisoned)) => Some(poisoned.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
         }
     }
 

@@ -19,8 +19,11 @@ use std::{
         atomic::{AtomicBool, Ordering},
         mpsc::Sender,
     },
-    time::Duration,
+    time::{Duration, Instant},
 };
+
+/// The first wait before a place is looked after again; it doubles up to 16 times that.
+const SHORTEST_WAIT: Duration = Duration::from_secs(1);
 
 /// What runs the trials of a slot: a process of its own, outside tests.
 pub(super) trait Runner {
@@ -39,6 +42,21 @@ pub(super) trait Runner {
     fn dismiss(&mut self);
 }
 
+impl<R: Runner + ?Sized> Runner for Box<R> {
+    fn run(
+        &mut self,
+        request: Request,
+        limits: &Arc<Limits>,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<Answer, Error> {
+        (**self).run(request, limits, progress)
+    }
+
+    fn dismiss(&mut self) {
+        (**self).dismiss();
+    }
+}
+
 /// What became of a request.
 pub(super) enum Answer {
     /// The last word about it.
@@ -52,6 +70,8 @@ pub(super) enum Answer {
         /// Whether it was ended for a limit.
         by_limit: bool,
     },
+    /// Nothing is known of it: where it was to run cannot be reached, for this reason.
+    Lost(String),
 }
 
 /// What all slots share.
@@ -72,6 +92,10 @@ pub(super) struct Slot<'a, R> {
     all: Shared<'a>,
     runner: R,
     events: &'a Sender<Event>,
+    /// Since when, and how often, its place could not be reached; `None` where it was reached last.
+    lost: Option<(Instant, u32)>,
+    /// True where it could not be reached for as long as somebody waits.
+    is_given_up: bool,
 }
 
 /// What became of an attempt.
@@ -81,6 +105,8 @@ enum Attempt {
     Paused,
     /// Something that it takes cannot be used, for this reason.
     Unready(String),
+    /// The place of the slot cannot be reached, for this reason.
+    Lost(String),
 }
 
 impl<'a, R: Runner> Slot<'a, R> {
@@ -91,12 +117,14 @@ impl<'a, R: Runner> Slot<'a, R> {
             all,
             runner,
             events,
+            lost: None,
+            is_given_up: false,
         }
     }
 
     /// Works until nothing is left or the run is stopped.
     pub(super) fn work(&mut self) -> Result<(), Error> {
-        while !self.stopping() {
+        while !self.stopping() && !self.is_given_up {
             match self.all.queue.next() {
                 Next::Try(turn) => {
                     let (trial, store) = (turn.task, self.all.store);
@@ -212,9 +240,29 @@ impl<'a, R: Runner> Slot<'a, R> {
                 self.all.queue.done(&task.trial.id);
             }
             Attempt::Unready(reason) => self.give_up(index, reason),
+            Attempt::Lost(problem) => self.lose(turn, problem),
             Attempt::Ended(end) => self.ended(turn, end),
         }
         Ok(())
+    }
+
+    /// The trial goes back to the others, and the place is looked after again later.
+    fn lose(&mut self, turn: Turn, problem: String) {
+        self.all.queue.retry(turn, Duration::ZERO);
+        let (since, times) = self.lost.unwrap_or((clock::now(), 0));
+        self.lost = Some((since, times + 1));
+        let wait = SHORTEST_WAIT * 2u32.pow(times.min(4));
+        let wait = (clock::since(since) + wait < self.all.workers.patience).then_some(wait);
+        self.is_given_up = wait.is_none();
+        self.tell(Event::Lost {
+            slot: self.number,
+            problem,
+            wait,
+        });
+        let begun = clock::now();
+        while wait.is_some_and(|wait| clock::since(begun) < wait) && !self.stopping() {
+            clock::sleep(Duration::from_millis(50));
+        }
     }
 
     /// Decides whether the end is final.
@@ -265,7 +313,13 @@ impl<'a, R: Runner> Slot<'a, R> {
         let mut progress = |done, total| {
             let _ = events.send(Event::Progress { slot, done, total });
         };
-        match self.runner.run(request, &task.limits, &mut progress)? {
+        let answer = self.runner.run(request, &task.limits, &mut progress)?;
+        if !matches!(answer, Answer::Lost(_)) {
+            self.lost = None;
+        }
+        match answer {
+            Answer::Lost(_) if self.stopping() => Ok(Attempt::Stopped),
+            Answer::Lost(problem) => Ok(Attempt::Lost(problem)),
             Answer::Said(Reply::Ended { end }) => Ok(Attempt::Ended(end)),
             Answer::Said(Reply::Paused) => Ok(Attempt::Paused),
             Answer::Said(Reply::Unready { reason }) => Ok(Attempt::Unready(reason)),

@@ -6,11 +6,13 @@
 //! numbers come from streams that are named by what is searched and by the place of a setting, so that a larger budget
 //! keeps the settings of a smaller one.
 
+mod cma_es;
 mod halving;
 pub mod importance;
 mod range;
 mod tree_parzen;
 
+pub use cma_es::CmaEs;
 pub use range::{Numbers, Range};
 
 use crate::{random, trial};
@@ -85,6 +87,11 @@ pub enum Method {
     TreeParzen(
         /// How many are random, and how many are tried at once.
         TreeParzen,
+    ),
+    /// Settings from a normal distribution that moves to good ones and takes their shape; for numbers alone.
+    CmaEs(
+        /// How many are tried at once, and how wide it is at first.
+        CmaEs,
     ),
     /// Random settings that pause, of which the best part goes on: successive halving, and Hyperband with several
     /// brackets.
@@ -199,6 +206,9 @@ impl Search {
     /// anew, since a failed trial that was tried again may change what follows.
     #[must_use]
     pub fn next(&self, tried: &[Tried]) -> Next {
+        if let Method::CmaEs(options) = &self.method {
+            return self.adapted(options, tried);
+        }
         let mut points: Vec<Point> = Vec::new();
         loop {
             let more = self.generation(&tried[..points.len()]);
@@ -223,7 +233,7 @@ impl Search {
     fn generation(&self, tried: &[Tried]) -> Vec<Point> {
         let known = tried.len();
         let until = match &self.method {
-            Method::Random(_) | Method::Halving(_) => self.settings,
+            Method::Random(_) | Method::Halving(_) | Method::CmaEs(_) => self.settings,
             Method::TreeParzen(options) if known < options.startup => options.startup.min(self.settings),
             Method::TreeParzen(options) => (known + options.batch).min(self.settings),
         };
@@ -233,6 +243,25 @@ impl Search {
             points.push(point);
         }
         points.split_off(known)
+    }
+
+    /// What follows where the distribution of settings adapts.
+    fn adapted(&self, options: &CmaEs, tried: &[Tried]) -> Next {
+        let ended = tried.iter().filter(|it| it.ended);
+        let known = ended
+            .map(|it| (cma_es::word(&it.point), self.merit(it)))
+            .collect();
+        let points = cma_es::settings(options, &self.space(), &self.identity(), self.settings, &known);
+        let is_whole = points.len() == self.settings && tried.iter().all(|it| it.ended);
+        let stops = vec![None; points.len()];
+        if is_whole && tried.iter().map(|it| &it.point).eq(&points) {
+            return Next::Chosen(self.best(tried), stops);
+        }
+        Next::Try(points, stops)
+    }
+
+    fn space(&self) -> Vec<Range> {
+        self.keys.iter().map(|(_, range)| range.clone()).collect()
     }
 
     /// What follows where settings pause.
@@ -255,7 +284,7 @@ impl Search {
     pub fn pauses(&self) -> &[u64] {
         match &self.method {
             Method::Halving(options) => &options.pauses,
-            Method::Random(_) | Method::TreeParzen(_) => &[],
+            Method::Random(_) | Method::TreeParzen(_) | Method::CmaEs(_) => &[],
         }
     }
 
@@ -284,7 +313,7 @@ impl Search {
     /// was tried before is drawn again, at last by chance.
     fn propose(&self, place: usize, points: &[Point], tried: &[Tried]) -> Point {
         let mut rng = random::stream(&["search", &self.identity(), &place.to_string()]);
-        let space: Vec<Range> = self.keys.iter().map(|(_, range)| range.clone()).collect();
+        let space = self.space();
         let known: Vec<(&[Value], f64)> = tried.iter().map(|it| (&it.point[..], self.merit(it))).collect();
         let under_way: Vec<&[Value]> = points[tried.len()..].iter().map(Vec::as_slice).collect();
         let mut draw = |by_chance: bool| match &self.method {

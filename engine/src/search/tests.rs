@@ -63,6 +63,13 @@ fn parzen(startup: usize, batch: usize) -> Method {
     })
 }
 
+fn adaptation(population: Option<usize>) -> Method {
+    Method::CmaEs(CmaEs {
+        population,
+        ..CmaEs::default()
+    })
+}
+
 fn square() -> Vec<(&'static str, Range)> {
     vec![
         ("learner.rate", numbers(1e-6, 1e-1, true, false)),
@@ -98,7 +105,7 @@ fn what_follows_is_a_function_of_the_results_alone() {
 
 #[test]
 fn a_larger_budget_keeps_the_settings_of_a_smaller_one() {
-    for method in [Method::Random(NoOptions {}), parzen(4, 3)] {
+    for method in [Method::Random(NoOptions {}), parzen(4, 3), adaptation(Some(3))] {
         let few = run(&search(square(), method.clone(), 10, 0), bowl).0;
         let many = run(&search(square(), method, 19, 0), bowl).0;
         assert_eq!(few[..], many[..10]);
@@ -272,8 +279,10 @@ fn median_regret(name: &str, method: &Method, n_seeds: u64) -> f64 {
         let own = search(keys.clone(), method.clone(), 60, seed);
         let mut tried: Vec<Tried> = Vec::new();
         while tried.len() < own.settings {
-            let points = own.generation(&tried);
-            tried.extend(points.into_iter().map(|point| {
+            let Next::Try(points, _) = own.next(&tried) else {
+                panic!("{name}: over after {} settings", tried.len())
+            };
+            tried.extend(points.into_iter().skip(tried.len()).map(|point| {
                 let value = value(&point);
                 ended(point, value)
             }));
@@ -305,4 +314,62 @@ fn regret_is_that_of_optuna_on_ten_functions() {
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
     assert!(far_below_chance >= 7, "{far_below_chance}");
+}
+
+/// The same for covariance matrix adaptation, which searches numbers alone.
+#[test]
+fn regret_of_adaptation_is_that_of_optuna_on_nine_functions() {
+    let table = include_str!("../../../tests/fixtures/search/optuna_cma_es_regret.csv");
+    let mut wrong = Vec::new();
+    for line in table.lines().skip(1) {
+        let words: Vec<&str> = line.split(',').collect();
+        let [median, upper] = [2, 3].map(|column: usize| words[column].parse::<f64>().unwrap());
+        // Optuna begins with a sixth of each range.
+        let method = Method::CmaEs(CmaEs {
+            population: None,
+            spread: 1.0 / 6.0,
+        });
+        let ours = median_regret(words[0], &method, 15);
+        if ours > upper {
+            wrong.push(format!("{}: {ours} against {median}, at most {upper}", words[0]));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn adaptation_turns_to_a_narrow_valley_and_begins_anew_where_it_ends() {
+    let valley = |x: &[f64]| 1e4 * (x[0] - x[1]).powi(2) + (x[0] - 0.3).powi(2);
+    let keys = || {
+        vec![
+            ("learner.a", numbers(-1.0, 1.0, false, false)),
+            ("learner.b", numbers(-1.0, 1.0, false, false)),
+        ]
+    };
+    let (tried, chosen) = run(&search(keys(), adaptation(None), 400, 0), valley);
+    let best = tried[chosen.unwrap()].value.unwrap();
+    assert!(best < 1e-7, "{best}");
+    // All 400 are different ones, although the first beginning ends before.
+    let mut words: Vec<String> = tried.iter().map(|it| cma_es::word(&it.point)).collect();
+    words.sort();
+    words.dedup();
+    assert_eq!(words.len(), 400);
+}
+
+#[test]
+fn adaptation_tries_a_small_space_whole_and_outlives_failures() {
+    let keys = || {
+        vec![
+            ("learner.a", numbers(1.0, 4.0, false, true)),
+            ("learner.b", numbers(1.0, 3.0, false, true)),
+        ]
+    };
+    let own = search(keys(), adaptation(None), 12, 0);
+    let (tried, chosen) = run(&own, |x| if x[0] > 2.0 { f64::NAN } else { x[0] + x[1] });
+    assert_eq!(tried[chosen.unwrap()].value, Some(2.0));
+    let mut words: Vec<String> = tried.iter().map(|it| cma_es::word(&it.point)).collect();
+    words.sort();
+    words.dedup();
+    assert_eq!(words.len(), 12);
+    assert_eq!(run(&own, |_| f64::NAN).1, None);
 }

@@ -212,6 +212,7 @@ fn address(part: &Arc<Resolved>) -> usize {
 /// What the trials of a pair record and trace; `of_agent` is what its agent records.
 fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Metric], world: &mut World) {
     let of_environment = measures.protocol.metrics_of_environment(&facts.metrics);
+    let of_interface = measures.protocol.metrics_of_interface(&facts.interface);
     let decides = measures.metrics.iter().any(|it| it.name == EPISODE_LENGTH);
     let per_decision = decides.then(time_per_decision_metric);
     let added: Vec<Metric> = [wall_time_metric()].into_iter().chain(per_decision).collect();
@@ -220,6 +221,7 @@ fn note(pair: (usize, usize), facts: &Facts, measures: &Measures, of_agent: &[Me
         measures
             .metrics
             .iter()
+            .chain(&of_interface)
             .chain(&of_environment)
             .chain(of_agent)
             .chain(&added),
@@ -347,6 +349,9 @@ impl Builder<'_> {
         let Some(Some(measures)) = self.protocols.get(&protocol.id) else {
             return;
         };
+        if measures.protocol.compares_untrained() {
+            return;
+        }
         let (steps, experience) = (measures.steps, measures.experience);
         let is_useless = self.entry(cell).is_some_and(|entry| entry.learns) && learns_after > experience;
         if is_useless && self.warned.insert((agent.given.target, learns_after, steps)) {

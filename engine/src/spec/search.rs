@@ -180,6 +180,7 @@ impl<'a> Reader<'a, '_> {
         let environment = self.environment(&text.environment)?;
         self.alone(agent, environment, first, others)?;
         self.has_room(&keys, text.settings)?;
+        self.can_move(&keys, &text.method)?;
         let progress = options
             .searches
             .get(&self.named.name)
@@ -404,6 +405,28 @@ impl<'a> Reader<'a, '_> {
                 ])
             }
         }
+    }
+
+    /// A normal distribution has no place for listed values.
+    fn can_move(
+        &self,
+        keys: &[(String, KeyPath<'a>, Range)],
+        method: &Method,
+    ) -> Result<(), Vec<Diagnostic>> {
+        let listed = keys
+            .iter()
+            .find(|(_, _, range)| matches!(range, Range::Choice(_)));
+        let (Method::CmaEs(_), Some((text, path, _))) = (method, listed) else {
+            return Ok(());
+        };
+        let error = self.sources.error(
+            path.span,
+            &format!("{}.over.{text}", self.at()),
+            format!("`{text}` is a choice, and `cma_es` searches numbers alone"),
+        );
+        Err(vec![error.help(
+            "leave the key out, give it `uniform` or `log_uniform`, or use `tree_parzen`",
+        )])
     }
 
     /// There are as many settings as are to be tried.

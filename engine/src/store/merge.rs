@@ -202,6 +202,22 @@ impl<'a> Merge<'a> {
         fate
     }
 
+    /// Takes one trial whose lease the caller holds already.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where the source changes meanwhile, and where a store cannot be read or written.
+    pub(super) fn bring_under_own_lease(
+        &self,
+        id: &str,
+        source: &Store,
+        file: &TrialFile,
+    ) -> Result<(), Error> {
+        match self.bring(id, source, file)? {
+            Fate::Damaged { findings, .. } => Err(first_of(source, findings)),
+            _ => Ok(()),
+        }
+    }
+
     /// Copies a trial, the acknowledgement last.
     fn bring(&self, id: &str, source: &Store, file: &TrialFile) -> Result<Fate, Error> {
         let (from, to) = (source.folder(id), self.into.folder(id));
@@ -279,7 +295,7 @@ fn gone_since(source: &Store, id: &str, path: &Path) -> Fate {
 }
 
 /// Hashes of everything that an acknowledgement names.
-fn acknowledged_files(file: &TrialFile) -> BTreeMap<String, String> {
+pub(super) fn acknowledged_files(file: &TrialFile) -> BTreeMap<String, String> {
     let metrics =
         (file.end.state == EndState::Ok).then(|| ("metrics.parquet".to_owned(), file.end.digest.clone()));
     file.files.clone().into_iter().chain(metrics).collect()
@@ -315,14 +331,17 @@ impl Store {
     /// # Errors
     /// [`Error::Damaged`] for the first file that is not what was acknowledged.
     pub fn sound(&self, id: &str) -> Result<Option<TrialFile>, Error> {
-        look(self, id)?.map_err(|findings| {
-            let first = findings.into_iter().next();
-            let (path, problem) = first.map_or_else(Default::default, |it| (it.path, it.problem));
-            Error::Damaged {
-                path: self.root().join(path),
-                problem,
-            }
-        })
+        look(self, id)?.map_err(|findings| first_of(self, findings))
+    }
+}
+
+/// The first finding as an error.
+fn first_of(store: &Store, findings: Vec<Finding>) -> Error {
+    let first = findings.into_iter().next();
+    let (path, problem) = first.map_or_else(Default::default, |it| (it.path, it.problem));
+    Error::Damaged {
+        path: store.root().join(path),
+        problem,
     }
 }
 

@@ -32,6 +32,7 @@ mod metrics_file;
 mod obstacle;
 mod owner;
 mod pack;
+mod parcel;
 mod products;
 mod running;
 mod seal;

@@ -11,6 +11,7 @@ mod grid;
 mod html;
 mod latex;
 mod markdown;
+mod metrics;
 mod missing;
 pub(crate) mod normalised_scores;
 mod number_format;
@@ -35,6 +36,7 @@ pub use grid::{Cell, Fixed, Grid, Heading, OneNumber, Part, Quantity};
 pub use html::{escape as escape_html, html, word as verdict_word};
 pub use latex::{Among, Direction, LatexLayout, ValueForm, Wide, latex};
 pub use markdown::{escape as escape_markdown, markdown, row as markdown_row};
+pub use metrics::Metrics;
 pub use missing::{Missing, NoValue};
 pub use normalised_scores::{Bound, Normalise, ScoreScale};
 pub use number_format::NumberFormat;
@@ -72,6 +74,8 @@ kinds! {
             "Aggregates of normalised scores over several environments, one row per agent.";
         "rank_correlation" => RankCorrelation(RankCorrelation),
             "How well environments rank agents and settings as one of them (`against`) does, by a metric.";
+        "metrics" => Metrics(Metrics),
+            "Several metrics of agents in one environment, one row each, and how agents rank them.";
         "best_settings" => BestSettings(BestSettings),
             "The settings that a search tried, the best ones first.";
     }

@@ -15,7 +15,7 @@
 //! success is. `AGENT.success` is their share. Names are made of letters, digits, `_` and `-`; a name does
 //! not start with `-`. `pursuit.prey.tdom_ac.score` is the mean score of the play `pursuit` over all trained
 //! opponents where `tdom_ac` plays the prey. `dsac[discount=0.9].return` is that of the trials with this value of a
-//! swept key; an agent with several settings that are not told apart is compared setting by setting.
+//! swept key (a value with quotes or brackets is JSON: `dsac[kind="a, b"].return`); an agent with several settings that are not told apart is compared setting by setting.
 
 mod evaluate;
 pub mod forms;
@@ -31,6 +31,7 @@ use crate::{
     setting::{Setting, word},
 };
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::fmt;
 
 /// Why a claim cannot be read.
@@ -170,7 +171,10 @@ impl Operand {
     /// True where a trial stands at the operand's values of swept keys.
     #[must_use]
     pub fn is_at(&self, point: &Setting) -> bool {
-        let is_there = |(key, value): &(String, String)| point.get(key).is_some_and(|it| word(it) == *value);
+        let is_there = |(key, value): &(String, String)| {
+            let is_value = |it: &Value| word(it) == *value || it.to_string() == *value;
+            point.get(key).is_some_and(is_value)
+        };
         self.setting.iter().all(is_there)
     }
 }

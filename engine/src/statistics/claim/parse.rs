@@ -1,6 +1,7 @@
 //! Reads a claim from its text, by recursive descent over the grammar of the parent module.
 
 use super::{Aggregate, Claim, ClaimError, Operand, Quantity, Relation, Within, forms::SYMBOLS};
+use serde_json::Value;
 
 /// Reads one claim.
 ///
@@ -180,16 +181,7 @@ impl<'a> Reader<'a> {
         }
         self.position += 1;
         loop {
-            let rest = self.rest();
-            let end = rest.find([',', ']']).unwrap_or(rest.len());
-            let Some((key, value)) = rest[..end]
-                .split_once('=')
-                .filter(|(_, value)| !value.trim().is_empty())
-            else {
-                return self.error("expected a swept key with its value, as in `[discount=0.9]`");
-            };
-            setting.push((key.trim().to_owned(), value.trim().to_owned()));
-            self.position += end;
+            setting.push(self.swept()?);
             if self.eat("]") {
                 return Ok(setting);
             }
@@ -197,6 +189,40 @@ impl<'a> Reader<'a> {
                 return self.error("expected `]` to close the setting");
             }
         }
+    }
+
+    /// Reads `KEY=VALUE`. A value with quotes or brackets is JSON, so that it may hold commas and brackets.
+    fn swept(&mut self) -> Result<(String, String), ClaimError> {
+        let rest = self.rest();
+        let start = self.position;
+        let key = rest.find('=').filter(|end| !rest[..*end].contains([',', ']']));
+        let wrong = "expected a swept key with its value, as in `[discount=0.9]`";
+        let Some(end) = key else {
+            return self.error(wrong);
+        };
+        let key = rest[..end].trim().to_owned();
+        self.position += end + 1;
+        let rest = self.rest();
+        let (value, end) = if rest.starts_with(['"', '[', '{']) {
+            let mut values = serde_json::Deserializer::from_str(rest).into_iter::<Value>();
+            match values.next() {
+                Some(Ok(value)) => (value.to_string(), values.byte_offset()),
+                _ => {
+                    return self.error(
+                        "a value with quotes or brackets is written as in JSON, as in `[load={\"watts\": 8}]`",
+                    );
+                }
+            }
+        } else {
+            let end = rest.find([',', ']']).unwrap_or(rest.len());
+            (rest[..end].trim().to_owned(), end)
+        };
+        if value.is_empty() {
+            self.position = start;
+            return self.error(wrong);
+        }
+        self.position += end;
+        Ok((key, value))
     }
 
     fn relation(&mut self) -> Result<Relation, ClaimError> {
@@ -317,7 +343,9 @@ fn is_name_character(character: char) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::setting::Setting;
     use proptest::prelude::*;
+    use serde_json::json;
 
     fn measured(factor: f64, aggregate: Aggregate, agent: &str, metric: &str) -> Quantity {
         Quantity::Measured {
@@ -346,9 +374,29 @@ mod tests {
             ("a[b=].return > 1", 2),
             ("a[b=1.return > 1", 16),
             ("a[b=1].c.d.e > 1", 0),
+            ("a[b={c: 1}].return > 1", 4),
+            ("a[b=\"c].return > 1", 4),
         ] {
             assert_eq!(parse(wrong).unwrap_err().position, at, "{wrong}");
         }
+    }
+
+    #[test]
+    fn a_value_with_commas_and_brackets_is_json() {
+        let text = r#"a[kind="b, [c]", load={"watts":[8,16]}].return > 1"#;
+        let claim = parse(text).unwrap();
+        let swept = |kind: &str, watts: i32| {
+            let values = [("kind", json!(kind)), ("load", json!({ "watts": [8, watts] }))];
+            Setting::new(values.map(|(key, value)| (key.to_owned(), value)).into())
+        };
+        let operand = claim.operands()[0].clone();
+        assert!(operand.is_at(&swept("b, [c]", 16)));
+        assert!(!operand.is_at(&swept("b, c", 16)) && !operand.is_at(&swept("b, [c]", 8)));
+        assert_eq!(claim.to_string(), text);
+        // A word means the same with quotes and without.
+        let plain = parse(r#"a[kind="b"].return > a[kind=b].return"#).unwrap();
+        let point = Setting::new(vec![("kind".to_owned(), json!("b"))]);
+        assert!(plain.operands().iter().all(|operand| operand.is_at(&point)));
     }
 
     fn claim(left: Quantity, relation: Relation, right: Quantity, environment: Option<&str>) -> Claim {

@@ -1,0 +1,68 @@
+//! `run --executor ssh`: reaches the hosts before anything runs, and refuses what they could not run.
+
+use super::{BAD_SPEC, Failure, INCOMPLETE, complain, compute::Compute, study::Planned};
+use crate::{
+    build,
+    executor::Access,
+    scheduler::hosts::{Found, Host},
+};
+use std::path::{Component, Path};
+
+/// Lets the hosts of `access` run what is computed.
+///
+/// # Errors
+/// What hosts cannot run, and where none can be reached.
+pub(super) fn reach(how: &mut Compute<'_>, planned: &[Planned], access: &Access) -> Result<(), Failure> {
+    if access.hosts.is_empty() {
+        return Err(Failure {
+            code: BAD_SPEC,
+            text: "error: regimen.toml: [ssh] `hosts`: name at least one, as in `hosts = [\"node1\", \"me@node2\"]`"
+                .into(),
+        });
+    }
+    planned.iter().try_for_each(refuse)?;
+    let version = build::version(how.registry.build.as_ref());
+    let found = Found::reach(access, &how.settings.store, &version, how.settings.lease_expiry)?;
+    for (host, problem) in &found.left_out {
+        complain(&format!("warning: {host} is left out: {problem}"));
+    }
+    if found.hosts.is_empty() {
+        return Err(Failure {
+            code: INCOMPLETE,
+            text: "error: no host can be reached; nothing runs".into(),
+        });
+    }
+    how.workers = found.hosts.iter().map(Host::workers).sum();
+    how.hosts = (found.hosts, access.patience);
+    Ok(())
+}
+
+/// Hosts see files of the folder in which the run was started, under the same paths, and no pauses.
+fn refuse(one: &Planned) -> Result<(), Failure> {
+    let wrong = |text: String| Failure {
+        code: BAD_SPEC,
+        text: format!("error: {}: {text}", one.study.name),
+    };
+    let mut searches = one.study.searches.iter();
+    if let Some((search, _)) = searches.find(|(search, _)| !search.pauses().is_empty()) {
+        return Err(wrong(format!(
+            "the search `{}` pauses trials, which stay on the host that ran them; run it here or with \
+             `--executor slurm`",
+            search.name
+        )));
+    }
+    let files = one.plan.trials.iter().flat_map(|trial| trial.key.data_files());
+    let outside = files.map(|(path, _)| path).find(|path| !is_inside(path));
+    outside.map_or(Ok(()), |path| {
+        Err(wrong(format!(
+            "`{}` lies outside of this folder, of which alone hosts get files: start the run from a folder that \
+             holds the study and its files, and name them from there",
+            path.display()
+        )))
+    })
+}
+
+fn is_inside(path: &Path) -> bool {
+    path.components()
+        .all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
+}

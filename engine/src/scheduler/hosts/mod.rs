@@ -1,0 +1,317 @@
+//! Hosts that are reached with `ssh` and share no folder with this machine.
+//!
+//! Each slot of a run holds a connection to a host. It brings there what a trial takes (the trials that it takes from,
+//! the files that the study names), has it run, brings home what it leaves, holds every file against its hash and
+//! writes it as if it had been computed here, all under the lease that it has in the store of this machine. So a host
+//! keeps nothing that is needed: one that dies costs the trials that it was running, which go back to the others.
+//!
+//! | file | what it does |
+//! |---|---|
+//! | `wire` | what is said over a connection |
+//! | `remote` | the near side: a slot whose trials run on a host |
+//! | `relay` | the far side: the same program, which runs one trial at a time |
+
+mod relay;
+mod remote;
+mod wire;
+
+pub use relay::Relay;
+pub(super) use remote::Remote;
+
+use crate::{
+    Error,
+    executor::{Access, quoted},
+    input_file, store,
+    world::{
+        fs::File,
+        process::{self, Command, Stdio},
+    },
+};
+use std::{
+    ffi::OsString,
+    num::NonZeroUsize,
+    os::unix::process::CommandExt as _,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+/// A host that was reached and has the program.
+#[derive(Debug, Clone)]
+pub struct Host {
+    name: String,
+    workers: usize,
+    /// The command that runs a line of shell there, without the line.
+    shell: Vec<OsString>,
+    /// The line that starts the program there.
+    line: String,
+    /// Version and source code of this program.
+    program: String,
+}
+
+/// The hosts that were found, and those that were not.
+#[derive(Debug, Clone, Default)]
+pub struct Found {
+    /// They can be worked with.
+    pub hosts: Vec<Host>,
+    /// Names of the others with the reason.
+    pub left_out: Vec<(String, String)>,
+}
+
+/// What is always said to `ssh`: nobody is there to answer, and a host that is silent is dead.
+const ALWAYS: [&str; 4] = [
+    "BatchMode=yes",
+    "ConnectTimeout=10",
+    "ServerAliveInterval=10",
+    "ServerAliveCountMax=3",
+];
+
+impl Host {
+    /// Worker processes that run there.
+    #[must_use]
+    pub fn workers(&self) -> usize {
+        self.workers
+    }
+
+    /// Its name, as `ssh` knows it.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The command that starts the program there.
+    fn relay(&self) -> Command {
+        let mut command = Command::new(&self.shell[0]);
+        command
+            .args(&self.shell[1..])
+            .arg(&self.line)
+            .stderr(Stdio::null())
+            // Ctrl-C is for this program, which lets trials save their checkpoints over the connection.
+            .process_group(0);
+        command
+    }
+}
+
+impl Found {
+    /// Reaches every host, brings the program where it is not, and asks how many cores there are. `store` is the store
+    /// of this machine, whose trials have a folder of their own there; `version` says who this program is.
+    ///
+    /// # Errors
+    /// Where this program cannot be read.
+    pub fn reach(
+        access: &Access,
+        store: &Path,
+        version: &str,
+        lease_expiry: Duration,
+    ) -> Result<Self, Error> {
+        let program = std::env::current_exe().map_err(wire::broken)?;
+        let bytes = File::open(&program).and_then(store::digest_of_file);
+        let digest = bytes.map_err(Error::file("read", &program))?;
+        let whose = format!("{} {}", process::place().host, absolute(store).display());
+        let asked = Asked {
+            access,
+            program: &program,
+            name: format!("regimen-{}", &digest[..16]),
+            store: store::digest(whose.as_bytes())[..16].to_owned(),
+            version,
+            lease_expiry,
+        };
+        let mut found = Self::default();
+        let answers: Vec<Result<Host, String>> = std::thread::scope(|scope| {
+            let asked = &asked;
+            let ask = |host: &'_ String| {
+                let host = host.clone();
+                scope.spawn(move || asked.host(&host))
+            };
+            let asking: Vec<_> = access.hosts.iter().map(ask).collect();
+            let join = |it: std::thread::ScopedJoinHandle<'_, _>| {
+                it.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            };
+            asking.into_iter().map(join).collect()
+        });
+        for (name, answer) in access.hosts.iter().zip(answers) {
+            match answer {
+                Ok(host) => found.hosts.push(host),
+                Err(problem) => found.left_out.push((name.clone(), problem)),
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// What every host is asked.
+struct Asked<'a> {
+    access: &'a Access,
+    program: &'a Path,
+    /// Name of the program there, by its content.
+    name: String,
+    /// Name of the folder there for the trials of this store.
+    store: String,
+    version: &'a str,
+    lease_expiry: Duration,
+}
+
+impl Asked<'_> {
+    fn host(&self, host: &str) -> Result<Host, String> {
+        let folder = quoted(&self.access.folder);
+        let look = format!(
+            "mkdir -p {folder} && cd {folder} && uname -sm && getconf _NPROCESSORS_ONLN && \
+             if test -x {name}; then echo there; else echo absent; fi",
+            name = self.name
+        );
+        let said = self.run(host, &look, Stdio::null())?;
+        let lines: Vec<&str> = said.lines().map(str::trim).rev().collect();
+        let [has, cores, system, ..] = lines[..] else {
+            return Err(format!("it said `{}`", said.trim()));
+        };
+        if self.access.program.is_none() {
+            if !is_of(system) {
+                return Err(format!(
+                    "it is {system}, for which this program is not made: build it there and write `program`"
+                ));
+            }
+            if has != "there" {
+                self.bring(host)?;
+            }
+        }
+        let cores = cores.parse().map_err(|_| format!("it said `{}`", said.trim()))?;
+        Ok(Host {
+            name: host.to_owned(),
+            workers: self.access.workers.map_or(cores, NonZeroUsize::get),
+            shell: self.shell(host),
+            line: in_shell(&self.line()),
+            program: self.version.to_owned(),
+        })
+    }
+
+    /// Brings this program, which appears there whole or not at all.
+    fn bring(&self, host: &str) -> Result<(), String> {
+        let (folder, name) = (quoted(&self.access.folder), &self.name);
+        let program = File::open(self.program).map_err(|error| error.to_string())?;
+        let line = format!(
+            "cd {folder} && cat > .{name}.$$.tmp && chmod 755 .{name}.$$.tmp && mv .{name}.$$.tmp {name}"
+        );
+        self.run(host, &line, Stdio::from(program)).map(drop)
+    }
+
+    /// The line that starts the far side, in the folder that stands for the one in which the run was started.
+    fn line(&self) -> String {
+        let (folder, store) = (quoted(&self.access.folder), &self.store);
+        let own = format!("\"$here\"/{}", self.name);
+        let program = self.access.program.as_deref().map_or(own, quoted);
+        let files = input_file::asked().map_or_else(String::new, |size| format!(" --input-mb {size}"));
+        format!(
+            "cd {folder} && here=$(pwd) && mkdir -p {store}/files && cd {store}/files && exec {program} relay ../store \
+             --lease-expiry-s {}{files}",
+            self.lease_expiry.as_secs_f64()
+        )
+    }
+
+    /// Runs a line there; what it said on standard output.
+    fn run(&self, host: &str, line: &str, input: Stdio) -> Result<String, String> {
+        let shell = self.shell(host);
+        let mut command = Command::new(&shell[0]);
+        let output = command
+            .args(&shell[1..])
+            .arg(in_shell(line))
+            .stdin(input)
+            .output()
+            .map_err(|error| format!("cannot start `{}`: {error}", shell[0].to_string_lossy()))?;
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().to_owned();
+        if output.status.success() {
+            return Ok(text(&output.stdout));
+        }
+        let said = text(&output.stderr);
+        Err(if said.is_empty() {
+            format!("`ssh` ended with {}", output.status)
+        } else {
+            said.lines().last().unwrap_or_default().to_owned()
+        })
+    }
+
+    fn shell(&self, host: &str) -> Vec<OsString> {
+        let always = ALWAYS.iter().flat_map(|option| ["-o", option]);
+        let command = self.access.command.iter().map(String::as_str);
+        let words = command.chain(always).chain(["--", host]);
+        words.map(OsString::from).collect()
+    }
+}
+
+/// A line for whatever shell the user has there.
+fn in_shell(line: &str) -> String {
+    format!("exec sh -c {}", quoted(line))
+}
+
+/// True for a system on which this program runs, as `uname -sm` names it.
+fn is_of(system: &str) -> bool {
+    let own = format!("{} {}", std::env::consts::OS, std::env::consts::ARCH);
+    system.eq_ignore_ascii_case(&own)
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A host that is this machine: `ssh` is a shell that passes over its options and the name.
+    fn access(folder: &Path, command: &str) -> Access {
+        let script = folder.join("ssh");
+        std::fs::write(&script, command).unwrap();
+        Access {
+            hosts: vec!["near".into(), "far".into()],
+            workers: NonZeroUsize::new(3),
+            folder: folder.join("a folder").to_string_lossy().into_owned(),
+            program: None,
+            command: vec!["sh".into(), script.to_string_lossy().into_owned()],
+            patience: Duration::from_secs(1),
+        }
+    }
+
+    /// The last word is the line, the one before it the host.
+    const NEAR_ALONE: &str = "while [ $# -gt 2 ]; do shift; done
+        if [ \"$1\" = far ]; then echo 'no route to host' >&2; exit 255; fi
+        echo Welcome; eval \"$2\"";
+
+    #[test]
+    fn hosts_get_the_program_once_and_those_that_are_not_reached_are_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let access = access(dir.path(), NEAR_ALONE);
+        let reach =
+            || Found::reach(&access, Path::new("store"), "regimen 1", Duration::from_secs(30)).unwrap();
+        let found = reach();
+        let names: Vec<_> = found
+            .hosts
+            .iter()
+            .map(|host| (host.name(), host.workers()))
+            .collect();
+        assert_eq!(names, [("near", 3)]);
+        assert_eq!(
+            found.left_out,
+            [("far".to_owned(), "no route to host".to_owned())]
+        );
+        let programs = || -> Vec<_> {
+            let folder = std::fs::read_dir(dir.path().join("a folder")).unwrap();
+            folder
+                .map(|entry| entry.unwrap())
+                .map(|entry| (entry.file_name(), entry.metadata().unwrap().modified().unwrap()))
+                .collect()
+        };
+        let first = programs();
+        assert_eq!(first.len(), 1);
+        assert!(first[0].0.to_string_lossy().starts_with("regimen-"));
+        reach();
+        assert_eq!(programs(), first);
+    }
+
+    #[test]
+    fn a_host_of_another_kind_is_told_what_to_write() {
+        let dir = tempfile::tempdir().unwrap();
+        let other = "echo 'Darwin arm64'; echo 8; echo absent";
+        let access = access(dir.path(), other);
+        let found = Found::reach(&access, Path::new("store"), "regimen 1", Duration::from_secs(30)).unwrap();
+        assert!(found.hosts.is_empty());
+        assert!(found.left_out[0].1.contains("`program`"), "{found:?}");
+    }
+}

@@ -1,0 +1,266 @@
+//! The far side: the program on a host that runs trials for one on another machine.
+//!
+//! It has a store of its own, in which a trial lies from its beginning until it has arrived at the other side. Other
+//! programs on the host, those of an earlier connection that broke among them, may work in the same store: a trial is
+//! run under its lease here too.
+
+use super::wire::{FromHost, Manifest, Order, StudyFile, ToHost, broken, hear, read_bytes, say};
+use crate::{
+    Build, Error, build,
+    limits::Limits,
+    results::EndState,
+    scheduler::{
+        process::{Shared, Worker},
+        slot::{Answer, Runner},
+        worker::{Reply, Request},
+    },
+    store::{self, Claim, Leases, Store, is_missing, write_durably},
+    world::{clock, fs},
+};
+use std::{
+    io::{BufRead, Write},
+    path::{Component, Path, PathBuf},
+    sync::{Arc, mpsc},
+    time::Duration,
+};
+
+/// Time between two looks at the process that runs a trial.
+const PERIOD: Duration = Duration::from_millis(20);
+
+/// What is done with the far side's store.
+pub struct Relay {
+    store: Store,
+    leases: Arc<Leases>,
+    lease_expiry: Duration,
+    program: PathBuf,
+    process: Arc<Shared>,
+}
+
+/// A message with the files that followed it.
+enum Heard {
+    Has(String),
+    Trial(String, Vec<(String, Vec<u8>)>),
+    File(StudyFile, Vec<u8>),
+    Run(Box<Order>),
+    Arrived(String),
+}
+
+impl Relay {
+    /// Works in the folder `store`, seen from the current one.
+    ///
+    /// # Errors
+    /// Where that cannot be written.
+    pub fn open(store: &Path, lease_expiry: Duration) -> Result<Self, Error> {
+        let program = std::env::current_exe().map_err(broken)?;
+        let store = Store::at(store);
+        Ok(Self {
+            leases: Arc::new(Leases::open(&store, lease_expiry)?),
+            store,
+            lease_expiry,
+            program,
+            process: Arc::default(),
+        })
+    }
+
+    /// Answers until the input ends. Its end while a trial runs means that the other side is gone: the process leaves
+    /// at once.
+    ///
+    /// # Errors
+    /// Where nobody listens any more.
+    pub fn serve(
+        &self,
+        build: Option<&Build>,
+        input: impl BufRead + Send + 'static,
+        mut output: impl Write,
+    ) -> Result<(), Error> {
+        say(&mut output, &FromHost::Ready(build::version(build))).map_err(broken)?;
+        output.flush().map_err(broken)?;
+        let (sender, heard) = mpsc::channel();
+        let process = Arc::clone(&self.process);
+        std::thread::spawn(move || {
+            listen(input, &process, &sender);
+            std::process::exit(0);
+        });
+        self.watch();
+        let mut runner = Worker::new(&self.program, &self.process);
+        while let Ok(message) = heard.recv() {
+            self.answer(message, &mut runner, &mut output)?;
+            output.flush().map_err(broken)?;
+        }
+        Ok(())
+    }
+
+    /// Holds the limits of what runs, and renews the leases, as long as this process lives.
+    fn watch(&self) {
+        let (process, leases) = (Arc::clone(&self.process), Arc::clone(&self.leases));
+        let heartbeat = self.lease_expiry / 6;
+        std::thread::spawn(move || {
+            let mut renewed = clock::now();
+            loop {
+                process.hold_limits();
+                if clock::since(renewed) >= heartbeat {
+                    renewed = clock::now();
+                    // A store that cannot be written shows at the next trial.
+                    let _ = leases.beat();
+                }
+                clock::sleep(PERIOD);
+            }
+        });
+    }
+
+    fn answer(&self, message: Heard, runner: &mut Worker<'_>, output: &mut impl Write) -> Result<(), Error> {
+        let done = match message {
+            Heard::Has(trial) => {
+                let end = self.store.sound(&trial).ok().flatten();
+                let has = end.is_some_and(|file| !is_missing(Some(&file.end)));
+                return say(output, &FromHost::Has(has)).map_err(broken);
+            }
+            Heard::Run(order) => return self.run(*order, runner, output),
+            Heard::Trial(trial, files) => self.take_in(&trial, &files),
+            Heard::File(file, bytes) => keep(&file, &bytes),
+            Heard::Arrived(trial) => self.remove(&trial),
+        };
+        match done {
+            Ok(()) => Ok(()),
+            Err(error) => say(output, &FromHost::Refused(error.to_string())).map_err(broken),
+        }
+    }
+
+    /// Another connection may bring the same trial at the same time.
+    fn take_in(&self, trial: &str, files: &[(String, Vec<u8>)]) -> Result<(), Error> {
+        let Claim::Mine = self.leases.claim(trial)? else {
+            return Ok(());
+        };
+        let outcome = self.store.take_in(trial, files);
+        self.leases.release(trial)?;
+        outcome
+    }
+
+    /// Removes a trial that nobody needs here. Checkpoints and rows of others stay.
+    fn remove(&self, trial: &str) -> Result<(), Error> {
+        let folder = self.store.folder(trial);
+        if let Claim::Held(_) = self.leases.claim(trial)? {
+            return Ok(());
+        }
+        // The lease goes with it.
+        let outcome = fs::remove_dir_all(&folder).map_err(Error::file("remove", &folder));
+        self.leases.release(trial)?;
+        outcome
+    }
+
+    fn run(&self, order: Order, runner: &mut Worker<'_>, output: &mut impl Write) -> Result<(), Error> {
+        let id = order.request.trial.id.clone();
+        match self.leases.claim(&id) {
+            Ok(Claim::Mine) => {}
+            Ok(Claim::Held(owner)) => {
+                let who = format!("process {} on {}", owner.pid, owner.host);
+                return say(output, &FromHost::Held(who)).map_err(broken);
+            }
+            Err(error) => return say(output, &FromHost::Refused(error.to_string())).map_err(broken),
+        }
+        let answer = self.under_lease(order, runner, output);
+        let told = self.tell(&id, answer, output);
+        self.leases.release(&id)?;
+        told
+    }
+
+    fn under_lease(
+        &self,
+        order: Order,
+        runner: &mut Worker<'_>,
+        output: &mut impl Write,
+    ) -> Result<Answer, Error> {
+        // The connection may have broken before the end could be told. A failure is tried again, as it was asked.
+        let stored = self.store.sound(&order.request.trial.id).ok().flatten();
+        if let Some(file) = stored.filter(|file| file.end.state == EndState::Ok) {
+            return Ok(Answer::Said(Reply::Ended { end: file.end }));
+        }
+        let request = Request {
+            store: self.store.root().to_path_buf(),
+            ..order.request
+        };
+        let mut progress = |done, total| {
+            // The other side hears it, or it is gone, which the end of the input tells.
+            let _ =
+                say(output, &FromHost::Said(Reply::Progress { done, total })).and_then(|()| output.flush());
+        };
+        runner.run(request, &Arc::<Limits>::new(order.limits), &mut progress)
+    }
+
+    fn tell(&self, id: &str, answer: Result<Answer, Error>, output: &mut impl Write) -> Result<(), Error> {
+        let has_ended = matches!(&answer, Ok(Answer::Said(Reply::Ended { .. })));
+        let line = match answer {
+            Ok(Answer::Said(Reply::StoreRefused { problem })) => FromHost::Refused(problem),
+            Ok(Answer::Said(reply)) => FromHost::Said(reply),
+            Ok(Answer::Died {
+                state,
+                reason,
+                by_limit,
+            }) => FromHost::Died {
+                state,
+                reason,
+                by_limit,
+            },
+            Ok(Answer::Lost(problem)) => FromHost::Refused(problem),
+            Err(error) => FromHost::Refused(error.to_string()),
+        };
+        let files = if has_ended {
+            self.store.parcel(id)
+        } else {
+            Ok(None)
+        };
+        match files {
+            Ok(files) => {
+                say(output, &line).map_err(broken)?;
+                let Some(files) = files else { return Ok(()) };
+                say(output, &FromHost::Trial(Manifest::of(id, &files))).map_err(broken)?;
+                files
+                    .iter()
+                    .try_for_each(|(_, bytes)| output.write_all(bytes))
+                    .map_err(broken)
+            }
+            Err(error) => say(output, &FromHost::Refused(error.to_string())).map_err(broken),
+        }
+    }
+}
+
+/// Reads messages until the input ends; the word to stop goes to the process that runs at once.
+fn listen(mut input: impl BufRead, process: &Shared, sender: &mpsc::Sender<Heard>) {
+    while let Ok(Some(message)) = hear::<ToHost>(&mut input) {
+        let heard = match message {
+            ToHost::Stop => {
+                process.ask_to_stop();
+                continue;
+            }
+            ToHost::Has(trial) => Ok(Heard::Has(trial)),
+            ToHost::Run(order) => Ok(Heard::Run(order)),
+            ToHost::Arrived(trial) => Ok(Heard::Arrived(trial)),
+            ToHost::Trial(manifest) => manifest
+                .read(&mut input)
+                .map(|files| Heard::Trial(manifest.trial, files)),
+            ToHost::File(file) => read_bytes(&mut input, file.length).map(|bytes| Heard::File(file, bytes)),
+        };
+        let Ok(heard) = heard else { return };
+        if sender.send(heard).is_err() {
+            return;
+        }
+    }
+}
+
+/// Writes a file of the study where the study names it, seen from the current folder.
+fn keep(file: &StudyFile, bytes: &[u8]) -> Result<(), Error> {
+    let path = Path::new(&file.path);
+    if !path
+        .components()
+        .all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
+    {
+        return Err(broken(format!("`{}` leads out of the folder", file.path)));
+    }
+    if store::digest(bytes) != file.digest {
+        return Err(broken(format!("`{}` did not arrive as it was sent", file.path)));
+    }
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
+    }
+    write_durably(path, bytes)
+}

@@ -1,0 +1,231 @@
+//! The near side: runs the trials of one slot on a host, over one connection.
+
+use super::{
+    Host,
+    wire::{FromHost, Manifest, Order, StudyFile, ToHost, hear, say},
+};
+use crate::{
+    Error, input_file,
+    limits::Limits,
+    scheduler::{
+        process::Shared,
+        slot::{Answer, Runner},
+        worker::{Reply, Request},
+    },
+    store::{self, Store},
+    world::process::ChildStdout,
+};
+use std::{
+    io::{self, BufReader},
+    path::Path,
+    sync::Arc,
+};
+
+/// Runs the trials of one slot on a host. A connection that breaks is made again when the next trial comes.
+pub(in crate::scheduler) struct Remote<'a> {
+    host: &'a Host,
+    store: &'a Store,
+    process: &'a Shared,
+    replies: Option<BufReader<ChildStdout>>,
+}
+
+/// Why a trial did not run.
+enum Trouble {
+    /// Something is wrong on this side: with the store, or with what the study names.
+    Here(Error),
+    /// Something is wrong with the host, or on the way to it.
+    There(String),
+}
+
+impl From<io::Error> for Trouble {
+    fn from(error: io::Error) -> Self {
+        Self::There(match error.kind() {
+            io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof => "the connection broke".into(),
+            _ => error.to_string(),
+        })
+    }
+}
+
+impl<'a> Remote<'a> {
+    /// No connection yet. What trials leave is taken into `store`.
+    pub(in crate::scheduler) fn new(host: &'a Host, store: &'a Store, process: &'a Shared) -> Self {
+        Self {
+            host,
+            store,
+            process,
+            replies: None,
+        }
+    }
+
+    fn attempt(
+        &mut self,
+        request: Request,
+        limits: &Arc<Limits>,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<Answer, Trouble> {
+        let id = request.trial.id.clone();
+        let mut replies = match self.replies.take() {
+            Some(replies) => replies,
+            None => self.connect()?,
+        };
+        for source in request.trial.key.sources() {
+            self.bring(&source, &mut replies)?;
+        }
+        for (path, digest) in request.trial.key.data_files() {
+            self.bring_file(path, digest)?;
+        }
+        let limits = Limits::clone(limits);
+        let order = ToHost::Run(Box::new(Order { request, limits }));
+        // The limits are held on the host; here only the connection would be measured.
+        self.process.begin(&line(&order)?, &Arc::default());
+        let answer = self.listen(&id, &mut replies, progress)?;
+        if !self.process.end() {
+            return Err(Trouble::There("the connection broke".into()));
+        }
+        if matches!(answer, Answer::Said(Reply::Ended { .. })) {
+            self.send(&ToHost::Arrived(id))?;
+        }
+        self.replies = Some(replies);
+        Ok(answer)
+    }
+
+    fn connect(&self) -> Result<BufReader<ChildStdout>, Trouble> {
+        let mut command = self.host.relay();
+        let started = self.process.start(&mut command);
+        let mut replies = started.map_err(|error| Trouble::There(error.to_string()))?;
+        match hear(&mut replies)? {
+            Some(FromHost::Ready(program)) if program == self.host.program => Ok(replies),
+            Some(FromHost::Ready(program)) => Err(Trouble::There(format!(
+                "it has the program {program}, and this is {}",
+                self.host.program
+            ))),
+            _ => Err(Trouble::There(
+                "no connection, or the program does not start".into(),
+            )),
+        }
+    }
+
+    /// Brings a trial to the host, from which the next one takes.
+    fn bring(&self, source: &str, replies: &mut BufReader<ChildStdout>) -> Result<(), Trouble> {
+        self.send(&ToHost::Has(source.to_owned()))?;
+        match hear(replies)? {
+            Some(FromHost::Has(true)) => return Ok(()),
+            Some(FromHost::Has(false)) => {}
+            other => return Err(unexpected(other)),
+        }
+        // What is not there makes the trial unready, which the host says.
+        let Some(files) = self.store.parcel(source).ok().flatten() else {
+            return Ok(());
+        };
+        self.send(&ToHost::Trial(Manifest::of(source, &files)))?;
+        for (_, bytes) in &files {
+            self.process.write(bytes)?;
+        }
+        Ok(())
+    }
+
+    /// Brings a file that the study names. One that cannot be read or has changed fails the trial there as here.
+    fn bring_file(&self, path: &Path, digest: &str) -> Result<(), Trouble> {
+        let read = input_file::read(path, input_file::Use::Bytes).ok();
+        let Some(bytes) = read.filter(|bytes| store::digest(bytes) == digest) else {
+            return Ok(());
+        };
+        self.send(&ToHost::File(StudyFile {
+            path: path.to_string_lossy().into_owned(),
+            digest: digest.to_owned(),
+            length: bytes.len() as u64,
+        }))?;
+        Ok(self.process.write(&bytes)?)
+    }
+
+    /// Hears what becomes of the trial, and takes it in where it has ended.
+    fn listen(
+        &self,
+        id: &str,
+        replies: &mut BufReader<ChildStdout>,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<Answer, Trouble> {
+        loop {
+            match hear(replies)? {
+                Some(FromHost::Said(Reply::Progress { done, total })) => progress(done, total),
+                Some(FromHost::Said(Reply::Ended { end })) => {
+                    let manifest = match hear(replies)? {
+                        Some(FromHost::Trial(manifest)) if manifest.trial == id => manifest,
+                        other => return Err(unexpected(other)),
+                    };
+                    let files = manifest.read(replies)?;
+                    self.take_in(id, &files)?;
+                    return Ok(Answer::Said(Reply::Ended { end }));
+                }
+                Some(FromHost::Said(reply)) => return Ok(Answer::Said(reply)),
+                Some(FromHost::Died {
+                    state,
+                    reason,
+                    by_limit,
+                }) => {
+                    return Ok(Answer::Died {
+                        state,
+                        reason,
+                        by_limit,
+                    });
+                }
+                other => return Err(unexpected(other)),
+            }
+        }
+    }
+
+    /// What arrived damaged is the way's fault; what cannot be written is this side's.
+    fn take_in(&self, id: &str, files: &[(String, Vec<u8>)]) -> Result<(), Trouble> {
+        self.store.take_in(id, files).map_err(|error| match error {
+            Error::Damaged { problem, .. } => {
+                Trouble::There(format!("what arrived is not what was acknowledged: {problem}"))
+            }
+            error => Trouble::Here(error),
+        })
+    }
+
+    fn send(&self, message: &ToHost) -> io::Result<()> {
+        let mut text = Vec::new();
+        say(&mut text, message)?;
+        self.process.write(&text)
+    }
+}
+
+impl Runner for Remote<'_> {
+    fn run(
+        &mut self,
+        request: Request,
+        limits: &Arc<Limits>,
+        progress: &mut dyn FnMut(u64, u64),
+    ) -> Result<Answer, Error> {
+        match self.attempt(request, limits, progress) {
+            Ok(answer) => Ok(answer),
+            Err(trouble) => {
+                self.replies = None;
+                self.process.bury();
+                match trouble {
+                    Trouble::Here(error) => Err(error),
+                    Trouble::There(problem) => Ok(Answer::Lost(format!("{}: {problem}", self.host.name))),
+                }
+            }
+        }
+    }
+
+    fn dismiss(&mut self) {
+        self.replies = None;
+        self.process.dismiss();
+    }
+}
+
+fn line(message: &ToHost) -> io::Result<String> {
+    Ok(serde_json::to_string(message)?)
+}
+
+fn unexpected(heard: Option<FromHost>) -> Trouble {
+    Trouble::There(match heard {
+        None => "the connection broke".into(),
+        Some(FromHost::Refused(problem)) => problem,
+        Some(FromHost::Held(owner)) => format!("the trial is with {owner} there"),
+        Some(_) => "it said something else than was asked".into(),
+    })
+}

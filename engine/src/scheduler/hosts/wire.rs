@@ -1,0 +1,199 @@
+//! What is said between this program and the one that it starts on a host: lines of JSON, and behind some of them the
+//! bytes of files.
+
+use crate::{
+    Error,
+    limits::Limits,
+    results::EndState,
+    scheduler::worker::{Reply, Request},
+};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use std::io::{self, BufRead, Read, Write};
+
+/// Most bytes of one file; a length above it is no length.
+const MOST_BYTES: u64 = 1 << 36;
+
+/// A line to a host.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum ToHost {
+    /// Is there a trial with this id, which others take from?
+    Has(String),
+    /// A trial follows, which others take from.
+    Trial(Manifest),
+    /// A file of the study follows.
+    File(StudyFile),
+    /// Run a trial.
+    Run(Box<Order>),
+    /// The trial has arrived: nobody needs it there any more.
+    Arrived(String),
+    /// Save a checkpoint of the running trial and leave it. The word is that of a worker process.
+    Stop,
+}
+
+/// A line from a host.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum FromHost {
+    /// The program runs: who it is.
+    Ready(String),
+    /// Whether the trial is there.
+    Has(bool),
+    /// How far the trial is, or its last word; behind the end of a trial it follows itself.
+    Said(Reply),
+    /// Who ran it is gone without a last word.
+    Died {
+        /// How.
+        state: EndState,
+        /// In words.
+        reason: String,
+        /// Whether it was ended for a limit.
+        by_limit: bool,
+    },
+    /// Another program has the trial there.
+    Held(String),
+    /// A trial that has ended follows.
+    Trial(Manifest),
+    /// What was asked cannot be done there.
+    Refused(String),
+}
+
+/// What is to be run.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Order {
+    /// The trial; its store is the host's own.
+    pub(super) request: Request,
+    /// What it may use.
+    pub(super) limits: Limits,
+}
+
+/// The files of a trial, whose bytes follow in this order.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(super) struct Manifest {
+    /// Id of the trial.
+    pub(super) trial: String,
+    /// Names inside its folder with their lengths in bytes.
+    pub(super) files: Vec<(String, u64)>,
+}
+
+/// A file that a study names, whose bytes follow.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct StudyFile {
+    /// Its path, seen from the folder in which the run was started.
+    pub(super) path: String,
+    /// Hash of what it holds.
+    pub(super) digest: String,
+    /// Its length in bytes.
+    pub(super) length: u64,
+}
+
+/// Files by their names.
+pub(super) type Files = Vec<(String, Vec<u8>)>;
+
+impl Manifest {
+    /// The files of a trial.
+    pub(super) fn of(trial: &str, files: &[(String, Vec<u8>)]) -> Self {
+        let length = |(name, bytes): &(String, Vec<u8>)| (name.clone(), bytes.len() as u64);
+        Self {
+            trial: trial.to_owned(),
+            files: files.iter().map(length).collect(),
+        }
+    }
+
+    /// Reads the files that follow.
+    pub(super) fn read(&self, input: &mut impl Read) -> io::Result<Files> {
+        let file = |(name, length): &(String, u64)| Ok((name.clone(), read_bytes(input, *length)?));
+        self.files.iter().map(file).collect()
+    }
+}
+
+/// Writes a line.
+pub(super) fn say(output: &mut impl Write, line: &impl Serialize) -> io::Result<()> {
+    writeln!(output, "{}", serde_json::to_string(line)?)
+}
+
+/// The next line that is one of ours; `None` at the end. Whatever else a host prints on standard output is passed over.
+pub(super) fn hear<T: DeserializeOwned>(input: &mut impl BufRead) -> io::Result<Option<T>> {
+    loop {
+        let mut line = Vec::new();
+        if input.read_until(b'\n', &mut line)? == 0 {
+            return Ok(None);
+        }
+        if let Ok(heard) = serde_json::from_slice(&line) {
+            return Ok(Some(heard));
+        }
+    }
+}
+
+/// Reads so many bytes.
+pub(super) fn read_bytes(input: &mut impl Read, length: u64) -> io::Result<Vec<u8>> {
+    if length > MOST_BYTES {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidData,
+            format!("a file of {length} bytes is announced"),
+        ));
+    }
+    let mut bytes = Vec::new();
+    input.take(length).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 == length {
+        Ok(bytes)
+    } else {
+        Err(io::ErrorKind::UnexpectedEof.into())
+    }
+}
+
+/// An error of the conversation.
+pub(super) fn broken(problem: impl ToString) -> Error {
+    Error::Worker {
+        problem: problem.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_and_files_arrive_in_their_order_and_other_lines_are_passed_over() {
+        let files: Files = vec![
+            ("policy.safetensors".into(), b"\n{\"has\":true}\n".to_vec()),
+            ("trial.json".into(), Vec::new()),
+        ];
+        let mut wire = b"Welcome to node 7\n".to_vec();
+        say(&mut wire, &FromHost::Trial(Manifest::of("ab", &files))).unwrap();
+        files.iter().for_each(|(_, bytes)| wire.extend(bytes));
+        say(&mut wire, &FromHost::Has(false)).unwrap();
+        let mut input = &wire[..];
+        let Some(FromHost::Trial(manifest)) = hear(&mut input).unwrap() else {
+            panic!("no trial")
+        };
+        assert_eq!(manifest.read(&mut input).unwrap(), files);
+        assert!(matches!(hear(&mut input).unwrap(), Some(FromHost::Has(false))));
+        assert!(hear::<FromHost>(&mut input).unwrap().is_none());
+    }
+
+    #[test]
+    fn what_is_cut_off_or_has_no_length_is_an_error() {
+        let short = Manifest {
+            trial: "ab".into(),
+            files: vec![("a".into(), 5)],
+        };
+        assert!(short.read(&mut &b"1234"[..]).is_err());
+        let long = Manifest {
+            files: vec![("a".into(), u64::MAX)],
+            ..short
+        };
+        assert!(
+            long.read(&mut &b"1234"[..])
+                .unwrap_err()
+                .to_string()
+                .contains("announced")
+        );
+    }
+
+    #[test]
+    fn the_word_to_stop_is_that_of_a_worker_process() {
+        let worker = serde_json::to_string(&crate::scheduler::worker::Message::Stop).unwrap();
+        assert_eq!(serde_json::to_string(&ToHost::Stop).unwrap(), worker);
+    }
+}

@@ -1,0 +1,197 @@
+//! Covariance matrix adaptation (CMA-ES, Hansen and Ostermeier 2001): settings are drawn from a normal distribution
+//! over the shares of the ranges, which moves to the better ones of each generation and takes their shape.
+//!
+//! The state is no part of what is stored. It is found anew from the stored values by doing every generation again,
+//! in order, until one has a setting of which nothing is known. A setting that is drawn again is not tried again: its
+//! value counts once more.
+
+use super::{Point, Range, tree_parzen};
+use crate::random;
+use ::cmaes::{CMAES, CMAESOptions, DVector};
+use rand::Rng as _;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::{
+    cell::RefCell,
+    collections::{HashMap, HashSet},
+};
+
+/// What stands for the value of a setting that failed: worse than all that have one.
+const FAILED: f64 = f64::MAX;
+/// Generations without a new setting after which the search begins anew, with twice the population.
+const MOST_IDLE_GENERATIONS: usize = 50;
+/// Beginnings after which what is left is drawn by chance, as in a small space that is nearly exhausted.
+const MOST_BEGINNINGS: u64 = 12;
+/// Draws by chance for each setting before those that were tried are drawn again.
+const MOST_DRAWS: usize = 100;
+
+/// Covariance matrix adaptation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CmaEs {
+    /// Settings of a generation, which are tried together; 4 + 3 ln d for d keys where absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 2, max = 1000))]
+    pub population: Option<usize>,
+    /// Standard deviation of the first generation, as a share of each range; its mean is in the middle.
+    #[schemars(range(min = 0.001, max = 1.0))]
+    pub spread: f64,
+}
+
+impl Default for CmaEs {
+    fn default() -> Self {
+        Self {
+            population: None,
+            spread: 0.3,
+        }
+    }
+}
+
+/// The settings in the order in which they are asked for, up to the first generation of which a value is missing, and
+/// at most `n_settings`. A value is missing where `known` has none for the setting; the larger a value, the better.
+pub(super) fn settings(
+    options: &CmaEs,
+    space: &[Range],
+    identity: &str,
+    n_settings: usize,
+    known: &HashMap<String, f64>,
+) -> Vec<Point> {
+    let asked = RefCell::new(Asked::new(space, known, n_settings));
+    for beginning in 0..MOST_BEGINNINGS {
+        if asked.borrow().is_done() {
+            break;
+        }
+        let mut state = begin(
+            options,
+            space.len(),
+            identity,
+            beginning,
+            |shares: &DVector<f64>| asked.borrow_mut().value(shares.as_slice()),
+        );
+        let mut idle = 0;
+        while !asked.borrow().is_done() && idle < MOST_IDLE_GENERATIONS {
+            let before = asked.borrow().points.len();
+            let is_over = state.next().is_some();
+            idle = if asked.borrow().points.len() > before {
+                0
+            } else {
+                idle + 1
+            };
+            if is_over {
+                break;
+            }
+        }
+    }
+    let mut asked = asked.into_inner();
+    asked.fill_by_chance(identity);
+    asked.points
+}
+
+/// A search that begins in the middle. Each beginning has twice the population of the one before (IPOP, Auger and
+/// Hansen 2005).
+fn begin<F: FnMut(&DVector<f64>) -> f64>(
+    options: &CmaEs,
+    n_keys: usize,
+    identity: &str,
+    beginning: u64,
+    value: F,
+) -> CMAES<F> {
+    let mut rng = random::stream(&["search", identity, "beginning", &beginning.to_string()]);
+    let mut of_state = CMAESOptions::new(vec![0.5; n_keys], options.spread);
+    let population = options.population.unwrap_or(of_state.population_size);
+    of_state.population_size = population << beginning;
+    of_state.seed = Some(rng.random());
+    // Of the options that can be refused, the number of keys is at least 1 and the others are held in their ranges by
+    // the schema.
+    CMAES::new(value, of_state).expect("keys, population and spread are in their ranges")
+}
+
+/// What was asked for so far.
+struct Asked<'a> {
+    space: &'a [Range],
+    known: &'a HashMap<String, f64>,
+    n_settings: usize,
+    points: Vec<Point>,
+    words: HashSet<String>,
+    has_unknown: bool,
+}
+
+impl<'a> Asked<'a> {
+    fn new(space: &'a [Range], known: &'a HashMap<String, f64>, n_settings: usize) -> Self {
+        Self {
+            space,
+            known,
+            n_settings,
+            points: Vec::new(),
+            words: HashSet::new(),
+            has_unknown: false,
+        }
+    }
+
+    /// Nothing more can be asked before what was asked is known.
+    fn is_done(&self) -> bool {
+        self.has_unknown || self.points.len() >= self.n_settings
+    }
+
+    /// The value at shares, to be made small. Those beyond the ends are reflected there. What stands for the value
+    /// of an unknown setting does not matter, since its generation is the last.
+    fn value(&mut self, shares: &[f64]) -> f64 {
+        let point: Point = self
+            .space
+            .iter()
+            .zip(shares)
+            .map(|(range, share)| range.at(reflected(*share)))
+            .collect();
+        self.ask(point).map_or(FAILED, |merit| (-merit).min(FAILED))
+    }
+
+    fn ask(&mut self, point: Point) -> Option<f64> {
+        let word = word(&point);
+        let value = self.known.get(&word).copied();
+        if self.points.len() < self.n_settings && self.words.insert(word) {
+            self.points.push(point);
+            self.has_unknown |= value.is_none();
+        }
+        value
+    }
+
+    /// Every beginning came to an end before the settings were tried.
+    fn fill_by_chance(&mut self, identity: &str) {
+        let mut rng = random::stream(&["search", identity, "by chance"]);
+        let mut draws = 0;
+        while !self.is_done() {
+            let point = tree_parzen::random(self.space, &mut rng);
+            draws += 1;
+            if draws > MOST_DRAWS * self.n_settings {
+                // The space is all but exhausted: what is left is tried again.
+                self.words.clear();
+            }
+            self.ask(point);
+        }
+    }
+}
+
+/// A setting as a key.
+pub(super) fn word(point: &Point) -> String {
+    serde_json::Value::from(point.clone()).to_string()
+}
+
+/// A share between 0 and 1, as if the ends were mirrors.
+fn reflected(share: f64) -> f64 {
+    let turn = share.rem_euclid(2.0);
+    if turn > 1.0 { 2.0 - turn } else { turn }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_reflected_at_both_ends() {
+        let places = [-0.25, 0.0, 0.4, 1.0, 1.25, 2.5, -1.5];
+        let expected = [0.25, 0.0, 0.4, 1.0, 0.75, 0.5, 0.5];
+        for (place, expected) in places.into_iter().zip(expected) {
+            assert!((reflected(place) - expected).abs() < 1e-15, "{place}");
+        }
+    }
+}

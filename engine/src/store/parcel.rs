@@ -1,0 +1,75 @@
+//! A trial on its way to another machine: the files that its acknowledgement names, held against their hashes at both
+//! ends.
+
+use super::{Merge, Store, inside::read_in, is_missing, merge::acknowledged_files, seal::hash};
+use crate::{Error, world::fs};
+use std::path::{Component, Path};
+
+/// Files of an ended trial by their names inside its folder, the acknowledgement last.
+pub(crate) type Parcel = Vec<(String, Vec<u8>)>;
+
+/// The acknowledgement.
+const LAST: &str = "trial.json";
+
+impl Store {
+    /// What a trial left; `None` where it has not ended.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] for a file that is not what was acknowledged.
+    pub(crate) fn parcel(&self, id: &str) -> Result<Option<Parcel>, Error> {
+        let Some(file) = self.sound(id)?.filter(|file| !is_missing(Some(&file.end))) else {
+            return Ok(None);
+        };
+        let folder = self.folder(id);
+        let mut parcel = Parcel::new();
+        for (name, digest) in acknowledged_files(&file) {
+            let bytes = match read_in(&folder, &name)? {
+                None if name == "metrics.parquet" => self.metrics_in_pack(id, &digest)?,
+                bytes => bytes,
+            };
+            let bytes = bytes.filter(|bytes| hash(bytes) == digest);
+            let changed = || damaged(&folder.join(&name), "it changed while it was read");
+            parcel.push((name.clone(), bytes.ok_or_else(changed)?));
+        }
+        let acknowledgement = self.acknowledged(id)?.map(|(text, _)| text);
+        Ok(acknowledgement.map(|text| {
+            parcel.push((LAST.to_owned(), text));
+            parcel
+        }))
+    }
+
+    /// Takes in what [`parcel`](Self::parcel) gave on another machine. The caller holds the trial's lease.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where it is not what was acknowledged there, and where this store cannot be written.
+    pub(crate) fn take_in(&self, id: &str, parcel: &[(String, Vec<u8>)]) -> Result<(), Error> {
+        let made = tempfile::Builder::new().prefix("regimen-parcel-").tempdir();
+        let dir = made.map_err(Error::file("make a folder in", &std::env::temp_dir()))?;
+        let arrived = Self::at(dir.path());
+        let folder = arrived.folder(id);
+        for (name, bytes) in parcel {
+            let path = folder.join(name);
+            if !is_inside(Path::new(name)) {
+                return Err(damaged(&path, "a file of a trial lies in the trial's folder"));
+            }
+            let parent = path.parent().unwrap_or(&folder);
+            fs::create_dir_all(parent).map_err(Error::file("create", parent))?;
+            fs::write(&path, bytes).map_err(Error::file("write", &path))?;
+        }
+        let unfinished = || damaged(&folder, "the trial has not ended");
+        let file = arrived.sound(id)?.ok_or_else(unfinished)?;
+        Merge::new(self, None)?.bring_under_own_lease(id, &arrived, &file)
+    }
+}
+
+/// True for a name that leads to no place outside.
+fn is_inside(name: &Path) -> bool {
+    name.components().all(|part| matches!(part, Component::Normal(_)))
+}
+
+fn damaged(path: &Path, problem: &str) -> Error {
+    Error::Damaged {
+        path: path.to_owned(),
+        problem: problem.into(),
+    }
+}

@@ -1,0 +1,293 @@
+//! Several metrics side by side: one row each, agents along the columns, and how two agents rank them.
+
+use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, problem};
+use crate::{
+    Error,
+    results::Results,
+    spec::names::{Names, Place},
+    statistics::{MeanEstimate, rank_correlation},
+};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The row with rank correlations.
+const RANKS: &str = "rank_correlation";
+/// Level of the intervals.
+const LEVEL: f64 = 0.95;
+
+/// Several metrics of agents in one environment.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Metrics {
+    /// The metrics, a row each.
+    pub values: Vec<String>,
+    /// What the names of further metrics begin with, as `influence_` of the protocol `attribution`.
+    pub starting_with: String,
+    /// The environment; the only one where absent.
+    pub environment: String,
+    /// Which agents, in this order; all where empty.
+    pub agents: Vec<String>,
+    /// An agent whose ranking of the metrics, by their values, is held against that of the others, seed by seed, in a
+    /// row of its own.
+    pub ranked_against: String,
+    /// Digits after the decimal point.
+    #[schemars(range(max = 9))]
+    pub decimals: Option<usize>,
+    /// Names to print instead of the study's own.
+    pub labels: BTreeMap<String, String>,
+}
+
+impl Table for Metrics {
+    fn example() -> &'static str {
+        "{ values: [return, length], environment: short, agents: [rule, learner], ranked_against: rule }"
+    }
+
+    fn check(
+        &self,
+        names: &mut Names<'_>,
+        at: &Place<'_>,
+        _: Option<&Place<'_>>,
+    ) -> (Vec<String>, Vec<String>) {
+        let picked = names.pick(at);
+        for value in &self.values {
+            names.metric(value, at, "values", &picked);
+        }
+        let recorded = names.recorded(&picked);
+        let further = names.world.metrics.iter().map(|metric| metric.name.clone());
+        let begins = |name: &String| !self.starting_with.is_empty() && name.starts_with(&self.starting_with);
+        let further: Vec<String> = further
+            .filter(|name| begins(name) && recorded.contains(name))
+            .collect();
+        if further.is_empty() && !self.starting_with.is_empty() && !recorded.is_empty() {
+            let message = format!(
+                "no trial records a metric that begins with `{}`",
+                self.starting_with
+            );
+            names.say(at.value("starting_with"), message, "");
+        }
+        if self.values.is_empty() && self.starting_with.is_empty() {
+            let message = "it names no metric";
+            names.say(
+                (at.key, at.at.clone()),
+                message,
+                "write `values` or `starting_with`",
+            );
+        }
+        if picked.environments.len() > 1 {
+            let message = "several environments cannot stand in one table of metrics";
+            names.say((at.key, at.at.clone()), message, "write `environment`");
+        }
+        let agents: Vec<String> = picked
+            .agents
+            .iter()
+            .map(|index| names.world.agents[*index].clone())
+            .collect();
+        if !self.ranked_against.is_empty() && !agents.contains(&self.ranked_against) {
+            let help = crate::diagnostic::suggest(&self.ranked_against, agents.iter().map(String::as_str));
+            let message = format!("`{}` is none of the agents of the table", self.ranked_against);
+            names.say(at.value("ranked_against"), message, help);
+        }
+        let mut rows = [self.values.clone(), further].concat();
+        if !self.ranked_against.is_empty() {
+            rows.push(RANKS.to_owned());
+        }
+        names.labels(at, &rows, &agents);
+        (rows, agents)
+    }
+
+    fn build(&self, results: &Results) -> Result<Grid, Error> {
+        let environments: Vec<String> = [self.environment.clone()]
+            .into_iter()
+            .filter(|name| !name.is_empty())
+            .collect();
+        let all = Scope::of(results, &self.agents, &environments);
+        let agents = all.names(Axis::Agent, &self.agents);
+        let metrics = self.metrics(&all);
+        if metrics.is_empty() {
+            return Err(problem("nothing of these metrics is recorded"));
+        }
+        let mut rows = metrics.clone();
+        let mut cells: Vec<Vec<Cell>> = metrics
+            .iter()
+            .map(|metric| {
+                self.row(&agents, &all, results, |agent| {
+                    all.at(Axis::Agent, agent).finals(metric)
+                })
+            })
+            .collect();
+        if !self.ranked_against.is_empty() {
+            rows.push(RANKS.to_owned());
+            let against = all.at(Axis::Agent, &self.ranked_against);
+            let of = |agent: &str| ranked(&metrics, &all.at(Axis::Agent, agent), &against);
+            cells.push(self.row(&agents, &all, results, |agent| {
+                if agent == self.ranked_against {
+                    BTreeMap::new()
+                } else {
+                    of(agent)
+                }
+            }));
+        }
+        Ok(Grid {
+            quantity: Quantity::plain(self.quantity()),
+            row_axis: "metric".into(),
+            rows: rows.iter().map(|name| self.heading(name)).collect(),
+            columns: agents.iter().map(|name| self.heading(name)).collect(),
+            cells,
+            format: NumberFormat::Fixed(self.decimals.unwrap_or(2)),
+            notes: self.notes(),
+            ..Grid::default()
+        })
+    }
+}
+
+impl Metrics {
+    /// Names of the rows, as trials recorded them.
+    fn metrics(&self, all: &Scope<'_>) -> Vec<String> {
+        let mut metrics = self.values.clone();
+        let begins = |name: &&String| !self.starting_with.is_empty() && name.starts_with(&self.starting_with);
+        for name in all
+            .trials
+            .iter()
+            .flat_map(|trial| trial.names.iter().filter(begins))
+        {
+            if !metrics.contains(name) {
+                metrics.push(name.clone());
+            }
+        }
+        metrics
+    }
+
+    fn row(
+        &self,
+        agents: &[String],
+        all: &Scope<'_>,
+        results: &Results,
+        values: impl Fn(&str) -> BTreeMap<u64, f64>,
+    ) -> Vec<Cell> {
+        let cell = |agent: &String| {
+            let behind = all.at(Axis::Agent, agent);
+            let of_seeds = values(agent);
+            let numbers: Vec<f64> = of_seeds.values().copied().collect();
+            let estimate = (!numbers.is_empty()).then(|| MeanEstimate::of(&numbers));
+            // A ranking against itself, or of metrics that are all equal, is none.
+            let is_none = of_seeds.is_empty() && behind.trials.iter().any(|trial| trial.is_ok());
+            Cell {
+                seeds: of_seeds.into_iter().collect(),
+                planned: if is_none { 0 } else { behind.planned() },
+                failed: behind.failed(),
+                estimate: estimate.as_ref().map(|it| it.value),
+                interval: estimate
+                    .and_then(|it| it.interval(LEVEL))
+                    .map(|interval| (interval.low, interval.high)),
+                missing: behind.absences(),
+                ..Cell::resting_on(&behind.trials, results)
+            }
+        };
+        agents.iter().map(cell).collect()
+    }
+
+    fn quantity(&self) -> String {
+        if self.starting_with.is_empty() {
+            return "metrics".into();
+        }
+        self.starting_with.trim_end_matches('_').replace('_', " ")
+    }
+
+    fn heading(&self, name: &str) -> Heading {
+        let plain = match name {
+            RANKS => format!("rank correlation with {}", self.label(&self.ranked_against)),
+            _ => name
+                .strip_prefix(&self.starting_with)
+                .unwrap_or(name)
+                .replace('_', " "),
+        };
+        Heading {
+            label: self.labels.get(name).cloned().unwrap_or(plain),
+            name: name.to_owned(),
+        }
+    }
+
+    fn label<'a>(&'a self, name: &'a str) -> &'a str {
+        self.labels.get(name).map_or(name, String::as_str)
+    }
+
+    fn notes(&self) -> Vec<String> {
+        if self.ranked_against.is_empty() {
+            return Vec::new();
+        }
+        vec![format!(
+            "The last row is Spearman's rank correlation of the rows above with those of {}, seed by seed.",
+            self.label(&self.ranked_against)
+        )]
+    }
+}
+
+/// How an agent ranks the metrics as another one does, by seed.
+fn ranked(metrics: &[String], own: &Scope<'_>, against: &Scope<'_>) -> BTreeMap<u64, f64> {
+    let values = |scope: &Scope<'_>| -> Vec<BTreeMap<u64, f64>> {
+        metrics.iter().map(|metric| scope.finals(metric)).collect()
+    };
+    let (own, against) = (values(own), values(against));
+    let seeds: BTreeSet<u64> = own.iter().flat_map(BTreeMap::keys).copied().collect();
+    let of_seed = |seed: u64| {
+        let pairs = own.iter().zip(&against);
+        let pairs = pairs.filter_map(|(one, other)| Some((*one.get(&seed)?, *other.get(&seed)?)));
+        Some((seed, rank_correlation(&pairs.collect::<Vec<_>>())?))
+    };
+    seeds.into_iter().filter_map(of_seed).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Phase, report::synthetic};
+
+    fn results() -> Results {
+        let trial = |agent: &str, seed: u64, values: [f64; 3]| {
+            let names = ["influence_a", "influence_b", "influence_c"];
+            let rows: synthetic::Rows = names
+                .into_iter()
+                .zip(values)
+                .map(|(name, value)| (Phase::Final, 0, 0, name, value))
+                .collect();
+            synthetic::trial("cells", agent, "", seed, &rows)
+        };
+        Results::of(vec![
+            trial("learned", 0, [0.1, 0.2, 0.3]),
+            trial("learned", 1, [0.3, 0.2, 0.7]),
+            trial("untrained", 0, [0.3, 0.2, 0.1]),
+            trial("untrained", 1, [0.5, 0.1, 0.9]),
+        ])
+    }
+
+    fn table() -> Metrics {
+        Metrics {
+            starting_with: "influence_".into(),
+            ranked_against: "untrained".into(),
+            ..Metrics::default()
+        }
+    }
+
+    #[test]
+    fn metrics_stand_in_rows_and_two_agents_rank_them() {
+        let grid = table().build(&results()).unwrap();
+        let labels: Vec<&str> = grid.rows.iter().map(|row| row.label.as_str()).collect();
+        assert_eq!(labels, ["a", "b", "c", "rank correlation with untrained"]);
+        let learned = &grid.cells[2][0];
+        assert!((learned.estimate.unwrap() - 0.5).abs() < 1e-12);
+        // Turned around at the first seed, the same at the second.
+        assert_eq!(grid.cells[3][0].seeds, [(0, -1.0), (1, 1.0)]);
+        assert_eq!((grid.cells[3][1].estimate, grid.cells[3][1].planned), (None, 0));
+    }
+
+    #[test]
+    fn what_nothing_records_is_said() {
+        let nothing = Metrics {
+            starting_with: "weight_".into(),
+            ..Metrics::default()
+        };
+        let said = nothing.build(&results()).unwrap_err().to_string();
+        assert!(said.contains("nothing of these metrics is recorded"), "{said}");
+    }
+}

@@ -1,0 +1,210 @@
+//! Environments written in Python: what passes between the two programs, what is refused before anything runs, and
+//! what a trial comes to whose Python fails, hangs, is killed or goes on elsewhere.
+
+mod continuing;
+mod ends;
+mod refusals;
+mod spaces;
+
+use crate::{
+    book::blocks,
+    program::{Answer, Bench, in_ci, repository},
+    slurm::until,
+};
+use engine::{Channel, End, Environment, Space, random::stream};
+use serde_json::{Value, json};
+use std::{
+    ffi::OsString,
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    sync::OnceLock,
+};
+
+const FIXTURES: &str = "tests/fixtures/python";
+
+/// A Python with Gymnasium and PettingZoo and the lock file of its packages; `None` where there is none, which is
+/// said.
+fn python() -> Option<&'static (String, String)> {
+    static FOUND: OnceLock<Option<(String, String)>> = OnceLock::new();
+    let found = FOUND.get_or_init(|| {
+        let own = concat!(env!("CARGO_MANIFEST_DIR"), "/target/python/bin/python");
+        [own, "python3"]
+            .into_iter()
+            .find_map(|python| Some((python.into(), lock_file(python)?)))
+    });
+    if found.is_none() {
+        assert!(
+            !in_ci(),
+            "no Python with Gymnasium and PettingZoo: .ci/run installs them"
+        );
+        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
+        {
+            eprintln!("skipped: no Python with Gymnasium and PettingZoo");
+        }
+    }
+    found.as_ref()
+}
+
+fn lock_file(python: &str) -> Option<String> {
+    let versions = "import gymnasium, numpy, pettingzoo as p\n\
+                    print(f'gymnasium=={gymnasium.__version__}\\nnumpy=={numpy.__version__}\\npettingzoo=={p.__version__}')";
+    let output = Command::new(python).args(["-c", versions]).output().ok()?;
+    output
+        .status
+        .success()
+        .then(|| String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// The path on which the Python of the repository's studies is found; `None` where no Python here has what their lock
+/// file says, which is said.
+pub(crate) fn path_of_studies() -> Option<OsString> {
+    let (interpreter, installed) = python()?;
+    let wanted = fs::read_to_string(repository().join("experiments/data/python/requirements.txt")).unwrap();
+    let is_wanted = |line: &&str| !line.starts_with("pettingzoo");
+    let here = installed
+        .lines()
+        .filter(is_wanted)
+        .all(|line| wanted.lines().any(|it| it == line));
+    if !here {
+        assert!(!in_ci(), "{installed} is installed, the studies want {wanted}");
+        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
+        {
+            eprintln!("left out: studies of environments in Python, which want {wanted}");
+        }
+        return None;
+    }
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let beside = Path::new(interpreter).parent().into_iter().map(Path::to_path_buf);
+    Some(
+        std::env::join_paths(
+            beside
+                .filter(|it| it.is_absolute())
+                .chain(std::env::split_paths(&path)),
+        )
+        .unwrap(),
+    )
+}
+
+/// A folder with the fixtures' environments and a lock file; `None` where there is no Python.
+struct Place {
+    bench: Bench,
+    interpreter: &'static str,
+}
+
+impl Place {
+    fn new() -> Option<Self> {
+        let (interpreter, lock) = python()?;
+        let bench = Bench::new();
+        bench.write("requirements.txt", lock);
+        for file in ["own.py", "level.py"] {
+            fs::copy(repository().join(FIXTURES).join(file), bench.path(file)).unwrap();
+        }
+        Some(Self { bench, interpreter })
+    }
+
+    /// The keys of an environment beside `make` and `arguments`, in a study.
+    fn with(&self, make: &str, arguments: &str) -> String {
+        let interpreter = self.interpreter;
+        format!(
+            "{{ make: \"{make}\", arguments: {{ {arguments} }}, sources: [{{ file: level.py }}], lock: {{ file: \
+             requirements.txt }}, interpreter: {interpreter} }}"
+        )
+    }
+
+    /// A study of one environment in Python, whose agents learn from a few steps.
+    fn study(&self, make: &str, arguments: &str, agent: &str, protocol: &str) -> PathBuf {
+        let python = self.with(make, arguments);
+        let text = format!(
+            "study: own\nenvironments:\n  tank: {{ python: {python} }}\nagents:\n  some: {{ {agent} }}\nprotocol: {{ \
+             {protocol} }}\n"
+        );
+        self.bench.write("study.yaml", &text)
+    }
+
+    fn short(&self, make: &str, arguments: &str, agent: &str) -> PathBuf {
+        self.study(
+            make,
+            arguments,
+            agent,
+            "train_evaluate: { steps: 160, environments: 4, evaluate_every: 80, episodes: 2, final_episodes: 3 }",
+        )
+    }
+
+    fn config(&self, make: &str, arguments: Value) -> Value {
+        let file = |name: &str| json!({ "file": self.bench.path(name) });
+        let make = match make.split_once(".py:") {
+            Some((file, call)) => json!({ "file": self.bench.path(&format!("{file}.py")), "call": call }),
+            None => json!(make),
+        };
+        json!({ "make": make, "arguments": arguments, "sources": [file("level.py")],
+            "lock": file("requirements.txt"), "interpreter": self.interpreter })
+    }
+
+    fn built(&self, make: &str, arguments: Value) -> Box<dyn Environment> {
+        let build = &plugins::registry().environments["python"].build;
+        build(&self.config(make, arguments)).unwrap_or_else(|error| panic!("{make}: {error}"))
+    }
+
+    /// What `check` says of a study that it refuses.
+    fn refusal(&self, make: &str, arguments: &str) -> String {
+        self.short(make, arguments, RULE);
+        let answer = self.bench.run(&["check", "study.yaml"]);
+        assert_eq!(answer.code, 2, "{make} {arguments}: {}{}", answer.out, answer.err);
+        answer.err.split_whitespace().collect::<Vec<_>>().join(" ")
+    }
+}
+
+const RULE: &str = "random_action: {}";
+const LEARNER: &str =
+    "soft_actor_critic: { width: 8, batch_size: 8, learning_starts: 16, updates_per_step: 0.25 }";
+
+fn channels(space: &Space) -> &[Channel] {
+    match space {
+        Space::Box(channels) => channels,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn names(space: &Space) -> Vec<String> {
+    space.names()
+}
+
+/// Processes that run a Python of this test.
+fn processes_of(place: &Place) -> Vec<u32> {
+    let lock = place.bench.path("");
+    let folder = lock.to_str().unwrap();
+    let mut found = Vec::new();
+    for entry in fs::read_dir("/proc").unwrap().flatten() {
+        let Ok(pid) = entry.file_name().to_string_lossy().parse::<u32>() else {
+            continue;
+        };
+        let here = fs::read_link(entry.path().join("cwd")).is_ok_and(|cwd| cwd.starts_with(folder));
+        let told = fs::read(entry.path().join("cmdline")).unwrap_or_default();
+        if here && String::from_utf8_lossy(&told).contains("PettingZoo's parallel interface") {
+            found.push(pid);
+        }
+    }
+    found
+}
+
+#[test]
+fn the_page_of_the_book_works_as_written() {
+    let Some(place) = Place::new() else { return };
+    let page = fs::read_to_string(repository().join("docs/src/python-environments.md")).unwrap();
+    let study = blocks(&page, "yaml")
+        .into_iter()
+        .find(|block| block.contains("\nprotocol:"))
+        .unwrap();
+    place.bench.write("my_envs.py", &blocks(&page, "python").concat());
+    let interpreter = format!(" }}, interpreter: {} }} }}\nagents:", place.interpreter);
+    let with_interpreter = study.replace(" } } }\nagents:", &interpreter);
+    assert_ne!(with_interpreter, study);
+    place.bench.write("tank.yaml", &with_interpreter);
+    place.bench.ok(&["check", "tank.yaml"]);
+    let table = place.bench.ok(&["run", "tank.yaml", "-j", "2"]);
+    assert!(table.contains("SUPPORTED") || table.contains("sac"), "{table}");
+    // The fragments that the page begins with are of the keys that there are.
+    let keys = ["make", "arguments", "sources", "lock", "interpreter"];
+    assert!(keys.iter().all(|key| page.contains(&format!("\n| `{key}` |"))));
+}

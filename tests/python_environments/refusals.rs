@@ -1,0 +1,262 @@
+//! What is refused before anything runs, and what the id of a trial is made of.
+
+use super::*;
+
+/// What makes an environment, with which arguments, and what is said of it.
+const REFUSED: &[(&str, &str, &str)] = &[
+    ("gymnasium:NoSuchTask-v0", "", "`NoSuchTask` doesn't exist"),
+    (
+        "pettingzoo:no_such_module",
+        "",
+        "No module named 'no_such_module'",
+    ),
+    (
+        "pettingzoo:no_such_module",
+        "",
+        "-m pip install no_such_module` installs a package for this Python",
+    ),
+    (
+        "own.py:no_such_function",
+        "",
+        "has no function `no_such_function`",
+    ),
+    ("own.py:missing", "", "own.py, line 2"),
+    (
+        "own.py:number",
+        "",
+        "what it makes is of type int, which is neither a gymnasium.Env nor",
+    ),
+    ("absent.py:make", "", "`make` names a file that cannot be read"),
+    ("absent.py:make", "", "study.yaml:3:"),
+    (
+        "tank",
+        "",
+        "`tank` names nothing that makes an environment: write `gymnasium:ID`",
+    ),
+    ("own.py:Tank", "height: 3", "Tank() takes no arguments"),
+    (
+        "own.py:Spaces",
+        "observation: multi_binary",
+        "the observation is a space of kind MultiBinary, which is not supported",
+    ),
+    (
+        "own.py:Spaces",
+        "observation: multi_binary",
+        "gymnasium.wrappers.FlattenObservation",
+    ),
+    ("own.py:Spaces", "observation: tuple", "of kind Tuple"),
+    (
+        "own.py:Spaces",
+        "observation: twice",
+        "has two entries called a_0",
+    ),
+    (
+        "own.py:Spaces",
+        "action: multi_binary",
+        "the action is a space of kind MultiBinary",
+    ),
+    (
+        "own.py:Spaces",
+        "action: without_limits",
+        "the action is a box without limits",
+    ),
+    (
+        "own.py:Spaces",
+        "action: without_limits",
+        "gymnasium.wrappers.RescaleAction",
+    ),
+    (
+        "own.py:Spaces",
+        "action: whole_numbers",
+        "a box of whole numbers (int64)",
+    ),
+    (
+        "own.py:Spaces",
+        "action: dictionary_of_choices",
+        "the action['pump'] is a space of kind Discrete",
+    ),
+    ("own.py:Drawing", "source: numpy", "`observation_1` is"),
+    (
+        "own.py:Drawing",
+        "source: numpy",
+        "the second time, in one process: after `reset`",
+    ),
+    (
+        "own.py:Drawing",
+        "source: time",
+        "the second time, in one process",
+    ),
+    (
+        "own.py:Drawing",
+        "source: import",
+        "the second time, in another process",
+    ),
+];
+
+#[test]
+fn what_cannot_be_used_is_refused_before_anything_runs() {
+    let Some(place) = Place::new() else { return };
+    for (make, arguments, said) in REFUSED {
+        let found = place.refusal(make, arguments);
+        assert!(
+            found.contains(said),
+            "{make} {arguments}: `{said}` is not in: {found}"
+        );
+    }
+}
+
+#[test]
+fn a_file_that_is_imported_and_not_named_is_not_found() {
+    let Some(place) = Place::new() else { return };
+    let study = place.short("own.py:Tank", "", RULE);
+    let text = fs::read_to_string(&study).unwrap();
+    fs::write(&study, text.replace("sources: [{ file: level.py }], ", "")).unwrap();
+    let answer = place.bench.run(&["check", "study.yaml"]);
+    assert_eq!(answer.code, 2);
+    assert!(answer.err.contains("No module named 'level'"), "{}", answer.err);
+    assert!(
+        answer.err.contains("`sources: [{ file: model.py }]`"),
+        "{}",
+        answer.err
+    );
+}
+
+#[test]
+fn without_python_or_its_packages_it_is_said_what_to_install() {
+    let Some(place) = Place::new() else { return };
+    let study = place.short("own.py:Tank", "", RULE);
+    let text = fs::read_to_string(&study).unwrap();
+    let with = |interpreter: &str| {
+        fs::write(&study, text.replace(place.interpreter, interpreter)).unwrap();
+        let answer = place.bench.run(&["check", "study.yaml"]);
+        assert_eq!(answer.code, 2, "{}", answer.err);
+        answer.err
+    };
+    let absent = with("no-such-python");
+    assert!(absent.contains("`no-such-python` cannot be started"), "{absent}");
+    // A fresh environment of Python has no packages.
+    let made = Command::new("python3")
+        .args(["-m", "venv", "--without-pip"])
+        .arg(place.bench.path("bare"))
+        .status();
+    assert!(made.unwrap().success());
+    let bare = with("bare/bin/python");
+    assert!(bare.contains("No module named 'gymnasium'"), "{bare}");
+    assert!(
+        bare.contains("`bare/bin/python -m pip install gymnasium`"),
+        "{bare}"
+    );
+}
+
+#[test]
+fn the_lock_file_is_asked_for_and_held_against_what_is_installed() {
+    let Some(place) = Place::new() else { return };
+    let check = |lock: &str| {
+        place.bench.write("requirements.txt", lock);
+        place.refusal("own.py:Tank", "")
+    };
+    let other = check("gymnasium==0.1\n");
+    assert!(
+        other.contains("installed is not what `requirements.txt` says: gymnasium"),
+        "{other}"
+    );
+    assert!(other.contains("in place of 0.1"), "{other}");
+    let silent = check("# nothing is pinned\nnumpy>=1\n");
+    assert!(
+        silent.contains("`requirements.txt` pins no version of gymnasium"),
+        "{silent}"
+    );
+    let study = fs::read_to_string(place.bench.path("study.yaml")).unwrap();
+    place.bench.write(
+        "study.yaml",
+        &study.replace("lock: { file: requirements.txt }, ", ""),
+    );
+    let answer = place.bench.run(&["check", "study.yaml"]);
+    assert!(
+        answer.err.contains("`lock`: names no file") && answer.err.contains("-m pip freeze"),
+        "{}",
+        answer.err
+    );
+    // A lock file of another program, in TOML.
+    let (_, versions) = python().unwrap();
+    let version = versions.lines().next().unwrap().rsplit('=').next().unwrap();
+    let package = format!("[[package]]\nname = \"Gymnasium\"\nversion = \"{version}\"\n");
+    place.bench.write("uv.lock", &package);
+    place
+        .bench
+        .write("study.yaml", &study.replace("requirements.txt", "uv.lock"));
+    place.bench.ok(&["check", "study.yaml"]);
+}
+
+/// Ids of the trials of a study, as planned.
+fn ids(place: &Place) -> Vec<String> {
+    let plan: Value =
+        serde_json::from_str(&place.bench.ok(&["plan", "study.yaml", "--format", "json"])).unwrap();
+    assert!(plan["trials"].is_array() || plan["cells"].is_array(), "{plan}");
+    let resolved = place.bench.ok(&["run", "study.yaml", "-j", "1"]);
+    drop(resolved);
+    let mut ids: Vec<String> = place
+        .bench
+        .digests("store")
+        .into_iter()
+        .map(|(id, _)| id)
+        .collect();
+    ids.sort();
+    ids
+}
+
+#[test]
+fn sources_and_lock_file_are_part_of_the_id_and_the_interpreter_is_not() {
+    let Some(place) = Place::new() else { return };
+    let study = place.study(
+        "own.py:Tank",
+        "",
+        RULE,
+        "train_evaluate: { steps: 0, final_episodes: 2 }",
+    );
+    let first = ids(&place);
+    assert_eq!(first.len(), 1);
+    let append = |name: &str, text: &str| {
+        let file = place.bench.path(name);
+        fs::write(&file, fs::read_to_string(&file).unwrap() + text).unwrap();
+    };
+    let mut known = 1;
+    for (name, text) in [
+        ("own.py", "\n# changed\n"),
+        ("level.py", "\n# changed\n"),
+        ("requirements.txt", "\n# changed\n"),
+    ] {
+        append(name, text);
+        known += 1;
+        assert_eq!(ids(&place).len(), known, "{name} is in the id");
+    }
+    let python = fs::read_to_string(&study).unwrap();
+    let linked = place.bench.path("linked-python");
+    fs::write(
+        &linked,
+        format!("#!/bin/sh\nexec {} \"$@\"\n", which(place.interpreter)),
+    )
+    .unwrap();
+    Command::new("chmod").arg("+x").arg(&linked).status().unwrap();
+    fs::write(
+        &study,
+        python.replace(place.interpreter, linked.to_str().unwrap()),
+    )
+    .unwrap();
+    assert_eq!(ids(&place).len(), known, "another Python computes the same trial");
+    fs::rename(place.bench.path("own.py"), place.bench.path("renamed.py")).unwrap();
+    fs::write(&study, python.replace("own.py", "renamed.py")).unwrap();
+    assert_eq!(
+        ids(&place).len(),
+        known,
+        "what a file holds is in the id, its name is not"
+    );
+}
+
+fn which(interpreter: &str) -> String {
+    let found = Command::new("sh")
+        .args(["-c", &format!("command -v {interpreter}")])
+        .output()
+        .unwrap();
+    String::from_utf8_lossy(&found.stdout).trim().to_owned()
+}
