@@ -394,7 +394,7 @@ fn learned(registry: &Registry, agent: &Part, rows: &str) -> bool {
 fn tiny() -> Value {
     json!({
         "steps": 48, "environments": 4, "evaluate_every": 24, "episodes": 1, "final_episodes": 2,
-        "trace_episodes": 1,
+        "trace_episodes": 1, "decisions": 4,
         "batch": 8, "batches": 4, "examples": 4, "final_examples": 4,
         "width": 16, "batch_size": 8, "learning_starts": 16, "updates_per_step": 0.5, "replay_capacity": 64,
         "episode_limit": 5, "datasets": [{ "from": "given" }],

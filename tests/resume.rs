@@ -27,7 +27,7 @@ fn small() -> Value {
         "width": 6, "batch_size": 4, "learning_starts": 24, "updates_per_step": 0.25, "replay_capacity": 64,
         "episode_limit": 5, "ageing": {}, "process_noise": true, "sensor_noise": true, "cells": 2,
         "steps": 72, "environments": 4, "evaluate_every": 24, "episodes": 3, "final_episodes": 260,
-        "trace_episodes": 2,
+        "trace_episodes": 2, "decisions": 4,
         "batch": 4, "examples": 3, "final_examples": 260, "batches": 30,
         "trajectory": { "piece": 5 }, "particles": 3, "flight": { "drawn": { "interval_s": 900.0 } },
         "weights": [0.4, 0.6], "datasets": [{ "from": "given" }],

@@ -102,8 +102,10 @@ impl Protocol for Attribution {
                 "the agent remembers what it saw before, so that one decision cannot be explained by itself",
             ));
         }
-        // Nothing of a trial that was stopped is needed: what follows takes seconds.
-        let _: Option<()> = run.resume()?;
+        // It is explained in seconds, and stopped at the end alone.
+        if run.resume::<()>()?.is_some() {
+            return Ok(());
+        }
         let interface = (run.make_environment)()?.interface();
         let seen = spread(self.decisions(run)?, self.decisions);
         let explained = Explained::of(run, &interface, seen)?;
