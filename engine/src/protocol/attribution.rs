@@ -2,8 +2,8 @@
 //!
 //! The policy acts over whole episodes. Then the values of one observed quantity are exchanged among all its decisions,
 //! the others stay, and it is asked again: its *influence* is how far actions move, in the mean. Where every quantity is
-//! exchanged at once, the policy is shown another decision's observation; that is the scale on which the others are
-//! read. What moves together in the world is torn apart by an exchange, so an influence says what the policy reads and
+//! exchanged at once (`whole_influence`), the policy is shown another decision's observation; that is the scale on
+//! which the others are read. What moves together in the world is torn apart by an exchange, so an influence says what the policy reads and
 //! not what the quantity is worth.
 //!
 //! An explanation that is the same for a policy which has learned nothing explains nothing. So the same agent without
@@ -21,8 +21,8 @@ use serde::{Deserialize, Serialize};
 
 /// What the names of influences begin with; the name of the observed quantity follows.
 const INFLUENCE: &str = "influence_";
-/// The influence of all quantities together.
-const OF_ALL: &str = "of_everything";
+/// The influence of all quantities together, which is no rival of theirs and has another beginning.
+const OF_ALL: &str = "whole_influence";
 /// Rows that an agent is shown together.
 const ROWS: usize = 256;
 
@@ -68,9 +68,12 @@ impl Protocol for Attribution {
     fn metrics_of_interface(&self, interface: &Interface) -> Vec<Metric> {
         let mut metrics: Vec<Metric> = Vec::new();
         let names = interface.seats.iter().flat_map(|seat| seat.observation.names());
-        for name in names.chain([OF_ALL.to_owned()]) {
+        let of_entries = names.map(|name| {
             let about = format!("how far actions move where `{name}` is that of another decision");
-            let metric = Metric::new(&format!("{INFLUENCE}{name}"), "", &about);
+            Metric::new(&format!("{INFLUENCE}{name}"), "", &about)
+        });
+        let about = "how far actions move where the whole observation is that of another decision";
+        for metric in of_entries.chain([Metric::new(OF_ALL, "", about)]) {
             if metrics.iter().all(|known| known.name != metric.name) {
                 metrics.push(metric);
             }
@@ -111,7 +114,7 @@ impl Protocol for Attribution {
         let explained = Explained::of(run, &interface, seen)?;
         for (seat, of) in interface.seats.iter().enumerate() {
             for (entry, name) in of.observation.names().iter().enumerate() {
-                explained.record(run, seat, &[entry], name)?;
+                explained.record(run, seat, &[entry], &format!("{INFLUENCE}{name}"))?;
             }
             let all: Vec<usize> = (0..of.observation.len()).collect();
             explained.record(run, seat, &all, OF_ALL)?;
@@ -176,7 +179,7 @@ impl<'a> Explained<'a> {
     }
 
     /// Records the influence of some entries of a seat's observation on what that seat does.
-    fn record(&self, run: &mut Run<'_>, seat: usize, entries: &[usize], name: &str) -> Result<(), Error> {
+    fn record(&self, run: &mut Run<'_>, seat: usize, entries: &[usize], metric: &str) -> Result<(), Error> {
         let mut order: Vec<usize> = (0..self.seen.len()).collect();
         // The exchange is the environment's and one for all entries: every agent meets the same one, and the influence
         // of everything is held against the same decisions.
@@ -197,8 +200,7 @@ impl<'a> Explained<'a> {
             .map(|(before, after)| distance(space, &before[seat], &after[seat]));
         let moved: Vec<f64> = moved.collect::<Result<_, _>>()?;
         let influence = crate::statistics::estimators::mean(&moved);
-        let metric = format!("{INFLUENCE}{name}");
-        run.record.add(Phase::Final, 0, 0, seat, &metric, influence);
+        run.record.add(Phase::Final, 0, 0, seat, metric, influence);
         Ok(())
     }
 }
@@ -362,14 +364,11 @@ mod tests {
     fn what_a_policy_reads_moves_it_and_nothing_else_does() {
         let found = influences("first", 0).unwrap();
         let names: Vec<&str> = found.keys().map(String::as_str).collect();
-        assert_eq!(
-            names,
-            ["influence_first", "influence_of_everything", "influence_second"]
-        );
+        assert_eq!(names, ["influence_first", "influence_second", "whole_influence"]);
         // Two numbers between 0 and 1 that know nothing of each other lie a third apart.
         assert!((found["influence_first"] - 1.0 / 3.0).abs() < 0.06, "{found:?}");
         assert_eq!(found["influence_second"], 0.0);
-        assert_eq!(found["influence_of_everything"], found["influence_first"]);
+        assert_eq!(found["whole_influence"], found["influence_first"]);
         assert_eq!(influences("first", 0).unwrap(), found);
         assert_ne!(influences("first", 1).unwrap(), found);
     }

@@ -29,7 +29,7 @@ pub struct Metrics {
     /// Which agents, in this order; all where empty.
     pub agents: Vec<String>,
     /// An agent whose ranking of the metrics, by their values, is held against that of the others, seed by seed, in a
-    /// row of its own.
+    /// row of its own: of those of `starting_with`, or of all where that is absent.
     pub ranked_against: String,
     /// Digits after the decimal point.
     #[schemars(range(max = 9))]
@@ -119,7 +119,9 @@ impl Table for Metrics {
         if !self.ranked_against.is_empty() {
             rows.push(RANKS.to_owned());
             let against = all.at(Axis::Agent, &self.ranked_against);
-            let of = |agent: &str| ranked(&metrics, &all.at(Axis::Agent, agent), &against);
+            let further = &metrics[self.values.len()..];
+            let compared = if further.is_empty() { &metrics[..] } else { further };
+            let of = |agent: &str| ranked(compared, &all.at(Axis::Agent, agent), &against);
             cells.push(self.row(&agents, &all, results, |agent| {
                 if agent == self.ranked_against {
                     BTreeMap::new()
@@ -212,12 +214,22 @@ impl Metrics {
         self.labels.get(name).map_or(name, String::as_str)
     }
 
+    /// The rows that are not ranked, in words.
+    fn left_out(&self) -> String {
+        if self.starting_with.is_empty() || self.values.is_empty() {
+            return String::new();
+        }
+        let names: Vec<String> = self.values.iter().map(|name| self.heading(name).label).collect();
+        format!(" but {}", names.join(", "))
+    }
+
     fn notes(&self) -> Vec<String> {
         if self.ranked_against.is_empty() {
             return Vec::new();
         }
         vec![format!(
-            "The last row is Spearman's rank correlation of the rows above with those of {}, seed by seed.",
+            "The last row is Spearman's rank correlation of the rows above{} with those of {}, seed by seed.",
+            self.left_out(),
             self.label(&self.ranked_against)
         )]
     }
@@ -279,6 +291,23 @@ mod tests {
         // Turned around at the first seed, the same at the second.
         assert_eq!(grid.cells[3][0].seeds, [(0, -1.0), (1, 1.0)]);
         assert_eq!((grid.cells[3][1].estimate, grid.cells[3][1].planned), (None, 0));
+    }
+
+    #[test]
+    fn listed_metrics_stand_first_and_are_not_ranked_with_the_others() {
+        let listed = Metrics {
+            values: vec!["influence_c".into()],
+            ..table()
+        };
+        let grid = listed.build(&results()).unwrap();
+        assert_eq!(grid.rows[0].name, "influence_c");
+        // Of the two others both seeds rank one way and the other.
+        assert_eq!(grid.cells[3][0].seeds, [(0, -1.0), (1, 1.0)]);
+        assert!(
+            grid.notes[0].contains("above but c with those of untrained"),
+            "{:?}",
+            grid.notes
+        );
     }
 
     #[test]
