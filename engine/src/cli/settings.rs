@@ -384,7 +384,10 @@ mod tests {
             "{written}"
         );
         assert!(text("[profile.big.kubernetes]\nimages = 1\n").contains("images"));
-        assert!(text("[slrum]\ntime = \"1\"\n").contains("tables of executors are [slurm] and [kubernetes]"));
+        assert!(
+            text("[slrum]\ntime = \"1\"\n")
+                .contains("tables of executors are [ssh] and [slurm] and [kubernetes]")
+        );
         assert!(text("profile = 1\n").contains("`profile` holds tables"));
     }
 
