@@ -172,7 +172,8 @@ impl Operand {
     #[must_use]
     pub fn is_at(&self, point: &Setting) -> bool {
         let is_there = |(key, value): &(String, String)| {
-            let is_value = |it: &Value| word(it) == *value || it.to_string() == *value;
+            let is_json = |it: &Value| serde_json::to_string(it).is_ok_and(|text| text == *value);
+            let is_value = |it: &Value| word(it) == *value || is_json(it);
             point.get(key).is_some_and(is_value)
         };
         self.setting.iter().all(is_there)
