@@ -1,18 +1,21 @@
 //! Time and memory of `check`, `status`, `plan` and `report` over a store of many trials.
 //!
-//! usage: plan SETTINGS SEEDS [FOLDER]
+//! usage: plan SETTINGS SEEDS [FOLDER [packed]]
 //!
 //! Writes a store (into FOLDER, which is kept; otherwise into a temporary folder) in which every trial of a
-//! study of SETTINGS sweep points and SEEDS seeds has ended, then starts the program on it: nothing stored,
+//! study of SETTINGS sweep points and SEEDS seeds has ended, each in a folder without metrics or, where it is asked
+//! for, with one value and packed; then starts the program on it: nothing stored,
 //! everything done, everything done with one more seed, one more sweep point, and everything new because of more
 //! training steps. Prints one line of JSON, for each command `[seconds, peak memory in MB]`.
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
 
 use engine::{
+    Phase, Recorder,
     results::{EndState, TrialEnd},
     spec,
     store::{Store, TrialFile},
+    trial::Trial,
 };
 use std::{
     collections::BTreeMap,
@@ -39,7 +42,8 @@ fn main() {
     let path = |name: &str| folder.join(name);
     std::fs::write(path("study.yaml"), study(settings, seeds)).unwrap();
     std::fs::write(path("wider.yaml"), study(settings + 1, seeds)).unwrap();
-    let trials = fill(&path("study.yaml"), &path("store"));
+    let packed = words.get(3).is_some_and(|word| word == "packed");
+    let trials = fill(&path("study.yaml"), &path("store"), packed.then_some(folder));
     let more = (seeds + 1).to_string();
     let measured = |arguments: &[&str]| measured(folder, arguments);
     println!(
@@ -52,6 +56,7 @@ fn main() {
             "report_nothing_stored": measured(&["report", "study.yaml", "--store", "empty"]),
             "status": measured(&["status", "study.yaml"]),
             "plan": measured(&["plan", "study.yaml"]),
+            "report": if packed { measured(&["report", "study.yaml"]) } else { (0.0, 0) },
             "plan_new_seed": measured(&["plan", "study.yaml", "--seeds", &more]),
             "plan_new_point": measured(&["plan", "wider.yaml"]),
             "plan_all_new": measured(&["plan", "study.yaml", "--set", "protocol.steps=240000"]),
@@ -104,11 +109,35 @@ fn study(settings: usize, seeds: usize) -> String {
     )
 }
 
-/// Acknowledges every trial of a study, without the flushes that a run pays for.
-fn fill(study: &Path, root: &Path) -> usize {
+/// So many trials are packed at once.
+const PACKED_AT_ONCE: usize = 20_000;
+
+/// Ends every trial of a study; `packed` is the folder in which packs are asked for.
+fn fill(study: &Path, root: &Path, packed: Option<&Path>) -> usize {
     let registry = plugins::registry();
     let study = spec::load(study, &registry, &spec::Options::default()).unwrap();
     let (store, plan) = (Store::at(root), study.plan());
+    match packed {
+        None => plan
+            .trials
+            .iter()
+            .for_each(|trial| acknowledge(&store, trial)),
+        Some(folder) => {
+            for some in plan.trials.chunks(PACKED_AT_ONCE) {
+                for trial in some {
+                    let mut record = Recorder::default();
+                    record.add(Phase::Final, 60_000, 0, 0, "cycle_length", trial.key.seed as f64);
+                    store.finish(trial, &record, 1.0).unwrap();
+                }
+                measured(folder, &["pack", "--settle-s", "0"]);
+            }
+        }
+    }
+    plan.trials.len()
+}
+
+/// Acknowledges a trial, without the flushes that a run pays for.
+fn acknowledge(store: &Store, trial: &Trial) {
     let end = TrialEnd {
         state: EndState::Ok,
         reason: String::new(),
@@ -116,11 +145,8 @@ fn fill(study: &Path, root: &Path) -> usize {
         decision_s: None,
         digest: "0".repeat(32),
     };
-    for trial in &plan.trials {
-        let file = TrialFile::new(trial, end.clone(), BTreeMap::new());
-        let folder = store.folder(&trial.id);
-        std::fs::create_dir_all(&folder).unwrap();
-        std::fs::write(folder.join("trial.json"), file.to_bytes().unwrap()).unwrap();
-    }
-    plan.trials.len()
+    let file = TrialFile::new(trial, end, BTreeMap::new());
+    let folder = store.folder(&trial.id);
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("trial.json"), file.to_bytes().unwrap()).unwrap();
 }

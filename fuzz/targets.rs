@@ -72,7 +72,7 @@ fn read(text: &str) -> Result<Study, String> {
 }
 
 fn ids(study: &Study) -> Vec<String> {
-    study.plan().trials.into_iter().map(|trial| trial.id).collect()
+    study.plan().trials.iter().map(|trial| trial.id.clone()).collect()
 }
 
 /// A claim: it is refused at a place inside its text, or it is written as something that reads the same.
@@ -118,7 +118,7 @@ fn ends_at(root: &Path, id: &str, bytes: &[u8]) {
             cell: Default::default(),
             key: file.key.clone(),
         };
-        let _ = store.load(&trial);
+        let _ = store.load(&trial.into());
     }
     assert_eq!(store.end(id).is_ok(), file.is_ok());
     store.check(true, Vec::new()).expect("a store that can be read");

@@ -160,7 +160,7 @@ fn another_reader_of_yaml_finds_the_same_values_in_a_resolved_study() {
             .plan()
             .trials
             .into_iter()
-            .map(|trial| trial.id)
+            .map(|trial| trial.id.clone())
             .collect::<Vec<_>>()
     };
     let mut files = Vec::new();

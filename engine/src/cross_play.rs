@@ -245,8 +245,8 @@ pub(crate) mod tests {
             ]
             .into(),
         };
-        result.trial.key.agent = Seating::Cast(cast).into();
-        result.trial.cell_mut().purpose = Purpose::Play(roles);
+        result.trial_mut().key.agent = Seating::Cast(cast).into();
+        result.trial_mut().cell_mut().purpose = Purpose::Play(roles);
         result
     }
 
@@ -290,14 +290,14 @@ pub(crate) mod tests {
     fn all_meet_all(prey: [f64; 3], predators: [f64; 3], unrun: Option<(u64, u64)>) -> Results {
         let trained = |agent: &str, seed| {
             let mut result = trial("tag", agent, "", seed, &vec![(Phase::Final, 0, 0, "score", 0.0)]);
-            result.trial.id = format!("{agent}-{seed}");
+            result.trial_mut().id = format!("{agent}-{seed}");
             result
         };
         let mut trials: Vec<TrialResult> = (0..3).flat_map(|k| [trained("a", k), trained("b", k)]).collect();
         for (i, x) in (0..).zip(prey) {
             for (j, y) in (0..).zip(predators) {
                 let mut met = encounter("a", "b", i.max(j), 1.0 + x + y);
-                if let Seating::Cast(cast) = std::sync::Arc::make_mut(&mut met.trial.key.agent) {
+                if let Seating::Cast(cast) = std::sync::Arc::make_mut(&mut met.trial_mut().key.agent) {
                     for (role, id) in [("prey", format!("a-{i}")), ("predators", format!("b-{j}"))] {
                         cast.roles
                             .entry(role.into())

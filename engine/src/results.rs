@@ -14,7 +14,10 @@ use crate::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
 pub const UPDATES: &str = "updates";
@@ -155,10 +158,10 @@ pub struct TrialEnd {
 /// One trial of a study with what it recorded.
 #[derive(Debug, Clone)]
 pub struct TrialResult {
-    /// The trial.
-    pub trial: Trial,
+    /// The trial, which the plan has as well.
+    pub trial: Arc<Trial>,
     /// How it ended; `None` where it has not run.
-    pub end: Option<TrialEnd>,
+    pub end: Option<Box<TrialEnd>>,
     /// Metric names that `rows` point into.
     pub names: Vec<String>,
     /// What it recorded; empty unless it ended `ok`.
@@ -166,9 +169,15 @@ pub struct TrialResult {
 }
 
 impl TrialResult {
+    /// The trial, to be changed for this result alone.
+    #[cfg(test)]
+    pub(crate) fn trial_mut(&mut self) -> &mut Trial {
+        Arc::make_mut(&mut self.trial)
+    }
+
     /// A trial that has not run.
     #[must_use]
-    pub fn missing(trial: Trial) -> Self {
+    pub fn missing(trial: Arc<Trial>) -> Self {
         Self {
             trial,
             end: None,
@@ -190,7 +199,7 @@ impl TrialResult {
     /// True where the trial ended `ok`.
     #[must_use]
     pub fn is_ok(&self) -> bool {
-        self.end.as_ref().is_some_and(|end| end.state == EndState::Ok)
+        self.end.as_deref().is_some_and(|end| end.state == EndState::Ok)
     }
 
     /// How many updates the agent had made at the end; `None` where it does not learn, and where nothing was
@@ -221,7 +230,7 @@ impl TrialResult {
     /// [`TIME_PER_DECISION`] where it made decisions at the end, from how the trial ended. They are measurements
     /// of the machine: no trial records them, and its numbers do not depend on them.
     pub fn add_times(&mut self) {
-        let Some(end) = self.end.as_ref().filter(|_| self.is_ok()) else {
+        let Some(end) = self.end.as_deref().filter(|_| self.is_ok()) else {
             return;
         };
         let (wall_s, per_decision) = (end.wall_s, end.decision_s);
@@ -277,7 +286,7 @@ impl TrialResult {
     /// Mean of a metric over the episodes of the measurement at a step while learning: `None` as long as it was not
     /// made, and without a value where the trial failed.
     pub(crate) fn at_pause(&self, metric: &str, pause: u64) -> Option<Option<f64>> {
-        if !is_missing(self.end.as_ref()) && !self.is_ok() {
+        if !is_missing(self.end.as_deref()) && !self.is_ok() {
             return Some(None);
         }
         let found = self
@@ -402,7 +411,7 @@ impl TriedSetting {
             ..Self::default()
         };
         for trial in trials {
-            let (seed, has_ended) = (trial.trial.key.seed, !is_missing(trial.end.as_ref()));
+            let (seed, has_ended) = (trial.trial.key.seed, !is_missing(trial.end.as_deref()));
             tried.setting.clone_from(&trial.trial.cell.setting);
             tried.failed += usize::from(has_ended && !trial.is_ok());
             tried.missing -= usize::from(has_ended);
@@ -514,7 +523,7 @@ impl Results {
         let mut ended: BTreeMap<CellName, BTreeSet<u64>> = BTreeMap::new();
         for trial in trials {
             let seeds = ended.entry(trial.cell()).or_default();
-            seeds.extend(Some(trial.trial.key.seed).filter(|_| !is_missing(trial.end.as_ref())));
+            seeds.extend(Some(trial.trial.key.seed).filter(|_| !is_missing(trial.end.as_deref())));
         }
         let is_complete = |most: &&u32| {
             ended

@@ -224,7 +224,7 @@ impl TrialKey {
         all
     }
 
-    /// The data files that its configs name, with the hashes of what they hold.
+    /// The data files that its configs name, without a `./` before them, with the hashes of what they hold.
     pub(crate) fn data_files(&self) -> Vec<(&Path, &str)> {
         let parts = [&*self.environment, &*self.protocol]
             .into_iter()
@@ -232,7 +232,8 @@ impl TrialKey {
         let files = parts.flat_map(|part| part.files.iter().map(move |(key, digest)| (part, key, digest)));
         let files = files.filter_map(|(part, key, digest)| {
             let path = part.config.pointer(key)?.as_str()?;
-            Some((Path::new(path), digest.as_str()))
+            let path = Path::new(path);
+            Some((path.strip_prefix(".").unwrap_or(path), digest.as_str()))
         });
         files.collect()
     }

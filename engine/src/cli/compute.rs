@@ -12,7 +12,7 @@ use crate::{
     count::{count, either},
     limits::Limits,
     results::{EndState, TrialEnd},
-    scheduler::{self, Task, Workers, hosts::Host},
+    scheduler::{self, Task, Workers, hosts::Hosts},
     store::{Store, is_missing},
     trial::Trial,
 };
@@ -23,7 +23,6 @@ use std::{
         atomic::{AtomicBool, Ordering},
         mpsc,
     },
-    time::Duration,
 };
 
 /// How to compute.
@@ -38,8 +37,8 @@ pub(super) struct Compute<'a> {
     pub(super) limits: &'a LimitOptions,
     /// Worker processes, on this machine or on all hosts.
     pub(super) workers: usize,
-    /// The hosts that run trials in the place of this machine, and how long one is looked after that is not reached.
-    pub(super) hosts: (Vec<Host>, Duration),
+    /// The hosts that run trials in the place of this machine, where there are any.
+    pub(super) hosts: Hosts,
     /// Whether trials that ended otherwise than `ok` run again.
     pub(super) retry_failed: bool,
     /// Whether this is the whole command and not a part of one: it looks at what is stored before, and waits
@@ -98,7 +97,7 @@ impl Compute<'_> {
     /// How many processes run so many tasks, in words.
     pub(super) fn processes(&self, tasks: usize) -> String {
         let processes = self.workers.min(tasks);
-        let of_hosts = match self.hosts.0.len() {
+        let of_hosts = match self.hosts.all.len() {
             0 => String::new(),
             hosts => format!(" of {}", count(hosts, "host")),
         };
@@ -192,8 +191,7 @@ impl Compute<'_> {
         let lease_expiry = self.settings.lease_expiry;
         Workers {
             count: self.workers,
-            hosts: self.hosts.0.clone(),
-            patience: self.hosts.1,
+            hosts: self.hosts.clone(),
             stop: Arc::clone(stop),
             fail_fast: self.limits.fail_fast,
             wait_for_others: self.whole,
@@ -311,7 +309,7 @@ fn of_all<'e>(
     planned
         .iter()
         .zip(ends)
-        .flat_map(|(one, ends)| one.plan.trials.iter().zip(ends))
+        .flat_map(|(one, ends)| one.plan.trials.iter().map(AsRef::as_ref).zip(ends))
 }
 
 /// The first Ctrl-C (or SIGTERM) stops the run in order, the second one at once. SIGUSR1, the early warning

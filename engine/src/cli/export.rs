@@ -112,7 +112,7 @@ fn of_study(
         count(results.len(), "trial"),
         options.to.display()
     ));
-    Ok(study::code_of(results.iter().map(|result| &result.end)))
+    Ok(study::code_of(results.iter().map(|result| result.end.as_deref())))
 }
 
 pub(super) fn refused(problem: String) -> Failure {

@@ -5,8 +5,8 @@ use crate::{
     build,
     executor::Access,
     scheduler::hosts::{Found, Host},
+    world::fs,
 };
-use std::path::{Component, Path};
 
 /// Lets the hosts of `access` run what is computed.
 ///
@@ -26,14 +26,14 @@ pub(super) fn reach(how: &mut Compute<'_>, planned: &[Planned], access: &Access)
     for (host, problem) in &found.left_out {
         complain(&format!("warning: {host} is left out: {problem}"));
     }
-    if found.hosts.is_empty() {
+    if found.hosts.all.is_empty() {
         return Err(Failure {
             code: INCOMPLETE,
             text: "error: no host can be reached; nothing runs".into(),
         });
     }
-    how.workers = found.hosts.iter().map(Host::workers).sum();
-    how.hosts = (found.hosts, access.patience);
+    how.workers = found.hosts.all.iter().map(Host::workers).sum();
+    how.hosts = found.hosts;
     Ok(())
 }
 
@@ -52,7 +52,7 @@ fn refuse(one: &Planned) -> Result<(), Failure> {
         )));
     }
     let files = one.plan.trials.iter().flat_map(|trial| trial.key.data_files());
-    let outside = files.map(|(path, _)| path).find(|path| !is_inside(path));
+    let outside = files.map(|(path, _)| path).find(|path| !fs::is_inside(path));
     outside.map_or(Ok(()), |path| {
         Err(wrong(format!(
             "`{}` lies outside of this folder, of which alone hosts get files: start the run from a folder that \
@@ -60,9 +60,4 @@ fn refuse(one: &Planned) -> Result<(), Failure> {
             path.display()
         )))
     })
-}
-
-fn is_inside(path: &Path) -> bool {
-    path.components()
-        .all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
 }

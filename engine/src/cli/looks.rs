@@ -23,6 +23,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     io,
     path::Path,
+    sync::Arc,
 };
 
 /// Gives combinations the seeds that the stored results ask for, look by look. True where one has more than
@@ -78,7 +79,7 @@ fn raise(wanted: &mut Wanted, cell: &CellName, seeds: u32) {
 
 /// A trial needs its sources: their combinations come to the same look.
 fn raise_sources(one: &Planned, wanted: &mut Wanted) {
-    let by_id: BTreeMap<&str, &trial::Trial> = one
+    let by_id: BTreeMap<&str, &Arc<trial::Trial>> = one
         .plan
         .trials
         .iter()
@@ -89,7 +90,7 @@ fn raise_sources(one: &Planned, wanted: &mut Wanted) {
         .trials
         .iter()
         .filter_map(|trial| Some((trial, wanted.get(&cell(trial)).copied()?)));
-    let mut open: Vec<(&trial::Trial, u32)> = wanting.collect();
+    let mut open: Vec<(&Arc<trial::Trial>, u32)> = wanting.collect();
     let mut seen: BTreeSet<(&str, u32)> = BTreeSet::new();
     while let Some((taker, seeds)) = open.pop() {
         for source in taker.key.sources() {

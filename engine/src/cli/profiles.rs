@@ -9,7 +9,10 @@ use crate::{
     store::Store,
     trial::Trial,
 };
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// The trials of a profile.
 struct Ends {
@@ -57,7 +60,7 @@ pub(super) fn of(
 }
 
 impl Ends {
-    fn of(trials: &[Trial], states: &[Option<EndState>]) -> Self {
+    fn of(trials: &[Arc<Trial>], states: &[Option<EndState>]) -> Self {
         let stored = trials
             .iter()
             .zip(states)

@@ -224,7 +224,7 @@ fn of_trial(
 /// The only trial of the store whose id begins with `prefix`, with what it recorded; it ended `ok`.
 fn stored(store: &Store, prefix: &str) -> Result<TrialResult, Failure> {
     let (id, file) = one_trial::that_ended_well(store, prefix)?;
-    Ok(store.load(&one_trial::named(&id, file.key))?)
+    Ok(store.load(&one_trial::named(&id, file.key).into())?)
 }
 
 fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failure> {

@@ -23,6 +23,7 @@ use crate::{
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::Arc;
 
 /// `run`: the missing trials of all studies together, then a report of each.
 pub(super) fn run(
@@ -261,7 +262,7 @@ fn write_report(
         Format::Json => as_json(&study, &results, &contents, &paths).to_string(),
         Format::Text => report::summary(&study, &results, &contents, &paths.page, terminal_width()),
     });
-    let code = study::code_of(results.trials.iter().map(|result| &result.end));
+    let code = study::code_of(results.trials.iter().map(|result| result.end.as_deref()));
     Ok(if code == OK && reporting.strict && contents.contradicts() {
         DIFFERS
     } else {
@@ -308,7 +309,7 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
 
 /// The agents that learn.
 fn learners(one: &Planned, registry: &Registry) -> BTreeSet<String> {
-    let learns = |trial: &&Trial| {
+    let learns = |trial: &&Arc<Trial>| {
         let plugin = trial.key.agent.agent().map(|part| part.plugin.as_str());
         plugin
             .and_then(|name| registry.agents.get(name))
@@ -384,7 +385,7 @@ pub(super) fn terminal_width() -> usize {
 }
 
 /// Trials with what they recorded. One that cannot be read counts as missing, and `say` says why.
-pub(super) fn load(trials: &[&Trial], store: &Store, say: impl Fn(&Error)) -> Vec<TrialResult> {
+pub(super) fn load(trials: &[&Arc<Trial>], store: &Store, say: impl Fn(&Error)) -> Vec<TrialResult> {
     let (results, unreadable) = store.load_all(trials);
     unreadable.iter().for_each(|(_, error)| say(error));
     results
@@ -394,7 +395,7 @@ pub(super) fn load(trials: &[&Trial], store: &Store, say: impl Fn(&Error)) -> Ve
 /// that shall be said.
 pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Results {
     // In the order of the settings that searches try, some of which are set aside.
-    let planned: Vec<&Trial> = one.paused.iter().chain(&one.plan.trials).collect();
+    let planned: Vec<&Arc<Trial>> = one.paused.iter().chain(&one.plan.trials).collect();
     let mut trials = load(&planned, store, |error| {
         let then = |mend| match error {
             Error::Damaged { .. } => format!(": `{mend}` sets it aside and runs it again"),

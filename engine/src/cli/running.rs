@@ -6,12 +6,13 @@ use crate::{
     store::{Store, is_missing, metric_log},
     trial::Trial,
 };
+use std::sync::Arc;
 
 /// Lines about running trials, at most this many.
 const MOST_LINES: usize = 20;
 
 /// One line per running trial; empty where none runs.
-pub(super) fn running(store: &Store, trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {
+pub(super) fn running(store: &Store, trials: &[Arc<Trial>], ends: &[Option<TrialEnd>]) -> String {
     // Without a living process nothing can be held, and no folder needs to be looked into.
     if store.owners().is_empty() {
         return String::new();
@@ -48,7 +49,7 @@ pub(super) fn running(store: &Store, trials: &[Trial], ends: &[Option<TrialEnd>]
 }
 
 /// One line per missing trial that ended badly before; empty where there is none.
-pub(super) fn tried_again(store: &Store, trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {
+pub(super) fn tried_again(store: &Store, trials: &[Arc<Trial>], ends: &[Option<TrialEnd>]) -> String {
     let missing = trials.iter().zip(ends).filter(|(_, end)| end.is_none());
     let earlier = missing.filter_map(|(trial, _)| Some((trial, store.earlier(&trial.id)?)));
     let lines = earlier.map(|(trial, end)| {

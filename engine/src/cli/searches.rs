@@ -71,7 +71,7 @@ fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
         let (Some((search, _)), Some(stop)) = (search, stop) else {
             return false;
         };
-        is_missing(it.end.as_ref()) && it.at_pause(&search.by, stop).is_some()
+        is_missing(it.end.as_deref()) && it.at_pause(&search.by, stop).is_some()
     };
     tried
         .iter()

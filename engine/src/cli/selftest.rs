@@ -10,7 +10,7 @@ use crate::{
         process::{self, Child, Command, Stdio},
     },
 };
-use std::{collections::BTreeMap, os::unix::process::CommandExt, path::PathBuf, time::Duration};
+use std::{collections::BTreeMap, os::unix::process::CommandExt, path::PathBuf, sync::Arc, time::Duration};
 
 /// The name of the study inside the folder of the test.
 const STUDY: &str = "selftest.yaml";
@@ -37,7 +37,7 @@ pub(super) struct SelftestOptions {
 /// Where the test works, and on what.
 struct Bench {
     folder: PathBuf,
-    trials: Vec<Trial>,
+    trials: Vec<Arc<Trial>>,
     profile: Option<String>,
     /// The seeds of the first look, where looks are planned: which trials there are must not follow from
     /// results here.
@@ -161,7 +161,7 @@ impl Bench {
         let seeds = planned
             .iter()
             .find_map(|one| one.study.design.as_ref()?.looks().first().copied());
-        let trials: Vec<Trial> = planned.into_iter().flat_map(|one| one.plan.trials).collect();
+        let trials: Vec<Arc<Trial>> = planned.into_iter().flat_map(|one| one.plan.trials).collect();
         Ok(Self {
             folder,
             trials,

@@ -13,7 +13,7 @@ pub(super) fn of(one: &Planned) -> Vec<Stage> {
     if !trials.iter().any(|trial| trial.key.takes()) {
         return Vec::new();
     }
-    let by_id: BTreeMap<&str, &Trial> = trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
+    let by_id: BTreeMap<&str, &Trial> = trials.iter().map(|trial| (trial.id.as_str(), &**trial)).collect();
     let mut names: Vec<&str> = Vec::new();
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     let mut takes: BTreeMap<&str, BTreeSet<Take>> = BTreeMap::new();

@@ -46,7 +46,7 @@ pub(super) struct Planned {
     /// Steps at which searches pause trials, by id.
     pub(super) pauses: BTreeMap<String, u64>,
     /// Trials of searches that have come to their pause; none of them is missing.
-    pub(super) paused: Vec<Trial>,
+    pub(super) paused: Vec<Arc<Trial>>,
     set_aside: BTreeSet<String>,
     /// What the searches came to.
     pub(super) searched: Vec<SearchResult>,
@@ -62,8 +62,9 @@ impl Planned {
         self.wanted = wanted;
         narrow(&mut self.plan, &self.only);
         self.pauses = self.study.pauses(&self.plan);
-        let has_paused =
-            |trial: &mut Trial| self.set_aside.contains(&trial.id) && self.pauses.contains_key(&trial.id);
+        let has_paused = |trial: &mut Arc<Trial>| {
+            self.set_aside.contains(&trial.id) && self.pauses.contains_key(&trial.id)
+        };
         self.paused = self.plan.trials.extract_if(.., has_paused).collect();
         self.costs = costs(registry, &self.plan);
     }
@@ -248,7 +249,7 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
 }
 
 /// The state of every trial; `None` where it has not run or must run again. What is damaged is said.
-pub(super) fn ends(store: &Store, trials: &[Trial]) -> Vec<Option<TrialEnd>> {
+pub(super) fn ends(store: &Store, trials: &[Arc<Trial>]) -> Vec<Option<TrialEnd>> {
     told(store.ends(trials)).0
 }
 
@@ -263,7 +264,7 @@ fn told<T>(found: Found<T>) -> (Vec<Option<T>>, bool) {
 /// As [`ends`], and what mends it is said.
 fn ends_with_advice(
     store: &Store,
-    trials: &[Trial],
+    trials: &[Arc<Trial>],
     selection: &Selection,
     common: &Common,
 ) -> Vec<Option<TrialEnd>> {
@@ -286,10 +287,10 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
     for one in planned {
         let trials = &one.plan.trials;
         let ends = ends_with_advice(&store, trials, selection, common);
-        let known: Vec<_> = trials
+        let known: Vec<&Trial> = trials
             .iter()
             .zip(&ends)
-            .filter_map(|(trial, end)| end.as_ref().map(|_| trial))
+            .filter_map(|(trial, end)| end.as_ref().map(|_| &**trial))
             .collect();
         // Where every trial is there, nothing else of the store is looked at.
         let cells = if known.len() < trials.len() {
@@ -341,7 +342,7 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
             say_waiting(&waiting, common);
             say_failed(trials, &ends, selection, common);
         }
-        code = code.max(code_of(&ends));
+        code = code.max(code_of(ends.iter().map(Option::as_ref)));
     }
     submit::show(&settings.store, common.format);
     Ok(code)
@@ -355,7 +356,7 @@ fn say_waiting(waiting: &Waiting, common: &Common) {
 }
 
 /// What runs again the trials that did not end well.
-fn say_failed(trials: &[Trial], ends: &[Option<TrialEnd>], selection: &Selection, common: &Common) {
+fn say_failed(trials: &[Arc<Trial>], ends: &[Option<TrialEnd>], selection: &Selection, common: &Common) {
     let again = selection.command("run", common, &["--retry-failed"]);
     let ends = trials
         .iter()
@@ -380,9 +381,9 @@ pub(super) fn say_imported(one: &Planned, what: &str) {
 }
 
 /// The exit code that fits the states of trials.
-pub(super) fn code_of<'e>(ends: impl IntoIterator<Item = &'e Option<TrialEnd>>) -> u8 {
-    let code = |end: &Option<TrialEnd>| match end {
-        end if is_missing(end.as_ref()) => INCOMPLETE,
+pub(super) fn code_of<'e>(ends: impl IntoIterator<Item = Option<&'e TrialEnd>>) -> u8 {
+    let code = |end: Option<&TrialEnd>| match end {
+        end if is_missing(end) => INCOMPLETE,
         Some(end) if end.state != EndState::Ok => TRIALS_FAILED,
         _ => OK,
     };
@@ -591,7 +592,7 @@ fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
     format!("  {missing} missing: {about}{rest}")
 }
 
-fn failures(trials: &[Trial], ends: &[Option<TrialEnd>]) -> String {
+fn failures(trials: &[Arc<Trial>], ends: &[Option<TrialEnd>]) -> String {
     let failed = trials
         .iter()
         .zip(ends)

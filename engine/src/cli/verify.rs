@@ -61,7 +61,7 @@ pub(super) struct VerifyOptions {
 
 /// A stored trial that may be computed again.
 struct Candidate {
-    trial: Trial,
+    trial: Arc<Trial>,
     limits: Arc<Limits>,
 }
 
@@ -143,7 +143,7 @@ impl VerifyOptions {
 /// The trials of studies that are stored.
 fn of_studies(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
     let mut found = Found::default();
-    let mut absent: BTreeMap<String, Trial> = BTreeMap::new();
+    let mut absent: BTreeMap<String, Arc<Trial>> = BTreeMap::new();
     let mut seen = BTreeSet::new();
     for one in study::load_with_looks(how.registry, how.asked.0, store)? {
         let limits = Arc::new(how.limits_of(&one.study.limits));
@@ -180,7 +180,7 @@ fn of_store(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
                     let entry = entry(&named(&id, key), Outcome::CannotVerify { problem });
                     found.others.push(entry);
                 }
-                None => drop(found.look(named(&id, key), &limits, store)?),
+                None => drop(found.look(named(&id, key).into(), &limits, store)?),
             },
             None => found.unreadable(&id, store),
         }
@@ -203,7 +203,12 @@ fn entry(trial: &Trial, outcome: Outcome) -> Entry {
 
 impl Found {
     /// Takes a trial in, whatever is stored of it; gives it back where nothing is.
-    fn look(&mut self, trial: Trial, limits: &Arc<Limits>, store: &Store) -> Result<Option<Trial>, Failure> {
+    fn look(
+        &mut self,
+        trial: Arc<Trial>,
+        limits: &Arc<Limits>,
+        store: &Store,
+    ) -> Result<Option<Arc<Trial>>, Failure> {
         match store.end(&trial.id) {
             Ok(None) => return Ok(Some(trial)),
             Ok(Some(end)) if end.state != EndState::Ok => self.not_ok += 1,
@@ -240,7 +245,12 @@ impl Found {
     }
 
     /// Finds stored trials that other versions of plugins computed in the place of those that are missing.
-    fn of_other_versions(&mut self, absent: &BTreeMap<String, Trial>, registry: &Registry, store: &Store) {
+    fn of_other_versions(
+        &mut self,
+        absent: &BTreeMap<String, Arc<Trial>>,
+        registry: &Registry,
+        store: &Store,
+    ) {
         for id in store.ids_beginning_with("") {
             let Ok(Some(file)) = store.file(&id) else { continue };
             let Some(problem) = cannot(&file.key, registry) else {
@@ -287,7 +297,7 @@ fn receipt(
 
 /// Computes trials again, round by round, each round in a store of its own that is thrown away.
 fn compute(how: &Compute<'_>, drawn: &[&Candidate], store: &Store) -> Result<Vec<Entry>, Failure> {
-    let trials: Vec<&Trial> = drawn.iter().map(|candidate| &candidate.trial).collect();
+    let trials: Vec<&Trial> = drawn.iter().map(|candidate| &*candidate.trial).collect();
     let mut entries: BTreeMap<usize, Entry> = BTreeMap::new();
     for round in rounds(&trials) {
         let folder = tempfile::Builder::new()
@@ -392,7 +402,7 @@ fn tasks<'a>(how: &Compute<'_>, members: &[&'a Candidate]) -> Vec<Task<'a>> {
     let plan = Plan {
         study: String::new(),
         title: String::new(),
-        trials: members.iter().map(|member| member.trial.clone()).collect(),
+        trials: members.iter().map(|member| Arc::clone(&member.trial)).collect(),
     };
     let costs = study::costs(how.registry, &plan);
     let task = |(member, cost): (&&'a Candidate, u64)| Task {

@@ -8,7 +8,10 @@ use crate::{
     trial::Trial,
 };
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// Missing trials that take what other trials leave.
 #[derive(Debug, Default)]
@@ -34,12 +37,12 @@ enum Source {
 
 impl Waiting {
     /// Looks at what every missing trial takes.
-    pub(super) fn of(trials: &[Trial], ends: &[Option<TrialEnd>], store: &Store) -> Self {
+    pub(super) fn of(trials: &[Arc<Trial>], ends: &[Option<TrialEnd>], store: &Store) -> Self {
         // Where nothing takes anything, nothing is looked up.
         if !trials.iter().any(|trial| trial.key.takes()) {
             return Self::default();
         }
-        let known = trials.iter().map(|trial| (trial.id.as_str(), trial)).collect();
+        let known = trials.iter().map(|trial| (trial.id.as_str(), &**trial)).collect();
         let mut sources = Known {
             store,
             trials: known,

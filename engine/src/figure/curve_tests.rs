@@ -424,7 +424,7 @@ fn notes_say_what_is_drawn() {
 fn notes_tell_panels_with_few_seeds_from_others() {
     let mut results = climbers(3, 6);
     let few = climbers(3, 4).trials.into_iter().map(|mut it| {
-        it.trial.cell_mut().environment = "few".into();
+        it.trial_mut().cell_mut().environment = "few".into();
         it
     });
     results.trials.extend(few);

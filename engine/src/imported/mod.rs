@@ -28,6 +28,7 @@ use sha2::{Digest, Sha256};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// What the id of every imported run begins with; ids of own trials are digits alone.
@@ -237,7 +238,7 @@ impl Found {
         let id = format!("{MARK}{}", hash(&json!([digests, mapping, run.name, seed])));
         let (names, rows) = rows(run, mapping.last);
         TrialResult {
-            trial: Trial {
+            trial: Arc::new(Trial {
                 id,
                 cell: TrialCell {
                     environment: environment.into(),
@@ -247,14 +248,14 @@ impl Found {
                 }
                 .into(),
                 key,
-            },
-            end: Some(TrialEnd {
+            }),
+            end: Some(Box::new(TrialEnd {
                 state: EndState::Ok,
                 reason: String::new(),
                 wall_s: 0.0,
                 decision_s: None,
                 digest: String::new(),
-            }),
+            })),
             names,
             rows,
         }

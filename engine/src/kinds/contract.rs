@@ -16,7 +16,7 @@ use crate::{
     trial::Trial,
 };
 use serde_json::json;
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 const HEAD: &str = "study: walk
 environments:
@@ -82,7 +82,7 @@ fn with_unknown(kind: &Kind, words: &[&str]) -> Option<String> {
 }
 
 /// Values that differ by agent and seed, during learning, at the end and in a trace of a full grid.
-fn made_up(trial: Trial) -> TrialResult {
+fn made_up(trial: Arc<Trial>) -> TrialResult {
     // Settings differ, so that something can be said of what they do.
     let of_setting = trial.cell.setting.bytes().map(f64::from).sum::<f64>() / 1000.0;
     let value = 10.0 * trial.cell.agent.len() as f64 + trial.key.seed as f64 + of_setting;

@@ -8,14 +8,14 @@ use crate::{
     spec::{Pairs, Play, Player, Study},
     trial::{Purpose, Trial, TrialCell, TrialKey},
 };
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 /// The trials of one play; `trained` are those of the study's cells, seed after seed of each.
-pub(super) fn trials(study: &Study, play: &Play, trained: &[Vec<Trial>]) -> Vec<Trial> {
+pub(super) fn trials(study: &Study, play: &Play, trained: &[Vec<Arc<Trial>>]) -> Vec<Arc<Trial>> {
     let mut trials = Vec::new();
     for players in play.combinations() {
         for places in meetings(play.pairs, &players, study.seeds.len()) {
-            trials.push(encounter(study, play, &players, &places, trained));
+            trials.push(Arc::new(encounter(study, play, &players, &places, trained)));
         }
     }
     trials
@@ -54,7 +54,7 @@ fn encounter(
     play: &Play,
     players: &[&Player],
     places: &[usize],
-    trained: &[Vec<Trial>],
+    trained: &[Vec<Arc<Trial>>],
 ) -> Trial {
     let of_role = || play.roles.iter().zip(players);
     let roles: BTreeMap<String, String> = of_role()

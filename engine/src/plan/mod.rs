@@ -38,7 +38,7 @@ pub struct Plan {
     /// Its heading.
     pub title: String,
     /// The trials.
-    pub trials: Vec<Trial>,
+    pub trials: Vec<Arc<Trial>>,
 }
 
 /// How many seeds combinations of environment, agent and setting have; those that are not named have the
@@ -58,7 +58,7 @@ impl Study {
     pub fn plan_with(&self, wanted: &Wanted) -> Plan {
         let mut plan = self.plan_of_all_seeds();
         let Some(design) = &self.design else { return plan };
-        let look = |trial: &Trial| {
+        let look = |trial: &Arc<Trial>| {
             design
                 .looks()
                 .partition_point(|most| trial.key.seed >= u64::from(*most))
@@ -82,7 +82,7 @@ impl Study {
 
     fn plan_of_all_seeds(&self) -> Plan {
         let (seeds, waiting) = (self.seeds_of_cells(), self.waiting());
-        let mut of_cells: Vec<Vec<Trial>> = vec![Vec::new(); self.cells.len()];
+        let mut of_cells: Vec<Vec<Arc<Trial>>> = vec![Vec::new(); self.cells.len()];
         // What others take from comes first; the rest is made where it is put into the plan.
         let taken = self.taken_from();
         for &index in self
@@ -94,7 +94,7 @@ impl Study {
         }
         let is_ready = |play: &&Play| !play.players.iter().any(|player| waiting.contains(&player.cell));
         let plays = self.plays.iter().filter(is_ready);
-        let plays: Vec<Trial> = plays
+        let plays: Vec<Arc<Trial>> = plays
             .flat_map(|play| cross_play::trials(self, play, &of_cells))
             .collect();
         let mut trials = Vec::with_capacity(seeds.iter().map(Vec::len).sum::<usize>() + plays.len());
@@ -205,12 +205,12 @@ impl Study {
 
     /// The trials of a cell, once those are there that it takes from. What does not depend on the seed is made and
     /// hashed once.
-    fn trials_of(&self, index: usize, seeds: &[Vec<u64>], of_cells: &[Vec<Trial>]) -> Vec<Trial> {
+    fn trials_of(&self, index: usize, seeds: &[Vec<u64>], of_cells: &[Vec<Arc<Trial>>]) -> Vec<Arc<Trial>> {
         let cell = &self.cells[index];
         // A source runs the seeds that are taken from it, and comes before in the order of cells.
         let source = |cell: usize, seed: u64| {
             let place = seeds[cell].iter().position(|it| *it == seed).unwrap_or_default();
-            &of_cells[cell][place]
+            &*of_cells[cell][place]
         };
         let named = Arc::new(self.named(cell));
         let shared = cell.sources.is_empty().then(|| self.key(cell, 0, &source));
@@ -223,7 +223,7 @@ impl Study {
                 }
             };
             let cell = Arc::clone(&named);
-            Trial { id, cell, key }
+            Arc::new(Trial { id, cell, key })
         };
         seeds[index].iter().map(trial).collect()
     }
@@ -336,7 +336,7 @@ impl Plan {
         let by_id: BTreeMap<&str, &Trial> = self
             .trials
             .iter()
-            .map(|trial| (trial.id.as_str(), trial))
+            .map(|trial| (trial.id.as_str(), &**trial))
             .collect();
         while let Some(id) = open.pop() {
             if sources.contains(&id) {

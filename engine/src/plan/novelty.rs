@@ -12,6 +12,7 @@ use crate::{
     trial::{Part, Purpose, Trial, TrialKey},
 };
 use std::{
+    borrow::Borrow,
     collections::{BTreeMap, BTreeSet, HashMap},
     sync::Arc,
 };
@@ -74,10 +75,14 @@ pub struct Novelty {
 ///
 /// `ends` has one entry per trial.
 #[must_use]
-pub fn novelties(trials: &[Trial], ends: &[Option<TrialEnd>], stored: &[StoredCell]) -> Vec<Novelty> {
+pub fn novelties(
+    trials: &[impl Borrow<Trial>],
+    ends: &[Option<TrialEnd>],
+    stored: &[StoredCell],
+) -> Vec<Novelty> {
     let pending = || {
         (trials.iter().zip(ends))
-            .map(|(trial, end)| (trial, end.as_ref().map(|end| end.state)))
+            .map(|(trial, end)| (trial.borrow(), end.as_ref().map(|end| end.state)))
             .filter(|(_, state)| *state != Some(EndState::Ok))
             // What plays a policy is new because the policy is.
             .filter(|(trial, _)| !matches!(trial.cell.purpose, Purpose::Play(_)))

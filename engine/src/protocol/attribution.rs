@@ -248,129 +248,32 @@ fn distance(space: &Space, one: &[f64], other: &[f64]) -> Result<f64, Error> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::{
-        Action, Agent, AgentTraits, Channel, End, Environment, NoKeeper, Seat, Step,
-        cast::Seating,
-        choice::Choice,
-        trial::{Part, TrialKey},
-    };
-    use rand::Rng as _;
-    use serde_json::{Value, json};
+    use super::{super::numbered::recorded, *};
+    use crate::{Channel, choice::Choice};
+    use serde_json::json;
     use std::collections::BTreeMap;
 
-    #[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
-    #[serde(default)]
-    struct Nothing {}
-
-    impl Config for Nothing {}
-
-    /// Two numbers are seen, of which nothing follows, for five decisions.
-    struct Two {
-        seats: Vec<Seat>,
-        left: u64,
-    }
-
-    impl Environment for Two {
-        fn seats(&self) -> &[Seat] {
-            &self.seats
-        }
-        fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
-            self.left = 5;
-            Ok(vec![vec![rng.random(), rng.random()]])
-        }
-        fn step(&mut self, _: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
-            self.left -= 1;
-            Ok(Step {
-                observations: vec![vec![rng.random(), rng.random()]],
-                rewards: vec![0.0],
-                info: Vec::new(),
-                end: (self.left == 0).then_some(End::Truncated),
-            })
-        }
-        fn trace_channels(&self) -> Vec<Channel> {
-            Vec::new()
-        }
-        fn trace(&self) -> Vec<f64> {
-            Vec::new()
-        }
-        fn snapshot(&self) -> Value {
-            Value::Null
-        }
-        fn restore(&mut self, _: &Value) -> Result<(), Error> {
-            Ok(())
-        }
-    }
-
-    /// Does what the first number says.
-    struct First {
-        remembers: bool,
-    }
-
-    impl Agent for First {
-        fn act(&mut self, seen: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-            Ok(seen.iter().map(|it| vec![vec![it.seats[0][0]]]).collect())
-        }
-        fn remembers(&self) -> bool {
-            self.remembers
-        }
-    }
-
-    fn first(remembers: bool) -> Result<Box<dyn Agent>, Error> {
-        Ok(Box::new(First { remembers }))
-    }
-
-    fn registry() -> Registry {
-        let mut registry = Registry::default();
-        crate::protocol::register(&mut registry);
-        registry.environment("two", 1, "Two numbers.", |_: Nothing| {
-            let within = |name: &str| Channel::new(name, "").within(0.0, 1.0);
-            let seat = Seat {
-                name: String::new(),
-                observation: Space::Box(vec![within("first"), within("second")]),
-                action: Space::Box(vec![within("does")]),
-            };
-            Ok(Box::new(Two {
-                seats: vec![seat],
-                left: 0,
-            }))
-        });
-        let about = "Does what is said first.";
-        let traits = AgentTraits::default;
-        registry.agent("first", 1, about, traits(), |_: Nothing, _, _| first(false));
-        registry.agent("remembers", 1, about, traits(), |_: Nothing, _, _| first(true));
-        registry
-    }
-
     fn influences(agent: &str, seed: u64) -> Result<BTreeMap<String, f64>, Error> {
-        let config = json!({ "episodes": 40, "decisions": 150 });
-        let key = TrialKey {
-            environment: Part::new("two", 1, json!({})).into(),
-            agent: Seating::Agent(Part::new(agent, 1, json!({}))).into(),
-            protocol: Part::new("attribution", 1, config).into(),
-            seed,
-            numerics: 1,
-            device: "cpu".into(),
-        };
-        let record = key.run(&registry(), None, &mut |_, _| {}, &mut NoKeeper)?;
-        Ok(record
-            .rows()
-            .iter()
-            .map(|row| (record.names()[row.metric as usize].clone(), row.value))
-            .collect())
+        let config = json!({ "episodes": 40, "decisions": 100 });
+        let record = recorded(agent, "attribution", &config, seed)?;
+        let named = |row: &crate::recorder::Row| (record.names()[usize::from(row.metric)].clone(), row.value);
+        Ok(record.rows().iter().map(named).collect())
     }
 
     #[test]
     fn what_a_policy_reads_moves_it_and_nothing_else_does() {
-        let found = influences("first", 0).unwrap();
+        let found = influences("repeats", 0).unwrap();
         let names: Vec<&str> = found.keys().map(String::as_str).collect();
-        assert_eq!(names, ["influence_first", "influence_second", "whole_influence"]);
-        // Two numbers between 0 and 1 that know nothing of each other lie a third apart.
-        assert!((found["influence_first"] - 1.0 / 3.0).abs() < 0.06, "{found:?}");
-        assert_eq!(found["influence_second"], 0.0);
-        assert_eq!(found["whole_influence"], found["influence_first"]);
-        assert_eq!(influences("first", 0).unwrap(), found);
-        assert_ne!(influences("first", 1).unwrap(), found);
+        assert_eq!(
+            names,
+            ["influence_decision", "influence_number", "whole_influence"]
+        );
+        // Two numbers of a range that know nothing of each other lie a third of it apart.
+        assert!((found["influence_number"] - 1.0 / 3.0).abs() < 0.06, "{found:?}");
+        assert_eq!(found["influence_decision"], 0.0);
+        assert_eq!(found["whole_influence"], found["influence_number"]);
+        assert_eq!(influences("repeats", 0).unwrap(), found);
+        assert_ne!(influences("repeats", 1).unwrap(), found);
     }
 
     #[test]

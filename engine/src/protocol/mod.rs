@@ -8,6 +8,8 @@ mod attribution;
 mod estimator_tracking;
 mod evaluation;
 mod gather;
+#[cfg(test)]
+mod numbered;
 mod offline_fit;
 #[cfg(test)]
 mod offline_tests;

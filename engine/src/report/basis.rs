@@ -254,7 +254,7 @@ mod tests {
         let mut results = results(&[2]);
         let encounter = |seed| {
             let mut it: TrialResult = trial("play", "both", "", seed, &Vec::new());
-            it.trial.cell_mut().purpose = Purpose::Play(BTreeMap::new());
+            it.trial_mut().cell_mut().purpose = Purpose::Play(BTreeMap::new());
             it
         };
         results.trials.extend((0..4).map(encounter));

@@ -335,7 +335,7 @@ mod tests {
         }));
         rows.extend((0..8).map(|episode| (Phase::Final, steps, episode, EPISODE_LENGTH, 5.0)));
         let mut result = trial("tank", "learner", setting, seed, &rows);
-        result.trial.id = format!("{seed}-{setting}");
+        result.trial_mut().id = format!("{seed}-{setting}");
         result
     }
 
@@ -419,7 +419,7 @@ mod tests {
     #[test]
     fn what_was_computed_once_costs_once_and_settings_make_ranges() {
         let mut shared = learner(0, "rate=0.1", 20, 3.0);
-        shared.trial.cell_mut().setting = "rate=0.2".into();
+        shared.trial_mut().cell_mut().setting = "rate=0.2".into();
         let results = Results::of(vec![
             learner(0, "rate=0.1", 20, 3.0),
             shared,

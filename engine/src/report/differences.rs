@@ -341,13 +341,14 @@ mod tests {
 
     fn made(environment: &str, agent: &str, setting: &str, config: Value, steps: u64) -> TrialResult {
         let mut result = trial(environment, agent, setting, 0, &Vec::new());
-        result.trial.key.agent = Seating::Agent(Part::new(
+        result.trial_mut().key.agent = Seating::Agent(Part::new(
             if agent == "rule" { "split" } else { "sac" },
             1,
             config,
         ))
         .into();
-        result.trial.key.protocol = Part::new("train", 1, json!({"steps": steps, "episodes": 5})).into();
+        result.trial_mut().key.protocol =
+            Part::new("train", 1, json!({"steps": steps, "episodes": 5})).into();
         result
     }
 
@@ -476,7 +477,7 @@ mod tests {
             json!({"load": {"file": "/far/away/load.csv"}}),
             100,
         );
-        let Seating::Agent(agent) = Arc::make_mut(&mut one.trial.key.agent) else {
+        let Seating::Agent(agent) = Arc::make_mut(&mut one.trial_mut().key.agent) else {
             unreachable!("these trials have agents")
         };
         agent.files.insert("/load/file".into(), "0123456789abcdef".into());

@@ -7,7 +7,7 @@ use crate::{Error, store, world::fs};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
-    path::{Component, Path, PathBuf},
+    path::{Path, PathBuf},
 };
 
 const NAME: &str = "manifest.json";
@@ -131,9 +131,7 @@ impl Manifest {
 /// What a file inside the folder holds; `None` where the name leads out of it or to something else than a
 /// file.
 fn own_file(folder: &Path, name: &str) -> Option<Vec<u8>> {
-    let inside = Path::new(name)
-        .components()
-        .all(|part| matches!(part, Component::Normal(_)));
+    let inside = fs::is_inside(Path::new(name));
     let mut way = folder.to_owned();
     for part in Path::new(name).components().filter(|_| inside) {
         way.push(part);

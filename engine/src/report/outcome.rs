@@ -5,6 +5,7 @@ use crate::{
     trial::Trial,
 };
 use serde_json::{Map, Value, json};
+use std::sync::Arc;
 
 /// How the trials of one study ended.
 #[derive(Debug, Clone, PartialEq)]
@@ -12,7 +13,7 @@ pub struct Outcome {
     /// Name of the study.
     pub study: String,
     /// Its trials with their ends; `None` where a trial has not run.
-    pub trials: Vec<(Trial, Option<TrialEnd>)>,
+    pub trials: Vec<(Arc<Trial>, Option<TrialEnd>)>,
 }
 
 /// The word for a trial that has not run.
@@ -69,7 +70,7 @@ fn study_as_json(outcome: &Outcome) -> Value {
     json!({"study": outcome.study, "trials": outcome.trials.len(), "counts": counts, "not_ok": not_ok})
 }
 
-fn trial_as_json((trial, end): &(Trial, Option<TrialEnd>)) -> Value {
+fn trial_as_json((trial, end): &(Arc<Trial>, Option<TrialEnd>)) -> Value {
     json!({
         "id": trial.id, "environment": trial.cell.environment, "agent": trial.cell.agent, "setting": trial.cell.setting,
         "seed": trial.key.seed,
@@ -126,7 +127,7 @@ pub(super) mod tests {
                 "5 < 3 & \"so on\" \u{1b}[31m]]>\u{0}\u{fffe}".into()
             };
             (
-                trial,
+                Arc::new(trial),
                 state.map(|state| TrialEnd {
                     state,
                     reason,

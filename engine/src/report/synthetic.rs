@@ -53,8 +53,8 @@ pub(crate) fn trial(environment: &str, agent: &str, setting: &str, seed: u64, ro
     };
     let rows = rows.iter().map(row).collect();
     TrialResult {
-        trial,
-        end: Some(end(EndState::Ok, "")),
+        trial: trial.into(),
+        end: Some(end(EndState::Ok, "").into()),
         names,
         rows,
     }
@@ -74,7 +74,7 @@ fn point(words: &str) -> Setting {
 
 /// The same trial, ended otherwise.
 pub(crate) fn ended(mut trial: TrialResult, state: EndState, reason: &str) -> TrialResult {
-    trial.end = Some(end(state, reason));
+    trial.end = Some(end(state, reason).into());
     trial.rows.clear();
     trial
 }

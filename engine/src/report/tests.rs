@@ -16,7 +16,7 @@ use crate::{
     spec::{ClaimSpec, Summary},
     statistics::Design,
     table::{Axis, Comparison, Form, Improvement, Intervals, Margin, Published, TableSpec},
-    trial::Part,
+    trial::{Part, Trial},
 };
 use serde_json::{Value, json};
 use std::{
@@ -29,14 +29,14 @@ use std::{
 fn results() -> Results {
     let mut results = recorded();
     for result in &mut results.trials {
-        let key = &mut result.trial.key;
+        let Trial { cell, key, .. } = result.trial_mut();
         key.environment = Part::new(
             "battery",
             1,
-            json!({"cells": if result.trial.cell.environment == "four_cells" { 4 } else { 8 }}),
+            json!({"cells": if cell.environment == "four_cells" { 4 } else { 8 }}),
         )
         .into();
-        key.agent = Seating::Agent(agent(&result.trial.cell.agent)).into();
+        key.agent = Seating::Agent(agent(&cell.agent)).into();
         key.protocol = Part::new("train_evaluate", 1, json!({"steps": 60_000, "final_episodes": 4})).into();
         if result.is_ok() {
             record_lengths(result);
@@ -644,6 +644,6 @@ fn open_statements_ask_for_the_next_look() {
         )
     );
     results.trials[0] = ended(results.trials[1].clone(), EndState::Oom, "x");
-    results.trials[0].trial.cell_mut().agent = "equal".into();
+    results.trials[0].trial_mut().cell_mut().agent = "equal".into();
     assert_eq!(Contents::judged(&study, &results).open()[1].complete, 1);
 }

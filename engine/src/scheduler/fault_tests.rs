@@ -173,8 +173,7 @@ fn task(trial: &Trial) -> Task<'_> {
 
 fn workers() -> Workers {
     Workers {
-        hosts: Vec::new(),
-        patience: Duration::ZERO,
+        hosts: super::hosts::Hosts::default(),
         count: 1,
         stop: Arc::default(),
         fail_fast: false,

@@ -170,10 +170,8 @@ pub struct Task<'a> {
 pub struct Workers {
     /// Number of worker processes on this machine, where there are no hosts.
     pub count: usize,
-    /// The hosts that run trials in the place of this machine.
-    pub hosts: Vec<hosts::Host>,
-    /// How long a host that cannot be reached is looked after again.
-    pub patience: Duration,
+    /// The hosts that run trials in the place of this machine, where there are any.
+    pub hosts: hosts::Hosts,
     /// Set from outside to stop: no new trial starts and running ones save a checkpoint and leave.
     pub stop: Arc<AtomicBool>,
     /// Stop at the first trial that does not end `ok`.
@@ -252,16 +250,11 @@ pub fn run(
 /// The place of each slot: a host, or `None` for this machine. The hosts take turns, so that few trials spread over
 /// all of them.
 fn places(workers: &Workers) -> Vec<Option<&hosts::Host>> {
-    if workers.hosts.is_empty() {
+    let hosts = &workers.hosts.all;
+    if hosts.is_empty() {
         return vec![None; workers.count];
     }
-    let most = workers.hosts.iter().map(hosts::Host::workers).max().unwrap_or(0);
-    let round = |turn: usize| {
-        workers
-            .hosts
-            .iter()
-            .filter(move |host| host.workers() > turn)
-            .map(Some)
-    };
+    let most = hosts.iter().map(hosts::Host::workers).max().unwrap_or(0);
+    let round = |turn: usize| hosts.iter().filter(move |host| host.workers() > turn).map(Some);
     (0..most).flat_map(round).collect()
 }

@@ -252,7 +252,7 @@ impl<'a, R: Runner> Slot<'a, R> {
         let (since, times) = self.lost.unwrap_or((clock::now(), 0));
         self.lost = Some((since, times + 1));
         let wait = SHORTEST_WAIT * 2u32.pow(times.min(4));
-        let wait = (clock::since(since) + wait < self.all.workers.patience).then_some(wait);
+        let wait = (clock::since(since) + wait < self.all.workers.hosts.patience).then_some(wait);
         self.is_given_up = wait.is_none();
         self.tell(Event::Lost {
             slot: self.number,

@@ -12,7 +12,7 @@ fn read(text: &str) -> Result<Study, Vec<Diagnostic>> {
 }
 
 fn ids(study: &Study) -> Vec<String> {
-    study.plan().trials.into_iter().map(|trial| trial.id).collect()
+    study.plan().trials.iter().map(|trial| trial.id.clone()).collect()
 }
 
 /// Options in the first line of a file: `# regimen check --profile fast --set a.b=1`.
@@ -192,9 +192,9 @@ fn agents_that_do_not_learn_do_not_depend_on_the_training_budget() {
         study
             .plan()
             .trials
-            .into_iter()
+            .iter()
             .filter(|trial| trial.cell.agent == agent)
-            .map(|trial| trial.id)
+            .map(|trial| trial.id.clone())
             .collect::<Vec<_>>()
     };
     assert_eq!(of(&short, "right"), of(&long, "right"));
@@ -368,7 +368,7 @@ fn a_hundred_thousand_trials_are_planned() {
         let first = &of_cell[0];
         assert_eq!(of_cell.len(), 25_000);
         let shares =
-            |trial: &Trial| Arc::ptr_eq(&trial.cell, &first.cell) && trial.key.shares_parts(&first.key);
+            |trial: &Arc<Trial>| Arc::ptr_eq(&trial.cell, &first.cell) && trial.key.shares_parts(&first.key);
         assert!(
             of_cell.iter().all(shares),
             "what seeds have in common is there once"

@@ -18,9 +18,10 @@ use crate::{
 use rayon::prelude::*;
 use serde::Deserialize;
 use std::{
+    borrow::Borrow,
     collections::{BTreeMap, BTreeSet, HashSet},
     path::Path,
-    sync::{Mutex, PoisonError},
+    sync::{Arc, Mutex, PoisonError},
 };
 
 /// From this many trials in one group of folders on, the group is listed and nothing is opened in vain.
@@ -68,13 +69,17 @@ impl StoredTrial {
 impl Store {
     /// How each trial ended, as [`Store::end`] says.
     #[must_use]
-    pub fn ends(&self, trials: &[Trial]) -> Found<TrialEnd> {
+    pub fn ends(&self, trials: &[impl Borrow<Trial> + Sync]) -> Found<TrialEnd> {
         self.stored_of(trials, |it| it.end)
     }
 
     /// What `keep` keeps of each trial that is stored.
     #[must_use]
-    pub fn stored_of<T>(&self, trials: &[Trial], mut keep: impl FnMut(StoredTrial) -> T) -> Found<T> {
+    pub fn stored_of<T>(
+        &self,
+        trials: &[impl Borrow<Trial> + Sync],
+        mut keep: impl FnMut(StoredTrial) -> T,
+    ) -> Found<T> {
         let (mut all, mut unreadable) = (Vec::new(), Vec::new());
         all.resize_with(trials.len(), || None);
         self.each_stored(trials, |position, stored| match stored {
@@ -87,10 +92,17 @@ impl Store {
 
     /// Calls `take` with the place of each trial that is stored and what is stored of it; an error stands where its
     /// file is not what it should be. Trials come group by group, so that few are held at once.
-    fn each_stored(&self, trials: &[Trial], mut take: impl FnMut(usize, Result<StoredTrial, Error>)) {
+    fn each_stored(
+        &self,
+        trials: &[impl Borrow<Trial> + Sync],
+        mut take: impl FnMut(usize, Result<StoredTrial, Error>),
+    ) {
         let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         for (position, trial) in trials.iter().enumerate() {
-            groups.entry(digits(&trial.id)).or_default().push(position);
+            groups
+                .entry(digits(&trial.borrow().id))
+                .or_default()
+                .push(position);
         }
         let groups: Vec<_> = groups.into_iter().collect();
         let in_group =
@@ -109,13 +121,13 @@ impl Store {
     /// Each trial with all it recorded, in the order of `trials`. Those that [`Store::load`] refuses are as if they had
     /// not run; they are given by their places, with why.
     #[must_use]
-    pub fn load_all(&self, trials: &[&Trial]) -> (Vec<TrialResult>, Vec<(usize, Error)>) {
+    pub fn load_all(&self, trials: &[&Arc<Trial>]) -> (Vec<TrialResult>, Vec<(usize, Error)>) {
         let (mut all, unreadable) = (Vec::new(), Mutex::new(Vec::new()));
-        let load = |(position, trial): (usize, &&Trial)| {
+        let load = |(position, trial): (usize, &&Arc<Trial>)| {
             self.load(trial).unwrap_or_else(|error| {
                 let mut unreadable = unreadable.lock().unwrap_or_else(PoisonError::into_inner);
                 unreadable.push((position, error));
-                TrialResult::missing(Trial::clone(trial))
+                TrialResult::missing(Arc::clone(trial))
             })
         };
         trials.par_iter().enumerate().map(load).collect_into_vec(&mut all);
@@ -128,7 +140,7 @@ impl Store {
         &self,
         group: &str,
         positions: &[usize],
-        trials: &[Trial],
+        trials: &[impl Borrow<Trial>],
     ) -> Vec<(usize, Result<Option<StoredTrial>, Error>)> {
         let folder = self.root.join("trials").join(group);
         let listed: Option<HashSet<String>> =
@@ -138,7 +150,7 @@ impl Store {
         let mut open = packs.as_ref().ok().and_then(|packs| readers(packs).ok());
         let mut found = Vec::new();
         for &position in positions {
-            let id = &trials[position].id;
+            let id = &trials[position].borrow().id;
             let stored = match (&listed, &mut open) {
                 (Some(listed), Some(packs)) if !listed.contains(id) => {
                     acknowledged_in(packs, id).map(|found| found.map(|(_, trial)| trial))

@@ -49,7 +49,7 @@ pub fn write_results(path: &Path, results: &Results) -> Result<(), Error> {
                     result
                         .curve(phase, metric)
                         .into_iter()
-                        .map(|(step, value)| (&result.trial, phase, step, metric, value)),
+                        .map(|(step, value)| (&*result.trial, phase, step, metric, value)),
                 );
             }
         }

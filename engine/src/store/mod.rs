@@ -267,10 +267,10 @@ impl Store {
     ///
     /// # Errors
     /// [`Error::Damaged`] where a file is not what was acknowledged.
-    pub fn load(&self, trial: &Trial) -> Result<TrialResult, Error> {
-        let end = self.end(&trial.id)?;
+    pub fn load(&self, trial: &Arc<Trial>) -> Result<TrialResult, Error> {
+        let end = self.end(&trial.id)?.map(Box::new);
         let mut result = TrialResult {
-            trial: trial.clone(),
+            trial: Arc::clone(trial),
             end,
             names: Vec::new(),
             rows: Vec::new(),
@@ -286,7 +286,7 @@ impl Store {
     /// Adds to a trial of a search that has not ended what its log has. A log that cannot be read is as none: the trial
     /// then begins anew.
     pub(crate) fn read_log(&self, result: &mut TrialResult) {
-        if is_missing(result.end.as_ref()) && matches!(result.trial.cell.purpose, Purpose::Tried(_)) {
+        if is_missing(result.end.as_deref()) && matches!(result.trial.cell.purpose, Purpose::Tried(_)) {
             let path = self.folder(&result.trial.id).join("running").join("metrics.log");
             if let Ok(log) = metric_log::read(&path) {
                 (result.names, result.rows) = (log.table.names, log.table.rows);
@@ -454,7 +454,7 @@ mod tests {
                 .ended_at
                 .is_some_and(|date| date.ends_with('Z'))
         );
-        let loaded = store.load(&trial(1)).unwrap();
+        let loaded = store.load(&trial(1).into()).unwrap();
         assert_eq!(loaded.rows, record().rows());
         assert_eq!(loaded.names, record().names());
     }
@@ -469,7 +469,7 @@ mod tests {
         let middle = bytes.len() / 2;
         bytes[middle] ^= 1;
         fs::write(&path, bytes).unwrap();
-        assert!(matches!(store.load(&trial(1)), Err(Error::Damaged { .. })));
+        assert!(matches!(store.load(&trial(1).into()), Err(Error::Damaged { .. })));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use super::{Merge, Store, inside::read_in, is_missing, merge::acknowledged_files, seal::hash};
 use crate::{Error, world::fs};
-use std::path::{Component, Path};
+use std::path::Path;
 
 /// Files of an ended trial by their names inside its folder, the acknowledgement last.
 pub(crate) type Parcel = Vec<(String, Vec<u8>)>;
@@ -49,7 +49,7 @@ impl Store {
         let folder = arrived.folder(id);
         for (name, bytes) in parcel {
             let path = folder.join(name);
-            if !is_inside(Path::new(name)) {
+            if !fs::is_inside(Path::new(name)) {
                 return Err(damaged(&path, "a file of a trial lies in the trial's folder"));
             }
             let parent = path.parent().unwrap_or(&folder);
@@ -62,14 +62,66 @@ impl Store {
     }
 }
 
-/// True for a name that leads to no place outside.
-fn is_inside(name: &Path) -> bool {
-    name.components().all(|part| matches!(part, Component::Normal(_)))
-}
-
 fn damaged(path: &Path, problem: &str) -> Error {
     Error::Damaged {
         path: path.to_owned(),
         problem: problem.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Phase, Recorder, results::EndState, store::specimen::trial};
+
+    /// A store with a trial that has ended, and what it left.
+    fn left(store: &Store) -> (String, Parcel) {
+        let trial = trial(4, 0);
+        let mut record = Recorder::default();
+        record.add(Phase::Final, 10, 0, 0, "return", 3.5);
+        store.finish(&trial, &record, 1.0).unwrap();
+        let parcel = store.parcel(&trial.id).unwrap().unwrap();
+        (trial.id, parcel)
+    }
+
+    fn stores() -> (tempfile::TempDir, Store, Store) {
+        let dir = tempfile::tempdir().unwrap();
+        let [here, there] = ["here", "there"].map(|name| Store::at(dir.path().join(name)));
+        (dir, here, there)
+    }
+
+    #[test]
+    fn a_trial_arrives_with_the_bytes_that_it_had() {
+        let (_dir, here, there) = stores();
+        let (id, parcel) = left(&there);
+        let names: Vec<&str> = parcel.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["metrics.parquet", "trial.json"]);
+        assert!(here.parcel(&id).unwrap().is_none());
+        here.take_in(&id, &parcel).unwrap();
+        assert_eq!(here.end(&id).unwrap().unwrap().state, EndState::Ok);
+        assert_eq!(here.parcel(&id).unwrap().unwrap(), parcel);
+    }
+
+    #[test]
+    fn what_is_not_as_it_was_acknowledged_is_not_taken_in() {
+        let (_dir, here, there) = stores();
+        let (id, parcel) = left(&there);
+        let changed = |change: fn(&mut Parcel)| {
+            let mut parcel = parcel.clone();
+            change(&mut parcel);
+            here.take_in(&id, &parcel).unwrap_err()
+        };
+        let wrong = [
+            changed(|parcel| parcel[0].1[0] ^= 1),
+            changed(|parcel| drop(parcel.remove(0))),
+            changed(|parcel| drop(parcel.pop())),
+            changed(|parcel| parcel[0].0 = "../metrics.parquet".into()),
+        ];
+        for error in wrong {
+            assert!(matches!(error, Error::Damaged { .. }), "{error}");
+        }
+        // Of another trial, under this one's name.
+        assert!(here.take_in("00000000000000000000000000000000", &parcel).is_err());
+        assert!(here.end(&id).unwrap().is_none());
     }
 }

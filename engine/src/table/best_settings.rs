@@ -6,7 +6,6 @@ use crate::{
     diagnostic::suggest,
     results::{Results, SearchResult, TriedSetting},
     spec::names::{Names, Place},
-    statistics::MeanEstimate,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -30,9 +29,6 @@ pub struct BestSettings {
     #[serde(default)]
     pub labels: BTreeMap<String, String>,
 }
-
-/// Level of the intervals.
-const LEVEL: f64 = 0.95;
 
 fn five() -> usize {
     5
@@ -118,16 +114,10 @@ impl BestSettings {
 }
 
 fn cell(tried: &TriedSetting, it: &SearchResult, results: &Results) -> Cell {
-    let values: Vec<f64> = tried.values.values().copied().collect();
-    let estimate = (!values.is_empty()).then(|| MeanEstimate::of(&values));
-    Cell {
-        seeds: tried.values.iter().map(|(seed, value)| (*seed, *value)).collect(),
+    let cell = Cell {
         planned: it.search.seeds.len(),
         failed: tried.failed,
-        estimate: estimate.as_ref().map(|it| it.value),
-        interval: estimate
-            .and_then(|it| it.interval(LEVEL))
-            .map(|interval| (interval.low, interval.high)),
         ..Cell::resting_on(&[], results)
-    }
+    };
+    cell.with_mean(tried.values.clone())
 }

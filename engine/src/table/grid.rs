@@ -3,9 +3,13 @@
 use super::{Cause, Direction, Form, LatexLayout, Margin, Missing, NumberFormat, Statistic};
 use crate::{
     results::{CellName, Results, TrialResult},
-    statistics::{Judgement, Seeds, Verdict},
+    statistics::{Judgement, MeanEstimate, Seeds, Verdict},
 };
-use std::{borrow::Cow, collections::BTreeSet, fmt};
+use std::{
+    borrow::Cow,
+    collections::{BTreeMap, BTreeSet},
+    fmt,
+};
 
 /// A table as data: what the renderers read.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -333,6 +337,21 @@ impl Cell {
             looks: results.seeds_of(trials),
             rests_on: trials.iter().map(|trial| trial.cell()).collect(),
             ..Self::default()
+        }
+    }
+
+    /// The same with the mean of these values of seeds and its 95 % interval; without a value where there are none.
+    #[must_use]
+    pub fn with_mean(self, seeds: BTreeMap<u64, f64>) -> Self {
+        let values: Vec<f64> = seeds.values().copied().collect();
+        let estimate = (!values.is_empty()).then(|| MeanEstimate::of(&values));
+        Self {
+            seeds: seeds.into_iter().collect(),
+            estimate: estimate.as_ref().map(|it| it.value),
+            interval: estimate
+                .and_then(|it| it.interval(0.95))
+                .map(|interval| (interval.low, interval.high)),
+            ..self
         }
     }
 

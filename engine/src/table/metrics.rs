@@ -4,8 +4,8 @@ use super::{Axis, Cell, Grid, Heading, NumberFormat, Quantity, Scope, Table, pro
 use crate::{
     Error,
     results::Results,
-    spec::names::{Names, Place},
-    statistics::{MeanEstimate, rank_correlation},
+    spec::names::{Names, Picked, Place},
+    statistics::rank_correlation,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,8 +13,6 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The row with rank correlations.
 const RANKS: &str = "rank_correlation";
-/// Level of the intervals.
-const LEVEL: f64 = 0.95;
 
 /// Several metrics of agents in one environment.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -50,45 +48,13 @@ impl Table for Metrics {
         _: Option<&Place<'_>>,
     ) -> (Vec<String>, Vec<String>) {
         let picked = names.pick(at);
-        for value in &self.values {
-            names.metric(value, at, "values", &picked);
-        }
-        let recorded = names.recorded(&picked);
-        let further = names.world.metrics.iter().map(|metric| metric.name.clone());
-        let begins = |name: &String| !self.starting_with.is_empty() && name.starts_with(&self.starting_with);
-        let further: Vec<String> = further
-            .filter(|name| begins(name) && recorded.contains(name))
-            .collect();
-        if further.is_empty() && !self.starting_with.is_empty() && !recorded.is_empty() {
-            let message = format!(
-                "no trial records a metric that begins with `{}`",
-                self.starting_with
-            );
-            names.say(at.value("starting_with"), message, "");
-        }
-        if self.values.is_empty() && self.starting_with.is_empty() {
-            let message = "it names no metric";
-            names.say(
-                (at.key, at.at.clone()),
-                message,
-                "write `values` or `starting_with`",
-            );
-        }
-        if picked.environments.len() > 1 {
-            let message = "several environments cannot stand in one table of metrics";
-            names.say((at.key, at.at.clone()), message, "write `environment`");
-        }
         let agents: Vec<String> = picked
             .agents
             .iter()
             .map(|index| names.world.agents[*index].clone())
             .collect();
-        if !self.ranked_against.is_empty() && !agents.contains(&self.ranked_against) {
-            let help = crate::diagnostic::suggest(&self.ranked_against, agents.iter().map(String::as_str));
-            let message = format!("`{}` is none of the agents of the table", self.ranked_against);
-            names.say(at.value("ranked_against"), message, help);
-        }
-        let mut rows = [self.values.clone(), further].concat();
+        let mut rows = [self.values.clone(), self.further(names, at, &picked)].concat();
+        self.refuse(names, at, &picked, &agents);
         if !self.ranked_against.is_empty() {
             rows.push(RANKS.to_owned());
         }
@@ -107,34 +73,36 @@ impl Table for Metrics {
         if metrics.is_empty() {
             return Err(problem("nothing of these metrics is recorded"));
         }
+        let of = |agent: &str| all.at(Axis::Agent, agent);
+        let row = |values: &dyn Fn(&str) -> BTreeMap<u64, f64>| -> Vec<Cell> {
+            let cells = agents
+                .iter()
+                .map(|agent| cell(&of(agent), values(agent), results));
+            cells.collect()
+        };
         let mut rows = metrics.clone();
         let mut cells: Vec<Vec<Cell>> = metrics
             .iter()
-            .map(|metric| {
-                self.row(&agents, &all, results, |agent| {
-                    all.at(Axis::Agent, agent).finals(metric)
-                })
-            })
+            .map(|metric| row(&|agent| of(agent).finals(metric)))
             .collect();
         if !self.ranked_against.is_empty() {
+            let (compared, against) = (self.compared(&metrics), of(&self.ranked_against));
             rows.push(RANKS.to_owned());
-            let against = all.at(Axis::Agent, &self.ranked_against);
-            let further = &metrics[self.values.len()..];
-            let compared = if further.is_empty() { &metrics[..] } else { further };
-            let of = |agent: &str| ranked(compared, &all.at(Axis::Agent, agent), &against);
-            cells.push(self.row(&agents, &all, results, |agent| {
-                if agent == self.ranked_against {
-                    BTreeMap::new()
-                } else {
-                    of(agent)
-                }
-            }));
+            let others =
+                |agent: &str| (agent != self.ranked_against).then(|| ranked(compared, &of(agent), &against));
+            cells.push(row(&|agent| others(agent).unwrap_or_default()));
         }
         Ok(Grid {
             quantity: Quantity::plain(self.quantity()),
             row_axis: "metric".into(),
             rows: rows.iter().map(|name| self.heading(name)).collect(),
-            columns: agents.iter().map(|name| self.heading(name)).collect(),
+            columns: agents
+                .iter()
+                .map(|name| Heading {
+                    label: self.label(name).to_owned(),
+                    name: name.clone(),
+                })
+                .collect(),
             cells,
             format: NumberFormat::Fixed(self.decimals.unwrap_or(2)),
             notes: self.notes(),
@@ -144,14 +112,58 @@ impl Table for Metrics {
 }
 
 impl Metrics {
+    /// Checks the metrics that are named, and gives back those that begin as is asked for.
+    fn further(&self, names: &mut Names<'_>, at: &Place<'_>, picked: &Picked) -> Vec<String> {
+        for value in &self.values {
+            names.metric(value, at, "values", picked);
+        }
+        let recorded = names.recorded(picked);
+        let known = names.world.metrics.iter().map(|metric| metric.name.clone());
+        let further: Vec<String> = known
+            .filter(|name| self.begins(name) && recorded.contains(name))
+            .collect();
+        if further.is_empty() && !self.starting_with.is_empty() && !recorded.is_empty() {
+            let begin = &self.starting_with;
+            let message = format!("no trial records a metric that begins with `{begin}`");
+            names.say(at.value("starting_with"), message, "");
+        }
+        further
+    }
+
+    /// What makes no table of metrics.
+    fn refuse(&self, names: &mut Names<'_>, at: &Place<'_>, picked: &Picked, agents: &[String]) {
+        let place = || (at.key, at.at.clone());
+        if self.values.is_empty() && self.starting_with.is_empty() {
+            let help = "write `values` or `starting_with`";
+            names.say(place(), "it names no metric", help);
+        }
+        if picked.environments.len() > 1 {
+            let message = "several environments cannot stand in one table of metrics";
+            names.say(place(), message, "write `environment`");
+        }
+        if names.world.settings.len() > 1 {
+            let message = "several settings of an agent cannot stand in one table of metrics";
+            let help = "leave the sweep out, or compare one metric with `comparison`";
+            names.say(place(), message, help);
+        }
+        if !self.ranked_against.is_empty() && !agents.contains(&self.ranked_against) {
+            let help = crate::diagnostic::suggest(&self.ranked_against, agents.iter().map(String::as_str));
+            let message = format!("`{}` is none of the agents of the table", self.ranked_against);
+            names.say(at.value("ranked_against"), message, help);
+        }
+    }
+
+    fn begins(&self, name: &str) -> bool {
+        !self.starting_with.is_empty() && name.starts_with(&self.starting_with)
+    }
+
     /// Names of the rows, as trials recorded them.
     fn metrics(&self, all: &Scope<'_>) -> Vec<String> {
         let mut metrics = self.values.clone();
-        let begins = |name: &&String| !self.starting_with.is_empty() && name.starts_with(&self.starting_with);
         for name in all
             .trials
             .iter()
-            .flat_map(|trial| trial.names.iter().filter(begins))
+            .flat_map(|trial| trial.names.iter().filter(|name| self.begins(name)))
         {
             if !metrics.contains(name) {
                 metrics.push(name.clone());
@@ -160,33 +172,10 @@ impl Metrics {
         metrics
     }
 
-    fn row(
-        &self,
-        agents: &[String],
-        all: &Scope<'_>,
-        results: &Results,
-        values: impl Fn(&str) -> BTreeMap<u64, f64>,
-    ) -> Vec<Cell> {
-        let cell = |agent: &String| {
-            let behind = all.at(Axis::Agent, agent);
-            let of_seeds = values(agent);
-            let numbers: Vec<f64> = of_seeds.values().copied().collect();
-            let estimate = (!numbers.is_empty()).then(|| MeanEstimate::of(&numbers));
-            // A ranking against itself, or of metrics that are all equal, is none.
-            let is_none = of_seeds.is_empty() && behind.trials.iter().any(|trial| trial.is_ok());
-            Cell {
-                seeds: of_seeds.into_iter().collect(),
-                planned: if is_none { 0 } else { behind.planned() },
-                failed: behind.failed(),
-                estimate: estimate.as_ref().map(|it| it.value),
-                interval: estimate
-                    .and_then(|it| it.interval(LEVEL))
-                    .map(|interval| (interval.low, interval.high)),
-                missing: behind.absences(),
-                ..Cell::resting_on(&behind.trials, results)
-            }
-        };
-        agents.iter().map(cell).collect()
+    /// The rows whose ranks are compared.
+    fn compared<'a>(&self, metrics: &'a [String]) -> &'a [String] {
+        let further = &metrics[self.values.len()..];
+        if further.is_empty() { metrics } else { further }
     }
 
     fn quantity(&self) -> String {
@@ -233,6 +222,18 @@ impl Metrics {
             self.label(&self.ranked_against)
         )]
     }
+}
+
+/// The mean over seeds. A ranking against itself, or of metrics that are all equal, is none.
+fn cell(behind: &Scope<'_>, seeds: BTreeMap<u64, f64>, results: &Results) -> Cell {
+    let is_none = seeds.is_empty() && behind.trials.iter().any(|trial| trial.is_ok());
+    let cell = Cell {
+        planned: if is_none { 0 } else { behind.planned() },
+        failed: behind.failed(),
+        missing: behind.absences(),
+        ..Cell::resting_on(&behind.trials, results)
+    };
+    cell.with_mean(seeds)
 }
 
 /// How an agent ranks the metrics as another one does, by seed.

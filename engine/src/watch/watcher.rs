@@ -9,7 +9,7 @@ use crate::{
     trial::Trial,
     world::fs,
 };
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
 /// A study to be watched.
 #[derive(Debug, Clone)]
@@ -17,7 +17,7 @@ pub struct Watched<'a> {
     /// Its name.
     pub name: &'a str,
     /// Its trials.
-    pub trials: &'a [Trial],
+    pub trials: &'a [Arc<Trial>],
     /// Steps of each.
     pub costs: &'a [u64],
 }
@@ -118,7 +118,7 @@ impl Watcher {
 
     fn trial<'a>(
         &mut self,
-        trial: &'a Trial,
+        trial: &'a Arc<Trial>,
         cost: u64,
         end: Option<TrialEnd>,
         somebody: bool,
@@ -151,7 +151,7 @@ impl Watcher {
     }
 
     /// Curves of a trial that ended well.
-    fn measured(&mut self, trial: &Trial, notes: &mut Vec<String>) -> Curves {
+    fn measured(&mut self, trial: &Arc<Trial>, notes: &mut Vec<String>) -> Curves {
         if let Some(curves) = self.ended.get(&trial.id) {
             return curves.clone();
         }
@@ -333,11 +333,14 @@ mod tests {
         record
     }
 
-    fn trials() -> Vec<Trial> {
+    fn trials() -> Vec<Arc<Trial>> {
         let made = (0..3).map(|seed| made("cells", "dsac", "", seed, &Vec::new()).trial);
-        let with_id = |trial: Trial| Trial {
-            id: trial.key.id(),
-            ..trial
+        let with_id = |trial: Arc<Trial>| {
+            let id = trial.key.id();
+            Arc::new(Trial {
+                id,
+                ..Trial::clone(&trial)
+            })
         };
         made.map(with_id).collect()
     }

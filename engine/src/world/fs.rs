@@ -16,7 +16,12 @@ pub use std::fs::{
     write,
 };
 
-use std::path::Path;
+use std::path::{Component, Path};
+
+/// True for a name that leads to no place outside the folder from which it is seen, where no link stands in it.
+pub fn is_inside(name: &Path) -> bool {
+    name.components().all(|part| matches!(part, Component::Normal(_)))
+}
 
 /// True where something is there; a link is followed.
 pub fn exists(path: &Path) -> bool {

@@ -217,7 +217,7 @@ fn an_agent_has_its_colour_in_figures_of_suites() {
 #[test]
 fn settings_are_not_pooled() {
     let mut results = study();
-    results.trials[0].trial.cell_mut().setting = "dsac.learning_rate=1".into();
+    results.trials[0].trial_mut().cell_mut().setting = "dsac.learning_rate=1".into();
     let spec = spec("sample_efficiency", json!({}));
     let context = Context {
         results: &results,

@@ -155,7 +155,7 @@ impl Ledger {
         let ended = self.lock().ended.clone();
         for (id, end) in ended {
             let trial = trials.iter().find(|trial| trial.id == id).unwrap();
-            let result = quietly(|| store.load(trial));
+            let result = quietly(|| store.load(&Arc::new(trial.clone())));
             let found = result
                 .unwrap_or_else(|error| panic!("{id} had ended: {error}"))
                 .end;

@@ -48,11 +48,20 @@ pub struct Host {
     program: String,
 }
 
+/// The hosts on which a run works; none where it works on this machine.
+#[derive(Debug, Clone, Default)]
+pub struct Hosts {
+    /// They can be worked with.
+    pub all: Vec<Host>,
+    /// How long one that cannot be reached is looked after again.
+    pub patience: Duration,
+}
+
 /// The hosts that were found, and those that were not.
 #[derive(Debug, Clone, Default)]
 pub struct Found {
     /// They can be worked with.
-    pub hosts: Vec<Host>,
+    pub hosts: Hosts,
     /// Names of the others with the reason.
     pub left_out: Vec<(String, String)>,
 }
@@ -116,6 +125,7 @@ impl Found {
             lease_expiry,
         };
         let mut found = Self::default();
+        found.hosts.patience = access.patience;
         let answers: Vec<Result<Host, String>> = std::thread::scope(|scope| {
             let asked = &asked;
             let ask = |host: &'_ String| {
@@ -130,7 +140,7 @@ impl Found {
         });
         for (name, answer) in access.hosts.iter().zip(answers) {
             match answer {
-                Ok(host) => found.hosts.push(host),
+                Ok(host) => found.hosts.all.push(host),
                 Err(problem) => found.left_out.push((name.clone(), problem)),
             }
         }
@@ -283,6 +293,7 @@ mod tests {
         let found = reach();
         let names: Vec<_> = found
             .hosts
+            .all
             .iter()
             .map(|host| (host.name(), host.workers()))
             .collect();
@@ -311,7 +322,7 @@ mod tests {
         let other = "echo 'Darwin arm64'; echo 8; echo absent";
         let access = access(dir.path(), other);
         let found = Found::reach(&access, Path::new("store"), "regimen 1", Duration::from_secs(30)).unwrap();
-        assert!(found.hosts.is_empty());
+        assert!(found.hosts.all.is_empty());
         assert!(found.left_out[0].1.contains("`program`"), "{found:?}");
     }
 }

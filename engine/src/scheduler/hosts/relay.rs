@@ -19,7 +19,7 @@ use crate::{
 };
 use std::{
     io::{BufRead, Write},
-    path::{Component, Path, PathBuf},
+    path::{Path, PathBuf},
     sync::{Arc, mpsc},
     time::Duration,
 };
@@ -27,7 +27,7 @@ use std::{
 /// Time between two looks at the process that runs a trial.
 const PERIOD: Duration = Duration::from_millis(20);
 
-/// What is done with the far side's store.
+/// The far side: answers one connection, with a store of its own and one process that runs trials.
 pub struct Relay {
     store: Store,
     leases: Arc<Leases>,
@@ -118,7 +118,10 @@ impl Relay {
             Heard::Run(order) => return self.run(*order, runner, output),
             Heard::Trial(trial, files) => self.take_in(&trial, &files),
             Heard::File(file, bytes) => keep(&file, &bytes),
-            Heard::Arrived(trial) => self.remove(&trial),
+            Heard::Arrived(trial) => match self.remove(&trial) {
+                Ok(()) => return say(output, &FromHost::Removed).map_err(broken),
+                refused => refused,
+            },
         };
         match done {
             Ok(()) => Ok(()),
@@ -250,10 +253,7 @@ fn listen(mut input: impl BufRead, process: &Shared, sender: &mpsc::Sender<Heard
 /// Writes a file of the study where the study names it, seen from the current folder.
 fn keep(file: &StudyFile, bytes: &[u8]) -> Result<(), Error> {
     let path = Path::new(&file.path);
-    if !path
-        .components()
-        .all(|part| matches!(part, Component::Normal(_) | Component::CurDir))
-    {
+    if !fs::is_inside(path) {
         return Err(broken(format!("`{}` leads out of the folder", file.path)));
     }
     if store::digest(bytes) != file.digest {

@@ -79,14 +79,28 @@ impl<'a> Remote<'a> {
         // The limits are held on the host; here only the connection would be measured.
         self.process.begin(&line(&order)?, &Arc::default());
         let answer = self.listen(&id, &mut replies, progress)?;
-        if !self.process.end() {
+        let serves = self.process.end();
+        if matches!(answer, Answer::Said(Reply::Ended { .. })) {
+            // The trial is here, whatever becomes of the connection now.
+            match serves.then(|| self.clear_away(id, &mut replies)) {
+                Some(Ok(())) => self.replies = Some(replies),
+                _ => drop(self.process.bury()),
+            }
+        } else if serves {
+            self.replies = Some(replies);
+        } else {
             return Err(Trouble::There("the connection broke".into()));
         }
-        if matches!(answer, Answer::Said(Reply::Ended { .. })) {
-            self.send(&ToHost::Arrived(id))?;
-        }
-        self.replies = Some(replies);
         Ok(answer)
+    }
+
+    /// Waits until the host has removed what has arrived: a connection that ends before leaves it there.
+    fn clear_away(&self, id: String, replies: &mut BufReader<ChildStdout>) -> Result<(), Trouble> {
+        self.send(&ToHost::Arrived(id))?;
+        match hear(replies)? {
+            Some(FromHost::Removed) => Ok(()),
+            other => Err(unexpected(other)),
+        }
     }
 
     fn connect(&self) -> Result<BufReader<ChildStdout>, Trouble> {

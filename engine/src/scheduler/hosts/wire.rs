@@ -54,6 +54,8 @@ pub(super) enum FromHost {
     Held(String),
     /// A trial that has ended follows.
     Trial(Manifest),
+    /// What has arrived at the other side is not there any more.
+    Removed,
     /// What was asked cannot be done there.
     Refused(String),
 }

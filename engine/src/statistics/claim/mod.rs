@@ -332,7 +332,7 @@ mod tests {
             value,
         };
         TrialResult {
-            trial,
+            trial: trial.into(),
             end: None,
             names: vec!["return".into()],
             rows: rows.iter().map(row).collect(),

@@ -57,7 +57,7 @@ impl Bench {
 
     /// The value that a trial recorded, by a store that was opened anew.
     fn value(&self, seed: u64) -> Option<f64> {
-        let result = Store::at(&self.store.root).load(&trial(seed)).unwrap();
+        let result = Store::at(&self.store.root).load(&trial(seed).into()).unwrap();
         result.rows.first().map(|row| row.value)
     }
 
@@ -102,7 +102,7 @@ fn a_store_that_was_open_sees_what_another_process_packed() {
     assert!(other.end(&trial(0).id).unwrap().is_some());
     bench.finish(3);
     assert_eq!(bench.pack().packed, 1);
-    assert_eq!(other.load(&trial(3)).unwrap().rows.len(), 1);
+    assert_eq!(other.load(&trial(3).into()).unwrap().rows.len(), 1);
 }
 
 #[test]

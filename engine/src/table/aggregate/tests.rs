@@ -151,7 +151,7 @@ fn another_suite_is_no_aggregate() {
     {
         match it.trial.cell.agent.as_str() {
             "able" => *it = ended(it.clone(), EndState::Failed, "it failed"),
-            "middling" => it.trial.cell_mut().agent = "strong".into(),
+            "middling" => it.trial_mut().cell_mut().agent = "strong".into(),
             _ => {}
         }
     }
@@ -203,7 +203,7 @@ fn what_cannot_be_scaled_or_pooled_is_said() {
         "table: an aggregate needs trials in at least two environments"
     );
     let mut swept = results();
-    swept.trials[0].trial.cell_mut().setting = "rate=1".into();
+    swept.trials[0].trial_mut().cell_mut().setting = "rate=1".into();
     assert!(
         message(
             &Aggregate {
