@@ -118,10 +118,7 @@ fn fill(study: &Path, root: &Path, packed: Option<&Path>) -> usize {
     let study = spec::load(study, &registry, &spec::Options::default()).unwrap();
     let (store, plan) = (Store::at(root), study.plan());
     match packed {
-        None => plan
-            .trials
-            .iter()
-            .for_each(|trial| acknowledge(&store, trial)),
+        None => plan.trials.iter().for_each(|trial| acknowledge(&store, trial)),
         Some(folder) => {
             for some in plan.trials.chunks(PACKED_AT_ONCE) {
                 for trial in some {

@@ -162,8 +162,8 @@ pub struct TrialResult {
     pub trial: Arc<Trial>,
     /// How it ended; `None` where it has not run.
     pub end: Option<Box<TrialEnd>>,
-    /// Metric names that `rows` point into.
-    pub names: Vec<String>,
+    /// Metric names that `rows` point into; trials with the same ones share them.
+    pub names: Arc<Vec<String>>,
     /// What it recorded; empty unless it ended `ok`.
     pub rows: Vec<Row>,
 }
@@ -181,7 +181,7 @@ impl TrialResult {
         Self {
             trial,
             end: None,
-            names: Vec::new(),
+            names: Arc::default(),
             rows: Vec::new(),
         }
     }
@@ -256,7 +256,7 @@ impl TrialResult {
 
     /// Adds a number of the whole trial at the step of one of its rows.
     fn add(&mut self, name: &str, value: f64, beside: Row) {
-        let metric = crate::recorder::intern(&mut self.names, name);
+        let metric = crate::recorder::intern(Arc::make_mut(&mut self.names), name);
         self.rows.push(Row {
             episode: 0,
             seat: 0,
@@ -599,7 +599,7 @@ mod tests {
         assert_eq!(rule.mean(Phase::Final, TIME_PER_UPDATE), None);
         assert_eq!(rule.mean(Phase::Final, TIME_PER_DECISION), Some(0.25));
         let mut failed = ended(rule, EndState::Failed, "told");
-        (failed.names, failed.rows) = (Vec::new(), Vec::new());
+        (failed.names, failed.rows) = (Arc::default(), Vec::new());
         failed.add_times();
         assert!(failed.rows.is_empty());
     }

@@ -162,6 +162,37 @@ pub fn trial_id(parts: [&str; 3], seed: u64, numerics: u32, device: &str) -> Str
     hash_text(text.as_bytes())
 }
 
+/// Kind of device; the trials of a plan share the word.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
+pub struct Device(Arc<String>);
+
+impl From<&str> for Device {
+    fn from(kind: &str) -> Self {
+        Self::from(kind.to_owned())
+    }
+}
+
+impl From<String> for Device {
+    fn from(kind: String) -> Self {
+        Self(Arc::new(kind))
+    }
+}
+
+impl From<Device> for String {
+    fn from(kind: Device) -> Self {
+        kind.to_string()
+    }
+}
+
+impl std::ops::Deref for Device {
+    type Target = str;
+
+    fn deref(&self) -> &str {
+        &self.0
+    }
+}
+
 /// Everything that determines the numbers of one trial, and nothing else. Trials of a plan that differ in their
 /// seed alone share the rest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -180,7 +211,7 @@ pub struct TrialKey {
     /// Version of the shared numerical code.
     pub numerics: u32,
     /// Kind of device, `cpu`.
-    pub device: Cow<'static, str>,
+    pub device: Device,
 }
 
 impl TrialKey {

@@ -109,7 +109,7 @@ fn event_file(result: &TrialResult, ended: u64) -> Vec<u8> {
 fn scalars(result: &TrialResult) -> BTreeMap<u64, Vec<Scalar>> {
     let mut scalars: BTreeMap<u64, Vec<Scalar>> = BTreeMap::new();
     for phase in PHASES {
-        for metric in &result.names {
+        for metric in result.names.iter() {
             for (step, value) in result.curve(phase, metric) {
                 scalars.entry(step).or_default().push(Scalar {
                     tag: format!("{}/{metric}", phase.name()),

@@ -256,7 +256,7 @@ impl Found {
                 decision_s: None,
                 digest: String::new(),
             })),
-            names,
+            names: names.into(),
             rows,
         }
     }

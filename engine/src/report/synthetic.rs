@@ -55,7 +55,7 @@ pub(crate) fn trial(environment: &str, agent: &str, setting: &str, seed: u64, ro
     TrialResult {
         trial: trial.into(),
         end: Some(end(EndState::Ok, "").into()),
-        names,
+        names: names.into(),
         rows,
     }
 }

@@ -23,6 +23,7 @@ use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
     path::Path,
+    sync::Arc,
 };
 
 /// The synthetic results with configs and with the lengths of measured episodes.
@@ -62,7 +63,7 @@ fn agent(name: &str) -> Part {
 
 fn record_lengths(result: &mut TrialResult) {
     let metric = u16::try_from(result.names.len()).unwrap();
-    result.names.push(EPISODE_LENGTH.into());
+    Arc::make_mut(&mut result.names).push(EPISODE_LENGTH.into());
     let measured = |row: &&Row| [Phase::Evaluate, Phase::Final].contains(&row.phase) && row.metric == 0;
     let lengths: Vec<Row> = result
         .rows

@@ -123,12 +123,20 @@ impl Store {
     #[must_use]
     pub fn load_all(&self, trials: &[&Arc<Trial>]) -> (Vec<TrialResult>, Vec<(usize, Error)>) {
         let (mut all, unreadable) = (Vec::new(), Mutex::new(Vec::new()));
+        // Most trials record the same metrics, and those that are missing none.
+        let names = Mutex::new(BTreeSet::<Arc<Vec<String>>>::new());
         let load = |(position, trial): (usize, &&Arc<Trial>)| {
-            self.load(trial).unwrap_or_else(|error| {
+            let mut result = self.load(trial).unwrap_or_else(|error| {
                 let mut unreadable = unreadable.lock().unwrap_or_else(PoisonError::into_inner);
                 unreadable.push((position, error));
                 TrialResult::missing(Arc::clone(trial))
-            })
+            });
+            let mut names = names.lock().unwrap_or_else(PoisonError::into_inner);
+            match names.get(&result.names) {
+                Some(known) => result.names = Arc::clone(known),
+                None => drop(names.insert(Arc::clone(&result.names))),
+            }
+            result
         };
         trials.par_iter().enumerate().map(load).collect_into_vec(&mut all);
         let mut unreadable = unreadable.into_inner().unwrap_or_else(PoisonError::into_inner);

@@ -44,7 +44,7 @@ pub fn write_results(path: &Path, results: &Results) -> Result<(), Error> {
     let mut rows = Vec::new();
     for result in &results.trials {
         for phase in [Phase::Evaluate, Phase::Final] {
-            for metric in &result.names {
+            for metric in result.names.iter() {
                 rows.extend(
                     result
                         .curve(phase, metric)

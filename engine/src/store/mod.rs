@@ -272,13 +272,13 @@ impl Store {
         let mut result = TrialResult {
             trial: Arc::clone(trial),
             end,
-            names: Vec::new(),
+            names: Arc::default(),
             rows: Vec::new(),
         };
         if result.is_ok() {
             let digest = result.end.as_ref().map_or("", |end| &end.digest);
             let table = self.read_metrics(&trial.id, digest)?;
-            (result.names, result.rows) = (table.names, table.rows);
+            (result.names, result.rows) = (table.names.into(), table.rows);
         }
         Ok(result)
     }
@@ -289,7 +289,7 @@ impl Store {
         if is_missing(result.end.as_deref()) && matches!(result.trial.cell.purpose, Purpose::Tried(_)) {
             let path = self.folder(&result.trial.id).join("running").join("metrics.log");
             if let Ok(log) = metric_log::read(&path) {
-                (result.names, result.rows) = (log.table.names, log.table.rows);
+                (result.names, result.rows) = (log.table.names.into(), log.table.rows);
             }
         }
     }
@@ -456,7 +456,7 @@ mod tests {
         );
         let loaded = store.load(&trial(1).into()).unwrap();
         assert_eq!(loaded.rows, record().rows());
-        assert_eq!(loaded.names, record().names());
+        assert_eq!(*loaded.names, record().names());
     }
 
     #[test]

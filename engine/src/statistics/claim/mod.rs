@@ -334,7 +334,7 @@ mod tests {
         TrialResult {
             trial: trial.into(),
             end: None,
-            names: vec!["return".into()],
+            names: vec!["return".into()].into(),
             rows: rows.iter().map(row).collect(),
         }
     }
