@@ -9,6 +9,7 @@ mod architecture;
 mod asking;
 mod book;
 mod bounds;
+mod bucket;
 mod comparing;
 mod contracts;
 mod crashes;

@@ -127,6 +127,16 @@ pub enum Error {
         /// What is wrong there.
         problem: String,
     },
+    /// A bucket of object storage cannot be used.
+    #[error("cannot {doing} `{address}`: {problem}")]
+    Bucket {
+        /// What was tried, as in "list the trials in".
+        doing: String,
+        /// The bucket, as `s3://bucket/prefix`.
+        address: String,
+        /// What the service said, or what is missing.
+        problem: String,
+    },
     /// A stored file is not what it should be.
     #[error("`{}` is damaged: {problem}", path.display())]
     Damaged {

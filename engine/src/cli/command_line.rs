@@ -61,6 +61,7 @@ mod tests {
         };
         let common = Common {
             store: Some("else/where".into()),
+            bucket: None,
             machine: None,
             input_mb: None,
             format: Format::Text,

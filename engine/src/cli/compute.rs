@@ -60,7 +60,16 @@ impl Compute<'_> {
     /// Runs the trials that are missing (of those that `mine` picks by position); 106 where some still are,
     /// 100 where some of them failed.
     pub(super) fn run(&self, planned: &[Planned], mine: impl Fn(usize) -> bool) -> Result<u8, Failure> {
-        let store = Store::at(&self.settings.store).by(self.registry.build.clone());
+        let store = self.settings.open()?.by(self.registry.build.clone());
+        let brought = store.bring(
+            planned
+                .iter()
+                .flat_map(|one| &one.plan.trials)
+                .map(|trial| trial.id.as_str()),
+        )?;
+        if let (Some(address), 1..) = (&self.settings.bucket, brought) {
+            complain(&format!("brought {} into `{address}`", count(brought, "trial")));
+        }
         let ends = self.prepare(planned, &store)?;
         let tasks = self.tasks(planned, &ends, mine);
         if tasks.is_empty() {

@@ -69,7 +69,7 @@ fn of_study(
     options: &ExportOptions,
     common: &Common,
 ) -> Result<u8, Failure> {
-    let store = Store::at(&settings::read(common)?.store);
+    let store = settings::read(common)?.open()?;
     let planned = study::load_with_looks(registry, &options.selection, &store)?;
     let [one] = planned.as_slice() else {
         return Err(refused(

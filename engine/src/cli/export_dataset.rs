@@ -42,7 +42,7 @@ pub(super) fn of_trial(
     to: &Path,
     common: &Common,
 ) -> Result<u8, Failure> {
-    let store = Store::at(&settings::read(common)?.store);
+    let store = settings::read(common)?.open()?;
     let (id, file) = one_trial::that_ended_well(&store, prefix)?;
     let gathered = Taken {
         trial: id.clone(),

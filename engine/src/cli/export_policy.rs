@@ -21,7 +21,7 @@ type Files = BTreeMap<String, Vec<u8>>;
 
 /// Takes away the policy of one trial, which `prefix` names.
 pub(super) fn of_trial(registry: &Registry, prefix: &str, to: &Path, common: &Common) -> Result<u8, Failure> {
-    let store = Store::at(&settings::read(common)?.store);
+    let store = settings::read(common)?.open()?;
     let (id, file) = one_trial::that_ended_well(&store, prefix)?;
     let files = files_of(registry, &store, &id, &file)?.ok_or_else(|| refused(no_policy(&id, &file)))?;
     let whole = Whole::begin(to)?;

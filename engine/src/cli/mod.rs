@@ -78,6 +78,10 @@ struct Common {
     /// Folder of the store; `store` in regimen.toml, else `store`.
     #[arg(long, global = true, env = "REGIMEN_STORE", value_name = "DIR")]
     store: Option<PathBuf>,
+    /// Bucket of object storage by which machines without a common folder share their stores, as
+    /// `s3://bucket/prefix`; `bucket` in regimen.toml.
+    #[arg(long, global = true, env = "REGIMEN_BUCKET", value_name = "URL")]
+    bucket: Option<String>,
     /// Profile of regimen.toml to use.
     #[arg(long, global = true, env = "REGIMEN_MACHINE", value_name = "NAME")]
     machine: Option<String>,
@@ -95,8 +99,10 @@ impl Common {
     fn of_the_machine(&self) -> impl Iterator<Item = String> {
         let machine = self.machine.iter().map(|name| ("--machine", name.clone()));
         let input = self.input_mb.iter().map(|size| ("--input-mb", size.to_string()));
+        let bucket = self.bucket.iter().map(|url| ("--bucket", url.clone()));
         machine
             .chain(input)
+            .chain(bucket)
             .flat_map(|(option, value)| [option.to_owned(), value])
     }
 }

@@ -188,7 +188,7 @@ fn of_trial(
     options: &RolloutOptions,
     common: &Common,
 ) -> Result<Rows, Failure> {
-    let store = Store::at(settings::read(common)?.store);
+    let store = settings::read(common)?.open()?;
     let trial = stored(&store, prefix)?;
     let key = &trial.trial.key;
     if let Some(name) = options

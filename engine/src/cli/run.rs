@@ -37,10 +37,7 @@ pub(super) fn run(
         return study::plan(registry, selection, common);
     }
     let settings = settings::read(common)?;
-    let (store, workers) = (
-        Store::at(&settings.store),
-        options.jobs.unwrap_or(settings.workers),
-    );
+    let (store, workers) = (settings.open()?, options.jobs.unwrap_or(settings.workers));
     let mut planned = study::load_with_looks(registry, selection, &store)?;
     folders::check(&planned, selection, reporting)?;
     study::warn(&planned);
@@ -166,7 +163,7 @@ pub(super) fn worker(
 ) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let (part, parts) = index.map_or(Ok((0, 1)), parse_index)?;
-    let store = Store::at(&settings.store);
+    let store = settings.open()?;
     let mut planned = study::load_with_looks(registry, selection, &store)?;
     let (asked, workers) = ((selection, common), jobs);
     let how = Compute {
@@ -213,7 +210,7 @@ pub(super) fn report(
     reporting: &ReportOptions,
     common: &Common,
 ) -> Result<u8, Failure> {
-    let store = Store::at(&settings::read(common)?.store);
+    let store = settings::read(common)?.open()?;
     let mut code = OK;
     let planned = study::load_with_looks(registry, selection, &store)?;
     folders::check(&planned, selection, reporting)?;

@@ -2,6 +2,7 @@
 //!
 //! ```toml
 //! store = "store"
+//! bucket = "s3://lab/team"    # shares the store with machines that see another folder
 //! workers = 2
 //! checkpoint_every_s = 60     # time between two checkpoints of a trial
 //! lease_expiry_s = 30         # when leases of silent machines count as dead
@@ -26,6 +27,7 @@ use super::{BAD_SPEC, Common, Failure};
 use crate::{
     executor::{self, Executor, Kind, LOCAL},
     limits::Limits,
+    store::{Bucket, Store},
     world::fs,
 };
 use serde::Deserialize;
@@ -48,6 +50,8 @@ const FILE: &str = "regimen.toml";
 pub(super) struct Settings {
     /// Folder of the store.
     pub(super) store: PathBuf,
+    /// The bucket by which the store is shared with other machines, as `s3://bucket/prefix`.
+    pub(super) bucket: Option<String>,
     /// Worker processes.
     pub(super) workers: usize,
     /// Time between two checkpoints of a trial.
@@ -70,6 +74,7 @@ type Tables = BTreeMap<&'static str, Value>;
 #[serde(deny_unknown_fields, default)]
 struct Table {
     store: Option<PathBuf>,
+    bucket: Option<String>,
     workers: Option<usize>,
     checkpoint_every_s: Option<f64>,
     lease_expiry_s: Option<f64>,
@@ -112,6 +117,17 @@ struct Level {
 }
 
 impl Settings {
+    /// The store, with the bucket by which it is shared.
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "keys of a service are in the environment, and reach no result"
+    )]
+    pub(super) fn open(&self) -> Result<Store, Failure> {
+        let bucket = self.bucket.as_deref();
+        let bucket = bucket.map(|address| Bucket::at(address, |name| std::env::var(name).ok()));
+        Ok(Store::at(&self.store).sharing(bucket.transpose()?))
+    }
+
     /// An executor with its options; `tasks` takes the place of the most that may run at a time.
     pub(super) fn executor(&self, kind: &Kind, tasks: Option<usize>) -> Result<Box<dyn Executor>, Failure> {
         let name = kind.name;
@@ -179,6 +195,7 @@ fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failu
             .clone()
             .or_else(|| profile.store.or(top.store).map(|store| folder.join(store)))
             .unwrap_or_else(|| "store".into()),
+        bucket: common.bucket.clone().or(profile.bucket).or(top.bucket),
         workers: some(profile.workers.or(top.workers), "workers")?.unwrap_or(cores),
         checkpoint_every: seconds("checkpoint_every_s", checkpoint_every_s)?,
         lease_expiry: some_time("lease_expiry_s", lease_expiry_s)?,
@@ -308,6 +325,7 @@ mod tests {
         Common {
             store: None,
             input_mb: None,
+            bucket: None,
             machine: machine.map(Into::into),
             format: Format::Text,
         }

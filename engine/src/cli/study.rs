@@ -166,10 +166,23 @@ pub(super) fn load_with_looks(
     let mut planned = load(registry, selection)?;
     absent::say_if_new(store.root());
     for one in &mut planned {
-        searches::grow(one, registry, store)?;
-        looks::grow(one, registry, store);
+        grow(one, registry, store)?;
     }
     Ok(planned)
+}
+
+/// Takes a study as far as the stored results ask for, and those that other machines share.
+fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<(), Failure> {
+    loop {
+        let planned = one.plan.trials.len();
+        let fetched = store.fetch(one.plan.trials.iter().map(|trial| trial.id.as_str()))?;
+        searches::grow(one, registry, store)?;
+        looks::grow(one, registry, store);
+        // Without anything new there is nothing that could ask for more.
+        if fetched == 0 && one.plan.trials.len() == planned || store.bucket().is_none() {
+            return Ok(());
+        }
+    }
 }
 
 /// Says what can be run and is probably not meant.
@@ -281,7 +294,7 @@ fn ends_with_advice(
 /// `plan`: trials by cell, what is done, why the rest is not, and what it will cost.
 pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
-    let store = Store::at(&settings.store);
+    let store = settings.open()?;
     let planned = load_with_looks(registry, selection, &store)?;
     warn(&planned);
     for one in planned {
@@ -316,7 +329,7 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
 /// `status`: end states by cell, reasons of failures; 106 where trials are missing, 100 where some failed.
 pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
-    let store = Store::at(&settings.store);
+    let store = settings.open()?;
     let mut code = OK;
     for one in load_with_looks(registry, selection, &store)? {
         let ends = ends_with_advice(&store, &one.plan.trials, selection, common);

@@ -254,7 +254,7 @@ pub(super) fn submit(
     common: &Common,
 ) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
-    let planned = study::load_with_looks(registry, selection, &Store::at(&settings.store))?;
+    let planned = study::load_with_looks(registry, selection, &settings.open()?)?;
     let limits = LimitOptions::default();
     let said = (selection, common);
     let how = Compute {

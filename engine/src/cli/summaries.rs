@@ -55,7 +55,7 @@ impl Summaries {
             return Ok(());
         }
         let wall_s = clock::since(started).as_secs_f64();
-        let store = Store::at(&settings::read(common)?.store);
+        let store = settings::read(common)?.open()?;
         let outcomes: Vec<Outcome> = study::load_with_looks(registry, selection, &store)?
             .into_iter()
             .map(|one| outcome(one, &store))

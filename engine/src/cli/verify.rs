@@ -80,7 +80,7 @@ struct Found {
 /// 101 where numbers differ, 106 where a trial could not be compared, otherwise 0.
 pub(super) fn verify(registry: &Registry, options: &VerifyOptions, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
-    let store = Store::at(&settings.store);
+    let store = settings.open()?;
     let selection = options.selection();
     let how = Compute {
         registry,

@@ -144,6 +144,7 @@ impl Bench {
             tasks: &tasks,
             store,
             leases: &leases,
+            shared_leases: None,
             workers: &workers,
             queue: &queue,
             halt: &halt,

@@ -24,7 +24,7 @@ use crate::{
     Error,
     limits::Limits,
     results::TrialEnd,
-    store::{Leases, Owner, Store},
+    store::{BucketLeases, Leases, Owner, Store},
     trial::Trial,
 };
 use queue::Queue;
@@ -192,7 +192,7 @@ pub struct Workers {
 ///
 /// # Errors
 /// [`Error::Worker`] where no worker process can be started; [`Error::File`] where the store cannot be
-/// written: the tasks that are left stay missing.
+/// written, and [`Error::Bucket`] where the bucket that it is shared by cannot: the tasks that are left stay missing.
 pub fn run(
     tasks: &[Task<'_>],
     store: &Store,
@@ -203,6 +203,9 @@ pub fn run(
         problem: format!("cannot find this program: {source}"),
     })?;
     let leases = Leases::open(store, workers.lease_expiry)?;
+    let bucket = store.bucket();
+    let shared_leases = bucket.map(|bucket| BucketLeases::open(bucket, workers.lease_expiry));
+    let shared_leases = shared_leases.transpose()?;
     let (halt, watching) = (AtomicBool::new(false), AtomicBool::new(true));
     let queue = Queue::new(tasks);
     let places = places(workers);
@@ -215,6 +218,7 @@ pub fn run(
                     tasks,
                     store,
                     leases: &leases,
+                    shared_leases: shared_leases.as_ref(),
                     workers,
                     queue: &queue,
                     halt: &halt,
@@ -231,6 +235,7 @@ pub fn run(
         let watch = watch::Watch {
             children: &children,
             leases: &leases,
+            shared_leases: shared_leases.as_ref(),
             stop: &workers.stop,
             halt: &halt,
             on: &watching,

@@ -10,7 +10,7 @@ use crate::{
     Error,
     limits::Limits,
     results::{EndState, TrialEnd},
-    store::{Claim, Leases, Store, is_missing},
+    store::{BucketLeases, Claim, Leases, Store, is_missing},
     world::clock,
 };
 use std::{
@@ -80,6 +80,8 @@ pub(super) struct Shared<'a> {
     pub(super) tasks: &'a [Task<'a>],
     pub(super) store: &'a Store,
     pub(super) leases: &'a Leases,
+    /// Those in the bucket by which the store is shared, where there is one.
+    pub(super) shared_leases: Option<&'a BucketLeases>,
     pub(super) workers: &'a Workers,
     pub(super) queue: &'a Queue<'a>,
     /// Set from within to stop: a failure under `fail_fast`, or a store that cannot be written.
@@ -207,8 +209,34 @@ impl<'a, R: Runner> Slot<'a, R> {
                 self.all.queue.held(turn);
             }
             Claim::Mine => {
-                let outcome = self.under_lease(turn);
+                let outcome = self.under_shared_lease(turn);
                 self.all.leases.release(&task.trial.id)?;
+                return outcome;
+            }
+        }
+        Ok(())
+    }
+
+    /// As [`under_lease`](Self::under_lease), where machines share trials by a bucket: claims the trial there as well,
+    /// and takes it in where another machine has ended it.
+    fn under_shared_lease(&mut self, turn: Turn) -> Result<(), Error> {
+        let (Some(leases), Some(bucket)) = (self.all.shared_leases, self.all.store.bucket()) else {
+            return self.under_lease(turn);
+        };
+        let id = &self.all.tasks[turn.task].trial.id;
+        match leases.claim(id)? {
+            Claim::Held(_) if !self.all.workers.wait_for_others => self.all.queue.done(id),
+            Claim::Held(owner) => {
+                self.tell(Event::Held {
+                    trial: turn.task,
+                    owner,
+                });
+                self.all.queue.held(turn);
+            }
+            Claim::Mine => {
+                let fetched = bucket.fetch_missing(self.all.store, id);
+                let outcome = fetched.and_then(|()| self.under_lease(turn));
+                leases.release(id)?;
                 return outcome;
             }
         }
@@ -241,7 +269,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             }
             Attempt::Unready(reason) => self.give_up(index, reason),
             Attempt::Lost(problem) => self.lose(turn, problem),
-            Attempt::Ended(end) => self.ended(turn, end),
+            Attempt::Ended(end) => self.ended(turn, end)?,
         }
         Ok(())
     }
@@ -265,8 +293,8 @@ impl<'a, R: Runner> Slot<'a, R> {
         }
     }
 
-    /// Decides whether the end is final.
-    fn ended(&self, turn: Turn, end: TrialEnd) {
+    /// Decides whether the end is final; one that is goes to the other machines.
+    fn ended(&self, turn: Turn, end: TrialEnd) -> Result<(), Error> {
         let index = turn.task;
         match self.all.tasks[index].limits.retry_after(end.state, turn.attempt) {
             Some(wait) if !self.stopping() => {
@@ -297,9 +325,14 @@ impl<'a, R: Runner> Slot<'a, R> {
                     trial: index,
                     end,
                 });
-                self.all.queue.done(&self.all.tasks[index].trial.id);
+                let (id, store) = (&self.all.tasks[index].trial.id, self.all.store);
+                self.all.queue.done(id);
+                if let Some(bucket) = store.bucket() {
+                    bucket.bring(store, id)?;
+                }
             }
         }
+        Ok(())
     }
 
     fn attempt(&mut self, task: &Task<'_>, turn: &Turn) -> Result<Attempt, Error> {

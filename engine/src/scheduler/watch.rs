@@ -1,7 +1,10 @@
 //! The thread that watches: leases, limits, the wish to stop.
 
 use super::process::Shared;
-use crate::{store::Leases, world::clock};
+use crate::{
+    store::{BucketLeases, Leases},
+    world::clock,
+};
 use std::{
     sync::atomic::{AtomicBool, Ordering},
     time::Duration,
@@ -15,6 +18,7 @@ const PERIOD: Duration = Duration::from_millis(20);
 pub(super) struct Watch<'a> {
     pub(super) children: &'a [Shared],
     pub(super) leases: &'a Leases,
+    pub(super) shared_leases: Option<&'a BucketLeases>,
     /// The wish to stop from outside, and from within.
     pub(super) stop: &'a AtomicBool,
     pub(super) halt: &'a AtomicBool,
@@ -39,6 +43,7 @@ impl Watch<'_> {
                 // A store that cannot be written now shows at the next trial; until then the leases only look
                 // older.
                 let _ = self.leases.beat();
+                let _ = self.shared_leases.map(BucketLeases::beat);
             }
             std::thread::park_timeout(PERIOD);
         }

@@ -55,12 +55,28 @@ pub enum Claim {
 
 /// What an owner's file says, and every lease with it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Announcement {
+pub(super) struct Announcement {
     #[serde(flatten)]
-    owner: Owner,
+    pub(super) owner: Owner,
     /// A lease holds for so long after it was renewed, where nobody can see whether the process runs.
     #[serde(default = "usual_expiry_s")]
     lease_expiry_s: f64,
+}
+
+impl Announcement {
+    /// What an owner says whose leases hold for `expiry`.
+    pub(super) fn new(owner: Owner, expiry: Duration) -> Self {
+        Self {
+            owner,
+            lease_expiry_s: expiry.as_secs_f64(),
+        }
+    }
+
+    /// For how long a lease holds after it was renewed.
+    pub(super) fn expiry(&self) -> Duration {
+        // What somebody else wrote may be no time at all.
+        Duration::try_from_secs_f64(self.lease_expiry_s).unwrap_or(Duration::from_secs_f64(usual_expiry_s()))
+    }
 }
 
 /// What programs held to that did not announce it.
@@ -87,10 +103,7 @@ impl Leases {
     /// # Errors
     /// Where the store's folder cannot be written.
     pub fn open(store: &Store, expiry: Duration) -> Result<Self, Error> {
-        let announcement = Announcement {
-            owner: Owner::this_process(),
-            lease_expiry_s: expiry.as_secs_f64(),
-        };
+        let announcement = Announcement::new(Owner::this_process(), expiry);
         let folder = store.root().join("owners");
         let file = folder.join(format!("{}.json", announcement.owner.token()));
         forget_the_dead(&folder);
@@ -362,8 +375,7 @@ struct Found {
 
 impl Found {
     fn expiry(&self) -> Duration {
-        Duration::try_from_secs_f64(self.said.lease_expiry_s)
-            .unwrap_or(Duration::from_secs_f64(usual_expiry_s()))
+        self.said.expiry()
     }
 
     /// False where the process is known to be dead, or cannot be seen and was silent for longer than clocks

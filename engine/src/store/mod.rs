@@ -18,6 +18,7 @@
 
 mod aside;
 mod boundary;
+mod bucket;
 mod date;
 mod earlier;
 mod fsck;
@@ -41,11 +42,14 @@ mod sealed_folder;
 mod specimen;
 
 pub use boundary::install as install_boundary_hook;
+pub use bucket::Bucket;
+pub(crate) use bucket::BucketLeases;
 pub(crate) use date::{now, rfc_3339_of, seconds_of};
 pub use fsck::{Fault, Finding, Findings};
 pub use imprint::{Difference, Imprint};
 pub use index::{Found, StoredTrial};
 pub(crate) use inside::read as read_file;
+use lease::Announcement;
 pub use lease::{Claim, Leases};
 pub use merge::{Fate, Merge, Merged, Side};
 pub use metrics_file::{
@@ -53,6 +57,9 @@ pub use metrics_file::{
 };
 pub use owner::Owner;
 pub use pack::Packing;
+#[cfg(test)]
+pub(crate) use parcel::Parcel;
+pub(crate) use parcel::{Manifest, read_bytes};
 pub use running::RunningTrial;
 pub use seal::{hash as digest, hash_of_file as digest_of_file};
 pub(crate) use sealed_folder::flush_way;
@@ -81,6 +88,8 @@ pub struct Store {
     /// What is stored says that a program of this source code computed it.
     build: Option<Build>,
     packs: Arc<pack::Packs>,
+    /// By which its trials are shared with other machines.
+    bucket: Option<Bucket>,
 }
 
 /// What `trial.json` holds.
@@ -147,6 +156,7 @@ impl Store {
             root: root.into(),
             build: None,
             packs: Arc::default(),
+            bucket: None,
         }
     }
 

@@ -3,7 +3,11 @@
 
 use super::{Merge, Store, inside::read_in, is_missing, merge::acknowledged_files, seal::hash};
 use crate::{Error, world::fs};
-use std::path::Path;
+use serde::{Deserialize, Serialize};
+use std::{
+    io::{self, BufRead, Read},
+    path::Path,
+};
 
 /// Files of an ended trial by their names inside its folder, the acknowledgement last.
 pub(crate) type Parcel = Vec<(String, Vec<u8>)>;
@@ -59,6 +63,79 @@ impl Store {
         let unfinished = || damaged(&folder, "the trial has not ended");
         let file = arrived.sound(id)?.ok_or_else(unfinished)?;
         Merge::new(self, None)?.bring_under_own_lease(id, &arrived, &file)
+    }
+}
+
+/// Most bytes of one file; a length above it is no length.
+const MOST_BYTES: u64 = 1 << 36;
+
+/// The files of a trial, whose bytes follow in this order.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(crate) struct Manifest {
+    /// Id of the trial.
+    pub(crate) trial: String,
+    /// Names inside its folder with their lengths in bytes.
+    pub(crate) files: Vec<(String, u64)>,
+}
+
+impl Manifest {
+    /// The files of a trial.
+    pub(crate) fn of(trial: &str, parcel: &[(String, Vec<u8>)]) -> Self {
+        let length = |(name, bytes): &(String, Vec<u8>)| (name.clone(), bytes.len() as u64);
+        Self {
+            trial: trial.to_owned(),
+            files: parcel.iter().map(length).collect(),
+        }
+    }
+
+    /// Reads the files that follow.
+    pub(crate) fn read(&self, input: &mut impl Read) -> io::Result<Parcel> {
+        let file = |(name, length): &(String, u64)| Ok((name.clone(), read_bytes(input, *length)?));
+        self.files.iter().map(file).collect()
+    }
+}
+
+/// Reads so many bytes.
+pub(crate) fn read_bytes(input: &mut impl Read, length: u64) -> io::Result<Vec<u8>> {
+    if length > MOST_BYTES {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidData,
+            format!("a file of {length} bytes is announced"),
+        ));
+    }
+    let mut bytes = Vec::new();
+    input.take(length).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 == length {
+        Ok(bytes)
+    } else {
+        Err(io::ErrorKind::UnexpectedEof.into())
+    }
+}
+
+/// A parcel as one object: a line of JSON, and the bytes of the files.
+pub(super) fn to_bytes(id: &str, parcel: &[(String, Vec<u8>)]) -> Vec<u8> {
+    // Names and numbers are JSON.
+    let mut bytes = serde_json::to_vec(&Manifest::of(id, parcel)).expect("a manifest is JSON");
+    bytes.push(b'\n');
+    parcel.iter().for_each(|(_, file)| bytes.extend(file));
+    bytes
+}
+
+/// What [`to_bytes`] made of the trial `id`; why not, where it is something else.
+pub(super) fn from_bytes(id: &str, mut bytes: &[u8]) -> Result<Parcel, String> {
+    let mut line = Vec::new();
+    // Reading from memory does not fail.
+    let _ = bytes.read_until(b'\n', &mut line);
+    let manifest: Option<Manifest> = serde_json::from_slice(&line).ok();
+    let manifest = manifest.filter(|manifest| manifest.trial == id);
+    let manifest = manifest.ok_or("what lies there is not this trial")?;
+    let parcel = manifest
+        .read(&mut bytes)
+        .map_err(|error| format!("the trial is not whole there: {error}"))?;
+    if bytes.is_empty() {
+        Ok(parcel)
+    } else {
+        Err("more lies there than the trial".into())
     }
 }
 
@@ -123,5 +200,45 @@ mod tests {
         // Of another trial, under this one's name.
         assert!(here.take_in("00000000000000000000000000000000", &parcel).is_err());
         assert!(here.end(&id).unwrap().is_none());
+    }
+
+    #[test]
+    fn a_parcel_is_read_back_from_one_object_or_refused() {
+        let (_dir, _, there) = stores();
+        let (id, parcel) = left(&there);
+        let bytes = to_bytes(&id, &parcel);
+        assert_eq!(from_bytes(&id, &bytes).unwrap(), parcel);
+        assert!(
+            from_bytes("of another", &bytes)
+                .unwrap_err()
+                .contains("not this trial")
+        );
+        assert!(from_bytes(&id, b"").is_err() && from_bytes(&id, b"{}\n").is_err());
+        assert!(
+            from_bytes(&id, &bytes[..bytes.len() - 1])
+                .unwrap_err()
+                .contains("not whole")
+        );
+        let longer = [&bytes[..], b"."].concat();
+        assert!(from_bytes(&id, &longer).unwrap_err().contains("more"));
+    }
+
+    #[test]
+    fn what_is_cut_off_or_has_no_length_is_an_error() {
+        let short = Manifest {
+            trial: "ab".into(),
+            files: vec![("a".into(), 5)],
+        };
+        assert!(short.read(&mut &b"1234"[..]).is_err());
+        let long = Manifest {
+            files: vec![("a".into(), u64::MAX)],
+            ..short
+        };
+        assert!(
+            long.read(&mut &b"1234"[..])
+                .unwrap_err()
+                .to_string()
+                .contains("announced")
+        );
     }
 }

@@ -4,7 +4,7 @@
 //! programs on the host, those of an earlier connection that broke among them, may work in the same store: a trial is
 //! run under its lease here too.
 
-use super::wire::{FromHost, Manifest, Order, StudyFile, ToHost, broken, hear, read_bytes, say};
+use super::wire::{FromHost, Order, StudyFile, ToHost, broken, hear, say};
 use crate::{
     Build, Error, build,
     limits::Limits,
@@ -14,7 +14,7 @@ use crate::{
         slot::{Answer, Runner},
         worker::{Reply, Request},
     },
-    store::{self, Claim, Leases, Store, is_missing, write_durably},
+    store::{self, Claim, Leases, Manifest, Store, is_missing, read_bytes, write_durably},
     world::{clock, fs},
 };
 use std::{

@@ -2,7 +2,7 @@
 
 use super::{
     Host,
-    wire::{FromHost, Manifest, Order, StudyFile, ToHost, hear, say},
+    wire::{FromHost, Order, StudyFile, ToHost, hear, say},
 };
 use crate::{
     Error, input_file,
@@ -12,7 +12,7 @@ use crate::{
         slot::{Answer, Runner},
         worker::{Reply, Request},
     },
-    store::{self, Store},
+    store::{self, Manifest, Store},
     world::process::ChildStdout,
 };
 use std::{

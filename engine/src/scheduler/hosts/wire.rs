@@ -6,12 +6,10 @@ use crate::{
     limits::Limits,
     results::EndState,
     scheduler::worker::{Reply, Request},
+    store::Manifest,
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use std::io::{self, BufRead, Read, Write};
-
-/// Most bytes of one file; a length above it is no length.
-const MOST_BYTES: u64 = 1 << 36;
+use std::io::{self, BufRead, Write};
 
 /// A line to a host.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -69,15 +67,6 @@ pub(super) struct Order {
     pub(super) limits: Limits,
 }
 
-/// The files of a trial, whose bytes follow in this order.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
-pub(super) struct Manifest {
-    /// Id of the trial.
-    pub(super) trial: String,
-    /// Names inside its folder with their lengths in bytes.
-    pub(super) files: Vec<(String, u64)>,
-}
-
 /// A file that a study names, whose bytes follow.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct StudyFile {
@@ -87,26 +76,6 @@ pub(super) struct StudyFile {
     pub(super) digest: String,
     /// Its length in bytes.
     pub(super) length: u64,
-}
-
-/// Files by their names.
-pub(super) type Files = Vec<(String, Vec<u8>)>;
-
-impl Manifest {
-    /// The files of a trial.
-    pub(super) fn of(trial: &str, files: &[(String, Vec<u8>)]) -> Self {
-        let length = |(name, bytes): &(String, Vec<u8>)| (name.clone(), bytes.len() as u64);
-        Self {
-            trial: trial.to_owned(),
-            files: files.iter().map(length).collect(),
-        }
-    }
-
-    /// Reads the files that follow.
-    pub(super) fn read(&self, input: &mut impl Read) -> io::Result<Files> {
-        let file = |(name, length): &(String, u64)| Ok((name.clone(), read_bytes(input, *length)?));
-        self.files.iter().map(file).collect()
-    }
 }
 
 /// Writes a line.
@@ -127,23 +96,6 @@ pub(super) fn hear<T: DeserializeOwned>(input: &mut impl BufRead) -> io::Result<
     }
 }
 
-/// Reads so many bytes.
-pub(super) fn read_bytes(input: &mut impl Read, length: u64) -> io::Result<Vec<u8>> {
-    if length > MOST_BYTES {
-        return Err(io::Error::new(
-            io::ErrorKind::InvalidData,
-            format!("a file of {length} bytes is announced"),
-        ));
-    }
-    let mut bytes = Vec::new();
-    input.take(length).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 == length {
-        Ok(bytes)
-    } else {
-        Err(io::ErrorKind::UnexpectedEof.into())
-    }
-}
-
 /// An error of the conversation.
 pub(super) fn broken(problem: impl ToString) -> Error {
     Error::Worker {
@@ -154,10 +106,11 @@ pub(super) fn broken(problem: impl ToString) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::Parcel;
 
     #[test]
     fn lines_and_files_arrive_in_their_order_and_other_lines_are_passed_over() {
-        let files: Files = vec![
+        let files: Parcel = vec![
             ("policy.safetensors".into(), b"\n{\"has\":true}\n".to_vec()),
             ("trial.json".into(), Vec::new()),
         ];
@@ -172,25 +125,6 @@ mod tests {
         assert_eq!(manifest.read(&mut input).unwrap(), files);
         assert!(matches!(hear(&mut input).unwrap(), Some(FromHost::Has(false))));
         assert!(hear::<FromHost>(&mut input).unwrap().is_none());
-    }
-
-    #[test]
-    fn what_is_cut_off_or_has_no_length_is_an_error() {
-        let short = Manifest {
-            trial: "ab".into(),
-            files: vec![("a".into(), 5)],
-        };
-        assert!(short.read(&mut &b"1234"[..]).is_err());
-        let long = Manifest {
-            files: vec![("a".into(), u64::MAX)],
-            ..short
-        };
-        assert!(
-            long.read(&mut &b"1234"[..])
-                .unwrap_err()
-                .to_string()
-                .contains("announced")
-        );
     }
 
     #[test]

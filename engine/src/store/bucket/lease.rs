@@ -1,0 +1,224 @@
+//! Leases in a bucket: which machine computes a trial now.
+//!
+//! A lease is an object that is written only where there is none (`If-None-Match: *`), so that of several who ask one
+//! gets it. A living process counts up an object of its own; who has seen its tag unchanged for as long as its owner said
+//! that leases hold writes his own lease over it, only if it is still the same one (`If-Match`). No clock but the
+//! watcher's own is read. As in folders, a lease saves work and is not needed for correctness: two processes that
+//! compute one trial bring the same numbers.
+
+use super::{Announcement, Bucket, When};
+use crate::{
+    Error,
+    store::{Claim, Owner},
+    world::clock,
+};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+/// The leases that this process takes in a bucket.
+#[derive(Debug)]
+pub(crate) struct BucketLeases {
+    bucket: Bucket,
+    announcement: Announcement,
+    /// How often this process has counted up its object.
+    beats: Mutex<u64>,
+    held: Mutex<BTreeSet<String>>,
+    /// The tags of others' objects, by token, and since when they are unchanged.
+    seen: Mutex<BTreeMap<String, (Option<String>, Instant)>>,
+}
+
+impl BucketLeases {
+    /// Announces this process to a bucket. Its leases count as dead when it did not count up its object for `expiry`.
+    pub(crate) fn open(bucket: &Bucket, expiry: Duration) -> Result<Self, Error> {
+        Self::of(bucket, Owner::this_process(), expiry)
+    }
+
+    fn of(bucket: &Bucket, owner: Owner, expiry: Duration) -> Result<Self, Error> {
+        let leases = Self {
+            bucket: bucket.clone(),
+            announcement: Announcement::new(owner, expiry),
+            beats: Mutex::default(),
+            held: Mutex::default(),
+            seen: Mutex::default(),
+        };
+        leases.beat()?;
+        Ok(leases)
+    }
+
+    /// Asks for a trial.
+    pub(crate) fn claim(&self, id: &str) -> Result<Claim, Error> {
+        let said = serde_json::to_vec(&self.announcement)
+            .map_err(|error| self.error("claim", id, error.to_string()))?;
+        let claim = self.taken(&key(id), &said);
+        let claim = claim.map_err(|problem| self.error("claim", id, problem))?;
+        if claim == Claim::Mine {
+            lock(&self.held).insert(id.to_owned());
+        }
+        Ok(claim)
+    }
+
+    fn taken(&self, key: &str, said: &[u8]) -> Result<Claim, String> {
+        let objects = &self.bucket.objects;
+        loop {
+            if objects.put(key, said, When::New)? {
+                return Ok(Claim::Mine);
+            }
+            let Some(lease) = objects.get(key)? else { continue };
+            let found: Option<Announcement> = serde_json::from_slice(&lease.bytes).ok();
+            match found {
+                // A request that was sent again met what its first attempt had written.
+                Some(found) if found.owner == self.announcement.owner => return Ok(Claim::Mine),
+                Some(found) if self.lives(&found)? => return Ok(Claim::Held(found.owner)),
+                // What nobody can read nobody has.
+                _ if objects.put(key, said, When::Unchanged(&lease.tag))? => return Ok(Claim::Mine),
+                _ => {}
+            }
+        }
+    }
+
+    fn lives(&self, found: &Announcement) -> Result<bool, String> {
+        match found.owner.is_alive() {
+            Some(alive) => Ok(alive),
+            None => Ok(self.silence(&found.owner)? < found.expiry()),
+        }
+    }
+
+    /// For how long this process has seen the object of another one unchanged.
+    fn silence(&self, owner: &Owner) -> Result<Duration, String> {
+        let token = owner.token();
+        let tag = self
+            .bucket
+            .objects
+            .get(&format!("owners/{token}"))?
+            .map(|object| object.tag);
+        let mut seen = lock(&self.seen);
+        let last = seen.entry(token).or_insert_with(|| (tag.clone(), clock::now()));
+        if last.0 != tag {
+            *last = (tag, clock::now());
+        }
+        Ok(clock::since(last.1))
+    }
+
+    /// Gives a trial back. A lease that was taken over while this process was suspended belongs to another one.
+    pub(crate) fn release(&self, id: &str) -> Result<(), Error> {
+        lock(&self.held).remove(id);
+        let key = key(id);
+        let released = self.bucket.objects.get(&key).and_then(|lease| {
+            let found = lease.and_then(|lease| serde_json::from_slice::<Announcement>(&lease.bytes).ok());
+            match found {
+                Some(found) if found.owner == self.announcement.owner => self.bucket.objects.delete(&key),
+                _ => Ok(()),
+            }
+        });
+        released.map_err(|problem| self.error("give back", id, problem))
+    }
+
+    /// Shows that this process lives.
+    pub(crate) fn beat(&self) -> Result<(), Error> {
+        let mut beats = lock(&self.beats);
+        *beats += 1;
+        let key = format!("owners/{}", self.announcement.owner.token());
+        let put = self
+            .bucket
+            .objects
+            .put(&key, beats.to_string().as_bytes(), When::Always);
+        put.map(drop)
+            .map_err(|problem| self.bucket.error("renew the leases in", problem))
+    }
+
+    fn error(&self, doing: &str, id: &str, problem: String) -> Error {
+        self.bucket.error(&format!("{doing} trial {id} in"), problem)
+    }
+}
+
+impl Drop for BucketLeases {
+    fn drop(&mut self) {
+        // What stays behind counts as dead when it has been silent for long.
+        let held = std::mem::take(&mut *lock(&self.held));
+        for id in held {
+            let _ = self.release(&id);
+        }
+        let key = format!("owners/{}", self.announcement.owner.token());
+        let _ = self.bucket.objects.delete(&key);
+    }
+}
+
+fn key(id: &str) -> String {
+    format!("leases/{id}")
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // What is held is replaced as a whole, so that it is whole after a panic elsewhere.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::pretended::bucket, *};
+
+    const EXPIRY: Duration = Duration::from_millis(60);
+
+    /// A process on a machine that cannot be seen from here.
+    fn on(bucket: &Bucket, host: &str) -> BucketLeases {
+        let owner = Owner {
+            host: host.into(),
+            boot: format!("boot of {host}"),
+            ..Owner::this_process()
+        };
+        BucketLeases::of(bucket, owner, EXPIRY).unwrap()
+    }
+
+    #[test]
+    fn one_of_two_machines_gets_a_trial_until_it_gives_it_back() {
+        let bucket = bucket();
+        let (one, two) = (on(&bucket, "one"), on(&bucket, "two"));
+        assert_eq!(one.claim("ab").unwrap(), Claim::Mine);
+        assert!(matches!(two.claim("ab").unwrap(), Claim::Held(owner) if owner.host == "one"));
+        assert_eq!(two.claim("cd").unwrap(), Claim::Mine);
+        // What two does not have it cannot give back.
+        two.release("ab").unwrap();
+        assert!(matches!(two.claim("ab").unwrap(), Claim::Held(_)));
+        one.release("ab").unwrap();
+        assert_eq!(two.claim("ab").unwrap(), Claim::Mine);
+    }
+
+    #[test]
+    fn the_lease_of_a_silent_machine_is_taken_over_and_that_of_a_living_one_is_not() {
+        let bucket = bucket();
+        let (dead, living, heir) = (on(&bucket, "dead"), on(&bucket, "living"), on(&bucket, "heir"));
+        dead.claim("ab").unwrap();
+        living.claim("cd").unwrap();
+        let begun = clock::now();
+        let mut taken = heir.claim("ab").unwrap();
+        while taken != Claim::Mine {
+            assert!(clock::since(begun) < Duration::from_secs(20));
+            clock::sleep(EXPIRY / 6);
+            living.beat().unwrap();
+            assert!(matches!(heir.claim("cd").unwrap(), Claim::Held(_)));
+            taken = heir.claim("ab").unwrap();
+        }
+        assert!(clock::since(begun) >= EXPIRY);
+        // The dead one was only suspended: it does not remove what is the heir's now.
+        dead.release("ab").unwrap();
+        assert!(matches!(living.claim("ab").unwrap(), Claim::Held(owner) if owner.host == "heir"));
+    }
+
+    #[test]
+    fn a_lease_that_nobody_can_read_is_nobodys() {
+        let bucket = bucket();
+        bucket.objects.put("leases/ab", b"{", When::New).unwrap();
+        assert_eq!(on(&bucket, "one").claim("ab").unwrap(), Claim::Mine);
+    }
+
+    #[test]
+    fn who_leaves_gives_everything_back() {
+        let bucket = bucket();
+        let one = on(&bucket, "one");
+        one.claim("ab").unwrap();
+        drop(one);
+        assert_eq!(bucket.objects.list("").unwrap(), Vec::<String>::new());
+    }
+}

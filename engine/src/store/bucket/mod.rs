@@ -1,0 +1,214 @@
+//! A bucket of object storage as the store that machines without a common folder share.
+//!
+//! ```text
+//! <prefix>/trials/<id>       a trial that has ended: one line of JSON with the names and lengths of its files, and their
+//!                            bytes, the acknowledgement last
+//!          leases/<id>       who computes a trial now
+//!          owners/<token>    a number that a living process counts up
+//! ```
+//!
+//! Every machine works in a store of its own, in an ordinary folder, and brings each trial that has ended into the
+//! bucket; what is in the bucket and not in the folder is fetched and held against its acknowledgement before it is
+//! believed. An object appears whole or not at all, so that a trial in the bucket has ended.
+
+mod lease;
+mod objects;
+#[cfg(test)]
+mod pretended;
+mod service;
+
+pub(crate) use lease::BucketLeases;
+
+use super::{Announcement, Store, is_missing, parcel};
+use crate::Error;
+use objects::{Objects, When};
+use std::{collections::BTreeSet, sync::Arc};
+
+/// Part of a bucket that one or several studies share.
+#[derive(Debug, Clone)]
+pub struct Bucket {
+    /// As the user names it, `s3://bucket/prefix`.
+    address: String,
+    objects: Arc<dyn Objects>,
+}
+
+impl Bucket {
+    /// The bucket at an address such as `s3://name/prefix`. Nothing is asked yet. `variable` says what the
+    /// environment holds: keys, region and endpoint have the names that other programs use (`AWS_ACCESS_KEY_ID`,
+    /// `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_REGION`, `AWS_ENDPOINT_URL`).
+    ///
+    /// # Errors
+    /// [`Error::Bucket`] for an address that is none, and where keys are missing.
+    pub fn at(address: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Self, Error> {
+        let service = service::Service::at(address, variable).map_err(|problem| Error::Bucket {
+            doing: "use".into(),
+            address: address.to_owned(),
+            problem,
+        })?;
+        Ok(Self {
+            address: address.to_owned(),
+            objects: Arc::new(service),
+        })
+    }
+
+    /// Ids of the trials in it.
+    fn trials(&self) -> Result<BTreeSet<String>, Error> {
+        let listed = self.objects.list("trials/");
+        let keys = listed.map_err(|problem| self.error("list the trials in", problem))?;
+        let ids = keys.iter().filter_map(|key| key.strip_prefix("trials/"));
+        Ok(ids.map(str::to_owned).collect())
+    }
+
+    /// Takes a trial that is in the bucket into a store; false where it is not in the bucket.
+    pub(crate) fn fetch(&self, store: &Store, id: &str) -> Result<bool, Error> {
+        let doing = || format!("fetch trial {id} from");
+        let found = self.objects.get(&format!("trials/{id}"));
+        let Some(object) = found.map_err(|problem| self.error(&doing(), problem))? else {
+            return Ok(false);
+        };
+        let files = parcel::from_bytes(id, &object.bytes).map_err(|problem| self.error(&doing(), problem))?;
+        store.take_in(id, &files)?;
+        Ok(true)
+    }
+
+    /// As [`fetch`](Self::fetch), for a trial that may have ended here already.
+    pub(crate) fn fetch_missing(&self, store: &Store, id: &str) -> Result<(), Error> {
+        if store.lacks(id) {
+            self.fetch(store, id)?;
+        }
+        Ok(())
+    }
+
+    /// Brings a trial of a store into the bucket; nothing where it has not ended.
+    pub(crate) fn bring(&self, store: &Store, id: &str) -> Result<(), Error> {
+        let Some(files) = store.parcel(id)? else {
+            return Ok(());
+        };
+        let bytes = parcel::to_bytes(id, &files);
+        let put = self.objects.put(&format!("trials/{id}"), &bytes, When::Always);
+        put.map(drop)
+            .map_err(|problem| self.error(&format!("bring trial {id} into"), problem))
+    }
+
+    fn error(&self, doing: &str, problem: String) -> Error {
+        Error::Bucket {
+            doing: doing.to_owned(),
+            address: self.address.clone(),
+            problem,
+        }
+    }
+}
+
+impl Store {
+    /// The same store, which shares its trials by a bucket.
+    #[must_use]
+    pub fn sharing(self, bucket: Option<Bucket>) -> Self {
+        Self { bucket, ..self }
+    }
+
+    /// The bucket by which its trials are shared.
+    pub(crate) fn bucket(&self) -> Option<&Bucket> {
+        self.bucket.as_ref()
+    }
+
+    /// Fetches those of the trials that are shared and not here; how many. Nothing without a bucket.
+    ///
+    /// # Errors
+    /// [`Error::Bucket`] where the bucket cannot be read, and what taking a trial in says.
+    pub fn fetch<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<usize, Error> {
+        let Some(bucket) = &self.bucket else { return Ok(0) };
+        let shared = bucket.trials()?;
+        let mut fetched = 0;
+        for id in ids
+            .into_iter()
+            .filter(|id| shared.contains(*id) && self.lacks(id))
+        {
+            fetched += usize::from(bucket.fetch(self, id)?);
+        }
+        Ok(fetched)
+    }
+
+    /// Brings those of the trials that have ended here and are not shared yet; how many. Nothing without a bucket.
+    ///
+    /// # Errors
+    /// As [`fetch`](Self::fetch).
+    pub fn bring<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<usize, Error> {
+        let Some(bucket) = &self.bucket else { return Ok(0) };
+        let shared = bucket.trials()?;
+        let mut brought = 0;
+        for id in ids
+            .into_iter()
+            .filter(|id| !shared.contains(*id) && !self.lacks(id))
+        {
+            bucket.bring(self, id)?;
+            brought += 1;
+        }
+        Ok(brought)
+    }
+
+    /// Whether a trial has not ended here. One that cannot be read is not lacking: it is said, and mended, here.
+    fn lacks(&self, id: &str) -> bool {
+        self.end(id).is_ok_and(|end| is_missing(end.as_ref()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Phase, Recorder, results::EndState, store::specimen::trial};
+
+    /// A bucket and the stores of two machines that share it.
+    fn two_machines() -> (tempfile::TempDir, Bucket, [Store; 2]) {
+        let dir = tempfile::tempdir().unwrap();
+        let bucket = pretended::bucket();
+        let stores =
+            ["one", "two"].map(|name| Store::at(dir.path().join(name)).sharing(Some(bucket.clone())));
+        (dir, bucket, stores)
+    }
+
+    #[test]
+    fn a_trial_goes_from_one_machine_to_another_and_only_once() {
+        let (_dir, _, [one, two]) = two_machines();
+        let trial = trial(4, 0);
+        let ids = || [trial.id.as_str(), "00000000000000000000000000000000"];
+        assert_eq!((one.bring(ids()).unwrap(), two.fetch(ids()).unwrap()), (0, 0));
+        let mut record = Recorder::default();
+        record.add(Phase::Final, 10, 0, 0, "return", 3.5);
+        one.finish(&trial, &record, 1.0).unwrap();
+        assert_eq!((one.bring(ids()).unwrap(), one.bring(ids()).unwrap()), (1, 0));
+        assert_eq!((two.fetch(ids()).unwrap(), two.fetch(ids()).unwrap()), (1, 0));
+        assert_eq!(two.end(&trial.id).unwrap().unwrap().state, EndState::Ok);
+        assert_eq!(two.parcel(&trial.id).unwrap(), one.parcel(&trial.id).unwrap());
+    }
+
+    #[test]
+    fn what_was_changed_in_the_bucket_is_not_taken_in() {
+        let (_dir, bucket, [one, two]) = two_machines();
+        let trial = trial(4, 0);
+        one.finish(&trial, &Recorder::default(), 1.0).unwrap();
+        one.bring([trial.id.as_str()]).unwrap();
+        let key = format!("trials/{}", trial.id);
+        let mut bytes = bucket.objects.get(&key).unwrap().unwrap().bytes;
+        let place = bytes.iter().position(|byte| *byte == b'\n').unwrap() + 9;
+        bytes[place] ^= 1;
+        bucket.objects.put(&key, &bytes, When::Always).unwrap();
+        assert!(two.fetch([trial.id.as_str()]).is_err());
+        bucket.objects.put(&key, &bytes[..place], When::Always).unwrap();
+        let cut_off = two.fetch([trial.id.as_str()]).unwrap_err().to_string();
+        assert!(
+            cut_off.contains("s3://pretended") && cut_off.contains(&trial.id),
+            "{cut_off}"
+        );
+        assert!(two.end(&trial.id).unwrap().is_none());
+    }
+
+    #[test]
+    fn a_store_without_a_bucket_shares_nothing() {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::at(dir.path());
+        assert_eq!(
+            (store.fetch(["ab"]).unwrap(), store.bring(["ab"]).unwrap()),
+            (0, 0)
+        );
+    }
+}

@@ -1,0 +1,232 @@
+//! Machines that share a bucket of object storage and no folder compute each trial once, whatever happens to them.
+//!
+//! The service is moto's server on this machine, which knows conditional writes; where it is not installed the tests say
+//! so and pass, unless nobody reads what they say. Machines are stores of their own.
+
+use crate::{
+    program::{Answer, Bench, answer, in_ci},
+    slurm::STUDY,
+};
+use std::{
+    net::{TcpListener, TcpStream},
+    process::{Child, Command, Stdio},
+    time::{Duration, Instant},
+};
+
+/// Trials of some seconds, the second half of which takes from the first.
+const LONG: &str = "
+study: long
+title: Trials of some seconds
+source: made for this test
+environments: { cells: { battery: { cells: 2 } } }
+agents:
+  dsac: { dirichlet_sac: { width: 16, batch_size: 32, learning_starts: 64 } }
+  again: { policy: { from: dsac } }
+protocol: { train_evaluate: { steps: 1500, environments: 8, evaluate_every: 500, episodes: 1, final_episodes: 2, \
+trace_episodes: 0 } }
+seeds: 3
+";
+
+/// A server of object storage with the bucket `lab`.
+struct Service {
+    port: u16,
+    server: Child,
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        let _ = self.server.kill();
+        let _ = self.server.wait();
+    }
+}
+
+impl Service {
+    /// Starts the server; `None` where it is not installed.
+    #[expect(clippy::print_stderr, reason = "a test that does nothing says so")]
+    fn start() -> Option<Self> {
+        let asked = Command::new("python3")
+            .args(["-c", "import moto.server, boto3"])
+            .output();
+        if !asked.is_ok_and(|output| output.status.success()) {
+            assert!(!in_ci(), "moto is not installed: .ci/run installs it");
+            eprintln!("passed over: moto is not installed");
+            return None;
+        }
+        let free = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = free.local_addr().unwrap().port();
+        drop(free);
+        let server = Command::new("python3")
+            .args(["-m", "moto.server", "-H", "127.0.0.1", "-p", &port.to_string()])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let service = Self { port, server };
+        let begun = Instant::now();
+        while TcpStream::connect(("127.0.0.1", port)).is_err() {
+            assert!(begun.elapsed() < Duration::from_secs(60), "moto does not listen");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        service.python("s3.create_bucket(Bucket='lab')");
+        Some(service)
+    }
+
+    fn address(&self) -> String {
+        format!("http://127.0.0.1:{}", self.port)
+    }
+
+    fn variables(&self) -> [(&'static str, String); 3] {
+        [
+            ("AWS_ENDPOINT_URL", self.address()),
+            ("AWS_ACCESS_KEY_ID", "key".into()),
+            ("AWS_SECRET_ACCESS_KEY", "secret".into()),
+        ]
+    }
+
+    /// What a line of Python prints that knows the service as `s3`.
+    fn python(&self, line: &str) -> String {
+        let program = format!("import boto3\ns3 = boto3.client('s3', region_name='us-east-1')\n{line}");
+        let mut command = Command::new("python3");
+        command.args(["-c", &program]).envs(self.variables());
+        let output = command.output().unwrap();
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// The keys in the bucket.
+    fn keys(&self) -> Vec<String> {
+        let said =
+            self.python("for it in s3.list_objects_v2(Bucket='lab').get('Contents', []): print(it['Key'])");
+        said.lines().map(str::to_owned).collect()
+    }
+
+    /// One machine begins: a store of its own.
+    fn begin(&self, bench: &Bench, store: &str, arguments: &[&str]) -> Child {
+        let own = ["--store", store, "--bucket", "s3://lab/team", "-o", store];
+        let mut command = bench.command(&[arguments, &own].concat());
+        command.envs(self.variables());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.spawn().unwrap()
+    }
+
+    fn run(&self, bench: &Bench, store: &str, arguments: &[&str]) -> Answer {
+        end(self.begin(bench, store, arguments))
+    }
+}
+
+fn end(child: Child) -> Answer {
+    answer(&child.wait_with_output().unwrap())
+}
+
+/// The folder of a study, and what its trials come to on one machine.
+fn here(study: &str) -> (Bench, Vec<(String, String)>) {
+    let bench = Bench::new();
+    bench.write("study.yaml", study);
+    std::fs::create_dir(bench.path("data")).unwrap();
+    bench.write("data/load.csv", "t_s,power_w\n0,12\n300,20\n");
+    bench.ok(&[
+        "run",
+        "study.yaml",
+        "-j",
+        "2",
+        "--store",
+        "here",
+        "-o",
+        "here-results",
+    ]);
+    let digests = bench.digests("here");
+    (bench, digests)
+}
+
+#[test]
+fn machines_that_share_a_bucket_compute_each_trial_once() {
+    let Some(service) = Service::start() else { return };
+    let (bench, expected) = here(STUDY);
+    let machines =
+        ["one", "two"].map(|store| service.begin(&bench, store, &["run", "study.yaml", "-j", "1"]));
+    let [one, two] = machines.map(end);
+    assert_eq!((one.code, two.code), (0, 0), "{}\n{}", one.err, two.err);
+    assert_eq!(
+        (bench.digests("one"), bench.digests("two")),
+        (expected.clone(), expected.clone())
+    );
+    // Nobody has a lease any more, and every trial is shared.
+    let keys = service.keys();
+    assert!(keys.iter().all(|key| key.starts_with("team/trials/")), "{keys:?}");
+    assert_eq!(keys.len(), expected.len());
+    // A third one computes nothing.
+    let third = service.run(&bench, "three", &["report", "study.yaml"]);
+    assert_eq!(
+        (third.code, bench.digests("three")),
+        (0, expected),
+        "{}",
+        third.err
+    );
+    let again = service.run(&bench, "four", &["run", "study.yaml"]);
+    assert!(
+        again.code == 0 && again.err.contains("nothing runs"),
+        "{}",
+        again.err
+    );
+}
+
+#[test]
+fn trials_that_were_computed_alone_are_brought_and_a_machine_that_is_killed_is_made_up_for() {
+    let Some(service) = Service::start() else { return };
+    let (bench, expected) = here(LONG);
+    let dies = service.begin(&bench, "one", &["run", "study.yaml", "-j", "1"]);
+    let begun = Instant::now();
+    while !service.keys().iter().any(|key| key.starts_with("team/leases/")) {
+        assert!(begun.elapsed() < Duration::from_secs(60), "nothing runs");
+    }
+    let killed = Command::new("kill").args(["-9", &dies.id().to_string()]).status();
+    assert!(killed.unwrap().success());
+    end(dies);
+    let left = service.keys();
+    assert!(left.iter().any(|key| key.starts_with("team/leases/")), "{left:?}");
+    let heir = service.run(&bench, "two", &["run", "study.yaml", "-j", "2"]);
+    assert_eq!(
+        (heir.code, bench.digests("two")),
+        (0, expected.clone()),
+        "{}",
+        heir.err
+    );
+    // What lay in the store of another machine before it knew the bucket is brought by its next run.
+    service.python("for it in s3.list_objects_v2(Bucket='lab')['Contents']: s3.delete_object(Bucket='lab', Key=it['Key'])");
+    let brings = service.run(&bench, "here", &["run", "study.yaml"]);
+    assert!(brings.err.contains("brought 6 trials"), "{}", brings.err);
+    assert_eq!(service.keys().len(), expected.len());
+}
+
+#[test]
+fn a_bucket_that_cannot_be_used_is_said() {
+    let bench = Bench::new();
+    bench.write("study.yaml", STUDY);
+    let run = |bucket: &str, variables: &[(&str, &str)]| {
+        let mut command = bench.command(&["run", "study.yaml", "--bucket", bucket]);
+        command.envs(variables.iter().copied());
+        answer(&command.output().unwrap())
+    };
+    let keys = [("AWS_ACCESS_KEY_ID", "key"), ("AWS_SECRET_ACCESS_KEY", "secret")];
+    let nowhere = [keys[0], keys[1], ("AWS_ENDPOINT_URL", "http://127.0.0.1:1")];
+    for (answer, said) in [
+        (run("lab/team", &keys), "`s3://bucket/prefix`"),
+        (run("s3://lab", &[]), "set AWS_ACCESS_KEY_ID"),
+        (run("s3://lab", &nowhere), "the service cannot be reached"),
+    ] {
+        assert_eq!(answer.code, 2, "{}", answer.err);
+        assert!(answer.err.contains(said), "{}", answer.err);
+    }
+    let Some(service) = Service::start() else { return };
+    let mut command = bench.command(&["run", "study.yaml", "--bucket", "s3://other"]);
+    let absent = answer(&command.envs(service.variables()).output().unwrap());
+    assert!(
+        absent.code == 2 && absent.err.contains("NoSuchBucket"),
+        "{}",
+        absent.err
+    );
+}
