@@ -226,6 +226,21 @@ fn a_uav_that_runs_empty_is_lost_for_the_day_and_grounded_for_the_next() {
     assert_eq!(step.info[5], 0.0);
 }
 
+/// Whatever is chosen at random, no day earns more than its bound, and what is flown and spent adds up to the reward.
+#[test]
+fn no_day_earns_more_than_its_bound() {
+    let mut environment = fleet(json!({ "uavs": 3, "required": 2 }));
+    let mut rng = stream(&["bound"]);
+    environment.reset(&mut rng).unwrap();
+    for day in 0..60 {
+        let choices =
+            [0, 1, 2].map(|uav| f64::from(u8::from(rng.random::<f64>() < 0.1) * (1 + (day + uav) % 2)));
+        let step = act(&mut environment, choices, &mut rng);
+        assert!((step.rewards[0] - (step.info[0] - step.info[1])).abs() < 1e-12);
+        assert!(step.rewards[0] <= step.info[8] && step.info[0] >= 0.0, "{step:?}");
+    }
+}
+
 #[test]
 fn the_worst_string_is_the_one_of_the_largest_known_resistance() {
     let mut environment = fleet(json!({}));
