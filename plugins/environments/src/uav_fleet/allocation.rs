@@ -233,7 +233,7 @@ mod tests {
 
     /// The outputs are the voltages.
     fn policy(head: &str, first: &str) -> Result<LearnedPolicy, Error> {
-        let mut weight = vec![0.0_f32; 36];
+        let mut weight = [0.0_f32; 36];
         (0..4).for_each(|i| weight[i * 4 + i] = 1.0);
         let tensors = [
             ("policy.layers.0.weight", vec![9, 4], &weight[..]),

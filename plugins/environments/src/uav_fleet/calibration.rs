@@ -134,7 +134,7 @@ impl Estimate {
             weight * (normal.residual[1] + hqr * step[0] + hrr * step[1]),
         ];
         let determinant = aqq * arr - aqr * aqr;
-        let new = fresh_limits(
+        let new = within_limits(
             self.q_mobile_c + (arr * b[0] - aqr * b[1]) / determinant,
             self.r_ohm + (aqq * b[1] - aqr * b[0]) / determinant,
         );
@@ -151,7 +151,7 @@ impl Estimate {
 }
 
 /// Holds a correction within what a cell can be.
-fn fresh_limits(q_mobile_c: f64, r_ohm: f64) -> [f64; 2] {
+fn within_limits(q_mobile_c: f64, r_ohm: f64) -> [f64; 2] {
     let fresh = CellParameters::FRESH;
     [
         q_mobile_c.clamp(500.0, 2.0 * fresh.q_mobile_c),
