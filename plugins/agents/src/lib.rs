@@ -53,6 +53,7 @@ pub mod shared;
 pub mod soft_actor_critic;
 pub mod td3_bc;
 pub mod tdom_ac;
+pub mod threshold_maintenance;
 pub mod tree_parzen;
 pub mod value_decomposition;
 pub mod water_filling;
@@ -94,6 +95,7 @@ pub fn register(registry: &mut Registry) {
     soft_actor_critic::register(registry, 1);
     td3_bc::register(registry, 1);
     tdom_ac::register(registry, 1);
+    threshold_maintenance::register(registry, 1);
     tree_parzen::register(registry, 1);
     value_decomposition::register(registry, 1);
     water_filling::register(registry, 1);

@@ -7,7 +7,7 @@
 //! C. Kulkarni and O. Fink, "A prescriptive Dirichlet power allocation policy with deep reinforcement
 //! learning", Reliability Engineering and System Safety 224 (2022) 108529), chapter 4 for the games (Y. Tian,
 //! K.-R. Kladny, Q. Wang, Z. Huang and O. Fink, "Multi-agent actor-critic with time dynamical opponent
-//! model", Neurocomputing 517 (2023) 165-172).
+//! model", Neurocomputing 517 (2023) 165-172), section 6.5 for `uav_fleet`.
 //!
 //! To add one, write a module with a config and an [`engine::Environment`], and one line in [`register`].
 
@@ -16,14 +16,17 @@ pub mod battery;
 mod choices;
 pub mod component_replacement;
 pub mod differential_game;
+pub mod flight_planning;
 pub mod grid_reconfiguration;
 pub mod inspection_planning;
 pub mod particles;
 pub mod pendulum;
+mod policy_network;
 pub mod redundancy;
 mod simplex;
 pub mod simplex_reconstruction;
 pub mod turbofan;
+pub mod uav_fleet;
 mod unit_box;
 
 /// Registers every environment of this crate.
@@ -44,6 +47,8 @@ pub fn register(registry: &mut engine::Registry) {
     registry.environment("component_replacement", 1, about, component_replacement::build);
     let about = "players share the higher of two hills, of which the wider one is a trap";
     registry.environment("differential_game", 1, about, differential_game::build);
+    let about = "airspeeds and heights of a UAV's flight over ground, for the least energy in a wind";
+    registry.environment("flight_planning", 1, about, flight_planning::build);
     let about = "switches of a distribution feeder, so that most load is supplied after faults";
     registry.environment("grid_reconfiguration", 1, about, grid_reconfiguration::build);
     let about = "inspect and repair cracking components, of which k of n must work";
@@ -66,6 +71,8 @@ pub fn register(registry: &mut engine::Registry) {
     registry.environment("turbofan_calibration", 1, about, turbofan::calibration::build);
     let about = "what a turbofan's sensors read, sample by sample: examples for a surrogate";
     registry.environment("turbofan_samples", 1, about, turbofan::samples::build);
+    let about = "replace worn cells of a fleet of UAVs that calibrates, allocates loads and plans flights";
+    registry.environment("uav_fleet", 1, about, uav_fleet::build);
     let about = "two opposed players on the surface of the differential game";
     registry.environment("zero_sum_game", 1, about, differential_game::build_zero_sum);
 }

@@ -5,57 +5,28 @@
 //! flight condition and the health parameters, actions are the sensors, both in SI units and corrected where the
 //! environment says so.
 //!
-//! | symbol | here | shape |
-//! |---|---|---|
-//! | x | `(input - center) / spread` | `[inputs]` |
-//! | W_k, b_k | tensors `policy.layers.<k>.weight` and `.bias` | `[inputs, outputs]`, `[outputs]` |
-//! | h | `max(0, x W + b)` in hidden layers | `[outputs]` |
-//! | y | `action_center + action_spread h` | `[sensors]` |
+//! `y = action_center + action_spread h`, with the output h of the network ([`policy_network`](crate::policy_network)).
 
 use super::model::FlightCondition;
 use super::sensors::Correction;
+use crate::policy_network::{FILE, Header, PolicyNetwork};
 use engine::{Channel, Error, Product, product::Policy};
-use safetensors::SafeTensors;
-use serde::Deserialize;
 use std::path::Path;
 
 /// The fitted network.
 #[derive(Debug, Clone)]
 pub(super) struct Surrogate {
-    header: Header,
-    layers: Vec<Layer>,
+    network: PolicyNetwork,
     /// Where the output of each wanted sensor stands.
     sensors: Vec<usize>,
     /// True where it was fitted to corrected outputs.
     is_corrected: bool,
 }
 
-/// What the file says of its inputs and outputs.
-#[derive(Debug, Clone, Deserialize)]
-struct Header {
-    inputs: Vec<String>,
-    center: Vec<f64>,
-    spread: Vec<f64>,
-    outputs: Vec<String>,
-    #[serde(default)]
-    action_center: Vec<f64>,
-    #[serde(default)]
-    action_spread: Vec<f64>,
-    head: String,
-    activations: Vec<String>,
-}
-
-#[derive(Debug, Clone)]
-struct Layer {
-    /// Row by row, one row for each input.
-    weight: Vec<f64>,
-    bias: Vec<f64>,
-}
-
-const FILE: &str = "policy.safetensors";
+const KEY: &str = "model.surrogate";
 
 fn misfit(problem: impl Into<String>) -> Error {
-    Error::config("model.surrogate", problem)
+    Error::config(KEY, problem)
 }
 
 impl Surrogate {
@@ -73,37 +44,11 @@ impl Surrogate {
     }
 
     fn open(path: &Path, health: &[&str], sensors: &[String]) -> Result<Self, Error> {
-        let bytes = std::fs::read(path).map_err(|source| Error::File {
-            doing: "read",
-            path: path.into(),
-            source,
-        })?;
-        let damaged = |problem: &dyn std::fmt::Display| misfit(format!("`{}`: {problem}", path.display()));
-        let file = SafeTensors::deserialize(&bytes).map_err(|error| damaged(&error))?;
-        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(&error))?;
-        let text = metadata.metadata().as_ref().and_then(|it| it.get("header"));
-        let header: Header =
-            serde_json::from_str(text.map_or("", |text| text)).map_err(|error| damaged(&error))?;
-        let is_corrected = header.is_corrected(health)?;
-        let sensors = header.check(sensors)?;
-        let layers = (0..=header.activations.len())
-            .map(|layer| Layer::read(&file, layer).ok_or_else(|| damaged(&"a layer is missing")))
-            .collect::<Result<Vec<_>, Error>>()?;
-        let mut width = header.inputs.len();
-        for layer in &layers {
-            if layer.weight.len() != width * layer.bias.len() {
-                return Err(damaged(&"its layers do not follow each other"));
-            }
-            width = layer.bias.len();
-        }
-        if width != header.outputs.len() {
-            return Err(damaged(
-                &"its last layer has another number of outputs than it names",
-            ));
-        }
+        let network = PolicyNetwork::open(KEY, path)?;
+        let is_corrected = is_corrected(&network.header, health)?;
+        let sensors = places(&network.header, sensors)?;
         Ok(Self {
-            header,
-            layers,
+            network,
             sensors,
             is_corrected,
         })
@@ -117,25 +62,16 @@ impl Surrogate {
         let correction = Correction::of(condition);
         let mut read = self.outputs(&correction.corrected(condition), theta);
         for (value, place) in read.iter_mut().zip(&self.sensors) {
-            *value *= correction.factor(&self.header.outputs[*place]);
+            *value *= correction.factor(&self.network.header.outputs[*place]);
         }
         read
     }
 
     fn outputs(&self, condition: &FlightCondition, theta: &[f64]) -> Vec<f64> {
         let inputs = condition.to_array().into_iter().chain(theta.iter().copied());
-        let scaled = inputs.zip(&self.header.center).zip(&self.header.spread);
-        let mut x: Vec<f64> = scaled
-            .map(|((x, center), spread)| (x - center) / spread)
-            .collect();
-        let last = self.layers.len() - 1;
-        for (place, layer) in self.layers.iter().enumerate() {
-            x = layer.apply(&x);
-            if place < last {
-                x.iter_mut().for_each(|value| *value = value.max(0.0));
-            }
-        }
-        let (center, spread) = (&self.header.action_center, &self.header.action_spread);
+        let x = self.network.outputs(inputs);
+        let header = &self.network.header;
+        let (center, spread) = (&header.action_center, &header.action_spread);
         self.sensors
             .iter()
             .map(|place| center[*place] + spread[*place] * x[*place])
@@ -143,90 +79,61 @@ impl Surrogate {
     }
 }
 
-impl Header {
-    /// Whether it was fitted to corrected outputs, of these health parameters.
-    fn is_corrected(&self, health: &[&str]) -> Result<bool, Error> {
-        let inputs = |channels: Vec<Channel>| -> Vec<String> {
-            let names = channels.into_iter().map(|channel| channel.name);
-            names.chain(health.iter().map(ToString::to_string)).collect()
-        };
-        let (plain, corrected) = (FlightCondition::channels(), FlightCondition::corrected_channels());
-        match &self.inputs {
-            known if *known == inputs(corrected) => Ok(true),
-            known if *known == inputs(plain) => Ok(false),
-            other => Err(misfit(format!(
-                "it was fitted to [{}], and the health parameters here are [{}]: the keys `calibrated` must be \
-                 the same",
-                other.join(", "),
-                health.join(", ")
-            ))),
-        }
-    }
-
-    /// Places of the wanted sensors.
-    fn check(&self, sensors: &[String]) -> Result<Vec<usize>, Error> {
-        let n = self.outputs.len();
-        let is_one = self.head == "identity"
-            && self.activations.iter().all(|it| it == "relu")
-            && [&self.center, &self.spread]
-                .iter()
-                .all(|it| it.len() == self.inputs.len())
-            && [&self.action_center, &self.action_spread]
-                .iter()
-                .all(|it| it.len() == n);
-        if !is_one {
-            return Err(misfit(
-                "it is no surrogate; fit `network_regression` with rectifiers to `turbofan_samples`",
-            ));
-        }
-        let place = |name: &String| {
-            self.outputs
-                .iter()
-                .position(|output| output == name)
-                .ok_or_else(|| {
-                    misfit(format!(
-                        "it knows nothing of `{name}`; it gives {}",
-                        self.outputs.join(", ")
-                    ))
-                })
-        };
-        sensors.iter().map(place).collect()
+/// Whether it was fitted to corrected outputs, of these health parameters.
+fn is_corrected(header: &Header, health: &[&str]) -> Result<bool, Error> {
+    let inputs = |channels: Vec<Channel>| -> Vec<String> {
+        let names = channels.into_iter().map(|channel| channel.name);
+        names.chain(health.iter().map(ToString::to_string)).collect()
+    };
+    let (plain, corrected) = (FlightCondition::channels(), FlightCondition::corrected_channels());
+    match &header.inputs {
+        known if *known == inputs(corrected) => Ok(true),
+        known if *known == inputs(plain) => Ok(false),
+        other => Err(misfit(format!(
+            "it was fitted to [{}], and the health parameters here are [{}]: the keys `calibrated` must be \
+             the same",
+            other.join(", "),
+            health.join(", ")
+        ))),
     }
 }
 
-impl Layer {
-    fn read(file: &SafeTensors<'_>, layer: usize) -> Option<Self> {
-        let numbers = |what: &str| {
-            let tensor = file.tensor(&format!("policy.layers.{layer}.{what}")).ok()?;
-            let number = |bytes: &[u8]| Some(f64::from(f32::from_le_bytes(bytes.try_into().ok()?)));
-            tensor.data().chunks(4).map(number).collect::<Option<Vec<f64>>>()
-        };
-        Some(Self {
-            weight: numbers("weight")?,
-            bias: numbers("bias")?,
-        })
+/// Places of the wanted sensors.
+fn places(header: &Header, sensors: &[String]) -> Result<Vec<usize>, Error> {
+    let n = header.outputs.len();
+    let is_one = header.head == "identity"
+        && header.activations.iter().all(|it| it == "relu")
+        && [&header.center, &header.spread]
+            .iter()
+            .all(|it| it.len() == header.inputs.len())
+        && [&header.action_center, &header.action_spread]
+            .iter()
+            .all(|it| it.len() == n);
+    if !is_one {
+        return Err(misfit(
+            "it is no surrogate; fit `network_regression` with rectifiers to `turbofan_samples`",
+        ));
     }
-
-    fn apply(&self, x: &[f64]) -> Vec<f64> {
-        let mut sums = self.bias.clone();
-        for (value, row) in x.iter().zip(self.weight.chunks(self.bias.len())) {
-            // Half of what rectifiers give is 0.
-            if *value != 0.0 {
-                sums.iter_mut()
-                    .zip(row)
-                    .for_each(|(sum, weight)| *sum += value * weight);
-            }
-        }
-        sums
-    }
+    let place = |name: &String| {
+        header
+            .outputs
+            .iter()
+            .position(|output| output == name)
+            .ok_or_else(|| {
+                misfit(format!(
+                    "it knows nothing of `{name}`; it gives {}",
+                    header.outputs.join(", ")
+                ))
+            })
+    };
+    sensors.iter().map(place).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use safetensors::tensor::{Dtype, TensorView};
+    use crate::policy_network;
     use serde_json::{Value, json};
-    use std::collections::HashMap;
 
     fn header() -> Value {
         json!({
@@ -255,24 +162,7 @@ mod tests {
             ),
             ("policy.layers.1.bias", vec![2], &[0.25, -0.25]),
         ];
-        let bytes = tensors.map(|(name, shape, values)| {
-            (
-                name,
-                shape,
-                values.iter().flat_map(|it| it.to_le_bytes()).collect::<Vec<u8>>(),
-            )
-        });
-        let views = bytes
-            .iter()
-            .map(|(name, shape, data)| (*name, TensorView::new(Dtype::F32, shape.clone(), data).unwrap()));
-        let metadata = HashMap::from([("header".to_string(), header.to_string())]);
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(
-            folder.path().join(FILE),
-            safetensors::serialize(views, Some(metadata)).unwrap(),
-        )
-        .unwrap();
-        folder
+        policy_network::tests::written(header, &tensors)
     }
 
     fn open(header: &Value, health: &[&str], sensors: &[&str]) -> Result<Surrogate, Error> {

@@ -1,0 +1,217 @@
+//! Maintain what is worn beyond a threshold, the most worn first, and never too many at once: a rule for a fleet.
+//!
+//! Two thresholds on two channels of the full state that every seat has. A seat whose `all_channel` is at or above
+//! `all_from` takes the choice `all`; another one whose `worst_channel` is at or above `worst_from` takes the choice
+//! `worst`. Of these seats at most `at_once` are let, those that are furthest above their threshold in parts of it; the
+//! rest wait, and take `nothing`. On a counted charge this is maintenance at intervals, on a health it is
+//! condition-based; `at_once` is what keeps a fleet available.
+//!
+//! It learns nothing and records nothing.
+
+use crate::shared::choice_seat::{choice, state_of_seats};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+const NAME: &str = "threshold_maintenance";
+
+/// The thresholds of the rule.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// The channel `<seat>.<name>` of the full state that decides on all parts of a seat.
+    pub all_channel: String,
+    /// From which value on the choice `all` is taken; never where absent.
+    pub all_from: Option<f64>,
+    /// The name of that choice.
+    pub all: String,
+    /// The channel `<seat>.<name>` of the full state that decides on the worst part of a seat.
+    pub worst_channel: String,
+    /// From which value on the choice `worst` is taken; never where absent.
+    pub worst_from: Option<f64>,
+    /// The name of that choice.
+    pub worst: String,
+    /// Seats that are maintained in one step at most.
+    #[schemars(range(min = 1, max = 100_000))]
+    pub at_once: usize,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            all_channel: "mean_resistance_ohm".into(),
+            all_from: Some(0.18),
+            all: "replace_all".into(),
+            worst_channel: "worst_resistance_ohm".into(),
+            worst_from: None,
+            worst: "replace_worst".into(),
+            at_once: 1,
+        }
+    }
+}
+
+impl engine::Config for Config {}
+
+/// The rule.
+#[derive(Debug, Clone)]
+struct ThresholdMaintenance {
+    at_once: usize,
+    seats: Vec<SeatOfRule>,
+}
+
+/// A seat's thresholds, the first that is reached holds, and what it does below them.
+#[derive(Debug, Clone)]
+struct SeatOfRule {
+    nothing: f64,
+    thresholds: Vec<Threshold>,
+}
+
+#[derive(Debug, Clone)]
+struct Threshold {
+    channel: usize,
+    from: f64,
+    choice: f64,
+}
+
+/// Registers the agent.
+pub(crate) fn register(registry: &mut Registry, version: u32) {
+    let about = "maintain what is worn beyond a threshold, the most worn first, never too many at once";
+    registry.agent(NAME, version, about, AgentTraits::default(), build);
+}
+
+/// Builds the rule for seats with the choice `nothing` and those that it names.
+///
+/// # Errors
+/// [`Error::Mismatch`] where a choice or a channel of the full state is missing; [`Error::Config`] for a threshold that
+/// is not above 0 and for none let at once.
+fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
+    if config.at_once == 0 {
+        return Err(Error::config("at_once", "it is at least 1"));
+    }
+    let mut seats = Vec::new();
+    for seat in &interface.seats {
+        seats.push(SeatOfRule {
+            nothing: choice(NAME, seat, "nothing")?,
+            thresholds: Vec::new(),
+        });
+    }
+    for (key, from, channel, name) in [
+        ("all_from", config.all_from, &config.all_channel, &config.all),
+        (
+            "worst_from",
+            config.worst_from,
+            &config.worst_channel,
+            &config.worst,
+        ),
+    ] {
+        let Some(from) = from else { continue };
+        if !(from.is_finite() && from > 0.0) {
+            return Err(Error::config(key, format!("{from} is not above 0")));
+        }
+        let channels = state_of_seats(NAME, interface, channel)?;
+        for ((one, seat), channel) in seats.iter_mut().zip(&interface.seats).zip(channels) {
+            let choice = choice(NAME, seat, name)?;
+            one.thresholds.push(Threshold {
+                channel,
+                from,
+                choice,
+            });
+        }
+    }
+    Ok(Box::new(ThresholdMaintenance {
+        at_once: config.at_once,
+        seats,
+    }))
+}
+
+impl ThresholdMaintenance {
+    fn decide(&self, state: &[f64]) -> Action {
+        let mut action: Action = self.seats.iter().map(|seat| vec![seat.nothing]).collect();
+        let mut due: Vec<(f64, usize, f64)> = self
+            .seats
+            .iter()
+            .enumerate()
+            .filter_map(|(at, seat)| seat.due(state).map(|(excess, choice)| (excess, at, choice)))
+            .collect();
+        due.sort_by(|one, other| other.0.total_cmp(&one.0));
+        for (_, seat, choice) in due.into_iter().take(self.at_once) {
+            action[seat] = vec![choice];
+        }
+        action
+    }
+}
+
+impl SeatOfRule {
+    /// How far the first threshold that is reached lies below its value, in parts of it, and what it asks for.
+    fn due(&self, state: &[f64]) -> Option<(f64, f64)> {
+        let reached = self.thresholds.iter().find(|it| state[it.channel] >= it.from)?;
+        Some((state[reached.channel] / reached.from, reached.choice))
+    }
+}
+
+impl Agent for ThresholdMaintenance {
+    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
+        Ok(observations.iter().map(|seen| self.decide(&seen.state)).collect())
+    }
+
+    fn reads_state(&self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shared::choice_seat::tests::interface;
+    use engine::random::stream;
+    use serde_json::json;
+
+    const CHOICES: [&str; 3] = ["nothing", "replace_worst", "replace_all"];
+    const CHANNELS: [&str; 2] = ["mean_resistance_ohm", "worst_resistance_ohm"];
+
+    fn agent(values: serde_json::Value, choices: &[&str]) -> Result<Box<dyn Agent>, Error> {
+        let config = serde_json::from_value(values).unwrap();
+        build(config, &interface(3, choices, &CHANNELS), &mut stream(&[]))
+    }
+
+    /// What is chosen, given means and worst values of three seats.
+    fn decided(values: serde_json::Value, mean: [f64; 3], worst: [f64; 3]) -> Vec<f64> {
+        let of_seats = mean.iter().zip(worst).flat_map(|(mean, worst)| [*mean, worst]);
+        let seen = Observation {
+            seats: vec![vec![0.0]; 3],
+            state: [7.0].into_iter().chain(of_seats).collect(),
+        };
+        let mut agent = agent(values, &CHOICES).unwrap();
+        assert!(agent.reads_state());
+        agent.act(&[seen], Mode::Evaluate, &mut stream(&[])).unwrap()[0].concat()
+    }
+
+    #[test]
+    fn the_most_worn_go_first_and_the_rest_wait() {
+        let mean = [0.19, 0.25, 0.1];
+        assert_eq!(decided(json!({}), mean, [0.0; 3]), [0.0, 2.0, 0.0]);
+        assert_eq!(decided(json!({ "at_once": 3 }), mean, [0.0; 3]), [2.0, 2.0, 0.0]);
+        // At the threshold, and the first of equals.
+        assert_eq!(decided(json!({}), [0.18, 0.18, 0.0], [0.0; 3]), [2.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_worst_part_is_replaced_where_not_all_are() {
+        let both = json!({ "worst_from": 0.2, "at_once": 2 });
+        // Excess of the first 0.3 / 0.2, of the second 0.36 / 0.18, of the third 0.21 / 0.2.
+        assert_eq!(decided(both, [0.1, 0.36, 0.1], [0.3, 0.4, 0.21]), [1.0, 2.0, 0.0]);
+        let worst_alone = json!({ "all_from": null, "worst_from": 0.2 });
+        assert_eq!(decided(worst_alone, [9.0; 3], [0.1, 0.2, 0.1]), [0.0, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let refused = |values, choices: &[&str]| agent(values, choices).err().unwrap().to_string();
+        assert!(refused(json!({ "at_once": 0 }), &CHOICES).contains("`at_once`"));
+        assert!(refused(json!({ "all_from": 0.0 }), &CHOICES).contains("`all_from`: 0 is not above 0"));
+        let text = refused(json!({}), &CHOICES[..2]);
+        assert!(text.contains("no choice `replace_all`"), "{text}");
+        let text = refused(json!({ "all_channel": "age" }), &CHOICES);
+        assert!(text.contains("`unit_0.age`"), "{text}");
+    }
+}
