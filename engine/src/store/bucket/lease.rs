@@ -27,7 +27,7 @@ pub(crate) struct BucketLeases {
     beats: Mutex<u64>,
     held: Mutex<BTreeSet<String>>,
     /// The tags of others' objects, by token, and since when they are unchanged.
-    seen: Mutex<BTreeMap<String, (Option<String>, Instant)>>,
+    seen: Mutex<BTreeMap<String, (String, Instant)>>,
 }
 
 impl BucketLeases {
@@ -73,7 +73,10 @@ impl BucketLeases {
                 Some(found) if found.owner == self.announcement.owner => return Ok(Claim::Mine),
                 Some(found) if self.lives(&found)? => return Ok(Claim::Held(found.owner)),
                 // What nobody can read nobody has.
-                _ if objects.put(key, said, When::Unchanged(&lease.tag))? => return Ok(Claim::Mine),
+                found if objects.put(key, said, When::Unchanged(&lease.tag))? => {
+                    found.map_or(Ok(()), |dead| objects.delete(&of_owner(&dead.owner)))?;
+                    return Ok(Claim::Mine);
+                }
                 _ => {}
             }
         }
@@ -86,16 +89,16 @@ impl BucketLeases {
         }
     }
 
-    /// For how long this process has seen the object of another one unchanged.
+    /// For how long this process has seen the object of another one unchanged; for ever where it has none, since who
+    /// lives has one.
     fn silence(&self, owner: &Owner) -> Result<Duration, String> {
-        let token = owner.token();
-        let tag = self
-            .bucket
-            .objects
-            .get(&format!("owners/{token}"))?
-            .map(|object| object.tag);
-        let mut seen = lock(&self.seen);
-        let last = seen.entry(token).or_insert_with(|| (tag.clone(), clock::now()));
+        let Some(object) = self.bucket.objects.get(&of_owner(owner))? else {
+            return Ok(Duration::MAX);
+        };
+        let (mut seen, tag) = (lock(&self.seen), object.tag);
+        let last = seen
+            .entry(owner.token())
+            .or_insert_with(|| (tag.clone(), clock::now()));
         if last.0 != tag {
             *last = (tag, clock::now());
         }
@@ -120,7 +123,7 @@ impl BucketLeases {
     pub(crate) fn beat(&self) -> Result<(), Error> {
         let mut beats = lock(&self.beats);
         *beats += 1;
-        let key = format!("owners/{}", self.announcement.owner.token());
+        let key = of_owner(&self.announcement.owner);
         let put = self
             .bucket
             .objects
@@ -141,9 +144,13 @@ impl Drop for BucketLeases {
         for id in held {
             let _ = self.release(&id);
         }
-        let key = format!("owners/{}", self.announcement.owner.token());
-        let _ = self.bucket.objects.delete(&key);
+        let _ = self.bucket.objects.delete(&of_owner(&self.announcement.owner));
     }
+}
+
+/// The object that a living process counts up.
+fn of_owner(owner: &Owner) -> String {
+    format!("owners/{}", owner.token())
 }
 
 fn key(id: &str) -> String {
@@ -190,6 +197,7 @@ mod tests {
         let bucket = bucket();
         let (dead, living, heir) = (on(&bucket, "dead"), on(&bucket, "living"), on(&bucket, "heir"));
         dead.claim("ab").unwrap();
+        dead.claim("ef").unwrap();
         living.claim("cd").unwrap();
         let begun = clock::now();
         let mut taken = heir.claim("ab").unwrap();
@@ -201,6 +209,8 @@ mod tests {
             taken = heir.claim("ab").unwrap();
         }
         assert!(clock::since(begun) >= EXPIRY);
+        // Its other leases count no more.
+        assert_eq!(living.claim("ef").unwrap(), Claim::Mine);
         // The dead one was only suspended: it does not remove what is the heir's now.
         dead.release("ab").unwrap();
         assert!(matches!(living.claim("ab").unwrap(), Claim::Held(owner) if owner.host == "heir"));

@@ -19,10 +19,13 @@ mod service;
 
 pub(crate) use lease::BucketLeases;
 
-use super::{Announcement, Store, is_missing, parcel};
+use super::{Announcement, Claim, Leases, Store, is_missing, parcel};
 use crate::Error;
 use objects::{Objects, When};
-use std::{collections::BTreeSet, sync::Arc};
+use std::{collections::BTreeSet, sync::Arc, time::Duration};
+
+/// Whoever fetches a trial for longer than this counts as gone, where nobody can see it.
+const FETCHED_WITHIN: Duration = Duration::from_secs(300);
 
 /// Part of a bucket that one or several studies share.
 #[derive(Debug, Clone)]
@@ -114,16 +117,25 @@ impl Store {
     /// Fetches those of the trials that are shared and not here; how many. Nothing without a bucket.
     ///
     /// # Errors
-    /// [`Error::Bucket`] where the bucket cannot be read, and what taking a trial in says.
+    /// [`Error::Bucket`] where the bucket cannot be read, and what leases and taking a trial in say.
     pub fn fetch<'a>(&self, ids: impl IntoIterator<Item = &'a str>) -> Result<usize, Error> {
         let Some(bucket) = &self.bucket else { return Ok(0) };
         let shared = bucket.trials()?;
-        let mut fetched = 0;
-        for id in ids
+        let wanted: Vec<&str> = ids
             .into_iter()
             .filter(|id| shared.contains(*id) && self.lacks(id))
-        {
-            fetched += usize::from(bucket.fetch(self, id)?);
+            .collect();
+        if wanted.is_empty() {
+            return Ok(0);
+        }
+        let (leases, mut fetched) = (Leases::open(self, FETCHED_WITHIN)?, 0);
+        for id in wanted {
+            // What another program here computes will be here without it.
+            if leases.claim(id)? == Claim::Mine {
+                let outcome = bucket.fetch(self, id);
+                leases.release(id)?;
+                fetched += usize::from(outcome?);
+            }
         }
         Ok(fetched)
     }
