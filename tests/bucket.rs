@@ -4,7 +4,7 @@
 //! so and pass, unless nobody reads what they say. Machines are stores of their own.
 
 use crate::{
-    program::{Answer, Bench, answer, in_ci},
+    program::{Answer, Bench, answer, in_ci, trial_files},
     slurm::STUDY,
 };
 use std::{
@@ -209,6 +209,47 @@ fn trials_that_were_computed_alone_are_brought_and_a_machine_that_is_killed_is_m
     let brings = service.run(&bench, "here", &["run", "study.yaml"]);
     assert!(brings.err.contains("brought 6 trials"), "{}", brings.err);
     assert_eq!(service.keys().len(), expected.len());
+}
+
+#[test]
+fn failures_are_shared_and_tried_again_and_what_is_damaged_is_fetched_anew() {
+    let Some(service) = Service::start() else { return };
+    let (bench, expected) = here(LONG);
+    let own = |store: &'static str| ["--store", store, "--bucket", "s3://lab/team", "-o", store];
+    bench.write("fails.yaml", &crate::end_states::study("{ how: fail }"));
+    let failing = |store: &'static str, more: &[&str]| {
+        let arguments = [&["run", "fails.yaml"], &own(store)[..], more].concat();
+        let mut command = bench.misused(&arguments);
+        answer(&command.envs(service.variables()).output().unwrap())
+    };
+    let first = failing("one", &[]);
+    assert_eq!(first.code, 100, "{}", first.err);
+    // Another machine has the failure from the bucket, and tries again where it is asked to.
+    let other = failing("two", &[]);
+    assert!(
+        other.code == 100 && !other.err.contains("running "),
+        "{}",
+        other.err
+    );
+    let again = failing("two", &["--retry-failed"]);
+    assert!(
+        again.code == 100 && again.err.contains("running 1") && !again.err.contains("by another program"),
+        "{}",
+        again.err
+    );
+    // A trial that is damaged here is set aside and comes back from the bucket.
+    let brings = service.run(&bench, "here", &["run", "study.yaml"]);
+    assert!(brings.err.contains("brought 6 trials"), "{}", brings.err);
+    let damaged = trial_files(&bench.path("here"))[0].with_file_name("metrics.parquet");
+    std::fs::write(&damaged, "PAR1 no longer").unwrap();
+    let mended = service.run(&bench, "here", &["run", "study.yaml"]);
+    assert_eq!(
+        (mended.code, bench.digests("here")),
+        (0, expected),
+        "{}",
+        mended.err
+    );
+    assert!(mended.err.contains("by another program"), "{}", mended.err);
 }
 
 #[test]

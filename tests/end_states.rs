@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::time::{Duration, Instant};
 
 /// One misbehaving trial, and one that is well.
-fn study(how: &str) -> String {
+pub(crate) fn study(how: &str) -> String {
     format!(
         "
 study: misbehaving

@@ -61,16 +61,9 @@ impl Compute<'_> {
     /// 100 where some of them failed.
     pub(super) fn run(&self, planned: &[Planned], mine: impl Fn(usize) -> bool) -> Result<u8, Failure> {
         let store = self.settings.open()?.by(self.registry.build.clone());
-        let brought = store.bring(
-            planned
-                .iter()
-                .flat_map(|one| &one.plan.trials)
-                .map(|trial| trial.id.as_str()),
-        )?;
-        if let (Some(address), 1..) = (&self.settings.bucket, brought) {
-            complain(&format!("brought {} into `{address}`", count(brought, "trial")));
-        }
         let ends = self.prepare(planned, &store)?;
+        // What is damaged is set aside by now.
+        self.bring(planned, &store)?;
         let tasks = self.tasks(planned, &ends, mine);
         if tasks.is_empty() {
             complain(&self.nothing_runs(planned, &ends));
@@ -101,6 +94,16 @@ impl Compute<'_> {
             .map(|(place, (task, _))| (task, ran.blocked.contains(&place)))
             .collect();
         Ok(self.code(&left, &store, &ran))
+    }
+
+    /// Brings what has ended here and is not shared yet into the bucket, where there is one.
+    fn bring(&self, planned: &[Planned], store: &Store) -> Result<(), Failure> {
+        let trials = planned.iter().flat_map(|one| &one.plan.trials);
+        let brought = store.bring(trials.map(|trial| trial.id.as_str()))?;
+        if let (Some(address), 1..) = (&self.settings.bucket, brought) {
+            complain(&format!("brought {} into `{address}`", count(brought, "trial")));
+        }
+        Ok(())
     }
 
     /// How many processes run so many tasks, in words.

@@ -62,7 +62,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// Leaves with 0 whatever it saw; with 2 where a study is wrong.
 pub(super) fn watch(registry: &Registry, options: &WatchOptions, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
-    let store = settings.open()?;
+    let store = Store::at(&settings.store);
     let planned = study::load_with_looks(registry, &options.selection, &store)?;
     let preferred = options
         .metric

@@ -235,12 +235,14 @@ pub fn run(
         let watch = watch::Watch {
             children: &children,
             leases: &leases,
-            shared_leases: shared_leases.as_ref(),
             stop: &workers.stop,
             halt: &halt,
             on: &watching,
         };
         let watcher = scope.spawn(move || watch.run(workers.heartbeat));
+        if let Some(leases) = &shared_leases {
+            scope.spawn(|| watch::renew(leases, &watching, workers.heartbeat));
+        }
         let outcome = slots.into_iter().map(|slot| {
             slot.join()
                 .unwrap_or_else(|panic| std::panic::resume_unwind(panic))

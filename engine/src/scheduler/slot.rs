@@ -10,7 +10,7 @@ use crate::{
     Error,
     limits::Limits,
     results::{EndState, TrialEnd},
-    store::{BucketLeases, Claim, Leases, Store, is_missing},
+    store::{BucketLeases, Claim, Leases, Owner, Store, is_missing},
     world::clock,
 };
 use std::{
@@ -200,14 +200,7 @@ impl<'a, R: Runner> Slot<'a, R> {
     fn claim(&mut self, turn: Turn) -> Result<(), Error> {
         let task = &self.all.tasks[turn.task];
         match self.all.leases.claim(&task.trial.id)? {
-            Claim::Held(_) if !self.all.workers.wait_for_others => self.all.queue.done(&task.trial.id),
-            Claim::Held(owner) => {
-                self.tell(Event::Held {
-                    trial: turn.task,
-                    owner,
-                });
-                self.all.queue.held(turn);
-            }
+            Claim::Held(owner) => self.leave_to(owner, turn),
             Claim::Mine => {
                 let outcome = self.under_shared_lease(turn);
                 self.all.leases.release(&task.trial.id)?;
@@ -225,15 +218,9 @@ impl<'a, R: Runner> Slot<'a, R> {
         };
         let id = &self.all.tasks[turn.task].trial.id;
         match leases.claim(id)? {
-            Claim::Held(_) if !self.all.workers.wait_for_others => self.all.queue.done(id),
-            Claim::Held(owner) => {
-                self.tell(Event::Held {
-                    trial: turn.task,
-                    owner,
-                });
-                self.all.queue.held(turn);
-            }
+            Claim::Held(owner) => self.leave_to(owner, turn),
             Claim::Mine => {
+                // Of a trial that runs again although it has ended the bucket has that end, or a newer one.
                 let fetched = bucket.fetch_missing(self.all.store, id);
                 let outcome = fetched.and_then(|()| self.under_lease(turn));
                 leases.release(id)?;
@@ -241,6 +228,19 @@ impl<'a, R: Runner> Slot<'a, R> {
             }
         }
         Ok(())
+    }
+
+    /// Another program has the trial: this one waits for it, or goes without it.
+    fn leave_to(&self, owner: Owner, turn: Turn) {
+        if !self.all.workers.wait_for_others {
+            self.all.queue.done(&self.all.tasks[turn.task].trial.id);
+            return;
+        }
+        self.tell(Event::Held {
+            trial: turn.task,
+            owner,
+        });
+        self.all.queue.held(turn);
     }
 
     fn under_lease(&mut self, turn: Turn) -> Result<(), Error> {

@@ -18,7 +18,6 @@ const PERIOD: Duration = Duration::from_millis(20);
 pub(super) struct Watch<'a> {
     pub(super) children: &'a [Shared],
     pub(super) leases: &'a Leases,
-    pub(super) shared_leases: Option<&'a BucketLeases>,
     /// The wish to stop from outside, and from within.
     pub(super) stop: &'a AtomicBool,
     pub(super) halt: &'a AtomicBool,
@@ -43,9 +42,22 @@ impl Watch<'_> {
                 // A store that cannot be written now shows at the next trial; until then the leases only look
                 // older.
                 let _ = self.leases.beat();
-                let _ = self.shared_leases.map(BucketLeases::beat);
             }
             std::thread::park_timeout(PERIOD);
         }
+    }
+}
+
+/// Renews the leases in a bucket until the slots are done. It has a thread of its own: a service that does not answer
+/// must not hold up limits and the wish to stop.
+pub(super) fn renew(leases: &BucketLeases, on: &AtomicBool, heartbeat: Duration) {
+    let mut renewed = clock::now();
+    while on.load(Ordering::SeqCst) {
+        if clock::since(renewed) >= heartbeat {
+            renewed = clock::now();
+            // As above: until the service answers again the leases only look older.
+            let _ = leases.beat();
+        }
+        std::thread::park_timeout(PERIOD);
     }
 }

@@ -57,9 +57,7 @@ pub use metrics_file::{
 };
 pub use owner::Owner;
 pub use pack::Packing;
-#[cfg(test)]
-pub(crate) use parcel::Parcel;
-pub(crate) use parcel::{Manifest, read_bytes};
+pub(crate) use parcel::{Manifest, Parcel, read_bytes};
 pub use running::RunningTrial;
 pub use seal::{hash as digest, hash_of_file as digest_of_file};
 pub(crate) use sealed_folder::flush_way;

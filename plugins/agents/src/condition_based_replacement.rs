@@ -18,8 +18,11 @@
 //!
 //! It learns nothing and records nothing.
 
-use crate::shared::choice_seat::{choice, state_channel, state_of_seats};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Preset, Registry, Rng, Seat};
+use crate::shared::{
+    choice_seat::{choice, state_channel, state_of_seats},
+    state_rule::{Ruled, StateRule},
+};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Preset, Registry, Rng, Seat};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -143,14 +146,14 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
     let readings = state_of_seats(NAME, interface, "reading")?;
     let seats = interface.seats.iter().zip(readings);
     let seats = seats.map(|(seat, reading)| SeatOfRule::new(&config, seat, reading));
-    Ok(Box::new(ConditionBasedReplacement {
+    Ok(Box::new(Ruled(ConditionBasedReplacement {
         step: state_channel(NAME, &interface.state, "step")?,
         seats: seats.collect::<Result<_, Error>>()?,
         config,
-    }))
+    })))
 }
 
-impl ConditionBasedReplacement {
+impl StateRule for ConditionBasedReplacement {
     fn decide(&self, state: &[f64]) -> Action {
         let step = state[self.step];
         let after = |lag: f64| {
@@ -165,7 +168,9 @@ impl ConditionBasedReplacement {
         let of = |seat: &SeatOfRule| vec![self.choose(seat, state[seat.reading], inspects, acts)];
         self.seats.iter().map(of).collect()
     }
+}
 
+impl ConditionBasedReplacement {
     fn choose(&self, seat: &SeatOfRule, reading: f64, inspects: bool, acts: bool) -> f64 {
         let reads_as = |least: u32| reading > f64::from(least) - 0.5;
         let replaces = acts && reads_as(self.config.replace_from);
@@ -183,21 +188,11 @@ fn is_round(step: f64, interval: u32) -> bool {
     step > 0.5 && step % f64::from(interval) < 0.5
 }
 
-impl Agent for ConditionBasedReplacement {
-    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        Ok(observations.iter().map(|seen| self.decide(&seen.state)).collect())
-    }
-
-    fn reads_state(&self) -> bool {
-        true
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::shared::choice_seat::tests::interface;
-    use engine::random::stream;
+    use engine::{Mode, Observation, random::stream};
 
     const CHOICES: [&str; 5] = [
         "nothing",

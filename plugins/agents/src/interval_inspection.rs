@@ -16,8 +16,11 @@
 //! multiple of the interval the components with the highest failure probabilities are inspected, but for those that
 //! are repaired; of equals the first. It learns nothing and records nothing.
 
-use crate::shared::choice_seat::{choice, state_channel, state_of_seats};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use crate::shared::{
+    choice_seat::{choice, state_channel, state_of_seats},
+    state_rule::{Ruled, StateRule},
+};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -95,14 +98,14 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
             repair: choice(NAME, seat, "repair")?,
         })
     });
-    Ok(Box::new(IntervalInspection {
+    Ok(Box::new(Ruled(IntervalInspection {
         config,
         step: state_channel(NAME, &interface.state, "step")?,
         seats: seats.collect::<Result<_, Error>>()?,
-    }))
+    })))
 }
 
-impl IntervalInspection {
+impl StateRule for IntervalInspection {
     fn decide(&self, state: &[f64]) -> Action {
         let mut action: Action = self.seats.iter().map(|seat| vec![seat.nothing]).collect();
         if self.is_round(state[self.step]) {
@@ -117,7 +120,9 @@ impl IntervalInspection {
         }
         action
     }
+}
 
+impl IntervalInspection {
     fn is_round(&self, step: f64) -> bool {
         step > 0.5 && step % f64::from(self.config.interval) < 0.5
     }
@@ -132,21 +137,11 @@ impl IntervalInspection {
     }
 }
 
-impl Agent for IntervalInspection {
-    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        Ok(observations.iter().map(|seen| self.decide(&seen.state)).collect())
-    }
-
-    fn reads_state(&self) -> bool {
-        true
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::shared::choice_seat::tests::interface;
-    use engine::random::stream;
+    use engine::{Mode, Observation, random::stream};
 
     const CHOICES: [&str; 3] = ["nothing", "inspect", "repair"];
     const CHANNELS: [&str; 2] = ["failure_probability", "detected"];

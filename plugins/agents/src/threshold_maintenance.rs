@@ -8,8 +8,11 @@
 //!
 //! It learns nothing and records nothing.
 
-use crate::shared::choice_seat::{choice, state_of_seats};
-use engine::{Action, Agent, AgentTraits, Error, Interface, Mode, Observation, Registry, Rng};
+use crate::shared::{
+    choice_seat::{choice, state_of_seats},
+    state_rule::{Ruled, StateRule},
+};
+use engine::{Action, Agent, AgentTraits, Error, Interface, Registry, Rng};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -118,13 +121,13 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
             });
         }
     }
-    Ok(Box::new(ThresholdMaintenance {
+    Ok(Box::new(Ruled(ThresholdMaintenance {
         at_once: config.at_once,
         seats,
-    }))
+    })))
 }
 
-impl ThresholdMaintenance {
+impl StateRule for ThresholdMaintenance {
     fn decide(&self, state: &[f64]) -> Action {
         let mut action: Action = self.seats.iter().map(|seat| vec![seat.nothing]).collect();
         let mut due: Vec<(f64, usize, f64)> = self
@@ -149,21 +152,11 @@ impl SeatOfRule {
     }
 }
 
-impl Agent for ThresholdMaintenance {
-    fn act(&mut self, observations: &[Observation], _: Mode, _: &mut Rng) -> Result<Vec<Action>, Error> {
-        Ok(observations.iter().map(|seen| self.decide(&seen.state)).collect())
-    }
-
-    fn reads_state(&self) -> bool {
-        true
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::shared::choice_seat::tests::interface;
-    use engine::random::stream;
+    use engine::{Mode, Observation, random::stream};
     use serde_json::json;
 
     const CHOICES: [&str; 3] = ["nothing", "replace_worst", "replace_all"];

@@ -19,8 +19,8 @@ mod service;
 
 pub(crate) use lease::BucketLeases;
 
-use super::{Announcement, Claim, Leases, Store, is_missing, parcel};
-use crate::Error;
+use super::{Announcement, Claim, Leases, Parcel, Store, index, is_missing, parcel};
+use crate::{Error, results::TrialEnd};
 use objects::{Objects, When};
 use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
@@ -62,7 +62,8 @@ impl Bucket {
         Ok(ids.map(str::to_owned).collect())
     }
 
-    /// Takes a trial that is in the bucket into a store; false where it is not in the bucket.
+    /// Takes a trial that is in the bucket into a store; false where it is not in the bucket, or is there with the end
+    /// after which it is to be tried again here.
     pub(crate) fn fetch(&self, store: &Store, id: &str) -> Result<bool, Error> {
         let doing = || format!("fetch trial {id} from");
         let found = self.objects.get(&format!("trials/{id}"));
@@ -70,6 +71,10 @@ impl Bucket {
             return Ok(false);
         };
         let files = parcel::from_bytes(id, &object.bytes).map_err(|problem| self.error(&doing(), problem))?;
+        let earlier = store.earlier(id);
+        if earlier.is_some() && end_in(&files) == earlier {
+            return Ok(false);
+        }
         store.take_in(id, &files)?;
         Ok(true)
     }
@@ -100,6 +105,12 @@ impl Bucket {
             problem,
         }
     }
+}
+
+/// How the trial of a parcel ended; `None` where that cannot be read.
+fn end_in(parcel: &Parcel) -> Option<TrialEnd> {
+    let (_, acknowledgement) = parcel.iter().find(|(name, _)| name == "trial.json")?;
+    Some(index::parse(acknowledgement).ok()?.end)
 }
 
 impl Store {
@@ -212,6 +223,30 @@ mod tests {
             "{cut_off}"
         );
         assert!(two.end(&trial.id).unwrap().is_none());
+    }
+
+    #[test]
+    fn a_failure_that_is_to_be_tried_again_does_not_come_back_and_a_newer_end_does() {
+        let (_dir, bucket, [one, two]) = two_machines();
+        let trial = trial(4, 0);
+        let ids = [trial.id.as_str()];
+        let failed = |wall_s| TrialEnd {
+            state: EndState::Failed,
+            reason: "told".into(),
+            wall_s,
+            decision_s: None,
+            digest: String::new(),
+        };
+        one.acknowledge(&trial, &failed(1.0)).unwrap();
+        one.bring(ids).unwrap();
+        assert_eq!(two.fetch(ids).unwrap(), 1);
+        two.try_again(&trial.id).unwrap();
+        assert_eq!(two.fetch(ids).unwrap(), 0);
+        assert!(two.end(&trial.id).unwrap().is_none());
+        one.acknowledge(&trial, &failed(2.0)).unwrap();
+        bucket.bring(&one, &trial.id).unwrap();
+        assert_eq!(two.fetch(ids).unwrap(), 1);
+        assert_eq!(two.end(&trial.id).unwrap().unwrap().wall_s, 2.0);
     }
 
     #[test]

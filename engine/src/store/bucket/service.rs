@@ -16,6 +16,8 @@ use ureq::{
 const SIGNED_FOR: Duration = Duration::from_secs(900);
 /// How long a connection may take to be made, and an answer to begin.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// How long an object may take on its way.
+const LONGEST_WAY: Duration = Duration::from_secs(600);
 /// How often a request is made that gets no answer or one that says `later`.
 const ATTEMPTS: u32 = 6;
 /// The wait before the second attempt; it doubles.
@@ -86,7 +88,11 @@ impl Service {
         let agent = Agent::config_builder()
             .http_status_as_error(false)
             .timeout_connect(Some(PATIENCE))
+            .timeout_resolve(Some(PATIENCE))
+            .timeout_send_request(Some(PATIENCE))
+            .timeout_send_body(Some(LONGEST_WAY))
             .timeout_recv_response(Some(PATIENCE))
+            .timeout_recv_body(Some(LONGEST_WAY))
             .build()
             .into();
         Ok(Self {
@@ -141,17 +147,16 @@ impl Answer {
 
 /// Makes a request until it is answered.
 fn answered(request: impl Fn() -> Result<Response<Body>, ureq::Error>) -> Result<Answer, String> {
-    let mut wait = FIRST_WAIT;
-    for attempt in 1.. {
-        let answer = request().and_then(Answer::read);
-        let passing = answer.as_ref().map_or(true, Answer::is_passing);
-        if !passing || attempt == ATTEMPTS {
-            return answer.map_err(|error| format!("the service cannot be reached: {error}"));
+    let attempt = || request().and_then(Answer::read);
+    let mut answer = attempt();
+    for times in 1..ATTEMPTS {
+        if !answer.as_ref().map_or(true, Answer::is_passing) {
+            break;
         }
-        clock::sleep(wait);
-        wait *= 2;
+        clock::sleep(FIRST_WAIT * 2u32.pow(times - 1));
+        answer = attempt();
     }
-    unreachable!("the last attempt returns")
+    answer.map_err(|error| format!("the service cannot be reached: {error}"))
 }
 
 impl Objects for Service {

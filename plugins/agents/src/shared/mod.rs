@@ -27,4 +27,5 @@ pub mod seat;
 pub mod seat_network;
 pub mod simplex_regression;
 pub mod soft_actor_critic;
+pub mod state_rule;
 pub mod targets;
