@@ -25,6 +25,7 @@ mod first_study;
 mod folders;
 mod fsck;
 mod fuzzed;
+mod going_on;
 mod graph;
 mod identity;
 mod importing;

@@ -30,7 +30,7 @@ fn small() -> Value {
         "trace_episodes": 2, "decisions": 4,
         "batch": 4, "examples": 3, "final_examples": 260, "batches": 30,
         "trajectory": { "piece": 5 }, "particles": 3, "flight": { "drawn": { "interval_s": 900.0 } },
-        "weights": [0.4, 0.6], "datasets": [{ "from": "given" }],
+        "weights": [0.4, 0.6], "leave_checkpoint": true, "datasets": [{ "from": "given" }],
     });
     let of_searches = json!({
         "evaluations": 24, "exploration_steps": 12, "growth_at": [6, 15], "derived_designs": 2, "kept_designs": 1,

@@ -76,7 +76,7 @@ pub use environment::{
     Seat, Space, Step,
 };
 pub use error::Error;
-pub use product::{Product, ProductKind};
+pub use product::{Checkpoint, Product, ProductKind};
 pub use protocol::Protocol;
 pub use random::Rng;
 pub use recorder::{Phase, Recorder};

@@ -21,6 +21,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
+/// The folder of a [`ProductKind::Checkpoint`] inside a trial's.
+pub(crate) const CHECKPOINT: &str = "checkpoint";
+/// What the protocol goes on from, in it.
+pub(crate) const CHECKPOINT_STATE: &str = "state.json";
+/// What was recorded so far, in it.
+pub(crate) const CHECKPOINT_ROWS: &str = "metrics.parquet";
+/// The folder of what the agent goes on from, in it.
+pub(crate) const CHECKPOINT_AGENT: &str = "agent";
+
 /// What a trial can leave.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -30,6 +39,8 @@ pub enum ProductKind {
     /// Networks with all that learning goes on with but its experience: `networks.safetensors`, in folders by
     /// seat where each has its own.
     Networks,
+    /// Learning as it stood at the last step, experience and environments too: the folder `checkpoint`.
+    Checkpoint,
     /// Transitions that were gathered: the folder `dataset`, in Parquet.
     Dataset,
     /// A config that was chosen: `choice.json`.
@@ -42,9 +53,10 @@ pub enum ProductKind {
 
 impl ProductKind {
     /// Every kind.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Policy,
         Self::Networks,
+        Self::Checkpoint,
         Self::Dataset,
         Self::Choice,
         Self::Graph,
@@ -57,6 +69,7 @@ impl ProductKind {
         match self {
             Self::Policy => "policy",
             Self::Networks => "networks",
+            Self::Checkpoint => "checkpoint",
             Self::Dataset => "dataset",
             Self::Choice => "choice",
             Self::Graph => "graph",
@@ -74,6 +87,9 @@ impl ProductKind {
             Self::Networks => {
                 "Networks with all that learning goes on with but its experience: `networks.safetensors`, in \
                  folders by seat where each has its own."
+            }
+            Self::Checkpoint => {
+                "Learning as it stood at the last step, experience and environments too: the folder `checkpoint`."
             }
             Self::Dataset => "Transitions that were gathered: the folder `dataset`, in Parquet.",
             Self::Choice => "A config that was chosen: `choice.json`.",
@@ -95,6 +111,7 @@ impl ProductKind {
         match self {
             Self::Policy => beside_or_below("policy.safetensors"),
             Self::Networks => beside_or_below("networks.safetensors"),
+            Self::Checkpoint => fs::is_file(&folder.join(CHECKPOINT).join(CHECKPOINT_STATE)),
             Self::Dataset => fs::is_folder(&folder.join("dataset")),
             Self::Choice => fs::is_file(&folder.join("choice.json")),
             Self::Graph => fs::is_file(&folder.join(GRAPH_FILE)),
@@ -107,6 +124,8 @@ impl ProductKind {
     pub fn has_file(self, path: &str) -> bool {
         let last = path.rsplit('/').next().unwrap_or_default();
         match self {
+            _ if is_of_checkpoint(path) => self == Self::Checkpoint,
+            Self::Checkpoint => false,
             Self::Policy => last.ends_with(".safetensors") && !Self::Networks.has_file(path),
             Self::Networks => last == "networks.safetensors",
             Self::Dataset => path.starts_with("dataset/"),
@@ -115,6 +134,18 @@ impl ProductKind {
             Self::Images => path == IMAGES_FILE,
         }
     }
+}
+
+/// True for a path that only a [`ProductKind::Checkpoint`] has.
+fn is_of_checkpoint(path: &str) -> bool {
+    path.strip_prefix(CHECKPOINT)
+        .and_then(|rest| rest.strip_prefix('/'))
+        .is_some_and(|rest| {
+            [CHECKPOINT_STATE, CHECKPOINT_ROWS].contains(&rest)
+                || rest
+                    .strip_prefix(CHECKPOINT_AGENT)
+                    .is_some_and(|rest| rest.starts_with('/'))
+        })
 }
 
 impl Display for ProductKind {
@@ -135,6 +166,9 @@ pub struct Policy;
 /// [`ProductKind::Networks`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Networks;
+/// A [`ProductKind::Checkpoint`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checkpoint;
 /// A [`ProductKind::Dataset`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset;
@@ -148,6 +182,10 @@ impl Kind for Policy {
 
 impl Kind for Networks {
     const KIND: ProductKind = ProductKind::Networks;
+}
+
+impl Kind for Checkpoint {
+    const KIND: ProductKind = ProductKind::Checkpoint;
 }
 
 impl Kind for Dataset {
@@ -417,6 +455,9 @@ mod tests {
             "policy.safetensors",
             "good_0/policy.safetensors",
             "networks.safetensors",
+            "checkpoint/state.json",
+            "checkpoint/agent/good_0/networks.safetensors",
+            "checkpoint/policy.safetensors",
             "dataset/data/0/part-0.parquet",
             "choice.json",
             "graph.json",

@@ -5,7 +5,7 @@ use crate::{
     drawing::Drawings,
     imported::Origin,
     recorder::{Phase, Row},
-    search::{Next, Point, Search, Tried},
+    search::{Next, Point, Search, Tried, lineage},
     spec::Progress,
     statistics::{Seeds, estimators::mean, spending::Design},
     store::is_missing,
@@ -390,8 +390,10 @@ pub struct TriedSetting {
     pub setting: String,
     /// The setting itself.
     pub point: Point,
-    /// The step at which its trials pause; `None` where they go to their ends.
+    /// The step at which its trials pause or, in a population, end; `None` where they go to the end of the protocol.
     pub stop: Option<u64>,
+    /// The place of the setting whose learning it goes on with.
+    pub parent: Option<usize>,
     /// The values by seed; failed trials have none.
     pub values: BTreeMap<u64, f64>,
     /// The values by pause and seed, and `None` for a failed trial.
@@ -403,6 +405,27 @@ pub struct TriedSetting {
 }
 
 impl TriedSetting {
+    /// A member of a population that is compared at a pause, where its trials end.
+    fn member(search: &Search, point: &Point, pause: u64, trials: &[&TrialResult]) -> Self {
+        let mut member = Self {
+            point: point.clone(),
+            stop: Some(pause),
+            missing: search.seeds.len(),
+            ..Self::default()
+        };
+        for trial in trials {
+            let has_ended = !is_missing(trial.end.as_deref());
+            member.setting.clone_from(&trial.trial.cell.setting);
+            member.failed += usize::from(has_ended && !trial.is_ok());
+            if has_ended {
+                let value = trial.mean(Phase::Final, &search.by).filter(|_| trial.is_ok());
+                let values = member.at_pauses.entry(pause).or_default();
+                values.insert(trial.trial.key.seed, value);
+            }
+        }
+        member
+    }
+
     fn of(search: &Search, point: &Point, stop: Option<u64>, trials: &[&TrialResult]) -> Self {
         let mut tried = Self {
             point: point.clone(),
@@ -440,6 +463,7 @@ impl TriedSetting {
         };
         Tried {
             point: self.point.clone(),
+            parent: self.parent,
             value: self.value(),
             ended: self.missing == 0,
             pauses: self.at_pauses.iter().filter_map(at_pause).collect(),
@@ -451,6 +475,9 @@ impl SearchResult {
     /// What a search came to so far; `trials` are all trials of its study.
     #[must_use]
     pub fn of(search: &Search, progress: &Progress, trials: &[TrialResult]) -> Self {
+        if !search.generation_ends().is_empty() {
+            return Self::of_population(search, progress, trials);
+        }
         let purpose = Purpose::Tried(search.name.clone());
         let mut by_point: BTreeMap<String, BTreeMap<u64, &TrialResult>> = BTreeMap::new();
         for it in trials.iter().filter(|it| it.trial.cell.purpose == purpose) {
@@ -470,6 +497,44 @@ impl SearchResult {
             search: search.clone(),
             chosen: progress.chosen,
         }
+    }
+
+    /// The same for a population, in which one setting may stand several times: the trials of a search come in the order
+    /// of its settings.
+    fn of_population(search: &Search, progress: &Progress, trials: &[TrialResult]) -> Self {
+        let purpose = Purpose::Tried(search.name.clone());
+        let own: Vec<&TrialResult> = trials
+            .iter()
+            .filter(|it| it.trial.cell.purpose == purpose)
+            .collect();
+        let mut of_place = own.chunks(search.seeds.len());
+        let setting = |(place, point): (usize, &Point)| {
+            let trials = of_place.next().unwrap_or_default();
+            let parent = progress.parents.get(place).copied().flatten();
+            let tried = match search.compared_at(place) {
+                Some(pause) => TriedSetting::member(search, point, pause, trials),
+                None => TriedSetting::of(search, point, None, trials),
+            };
+            TriedSetting { parent, ..tried }
+        };
+        Self {
+            tried: progress.points.iter().enumerate().map(setting).collect(),
+            search: search.clone(),
+            chosen: progress.chosen,
+        }
+    }
+
+    /// The settings along the way to the chosen member of a population; none for other searches.
+    #[must_use]
+    pub fn schedule(&self) -> Vec<String> {
+        let Some(chosen) = self.chosen.filter(|_| !self.search.generation_ends().is_empty()) else {
+            return Vec::new();
+        };
+        let parents: Vec<Option<usize>> = self.tried.iter().map(|it| it.parent).collect();
+        let way = lineage(&parents, chosen);
+        way.into_iter()
+            .map(|place| self.tried[place].setting.clone())
+            .collect()
     }
 
     /// The place of the best setting whose trials have ended well.

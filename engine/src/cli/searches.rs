@@ -46,15 +46,19 @@ pub(super) fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Res
 }
 
 fn progress(it: &SearchResult) -> Progress {
-    match it.search.next(&it.known()) {
+    let known = it.known();
+    let parents = it.search.parents(&known);
+    match it.search.next(&known) {
         Next::Try(points, stops) => Progress {
             points,
             stops,
+            parents,
             chosen: None,
         },
         Next::Chosen(chosen, stops) => Progress {
             points: it.tried.iter().map(|tried| tried.point.clone()).collect(),
             stops,
+            parents,
             chosen,
         },
     }

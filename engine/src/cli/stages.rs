@@ -48,8 +48,9 @@ pub(super) fn of(one: &Planned) -> Vec<Stage> {
 }
 
 fn entry(trial: &Trial) -> &str {
-    match trial.cell.purpose {
-        Purpose::Cell | Purpose::Tried(_) | Purpose::Imported => &trial.cell.agent,
+    match &trial.cell.purpose {
+        Purpose::Cell | Purpose::Imported => &trial.cell.agent,
+        Purpose::Tried(search) => search,
         Purpose::Prepared | Purpose::Play(_) => &trial.cell.environment,
     }
 }

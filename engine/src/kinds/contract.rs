@@ -55,6 +55,7 @@ fn load(section: &str, kind: &Kind, options: &str) -> Result<Study, Vec<Diagnost
     let progress = Progress {
         points: points.collect(),
         stops: vec![None; 12],
+        parents: Vec::new(),
         chosen: Some(1),
     };
     let options = Options {

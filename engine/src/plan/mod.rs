@@ -194,7 +194,7 @@ impl Study {
             seeds[index] = match cell.place {
                 Place::Combination(..) => self.seeds.clone(),
                 Place::Tried(search) => self.searches[search].0.seeds.clone(),
-                Place::Prepared(_) => taken[index].iter().copied().collect(),
+                Place::Prepared(_) | Place::Leading(..) => taken[index].iter().copied().collect(),
             };
             for source in &cell.sources {
                 taken[source.cell].extend(seeds[index].iter().map(|seed| source.seed_for(*seed)));
@@ -238,7 +238,7 @@ impl Study {
         let (environment, agent) = self.names(cell);
         let purpose = match cell.place {
             Place::Combination(..) => Purpose::Cell,
-            Place::Prepared(_) => Purpose::Prepared,
+            Place::Prepared(_) | Place::Leading(..) => Purpose::Prepared,
             Place::Tried(search) => Purpose::Tried(self.searches[search].0.name.clone()),
         };
         TrialCell {
@@ -254,6 +254,10 @@ impl Study {
         match cell.place {
             Place::Combination(environment, agent) => {
                 (self.environments[environment].clone(), self.agents[agent].clone())
+            }
+            Place::Leading(environment, agent) => {
+                let (environment, agent) = (&self.environments[environment], &self.agents[agent]);
+                (format!("schedule of {agent} in {environment}"), agent.clone())
             }
             Place::Prepared(index) => (self.prepared[index].clone(), cell.parts[1].part.plugin.clone()),
             Place::Tried(index) => {

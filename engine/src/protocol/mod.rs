@@ -8,6 +8,7 @@ mod attribution;
 mod estimator_tracking;
 mod evaluation;
 mod gather;
+mod going_on;
 #[cfg(test)]
 mod numbered;
 mod offline_fit;
@@ -33,6 +34,7 @@ pub use estimator_tracking::EstimatorTracking;
 pub(crate) use evaluation::replay as replay_measurement;
 pub use evaluation::{Measurement, measure, measure_alone, metrics as measurement_metrics, observe};
 pub use gather::{Gather, GatherMode};
+pub(crate) use going_on::{rehearse as rehearse_going_on, write_specimen as write_checkpoint_specimen};
 pub use offline_fit::OfflineFit;
 pub use position::{Blocks, Position, restored};
 pub use search::{Choose, Search};
@@ -135,6 +137,12 @@ fn misfit(source: serde_json::Error) -> Error {
         what: "the protocol",
         problem: source.to_string(),
     }
+}
+
+/// For keys that are written only where they are true.
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 /// For keys that are written only where they are false.

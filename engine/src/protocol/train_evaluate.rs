@@ -4,11 +4,12 @@
 use super::{
     Protocol, Run,
     evaluation::{self, Measurement, measure, measure_alone, observe},
+    going_on,
     position::{Blocks, Position, restored},
 };
 use crate::{
-    Config, Environment, Error, Metric, Mode, Observation, Phase, Registry, Rng, agent::Transition,
-    checkpoint::exact, trial::Part,
+    Checkpoint, Config, Environment, Error, Metric, Mode, Observation, Phase, Product, ProductKind, Registry,
+    Rng, agent::Transition, checkpoint::exact, trial::Part,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -35,6 +36,14 @@ pub struct TrainEvaluate {
     /// How many of the final episodes are recorded step by step, for trajectory figures; above 0, the surface
     /// of the reward is recorded too where the environment has one.
     pub trace_episodes: u64,
+    /// The trial whose learning goes on here, up to `steps`, with the config that the agent has here; it left a
+    /// checkpoint. Learning begins anew where absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub go_on_from: Option<Product<Checkpoint>>,
+    /// Whether learning can go on in another trial. What that takes, experience and environments too, lies in the
+    /// trial's folder then.
+    #[serde(skip_serializing_if = "super::is_false")]
+    pub leave_checkpoint: bool,
     /// False where the agent does not learn: measurements alone. No study writes it.
     #[schemars(skip)]
     #[serde(skip_serializing_if = "super::is_true")]
@@ -50,6 +59,8 @@ impl Default for TrainEvaluate {
             episodes: 50,
             final_episodes: 1_000,
             trace_episodes: 1,
+            go_on_from: None,
+            leave_checkpoint: false,
             train: true,
         }
     }
@@ -91,6 +102,8 @@ fn without_training(config: TrainEvaluate) -> TrainEvaluate {
     };
     let alone = TrainEvaluate {
         environments,
+        go_on_from: None,
+        leave_checkpoint: false,
         train: false,
         ..config
     };
@@ -127,6 +140,11 @@ impl Protocol for TrainEvaluate {
         (self.train && last < self.steps).then(|| Error::config("evaluate_every", problem))
     }
 
+    fn leaves(&self) -> Vec<ProductKind> {
+        let kinds = self.leave_checkpoint.then_some(ProductKind::Checkpoint);
+        kinds.into_iter().collect()
+    }
+
     fn total_steps(&self) -> u64 {
         if self.train {
             self.steps
@@ -146,9 +164,12 @@ impl Protocol for TrainEvaluate {
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
         if self.train {
-            let blocks = self.learn_and_measure(run)?;
+            let (learned, blocks) = self.learn_and_measure(run)?;
             (run.progress)(self.steps, self.steps);
-            measure(run, &self.last(), blocks, || None::<SavedLearning>)?;
+            measure(run, &self.last(), blocks, || learned.as_ref())?;
+            if let Some(learned) = learned {
+                going_on::leave(run, &learned)?;
+            }
         } else {
             let all = (0..self.n_measurements())
                 .map(|place| self.measurement(place * self.stride()))
@@ -165,15 +186,16 @@ impl Protocol for TrainEvaluate {
 }
 
 impl TrainEvaluate {
-    /// All but the final measurement; gives back where to continue that.
-    fn learn_and_measure(&self, run: &mut Run<'_>) -> Result<Option<Blocks>, Error> {
-        match run.resume()? {
-            None if self.steps == 0 => {}
-            None => {
-                let learning = Learning::start(run, self.environments)?;
-                self.measure_when_due(run, &learning, None)?;
-                self.learn(run, learning)?;
-            }
+    /// All but the final measurement; gives back what learning can go on from, where it is to be left, and where to
+    /// continue the final measurement.
+    fn learn_and_measure(&self, run: &mut Run<'_>) -> Result<(Option<SavedLearning>, Option<Blocks>), Error> {
+        let learning = match run.resume()? {
+            None if self.steps == 0 => return Ok((None, None)),
+            None => self.begin(run)?,
+            Some(Position {
+                learning: Some(saved @ SavedLearning { is_over: true, .. }),
+                measuring,
+            }) => return Ok((Some(saved), measuring)),
             Some(Position {
                 learning: Some(saved),
                 measuring,
@@ -182,14 +204,44 @@ impl TrainEvaluate {
                 if measuring.is_some() {
                     self.measure_when_due(run, &learning, measuring)?;
                 }
-                self.learn(run, learning)?;
+                learning
             }
             Some(Position {
                 learning: None,
                 measuring,
-            }) => return Ok(measuring),
-        }
-        Ok(None)
+            }) => return Ok((None, measuring)),
+        };
+        let learned = self.learn(run, learning)?;
+        let kept = self.leave_checkpoint.then(|| SavedLearning {
+            is_over: true,
+            ..learned.save()
+        });
+        Ok((kept, None))
+    }
+
+    /// Learning at its first step, or where another trial left it.
+    fn begin(&self, run: &mut Run<'_>) -> Result<Learning, Error> {
+        let Some(product) = &self.go_on_from else {
+            let learning = Learning::start(run, self.environments)?;
+            self.measure_when_due(run, &learning, None)?;
+            return Ok(learning);
+        };
+        let saved: SavedLearning = going_on::take_up(run, product)?;
+        let count = saved.slots.len() as u64;
+        let problem = if count != self.environments {
+            format!(
+                "{count} environments learned together, and here {} do",
+                self.environments
+            )
+        } else if saved.step >= self.steps {
+            format!(
+                "it stands at step {}, and learning ends at step {} here",
+                saved.step, self.steps
+            )
+        } else {
+            return Learning::restored(run, saved).map_err(|error| going_on::misfit(product, &error));
+        };
+        Err(going_on::misfit(product, &problem))
     }
 
     /// Environment steps that learning takes: the last ones are taken by all environments too.
@@ -238,7 +290,7 @@ impl TrainEvaluate {
         Measurement::at_the_end(self.steps, self.final_episodes, self.trace_episodes)
     }
 
-    fn learn(&self, run: &mut Run<'_>, mut learning: Learning) -> Result<(), Error> {
+    fn learn(&self, run: &mut Run<'_>, mut learning: Learning) -> Result<Learning, Error> {
         while learning.step < self.steps {
             run.checkpoint(|| Position {
                 learning: Some(learning.save()),
@@ -248,7 +300,7 @@ impl TrainEvaluate {
             (run.progress)(learning.step.min(self.steps), self.steps);
             self.measure_when_due(run, &learning, None)?;
         }
-        Ok(())
+        Ok(learning)
     }
 
     /// Measures where a multiple of `evaluate_every` was passed with the last step (and before the first
@@ -296,6 +348,9 @@ struct Slot {
 /// What [`Learning`] is restored from.
 #[derive(Debug, Serialize, Deserialize)]
 struct SavedLearning {
+    /// True where it goes on in another trial, if anywhere.
+    #[serde(default)]
+    is_over: bool,
     step: u64,
     before: u64,
     slots: Vec<SavedSlot>,
@@ -332,6 +387,7 @@ impl Learning {
 
     fn save(&self) -> SavedLearning {
         SavedLearning {
+            is_over: false,
             step: self.step,
             before: self.before,
             slots: self.slots.iter().map(Slot::save).collect(),
@@ -347,6 +403,7 @@ impl Learning {
             slots,
             act_rng,
             learn_rng,
+            ..
         } = saved;
         let slots = slots
             .into_iter()

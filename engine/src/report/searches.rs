@@ -2,6 +2,7 @@
 
 use crate::count::count;
 use crate::results::SearchResult;
+use crate::search::schedule_in_words;
 
 /// How many settings were tried, which one is the best, and on what it was compared.
 #[must_use]
@@ -31,6 +32,7 @@ pub fn search_in_words(it: &SearchResult) -> String {
         String::new()
     };
     let state = match it.chosen {
+        _ if !search.generation_ends().is_empty() => population_in_words(it),
         Some(_) => format!("its setting was chosen among {n}{early}"),
         None if ended == search.settings => "no setting can be chosen".to_owned(),
         None => format!("{ended} of {} settings were tried", search.settings),
@@ -41,13 +43,34 @@ pub fn search_in_words(it: &SearchResult) -> String {
     )
 }
 
+/// How far a population is.
+fn population_in_words(it: &SearchResult) -> String {
+    let (members, generations) = (it.search.settings, it.search.generation_ends().len() + 1);
+    let members = count(members, "member");
+    match it.chosen {
+        Some(_) => format!("its schedule is that of the best of {members} after {generations} generations"),
+        None if it.found_nothing() => "no schedule can be chosen".to_owned(),
+        None => {
+            let number = it.tried.len().div_ceil(it.search.settings).max(1);
+            format!("{members} learn in generation {number} of {generations}")
+        }
+    }
+}
+
 /// What a report says of a search: the same, and on what the chosen setting is measured.
 #[must_use]
 pub(super) fn sentence(it: &SearchResult) -> String {
     let words = search_in_words(it);
+    let schedule = it.schedule();
+    let schedule = if schedule.is_empty() {
+        String::new()
+    } else {
+        let words = schedule_in_words(&schedule, it.search.generation_ends());
+        format!(". The schedule: {words}")
+    };
     let rest = match it.chosen {
         Some(_) => format!(
-            ". What is shown of {} is measured on other seeds than these.",
+            "{schedule}. What is shown of {} is measured on other seeds than these.",
             it.search.agent
         ),
         None => format!(". Nothing of {} is shown before.", it.search.agent),

@@ -123,14 +123,12 @@ mod tests {
     /// Settings whose values at pauses are known up to a step.
     fn tried(values: &[Option<f64>], until: u64) -> Vec<Tried> {
         let one = |value: &Option<f64>| Tried {
-            point: Vec::new(),
-            value: None,
-            ended: false,
             pauses: [100, 300]
                 .into_iter()
                 .filter(|pause| *pause <= until)
                 .map(|pause| (pause, *value))
                 .collect(),
+            ..Tried::new(Vec::new())
         };
         values.iter().map(one).collect()
     }

@@ -9,10 +9,12 @@
 mod cma_es;
 mod halving;
 pub mod importance;
+mod population;
 mod range;
 mod tree_parzen;
 
 pub use cma_es::CmaEs;
+pub use population::{lineage, schedule_in_words};
 pub use range::{Numbers, Range};
 
 use crate::{random, trial};
@@ -99,6 +101,12 @@ pub enum Method {
         /// Where trials pause, and how many go on.
         Halving,
     ),
+    /// Random settings that learn side by side; after every pause the worst take up what the best have learned and go on
+    /// with a setting like theirs: population based training. What is found is a schedule of settings.
+    Population(
+        /// Where members are compared, and how many are replaced.
+        Population,
+    ),
 }
 
 impl Default for Method {
@@ -154,6 +162,28 @@ pub struct Halving {
     pub brackets: usize,
 }
 
+/// Population based training.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Population {
+    /// Steps after which members are compared, in order.
+    #[schemars(length(min = 1, max = 1000), inner(range(min = 1)), extend("x-unit" = "steps"))]
+    pub pauses: Vec<u64>,
+    /// Share of the members that is replaced after a pause, at least one and at most half.
+    #[serde(default = "quarter")]
+    #[schemars(range(min = 0.01, max = 0.5))]
+    pub replace: f64,
+    /// How probable it is that a value of a member that is replaced is drawn anew from its whole range; otherwise a number
+    /// changes by a fifth, and a listed value to one beside it.
+    #[serde(default = "quarter")]
+    #[schemars(range(min = 0, max = 1))]
+    pub redraw: f64,
+}
+
+fn quarter() -> f64 {
+    0.25
+}
+
 fn third() -> f64 {
     1.0 / 3.0
 }
@@ -170,6 +200,8 @@ pub type Point = Vec<Value>;
 pub struct Tried {
     /// The setting.
     pub point: Point,
+    /// The place of the setting whose learning it goes on with; `None` where it begins anew.
+    pub parent: Option<usize>,
     /// Mean of the metric over the seeds; `None` where a trial failed or has not ended.
     pub value: Option<f64>,
     /// Whether all its trials have ended.
@@ -184,6 +216,7 @@ impl Tried {
     pub fn new(point: Point) -> Self {
         Self {
             point,
+            parent: None,
             value: None,
             ended: false,
             pauses: BTreeMap::new(),
@@ -206,8 +239,10 @@ impl Search {
     /// anew, since a failed trial that was tried again may change what follows.
     #[must_use]
     pub fn next(&self, tried: &[Tried]) -> Next {
-        if let Method::CmaEs(options) = &self.method {
-            return self.adapted(options, tried);
+        match &self.method {
+            Method::CmaEs(options) => return self.adapted(options, tried),
+            Method::Population(options) => return self.evolved(options, tried),
+            _ => {}
         }
         let mut points: Vec<Point> = Vec::new();
         loop {
@@ -233,7 +268,9 @@ impl Search {
     fn generation(&self, tried: &[Tried]) -> Vec<Point> {
         let known = tried.len();
         let until = match &self.method {
-            Method::Random(_) | Method::Halving(_) | Method::CmaEs(_) => self.settings,
+            Method::Random(_) | Method::Halving(_) | Method::CmaEs(_) | Method::Population(_) => {
+                self.settings
+            }
             Method::TreeParzen(options) if known < options.startup => options.startup.min(self.settings),
             Method::TreeParzen(options) => (known + options.batch).min(self.settings),
         };
@@ -279,12 +316,87 @@ impl Search {
         Next::Chosen(self.best(known), stops)
     }
 
+    /// What follows where members of a population take up what others have learned.
+    fn evolved(&self, options: &Population, tried: &[Tried]) -> Next {
+        let course = self.course(options, tried);
+        let stops = vec![None; course.points.len()];
+        if !course.is_over {
+            return Next::Try(course.points, stops);
+        }
+        let last = course.points.len() - self.settings;
+        let best = self
+            .best(tried.get(last..).unwrap_or_default())
+            .map(|place| last + place);
+        Next::Chosen(best, stops)
+    }
+
+    /// The generations of a population as far as results say.
+    fn course(&self, options: &Population, tried: &[Tried]) -> Course {
+        let mut points = self.generation(&[]);
+        let mut parents = vec![None; points.len()];
+        for (number, pause) in options.pauses.iter().enumerate() {
+            let begin = points.len() - self.settings;
+            let has_paused = |it: &Tried| it.pauses.contains_key(pause);
+            let Some(last) = same(tried, &points, &parents).filter(|all| all[begin..].iter().all(has_paused))
+            else {
+                let is_over = false;
+                return Course {
+                    points,
+                    parents,
+                    is_over,
+                };
+            };
+            let Some(next) = population::next(self, options, number + 1, &last[begin..], *pause) else {
+                let is_over = true;
+                return Course {
+                    points,
+                    parents,
+                    is_over,
+                };
+            };
+            points.extend(next.points);
+            parents.extend(next.parents.into_iter().map(|place| Some(begin + place)));
+        }
+        let last = points.len() - self.settings;
+        let is_over = same(tried, &points, &parents).is_some_and(|all| all[last..].iter().all(|it| it.ended));
+        Course {
+            points,
+            parents,
+            is_over,
+        }
+    }
+
+    /// For each setting that follows from these results the place of the one whose learning it goes on with.
+    #[must_use]
+    pub fn parents(&self, tried: &[Tried]) -> Vec<Option<usize>> {
+        match &self.method {
+            Method::Population(options) => self.course(options, tried).parents,
+            _ => Vec::new(),
+        }
+    }
+
+    /// Where members of a population are compared; none for other methods.
+    #[must_use]
+    pub fn generation_ends(&self) -> &[u64] {
+        match &self.method {
+            Method::Population(options) => &options.pauses,
+            _ => &[],
+        }
+    }
+
+    /// The step at which a setting of a population, by its place, is compared with its generation; `None` where that is
+    /// its end.
+    #[must_use]
+    pub fn compared_at(&self, place: usize) -> Option<u64> {
+        self.generation_ends().get(place / self.settings.max(1)).copied()
+    }
+
     /// Steps at which trials may pause.
     #[must_use]
     pub fn pauses(&self) -> &[u64] {
         match &self.method {
             Method::Halving(options) => &options.pauses,
-            Method::Random(_) | Method::TreeParzen(_) | Method::CmaEs(_) => &[],
+            Method::Random(_) | Method::TreeParzen(_) | Method::CmaEs(_) | Method::Population(_) => &[],
         }
     }
 
@@ -349,6 +461,27 @@ impl Search {
             self.seeds
         ]))
     }
+}
+
+/// The settings of a population so far.
+struct Course {
+    points: Vec<Point>,
+    parents: Vec<Option<usize>>,
+    is_over: bool,
+}
+
+/// What is known of these settings; `None` where something else was tried.
+fn same<'t>(tried: &'t [Tried], points: &[Point], parents: &[Option<usize>]) -> Option<&'t [Tried]> {
+    let known = tried.get(..points.len())?;
+    let is_same = |((it, point), parent): ((&Tried, &Point), &Option<usize>)| {
+        it.point == *point && it.parent == *parent
+    };
+    known
+        .iter()
+        .zip(points)
+        .zip(parents)
+        .all(is_same)
+        .then_some(known)
 }
 
 #[cfg(test)]

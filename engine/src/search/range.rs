@@ -95,7 +95,20 @@ impl Numbers {
             )]
             return json!(value.floor().clamp(low, high) as i64);
         }
-        let value = self.between(share, self.low, self.high);
+        self.nearest(self.between(share, self.low, self.high))
+    }
+
+    /// The value next to a number: within the limits, and rounded as [`at`](Self::at) rounds.
+    #[must_use]
+    pub fn nearest(&self, value: f64) -> Value {
+        if self.integer {
+            let value = value.round().clamp(self.low.ceil(), self.high.floor());
+            #[allow(
+                clippy::cast_possible_truncation,
+                reason = "limits of an integer key are integers of moderate size"
+            )]
+            return json!(value as i64);
+        }
         let rounded = format!("{value:.5e}").parse().unwrap_or(value);
         json!(f64::clamp(rounded, self.low, self.high))
     }

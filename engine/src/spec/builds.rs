@@ -185,6 +185,11 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
             found.push(*error);
         }
     }
+    for searched in sections.searches {
+        if let Err(error) = builder.members_fit(searched) {
+            found.push(*error);
+        }
+    }
     world.warnings = in_order(world.warnings);
     if found.is_empty() { Ok(world) } else { Err(found) }
 }
@@ -279,6 +284,7 @@ impl Builder<'_> {
         };
         self.extra += usize::from(!first);
         self.build_once(cell, &interface, first, world)?;
+        self.goes_on_well(cell, &interface)?;
         if let (Some(pair), Some(entry)) = (cell.pair(), self.entry(cell)) {
             let updates = entry.learns.then(|| [updates_metric(), time_per_update_metric()]);
             let of_agent = entry.metrics.iter().cloned();

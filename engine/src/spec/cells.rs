@@ -18,7 +18,7 @@ use crate::{
     setting::Setting,
     trial::Part,
 };
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 /// Largest number of trials of one study.
@@ -48,6 +48,8 @@ pub enum Place {
     Prepared(usize),
     /// A setting that the search with this index tries.
     Tried(usize),
+    /// What leads an environment and an agent, by their indices, to the last setting of a schedule.
+    Leading(usize, usize),
 }
 
 impl Cell {
@@ -56,8 +58,14 @@ impl Cell {
     pub fn pair(&self) -> Option<(usize, usize)> {
         match self.place {
             Place::Combination(environment, agent) => Some((environment, agent)),
-            Place::Prepared(_) | Place::Tried(_) => None,
+            Place::Prepared(_) | Place::Tried(_) | Place::Leading(..) => None,
         }
+    }
+
+    /// The search and the place there of the setting that the agent has.
+    #[must_use]
+    pub fn tried(&self) -> Option<(usize, usize)> {
+        self.parts[1].given.tried
     }
 
     /// True where the agent is the policy of another trial.
@@ -89,8 +97,50 @@ pub struct Given {
     pub points: Vec<(usize, usize)>,
     /// A search with the setting taken.
     pub tried: Option<(usize, usize)>,
+    /// The part of a schedule that a protocol takes.
+    pub stretch: Option<Stretch>,
     /// False for a protocol that is given to an agent which does not learn.
     pub training: bool,
+}
+
+/// A part of a schedule: from the checkpoint of another trial, or the first step, to a pause or the end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Stretch {
+    /// The search, by its index.
+    pub search: usize,
+    /// Whether it goes on from another one.
+    pub goes_on: bool,
+    /// The step at which it ends, where that is not the protocol's last.
+    pub until: Option<u64>,
+}
+
+impl Stretch {
+    /// That of a setting of a population, by its place; `None` in other searches.
+    fn of(index: usize, searched: &Searched<'_>, place: usize) -> Option<Self> {
+        let search = &searched.search;
+        (!search.generation_ends().is_empty()).then(|| Self {
+            search: index,
+            goes_on: searched.parent(place).is_some(),
+            until: search.compared_at(place),
+        })
+    }
+
+    /// Writes it into the config of a protocol.
+    fn assign(&self, name: &str, config: &mut Node) {
+        let span = config.span;
+        let mut set = |key: &str, value: Value| {
+            if let Some(entry) = config.entry_or_insert(key, span) {
+                entry.value = Node::from_value(span, &value);
+            }
+        };
+        if self.goes_on {
+            set("go_on_from", json!({ "from": name }));
+        }
+        if let Some(step) = self.until {
+            set("steps", json!(step));
+            set("leave_checkpoint", json!(true));
+        }
+    }
 }
 
 /// All that cells are made of.
@@ -156,6 +206,12 @@ impl Sections<'_> {
                     Ok(cell) => cells.push(cell),
                     Err(errors) => found.extend(errors),
                 }
+            }
+        }
+        for (environment, agent) in self.pairs() {
+            match known.leading(environment, agent) {
+                Ok(leading) => cells.extend(leading),
+                Err(errors) => found.extend(errors),
             }
         }
         if found.is_empty() { Ok(cells) } else { Err(found) }
@@ -288,6 +344,9 @@ impl Sections<'_> {
             let values = searched.paths.iter().zip(&searched.points[point]);
             values.for_each(|(path, value)| path.assign(&mut config, value));
         }
+        if let Some(stretch) = given.stretch {
+            stretch.assign(&self.searches[stretch.search].search.name, &mut config);
+        }
         config
     }
 
@@ -381,6 +440,29 @@ pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<A
     Some(Arc::clone(&parts[2].part.config))
 }
 
+/// The agent of a search with its keys at these shares of their ranges; `None` where that is refused.
+pub fn member(sections: &Sections<'_>, searched: &Searched<'_>, shares: &[f64]) -> Option<Part> {
+    let mut known = Known {
+        sections,
+        files: Files::new(sections.folder),
+        parts: BTreeMap::new(),
+    };
+    let pair = (searched.environment, searched.agent);
+    let targets = [
+        Target::Environment(pair.0),
+        Target::Agent(pair.1),
+        Target::Protocol,
+    ];
+    let [_, agent, _] = known.parts(targets, pair, &[], None).ok()?;
+    let mut config = sections.assigned(&agent.given);
+    let keys = searched.paths.iter().zip(&searched.search.keys).zip(shares);
+    for ((path, (_, range)), share) in keys {
+        path.assign(&mut config, &Node::from_value(path.span, &range.at(*share)));
+    }
+    let plugin = sections.plugin(targets[1])?;
+    config::resolve(&plugin, &config, &mut known.files, sections.sources).ok()
+}
+
 type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
 
 /// Parts that were resolved already: a part is resolved once, however many cells share it.
@@ -435,6 +517,19 @@ impl Known<'_> {
                     .error(entry.name_span, &format!("prepare.{}", entry.name), message);
             return Err(vec![error.help("write the part that is meant into the entry")]);
         }
+        let of_population = |it: &&Searched<'_>| {
+            Target::Agent(it.agent) == targets[1] && !it.search.generation_ends().is_empty()
+        };
+        if let Some(searched) = self.sections.searches.iter().find(of_population) {
+            let entry = &self.sections.written.prepared[index];
+            let message = format!(
+                "the entry `{}` would need the whole schedule that `{}` searches for `{}`",
+                entry.name, searched.search.name, searched.search.agent
+            );
+            let at = format!("prepare.{}", entry.name);
+            let error = self.sections.sources.error(entry.name_span, &at, message);
+            return Err(vec![error.help("write the agent that is meant into the entry")]);
+        }
         let index_of = |target| match target {
             Target::Environment(index) | Target::Agent(index) => index,
             _ => usize::MAX,
@@ -461,15 +556,7 @@ impl Known<'_> {
             Target::Protocol,
         ];
         let parts = self.parts(targets, (environment, agent), &[], Some((search, place)))?;
-        let point = named(
-            searched
-                .search
-                .keys
-                .iter()
-                .zip(&searched.points[place])
-                .map(|((text, _), value)| (text.as_str(), value.to_value()))
-                .collect(),
-        );
+        let point = self.point(search, place);
         Ok(Cell {
             place: Place::Tried(search),
             setting: point.to_string(),
@@ -477,6 +564,45 @@ impl Known<'_> {
             parts,
             sources: Vec::new(),
         })
+    }
+
+    /// What leads a combination to the last setting of the schedule that was found for its agent: nothing where a
+    /// setting was.
+    fn leading(&mut self, environment: usize, agent: usize) -> Result<Vec<Cell>, Vec<Diagnostic>> {
+        let Some((search, _)) = self.sections.chosen(agent) else {
+            return Ok(Vec::new());
+        };
+        let targets = [
+            Target::Environment(environment),
+            Target::Agent(agent),
+            Target::Protocol,
+        ];
+        let way = self.sections.searches[search].way_to_chosen();
+        let cell = |place: usize| {
+            let point = self.point(search, place);
+            Ok(Cell {
+                place: Place::Leading(environment, agent),
+                setting: point.to_string(),
+                point,
+                parts: self.parts(targets, (environment, agent), &[], Some((search, place)))?,
+                sources: Vec::new(),
+            })
+        };
+        way.into_iter().map(cell).collect()
+    }
+
+    /// A setting of a search, with its keys as they are written.
+    fn point(&self, search: usize, place: usize) -> Setting {
+        let searched = &self.sections.searches[search];
+        named(
+            searched
+                .search
+                .keys
+                .iter()
+                .zip(&searched.points[place])
+                .map(|((text, _), value)| (text.as_str(), value.to_value()))
+                .collect(),
+        )
     }
 
     fn parts(
@@ -493,6 +619,9 @@ impl Known<'_> {
             .agents
             .get(plugin)
             .is_some_and(|entry| entry.learns);
+        let of_setting =
+            |(index, place): (usize, usize)| Stretch::of(index, &self.sections.searches[index], place);
+        let stretch = tried.and_then(of_setting);
         let [one, two, three] = [0, 1, 2].map(|place| {
             let target = targets[place];
             let overrides = self.sections.overrides.iter().enumerate();
@@ -509,6 +638,7 @@ impl Known<'_> {
                 overrides,
                 points,
                 tried: tried.filter(|_| target == Target::Agent(agent)),
+                stretch: stretch.filter(|_| target == Target::Protocol),
                 training: learns || place < 2,
             })
         });

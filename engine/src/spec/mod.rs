@@ -32,6 +32,7 @@ mod claims;
 mod config;
 mod cross_play;
 mod editor_schema;
+mod going_on;
 mod imported;
 mod include;
 mod json_schema;

@@ -13,7 +13,7 @@ use super::{
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{Entry, Node},
-    search::{FIRST_TUNING_SEED, Goal, Method, Point, Range, Search},
+    search::{FIRST_TUNING_SEED, Goal, Method, Point, Range, Search, lineage},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -26,6 +26,8 @@ pub struct Progress {
     pub points: Vec<Point>,
     /// The step at which the trials of each pause; `None` for those that go to their ends.
     pub stops: Vec<Option<u64>>,
+    /// For each the place of the one whose learning it goes on with; empty where none does.
+    pub parents: Vec<Option<usize>>,
     /// The place of the one that was chosen.
     pub chosen: Option<usize>,
 }
@@ -113,8 +115,28 @@ pub struct Searched<'a> {
     pub points: Vec<Vec<Node>>,
     /// The step at which the trials of each pause.
     pub stops: Vec<Option<u64>>,
+    /// For each the place of the one whose learning it goes on with.
+    pub parents: Vec<Option<usize>>,
     /// The place of the one that was chosen.
     pub chosen: Option<usize>,
+}
+
+impl Searched<'_> {
+    /// The place of the setting whose learning the one at `place` goes on with.
+    #[must_use]
+    pub fn parent(&self, place: usize) -> Option<usize> {
+        self.parents.get(place).copied().flatten()
+    }
+
+    /// The settings along the way to the chosen member of a population, without that; none for other searches.
+    #[must_use]
+    pub fn way_to_chosen(&self) -> Vec<usize> {
+        let mut way = self
+            .chosen
+            .map_or_else(Vec::new, |chosen| lineage(&self.parents, chosen));
+        way.pop();
+        way
+    }
 }
 
 /// Reads all searches; keys that a profile or `--set` fixed are left out.
@@ -156,6 +178,7 @@ pub(super) fn progress(searched: &Searched<'_>) -> (Search, Progress) {
     let progress = Progress {
         points: searched.points.iter().map(values).collect(),
         stops: searched.stops.clone(),
+        parents: searched.parents.clone(),
         chosen: searched.chosen,
     };
     (searched.search.clone(), progress)
@@ -181,6 +204,7 @@ impl<'a> Reader<'a, '_> {
         self.alone(agent, environment, first, others)?;
         self.has_room(&keys, text.settings)?;
         self.can_move(&keys, &text.method)?;
+        self.has_members(text.settings, &text.method)?;
         let progress = options
             .searches
             .get(&self.named.name)
@@ -195,6 +219,7 @@ impl<'a> Reader<'a, '_> {
             points: points.collect(),
             chosen: progress.chosen,
             stops: progress.stops,
+            parents: progress.parents,
             environment,
             agent,
             search: Search {
@@ -405,6 +430,25 @@ impl<'a> Reader<'a, '_> {
                 ])
             }
         }
+    }
+
+    /// A population of one replaces nobody.
+    fn has_members(&self, settings: usize, method: &Method) -> Result<(), Vec<Diagnostic>> {
+        if settings > 1 || !matches!(method, Method::Population(_)) {
+            return Ok(());
+        }
+        let span = self
+            .named
+            .config
+            .get("settings")
+            .map_or(self.named.name_span, |node| node.span);
+        let message = "a population of one setting has nobody to learn from";
+        let error = self
+            .sources
+            .error(span, &format!("{}.settings", self.at()), message);
+        Err(vec![error.help(
+            "write the number of members that learn side by side, 2 at least",
+        )])
     }
 
     /// A normal distribution has no place for listed values.

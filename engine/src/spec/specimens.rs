@@ -8,7 +8,8 @@ use super::{
     taking::{self, Source},
 };
 use crate::{
-    Agent, Error, Interface, ProductKind, diagnostic::Diagnostic, product::Taken, random, world::fs,
+    Agent, Error, Interface, ProductKind, diagnostic::Diagnostic, product::Taken,
+    protocol::write_checkpoint_specimen, random, world::fs,
 };
 use serde_json::Value;
 use std::{
@@ -54,11 +55,22 @@ impl Builder<'_> {
     }
 
     /// The folder with what a cell would leave; `None` where its parts are refused.
-    fn specimen(&mut self, index: usize) -> Option<PathBuf> {
+    pub(super) fn specimen(&mut self, index: usize) -> Option<PathBuf> {
         if let Some(known) = self.specimens.folders.get(&index) {
             return known.clone();
         }
-        let made = self.make_specimen(index);
+        // Every stretch of a schedule leaves the same things as its first one.
+        let first = match self.cells[index].parts[2].given.stretch {
+            Some(_) => self
+                .cells
+                .iter()
+                .position(|it| it.place == self.cells[index].place),
+            None => None,
+        };
+        let made = match first.filter(|first| *first != index) {
+            Some(first) => self.specimen(first),
+            None => self.make_specimen(index),
+        };
         self.specimens.folders.insert(index, made.clone());
         made
     }
@@ -76,6 +88,9 @@ impl Builder<'_> {
         let folder = self.specimens.new_folder(index).ok()?;
         if !cell.is_policy() && agent.updates().is_some() {
             agent.export(&folder).ok()?;
+        }
+        if protocol.leaves().contains(&ProductKind::Checkpoint) {
+            write_checkpoint_specimen(&folder, &*agent).ok()?;
         }
         protocol.write_specimen(&interface, &folder).ok()?;
         Some(folder)
@@ -168,6 +183,7 @@ impl Builder<'_> {
         };
         let help = match source.kind {
             ProductKind::Policy | ProductKind::Networks => "take it from an entry whose agent learns",
+            ProductKind::Checkpoint => "give the protocol of that trial `leave_checkpoint: true`",
             ProductKind::Dataset => {
                 "take it from an entry of `prepare` whose protocol gathers one, as `gather` does"
             }
@@ -185,7 +201,7 @@ impl Builder<'_> {
     }
 
     /// A mistake about what a cell takes, at the place where it is named.
-    fn at(&self, cell: &Cell, source: &Source, message: String) -> Diagnostic {
+    pub(super) fn at(&self, cell: &Cell, source: &Source, message: String) -> Diagnostic {
         let (span, at) = taking::place(self.sections, &cell.parts[source.part], &source.pointer, "from");
         self.sections.sources.error(span, &at, message)
     }

@@ -129,7 +129,24 @@ impl Reader<'_> {
         sources
     }
 
+    /// The cell of the schedule of a population that the cell goes on from.
+    fn stretch_before(&self) -> Option<usize> {
+        let (search, place) = self.cell.tried()?;
+        let before = Some((search, self.sections.searches[search].parent(place)?));
+        let place = match self.cell.place {
+            Place::Combination(environment, agent) => Place::Leading(environment, agent),
+            of_its_kind => of_its_kind,
+        };
+        let is_before = |cell: &Cell| cell.place == place && cell.tried() == before;
+        self.cells.iter().position(is_before)
+    }
+
     fn cell_of(&mut self, named: &Named<'_>) -> Option<usize> {
+        let protocol = &self.cell.parts[2].given;
+        if named.part == 2 && protocol.stretch.is_some_and(|it| it.goes_on) && named.pointer == "/go_on_from"
+        {
+            return self.stretch_before();
+        }
         let Reference {
             from, environment, ..
         } = named.reference;
@@ -359,7 +376,7 @@ pub fn name(sections: &Sections<'_>, cell: &Cell) -> String {
     match cell.place {
         Place::Prepared(index) => written.prepared[index].name.clone(),
         Place::Tried(index) => sections.searches[index].search.name.clone(),
-        Place::Combination(environment, agent) => {
+        Place::Combination(environment, agent) | Place::Leading(environment, agent) => {
             format!(
                 "{} in {}",
                 written.agents[agent].name, written.environments[environment].name

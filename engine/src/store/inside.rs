@@ -87,7 +87,11 @@ const DEEPEST: usize = 4;
 pub(super) fn is_product(name: &str) -> bool {
     let parts: Vec<&str> = name.split('/').collect();
     let plain = |part: &&str| !part.is_empty() && !part.starts_with('.') && !part.contains(['\\', '\0']);
-    let deepest = if ProductKind::Dataset.has_file(name) {
+    let is_deep = |kind: &ProductKind| kind.has_file(name);
+    let deepest = if [ProductKind::Dataset, ProductKind::Checkpoint]
+        .iter()
+        .any(is_deep)
+    {
         DEEPEST
     } else {
         1

@@ -11,6 +11,7 @@ use super::{
     builds::World,
     cells::{self, Sections},
     claims::ClaimSpec,
+    path::Target,
     search::Searched,
     summary::Summary,
 };
@@ -174,6 +175,7 @@ pub fn searches(sections: &Sections<'_>, world: &World) -> Vec<Diagnostic> {
         names.metric(&searched.search.by, &place, "by", &picked);
         names.compared_by(&searched.search, &place);
         names.pauses(sections, searched, &place);
+        names.generations(sections, searched, &place);
     }
     names.found
 }
@@ -294,6 +296,43 @@ impl Names<'_> {
                 message,
                 "write `goal: least`, or `goal: most` where that is meant",
             );
+        }
+    }
+
+    /// Says where members of a population cannot be compared or cannot go on.
+    fn generations(&mut self, sections: &Sections<'_>, searched: &Searched<'_>, place: &Place<'_>) {
+        let written = &sections.written.protocol;
+        let pauses = searched.search.generation_ends();
+        let place = place
+            .below("method")
+            .and_then(|place| place.below("population"))
+            .unwrap_or_else(|| place.clone());
+        let config = cells::protocol_of(sections, searched);
+        let entry = sections.registry.protocols.get(written.plugin.as_str());
+        let Some((entry, config)) = entry.zip(config).filter(|_| !pauses.is_empty()) else {
+            return;
+        };
+        let steps = (entry.build)(&config).map_or(u64::MAX, |protocol| protocol.total_steps());
+        let schema = sections.plugin(Target::Protocol).map(|plugin| plugin.schema);
+        if schema.is_none_or(|schema| schema.property("go_on_from").is_none()) {
+            let message = format!(
+                "in `{}` learning cannot go on from another trial's",
+                written.plugin
+            );
+            self.say(
+                place.value("pauses"),
+                message,
+                "use the protocol `train_evaluate`, or another method",
+            );
+        } else if pauses.windows(2).any(|pair| pair[0] >= pair[1]) {
+            self.say(
+                place.value("pauses"),
+                "pauses do not rise",
+                "write them in the order of steps",
+            );
+        } else if let Some(pause) = pauses.iter().find(|pause| **pause >= steps) {
+            let message = format!("learning ends at step {steps}, so that nothing goes on at step {pause}");
+            self.say(place.value("pauses"), message, "write steps below the last one");
         }
     }
 

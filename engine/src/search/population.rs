@@ -1,0 +1,142 @@
+//! Population based training: settings that learn side by side, of which the worst take up what the best have learned
+//! and go on with a setting like theirs.
+//!
+//! Jaderberg et al. 2017, "Population Based Training of Neural Networks", arXiv:1711.09846: exploit by truncation,
+//! explore by a factor of 0.8 or 1.2. Here every stretch between two pauses is a trial of its own that goes on from the
+//! checkpoint of another one, so that what follows is a function of stored results, and what is found is a *schedule*:
+//! the settings along the way to the best member, which is then learned anew on fresh seeds.
+
+use super::{Population, Range, Search, Tried};
+use crate::{Rng, random};
+use rand::Rng as _;
+use serde_json::Value;
+
+/// How a number is moved, up or down.
+const FACTORS: [f64; 2] = [0.8, 1.2];
+
+/// The members of a generation after the first.
+pub(super) struct Generation {
+    /// Settings, in order.
+    pub(super) points: Vec<super::Point>,
+    /// The place, in the generation before, of the member that each goes on from.
+    pub(super) parents: Vec<usize>,
+}
+
+/// What follows a generation whose members are `last`, each with its value at the pause; `None` where every one has
+/// failed. Members that failed are replaced however many they are.
+pub(super) fn next(
+    search: &Search,
+    options: &Population,
+    number: usize,
+    last: &[Tried],
+    pause: u64,
+) -> Option<Generation> {
+    let merit = |place: &usize| {
+        let value = last[*place].pauses.get(&pause).copied().flatten();
+        value.map_or(f64::NEG_INFINITY, |value| search.goal.merit(value))
+    };
+    let mut order: Vec<usize> = (0..last.len()).collect();
+    // Of equal ones the earlier is the better.
+    order.sort_by(|one, other| merit(other).total_cmp(&merit(one)));
+    let well = order
+        .iter()
+        .filter(|place| merit(place) > f64::NEG_INFINITY)
+        .count();
+    if well == 0 {
+        return None;
+    }
+    let replaced = share(options.replace, last.len());
+    let kept = (last.len() - replaced).min(well);
+    let best = &order[..replaced.clamp(1, well)];
+    let member = |place: usize| {
+        if order[..kept].contains(&place) {
+            return (last[place].point.clone(), place);
+        }
+        let mut rng = random::stream(&["population", &search.identity(), &format!("{number} {place}")]);
+        let parent = best[rng.random_range(0..best.len())];
+        (explored(search, options, &last[parent].point, &mut rng), parent)
+    };
+    let (points, parents) = (0..last.len()).map(member).unzip();
+    Some(Generation { points, parents })
+}
+
+/// Members that are replaced: at least one where there are several, and at most half.
+#[allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a count is a count"
+)]
+fn share(replace: f64, members: usize) -> usize {
+    ((members as f64 * replace).round() as usize)
+        .clamp(1, (members / 2).max(1))
+        .min(members - 1)
+}
+
+/// A setting like another one.
+fn explored(search: &Search, options: &Population, point: &[Value], rng: &mut Rng) -> super::Point {
+    let keys = search.keys.iter().zip(point);
+    keys.map(|((_, range), value)| {
+        if rng.random_bool(options.redraw) {
+            range.at(rng.random())
+        } else {
+            moved(range, value, rng.random_bool(0.5))
+        }
+    })
+    .collect()
+}
+
+/// A value near another one: a number times a factor, a whole number by one at least, a listed value beside it in the
+/// list. Beyond its end a range has nothing.
+fn moved(range: &Range, value: &Value, up: bool) -> Value {
+    match range {
+        Range::Choice(values) => {
+            let place = values
+                .iter()
+                .position(|listed| listed == value)
+                .unwrap_or_default();
+            let next = if up { place + 1 } else { place.saturating_sub(1) };
+            values[next.min(values.len() - 1)].clone()
+        }
+        Range::Numbers(numbers) => {
+            let known = value.as_f64().unwrap_or(numbers.low);
+            let to = known * FACTORS[usize::from(up)];
+            if !numbers.integer {
+                return numbers.nearest(to);
+            }
+            let least = if up { known + 1.0 } else { known - 1.0 };
+            let to = if up { to.max(least) } else { to.min(least) };
+            numbers.nearest(to.round())
+        }
+    }
+}
+
+/// The settings along the way to a member, from the first generation on, as places.
+#[must_use]
+pub fn lineage(parents: &[Option<usize>], place: usize) -> Vec<usize> {
+    let mut way: Vec<usize> =
+        std::iter::successors(Some(place), |at| parents.get(*at).copied().flatten()).collect();
+    way.reverse();
+    way
+}
+
+/// A schedule in words: each setting with the step up to which it holds.
+#[must_use]
+pub fn schedule_in_words(settings: &[String], pauses: &[u64]) -> String {
+    let until = |place: usize| {
+        pauses
+            .get(place)
+            .map_or_else(|| "the end".into(), |step| format!("step {step}"))
+    };
+    let mut parts: Vec<String> = Vec::new();
+    for (place, setting) in settings.iter().enumerate() {
+        if settings.get(place + 1) != Some(setting) {
+            parts.push(format!("{setting} to {}", until(place)));
+        }
+    }
+    parts.join(", then ")
+}
+
+#[cfg(test)]
+#[path = "population_tests.rs"]
+mod tests;

@@ -1,0 +1,107 @@
+//! Whether learning can go on where a study says: in the same environment, by an agent that fits what was learned.
+
+use super::{
+    builds::Builder,
+    cells::{self, Cell},
+    search::Searched,
+    taking,
+};
+use crate::{
+    Agent, Interface, ProductKind,
+    diagnostic::Diagnostic,
+    protocol::{rehearse_going_on, write_checkpoint_specimen},
+    random,
+};
+use std::path::Path;
+
+const WHAT_MAY_DIFFER: &str =
+    "networks must have the form with which learning began; rates and the like may differ";
+
+impl Builder<'_> {
+    /// Refuses a cell that goes on from what does not fit it. The stretches of a schedule fit each other where the ends
+    /// of its ranges do.
+    pub(super) fn goes_on_well(&mut self, cell: &Cell, interface: &Interface) -> Result<(), Box<Diagnostic>> {
+        let from = cell.sources.iter().find(|it| it.kind == ProductKind::Checkpoint);
+        let Some(source) = from.filter(|_| cell.parts[2].given.stretch.is_none()) else {
+            return Ok(());
+        };
+        let begun = &self.cells[source.cell];
+        let name = taking::name(self.sections, begun);
+        if begun.parts[0].id != cell.parts[0].id {
+            let message =
+                format!("`{name}` learns in another environment than the one in which that shall go on");
+            return Err(Box::new(self.at(cell, source, message)));
+        }
+        let folder = self.specimen(source.cell).unwrap_or_default();
+        let mut agent = self.agent(cell, interface)?;
+        rehearse_going_on(&mut *agent, &folder).map_err(|error| {
+            let message = format!("what `{name}` learned does not fit the agent that shall go on: {error}");
+            Box::new(self.at(cell, source, message).help(WHAT_MAY_DIFFER))
+        })
+    }
+
+    /// Refuses a population over a key that changes what networks look like: what a member learned would fit no other.
+    pub(super) fn members_fit(&mut self, searched: &Searched<'_>) -> Result<(), Box<Diagnostic>> {
+        if searched.search.generation_ends().is_empty() {
+            return Ok(());
+        }
+        let pair = (searched.environment, searched.agent);
+        let Some(cell) = self.cells.iter().find(|cell| cell.pair() == Some(pair)) else {
+            return Ok(());
+        };
+        let (Some(interface), Ok(folder)) = (self.interface(cell), tempfile::tempdir()) else {
+            return Ok(());
+        };
+        let shares = vec![0.0; searched.paths.len()];
+        // What cannot be built is said of the settings themselves.
+        let Some(first) = self.member(searched, &shares, &interface) else {
+            return Ok(());
+        };
+        if write_checkpoint_specimen(folder.path(), &*first).is_err() {
+            return Ok(());
+        }
+        for key in 0..shares.len() {
+            let mut other = shares.clone();
+            other[key] = 1.0;
+            if let Some(member) = self.member(searched, &other, &interface) {
+                self.takes_up(searched, key, member, folder.path())?;
+            }
+        }
+        Ok(())
+    }
+
+    fn takes_up(
+        &self,
+        searched: &Searched<'_>,
+        key: usize,
+        mut member: Box<dyn Agent>,
+        folder: &Path,
+    ) -> Result<(), Box<Diagnostic>> {
+        rehearse_going_on(&mut *member, folder).map_err(|error| {
+            let (text, _) = &searched.search.keys[key];
+            let at = format!("search.{}.over.{text}", searched.search.name);
+            let message =
+                format!("members with different `{text}` cannot take up what others have learned: {error}");
+            let error = self
+                .sections
+                .sources
+                .error(searched.paths[key].span, &at, message);
+            Box::new(error.help(format!("{WHAT_MAY_DIFFER}; another method can search this key")))
+        })
+    }
+
+    /// A member whose keys lie at these shares of their ranges; `None` where it cannot be built so.
+    fn member(
+        &self,
+        searched: &Searched<'_>,
+        shares: &[f64],
+        interface: &Interface,
+    ) -> Option<Box<dyn Agent>> {
+        let part = cells::member(self.sections, searched, shares)?;
+        let entry = self.sections.registry.agents.get(part.plugin.as_str())?;
+        if !part.products.is_empty() {
+            return None;
+        }
+        (entry.build)(&part.config, interface, &mut random::stream(&["check"])).ok()
+    }
+}
