@@ -263,7 +263,7 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
 
 /// The state of every trial; `None` where it has not run or must run again. What is damaged is said.
 pub(super) fn ends(store: &Store, trials: &[Arc<Trial>]) -> Vec<Option<TrialEnd>> {
-    told(store.ends(trials)).0
+    told(store.outcomes(trials)).0
 }
 
 /// What was found, once it is said what is damaged and counts as missing, and whether something is.
@@ -281,7 +281,7 @@ fn ends_with_advice(
     selection: &Selection,
     common: &Common,
 ) -> Vec<Option<TrialEnd>> {
-    let (ends, damaged) = told(store.ends(trials));
+    let (ends, damaged) = told(store.outcomes(trials));
     if damaged {
         complain(&format!(
             "`{}` sets aside what is damaged and runs it again",

@@ -32,7 +32,7 @@ pub fn search_in_words(it: &SearchResult) -> String {
         String::new()
     };
     let state = match it.chosen {
-        _ if !search.generation_ends().is_empty() => population_in_words(it),
+        _ if search.is_population() => population_in_words(it),
         Some(_) => format!("its setting was chosen among {n}{early}"),
         None if ended == search.settings => "no setting can be chosen".to_owned(),
         None => format!("{ended} of {} settings were tried", search.settings),

@@ -316,81 +316,6 @@ impl Search {
         Next::Chosen(self.best(known), stops)
     }
 
-    /// What follows where members of a population take up what others have learned.
-    fn evolved(&self, options: &Population, tried: &[Tried]) -> Next {
-        let course = self.course(options, tried);
-        let stops = vec![None; course.points.len()];
-        if !course.is_over {
-            return Next::Try(course.points, stops);
-        }
-        let last = course.points.len() - self.settings;
-        let best = self
-            .best(tried.get(last..).unwrap_or_default())
-            .map(|place| last + place);
-        Next::Chosen(best, stops)
-    }
-
-    /// The generations of a population as far as results say.
-    fn course(&self, options: &Population, tried: &[Tried]) -> Course {
-        let mut points = self.generation(&[]);
-        let mut parents = vec![None; points.len()];
-        for (number, pause) in options.pauses.iter().enumerate() {
-            let begin = points.len() - self.settings;
-            let has_paused = |it: &Tried| it.pauses.contains_key(pause);
-            let Some(last) = same(tried, &points, &parents).filter(|all| all[begin..].iter().all(has_paused))
-            else {
-                let is_over = false;
-                return Course {
-                    points,
-                    parents,
-                    is_over,
-                };
-            };
-            let Some(next) = population::next(self, options, number + 1, &last[begin..], *pause) else {
-                let is_over = true;
-                return Course {
-                    points,
-                    parents,
-                    is_over,
-                };
-            };
-            points.extend(next.points);
-            parents.extend(next.parents.into_iter().map(|place| Some(begin + place)));
-        }
-        let last = points.len() - self.settings;
-        let is_over = same(tried, &points, &parents).is_some_and(|all| all[last..].iter().all(|it| it.ended));
-        Course {
-            points,
-            parents,
-            is_over,
-        }
-    }
-
-    /// For each setting that follows from these results the place of the one whose learning it goes on with.
-    #[must_use]
-    pub fn parents(&self, tried: &[Tried]) -> Vec<Option<usize>> {
-        match &self.method {
-            Method::Population(options) => self.course(options, tried).parents,
-            _ => Vec::new(),
-        }
-    }
-
-    /// Where members of a population are compared; none for other methods.
-    #[must_use]
-    pub fn generation_ends(&self) -> &[u64] {
-        match &self.method {
-            Method::Population(options) => &options.pauses,
-            _ => &[],
-        }
-    }
-
-    /// The step at which a setting of a population, by its place, is compared with its generation; `None` where that is
-    /// its end.
-    #[must_use]
-    pub fn compared_at(&self, place: usize) -> Option<u64> {
-        self.generation_ends().get(place / self.settings.max(1)).copied()
-    }
-
     /// Steps at which trials may pause.
     #[must_use]
     pub fn pauses(&self) -> &[u64] {
@@ -461,27 +386,6 @@ impl Search {
             self.seeds
         ]))
     }
-}
-
-/// The settings of a population so far.
-struct Course {
-    points: Vec<Point>,
-    parents: Vec<Option<usize>>,
-    is_over: bool,
-}
-
-/// What is known of these settings; `None` where something else was tried.
-fn same<'t>(tried: &'t [Tried], points: &[Point], parents: &[Option<usize>]) -> Option<&'t [Tried]> {
-    let known = tried.get(..points.len())?;
-    let is_same = |((it, point), parent): ((&Tried, &Point), &Option<usize>)| {
-        it.point == *point && it.parent == *parent
-    };
-    known
-        .iter()
-        .zip(points)
-        .zip(parents)
-        .all(is_same)
-        .then_some(known)
 }
 
 #[cfg(test)]

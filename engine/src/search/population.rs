@@ -6,7 +6,7 @@
 //! checkpoint of another one, so that what follows is a function of stored results, and what is found is a *schedule*:
 //! the settings along the way to the best member, which is then learned anew on fresh seeds.
 
-use super::{Population, Range, Search, Tried};
+use super::{Method, Next, Point, Population, Range, Search, Tried};
 use crate::{Rng, random};
 use rand::Rng as _;
 use serde_json::Value;
@@ -14,10 +14,114 @@ use serde_json::Value;
 /// How a number is moved, up or down.
 const FACTORS: [f64; 2] = [0.8, 1.2];
 
+impl Search {
+    /// What follows where members of a population take up what others have learned.
+    pub(super) fn evolved(&self, options: &Population, tried: &[Tried]) -> Next {
+        let course = self.course(options, tried);
+        let stops = vec![None; course.points.len()];
+        if !course.is_over {
+            return Next::Try(course.points, stops);
+        }
+        let last = course.points.len() - self.settings;
+        let best = self
+            .best(tried.get(last..).unwrap_or_default())
+            .map(|place| last + place);
+        Next::Chosen(best, stops)
+    }
+
+    /// The generations of a population as far as results say.
+    fn course(&self, options: &Population, tried: &[Tried]) -> Course {
+        let mut points = self.generation(&[]);
+        let mut parents = vec![None; points.len()];
+        for (number, pause) in options.pauses.iter().enumerate() {
+            let begin = points.len() - self.settings;
+            let has_paused = |it: &Tried| it.pauses.contains_key(pause);
+            let Some(last) = same(tried, &points, &parents).filter(|all| all[begin..].iter().all(has_paused))
+            else {
+                let is_over = false;
+                return Course {
+                    points,
+                    parents,
+                    is_over,
+                };
+            };
+            let Some(next) = next(self, options, number + 1, &last[begin..], *pause) else {
+                let is_over = true;
+                return Course {
+                    points,
+                    parents,
+                    is_over,
+                };
+            };
+            points.extend(next.points);
+            parents.extend(next.parents.into_iter().map(|place| Some(begin + place)));
+        }
+        let last = points.len() - self.settings;
+        let is_over = same(tried, &points, &parents).is_some_and(|all| all[last..].iter().all(|it| it.ended));
+        Course {
+            points,
+            parents,
+            is_over,
+        }
+    }
+
+    /// For each setting that follows from these results the place of the one whose learning it goes on with.
+    #[must_use]
+    pub fn parents(&self, tried: &[Tried]) -> Vec<Option<usize>> {
+        match &self.method {
+            Method::Population(options) => self.course(options, tried).parents,
+            _ => Vec::new(),
+        }
+    }
+
+    /// Where members of a population are compared; none for other methods.
+    #[must_use]
+    pub fn generation_ends(&self) -> &[u64] {
+        match &self.method {
+            Method::Population(options) => &options.pauses,
+            _ => &[],
+        }
+    }
+
+    /// The step at which a setting of a population, by its place, is compared with its generation; `None` where that is
+    /// its end.
+    #[must_use]
+    pub fn compared_at(&self, place: usize) -> Option<u64> {
+        self.generation_ends().get(place / self.settings.max(1)).copied()
+    }
+
+    /// True where members learn side by side and take up what others have learned.
+    #[must_use]
+    pub fn is_population(&self) -> bool {
+        matches!(self.method, Method::Population(_))
+    }
+}
+
+/// The settings of a population so far.
+struct Course {
+    points: Vec<Point>,
+    parents: Vec<Option<usize>>,
+    is_over: bool,
+}
+
+/// What is known of these settings; `None` where something else was tried.
+fn same<'t>(tried: &'t [Tried], points: &[Point], parents: &[Option<usize>]) -> Option<&'t [Tried]> {
+    let known = tried.get(..points.len())?;
+    let is_same = |((it, point), parent): ((&Tried, &Point), &Option<usize>)| {
+        it.point == *point && it.parent == *parent
+    };
+    known
+        .iter()
+        .zip(points)
+        .zip(parents)
+        .all(is_same)
+        .then_some(known)
+}
+
 /// The members of a generation after the first.
 pub(super) struct Generation {
     /// Settings, in order.
-    pub(super) points: Vec<super::Point>,
+    pub(super) points: Vec<Point>,
     /// The place, in the generation before, of the member that each goes on from.
     pub(super) parents: Vec<usize>,
 }
@@ -74,7 +178,7 @@ fn share(replace: f64, members: usize) -> usize {
 }
 
 /// A setting like another one.
-fn explored(search: &Search, options: &Population, point: &[Value], rng: &mut Rng) -> super::Point {
+fn explored(search: &Search, options: &Population, point: &[Value], rng: &mut Rng) -> Point {
     let keys = search.keys.iter().zip(point);
     keys.map(|((_, range), value)| {
         if rng.random_bool(options.redraw) {

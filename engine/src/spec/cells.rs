@@ -5,6 +5,7 @@ use super::{
     config::{self, Files, Plugin},
     overrides::Override,
     path::{self, Target},
+    schedule::Stretch,
     search::Searched,
     sweep::{Dimension, SweptKey},
     taking::Source,
@@ -18,7 +19,7 @@ use crate::{
     setting::Setting,
     trial::Part,
 };
-use serde_json::{Value, json};
+use serde_json::Value;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 /// Largest number of trials of one study.
@@ -103,46 +104,6 @@ pub struct Given {
     pub training: bool,
 }
 
-/// A part of a schedule: from the checkpoint of another trial, or the first step, to a pause or the end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Stretch {
-    /// The search, by its index.
-    pub search: usize,
-    /// Whether it goes on from another one.
-    pub goes_on: bool,
-    /// The step at which it ends, where that is not the protocol's last.
-    pub until: Option<u64>,
-}
-
-impl Stretch {
-    /// That of a setting of a population, by its place; `None` in other searches.
-    fn of(index: usize, searched: &Searched<'_>, place: usize) -> Option<Self> {
-        let search = &searched.search;
-        (!search.generation_ends().is_empty()).then(|| Self {
-            search: index,
-            goes_on: searched.parent(place).is_some(),
-            until: search.compared_at(place),
-        })
-    }
-
-    /// Writes it into the config of a protocol.
-    fn assign(&self, name: &str, config: &mut Node) {
-        let span = config.span;
-        let mut set = |key: &str, value: Value| {
-            if let Some(entry) = config.entry_or_insert(key, span) {
-                entry.value = Node::from_value(span, &value);
-            }
-        };
-        if self.goes_on {
-            set("go_on_from", json!({ "from": name }));
-        }
-        if let Some(step) = self.until {
-            set("steps", json!(step));
-            set("leave_checkpoint", json!(true));
-        }
-    }
-}
-
 /// All that cells are made of.
 pub struct Sections<'a> {
     /// The named parts.
@@ -173,11 +134,7 @@ impl Sections<'_> {
     /// Configs that a plugin refuses, and names in `prepare` that the study does not have.
     pub fn cells(&self) -> Result<Vec<Cell>, Vec<Diagnostic>> {
         let (mut cells, mut found) = (Vec::new(), Vec::new());
-        let mut known = Known {
-            sections: self,
-            files: Files::new(self.folder),
-            parts: BTreeMap::new(),
-        };
+        let mut known = Known::new(self);
         for (environment, agent) in self.pairs() {
             let targets = [
                 Target::Environment(environment),
@@ -351,7 +308,7 @@ impl Sections<'_> {
     }
 
     /// The setting that was chosen for an agent: the search and its place there.
-    fn chosen(&self, agent: usize) -> Option<(usize, usize)> {
+    pub(super) fn chosen(&self, agent: usize) -> Option<(usize, usize)> {
         let search = self.searches.iter().position(|it| it.agent == agent)?;
         Some((search, self.searches[search].chosen?))
     }
@@ -424,11 +381,7 @@ fn named(values: Vec<(&str, Value)>) -> Setting {
 
 /// The complete config of the protocol with which settings are compared.
 pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<Arc<Value>> {
-    let mut known = Known {
-        sections,
-        files: Files::new(sections.folder),
-        parts: BTreeMap::new(),
-    };
+    let mut known = Known::new(sections);
     let targets = [
         Target::Environment(searched.environment),
         Target::Agent(searched.agent),
@@ -440,39 +393,24 @@ pub fn protocol_of(sections: &Sections<'_>, searched: &Searched<'_>) -> Option<A
     Some(Arc::clone(&parts[2].part.config))
 }
 
-/// The agent of a search with its keys at these shares of their ranges; `None` where that is refused.
-pub fn member(sections: &Sections<'_>, searched: &Searched<'_>, shares: &[f64]) -> Option<Part> {
-    let mut known = Known {
-        sections,
-        files: Files::new(sections.folder),
-        parts: BTreeMap::new(),
-    };
-    let pair = (searched.environment, searched.agent);
-    let targets = [
-        Target::Environment(pair.0),
-        Target::Agent(pair.1),
-        Target::Protocol,
-    ];
-    let [_, agent, _] = known.parts(targets, pair, &[], None).ok()?;
-    let mut config = sections.assigned(&agent.given);
-    let keys = searched.paths.iter().zip(&searched.search.keys).zip(shares);
-    for ((path, (_, range)), share) in keys {
-        path.assign(&mut config, &Node::from_value(path.span, &range.at(*share)));
-    }
-    let plugin = sections.plugin(targets[1])?;
-    config::resolve(&plugin, &config, &mut known.files, sections.sources).ok()
-}
-
 type Outcome = Result<Arc<Resolved>, Vec<Diagnostic>>;
 
 /// Parts that were resolved already: a part is resolved once, however many cells share it.
-struct Known<'a> {
-    sections: &'a Sections<'a>,
-    files: Files<'a>,
+pub(super) struct Known<'a> {
+    pub(super) sections: &'a Sections<'a>,
+    pub(super) files: Files<'a>,
     parts: BTreeMap<Given, Outcome>,
 }
 
-impl Known<'_> {
+impl<'a> Known<'a> {
+    pub(super) fn new(sections: &'a Sections<'a>) -> Self {
+        Self {
+            sections,
+            files: Files::new(sections.folder),
+            parts: BTreeMap::new(),
+        }
+    }
+
     fn cell(
         &mut self,
         environment: usize,
@@ -517,19 +455,7 @@ impl Known<'_> {
                     .error(entry.name_span, &format!("prepare.{}", entry.name), message);
             return Err(vec![error.help("write the part that is meant into the entry")]);
         }
-        let of_population = |it: &&Searched<'_>| {
-            Target::Agent(it.agent) == targets[1] && !it.search.generation_ends().is_empty()
-        };
-        if let Some(searched) = self.sections.searches.iter().find(of_population) {
-            let entry = &self.sections.written.prepared[index];
-            let message = format!(
-                "the entry `{}` would need the whole schedule that `{}` searches for `{}`",
-                entry.name, searched.search.name, searched.search.agent
-            );
-            let at = format!("prepare.{}", entry.name);
-            let error = self.sections.sources.error(entry.name_span, &at, message);
-            return Err(vec![error.help("write the agent that is meant into the entry")]);
-        }
+        self.needs_no_schedule(index, targets[1])?;
         let index_of = |target| match target {
             Target::Environment(index) | Target::Agent(index) => index,
             _ => usize::MAX,
@@ -566,33 +492,8 @@ impl Known<'_> {
         })
     }
 
-    /// What leads a combination to the last setting of the schedule that was found for its agent: nothing where a
-    /// setting was.
-    fn leading(&mut self, environment: usize, agent: usize) -> Result<Vec<Cell>, Vec<Diagnostic>> {
-        let Some((search, _)) = self.sections.chosen(agent) else {
-            return Ok(Vec::new());
-        };
-        let targets = [
-            Target::Environment(environment),
-            Target::Agent(agent),
-            Target::Protocol,
-        ];
-        let way = self.sections.searches[search].way_to_chosen();
-        let cell = |place: usize| {
-            let point = self.point(search, place);
-            Ok(Cell {
-                place: Place::Leading(environment, agent),
-                setting: point.to_string(),
-                point,
-                parts: self.parts(targets, (environment, agent), &[], Some((search, place)))?,
-                sources: Vec::new(),
-            })
-        };
-        way.into_iter().map(cell).collect()
-    }
-
     /// A setting of a search, with its keys as they are written.
-    fn point(&self, search: usize, place: usize) -> Setting {
+    pub(super) fn point(&self, search: usize, place: usize) -> Setting {
         let searched = &self.sections.searches[search];
         named(
             searched
@@ -605,7 +506,7 @@ impl Known<'_> {
         )
     }
 
-    fn parts(
+    pub(super) fn parts(
         &mut self,
         targets: [Target; 3],
         (environment, agent): (usize, usize),

@@ -1,11 +1,6 @@
 //! Whether learning can go on where a study says: in the same environment, by an agent that fits what was learned.
 
-use super::{
-    builds::Builder,
-    cells::{self, Cell},
-    search::Searched,
-    taking,
-};
+use super::{builds::Builder, cells::Cell, schedule, search::Searched, taking};
 use crate::{
     Agent, Interface, ProductKind,
     diagnostic::Diagnostic,
@@ -42,7 +37,7 @@ impl Builder<'_> {
 
     /// Refuses a population over a key that changes what networks look like: what a member learned would fit no other.
     pub(super) fn members_fit(&mut self, searched: &Searched<'_>) -> Result<(), Box<Diagnostic>> {
-        if searched.search.generation_ends().is_empty() {
+        if !searched.search.is_population() {
             return Ok(());
         }
         let pair = (searched.environment, searched.agent);
@@ -97,7 +92,7 @@ impl Builder<'_> {
         shares: &[f64],
         interface: &Interface,
     ) -> Option<Box<dyn Agent>> {
-        let part = cells::member(self.sections, searched, shares)?;
+        let part = schedule::member(self.sections, searched, shares)?;
         let entry = self.sections.registry.agents.get(part.plugin.as_str())?;
         if !part.products.is_empty() {
             return None;

@@ -42,6 +42,7 @@ mod overrides;
 mod path;
 mod plugin_config;
 mod resolved;
+mod schedule;
 mod search;
 mod section;
 mod sections;

@@ -173,7 +173,8 @@ impl Reader<'_> {
     }
 
     fn bytes(&mut self, at: u64, length: u64) -> Result<Vec<u8>, Error> {
-        let mut bytes = Vec::new();
+        // What a pack says of its lengths lies inside it, so that no more is asked for than there is.
+        let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or_default());
         let read = self
             .file
             .seek(SeekFrom::Start(at))

@@ -1,0 +1,198 @@
+//! What a search for a setting came to, as far as its trials tell.
+
+use super::TrialResult;
+use crate::{
+    recorder::Phase,
+    search::{Next, Point, Search, Tried, lineage},
+    spec::Progress,
+    statistics::estimators::mean,
+    store::is_missing,
+    trial::Purpose,
+};
+use serde_json::json;
+use std::collections::BTreeMap;
+
+/// What a search for a setting tried.
+#[derive(Debug, Clone)]
+pub struct SearchResult {
+    /// The search.
+    pub search: Search,
+    /// The settings that were tried, in order.
+    pub tried: Vec<TriedSetting>,
+    /// The place of the chosen one; `None` as long as the search goes on, or where every setting failed.
+    pub chosen: Option<usize>,
+}
+
+/// A setting with the values of its metric.
+#[derive(Debug, Clone, Default)]
+pub struct TriedSetting {
+    /// The setting, as `key=value` words.
+    pub setting: String,
+    /// The setting itself.
+    pub point: Point,
+    /// The step at which its trials pause or, in a population, end; `None` where they go to the end of the protocol.
+    pub stop: Option<u64>,
+    /// The place of the setting whose learning it goes on with.
+    pub parent: Option<usize>,
+    /// The values by seed; failed trials have none.
+    pub values: BTreeMap<u64, f64>,
+    /// The values by pause and seed, and `None` for a failed trial.
+    pub at_pauses: BTreeMap<u64, BTreeMap<u64, Option<f64>>>,
+    /// Trials that ended otherwise than `ok`.
+    pub failed: usize,
+    /// Trials that have not ended.
+    pub missing: usize,
+}
+
+impl TriedSetting {
+    /// A member of a population that is compared at a pause, where its trials end.
+    fn member(search: &Search, point: &Point, pause: u64, trials: &[&TrialResult]) -> Self {
+        let mut member = Self {
+            point: point.clone(),
+            stop: Some(pause),
+            missing: search.seeds.len(),
+            ..Self::default()
+        };
+        for trial in trials {
+            let has_ended = !is_missing(trial.end.as_deref());
+            member.setting.clone_from(&trial.trial.cell.setting);
+            member.failed += usize::from(has_ended && !trial.is_ok());
+            if has_ended {
+                let value = trial.mean(Phase::Final, &search.by).filter(|_| trial.is_ok());
+                let values = member.at_pauses.entry(pause).or_default();
+                values.insert(trial.trial.key.seed, value);
+            }
+        }
+        member
+    }
+
+    fn of(search: &Search, point: &Point, stop: Option<u64>, trials: &[&TrialResult]) -> Self {
+        let mut tried = Self {
+            point: point.clone(),
+            stop,
+            missing: search.seeds.len(),
+            ..Self::default()
+        };
+        for trial in trials {
+            let (seed, has_ended) = (trial.trial.key.seed, !is_missing(trial.end.as_deref()));
+            tried.setting.clone_from(&trial.trial.cell.setting);
+            tried.failed += usize::from(has_ended && !trial.is_ok());
+            tried.missing -= usize::from(has_ended);
+            let value = trial.mean(Phase::Final, &search.by).filter(|_| trial.is_ok());
+            tried.values.extend(value.map(|value| (seed, value)));
+            for pause in search.pauses() {
+                if let Some(value) = trial.at_pause(&search.by, *pause) {
+                    tried.at_pauses.entry(*pause).or_default().insert(seed, value);
+                }
+            }
+        }
+        tried
+    }
+
+    /// What the search compares in the end; `None` where a trial has not ended well.
+    #[must_use]
+    pub fn value(&self) -> Option<f64> {
+        let values: Vec<f64> = self.values.values().copied().collect();
+        (self.failed + self.missing == 0 && !values.is_empty()).then(|| mean(&values))
+    }
+
+    fn known(&self, n_seeds: usize) -> Tried {
+        let at_pause = |(pause, values): (&u64, &BTreeMap<u64, Option<f64>>)| {
+            let all: Option<Vec<f64>> = values.values().copied().collect();
+            (values.len() == n_seeds).then(|| (*pause, all.map(|all| mean(&all))))
+        };
+        Tried {
+            point: self.point.clone(),
+            parent: self.parent,
+            value: self.value(),
+            ended: self.missing == 0,
+            pauses: self.at_pauses.iter().filter_map(at_pause).collect(),
+        }
+    }
+}
+
+impl SearchResult {
+    /// What a search came to so far; `trials` are all trials of its study.
+    #[must_use]
+    pub fn of(search: &Search, progress: &Progress, trials: &[TrialResult]) -> Self {
+        if search.is_population() {
+            return Self::of_population(search, progress, trials);
+        }
+        let purpose = Purpose::Tried(search.name.clone());
+        let mut by_point: BTreeMap<String, BTreeMap<u64, &TrialResult>> = BTreeMap::new();
+        for it in trials.iter().filter(|it| it.trial.cell.purpose == purpose) {
+            let point = json!(it.trial.cell.point.values()).to_string();
+            by_point.entry(point).or_default().insert(it.trial.key.seed, it);
+        }
+        let setting = |(place, point): (usize, &Point)| {
+            let stop = progress.stops.get(place).copied().flatten();
+            let trials = by_point
+                .get(&json!(point).to_string())
+                .into_iter()
+                .flat_map(BTreeMap::values);
+            TriedSetting::of(search, point, stop, &trials.copied().collect::<Vec<_>>())
+        };
+        Self {
+            tried: progress.points.iter().enumerate().map(setting).collect(),
+            search: search.clone(),
+            chosen: progress.chosen,
+        }
+    }
+
+    /// The same for a population, in which one setting may stand several times: the trials of a search come in the order
+    /// of its settings.
+    fn of_population(search: &Search, progress: &Progress, trials: &[TrialResult]) -> Self {
+        let purpose = Purpose::Tried(search.name.clone());
+        let own: Vec<&TrialResult> = trials
+            .iter()
+            .filter(|it| it.trial.cell.purpose == purpose)
+            .collect();
+        let mut of_place = own.chunks(search.seeds.len());
+        let setting = |(place, point): (usize, &Point)| {
+            let trials = of_place.next().unwrap_or_default();
+            let parent = progress.parents.get(place).copied().flatten();
+            let tried = match search.compared_at(place) {
+                Some(pause) => TriedSetting::member(search, point, pause, trials),
+                None => TriedSetting::of(search, point, None, trials),
+            };
+            TriedSetting { parent, ..tried }
+        };
+        Self {
+            tried: progress.points.iter().enumerate().map(setting).collect(),
+            search: search.clone(),
+            chosen: progress.chosen,
+        }
+    }
+
+    /// The settings along the way to the chosen member of a population; none for other searches.
+    #[must_use]
+    pub fn schedule(&self) -> Vec<String> {
+        let Some(chosen) = self.chosen.filter(|_| self.search.is_population()) else {
+            return Vec::new();
+        };
+        let parents: Vec<Option<usize>> = self.tried.iter().map(|it| it.parent).collect();
+        let way = lineage(&parents, chosen);
+        way.into_iter()
+            .map(|place| self.tried[place].setting.clone())
+            .collect()
+    }
+
+    /// The place of the best setting whose trials have ended well.
+    #[must_use]
+    pub fn best(&self) -> Option<usize> {
+        self.search.best(&self.known())
+    }
+
+    /// Whether every setting was tried as far as it goes and none can be chosen.
+    #[must_use]
+    pub fn found_nothing(&self) -> bool {
+        self.chosen.is_none() && matches!(self.search.next(&self.known()), Next::Chosen(None, _))
+    }
+
+    /// What follows is decided by this.
+    #[must_use]
+    pub fn known(&self) -> Vec<Tried> {
+        let seeds = self.search.seeds.len();
+        self.tried.iter().map(|it| it.known(seeds)).collect()
+    }
+}
