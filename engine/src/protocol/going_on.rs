@@ -17,7 +17,7 @@ use crate::{
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::Value;
-use std::{io, path::Path};
+use std::path::Path;
 
 /// What `state.json` holds.
 #[derive(Serialize, Deserialize)]
@@ -51,12 +51,7 @@ pub(crate) fn write_specimen(trial: &Path, agent: &dyn Agent) -> Result<(), Erro
 fn write(trial: &Path, protocol: &impl Serialize, agent: &dyn Agent, record: &Recorder) -> Result<(), Error> {
     let folder = trial.join(CHECKPOINT);
     // An attempt that was interrupted may have left something.
-    match fs::remove_dir_all(&folder) {
-        Err(source) if source.kind() != io::ErrorKind::NotFound => {
-            return Err(Error::file("remove", &folder)(source));
-        }
-        _ => {}
-    }
+    store::absent_is_fine(fs::remove_dir_all(&folder)).map_err(Error::file("remove", &folder))?;
     let of_agent = folder.join(CHECKPOINT_AGENT);
     fs::create_dir_all(&of_agent).map_err(Error::file("create", &of_agent))?;
     agent.save(&of_agent)?;
@@ -81,8 +76,10 @@ pub(super) fn take_up<S: DeserializeOwned>(
     run: &mut Run<'_>,
     product: &Product<Checkpoint>,
 ) -> Result<S, Error> {
-    let folder = product.folder()?.join(CHECKPOINT);
-    load_agent(&mut *run.agent, &folder, product)?;
+    let trial = product.folder()?;
+    load_agent(&mut *run.agent, trial)
+        .map_err(|error| misfit(product, &format!("it does not fit this agent: {error}")))?;
+    let folder = trial.join(CHECKPOINT);
     let path = folder.join(CHECKPOINT_STATE);
     let text = fs::read(&path).map_err(Error::file("read", &path))?;
     let state: State = serde_json::from_slice(&text).map_err(|source| misfit(product, &source))?;
@@ -95,13 +92,8 @@ pub(super) fn take_up<S: DeserializeOwned>(
 ///
 /// # Errors
 /// What the agent says where it does not fit.
-pub(crate) fn rehearse(agent: &mut dyn Agent, trial: &Path) -> Result<(), Error> {
+pub(crate) fn load_agent(agent: &mut dyn Agent, trial: &Path) -> Result<(), Error> {
     agent.load(&trial.join(CHECKPOINT).join(CHECKPOINT_AGENT))
-}
-
-fn load_agent(agent: &mut dyn Agent, folder: &Path, product: &Product<Checkpoint>) -> Result<(), Error> {
-    let loaded = agent.load(&folder.join(CHECKPOINT_AGENT));
-    loaded.map_err(|error| misfit(product, &format!("it does not fit this agent: {error}")))
 }
 
 /// What was left cannot be used, and why.

@@ -34,7 +34,7 @@ pub use estimator_tracking::EstimatorTracking;
 pub(crate) use evaluation::replay as replay_measurement;
 pub use evaluation::{Measurement, measure, measure_alone, metrics as measurement_metrics, observe};
 pub use gather::{Gather, GatherMode};
-pub(crate) use going_on::{rehearse as rehearse_going_on, write_specimen as write_checkpoint_specimen};
+pub(crate) use going_on::{load_agent as load_from_checkpoint, write_specimen as write_checkpoint_specimen};
 pub use offline_fit::OfflineFit;
 pub use position::{Blocks, Position, restored};
 pub use search::{Choose, Search};

@@ -45,27 +45,6 @@ pub struct TriedSetting {
 }
 
 impl TriedSetting {
-    /// A member of a population that is compared at a pause, where its trials end.
-    fn member(search: &Search, point: &Point, pause: u64, trials: &[&TrialResult]) -> Self {
-        let mut member = Self {
-            point: point.clone(),
-            stop: Some(pause),
-            missing: search.seeds.len(),
-            ..Self::default()
-        };
-        for trial in trials {
-            let has_ended = !is_missing(trial.end.as_deref());
-            member.setting.clone_from(&trial.trial.cell.setting);
-            member.failed += usize::from(has_ended && !trial.is_ok());
-            if has_ended {
-                let value = trial.mean(Phase::Final, &search.by).filter(|_| trial.is_ok());
-                let values = member.at_pauses.entry(pause).or_default();
-                values.insert(trial.trial.key.seed, value);
-            }
-        }
-        member
-    }
-
     fn of(search: &Search, point: &Point, stop: Option<u64>, trials: &[&TrialResult]) -> Self {
         let mut tried = Self {
             point: point.clone(),
@@ -77,12 +56,21 @@ impl TriedSetting {
             let (seed, has_ended) = (trial.trial.key.seed, !is_missing(trial.end.as_deref()));
             tried.setting.clone_from(&trial.trial.cell.setting);
             tried.failed += usize::from(has_ended && !trial.is_ok());
-            tried.missing -= usize::from(has_ended);
             let value = trial.mean(Phase::Final, &search.by).filter(|_| trial.is_ok());
-            tried.values.extend(value.map(|value| (seed, value)));
-            for pause in search.pauses() {
-                if let Some(value) = trial.at_pause(&search.by, *pause) {
-                    tried.at_pauses.entry(*pause).or_default().insert(seed, value);
+            let mut at_pause =
+                |pause: u64, value| tried.at_pauses.entry(pause).or_default().insert(seed, value);
+            match stop.filter(|_| search.is_population()) {
+                // A stretch of a schedule ends where it is compared, and its member goes on in other trials.
+                Some(pause) if has_ended => drop(at_pause(pause, value)),
+                Some(_) => {}
+                None => {
+                    for pause in search.pauses() {
+                        if let Some(value) = trial.at_pause(&search.by, *pause) {
+                            at_pause(*pause, value);
+                        }
+                    }
+                    tried.missing -= usize::from(has_ended);
+                    tried.values.extend(value.map(|value| (seed, value)));
                 }
             }
         }
@@ -115,50 +103,25 @@ impl SearchResult {
     /// What a search came to so far; `trials` are all trials of its study.
     #[must_use]
     pub fn of(search: &Search, progress: &Progress, trials: &[TrialResult]) -> Self {
-        if search.is_population() {
-            return Self::of_population(search, progress, trials);
-        }
         let purpose = Purpose::Tried(search.name.clone());
-        let mut by_point: BTreeMap<String, BTreeMap<u64, &TrialResult>> = BTreeMap::new();
-        for it in trials.iter().filter(|it| it.trial.cell.purpose == purpose) {
-            let point = json!(it.trial.cell.point.values()).to_string();
-            by_point.entry(point).or_default().insert(it.trial.key.seed, it);
-        }
-        let setting = |(place, point): (usize, &Point)| {
+        let own = trials.iter().filter(|it| it.trial.cell.purpose == purpose);
+        let setting = |((place, point), trials): ((usize, &Point), Vec<&TrialResult>)| {
             let stop = progress.stops.get(place).copied().flatten();
-            let trials = by_point
-                .get(&json!(point).to_string())
-                .into_iter()
-                .flat_map(BTreeMap::values);
-            TriedSetting::of(search, point, stop, &trials.copied().collect::<Vec<_>>())
+            let stop = search.compared_at(place).or(stop);
+            TriedSetting {
+                parent: progress.parents.get(place).copied().flatten(),
+                ..TriedSetting::of(search, point, stop, &trials)
+            }
         };
+        let of_settings = trials_of_settings(search, progress, own.collect());
         Self {
-            tried: progress.points.iter().enumerate().map(setting).collect(),
-            search: search.clone(),
-            chosen: progress.chosen,
-        }
-    }
-
-    /// The same for a population, in which one setting may stand several times: the trials of a search come in the order
-    /// of its settings.
-    fn of_population(search: &Search, progress: &Progress, trials: &[TrialResult]) -> Self {
-        let purpose = Purpose::Tried(search.name.clone());
-        let own: Vec<&TrialResult> = trials
-            .iter()
-            .filter(|it| it.trial.cell.purpose == purpose)
-            .collect();
-        let mut of_place = own.chunks(search.seeds.len());
-        let setting = |(place, point): (usize, &Point)| {
-            let trials = of_place.next().unwrap_or_default();
-            let parent = progress.parents.get(place).copied().flatten();
-            let tried = match search.compared_at(place) {
-                Some(pause) => TriedSetting::member(search, point, pause, trials),
-                None => TriedSetting::of(search, point, None, trials),
-            };
-            TriedSetting { parent, ..tried }
-        };
-        Self {
-            tried: progress.points.iter().enumerate().map(setting).collect(),
+            tried: progress
+                .points
+                .iter()
+                .enumerate()
+                .zip(of_settings)
+                .map(setting)
+                .collect(),
             search: search.clone(),
             chosen: progress.chosen,
         }
@@ -195,4 +158,31 @@ impl SearchResult {
         let seeds = self.search.seeds.len();
         self.tried.iter().map(|it| it.known(seeds)).collect()
     }
+}
+
+/// The trials of each setting of a search, of which `own` are all in the order of the plan.
+fn trials_of_settings<'t>(
+    search: &Search,
+    progress: &Progress,
+    own: Vec<&'t TrialResult>,
+) -> Vec<Vec<&'t TrialResult>> {
+    if search.is_population() {
+        // A setting may stand several times, each time going on from another one.
+        let mut of_place = own.chunks(search.seeds.len()).map(<[_]>::to_vec);
+        return progress
+            .points
+            .iter()
+            .map(|_| of_place.next().unwrap_or_default())
+            .collect();
+    }
+    // Where trials pause, those that are set aside come first in the plan.
+    let mut by_point: BTreeMap<String, BTreeMap<u64, &TrialResult>> = BTreeMap::new();
+    for it in own {
+        let point = json!(it.trial.cell.point.values()).to_string();
+        by_point.entry(point).or_default().insert(it.trial.key.seed, it);
+    }
+    let of_point = |point: &Point| by_point.get(&json!(point).to_string());
+    let all = progress.points.iter().map(of_point);
+    all.map(|seeds| seeds.into_iter().flat_map(BTreeMap::values).copied().collect())
+        .collect()
 }

@@ -11,7 +11,7 @@
 //! | s | the bracket; bracket `b` begins with the pause `b` |
 //! | r_i | `pauses` |
 
-use super::{Goal, Halving, Tried};
+use super::{Goal, Halving, Tried, best_at, share_of};
 use std::ops::Range;
 
 /// Where each setting pauses, as far as the values tell; `None` for one that goes to its end.
@@ -34,26 +34,9 @@ pub(super) fn stops(options: &Halving, goal: Goal, tried: &[Tried]) -> Vec<Optio
 
 /// The settings that go on after a pause; `None` as long as one has not come to it.
 fn best_part(alive: &[usize], pause: u64, keep: f64, goal: Goal, tried: &[Tried]) -> Option<Vec<usize>> {
-    let merit = |place: &usize| {
-        let value = tried[*place].pauses.get(&pause)?;
-        Some((*place, value.map_or(f64::NEG_INFINITY, |value| goal.merit(value))))
-    };
-    let mut merits: Vec<(usize, f64)> = alive.iter().map(merit).collect::<Option<_>>()?;
-    // Of equal ones the earlier goes on.
-    merits.sort_by(|one, other| other.1.total_cmp(&one.1));
-    merits.truncate(kept(alive.len(), keep));
-    merits.retain(|(_, merit)| *merit > f64::NEG_INFINITY);
-    Some(merits.into_iter().map(|(place, _)| place).collect())
-}
-
-#[allow(
-    clippy::cast_precision_loss,
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a share of a count is a count"
-)]
-fn kept(count: usize, keep: f64) -> usize {
-    ((count as f64 * keep).round() as usize).max(1)
+    let mut best = best_at(goal, tried, alive.iter().copied(), pause)?;
+    best.truncate(share_of(alive.len(), keep).max(1));
+    Some(best)
 }
 
 /// The places of each bracket, the one with the most pauses first. Brackets cost about the same number of steps.
@@ -67,7 +50,7 @@ pub(super) fn brackets(options: &Halving, n_settings: usize) -> Vec<Range<usize>
     let mut share = 0.0;
     for weight in &weights {
         share += weight / sum;
-        ends.push(part(share, n_settings));
+        ends.push(share_of(n_settings, share).min(n_settings));
     }
     // Rounding leaves none out.
     if let Some(last) = ends.last_mut() {
@@ -78,16 +61,6 @@ pub(super) fn brackets(options: &Halving, n_settings: usize) -> Vec<Range<usize>
         .zip(ends.iter().copied())
         .map(|(start, end)| start..end)
         .collect()
-}
-
-#[allow(
-    clippy::cast_precision_loss,
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a share of a count is a count"
-)]
-fn part(share: f64, count: usize) -> usize {
-    ((share * count as f64).round() as usize).min(count)
 }
 
 /// Steps of a setting of a bracket in the mean; its end is taken to be as far beyond the last pause as `keep` says.

@@ -388,6 +388,38 @@ impl Search {
     }
 }
 
+/// These places from the best to the worst at a pause, without those that failed; of equal ones the earlier is the
+/// better. `None` as long as one has not come there.
+fn best_at(
+    goal: Goal,
+    tried: &[Tried],
+    places: impl Iterator<Item = usize>,
+    pause: u64,
+) -> Option<Vec<usize>> {
+    let merit = |place: usize| {
+        let value = tried[place].pauses.get(&pause)?;
+        Some((place, value.map(|value| goal.merit(value))))
+    };
+    let merits: Vec<(usize, Option<f64>)> = places.map(merit).collect::<Option<_>>()?;
+    let well = merits
+        .into_iter()
+        .filter_map(|(place, merit)| Some((place, merit?)));
+    let mut well: Vec<(usize, f64)> = well.collect();
+    well.sort_by(|one, other| other.1.total_cmp(&one.1));
+    Some(well.into_iter().map(|(place, _)| place).collect())
+}
+
+/// A share of a count, rounded.
+#[allow(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a count is a count"
+)]
+fn share_of(count: usize, share: f64) -> usize {
+    (count as f64 * share).round() as usize
+}
+
 #[cfg(test)]
 #[path = "tests.rs"]
 mod tests;

@@ -6,7 +6,7 @@
 //! checkpoint of another one, so that what follows is a function of stored results, and what is found is a *schedule*:
 //! the settings along the way to the best member, which is then learned anew on fresh seeds.
 
-use super::{Method, Next, Point, Population, Range, Search, Tried};
+use super::{Method, Next, Point, Population, Range, Search, Tried, best_at, share_of};
 use crate::{Rng, random};
 use rand::Rng as _;
 use serde_json::Value;
@@ -31,38 +31,31 @@ impl Search {
 
     /// The generations of a population as far as results say.
     fn course(&self, options: &Population, tried: &[Tried]) -> Course {
-        let mut points = self.generation(&[]);
-        let mut parents = vec![None; points.len()];
-        for (number, pause) in options.pauses.iter().enumerate() {
-            let begin = points.len() - self.settings;
-            let has_paused = |it: &Tried| it.pauses.contains_key(pause);
-            let Some(last) = same(tried, &points, &parents).filter(|all| all[begin..].iter().all(has_paused))
-            else {
-                let is_over = false;
-                return Course {
-                    points,
-                    parents,
-                    is_over,
-                };
-            };
-            let Some(next) = next(self, options, number + 1, &last[begin..], *pause) else {
-                let is_over = true;
-                return Course {
-                    points,
-                    parents,
-                    is_over,
-                };
-            };
-            points.extend(next.points);
-            parents.extend(next.parents.into_iter().map(|place| Some(begin + place)));
-        }
-        let last = points.len() - self.settings;
-        let is_over = same(tried, &points, &parents).is_some_and(|all| all[last..].iter().all(|it| it.ended));
-        Course {
+        let points = self.generation(&[]);
+        let mut course = Course {
+            parents: vec![None; points.len()],
             points,
-            parents,
-            is_over,
+            is_over: false,
+        };
+        for (number, pause) in options.pauses.iter().enumerate() {
+            let begin = course.points.len() - self.settings;
+            let last = course.known(tried).map(|known| &known[begin..]);
+            let has_paused = |it: &Tried| it.pauses.contains_key(pause);
+            let Some(last) = last.filter(|last| last.iter().all(has_paused)) else {
+                return course;
+            };
+            let Some(next) = next(self, options, number + 1, last, *pause) else {
+                course.is_over = true;
+                return course;
+            };
+            course.points.extend(next.points);
+            let parents = next.parents.into_iter().map(|place| Some(begin + place));
+            course.parents.extend(parents);
         }
+        let begin = course.points.len() - self.settings;
+        let known = course.known(tried);
+        course.is_over = known.is_some_and(|known| known[begin..].iter().all(|it| it.ended));
+        course
     }
 
     /// For each setting that follows from these results the place of the one whose learning it goes on with.
@@ -104,77 +97,53 @@ struct Course {
     is_over: bool,
 }
 
-/// What is known of these settings; `None` where something else was tried.
-fn same<'t>(tried: &'t [Tried], points: &[Point], parents: &[Option<usize>]) -> Option<&'t [Tried]> {
-    let known = tried.get(..points.len())?;
-    let is_same = |((it, point), parent): ((&Tried, &Point), &Option<usize>)| {
-        it.point == *point && it.parent == *parent
-    };
-    known
-        .iter()
-        .zip(points)
-        .zip(parents)
-        .all(is_same)
-        .then_some(known)
+impl Course {
+    /// What is known of these settings; `None` where something else was tried.
+    fn known<'t>(&self, tried: &'t [Tried]) -> Option<&'t [Tried]> {
+        let known = tried.get(..self.points.len())?;
+        let own = self.points.iter().zip(&self.parents);
+        let is_same = |(it, (point, parent)): (&Tried, (&Point, &Option<usize>))| {
+            it.point == *point && it.parent == *parent
+        };
+        known.iter().zip(own).all(is_same).then_some(known)
+    }
 }
 
 /// The members of a generation after the first.
-pub(super) struct Generation {
+struct Generation {
     /// Settings, in order.
-    pub(super) points: Vec<Point>,
+    points: Vec<Point>,
     /// The place, in the generation before, of the member that each goes on from.
-    pub(super) parents: Vec<usize>,
+    parents: Vec<usize>,
 }
 
 /// What follows a generation whose members are `last`, each with its value at the pause; `None` where every one has
 /// failed. Members that failed are replaced however many they are.
-pub(super) fn next(
+fn next(
     search: &Search,
     options: &Population,
     number: usize,
     last: &[Tried],
     pause: u64,
 ) -> Option<Generation> {
-    let merit = |place: &usize| {
-        let value = last[*place].pauses.get(&pause).copied().flatten();
-        value.map_or(f64::NEG_INFINITY, |value| search.goal.merit(value))
-    };
-    let mut order: Vec<usize> = (0..last.len()).collect();
-    // Of equal ones the earlier is the better.
-    order.sort_by(|one, other| merit(other).total_cmp(&merit(one)));
-    let well = order
-        .iter()
-        .filter(|place| merit(place) > f64::NEG_INFINITY)
-        .count();
-    if well == 0 {
+    let members = last.len();
+    let ranked = best_at(search.goal, last, 0..members, pause)?;
+    let replaced = share_of(members, options.replace).clamp(1, (members / 2).max(1));
+    let kept = &ranked[..ranked.len().min(members - replaced)];
+    let best = &ranked[..ranked.len().min(replaced)];
+    if best.is_empty() {
         return None;
     }
-    let replaced = share(options.replace, last.len());
-    let kept = (last.len() - replaced).min(well);
-    let best = &order[..replaced.clamp(1, well)];
     let member = |place: usize| {
-        if order[..kept].contains(&place) {
+        if kept.contains(&place) {
             return (last[place].point.clone(), place);
         }
         let mut rng = random::stream(&["population", &search.identity(), &format!("{number} {place}")]);
         let parent = best[rng.random_range(0..best.len())];
         (explored(search, options, &last[parent].point, &mut rng), parent)
     };
-    let (points, parents) = (0..last.len()).map(member).unzip();
+    let (points, parents) = (0..members).map(member).unzip();
     Some(Generation { points, parents })
-}
-
-/// Members that are replaced: at least one where there are several, and at most half.
-#[allow(
-    clippy::cast_precision_loss,
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a share of a count is a count"
-)]
-fn share(replace: f64, members: usize) -> usize {
-    ((members as f64 * replace).round() as usize)
-        .clamp(1, (members / 2).max(1))
-        .min(members - 1)
 }
 
 /// A setting like another one.

@@ -4,7 +4,7 @@ use super::{builds::Builder, cells::Cell, schedule, search::Searched, taking};
 use crate::{
     Agent, Interface, ProductKind,
     diagnostic::Diagnostic,
-    protocol::{rehearse_going_on, write_checkpoint_specimen},
+    protocol::{load_from_checkpoint, write_checkpoint_specimen},
     random,
 };
 use std::path::Path;
@@ -29,7 +29,7 @@ impl Builder<'_> {
         }
         let folder = self.specimen(source.cell).unwrap_or_default();
         let mut agent = self.agent(cell, interface)?;
-        rehearse_going_on(&mut *agent, &folder).map_err(|error| {
+        load_from_checkpoint(&mut *agent, &folder).map_err(|error| {
             let message = format!("what `{name}` learned does not fit the agent that shall go on: {error}");
             Box::new(self.at(cell, source, message).help(WHAT_MAY_DIFFER))
         })
@@ -72,7 +72,7 @@ impl Builder<'_> {
         mut member: Box<dyn Agent>,
         folder: &Path,
     ) -> Result<(), Box<Diagnostic>> {
-        rehearse_going_on(&mut *member, folder).map_err(|error| {
+        load_from_checkpoint(&mut *member, folder).map_err(|error| {
             let (text, _) = &searched.search.keys[key];
             let at = format!("search.{}.over.{text}", searched.search.name);
             let message =

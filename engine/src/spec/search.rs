@@ -437,18 +437,8 @@ impl<'a> Reader<'a, '_> {
         if settings > 1 || !matches!(method, Method::Population(_)) {
             return Ok(());
         }
-        let span = self
-            .named
-            .config
-            .get("settings")
-            .map_or(self.named.name_span, |node| node.span);
-        let message = "a population of one setting has nobody to learn from";
-        let error = self
-            .sources
-            .error(span, &format!("{}.settings", self.at()), message);
-        Err(vec![error.help(
-            "write the number of members that learn side by side, 2 at least",
-        )])
+        let help = "write the number of members that learn side by side, 2 at least";
+        Err(self.wrong_settings("a population of one setting has nobody to learn from", help))
     }
 
     /// A normal distribution has no place for listed values.
@@ -484,18 +474,17 @@ impl<'a> Reader<'a, '_> {
         let Some(all) = all.filter(|all| *all < settings) else {
             return Ok(());
         };
-        let span = self
-            .named
-            .config
-            .get("settings")
-            .map_or(self.named.name_span, |node| node.span);
         let message = format!("{settings} settings are to be tried, and there are {all}");
-        let error = self
-            .sources
-            .error(span, &format!("{}.settings", self.at()), message);
-        Err(vec![error.help(format!(
-            "write at most {all}, or sweep them all with `grid`"
-        ))])
+        let help = format!("write at most {all}, or sweep them all with `grid`");
+        Err(self.wrong_settings(&message, &help))
+    }
+
+    /// A mistake in the number of settings.
+    fn wrong_settings(&self, message: &str, help: &str) -> Vec<Diagnostic> {
+        let written = self.named.config.get("settings");
+        let span = written.map_or(self.named.name_span, |node| node.span);
+        let at = format!("{}.settings", self.at());
+        vec![self.sources.error(span, &at, message).help(help)]
     }
 
     fn at(&self) -> String {

@@ -414,7 +414,7 @@ fn remove(path: &Path) -> Result<(), Error> {
     absent_is_fine(fs::remove_file(path)).map_err(Error::file("remove", path))
 }
 
-fn absent_is_fine(outcome: io::Result<()>) -> io::Result<()> {
+pub(crate) fn absent_is_fine(outcome: io::Result<()>) -> io::Result<()> {
     outcome.or_else(|source| {
         if source.kind() == io::ErrorKind::NotFound {
             Ok(())

@@ -175,7 +175,6 @@ pub fn searches(sections: &Sections<'_>, world: &World) -> Vec<Diagnostic> {
         names.metric(&searched.search.by, &place, "by", &picked);
         names.compared_by(&searched.search, &place);
         names.pauses(sections, searched, &place);
-        names.generations(sections, searched, &place);
     }
     names.found
 }
@@ -299,73 +298,53 @@ impl Names<'_> {
         }
     }
 
-    /// Says where members of a population cannot be compared or cannot go on.
-    fn generations(&mut self, sections: &Sections<'_>, searched: &Searched<'_>, place: &Place<'_>) {
-        let written = &sections.written.protocol;
-        let pauses = searched.search.generation_ends();
-        let place = place
-            .below("method")
-            .and_then(|place| place.below("population"))
-            .unwrap_or_else(|| place.clone());
-        let config = cells::protocol_of(sections, searched);
-        let entry = sections.registry.protocols.get(written.plugin.as_str());
-        let Some((entry, config)) = entry.zip(config).filter(|_| !pauses.is_empty()) else {
-            return;
-        };
-        let steps = (entry.build)(&config).map_or(u64::MAX, |protocol| protocol.total_steps());
-        let schema = sections.plugin(Target::Protocol).map(|plugin| plugin.schema);
-        if schema.is_none_or(|schema| schema.property("go_on_from").is_none()) {
-            let message = format!(
-                "in `{}` learning cannot go on from another trial's",
-                written.plugin
-            );
-            self.say(
-                place.value("pauses"),
-                message,
-                "use the protocol `train_evaluate`, or another method",
-            );
-        } else if pauses.windows(2).any(|pair| pair[0] >= pair[1]) {
-            self.say(
-                place.value("pauses"),
-                "pauses do not rise",
-                "write them in the order of steps",
-            );
-        } else if let Some(pause) = pauses.iter().find(|pause| **pause >= steps) {
-            let message = format!("learning ends at step {steps}, so that nothing goes on at step {pause}");
-            self.say(place.value("pauses"), message, "write steps below the last one");
-        }
-    }
-
-    /// Says where a search pauses trials at a step that is not measured.
+    /// Says where a search cannot pause its trials, or a population cannot go on from them.
     fn pauses(&mut self, sections: &Sections<'_>, searched: &Searched<'_>, place: &Place<'_>) {
-        let written = &sections.written.protocol;
+        let plugin = sections.written.protocol.plugin.as_str();
         let config = cells::protocol_of(sections, searched);
-        let entry = sections.registry.protocols.get(written.plugin.as_str());
-        let Some(protocol) = entry
+        let entry = sections.registry.protocols.get(plugin);
+        let built = entry
             .zip(config)
-            .and_then(|(entry, config)| (entry.build)(&config).ok())
-        else {
+            .and_then(|(entry, config)| (entry.build)(&config).ok());
+        let Some(protocol) = built else { return };
+        let (search, schema) = (&searched.search, sections.plugin(Target::Protocol));
+        let (kind, pauses) = if search.is_population() {
+            ("population", search.generation_ends())
+        } else {
+            ("halving", search.pauses())
+        };
+        let can_go_on = schema.is_some_and(|plugin| plugin.schema.property("go_on_from").is_some());
+        let cannot_go_on = !can_go_on && search.is_population();
+        let falls = pauses.windows(2).any(|pair| pair[0] >= pair[1]);
+        let steps = protocol.total_steps();
+        let beyond = pauses
+            .iter()
+            .find(|pause| search.is_population() && **pause >= steps);
+        let unmeasured = pauses
+            .iter()
+            .find(|pause| !search.is_population() && !protocol.measures_at(**pause));
+        let (message, help) = if cannot_go_on {
+            let message = format!("in `{plugin}` learning cannot go on from another trial's");
+            (message, "use the protocol `train_evaluate`, or another method")
+        } else if let Some(pause) = unmeasured {
+            let message = format!("`{plugin}` measures nothing at step {pause}, where trials pause");
+            (message, "write multiples of `evaluate_every` below the last step")
+        } else if falls {
+            (
+                "pauses do not rise".to_owned(),
+                "write them in the order of steps",
+            )
+        } else if let Some(pause) = beyond {
+            let message = format!("learning ends at step {steps}, so that nothing goes on at step {pause}");
+            (message, "write steps below the last one")
+        } else {
             return;
         };
-        let pauses = searched.search.pauses();
         let place = place
             .below("method")
-            .and_then(|place| place.below("halving"))
+            .and_then(|place| place.below(kind))
             .unwrap_or_else(|| place.clone());
-        if let Some(pause) = pauses.iter().find(|pause| !protocol.measures_at(**pause)) {
-            let message = format!(
-                "`{}` measures nothing at step {pause}, where trials pause",
-                written.plugin
-            );
-            let help = "write multiples of `evaluate_every` below the last step";
-            self.say(place.value("pauses"), message, help);
-        } else if pauses.windows(2).any(|pair| pair[0] >= pair[1]) {
-            self.say(
-                place.value("pauses"),
-                "pauses do not rise",
-                "write them in the order of steps",
-            );
-        }
+        self.say(place.value("pauses"), message, help);
     }
 
     /// The one kind that a table or figure is of, and what is written for it. Of options that exclude each
