@@ -1,18 +1,13 @@
 //! Every study of the repository: checked as it is, and run through its smoke profile to the report.
 
 use crate::{
-    program::{Bench, answer, repository},
+    program::{Bench, answer, in_ci, repository},
     python_environments::path_of_studies,
 };
-use std::ffi::OsString;
+use std::{ffi::OsString, process::Command};
 
 /// The studies that can run here, and the path on which they find their programs.
 fn studies() -> (Vec<String>, OsString) {
-    let needs_python = |study: &String| {
-        std::fs::read_to_string(study)
-            .unwrap()
-            .contains("\n    python:\n")
-    };
     let mut all = every_study();
     match path_of_studies() {
         Some(path) => (all, path),
@@ -21,6 +16,26 @@ fn studies() -> (Vec<String>, OsString) {
             (all, std::env::var_os("PATH").unwrap_or_default())
         }
     }
+}
+
+/// The studies that can be read within this process, whose own Python those in Python need.
+pub(crate) fn studies_of_this_process() -> Vec<String> {
+    let (mut all, _) = studies();
+    let imports = Command::new("python3").args(["-c", "import gymnasium"]).output();
+    if !imports.is_ok_and(|it| it.status.success()) {
+        assert!(
+            !in_ci(),
+            "no python3 with gymnasium on the path: .ci/run installs it"
+        );
+        all.retain(|study| !needs_python(study));
+    }
+    all
+}
+
+fn needs_python(study: &str) -> bool {
+    std::fs::read_to_string(study)
+        .unwrap()
+        .contains("\n    python:\n")
 }
 
 /// The studies of the repository, those of the benchmark included.

@@ -152,7 +152,11 @@ protocol: { train_evaluate: { steps: 64, environments: 8, episodes: 1, final_epi
 fn another_reader_of_yaml_finds_the_same_values_in_a_resolved_study() {
     let bench = Bench::new();
     let mut studies = vec![bench.write("ambiguous.yaml", AMBIGUOUS)];
-    studies.extend(crate::experiments::every_study().into_iter().map(PathBuf::from));
+    studies.extend(
+        crate::experiments::studies_of_this_process()
+            .into_iter()
+            .map(PathBuf::from),
+    );
     let registry = registry();
     let load = |path: &Path| engine::spec::load(path, &registry, &engine::spec::Options::default()).unwrap();
     let ids = |path: &Path| {
