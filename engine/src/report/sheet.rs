@@ -154,12 +154,10 @@ impl Sheet {
         let head: String = self.head.iter().enumerate().map(heading).collect();
         // In a list each entry stands behind its heading.
         let named = |column: usize| format!(" data-heading=\"{}\"", escape_html(&self.head[column]));
+        // Asked once: every entry of the sheet is looked at for it.
+        let is_text = self.is_text();
         let name = |column: usize| {
-            if self.is_text() {
-                named(column)
-            } else {
-                String::new()
-            }
+            if is_text { named(column) } else { String::new() }
         };
         let cell = |(column, entry): (usize, &Entry)| match column {
             0 => format!("<th scope=\"row\"{}>{}</th>", name(0), entry.html()),

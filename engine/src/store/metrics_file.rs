@@ -169,6 +169,8 @@ fn rows(read: &Table<'_>) -> Result<Option<MetricsTable>, Error> {
             value,
         });
     }
+    // Of very many short trials the room that was left for more rows would be most of what is held.
+    table.rows.shrink_to_fit();
     Ok(Some(table))
 }
 

@@ -140,6 +140,9 @@ impl TrialFile {
     }
 }
 
+/// How a trial ended, and what it recorded: nothing unless it ended `ok`.
+type Loaded = (TrialEnd, MetricsTable);
+
 /// The folder of the records of verdicts that were seen.
 const LOOKS: &str = "looks";
 
@@ -276,19 +279,24 @@ impl Store {
     /// # Errors
     /// [`Error::Damaged`] where a file is not what was acknowledged.
     pub fn load(&self, trial: &Arc<Trial>) -> Result<TrialResult, Error> {
-        let end = self.end(&trial.id)?.map(Box::new);
-        let mut result = TrialResult {
-            trial: Arc::clone(trial),
-            end,
-            names: Arc::default(),
-            rows: Vec::new(),
-        };
-        if result.is_ok() {
-            let digest = result.end.as_ref().map_or("", |end| &end.digest);
-            let table = self.read_metrics(&trial.id, digest)?;
-            (result.names, result.rows) = (table.names.into(), table.rows);
+        let mut result = TrialResult::missing(Arc::clone(trial));
+        if let Some((end, table)) = self.loaded(&trial.id)? {
+            (result.end, result.names, result.rows) =
+                (Some(Box::new(end)), Arc::new(table.names), table.rows);
         }
         Ok(result)
+    }
+
+    /// How a trial ended and what it recorded; `None` where it has not run.
+    fn loaded(&self, id: &str) -> Result<Option<Loaded>, Error> {
+        let Some(end) = self.end(id)? else {
+            return Ok(None);
+        };
+        let table = match end.state {
+            EndState::Ok => self.read_metrics(id, &end.digest)?,
+            _ => MetricsTable::default(),
+        };
+        Ok(Some((end, table)))
     }
 
     /// Adds to a trial of a search that has not ended what its log has. A log that cannot be read is as none: the trial

@@ -13,7 +13,7 @@ mod tests;
 
 pub use packing::Packing;
 
-use super::{Store, StoredTrial, index::parse, inside, names, seal};
+use super::{Loaded, Store, StoredTrial, index::parse, inside, metrics_file, names, seal};
 use crate::{Error, results::EndState, world::fs::File};
 use form::{Entry, id_of, number};
 use std::{
@@ -103,7 +103,8 @@ impl Store {
     /// # Errors
     /// Where a pack cannot be read.
     pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<Acknowledged>, Error> {
-        let packs = self.packs()?;
+        let mut packs = self.packs()?;
+        packs.retain(|pack| pack.entry(id).is_some());
         acknowledged_in(&mut readers(&packs)?, id)
     }
 
@@ -141,6 +142,25 @@ pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Opti
     Ok(None)
 }
 
+/// How a trial ended and what it recorded, from the first of these packs that have it whole.
+///
+/// # Errors
+/// Where a pack cannot be read, and [`Error::Damaged`] where none has the metrics that were acknowledged.
+pub(super) fn loaded_in(packs: &mut [Reader<'_>], store: &Store, id: &str) -> Result<Option<Loaded>, Error> {
+    let Some((_, trial)) = acknowledged_in(packs, id)? else {
+        return Ok(None);
+    };
+    let path = store.folder(id).join("metrics.parquet");
+    for pack in packs {
+        let metrics = pack.metrics(id)?;
+        if let Some(metrics) = metrics.filter(|metrics| seal::hash(metrics) == trial.end.digest) {
+            return Ok(Some((trial.end, metrics_file::decode(metrics, &path)?)));
+        }
+    }
+    let problem = "it is not there".into();
+    Err(Error::Damaged { path, problem })
+}
+
 /// A pack whose file is open.
 pub(super) struct Reader<'a> {
     pack: &'a Pack,
@@ -161,6 +181,15 @@ impl Reader<'_> {
         entry
             .map(|entry| self.bytes(entry.at, entry.acknowledgement.into()))
             .transpose()
+    }
+
+    fn metrics(&mut self, id: &str) -> Result<Option<Vec<u8>>, Error> {
+        let entry = self.pack.entry(id).copied();
+        let bytes = |entry: Entry| {
+            let at = entry.at.saturating_add(entry.acknowledgement.into());
+            self.bytes(at, entry.metrics.into())
+        };
+        entry.map(bytes).transpose()
     }
 
     fn trial_at(&mut self, entry: &Entry) -> Result<Short, Error> {

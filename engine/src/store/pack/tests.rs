@@ -3,6 +3,7 @@
 use super::*;
 use crate::{
     Phase, Recorder,
+    results::TrialResult,
     store::{Fault, Leases, Merge, Packing, specimen},
     trial::Trial,
 };
@@ -245,4 +246,36 @@ fn trials_of_packs_are_merged_bit_by_bit() {
         fates.iter().all(|fate| *fate == crate::store::Fate::Same),
         "{fates:?}"
     );
+}
+
+/// Seeds whose trials share a group of folders, which is then listed.
+fn seeds_of_one_group(count: usize) -> Vec<u64> {
+    let is_there = |seed: &u64| trial(*seed).id.starts_with("00");
+    (0..).filter(is_there).take(count).collect()
+}
+
+#[test]
+fn many_trials_at_once_are_the_trials_one_by_one() {
+    let bench = Bench::finished(0);
+    let seeds = seeds_of_one_group(12);
+    seeds[..8].iter().for_each(|&seed| bench.finish(seed));
+    bench.pack();
+    bench.damage(seeds[1]);
+    seeds[8..10].iter().for_each(|&seed| bench.finish(seed));
+    let trials: Vec<Arc<Trial>> = seeds.iter().map(|&seed| trial(seed).into()).collect();
+    let store = Store::at(&bench.store.root);
+    let (all, unreadable) = store.load_all(&trials.iter().collect::<Vec<_>>());
+    for (loaded, trial) in all.iter().zip(&trials) {
+        let one = store
+            .load(trial)
+            .unwrap_or(TrialResult::missing(Arc::clone(trial)));
+        assert_eq!((&loaded.trial.id, &loaded.end), (&one.trial.id, &one.end));
+        assert_eq!((&loaded.names, &loaded.rows), (&one.names, &one.rows));
+    }
+    let rows: Vec<usize> = all.iter().map(|it| it.rows.len()).collect();
+    assert_eq!(rows, [1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0, 0]);
+    let [(1, error)] = &unreadable[..] else {
+        panic!("one trial is damaged: {unreadable:?}")
+    };
+    assert_eq!(error.to_string(), store.load(&trials[1]).unwrap_err().to_string());
 }
