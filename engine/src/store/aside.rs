@@ -22,8 +22,7 @@ impl Store {
     #[must_use]
     pub fn with_damaged_metrics<'a>(&self, ended: &[(&'a str, &TrialEnd)]) -> Vec<&'a str> {
         let is_damaged = |(id, end): &&(&str, &TrialEnd)| {
-            end.state == EndState::Ok
-                && matches!(self.read_metrics(id, &end.digest), Err(Error::Damaged { .. }))
+            end.state == EndState::Ok && matches!(self.recorded(id, end), Err(Error::Damaged { .. }))
         };
         ended.par_iter().filter(is_damaged).map(|(id, _)| *id).collect()
     }

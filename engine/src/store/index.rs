@@ -4,15 +4,11 @@
 //! That a file belongs to the trial in whose folder it lies follows from the ids of its parts, its seed,
 //! numerics version and device.
 
-use super::{
-    Store, TRIAL_SCHEMA, inside, names,
-    pack::{Reader, acknowledged_in, loaded_in, readers},
-    seal::is_sealed,
-};
+use super::{Store, TRIAL_SCHEMA, inside, names, seal::is_sealed};
 use crate::{
     Build, Error,
     plan::StoredCell,
-    results::{TrialEnd, TrialResult},
+    results::TrialEnd,
     trial::{Trial, trial_id},
 };
 use rayon::prelude::*;
@@ -21,14 +17,7 @@ use std::{
     borrow::Borrow,
     collections::{BTreeMap, BTreeSet, HashSet},
     path::Path,
-    sync::Arc,
 };
-
-/// From this many trials in one group of folders on, the group is listed and nothing is opened in vain.
-const LIST_FROM: usize = 4;
-
-/// So many groups of folders are read before what was found is taken, for each thread.
-const GROUPS_PER_THREAD: usize = 2;
 
 /// What many trials came to.
 #[derive(Debug)]
@@ -99,108 +88,6 @@ impl Store {
         });
         unreadable.sort_by_key(|(position, _)| *position);
         Found { all, unreadable }
-    }
-
-    /// Calls `take` with the place of each trial that is stored and what is stored of it; an error stands where its
-    /// file is not what it should be.
-    fn each_stored(
-        &self,
-        trials: &[impl Borrow<Trial> + Sync],
-        take: impl FnMut(usize, Result<StoredTrial, Error>),
-    ) {
-        let in_folder = |trial: &Trial| self.stored(&trial.id);
-        let in_packs = |packs: &mut [Reader<'_>], trial: &Trial| {
-            acknowledged_in(packs, &trial.id).map(|found| found.map(|(_, stored)| stored))
-        };
-        self.each_found(trials, in_folder, in_packs, take);
-    }
-
-    /// Calls `take` with the place of each trial of which something is found, and that or why it cannot be used. Trials
-    /// come group by group, so that few are held at once and a pack is opened once a group.
-    fn each_found<T: Send>(
-        &self,
-        trials: &[impl Borrow<Trial> + Sync],
-        in_folder: impl Fn(&Trial) -> Result<Option<T>, Error> + Sync,
-        in_packs: impl Fn(&mut [Reader<'_>], &Trial) -> Result<Option<T>, Error> + Sync,
-        mut take: impl FnMut(usize, Result<T, Error>),
-    ) {
-        let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
-        for (position, trial) in trials.iter().enumerate() {
-            groups
-                .entry(digits(&trial.borrow().id))
-                .or_default()
-                .push(position);
-        }
-        let groups: Vec<_> = groups.into_iter().collect();
-        let in_group = |(group, positions): &(&str, Vec<usize>)| {
-            let trials = positions
-                .iter()
-                .map(|&position| (position, trials[position].borrow()));
-            self.found_in_group(group, trials.collect(), &in_folder, &in_packs)
-        };
-        for some in groups.chunks(GROUPS_PER_THREAD * rayon::current_num_threads()) {
-            let found: Vec<_> = some.par_iter().flat_map_iter(in_group).collect();
-            found
-                .into_iter()
-                .for_each(|(position, found)| take(position, found));
-        }
-    }
-
-    /// What is found of the trials of one group of folders.
-    fn found_in_group<T>(
-        &self,
-        group: &str,
-        trials: Vec<(usize, &Trial)>,
-        in_folder: impl Fn(&Trial) -> Result<Option<T>, Error>,
-        in_packs: impl Fn(&mut [Reader<'_>], &Trial) -> Result<Option<T>, Error>,
-    ) -> Vec<(usize, Result<T, Error>)> {
-        let folder = self.root.join("trials").join(group);
-        let listed: Option<HashSet<String>> =
-            (trials.len() >= LIST_FROM).then(|| names(&folder).unwrap_or_default().into_iter().collect());
-        // Packs are looked for after the folders, which trials leave for packs.
-        let packs = self.packs();
-        let mut open = packs.as_ref().ok().and_then(|packs| readers(packs).ok());
-        let mut find = |trial: &Trial| match (&listed, &mut open) {
-            (Some(listed), Some(packs)) if !listed.contains(&trial.id) => in_packs(packs, trial),
-            // What cannot be read is told for each trial.
-            _ => in_folder(trial),
-        };
-        let found = trials
-            .into_iter()
-            .map(|(position, trial)| (position, find(trial).transpose()));
-        found
-            .filter_map(|(position, found)| Some((position, found?)))
-            .collect()
-    }
-
-    /// Each trial with all it recorded, in the order of `trials`. Those that [`Store::load`] refuses are as if they had
-    /// not run; they are given by their places, with why.
-    #[must_use]
-    pub fn load_all(&self, trials: &[&Arc<Trial>]) -> (Vec<TrialResult>, Vec<(usize, Error)>) {
-        let missing = |trial: &&Arc<Trial>| TrialResult::missing(Arc::clone(trial));
-        let mut all: Vec<TrialResult> = trials.iter().map(missing).collect();
-        let mut unreadable = Vec::new();
-        // Most trials record the same metrics.
-        let mut names = BTreeSet::<Arc<Vec<String>>>::new();
-        let each: Vec<&Trial> = trials.iter().map(|trial| &***trial).collect();
-        let in_packs = |packs: &mut [Reader<'_>], trial: &Trial| loaded_in(packs, self, &trial.id);
-        self.each_found(
-            &each,
-            |trial| self.loaded(&trial.id),
-            in_packs,
-            |position, loaded| match loaded {
-                Ok((end, table)) => {
-                    let known = names.get(&table.names).cloned();
-                    let shared = known.unwrap_or_else(|| Arc::new(table.names));
-                    names.insert(Arc::clone(&shared));
-                    let result = &mut all[position];
-                    (result.end, result.names, result.rows) = (Some(Box::new(end)), shared, table.rows);
-                }
-                Err(error) => unreadable.push((position, error)),
-            },
-        );
-        unreadable.sort_by_key(|(position, _)| *position);
-        (all, unreadable)
     }
 
     /// A trial without its configs; `None` where it has not run.
@@ -311,11 +198,6 @@ fn of_plan(trials: &[&Trial]) -> Vec<StoredCell> {
             seeds: cell.iter().map(|trial| trial.key.seed).collect(),
         })
         .collect()
-}
-
-/// The digits of an id that name its group of folders.
-fn digits(id: &str) -> &str {
-    id.get(..2).unwrap_or("00")
 }
 
 /// What is parsed of a `trial.json`.

@@ -22,6 +22,7 @@ mod bucket;
 mod date;
 mod earlier;
 mod fsck;
+mod groups;
 mod imprint;
 mod index;
 mod inside;
@@ -292,11 +293,26 @@ impl Store {
         let Some(end) = self.end(id)? else {
             return Ok(None);
         };
-        let table = match end.state {
-            EndState::Ok => self.read_metrics(id, &end.digest)?,
-            _ => MetricsTable::default(),
-        };
+        let table = self.recorded(id, &end)?;
         Ok(Some((end, table)))
+    }
+
+    /// What a trial that ended so recorded, from the file that was acknowledged.
+    fn recorded(&self, id: &str, end: &TrialEnd) -> Result<MetricsTable, Error> {
+        self.decoded(id, end, || self.metrics(id, &end.digest))
+    }
+
+    /// What a trial that ended so recorded, whose file `metrics` gives; nothing unless it ended `ok`.
+    fn decoded(
+        &self,
+        id: &str,
+        end: &TrialEnd,
+        metrics: impl FnOnce() -> Result<Vec<u8>, Error>,
+    ) -> Result<MetricsTable, Error> {
+        match end.state {
+            EndState::Ok => metrics_file::decode(metrics()?, &self.folder(id).join("metrics.parquet")),
+            _ => Ok(MetricsTable::default()),
+        }
     }
 
     /// Adds to a trial of a search that has not ended what its log has. A log that cannot be read is as none: the trial
@@ -329,12 +345,6 @@ impl Store {
         };
         let (text, stored) = self.acknowledged(id)?.ok_or_else(absent)?;
         Ok([text, self.metrics(id, &stored.end.digest)?])
-    }
-
-    /// What a trial recorded, from the file that was acknowledged.
-    fn read_metrics(&self, id: &str, digest: &str) -> Result<MetricsTable, Error> {
-        let path = self.folder(id).join("metrics.parquet");
-        metrics_file::decode(self.metrics(id, digest)?, &path)
     }
 
     /// The metrics file of a trial, held against its acknowledged hash.

@@ -13,7 +13,7 @@ mod tests;
 
 pub use packing::Packing;
 
-use super::{Loaded, Store, StoredTrial, index::parse, inside, metrics_file, names, seal};
+use super::{Loaded, Store, StoredTrial, index::parse, inside, names, seal};
 use crate::{Error, results::EndState, world::fs::File};
 use form::{Entry, id_of, number};
 use std::{
@@ -103,8 +103,7 @@ impl Store {
     /// # Errors
     /// Where a pack cannot be read.
     pub(super) fn acknowledged_in_pack(&self, id: &str) -> Result<Option<Acknowledged>, Error> {
-        let mut packs = self.packs()?;
-        packs.retain(|pack| pack.entry(id).is_some());
+        let packs = self.packs_of(id)?;
         acknowledged_in(&mut readers(&packs)?, id)
     }
 
@@ -113,13 +112,15 @@ impl Store {
     /// # Errors
     /// Where a pack cannot be read.
     pub(super) fn metrics_in_pack(&self, id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
-        for pack in self.packs()? {
-            let metrics = pack.trial(id)?.map(|trial| trial.metrics);
-            if let Some(metrics) = metrics.filter(|metrics| seal::hash(metrics) == digest) {
-                return Ok(Some(metrics));
-            }
-        }
-        Ok(None)
+        let packs = self.packs_of(id)?;
+        metrics_in(&mut readers(&packs)?, id, digest)
+    }
+
+    /// The packs that have a place for a trial.
+    fn packs_of(&self, id: &str) -> Result<Vec<Arc<Pack>>, Error> {
+        let mut packs = self.packs()?;
+        packs.retain(|pack| pack.entry(id).is_some());
+        Ok(packs)
     }
 }
 
@@ -142,23 +143,34 @@ pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Opti
     Ok(None)
 }
 
-/// How a trial ended and what it recorded, from the first of these packs that have it whole.
+/// The metrics of a trial from the first of these packs that has them with the hash that was acknowledged.
 ///
 /// # Errors
-/// Where a pack cannot be read, and [`Error::Damaged`] where none has the metrics that were acknowledged.
+/// Where a pack cannot be read.
+fn metrics_in(packs: &mut [Reader<'_>], id: &str, digest: &str) -> Result<Option<Vec<u8>>, Error> {
+    for pack in packs {
+        let metrics = pack.metrics(id)?;
+        if let Some(metrics) = metrics.filter(|metrics| seal::hash(metrics) == digest) {
+            return Ok(Some(metrics));
+        }
+    }
+    Ok(None)
+}
+
+/// How a trial ended and what it recorded, from the first of these packs that have it; `None` where none has.
+///
+/// # Errors
+/// Where a pack cannot be read, and [`Error::Damaged`] where nothing in the store is what was acknowledged.
 pub(super) fn loaded_in(packs: &mut [Reader<'_>], store: &Store, id: &str) -> Result<Option<Loaded>, Error> {
     let Some((_, trial)) = acknowledged_in(packs, id)? else {
         return Ok(None);
     };
-    let path = store.folder(id).join("metrics.parquet");
-    for pack in packs {
-        let metrics = pack.metrics(id)?;
-        if let Some(metrics) = metrics.filter(|metrics| seal::hash(metrics) == trial.end.digest) {
-            return Ok(Some((trial.end, metrics_file::decode(metrics, &path)?)));
-        }
-    }
-    let problem = "it is not there".into();
-    Err(Error::Damaged { path, problem })
+    let metrics = || match metrics_in(packs, id, &trial.end.digest)? {
+        Some(metrics) => Ok(metrics),
+        None => store.metrics(id, &trial.end.digest),
+    };
+    let table = store.decoded(id, &trial.end, metrics)?;
+    Ok(Some((trial.end, table)))
 }
 
 /// A pack whose file is open.
