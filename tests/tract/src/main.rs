@@ -1,14 +1,11 @@
 //! Computes ONNX files with `tract` and holds the actions against those that stand beside them.
 //!
 //! usage: run-with-tract FOLDER, where beside every `<name>.onnx` lies `<name>.json` with `observations` and `actions`
-//! (rows) and the `scale` of the actions. All rows are computed at once, and the first three by themselves.
+//! (rows), the `scale` of the actions and the `tolerance`, the largest difference in parts of it. All rows are computed at once, and the first three by themselves.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use tract_onnx::prelude::*;
-
-/// Largest difference, in parts of the scale.
-const TOLERANCE: f64 = 1e-6;
 
 type Rows = Vec<Vec<f64>>;
 
@@ -48,6 +45,7 @@ fn compare(file: &Path) -> Result<f64, String> {
     };
     let (observations, actions) = (read("observations")?, read("actions")?);
     let scale = case["scale"].as_f64().ok_or("there is no `scale`")?;
+    let tolerance = case["tolerance"].as_f64().ok_or("there is no `tolerance`")?;
     let mut computed = vec![(compute(file, &observations)?, &actions[..])];
     for (row, action) in observations.iter().zip(actions.chunks(1)).take(3) {
         computed.push((compute(file, std::slice::from_ref(row))?, action));
@@ -63,7 +61,7 @@ fn compare(file: &Path) -> Result<f64, String> {
             .map(|(a, b)| (a - b).abs() / scale)
             .fold(0.0, f64::max);
         // Written so that what is no number fails.
-        if found.len() != expected.len() || found.iter().any(|x| x.is_nan()) || difference > TOLERANCE {
+        if found.len() != expected.len() || found.iter().any(|x| x.is_nan()) || difference > tolerance {
             return Err(format!(
                 "{found:?} in place of {expected:?}, {difference:.2e} of the scale {scale}"
             ));
