@@ -5,7 +5,7 @@
 
 use super::{
     Store, StoredTrial, names,
-    pack::{Reader, acknowledged_in, loaded_in, readers},
+    pack::{Reader, acknowledged_in, loaded_in, outlined_in, readers},
 };
 use crate::{Error, results::TrialResult, trial::Trial};
 use rayon::prelude::*;
@@ -23,17 +23,26 @@ const GROUPS_PER_THREAD: usize = 2;
 
 impl Store {
     /// Calls `take` with the place of each trial that is stored and what is stored of it; an error stands where its
-    /// file is not what it should be.
+    /// file is not what it should be. Of a trial in a pack, what the pack says of it is believed.
     pub(super) fn each_stored(
         &self,
         trials: &[impl Borrow<Trial> + Sync],
         take: impl FnMut(usize, Result<StoredTrial, Error>),
     ) {
-        let in_folder = |trial: &Trial| self.stored(&trial.id);
+        let in_packs = |packs: &mut [Reader<'_>], trial: &Trial| outlined_in(packs, &trial.id);
+        self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
+    }
+
+    /// As [`each_stored`](Self::each_stored), with a look at every `trial.json`, in packs too.
+    pub(super) fn each_acknowledged(
+        &self,
+        trials: &[impl Borrow<Trial> + Sync],
+        take: impl FnMut(usize, Result<StoredTrial, Error>),
+    ) {
         let in_packs = |packs: &mut [Reader<'_>], trial: &Trial| {
             acknowledged_in(packs, &trial.id).map(|found| found.map(|(_, stored)| stored))
         };
-        self.each_found(trials, in_folder, in_packs, take);
+        self.each_found(trials, |trial| self.stored(&trial.id), in_packs, take);
     }
 
     /// Calls `take` with the place of each trial of which something is found, and that or why it cannot be used. Trials

@@ -28,6 +28,27 @@ pub struct Found<T> {
     pub unreadable: Vec<(usize, Error)>,
 }
 
+impl<T> Found<T> {
+    fn none(count: usize) -> Self {
+        let mut all = Vec::new();
+        all.resize_with(count, || None);
+        let unreadable = Vec::new();
+        Self { all, unreadable }
+    }
+
+    fn note(&mut self, position: usize, found: Result<T, Error>) {
+        match found {
+            Ok(found) => self.all[position] = Some(found),
+            Err(error) => self.unreadable.push((position, error)),
+        }
+    }
+
+    fn in_order(mut self) -> Self {
+        self.unreadable.sort_by_key(|(position, _)| *position);
+        self
+    }
+}
+
 /// A stored trial without its configs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredTrial {
@@ -67,27 +88,25 @@ impl Store {
         self.stored_of(trials, without_digest)
     }
 
-    /// How each trial ended, as [`Store::end`] says.
+    /// How each trial ended, as [`Store::end`] says, with a look at every acknowledgement: before trials run, one that
+    /// is damaged has to be found.
     #[must_use]
     pub fn ends(&self, trials: &[impl Borrow<Trial> + Sync]) -> Found<TrialEnd> {
-        self.stored_of(trials, |it| it.end)
+        let mut found = Found::none(trials.len());
+        self.each_acknowledged(trials, |at, stored| found.note(at, stored.map(|it| it.end)));
+        found.in_order()
     }
 
-    /// What `keep` keeps of each trial that is stored.
+    /// What `keep` keeps of each trial that is stored; what packs say of their trials is believed.
     #[must_use]
     pub fn stored_of<T>(
         &self,
         trials: &[impl Borrow<Trial> + Sync],
         mut keep: impl FnMut(StoredTrial) -> T,
     ) -> Found<T> {
-        let (mut all, mut unreadable) = (Vec::new(), Vec::new());
-        all.resize_with(trials.len(), || None);
-        self.each_stored(trials, |position, stored| match stored {
-            Ok(stored) => all[position] = Some(keep(stored)),
-            Err(error) => unreadable.push((position, error)),
-        });
-        unreadable.sort_by_key(|(position, _)| *position);
-        Found { all, unreadable }
+        let mut found = Found::none(trials.len());
+        self.each_stored(trials, |at, stored| found.note(at, stored.map(&mut keep)));
+        found.in_order()
     }
 
     /// A trial without its configs; `None` where it has not run.

@@ -5,6 +5,7 @@
 //! trial <id> <length of trial.json> <length of metrics.parquet> <check of this line>\n   once per trial, in the
 //! <trial.json><metrics.parquet>                                                          order of ids
 //! ...
+//! <how trials ended>                                          see `outline`
 //! <id, place, both lengths>                                   the index: 32 bytes per trial
 //! index <its place> <number of trials> <hash of the index>\n  the end, of fixed length
 //! ```
@@ -12,7 +13,10 @@
 //! Lengths, places and the check (CRC-32C) are hexadecimal digits. The index only saves time: what stands before it
 //! says the same, so that a pack whose end is damaged still gives every trial that is whole.
 
-use super::super::seal::hash;
+use super::{
+    super::{index::parse, seal::hash},
+    outline::{Gathered, Outlines},
+};
 use std::io::{self, BufRead, Read, Seek, SeekFrom, Write};
 
 pub(super) const BEGIN: &[u8] = b"regimen pack 1\n";
@@ -72,13 +76,18 @@ pub(super) struct Writer<W: Write> {
     to: W,
     at: u64,
     entries: Vec<Entry>,
+    outlines: Gathered,
 }
 
 impl<W: Write> Writer<W> {
     pub(super) fn begin(mut to: W) -> io::Result<Self> {
         to.write_all(BEGIN)?;
-        let (at, entries) = (BEGIN.len() as u64, Vec::new());
-        Ok(Self { to, at, entries })
+        Ok(Self {
+            to,
+            at: BEGIN.len() as u64,
+            entries: Vec::new(),
+            outlines: Gathered::default(),
+        })
     }
 
     /// Adds a trial.
@@ -98,15 +107,17 @@ impl<W: Write> Writer<W> {
         }
         self.at = entry.at + entry.length();
         self.entries.push(entry);
+        self.outlines.add(parse(acknowledgement).ok());
         Ok(())
     }
 
     /// Writes the index and answers what was written to.
     pub(super) fn end(mut self) -> io::Result<(W, Vec<Entry>)> {
+        let at = self.outlines.write(&mut self.to, self.at)?;
         let index: Vec<u8> = self.entries.iter().flat_map(|entry| entry.to_bytes()).collect();
         self.to.write_all(&index)?;
         let n = self.entries.len();
-        writeln!(self.to, "index {:016x} {n:016x} {}", self.at, hash(&index))?;
+        writeln!(self.to, "index {at:016x} {n:016x} {}", hash(&index))?;
         Ok((self.to, self.entries))
     }
 }
@@ -146,6 +157,7 @@ fn announced(line: &[u8], at: u64) -> Option<Entry> {
 #[derive(Debug)]
 pub(super) struct Index {
     pub(super) entries: Vec<Entry>,
+    pub(super) outlines: Outlines,
     /// False where the end of the pack is not what was written, so that the trials were looked for one by one.
     pub(super) is_whole: bool,
 }
@@ -156,8 +168,9 @@ pub(super) struct Index {
 /// Where the file cannot be read.
 pub(super) fn index(file: &mut (impl BufRead + Seek)) -> io::Result<Index> {
     let length = file.seek(SeekFrom::End(0))?;
-    if let Some(entries) = written_index(file, length)? {
+    if let Some((entries, at)) = written_index(file, length)? {
         return Ok(Index {
+            outlines: Outlines::open(file, at, entries.len())?,
             entries,
             is_whole: true,
         });
@@ -166,11 +179,13 @@ pub(super) fn index(file: &mut (impl BufRead + Seek)) -> io::Result<Index> {
     entries.sort_by_key(|entry| entry.id);
     Ok(Index {
         entries,
+        outlines: Outlines::default(),
         is_whole: false,
     })
 }
 
-fn written_index(file: &mut (impl Read + Seek), length: u64) -> io::Result<Option<Vec<Entry>>> {
+/// The entries of an index that is as it was written, and where it begins.
+fn written_index(file: &mut (impl Read + Seek), length: u64) -> io::Result<Option<(Vec<Entry>, u64)>> {
     let Some(end_at) = length.checked_sub(END_LENGTH as u64) else {
         return Ok(None);
     };
@@ -189,7 +204,8 @@ fn written_index(file: &mut (impl Read + Seek), length: u64) -> io::Result<Optio
     let entries: Option<Vec<Entry>> = bytes.chunks(ENTRY_LENGTH).map(Entry::from_bytes).collect();
     let inside = |entry: &Entry| entry.at.checked_add(entry.length()).is_some_and(|end| end <= at);
     let ordered = |entries: &Vec<Entry>| entries.is_sorted_by(|one, next| one.id < next.id);
-    Ok(entries.filter(|entries| entries.iter().all(inside) && ordered(entries)))
+    let entries = entries.filter(|entries| entries.iter().all(inside) && ordered(entries));
+    Ok(entries.map(|entries| (entries, at)))
 }
 
 /// Where the index begins and its hash, from the end of a pack; `None` where they do not fit the file.

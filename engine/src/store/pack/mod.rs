@@ -6,6 +6,7 @@
 //! a pack is damaged runs again as one that is missing.
 
 mod form;
+mod outline;
 mod packing;
 mod salvage;
 #[cfg(test)]
@@ -16,9 +17,11 @@ pub use packing::Packing;
 use super::{Loaded, Store, StoredTrial, index::parse, inside, names, seal};
 use crate::{Error, results::EndState, world::fs::File};
 use form::{Entry, id_of, number};
+use outline::OUTLINE_LENGTH;
 use std::{
     collections::BTreeMap,
     io::{self, BufReader, Read, Seek, SeekFrom},
+    ops::Range,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
@@ -143,6 +146,21 @@ pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Opti
     Ok(None)
 }
 
+/// What the first of these packs that has a trial says of its end, without a look at the trial itself where the pack has
+/// an outline of it: what lies there may be damaged, as its metrics may.
+///
+/// # Errors
+/// Where a pack cannot be read.
+pub(super) fn outlined_in(packs: &mut [Reader<'_>], id: &str) -> Result<Option<StoredTrial>, Error> {
+    for pack in &mut *packs {
+        let told = pack.outline(id)?.filter(|trial| trial.id() == id);
+        if told.is_some() {
+            return Ok(told);
+        }
+    }
+    acknowledged_in(packs, id).map(|found| found.map(|(_, trial)| trial))
+}
+
 /// The metrics of a trial from the first of these packs that has them with the hash that was acknowledged.
 ///
 /// # Errors
@@ -177,6 +195,8 @@ pub(super) fn loaded_in(packs: &mut [Reader<'_>], store: &Store, id: &str) -> Re
 pub(super) struct Reader<'a> {
     pack: &'a Pack,
     file: File,
+    /// Outlines that were read, and their places in the index.
+    outlines: (Range<usize>, Vec<u8>),
 }
 
 /// Opens these packs.
@@ -188,6 +208,30 @@ pub(super) fn readers(packs: &[Arc<Pack>]) -> Result<Vec<Reader<'_>>, Error> {
 }
 
 impl Reader<'_> {
+    /// What the pack says of a trial's end; `None` where it has no outline of it.
+    fn outline(&mut self, id: &str) -> Result<Option<StoredTrial>, Error> {
+        let Some(place) = self.pack.place(id) else {
+            return Ok(None);
+        };
+        if !self.outlines.0.contains(&place) {
+            self.read_outlines(place)?;
+        }
+        let at = place.checked_sub(self.outlines.0.start).unwrap_or_default() * OUTLINE_LENGTH;
+        let bytes = self.outlines.1.get(at..at + OUTLINE_LENGTH);
+        Ok(bytes.and_then(|bytes| self.pack.index.outlines.trial(bytes)))
+    }
+
+    /// Reads the outlines of all trials whose ids begin as that at `place`: they are asked for together.
+    fn read_outlines(&mut self, place: usize) -> Result<(), Error> {
+        let places = self.pack.neighbours(place);
+        let bytes = match self.pack.index.outlines.bytes_of(&places) {
+            Some((at, length)) => self.bytes(at, length)?,
+            None => Vec::new(),
+        };
+        self.outlines = (places, bytes);
+        Ok(())
+    }
+
     fn acknowledgement(&mut self, id: &str) -> Result<Option<Vec<u8>>, Error> {
         let entry = self.pack.entry(id).copied();
         entry
@@ -248,15 +292,34 @@ impl Pack {
     }
 
     fn entry(&self, id: &str) -> Option<&Entry> {
+        self.place(id).map(|place| &self.index.entries[place])
+    }
+
+    /// Where a trial stands in the index.
+    fn place(&self, id: &str) -> Option<usize> {
         let id = number(id)?;
+        self.index
+            .entries
+            .binary_search_by_key(&id, |entry| entry.id)
+            .ok()
+    }
+
+    /// The places of the trials that are of one group of folders with that at `place`.
+    fn neighbours(&self, place: usize) -> Range<usize> {
         let entries = &self.index.entries;
-        let place = entries.binary_search_by_key(&id, |entry| entry.id).ok()?;
-        Some(&entries[place])
+        let group = |entry: &Entry| entry.id >> (u128::BITS - 8);
+        let own = group(&entries[place]);
+        let begin = entries.partition_point(|entry| group(entry) < own);
+        begin..entries.partition_point(|entry| group(entry) <= own)
     }
 
     fn reader(&self) -> Result<Reader<'_>, Error> {
         let file = File::open(&self.path).map_err(Error::file("read", &self.path))?;
-        Ok(Reader { pack: self, file })
+        Ok(Reader {
+            pack: self,
+            file,
+            outlines: (0..0, Vec::new()),
+        })
     }
 
     /// What it holds of a trial, whatever that is worth.

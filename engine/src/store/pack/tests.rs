@@ -62,11 +62,20 @@ impl Bench {
         result.rows.first().map(|row| row.value)
     }
 
+    /// Changes the metrics of a trial.
     fn damage(&self, seed: u64) {
+        self.damage_at(seed, |entry| entry.acknowledgement as usize + 20);
+    }
+
+    fn damage_acknowledgement(&self, seed: u64) {
+        self.damage_at(seed, |_| 20);
+    }
+
+    fn damage_at(&self, seed: u64, place: impl Fn(&Entry) -> usize) {
         let pack = Pack::open(&self.file()).unwrap().unwrap();
         let entry = *pack.entry(&trial(seed).id).unwrap();
         let mut bytes = fs::read(self.file()).unwrap();
-        bytes[entry.at as usize + entry.acknowledgement as usize + 20] ^= 1;
+        bytes[entry.at as usize + place(&entry)] ^= 1;
         fs::write(self.file(), bytes).unwrap();
     }
 }
@@ -278,4 +287,42 @@ fn many_trials_at_once_are_the_trials_one_by_one() {
         panic!("one trial is damaged: {unreadable:?}")
     };
     assert_eq!(error.to_string(), store.load(&trials[1]).unwrap_err().to_string());
+}
+
+#[test]
+fn ends_are_told_without_the_trials_and_a_run_looks_at_them() {
+    let bench = Bench::finished(0);
+    let seeds = seeds_of_one_group(6);
+    seeds.iter().for_each(|&seed| bench.finish(seed));
+    bench.pack();
+    let trials: Vec<Trial> = seeds.iter().map(|&seed| trial(seed)).collect();
+    let whole = Store::at(&bench.store.root).ends(&trials).all;
+    assert!(whole.iter().all(Option::is_some));
+    let told = |store: &Store| store.stored_of(&trials, |it| it).all;
+    for (trial, told) in trials.iter().zip(told(&Store::at(&bench.store.root))) {
+        assert_eq!(told, bench.store.stored(&trial.id).unwrap());
+    }
+    bench.damage_acknowledgement(seeds[2]);
+    let store = Store::at(&bench.store.root);
+    assert!(told(&store).iter().all(Option::is_some), "the pack tells them");
+    let looked_at: Vec<bool> = store.ends(&trials).all.iter().map(Option::is_some).collect();
+    assert_eq!(looked_at, [true, true, false, true, true, true]);
+}
+
+#[test]
+fn a_pack_without_outlines_is_read_trial_by_trial() {
+    let bench = Bench::finished(0);
+    let seeds = seeds_of_one_group(5);
+    seeds.iter().for_each(|&seed| bench.finish(seed));
+    bench.pack();
+    let bytes = fs::read(bench.file()).unwrap();
+    let line = bytes.windows(9).rposition(|it| it == b"outlines ").unwrap();
+    let mut changed = bytes.clone();
+    changed[line] = b'O';
+    fs::write(bench.file(), changed).unwrap();
+    let trials: Vec<Trial> = seeds.iter().map(|&seed| trial(seed)).collect();
+    let store = Store::at(&bench.store.root);
+    let told = store.stored_of(&trials, |it| it.end).all;
+    assert_eq!(told, store.ends(&trials).all);
+    assert!(told.iter().all(Option::is_some));
 }
