@@ -19,14 +19,20 @@ use std::{
 
 #[test]
 fn trials_through_hyperqueue_equal_local_ones() {
-    let Some(mut cluster) = Cluster::start() else { return };
+    let Some(mut cluster) = Cluster::start() else {
+        return;
+    };
     let (_one, _other) = (cluster.worker(), cluster.worker());
     let bench = cluster.bench(STUDY, "min_time_s = 1\n");
     let ran = bench.run(&["run", "small.yaml"]);
     assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
     assert!(ran.out.contains("results/small/index.html"), "{}", ran.out);
     assert_eq!(bench.digests("store"), local(STUDY));
-    assert!(ran.err.contains("HyperQueue: ") && ran.err.contains("(1 job 1@"), "{}", ran.err);
+    assert!(
+        ran.err.contains("HyperQueue: ") && ran.err.contains("(job 1@"),
+        "{}",
+        ran.err
+    );
     let again = bench.run(&["run", "small.yaml"]);
     assert_eq!((again.code, submissions(&bench).len()), (0, 1), "{}", again.err);
     assert!(again.err.contains("nothing runs"), "{}", again.err);
@@ -34,33 +40,53 @@ fn trials_through_hyperqueue_equal_local_ones() {
 
 #[test]
 fn a_detached_submission_is_found_again_and_not_doubled() {
-    let Some(mut cluster) = Cluster::start() else { return };
+    let Some(mut cluster) = Cluster::start() else {
+        return;
+    };
     let bench = cluster.bench(STUDY, "");
     let detached = bench.run(&["run", "small.yaml", "--detach"]);
     assert_eq!(detached.code, 0, "{}", detached.err);
     let id = only(submissions(&bench));
-    assert!(detached.err.contains(&format!("submitted {id} (")), "{}", detached.err);
+    assert!(
+        detached.err.contains(&format!("submitted {id} (")),
+        "{}",
+        detached.err
+    );
     let status = bench.run(&["status", "small.yaml"]);
-    assert!(status.out.contains(&format!("HyperQueue: {id} (")), "{}", status.out);
+    assert!(
+        status.out.contains(&format!("HyperQueue: {id} (")),
+        "{}",
+        status.out
+    );
     assert!(status.out.contains("3 pending"), "{}", status.out);
     let _worker = cluster.worker();
     let followed = bench.run(&["run", "small.yaml"]);
     assert_eq!(followed.code, 0, "{}", followed.err);
-    assert!(followed.err.contains(&format!("following {id} (")), "{}", followed.err);
+    assert!(
+        followed.err.contains(&format!("following {id} (")),
+        "{}",
+        followed.err
+    );
     assert_eq!(only(submissions(&bench)), id);
     assert_eq!(bench.digests("store"), local(STUDY));
 }
 
 #[test]
 fn who_waits_may_be_interrupted_and_goes_on() {
-    let Some(mut cluster) = Cluster::start() else { return };
+    let Some(mut cluster) = Cluster::start() else {
+        return;
+    };
     let _worker = cluster.worker();
     let bench = cluster.bench(STUDY, "");
     let follower = spawn(&bench, &["run", "small.yaml"]);
     until("a worker runs", || logs(&bench).contains("worker process"));
     let left = interrupted(follower);
     assert_eq!(left.code, 106, "{}", left.err);
-    assert!(left.err.contains("the jobs go on without this program"), "{}", left.err);
+    assert!(
+        left.err.contains("the jobs go on without this program"),
+        "{}",
+        left.err
+    );
     hold(&bench, spawn(&bench, &["run", "small.yaml"]), STUDY);
     assert_eq!(submissions(&bench).len(), 1);
 }
@@ -68,11 +94,15 @@ fn who_waits_may_be_interrupted_and_goes_on() {
 /// HyperQueue starts the task again elsewhere, where its trial goes on.
 #[test]
 fn a_worker_that_is_killed_costs_no_trial() {
-    let Some(mut cluster) = Cluster::start() else { return };
+    let Some(mut cluster) = Cluster::start() else {
+        return;
+    };
     let (one, other) = (cluster.worker(), cluster.worker());
     let bench = cluster.bench(STUDY, "");
     let follower = spawn(&bench, &["run", "small.yaml"]);
-    until("both workers run", || logs(&bench).matches("worker process").count() >= 2);
+    until("both workers run", || {
+        logs(&bench).matches("worker process").count() >= 2
+    });
     drop(one);
     hold(&bench, follower, STUDY);
     drop(other);
@@ -81,7 +111,9 @@ fn a_worker_that_is_killed_costs_no_trial() {
 /// The number of a job means nothing to the server that comes after it, which gives the same number again.
 #[test]
 fn a_server_that_is_killed_costs_no_trial() {
-    let Some(mut cluster) = Cluster::start() else { return };
+    let Some(mut cluster) = Cluster::start() else {
+        return;
+    };
     let worker = cluster.worker();
     let bench = cluster.bench(STUDY, "");
     let follower = spawn(&bench, &["run", "small.yaml"]);
@@ -100,9 +132,14 @@ fn a_server_that_is_killed_costs_no_trial() {
 /// The task that computes leaves with a checkpoint, and the one that waits finds out when it begins.
 #[test]
 fn a_cancelled_submission_ends_the_wait_and_its_tasks() {
-    let Some(mut cluster) = Cluster::start() else { return };
+    let Some(mut cluster) = Cluster::start() else {
+        return;
+    };
     let _worker = cluster.worker();
-    let bench = cluster.bench(&LONG.replace("protocol:", "seeds: 2\nprotocol:"), "trials_per_task = 1\n");
+    let bench = cluster.bench(
+        &LONG.replace("protocol:", "seeds: 2\nprotocol:"),
+        "trials_per_task = 1\n",
+    );
     let follower = spawn(&bench, &["run", "small.yaml"]);
     until("a worker runs", || logs(&bench).contains("worker process"));
     let cancelled = bench.run(&["cancel", "small.yaml"]);
@@ -110,17 +147,26 @@ fn a_cancelled_submission_ends_the_wait_and_its_tasks() {
     let left = answer(&follower.wait_with_output().unwrap());
     assert_eq!(left.code, 106, "{}", left.err);
     assert!(left.err.contains("the submission was cancelled"), "{}", left.err);
-    let nobody = format!("nobody waits for submission {} any more", only(submissions(&bench)));
+    let nobody = format!(
+        "nobody waits for submission {} any more",
+        only(submissions(&bench))
+    );
     until("both tasks have left", || {
         let logs = logs(&bench);
         logs.contains("still missing; the same command goes on") && logs.contains(&nobody)
     });
-    assert_eq!(bench.run(&["cancel", "small.yaml"]).code, 4, "there is nothing left to cancel");
+    assert_eq!(
+        bench.run(&["cancel", "small.yaml"]).code,
+        4,
+        "there is nothing left to cancel"
+    );
 }
 
 #[test]
 fn a_trial_that_fails_is_one_row() {
-    let Some(mut cluster) = Cluster::start() else { return };
+    let Some(mut cluster) = Cluster::start() else {
+        return;
+    };
     let _worker = cluster.worker();
     let bench = cluster.bench(FAILING, "");
     let ran = bench.run(&["run", "small.yaml"]);
@@ -135,7 +181,9 @@ fn a_trial_that_fails_is_one_row() {
 /// More trials than tasks may be handed over: those that are there pull until none is left.
 #[test]
 fn no_more_tasks_are_handed_over_than_may_live() {
-    let Some(mut cluster) = Cluster::start() else { return };
+    let Some(mut cluster) = Cluster::start() else {
+        return;
+    };
     let bench = cluster.bench(STUDY, "");
     let detached = bench.run(&["run", "small.yaml", "--detach", "-j", "2"]);
     assert!(detached.err.contains("2 tasks, 2 at a time"), "{}", detached.err);
@@ -169,7 +217,13 @@ fn spawn(bench: &Bench, arguments: &[&str]) -> Child {
 /// What a program says that is interrupted, which it takes note of soon.
 fn interrupted(child: Child) -> Answer {
     let id = child.id().to_string();
-    assert!(Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &id])
+            .status()
+            .unwrap()
+            .success()
+    );
     let begun = Instant::now();
     let left = answer(&child.wait_with_output().unwrap());
     assert!(begun.elapsed() < Duration::from_secs(20), "{}", left.err);
@@ -225,13 +279,21 @@ impl Cluster {
         self.workers += 1;
         let own = self.folder.path().join(format!("worker-{}", self.workers));
         let directory = self.directory();
-        self.process(&["worker", &directory.to_string_lossy(), &own.to_string_lossy(), "1"])
+        self.process(&[
+            "worker",
+            &directory.to_string_lossy(),
+            &own.to_string_lossy(),
+            "1",
+        ])
     }
 
     fn process(&self, arguments: &[&str]) -> Running {
         let mut command = Command::new(self.python);
         command.arg(repository().join("tests/hyperqueue/cluster.py"));
-        command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped());
+        command
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped());
         let mut child = command.stderr(Stdio::null()).spawn().unwrap();
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
         let begun = lines.any(|line| line.is_ok_and(|line| line == "begun"));

@@ -24,7 +24,9 @@ pub(super) fn is_wanted(submission: Option<&str>, common: &Common) -> Result<boo
         let id = id.to_owned();
         std::thread::spawn(move || mind(store, &id));
     } else {
-        complain(&format!("nobody waits for submission {id} any more; nothing runs"));
+        complain(&format!(
+            "nobody waits for submission {id} any more; nothing runs"
+        ));
     }
     Ok(open)
 }

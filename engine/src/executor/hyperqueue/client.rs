@@ -107,14 +107,22 @@ impl Client<'_> {
 }
 
 fn no_python(python: &str, source: &std::io::Error) -> Error {
-    let problem = format!("`{python}` cannot be started: {source}; name a Python that has the package `hyperqueue`");
-    Error::Option { key: "python", problem }
+    let problem =
+        format!("`{python}` cannot be started: {source}; name a Python that has the package `hyperqueue`");
+    Error::Option {
+        key: "python",
+        problem,
+    }
 }
 
 /// Python or the package ended in the middle.
 fn unreadable(out: &str, err: &[u8]) -> Error {
     let err = String::from_utf8_lossy(err);
-    let last = err.lines().chain(out.lines()).filter(|line| !line.trim().is_empty()).last();
+    let last = err
+        .lines()
+        .chain(out.lines())
+        .filter(|line| !line.trim().is_empty())
+        .last();
     Error::Unreadable {
         program: NAME,
         text: last.unwrap_or_default().trim().into(),
@@ -151,9 +159,17 @@ mod tests {
     #[test]
     fn no_interpreter_and_no_answer_are_told_apart() {
         let stop = Stop::default();
-        let text = |python: &str| client(python, "/nowhere", &stop).count(&[7]).unwrap_err().to_string();
+        let text = |python: &str| {
+            client(python, "/nowhere", &stop)
+                .count(&[7])
+                .unwrap_err()
+                .to_string()
+        };
         let none = text("/nowhere/python");
-        assert!(none.starts_with("`python`: `/nowhere/python` cannot be started: "), "{none}");
+        assert!(
+            none.starts_with("`python`: `/nowhere/python` cannot be started: "),
+            "{none}"
+        );
         assert!(text("true").contains("which is not an answer in JSON"));
     }
 
@@ -162,6 +178,9 @@ mod tests {
         let stop = Stop::default();
         let none = client("python3", "/nowhere", &stop).count(&[7]).unwrap_err();
         assert!(matches!(none, Error::Refused { .. }), "{none}");
-        assert!(none.to_string().contains("has its directory at `/nowhere`"), "{none}");
+        assert!(
+            none.to_string().contains("has its directory at `/nowhere`"),
+            "{none}"
+        );
     }
 }

@@ -246,7 +246,12 @@ mod tests {
         let store = tempfile::tempdir().unwrap();
         let nowhere: Options = toml::from_str("python = \"/nowhere/python\"").unwrap();
         let queue = HyperQueue { options: nowhere };
-        assert!(queue.tasks(&[submission(store.path())], &Stop::default()).unwrap().is_empty());
+        assert!(
+            queue
+                .tasks(&[submission(store.path())], &Stop::default())
+                .unwrap()
+                .is_empty()
+        );
         assert!(queue.cancel("regimen-1a", false, &Stop::default()).is_ok());
     }
 }

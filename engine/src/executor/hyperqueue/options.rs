@@ -123,7 +123,10 @@ mod tests {
         assert!(check("/shared/hq").is_ok() && check("~/.hq-server").is_ok());
         for path in ["hq", "", "~me/hq"] {
             let said = check(path).unwrap_err().to_string();
-            assert!(said.starts_with(&format!("`server_dir`: `{path}`: write it")), "{said}");
+            assert!(
+                said.starts_with(&format!("`server_dir`: `{path}`: write it")),
+                "{said}"
+            );
         }
     }
 

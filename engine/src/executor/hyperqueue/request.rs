@@ -143,7 +143,10 @@ mod tests {
                         module load regimen\n\
                         exec /opt/regimen/bin/regimen worker '/shared/my studies/table.yaml' -j 2 --submission ID";
         assert_eq!(request.command, ["sh", "-c", expected]);
-        assert_eq!((request.tasks, request.cpus, request.min_time_s), (3, 2, Some(600)));
+        assert_eq!(
+            (request.tasks, request.cpus, request.min_time_s),
+            (3, 2, Some(600))
+        );
         assert_eq!(
             request.note,
             Path::new("/shared/a store/submissions/ID/array-0.job")
