@@ -8,6 +8,7 @@ mod refusals;
 use crate::{
     other_programs,
     program::{Answer, Bench, answer, in_ci, repository},
+    searches,
     slurm::{FAILING, LONG, STUDY, logs, only, submissions, until},
 };
 use std::{
@@ -108,6 +109,53 @@ fn a_worker_that_is_killed_costs_no_trial() {
     drop(other);
 }
 
+/// A task that ends badly is not started again by HyperQueue.
+#[test]
+fn a_task_that_dies_is_submitted_again() {
+    let Some(mut cluster) = Cluster::start() else {
+        return;
+    };
+    let _worker = cluster.worker();
+    let bench = cluster.bench(STUDY, "trials_per_task = 6\n");
+    let follower = spawn(&bench, &["run", "small.yaml"]);
+    let mut process = None;
+    until("status says which process computes", || {
+        let told = bench.run(&["status", "small.yaml"]).out;
+        let rest = told.split_once(": process ").map(|(_, rest)| rest.to_owned());
+        process = rest.and_then(|rest| Some(rest.split_once(' ')?.0.to_owned()));
+        process.is_some()
+    });
+    let killed = Command::new("kill")
+        .args(["-KILL", &process.unwrap_or_default()])
+        .status();
+    assert!(killed.unwrap().success());
+    let told = hold(&bench, follower, STUDY);
+    assert!(told.contains("submitted again: "), "{told}");
+    assert_eq!(submissions(&bench).len(), 2);
+}
+
+#[test]
+fn a_search_chooses_what_it_chooses_here() {
+    let Some(mut cluster) = Cluster::start() else {
+        return;
+    };
+    let _worker = cluster.worker();
+    let bench = cluster.bench(&searches::halving(), "");
+    bench.ok(&[
+        "run",
+        "small.yaml",
+        "--executor",
+        "local",
+        "--store",
+        "local",
+        "-o",
+        "here",
+    ]);
+    let ran = bench.run(&["run", "small.yaml", "-o", "there"]);
+    assert_eq!(ran.code, 0, "{}\n{}", ran.out, ran.err);
+    assert_eq!(bench.digests("store"), bench.digests("local"));
+}
+
 /// The number of a job means nothing to the server that comes after it, which gives the same number again.
 #[test]
 fn a_server_that_is_killed_costs_no_trial() {
@@ -122,6 +170,12 @@ fn a_server_that_is_killed_costs_no_trial() {
     drop(worker);
     // It is asked in vain meanwhile.
     std::thread::sleep(Duration::from_secs(2));
+    let status = bench.run(&["status", "small.yaml"]);
+    assert!(
+        status.err.contains("warning: nobody can be asked"),
+        "{}",
+        status.err
+    );
     cluster.restart();
     let _worker = cluster.worker();
     let told = hold(&bench, follower, STUDY);
