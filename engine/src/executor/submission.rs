@@ -3,6 +3,7 @@
 //! ```text
 //! <store>/submissions/<id>/submission.json       what was submitted, and what became of it
 //!                          array-0.sbatch        the script of each array, as its queue reads it
+//!                          array-0.job           the job that took it, where a queue finds none by its name
 //!                          array-0-task-0.log    what its workers printed
 //! <store>/submissions/lock                       held by a process while it decides and submits
 //! ```

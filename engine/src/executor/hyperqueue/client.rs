@@ -118,11 +118,8 @@ fn no_python(python: &str, source: &std::io::Error) -> Error {
 /// Python or the package ended in the middle.
 fn unreadable(out: &str, err: &[u8]) -> Error {
     let err = String::from_utf8_lossy(err);
-    let last = err
-        .lines()
-        .chain(out.lines())
-        .filter(|line| !line.trim().is_empty())
-        .last();
+    let mut lines = err.lines().chain(out.lines());
+    let last = lines.rfind(|line| !line.trim().is_empty());
     Error::Unreadable {
         program: NAME,
         text: last.unwrap_or_default().trim().into(),
