@@ -27,6 +27,7 @@ mod fsck;
 mod fuzzed;
 mod going_on;
 mod graph;
+mod hyperqueue;
 mod identity;
 mod importing;
 mod life_bound;

@@ -28,7 +28,7 @@ seeds: 3
 ";
 
 /// A learner whose temperature overflows, beside a rule that does well.
-const FAILING: &str = "
+pub(crate) const FAILING: &str = "
 study: failing
 title: A study with a trial that fails
 source: made for this test
@@ -44,7 +44,7 @@ seeds: 1
 ";
 
 /// One trial that learns for half a minute or more.
-const LONG: &str = "
+pub(crate) const LONG: &str = "
 study: long
 title: A trial longer than a task
 source: made for this test
@@ -443,7 +443,7 @@ pub(crate) fn submissions(bench: &Bench) -> Vec<String> {
 }
 
 /// What all workers of a bench printed.
-fn logs(bench: &Bench) -> String {
+pub(crate) fn logs(bench: &Bench) -> String {
     let files = submissions(bench)
         .into_iter()
         .flat_map(|id| std::fs::read_dir(bench.path("store/submissions").join(id)).unwrap());
@@ -454,7 +454,7 @@ fn logs(bench: &Bench) -> String {
         .collect()
 }
 
-fn only(names: Vec<String>) -> String {
+pub(crate) fn only(names: Vec<String>) -> String {
     assert_eq!(names.len(), 1, "{names:?}");
     names.into_iter().next().unwrap_or_default()
 }

@@ -47,7 +47,7 @@ fn refuse(one: &Planned) -> Result<(), Failure> {
     if let Some((search, _)) = searches.find(|(search, _)| !search.pauses().is_empty()) {
         return Err(wrong(format!(
             "the search `{}` pauses trials, which stay on the host that ran them; run it here or with \
-             `--executor slurm`",
+             `--executor slurm` or `hyperqueue`",
             search.name
         )));
     }

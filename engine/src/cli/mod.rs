@@ -31,6 +31,7 @@ mod settings;
 mod stages;
 mod study;
 mod submit;
+mod submitted;
 mod summaries;
 mod verify;
 mod waiting;
@@ -135,14 +136,14 @@ struct Selection {
 
 #[derive(Debug, Clone, Default, Args)]
 struct RunOptions {
-    /// Worker processes; `workers` in regimen.toml, else the number of cores. With Slurm: tasks at a time;
+    /// Worker processes; `workers` in regimen.toml, else the number of cores. With a queue: tasks at a time;
     /// `max_tasks`.
     #[arg(long, short = 'j', env = "REGIMEN_JOBS", value_name = "N", value_parser = one_or_more)]
     jobs: Option<usize>,
     /// What runs the trials; `executor` in regimen.toml, else this machine.
     #[arg(long, value_name = "NAME", value_parser = submit::that_run())]
     executor: Option<String>,
-    /// With Slurm: leave after the submission; a later `run` follows it.
+    /// With a queue: leave after the submission; a later `run` follows it.
     #[arg(long)]
     detach: bool,
     /// Say what would run, and run nothing.
@@ -335,6 +336,9 @@ enum Verb {
         /// Worker processes.
         #[arg(long, short = 'j', default_value_t = 1, value_parser = one_or_more)]
         jobs: usize,
+        /// The submission that it belongs to: nothing runs once nobody waits for it.
+        #[arg(long, value_name = "ID", hide = true)]
+        submission: Option<String>,
         #[command(flatten)]
         limits: LimitOptions,
         #[command(flatten)]
@@ -469,9 +473,13 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
             selection,
             index,
             jobs,
+            submission,
             limits,
             summaries,
         } => summaries.after(registry, &selection, common, || {
+            if !submitted::is_wanted(submission.as_deref(), common)? {
+                return Ok(OK);
+            }
             run::worker(registry, &selection, index.as_deref(), jobs, &limits, common)
         }),
         Verb::Submit { selection, options } => submit::submit(registry, &selection, &options, common),

@@ -56,7 +56,7 @@ pub(super) fn run(
     if kind.is_none() && options.detach {
         return Err(Failure {
             code: BAD_SPEC,
-            text: "error: --detach needs --executor slurm".into(),
+            text: "error: --detach needs --executor slurm or another that has a queue".into(),
         });
     }
     if let Some(kind) = &on_hosts {

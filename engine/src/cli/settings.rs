@@ -398,13 +398,13 @@ mod tests {
         assert!(text("[slurm]\ntime = \"soon\"\n").contains("regimen.toml: [slurm] `time`: `soon`"));
         let written = text("executor = \"kubernetes\"\n");
         assert!(
-            written.contains("`local` or `ssh` or `slurm`") && written.contains("line 1"),
+            written.contains("`local` or `ssh` or `slurm` or `hyperqueue`") && written.contains("line 1"),
             "{written}"
         );
         assert!(text("[profile.big.kubernetes]\nimages = 1\n").contains("images"));
         assert!(
             text("[slrum]\ntime = \"1\"\n")
-                .contains("tables of executors are [ssh] and [slurm] and [kubernetes]")
+                .contains("tables of executors are [ssh] and [slurm] and [hyperqueue] and [kubernetes]")
         );
         assert!(text("profile = 1\n").contains("`profile` holds tables"));
     }

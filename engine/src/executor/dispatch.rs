@@ -92,10 +92,9 @@ fn holdings_with(store: &Path, own: Option<&dyn Queue>, stop: &Stop) -> Result<V
     }
     let mut all = Vec::new();
     for (executor, submissions) in by_executor {
-        let names: Vec<String> = submissions.iter().map(Submission::job_name).collect();
         let tasks = match own.filter(|queue| queue.name() == executor) {
-            Some(queue) => queue.tasks(&names, stop)?,
-            None => asked(&submissions[0], |queue| queue.tasks(&names, stop))?,
+            Some(queue) => queue.tasks(&submissions, stop)?,
+            None => asked(&submissions[0], |queue| queue.tasks(&submissions, stop))?,
         };
         all.extend(submissions.into_iter().map(|submission| held(submission, &tasks)));
     }
@@ -187,7 +186,8 @@ impl Dispatch<'_> {
             need: 0,
         };
         let wanted = tasks_for(missing.len(), self.trials_per_task);
-        view.need = tasks_for(uncovered, self.trials_per_task).max(wanted.saturating_sub(view.alive()));
+        let need = tasks_for(uncovered, self.trials_per_task).max(wanted.saturating_sub(view.alive()));
+        view.need = need.min(self.queue.most_tasks().saturating_sub(view.alive()));
         Ok(view)
     }
 
@@ -245,11 +245,12 @@ impl Dispatch<'_> {
     fn send(&self, mut submission: Submission) -> Result<Submission, Error> {
         for array in 0..submission.arrays.len() {
             let script = self.queue.script(&submission, array);
-            write_durably(&submission.script(array), script.as_bytes())?;
-            match self.queue.submit(&submission.script(array), &self.stop) {
+            let path = submission.script(array, self.queue.script_ending());
+            write_durably(&path, script.as_bytes())?;
+            match self.queue.submit(&path, &self.stop) {
                 Ok(job) => submission.arrays[array].job = Some(job),
                 Err(error) => {
-                    if matches!(error, Error::Refused { .. } | Error::NoProgram { .. }) && array == 0 {
+                    if error.is_refusal() && array == 0 {
                         submission.close(State::Refused)?;
                     }
                     return Err(error);

@@ -250,9 +250,7 @@ impl Follower<'_> {
                 (self.submitted, self.missing_then) = (clock::now(), Some(missing.len()));
                 self.saved_then = watch.saved();
             }
-            Err(error @ (Error::Refused { .. } | Error::NoProgram { .. })) if alive == 0 => {
-                return Err(error);
-            }
+            Err(error) if error.is_refusal() && alive == 0 => return Err(error),
             Err(error) => self.not_answered(&error, watch),
         }
         Ok(None)

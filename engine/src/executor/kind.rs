@@ -1,6 +1,6 @@
 //! The list of executors: their names, what each is, and the form of its table in `regimen.toml`.
 
-use super::{Error, Executor, kubernetes, slurm, ssh};
+use super::{Error, Executor, hyperqueue, kubernetes, slurm, ssh};
 use schemars::{JsonSchema, Schema};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
@@ -54,7 +54,13 @@ pub fn all() -> Vec<Kind> {
         about: "worker processes on this machine",
         way: Way::Here,
     };
-    vec![here, ssh::kind(), slurm::kind(), kubernetes::kind()]
+    vec![
+        here,
+        ssh::kind(),
+        slurm::kind(),
+        hyperqueue::kind(),
+        kubernetes::kind(),
+    ]
 }
 
 /// The executor of a name.
@@ -146,7 +152,7 @@ mod tests {
     fn every_executor_is_listed_with_a_sentence_and_the_keys_of_its_table() {
         let all = all();
         let names: Vec<&str> = all.iter().map(|kind| kind.name).collect();
-        assert_eq!(names, ["local", "ssh", "slurm", "kubernetes"]);
+        assert_eq!(names, ["local", "ssh", "slurm", "hyperqueue", "kubernetes"]);
         for kind in all.iter().filter_map(|kind| Some((kind, kind.options()?))) {
             let (kind, options) = kind;
             assert!(kind.about.len() > 20, "{}", kind.name);

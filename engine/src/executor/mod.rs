@@ -8,16 +8,17 @@
 //! - An [`Executor`] says what a task is and writes what is handed over for it.
 //! - Where it has a [`Queue`], [`Dispatch`] keeps as many tasks in it as the missing trials are worth, and
 //!   waits.
-//! - [`all`] is the list of executors; [`slurm`] has a queue, [`kubernetes`] writes a manifest and starts
-//!   nothing, and [`ssh`] names hosts whose trials the scheduler of this machine runs itself.
+//! - [`all`] is the list of executors; [`slurm`] and [`hyperqueue`] have queues, [`kubernetes`] writes a manifest and
+//!   starts nothing, and [`ssh`] names hosts whose trials the scheduler of this machine runs itself.
 //!
 //! A [`Submission`] is identified by a name of our own, which the jobs carry. A queue may give a job id again
 //! after a crash of its controller, and an accepted job may be forgotten by one: job ids are kept to be
-//! shown, never to decide.
+//! shown, never to decide, where jobs can be found by their names.
 
 mod answer;
 mod dispatch;
 mod follow;
+pub mod hyperqueue;
 mod kind;
 pub mod kubernetes;
 mod lock;
@@ -185,6 +186,14 @@ pub enum Error {
 }
 
 impl Error {
+    /// True where nothing was taken, and nothing will be before a person has changed something.
+    fn is_refusal(&self) -> bool {
+        matches!(
+            self,
+            Self::Refused { .. } | Self::NoProgram { .. } | Self::Option { .. }
+        )
+    }
+
     /// True where the same question may be answered later.
     fn is_passing(&self) -> bool {
         matches!(self, Self::Busy { .. } | Self::Silent { .. })

@@ -12,8 +12,8 @@ use std::{
 ///
 /// Whoever asks says who may stop the wait for an answer; an answer that takes too long is [`Error::Silent`].
 ///
-/// Jobs are found by the name that they carry, [`Submission::job_name`]: an id may be lost, and may be given
-/// twice.
+/// Jobs are found by the name that they carry, [`Submission::job_name`], where they can be: an id may be lost, and may be
+/// given twice.
 pub trait Queue {
     /// Name of the executor in the list of [`all`](super::all).
     fn name(&self) -> &'static str;
@@ -35,6 +35,11 @@ pub trait Queue {
     /// Tasks that may run at a time.
     fn max_tasks(&self) -> usize;
 
+    /// Tasks that may be handed over and not have ended; those that may not run yet wait in most queues.
+    fn most_tasks(&self) -> usize {
+        usize::MAX
+    }
+
     /// Seconds between two questions about tasks.
     fn poll_s(&self) -> f64;
 
@@ -44,11 +49,14 @@ pub trait Queue {
     /// The script of one array of a submission.
     fn script(&self, submission: &Submission, array: usize) -> String;
 
-    /// The tasks of jobs with these names that it knows of; it may forget ended ones after a while.
+    /// How the name of the script's file ends.
+    fn script_ending(&self) -> &'static str;
+
+    /// The tasks of these submissions that it knows of; it may forget ended ones after a while.
     ///
     /// # Errors
     /// [`Error::Busy`] where it does not answer.
-    fn tasks(&self, names: &[String], stop: &Stop) -> Result<Vec<Task>, Error>;
+    fn tasks(&self, submissions: &[Submission], stop: &Stop) -> Result<Vec<Task>, Error>;
 
     /// Submits a script and returns the job's id.
     ///

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! <store>/submissions/<id>/submission.json       what was submitted, and what became of it
-//!                          array-0.sbatch        the script of each array
+//!                          array-0.sbatch        the script of each array, as its queue reads it
+//!                          array-0.job           the job that took it, where a queue finds none by its name
 //!                          array-0-task-0.log    what its workers printed
 //! <store>/submissions/lock                       held by a process while it decides and submits
 //! ```
@@ -153,6 +154,17 @@ impl Submission {
         Ok(submissions)
     }
 
+    /// The submission of a name; `None` where its record is not there or cannot be understood.
+    ///
+    /// # Errors
+    /// Where the record cannot be read.
+    pub fn find(store: &Path, id: &str) -> Result<Option<Self>, Error> {
+        match read(store, &folder_of_all(store).join(id)) {
+            Err(Error::Damaged { .. }) => Ok(None),
+            found => found,
+        }
+    }
+
     /// Number of tasks of all arrays.
     #[must_use]
     pub fn tasks(&self) -> usize {
@@ -173,8 +185,8 @@ impl Submission {
 
     /// Where the script of one of its arrays lies.
     #[must_use]
-    pub fn script(&self, array: usize) -> PathBuf {
-        self.folder().join(format!("array-{array}.sbatch"))
+    pub fn script(&self, array: usize, ending: &str) -> PathBuf {
+        self.folder().join(format!("array-{array}.{ending}"))
     }
 
     /// Writes the record.
@@ -361,6 +373,9 @@ mod tests {
         let mut expected = vec![one, other];
         expected.sort_by(|one, other| one.id.cmp(&other.id));
         assert_eq!(Submission::all(store.path()).unwrap(), expected);
+        let found = Submission::find(store.path(), &expected[1].id).unwrap();
+        assert_eq!(found.as_ref(), Some(&expected[1]));
+        assert_eq!(Submission::find(store.path(), "another").unwrap(), None);
     }
 
     #[test]

@@ -116,8 +116,13 @@ impl Queue for Slurm {
         script::render(submission, array, &self.options)
     }
 
-    fn tasks(&self, names: &[String], stop: &Stop) -> Result<Vec<Task>, Error> {
-        self.client(stop).tasks(names)
+    fn script_ending(&self) -> &'static str {
+        "sbatch"
+    }
+
+    fn tasks(&self, submissions: &[Submission], stop: &Stop) -> Result<Vec<Task>, Error> {
+        let names: Vec<String> = submissions.iter().map(Submission::job_name).collect();
+        self.client(stop).tasks(&names)
     }
 
     fn submit(&self, script: &Path, stop: &Stop) -> Result<String, Error> {

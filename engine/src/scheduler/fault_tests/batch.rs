@@ -141,10 +141,15 @@ impl Queue for Batch {
         format!("{} {}", submission.job_name(), submission.arrays[array].tasks)
     }
 
-    fn tasks(&self, names: &[String], _: &Stop) -> Result<Vec<Task>, Error> {
+    fn script_ending(&self) -> &'static str {
+        "txt"
+    }
+
+    fn tasks(&self, submissions: &[Submission], _: &Stop) -> Result<Vec<Task>, Error> {
         if process::random_number().is_multiple_of(20) {
             return Err(busy());
         }
+        let names: Vec<String> = submissions.iter().map(Submission::job_name).collect();
         let jobs = self.lock();
         let named = jobs
             .iter()
