@@ -216,7 +216,7 @@ impl Reader<'_> {
         if !self.outlines.0.contains(&place) {
             self.read_outlines(place)?;
         }
-        let at = place.checked_sub(self.outlines.0.start).unwrap_or_default() * OUTLINE_LENGTH;
+        let at = place.saturating_sub(self.outlines.0.start) * OUTLINE_LENGTH;
         let bytes = self.outlines.1.get(at..at + OUTLINE_LENGTH);
         Ok(bytes.and_then(|bytes| self.pack.index.outlines.trial(bytes)))
     }
