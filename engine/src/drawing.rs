@@ -27,6 +27,10 @@ pub struct Graph {
     pub nodes: Vec<Node>,
     /// The arrows.
     pub edges: Vec<Edge>,
+    /// The first words of all labels that designs of this kind may have, those that are best told apart first.
+    /// Each has the same colour in every figure; where empty, the most frequent ones of a graph are coloured.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub operations: Vec<String>,
 }
 
 /// A box of a graph.

@@ -31,6 +31,7 @@ fn graph() -> Graph {
     Graph {
         nodes: vec![node("conv 3×3", 2, 0), node("BN", 5, -1), node("+", 9, 0)],
         edges: vec![edge(0, 1, false), edge(1, 2, false), edge(0, 2, true)],
+        operations: vec!["conv".into(), "BN".into()],
     }
 }
 

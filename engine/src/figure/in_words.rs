@@ -381,6 +381,7 @@ mod tests {
         let graph = Graph {
             nodes: vec![node("input"), node("sum")],
             edges: vec![Edge::default()],
+            ..Graph::default()
         };
         let shapes = [Shape::Graph(graph), Shape::Images(Tiles::default())];
         let panels = shapes.map(|shape| drawn::panel("best".into(), shape));

@@ -117,6 +117,7 @@ fn drawn() -> Drawings {
         graph: Some(Graph {
             nodes: vec![node("a", 0), node("b", 1)],
             edges: vec![edge],
+            ..Graph::default()
         }),
         images: vec![Image {
             width: 2,

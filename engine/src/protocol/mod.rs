@@ -207,12 +207,12 @@ pub trait Protocol: Send + Sync {
         false
     }
 
-    /// Whether a trial in an environment with this interface can run, before it does: `check` asks with
-    /// specimens for products.
+    /// Whether a trial in an environment with this interface and these metrics can run, before it does: `check`
+    /// asks with specimens for products.
     ///
     /// # Errors
     /// What does not fit, as [`run`](Self::run) would say it.
-    fn accepts(&self, _interface: &Interface) -> Result<(), Error> {
+    fn accepts(&self, _interface: &Interface, _metrics: &[Metric]) -> Result<(), Error> {
         Ok(())
     }
 

@@ -316,7 +316,7 @@ impl Builder<'_> {
         }
         let pair = (environment.id.clone(), protocol.id.clone());
         if self.accepted.insert(pair) {
-            let accepts = measures.protocol.accepts(&facts.interface);
+            let accepts = measures.protocol.accepts(&facts.interface, &facts.metrics);
             accepts.map_err(|error| Box::new(self.refused(protocol, &error)))?;
         }
         Ok(self.interface(cell))

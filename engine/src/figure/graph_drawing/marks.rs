@@ -76,8 +76,22 @@ fn word(label: &str) -> &str {
     label.split_whitespace().next().unwrap_or_default()
 }
 
-/// A colour for each of the most frequent operations; circles have none.
+/// A colour for each of the first operations that there may be; circles have none.
 fn hues(graph: &Graph) -> BTreeMap<&str, Rgb> {
+    let words = match graph.operations.as_slice() {
+        [] => most_frequent(graph),
+        operations => operations.iter().map(String::as_str).collect(),
+    };
+    let color = |index: usize| {
+        let hue = Hue::Palette(index);
+        Style { hue, variant: 0 }.color()
+    };
+    let colored = words.into_iter().take(HUES).enumerate();
+    colored.map(|(index, word)| (word, color(index))).collect()
+}
+
+/// The operations of a graph, the most frequent one first, of equally frequent ones the first that is met.
+fn most_frequent(graph: &Graph) -> Vec<&str> {
     let mut words: Vec<(&str, usize)> = Vec::new();
     let boxed = graph.nodes.iter().filter(|node| node.label.chars().count() > 1);
     for word in boxed.map(|node| word(&node.label)) {
@@ -86,14 +100,8 @@ fn hues(graph: &Graph) -> BTreeMap<&str, Rgb> {
             None => words.push((word, 1)),
         }
     }
-    // Stable: of equally frequent ones the first that is met.
     words.sort_by_key(|(_, times)| std::cmp::Reverse(*times));
-    let color = |index: usize| {
-        let hue = Hue::Palette(index);
-        Style { hue, variant: 0 }.color()
-    };
-    let colored = words.into_iter().take(HUES).enumerate();
-    colored.map(|(index, (word, _))| (word, color(index))).collect()
+    words.into_iter().map(|(word, _)| word).collect()
 }
 
 fn outlined(points: Vec<Place>, fill: Rgb, line: Rgb, width: f64) -> [Mark; 2] {

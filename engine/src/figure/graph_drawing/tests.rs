@@ -8,6 +8,7 @@ use super::{
     ways::{Way, Ways},
 };
 use crate::drawing::{Edge, Graph, Node};
+use crate::figure::paint::Mark;
 use proptest::prelude::*;
 use std::collections::BTreeSet;
 
@@ -222,6 +223,49 @@ fn branches_and_skips_keep_apart_where_the_flow_is_folded() {
     hold(&graph);
 }
 
+/// The colours that fill the boxes with such a label.
+fn fills(graph: &Graph, label: &str) -> BTreeSet<(u8, u8, u8)> {
+    let alone = |label: &str| {
+        let kept = graph.nodes.iter().filter(|node| node.label == label).cloned();
+        Graph {
+            nodes: kept.collect(),
+            edges: Vec::new(),
+            operations: graph.operations.clone(),
+        }
+    };
+    let marks = Sketch::of(&alone(label), DOUBLE).marks;
+    let fills = marks.into_iter().filter_map(|mark| match mark {
+        Mark::Fill { color, .. } => Some(color),
+        _ => None,
+    });
+    fills.collect()
+}
+
+#[test]
+fn an_operation_that_is_foreseen_has_one_colour_in_every_graph() {
+    let row = |labels: &[&str]| {
+        let mut graph = Growing::default();
+        graph.node("start", "");
+        labels.iter().for_each(|label| {
+            graph.then(label, "");
+        });
+        graph.0.operations = ["conv", "BN", "IN"].map(String::from).to_vec();
+        graph.0
+    };
+    let (often, rarely) = (
+        row(&["BN", "BN", "conv 3×3"]),
+        row(&["conv 3×3", "conv 3×3", "BN"]),
+    );
+    assert_eq!(fills(&often, "BN"), fills(&rarely, "BN"));
+    assert_eq!(fills(&often, "conv 3×3"), fills(&rarely, "conv 3×3"));
+    assert_ne!(fills(&often, "BN"), fills(&often, "conv 3×3"));
+    assert_ne!(
+        fills(&often, "BN"),
+        fills(&often, "start"),
+        "what is not foreseen is grey"
+    );
+}
+
 #[test]
 fn columns_and_lanes_count_by_their_order_alone() {
     let node = |column, lane| Node {
@@ -236,6 +280,7 @@ fn columns_and_lanes_count_by_their_order_alone() {
             to: 1,
             ..Edge::default()
         }],
+        ..Graph::default()
     };
     let near = graph(vec![node(0, 0), node(1, 1)]);
     let far = graph(vec![node(7, -2_000_000_000), node(u32::MAX, 2_000_000_000)]);
@@ -297,7 +342,11 @@ fn graphs() -> impl Strategy<Value = Graph> {
             })
         };
         let edges = edges.into_iter().filter_map(edge).collect();
-        Graph { nodes, edges }
+        Graph {
+            nodes,
+            edges,
+            ..Graph::default()
+        }
     })
 }
 

@@ -1,6 +1,6 @@
 //! The designs that a search tried, and an agent that builds one of them again.
 
-use super::Run;
+use super::{Run, Worth};
 use crate::{
     Action, Agent, Error, Metric, Mode, Observation, Phase, Rng, Space, Updates,
     checkpoint::exact,
@@ -70,8 +70,8 @@ impl Candidates {
         &self.0
     }
 
-    /// The whole design with the largest observed return among the last ones, the first of equals.
-    pub(super) fn best_of_last(&self, share: f64) -> Option<&Candidate> {
+    /// The best whole design among the last ones, as it was observed, the first of equals.
+    pub(super) fn best_of_last(&self, share: f64, worth: &Worth) -> Option<&Candidate> {
         #[allow(
             clippy::cast_precision_loss,
             clippy::cast_possible_truncation,
@@ -80,17 +80,17 @@ impl Candidates {
         )]
         let last = (self.0.len() as f64 * share).ceil() as usize;
         let from = self.0.len() - last.min(self.0.len());
-        self.ranked(from)
+        self.ranked(from, worth)
             .into_iter()
             .map(|(_, candidate)| candidate)
             .next()
     }
 
     /// Whole designs from number `from` on, the best one first.
-    fn ranked(&self, from: usize) -> Vec<(usize, &Candidate)> {
+    fn ranked(&self, from: usize, worth: &Worth) -> Vec<(usize, &Candidate)> {
         let whole = self.0.iter().enumerate().skip(from);
         let mut whole: Vec<_> = whole.filter(|(_, candidate)| candidate.whole).collect();
-        whole.sort_by(|(_, one), (_, other)| other.observed_return.total_cmp(&one.observed_return));
+        whole.sort_by(|(_, one), (_, other)| worth.compare(other, one));
         whole
     }
 
@@ -98,9 +98,9 @@ impl Candidates {
     ///
     /// # Errors
     /// [`Error::Action`] for an action that is none of this space.
-    pub(super) fn best(&self, space: &Space) -> Result<Designs, Error> {
+    pub(super) fn best(&self, worth: &Worth, space: &Space) -> Result<Designs, Error> {
         let mut designs: Vec<Design> = Vec::new();
-        for (number, candidate) in self.ranked(0) {
+        for (number, candidate) in self.ranked(0, worth) {
             let actions = candidate.episode.actions.clone();
             let options = in_words(space, &actions)?;
             let alike = |known: &Design| {
@@ -114,6 +114,7 @@ impl Candidates {
                 designs.push(Design {
                     candidate: number as u64,
                     observed_return: candidate.observed_return,
+                    chosen_by: worth.told(candidate),
                     actions,
                     options,
                 });

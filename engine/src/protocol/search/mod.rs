@@ -11,6 +11,9 @@
 //! | `return`, `episode_length`, the environment's metrics | evaluate | of the best design so far, as it was observed |
 //! | the same | final | of the chosen design, built again on random numbers that the search never met |
 //!
+//! What makes a design better is its return, or the metric that `by` names: an environment may reward progress, as
+//! the score less that of where an episode began, while what one is after is the score.
+//!
 //! The best of many noisy observations is better than it will ever be again, so the last row is the one to compare.
 //! A trial leaves all designs as a dataset, the best ones as `choice.json`, and what the environment draws of the chosen
 //! one when it was built for the last time.
@@ -18,6 +21,7 @@
 mod candidates;
 #[cfg(test)]
 mod tests;
+mod worth;
 
 use super::{
     Protocol, Run,
@@ -36,6 +40,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
+use worth::Worth;
 
 /// How long to search, and what to make of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -46,6 +51,10 @@ pub struct Search {
     pub evaluations: u64,
     /// How the design to measure in the end is chosen.
     pub choose: Choose,
+    /// The metric of the environment that makes one design better than another, in its better direction; the
+    /// return where absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub by: Option<String>,
     /// The share of the designs, counted from the last one, among which the best seen is chosen.
     #[schemars(range(min = 0.001, max = 1.0))]
     pub among_last: f64,
@@ -60,7 +69,7 @@ pub struct Search {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Choose {
-    /// The one with the largest observed return, the first of equals.
+    /// The best one as it was observed, the first of equals.
     #[default]
     BestSeen,
     /// The one that the agent makes where it is scored.
@@ -72,6 +81,7 @@ impl Default for Search {
         Self {
             evaluations: 300,
             choose: Choose::default(),
+            by: None,
             among_last: 1.0,
             final_episodes: 3,
             trace_episodes: 0,
@@ -117,9 +127,9 @@ impl Protocol for Search {
         true
     }
 
-    fn accepts(&self, interface: &Interface) -> Result<(), Error> {
+    fn accepts(&self, interface: &Interface, metrics: &[Metric]) -> Result<(), Error> {
         match interface.seats.len() {
-            1 => Ok(()),
+            1 => Worth::named(self.by.as_deref(), metrics).map(drop),
             seats => Err(Error::ManySeats { seats }),
         }
     }
@@ -147,23 +157,27 @@ impl Protocol for Search {
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
-        let interface = (run.make_environment)()?.interface();
-        self.accepts(&interface)?;
-        let (candidates, blocks) = self.search(run)?;
+        let environment = (run.make_environment)()?;
+        let interface = environment.interface();
+        self.accepts(&interface, environment.metrics())?;
+        let worth = Worth::named(self.by.as_deref(), environment.metrics())?;
+        let (candidates, blocks) = self.search(run, &worth)?;
         (run.progress)(self.evaluations, self.evaluations);
-        self.measure_chosen(run, &candidates, blocks)?;
+        self.measure_chosen(run, &candidates, &worth, blocks)?;
         run.record_updates(Phase::Final, self.evaluations);
         let Some(folder) = run.folder else {
             return Ok(());
         };
-        candidates.best(&interface.seats[0].action)?.write(folder)?;
+        candidates
+            .best(&worth, &interface.seats[0].action)?
+            .write(folder)?;
         write_dataset(folder, &interface, &candidates)
     }
 }
 
 impl Search {
     /// Everything that was tried; with it where to continue the measurement of the chosen design.
-    fn search(&self, run: &mut Run<'_>) -> Result<(Candidates, Option<Blocks>), Error> {
+    fn search(&self, run: &mut Run<'_>, worth: &Worth) -> Result<(Candidates, Option<Blocks>), Error> {
         let mut under_way = match run.resume()? {
             None => UnderWay::start(run)?,
             Some(Position {
@@ -186,7 +200,7 @@ impl Search {
                 learning: Some(Saved::Searching(Box::new(under_way.save()))),
                 measuring: None,
             })?;
-            under_way.advance(run)?;
+            under_way.advance(run, worth)?;
             (run.progress)(under_way.evaluations.min(self.evaluations), self.evaluations);
         }
         Ok((under_way.candidates, None))
@@ -196,6 +210,7 @@ impl Search {
         &self,
         run: &mut Run<'_>,
         candidates: &Candidates,
+        worth: &Worth,
         blocks: Option<Blocks>,
     ) -> Result<(), Error> {
         let what = Measurement::at_the_end(self.evaluations, self.final_episodes, self.trace_episodes)
@@ -203,7 +218,7 @@ impl Search {
         let saved = || Some(Saved::Searched(candidates.clone()));
         let chosen = match self.choose {
             Choose::Policy => None,
-            Choose::BestSeen => candidates.best_of_last(self.among_last),
+            Choose::BestSeen => candidates.best_of_last(self.among_last, worth),
         };
         let Some(chosen) = chosen else {
             return measure(run, &what, blocks, saved);
@@ -304,7 +319,7 @@ impl UnderWay {
     }
 
     /// One step: one evaluation.
-    fn advance(&mut self, run: &mut Run<'_>) -> Result<(), Error> {
+    fn advance(&mut self, run: &mut Run<'_>, worth: &Worth) -> Result<(), Error> {
         let at = self.design.actions.len();
         let observation = self.observation(run, at);
         let rows = [observation];
@@ -324,13 +339,13 @@ impl UnderWay {
         run.agent
             .learn(&[transition], &mut self.learn_rng, &mut run.record)?;
         match step.end {
-            Some(end) => self.end_design(run, end, true),
-            None if run.agent.gives_up() => self.end_design(run, End::Truncated, false),
+            Some(end) => self.end_design(run, worth, end, true),
+            None if run.agent.gives_up() => self.end_design(run, worth, End::Truncated, false),
             None => Ok(()),
         }
     }
 
-    fn end_design(&mut self, run: &mut Run<'_>, end: End, whole: bool) -> Result<(), Error> {
+    fn end_design(&mut self, run: &mut Run<'_>, worth: &Worth, end: End, whole: bool) -> Result<(), Error> {
         let design = std::mem::take(&mut self.design);
         let metrics = self.environment.metrics();
         let candidate = design.candidate(metrics, end, whole);
@@ -340,7 +355,7 @@ impl UnderWay {
             candidate.record(run, Phase::Evaluate, self.evaluations, metrics, "candidate_");
         }
         self.candidates.add(candidate);
-        if let Some(best) = self.candidates.best_of_last(1.0) {
+        if let Some(best) = self.candidates.best_of_last(1.0, worth) {
             best.record(run, Phase::Evaluate, self.evaluations, metrics, "");
         }
         self.begin_design(run)
@@ -397,6 +412,7 @@ impl Design {
                 observations: self.observations,
                 actions: self.actions,
                 rewards: self.rewards,
+                states: Vec::new(),
                 end,
             },
         }

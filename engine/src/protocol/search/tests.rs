@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{
-    Action, Agent, AgentTraits, Channel, Choice, NoKeeper, Observation, Recorder, Seat, Space, Step,
+    Action, Agent, AgentTraits, Better, Channel, Choice, NoKeeper, Observation, Recorder, Seat, Space, Step,
     Transition,
     cast::Seating,
     choice,
@@ -38,9 +38,13 @@ fn digits(config: Noise) -> Result<Box<dyn Environment>, Error> {
         action: Space::Choices(choices()),
     };
     let worth = Metric::new("worth", "", "what it is worth without noise");
+    let waste = Metric {
+        better: Better::Lower,
+        ..Metric::new("waste", "", "the second digit")
+    };
     Ok(Box::new(Digits {
         seats: vec![seat],
-        metrics: vec![worth],
+        metrics: vec![worth, waste],
         noise: config.noise,
         step: 0,
     }))
@@ -65,7 +69,7 @@ impl Environment for Digits {
         Ok(Step {
             observations: vec![vec![self.step as f64]],
             rewards: vec![worth + self.noise * rng.random_range(-1.0..1.0)],
-            info: vec![worth],
+            info: vec![worth, if self.step == 2 { worth } else { 0.0 }],
             end: (self.step == 2).then_some(End::Terminated),
         })
     }
@@ -174,6 +178,55 @@ fn the_best_design_is_found_measured_again_and_left_for_others() {
 }
 
 #[test]
+fn a_metric_makes_one_design_better_than_another_in_its_better_direction() {
+    let folder = tempfile::tempdir().unwrap();
+    let by = |metric: &str| json!({ "evaluations": 90, "final_episodes": 1, "by": metric });
+    let record = run(&key(8.0, by("worth")), Some(folder.path()), &mut NoKeeper).unwrap();
+    assert_eq!(values(&record, Phase::Final, "worth"), [(90, 22.0)]);
+    let best = values(&record, Phase::Evaluate, "worth");
+    assert!(best.windows(2).all(|pair| pair[0].1 <= pair[1].1), "{best:?}");
+    let returns = values(&record, Phase::Evaluate, "return");
+    assert!(
+        returns.windows(2).any(|pair| pair[0].1 > pair[1].1),
+        "{returns:?}"
+    );
+    let designs = Designs::read(folder.path()).unwrap().designs;
+    let told: Vec<_> = designs.iter().filter_map(|it| it.chosen_by.clone()).collect();
+    assert_eq!(told.len(), designs.len());
+    assert!(
+        told.windows(2).all(|pair| pair[0].value >= pair[1].value),
+        "{told:?}"
+    );
+    assert_eq!((told[0].metric.as_str(), told[0].value), ("worth", 22.0));
+
+    let record = run(&key(0.0, by("waste")), Some(folder.path()), &mut NoKeeper).unwrap();
+    assert_eq!(values(&record, Phase::Final, "waste"), [(90, 0.0)]);
+}
+
+#[test]
+fn a_metric_that_is_not_there_is_refused_at_its_key() {
+    let environment = digits(Noise::default()).unwrap();
+    let search = Search {
+        by: Some("wort".into()),
+        ..Search::default()
+    };
+    let refused = search.accepts(&environment.interface(), environment.metrics());
+    let Err(Error::Config { key, problem }) = refused else {
+        panic!("{refused:?}");
+    };
+    assert_eq!(key, "by");
+    assert!(
+        problem.contains("`wort`") && problem.contains("did you mean `worth`?"),
+        "{problem}"
+    );
+    assert!(
+        !serde_json::to_string(&Search::default())
+            .unwrap()
+            .contains("\"by\"")
+    );
+}
+
+#[test]
 fn designs_that_are_given_up_cost_what_was_evaluated_and_are_no_designs() {
     let folder = tempfile::tempdir().unwrap();
     let record = run(
@@ -270,7 +323,7 @@ fn only_one_seat_designs() {
         state: Vec::new(),
     };
     assert!(matches!(
-        Search::default().accepts(&two),
+        Search::default().accepts(&two, &[]),
         Err(Error::ManySeats { seats: 2 })
     ));
     assert_eq!(FILE, "choice.json");

@@ -37,6 +37,17 @@ impl Text<'_> {
         )
     }
 
+    /// The place of a word of an operand, `skip` characters behind its start.
+    fn part_of(&self, operand: &Operand, skip: usize, word: &str) -> (Span, String) {
+        let (whole, at) = self.word(&operand.path());
+        let span = Span {
+            column: whole.column + skip,
+            length: word.chars().count(),
+            ..whole
+        };
+        (span, at)
+    }
+
     /// The place of a word that the parser found in the text.
     fn word(&self, word: &str) -> (Span, String) {
         self.place(self.text.find(word).unwrap_or(0), word.len())
@@ -82,7 +93,10 @@ impl Names<'_> {
             }
             Ok(claim) => {
                 let environment = self.claimed_environment(&claim, outer, &text);
-                if environment.is_some() && claim.operands().iter().all(|operand| operand.within.is_some()) {
+                let plays = |operand: &&Operand| operand.within.is_some();
+                let in_place = |operand: &Operand| operand.environment.is_some();
+                let of_plays = claim.operands().iter().all(plays) && environment.is_some();
+                if of_plays || claim.operands().into_iter().filter(plays).any(in_place) {
                     let message = "a play has an environment of its own, so a claim about it names none";
                     self.say(
                         text.place(0, text.text.len()),
@@ -99,16 +113,21 @@ impl Names<'_> {
 
     /// The environment that a claim names in its text or beside it.
     fn claimed_environment(&mut self, claim: &Claim, outer: Option<usize>, text: &Text<'_>) -> Option<usize> {
+        if outer.is_some() && claim.environments_of_sides().is_some() {
+            self.say(
+                text.place(0, text.text.len()),
+                "each side of the claim names its environment, and so does the key `environment`",
+                "remove the key",
+            );
+        }
         let Some(name) = &claim.environment else {
             return outer;
         };
-        let start = text.text.rfind(name.as_str()).unwrap_or(0);
-        let place = text.place(start, name.len());
-        let index = self.world.environments.iter().position(|known| known == name);
+        let (index, place) = self.environment_named(name, text);
         if index.is_none() {
-            let help = suggest(name, self.world.environments.iter().map(String::as_str));
-            self.say(place, format!("no environment is named `{name}`"), help);
-        } else if outer.is_some() && outer != index {
+            return outer;
+        }
+        if outer.is_some() && outer != index {
             self.say(
                 place,
                 "the claim names another environment than the key `environment`",
@@ -116,6 +135,20 @@ impl Names<'_> {
             );
         }
         index.or(outer)
+    }
+
+    /// An environment that the text names behind `in`, and where; says so where there is none of this name.
+    fn environment_named(&mut self, name: &str, text: &Text<'_>) -> (Option<usize>, (Span, String)) {
+        let named = format!("in {name}");
+        let behind = text.text.rfind(&named).map(|at| at + "in ".len());
+        let start = behind.or_else(|| text.text.rfind(name)).unwrap_or(0);
+        let place = text.place(start, name.len());
+        let index = self.world.environments.iter().position(|known| known == name);
+        if index.is_none() {
+            let help = suggest(name, self.world.environments.iter().map(String::as_str));
+            self.say(place.clone(), format!("no environment is named `{name}`"), help);
+        }
+        (index, place)
     }
 
     /// Checks `PLAY.ROLE.AGENT.METRIC`.
@@ -226,63 +259,56 @@ impl Names<'_> {
     }
 
     fn operands(&mut self, claim: &Claim, environment: Option<usize>, text: &Text<'_>) {
-        let environments = environment.map_or_else(
-            || (0..self.world.environments.len()).collect(),
-            |index| vec![index],
-        );
         for operand in claim.operands() {
             if let Some(within) = &operand.within {
                 self.in_play(operand, within, text);
-                continue;
+            } else if let Some(environments) = self.environments_of(operand, environment, text) {
+                self.in_trials(operand, environments, text);
             }
-            let path = operand.path();
-            let (whole, _) = text.word(&path);
-            let place = |skip: usize, word: &str| {
-                (
-                    Span {
-                        column: whole.column + skip,
-                        length: word.chars().count(),
-                        ..whole
-                    },
-                    text.at.to_string(),
-                )
-            };
-            let Some(agent) = self.world.agents.iter().position(|known| *known == operand.agent) else {
-                let help = suggest(&operand.agent, self.world.agents.iter().map(String::as_str));
-                self.say(
-                    place(0, &operand.agent),
-                    format!("no agent is named `{}`", operand.agent),
-                    help,
-                );
-                continue;
-            };
-            if let Some((word, message, known)) = self.unknown_setting(operand) {
-                let help = suggest(&word, known.iter().map(String::as_str));
-                self.say(text.word(&word), message, help);
-                continue;
-            }
-            let recorded = self.recorded(&Picked {
-                agents: vec![agent],
-                environments: environments.clone(),
-            });
-            if recorded.is_empty() {
-                let help = "`exclude` leaves out its combinations with these environments";
-                self.say(
-                    place(0, &operand.agent),
-                    format!("no trial feeds the agent `{}` here", operand.agent),
-                    help,
-                );
-            } else if operand.aggregate == Aggregate::GivenSuccess && !recorded.contains(SUCCESS) {
-                let message = "the study does not say what a success is";
-                self.say(
-                    place(0, &operand.agent),
-                    message,
-                    "write a section `success: { metric: METRIC, above: VALUE }`",
-                );
-            } else if !recorded.contains(&operand.metric) {
-                let skip = path.chars().count() - operand.metric.chars().count();
-                self.unknown_metric(&operand.metric, place(skip, &operand.metric), &recorded);
-            }
+        }
+    }
+
+    /// The environments in which an operand is looked at: its own, that of the claim, or all.
+    fn environments_of(
+        &mut self,
+        operand: &Operand,
+        of_claim: Option<usize>,
+        text: &Text<'_>,
+    ) -> Option<Vec<usize>> {
+        match (&operand.environment, of_claim) {
+            (Some(name), _) => Some(vec![self.environment_named(name, text).0?]),
+            (None, Some(index)) => Some(vec![index]),
+            (None, None) => Some((0..self.world.environments.len()).collect()),
+        }
+    }
+
+    /// Checks `AGENT.METRIC` against what the agent's trials record.
+    fn in_trials(&mut self, operand: &Operand, environments: Vec<usize>, text: &Text<'_>) {
+        let name = &operand.agent;
+        let at_agent = text.part_of(operand, 0, name);
+        let Some(agent) = self.world.agents.iter().position(|known| known == name) else {
+            let help = suggest(name, self.world.agents.iter().map(String::as_str));
+            return self.say(at_agent, format!("no agent is named `{name}`"), help);
+        };
+        if let Some((word, message, known)) = self.unknown_setting(operand) {
+            let help = suggest(&word, known.iter().map(String::as_str));
+            return self.say(text.word(&word), message, help);
+        }
+        let recorded = self.recorded(&Picked {
+            agents: vec![agent],
+            environments,
+        });
+        if recorded.is_empty() {
+            let help = "`exclude` leaves out its combinations with these environments";
+            self.say(at_agent, format!("no trial feeds the agent `{name}` here"), help);
+        } else if operand.aggregate == Aggregate::GivenSuccess && !recorded.contains(SUCCESS) {
+            let message = "the study does not say what a success is";
+            let help = "write a section `success: { metric: METRIC, above: VALUE }`";
+            self.say(at_agent, message, help);
+        } else if !recorded.contains(&operand.metric) {
+            let skip = operand.path().chars().count() - operand.metric.chars().count();
+            let place = text.part_of(operand, skip, &operand.metric);
+            self.unknown_metric(&operand.metric, place, &recorded);
         }
     }
 }

@@ -25,6 +25,7 @@ pub const SYMBOLS: [(&str, Relation); 5] = [
 /// The grammar, as it is printed.
 pub const GRAMMAR: &str = "\
 claim     = quantity relation quantity [ \"in\" ENVIRONMENT ]
+          | quantity \"in\" ENVIRONMENT relation quantity \"in\" ENVIRONMENT
 quantity  = NUMBER | operand | NUMBER \"*\" operand | operand \"*\" NUMBER
 operand   = agent.METRIC | aggregate(agent.METRIC) | PLAY.ROLE.AGENT.METRIC
 agent     = AGENT [ \"[\" KEY=VALUE { \",\" KEY=VALUE } \"]\" ]
@@ -71,7 +72,7 @@ pub const RELATIONS: [ClaimForm; 7] = [
 ];
 
 /// What may stand on either side.
-pub const QUANTITIES: [ClaimForm; 7] = [
+pub const QUANTITIES: [ClaimForm; 8] = [
     ClaimForm {
         written: "AGENT.METRIC",
         about: "The mean of the final measurement, one number per seed; seeds of two agents are paired.",
@@ -106,6 +107,11 @@ pub const QUANTITIES: [ClaimForm; 7] = [
         written: "CLAIM in ENVIRONMENT",
         about: "The claim in one environment; without it, in each environment of the study in turn.",
         example: "learner.return > rule.return in short",
+    },
+    ClaimForm {
+        written: "AGENT.METRIC in ENVIRONMENT",
+        about: "Where a side was measured, if the other one is of another environment; seeds of the two are paired.",
+        example: "learner.return in short > 0.9 * learner.return in long",
     },
 ];
 

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! claim       = quantity relation quantity [ "in" ENVIRONMENT ]
+//!             | quantity "in" ENVIRONMENT relation quantity "in" ENVIRONMENT
 //! quantity    = NUMBER | operand | NUMBER "*" operand | operand "*" NUMBER
 //! operand     = agent "." METRIC | aggregate "(" agent "." METRIC ")" | PLAY "." ROLE "." AGENT "." METRIC
 //! agent       = AGENT [ "[" KEY "=" VALUE { "," KEY "=" VALUE } "]" ]
@@ -15,7 +16,7 @@
 //! success is. `AGENT.success` is their share. Names are made of letters, digits, `_` and `-`; a name does
 //! not start with `-`. `pursuit.prey.tdom_ac.score` is the mean score of the play `pursuit` over all trained
 //! opponents where `tdom_ac` plays the prey. `dsac[discount=0.9].return` is that of the trials with this value of a
-//! swept key (a value with quotes or brackets is JSON: `dsac[kind="a, b"].return`); an agent with several settings that are not told apart is compared setting by setting.
+//! swept key; `dsac.return in worn > 0.9 * dsac.return in new` compares two environments, seed by seed (a value with quotes or brackets is JSON: `dsac[kind="a, b"].return`); an agent with several settings that are not told apart is compared setting by setting.
 
 mod evaluate;
 pub mod forms;
@@ -136,6 +137,9 @@ pub struct Operand {
     pub setting: Vec<(String, String)>,
     /// The metric.
     pub metric: String,
+    /// Where it was measured, if the two sides of the claim are of different environments.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub environment: Option<String>,
 }
 
 /// A role of a play.
@@ -217,17 +221,18 @@ impl fmt::Display for Quantity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Quantity::Number(number) => write!(f, "{number}"),
-            Quantity::Measured { factor: 1.0, operand } => {
+            Quantity::Measured { factor, operand } => {
                 // The metric `5` of the agent `1` would read as a number.
-                let operand = operand.to_string();
-                let factor = if operand.parse::<f64>().is_ok() {
-                    "1 * "
-                } else {
-                    ""
-                };
-                write!(f, "{factor}{operand}")
+                let alone = *factor == 1.0 && operand.to_string().parse::<f64>().is_err();
+                if !alone {
+                    write!(f, "{factor} * ")?;
+                }
+                write!(f, "{operand}")?;
+                let environment = operand.environment.iter();
+                environment
+                    .into_iter()
+                    .try_for_each(|environment| write!(f, " in {environment}"))
             }
-            Quantity::Measured { factor, operand } => write!(f, "{factor} * {operand}"),
         }
     }
 }
@@ -278,6 +283,13 @@ pub struct Claim {
 }
 
 impl Claim {
+    /// The environments of its two sides, where they differ.
+    #[must_use]
+    pub fn environments_of_sides(&self) -> Option<[&str; 2]> {
+        let [left, right] = [&self.left, &self.right].map(|side| side.operand()?.environment.as_deref());
+        Some([left?, right?])
+    }
+
     /// The agents' metrics that it compares: one or two.
     #[must_use]
     pub fn operands(&self) -> Vec<&Operand> {

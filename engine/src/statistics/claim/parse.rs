@@ -9,10 +9,28 @@ use serde_json::Value;
 /// [`ClaimError`] with the byte position of the first thing that does not fit and what to write instead.
 pub fn parse(text: &str) -> Result<Claim, ClaimError> {
     let mut reader = Reader { text, position: 0 };
-    let left = reader.quantity()?;
+    let mut left = reader.quantity()?;
+    let of_left = reader.environment_of_left(&left)?;
     let relation = reader.relation()?;
-    let right = reader.quantity()?;
-    let environment = reader.environment()?;
+    let mut right = reader.quantity()?;
+    let before_last = reader.position;
+    let last = reader.environment()?;
+    let environment = match (of_left, &last) {
+        (None, _) => last,
+        (Some(only), None) if matches!(right, Quantity::Number(_)) => Some(only),
+        (Some(_), None) => {
+            return reader.error("the left side names its environment: name that of the right side too");
+        }
+        (Some(of_left), Some(of_right)) if of_left == *of_right => last,
+        (Some(_), Some(_)) if matches!(right, Quantity::Number(_)) => {
+            return Err(number_in_environment(before_last));
+        }
+        (Some(of_left), Some(_)) => {
+            left.measured_in(Some(of_left));
+            right.measured_in(last);
+            None
+        }
+    };
     let claim = Claim {
         left,
         relation,
@@ -26,6 +44,21 @@ pub fn parse(text: &str) -> Result<Claim, ClaimError> {
         });
     }
     Ok(claim)
+}
+
+fn number_in_environment(position: usize) -> ClaimError {
+    ClaimError {
+        position,
+        message: "a number is of no environment".into(),
+    }
+}
+
+impl Quantity {
+    fn measured_in(&mut self, place: Option<String>) {
+        if let Quantity::Measured { operand, .. } = self {
+            operand.environment = place;
+        }
+    }
 }
 
 struct Reader<'a> {
@@ -170,6 +203,7 @@ impl<'a> Reader<'a> {
             agent: (*agent).into(),
             setting,
             metric: (*metric).into(),
+            environment: None,
         })
     }
 
@@ -263,17 +297,31 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn environment(&mut self) -> Result<Option<String>, ClaimError> {
-        let named = self.eat_word("in");
-        let environment = if named {
-            name_at(self.rest()).map(str::to_owned)
-        } else {
-            None
-        };
-        if named && environment.is_none() {
-            return self.error("expected an environment's name after `in`");
+    /// Reads `in ENVIRONMENT`, if it comes next.
+    fn named_environment(&mut self) -> Result<Option<String>, ClaimError> {
+        if !self.eat_word("in") {
+            return Ok(None);
         }
-        self.position += environment.as_ref().map_or(0, String::len);
+        let Some(name) = name_at(self.rest()) else {
+            return self.error("expected an environment's name after `in`");
+        };
+        self.position += name.len();
+        Ok(Some(name.to_owned()))
+    }
+
+    /// Reads where the left side is measured, if it says so.
+    fn environment_of_left(&mut self, left: &Quantity) -> Result<Option<String>, ClaimError> {
+        self.rest();
+        let start = self.position;
+        match (self.named_environment()?, left) {
+            (Some(_), Quantity::Number(_)) => Err(number_in_environment(start)),
+            (environment, _) => Ok(environment),
+        }
+    }
+
+    /// Reads the environment at the claim's end, and that this is its end.
+    fn environment(&mut self) -> Result<Option<String>, ClaimError> {
+        let environment = self.named_environment()?;
         let rest = self.rest();
         if rest.is_empty() {
             return Ok(environment);
@@ -281,7 +329,7 @@ impl<'a> Reader<'a> {
         if rest.starts_with(['<', '>', '~']) {
             return self.error("one comparison per claim: write a second claim");
         }
-        self.error(if named {
+        self.error(if environment.is_some() {
             "expected the end of the claim"
         } else {
             "expected the end of the claim or `in ENVIRONMENT`"
@@ -356,6 +404,7 @@ mod tests {
                 agent: agent.into(),
                 setting: vec![],
                 metric: metric.into(),
+                environment: None,
             },
         }
     }
@@ -539,6 +588,11 @@ mod tests {
             ("a.x > b.x |and c.x > 2", "or `in ENVIRONMENT`"),
             ("a.x > b.x in |", "environment's name after `in`"),
             ("a.x > b.x in four |eight", "expected the end of the claim"),
+            ("a.x in |> b.x", "environment's name after `in`"),
+            ("a.x in e > b.x|", "name that of the right side too"),
+            ("3 |in e < b.x", "a number is of no environment"),
+            ("a.x in e > 3 |in f", "a number is of no environment"),
+            ("a.x in e |f > 3", "expected `>`"),
             ("a.x within |of 3", "how far"),
             ("a.x within |-2 of 3", "cannot be negative"),
             ("a.x within 5 % |3", "expected `of`"),
@@ -579,6 +633,22 @@ mod tests {
             ("tdom_ac", "pr2", "score")
         );
         assert_eq!(parse(&claim.to_string()), Ok(claim));
+    }
+
+    #[test]
+    fn each_side_may_be_of_its_own_environment() {
+        let claim = parse("a.x in worn >= 0.9 * auc(b.x) in new").unwrap();
+        assert_eq!(claim.environments_of_sides(), Some(["worn", "new"]));
+        assert_eq!(claim.environment, None);
+        assert_eq!(claim.to_string(), "a.x in worn >= 0.9 * auc(b.x) in new");
+        // What both sides say is what the claim says.
+        for text in ["a.x in worn > b.x in worn", "a.x > b.x in worn"] {
+            let claim = parse(text).unwrap();
+            assert_eq!(claim.environments_of_sides(), None, "{text}");
+            assert_eq!(claim.to_string(), "a.x > b.x in worn");
+        }
+        let claim = parse("a.x in worn within 2 of 3").unwrap();
+        assert_eq!(claim.environment.as_deref(), Some("worn"));
     }
 
     #[test]

@@ -3,9 +3,15 @@
 use crate::architecture::{CellArchitecture, N_CELLS, Normalisation, Order, Upsampling};
 use engine::drawing::{Edge, Graph, Node};
 
+/// What the boxes of a generator are, those first that an architecture decides; the others stay grey.
+const OPERATIONS: [&str; 9] = [
+    "conv", "BN", "IN", "bilinear", "nearest", "deconv", "ReLU", "linear", "tanh",
+];
+
 /// The graph of a generator with these cells.
 pub(super) fn graph(cells: &[CellArchitecture; N_CELLS]) -> Graph {
     let mut drawn = Drawn::default();
+    drawn.graph.operations = OPERATIONS.map(String::from).to_vec();
     let mut end = drawn.node("linear", "");
     let mut skip_outputs = Vec::new();
     for (at, cell) in cells.iter().enumerate() {
@@ -122,6 +128,18 @@ mod tests {
         assert_eq!(graph.nodes[9].label, "deconv 2×");
         // Shortcuts, and the skip from the first block of cell 1 to the sum before the second block of cell 3.
         assert_eq!(bypasses(&graph), [(0, 8), (8, 16), (4, 21), (16, 25)]);
+    }
+
+    #[test]
+    fn every_box_is_one_of_the_operations() {
+        for cells in [&E2GAN.cells, &AUTOGAN.cells] {
+            let graph = graph(cells);
+            assert_eq!(graph.operations, OPERATIONS);
+            let boxes = graph.nodes.iter().filter(|node| node.label != "+");
+            for word in boxes.filter_map(|node| node.label.split(' ').next()) {
+                assert!(OPERATIONS.contains(&word), "{word}");
+            }
+        }
     }
 
     #[test]

@@ -84,6 +84,7 @@ fn what_searches_left_is_looked_up() {
                 .map(|cell| choice::vector(&choices(), cell))
                 .collect(),
             rewards: vec![0.0; N_CELLS],
+            states: Vec::new(),
             end: End::Terminated,
         };
         writer.episode(&episode).unwrap();
