@@ -303,7 +303,9 @@ fn learns_as_told(registry: &Registry, name: &str) -> bool {
             let record = match crate::datasets::run(registry, &key, None, &mut NoKeeper) {
                 Ok(record) => record,
                 // An agent that does not fit the environment, or an environment that gives no datasets.
-                Err(Error::Mismatch { .. } | Error::ManySeats { .. }) => return false,
+                Err(Error::Mismatch { .. } | Error::ManySeats { .. } | Error::MixedSeats { .. }) => {
+                    return false;
+                }
                 Err(error) => panic!("{name} in {}: {error}", key.environment.plugin),
             };
             let environment =

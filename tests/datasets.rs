@@ -2,7 +2,7 @@
 //! from them does not move with any simulator.
 
 use engine::{
-    Channel, End, Error, Interface, Keeper, Recorder, Registry, Rng, Space,
+    Channel, End, Error, Interface, Keeper, Recorder, Registry, Rng, Seat, Space,
     dataset::{DatasetWriter, Episode},
     product::{Taken, named_in},
     random::stream,
@@ -45,7 +45,7 @@ pub(crate) fn run(
 /// Writes a dataset of a few short episodes whose numbers are drawn.
 ///
 /// # Errors
-/// [`Error::ManySeats`] where there is not exactly one seat.
+/// [`Error::MixedSeats`] where seats are too unlike.
 pub(crate) fn make_up(interface: &Interface, trial: &Path) -> Result<(), Error> {
     let mut writer = DatasetWriter::create(trial, interface)?;
     let mut rng = stream(&["a dataset"]);
@@ -55,11 +55,28 @@ pub(crate) fn make_up(interface: &Interface, trial: &Path) -> Result<(), Error> 
         (1, End::Terminated),
         (8, End::Truncated),
     ] {
-        let seat = &interface.seats[0];
+        let seats = &interface.seats;
+        let mut of_all = |of: fn(&Seat) -> &Space| -> Vec<f64> {
+            seats.iter().flat_map(|seat| draw(of(seat), &mut rng)).collect()
+        };
+        let observations = (0..=n).map(|_| of_all(|seat| &seat.observation)).collect();
+        let actions = (0..n).map(|_| of_all(|seat| &seat.action)).collect();
+        let has_states = seats.len() > 1 && !interface.state.is_empty();
+        let mut state = || {
+            interface
+                .state
+                .iter()
+                .map(|channel| near(channel, &mut rng))
+                .collect()
+        };
+        let states = (0..=n).filter(|_| has_states).map(|_| state()).collect();
         writer.episode(&Episode {
-            observations: (0..=n).map(|_| draw(&seat.observation, &mut rng)).collect(),
-            actions: (0..n).map(|_| draw(&seat.action, &mut rng)).collect(),
-            rewards: (0..n).map(|_| rng.random_range(-1.0..1.0)).collect(),
+            observations,
+            actions,
+            rewards: (0..n * seats.len())
+                .map(|_| rng.random_range(-1.0..1.0))
+                .collect(),
+            states,
             end,
         })?;
     }

@@ -31,7 +31,7 @@ fn refusal(study: &str) -> String {
 fn what_cannot_be_learned_from_is_refused_by_the_check() {
     let elsewhere = BY_RULE.replace("here", "{ battery: { cells: 3 } }");
     let gathering = |agent: &str| BY_RULE.replace("equal_split", agent);
-    let cases: [(String, &[&str]); 6] = [
+    let cases: [(String, &[&str]); 5] = [
         (
             study(CELLS, BY_RULE, CLONE, "{ train_evaluate: { steps: 64 } }"),
             &[
@@ -60,15 +60,6 @@ fn what_cannot_be_learned_from_is_refused_by_the_check() {
         (
             study(CELLS, BY_RULE, CLONE, "{ offline_fit: {} }"),
             &["`datasets`: there is none to learn from", "`gather`"],
-        ),
-        (
-            study(
-                "{ particles: {} }",
-                &gathering("random_action"),
-                "learner: { random_action: {} }",
-                "{ train_evaluate: { steps: 0 } }",
-            ),
-            &["a dataset holds what one seat saw and did"],
         ),
         (
             study(CELLS, BY_RULE, CLONE, &FIT.replace("by_rule", "by_nobody")),

@@ -29,6 +29,24 @@ protocol: { offline_fit: { datasets: [{ from: by_rule }], steps: 4, batch: 8, ev
 seeds: 1
 ";
 
+const RECORDS: &str = "
+study: records
+environments: { cracks: { inspection_planning: { components: 3, required: 2, horizon: 4 } } }
+prepare:
+  records: { environment: cracks, agent: { interval_inspection: { interval: 2, components: 2 } }, protocol: { gather: { episodes: 3 } } }
+agents: { learner: { value_decomposition: { width: 8, conservatism: 1.0, learning_starts: 8, batch_size: 8 } } }
+protocol: { offline_fit: { datasets: [{ from: records }], steps: 4, batch: 8, evaluate_every: 0, final_episodes: 1 } }
+seeds: 1
+";
+
+const PARTICLES: &str = "
+study: particles
+environments: { particles: { particles: {} } }
+agents: { walkers: { random_action: {} } }
+protocol: { train_evaluate: { steps: 0, final_episodes: 1, trace_episodes: 0 } }
+seeds: 1
+";
+
 /// Folder of the only trial in the store whose agent is `plugin`.
 fn trial(bench: &Bench, plugin: &str) -> PathBuf {
     let of_agent = |file: &PathBuf| {
@@ -199,6 +217,47 @@ fn what_a_trial_gathered_is_copied_and_a_changed_byte_is_found() {
         damaged.err
     );
     assert!(!bench.path("damaged").exists());
+}
+
+#[test]
+fn a_team_is_one_agent_to_minari_and_its_seats_come_apart_here() {
+    let bench = Bench::new();
+    for (file, study) in [("records.yaml", RECORDS), ("particles.yaml", PARTICLES)] {
+        bench.write(file, study);
+        bench.ok(&["run", file]);
+    }
+    let folder = trial(&bench, "interval_inspection");
+    bench.ok(&["export", "--minari", id(&folder), "--to", "choices/dataset"]);
+    let choices = hold(&bench.path("choices"));
+    let transitions = choices.transitions().unwrap();
+    assert_eq!(transitions.len(), 12);
+    for one in &transitions {
+        assert!(one.action.len() == 3 && one.rewards.len() == 3 && !one.observation.state.is_empty());
+    }
+    // What learned from it is a policy as any other.
+    let learner = trial(&bench, "value_decomposition");
+    bench.ok(&["export", "--onnx", id(&learner), "--to", "graphs"]);
+
+    let folder = trial(&bench, "random_action");
+    bench.ok(&[
+        "export",
+        "--minari",
+        id(&folder),
+        "--episodes",
+        "2",
+        "--to",
+        "boxes/dataset",
+    ]);
+    let boxes = hold(&bench.path("boxes"));
+    let seats = boxes.interface.seats.len();
+    assert!(seats > 1);
+    assert!(
+        boxes
+            .transitions()
+            .unwrap()
+            .iter()
+            .all(|one| one.action.len() == seats)
+    );
 }
 
 #[test]

@@ -82,7 +82,7 @@ fn outcome(registry: &Registry, key: &TrialKey) -> Option<Outcome> {
         .and_then(Result::ok)
 }
 
-/// Every trial of a learning agent with an environment and a protocol in which it can learn; under `track`
+/// Every trial of a learning agent with an environment and a protocol in which it can learn; under `track` and `gather`
 /// nothing is learned, whatever agents record.
 fn trials(registry: &Registry, agent: &str) -> Vec<(TrialKey, Outcome)> {
     let metrics = &registry.agents[agent].metrics;
@@ -99,7 +99,7 @@ fn trials(registry: &Registry, agent: &str) -> Vec<(TrialKey, Outcome)> {
     };
     keys(registry, agent)
         .into_iter()
-        .filter(|key| key.protocol.plugin != "track" && !costs_too_much(key))
+        .filter(|key| !["track", "gather"].contains(&key.protocol.plugin.as_str()) && !costs_too_much(key))
         .filter_map(with_outcome)
         .collect()
 }

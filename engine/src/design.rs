@@ -14,11 +14,23 @@ pub struct Design {
     pub candidate: u64,
     /// What it returned when the search tried it.
     pub observed_return: f64,
+    /// What it was chosen by; absent where that is the return.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chosen_by: Option<Observed>,
     /// The action of the only seat, step by step.
     pub actions: Vec<Vec<f64>>,
     /// The same in words, where the actions are choices: the option by the name of its choice, step by step.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub options: Vec<BTreeMap<String, String>>,
+}
+
+/// A metric of the environment, as a search observed it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Observed {
+    /// Which one.
+    pub metric: String,
+    /// Its value over the episode.
+    pub value: f64,
 }
 
 /// The best designs of a search, the best one first; no two of them take the same options.
@@ -88,6 +100,7 @@ mod tests {
         let design = Design {
             candidate: 7,
             observed_return: 1.5,
+            chosen_by: None,
             actions,
             options,
         };

@@ -106,12 +106,24 @@ pub enum Error {
         /// What it is here.
         expected: String,
     },
-    /// A dataset was to be made of an environment that has not exactly one seat.
-    #[error("a dataset holds what one seat saw and did; this environment has {seats} seats")]
+    /// Designs were to be proposed in an environment that has not exactly one seat.
+    #[error("a search proposes the designs of one seat; this environment has {seats} seats")]
     ManySeats {
         /// How many seats there are.
         seats: usize,
     },
+    /// A dataset was to be made of seats of which some choose and others do not.
+    #[error(
+        "a dataset holds {what} of one kind; in this environment those of some seats are choices and those of others \
+         are not"
+    )]
+    MixedSeats {
+        /// What is of two kinds, as in "actions".
+        what: &'static str,
+    },
+    /// A dataset was to be made of an environment without seats.
+    #[error("a dataset holds what seats saw and did; this environment has none")]
+    NoSeats,
     /// The trial left before its end because it was asked to; its state is saved.
     #[error("the trial was asked to stop; it continues from its checkpoint")]
     Stopped,

@@ -4,8 +4,8 @@
 
 use crate::{Error, input_file::quoted_names};
 use polars::prelude::{
-    Column, DataFrame, DataType, Float64Type, IntoColumn, ListBuilderTrait, ListPrimitiveChunkedBuilder,
-    PolarsError,
+    Column, DataFrame, DataType, Float64Type, Int64Type, IntoColumn, ListBuilderTrait,
+    ListPrimitiveChunkedBuilder, PolarsError,
 };
 use polars_io::{
     SerReader,
@@ -37,6 +37,8 @@ pub(crate) enum Values<'a> {
     Bool(Vec<bool>),
     /// A vector of numbers in every row.
     Vectors(Vec<&'a [f64]>),
+    /// A vector of whole numbers in every row.
+    WholeVectors(Vec<Vec<i64>>),
     /// Words, with cells that are empty.
     MaybeText(Vec<Option<&'a str>>),
     /// Counts, with cells that are empty.
@@ -59,6 +61,7 @@ impl Values<'_> {
             Self::F64(values) => values.len(),
             Self::Bool(values) => values.len(),
             Self::Vectors(values) => values.len(),
+            Self::WholeVectors(values) => values.len(),
             Self::MaybeText(values) => values.len(),
             Self::MaybeU64(values) => values.len(),
             Self::MaybeI64(values) => values.len(),
@@ -90,6 +93,13 @@ impl Values<'_> {
                     DataType::Float64,
                 );
                 rows.into_iter().for_each(|row| list.append_slice(row));
+                list.finish().into_column()
+            }
+            Self::WholeVectors(rows) => {
+                let entries = rows.iter().map(Vec::len).sum();
+                let mut list =
+                    ListPrimitiveChunkedBuilder::<Int64Type>::new(name, rows.len(), entries, DataType::Int64);
+                rows.iter().for_each(|row| list.append_slice(row));
                 list.finish().into_column()
             }
         }
@@ -220,6 +230,24 @@ impl<'a> Table<'a> {
         Ok(rows)
     }
 
+    /// Vectors of whole numbers; one with an empty entry is `None`.
+    pub(crate) fn whole_vectors(&self, name: &str) -> Result<Vec<Option<Vec<i64>>>, Error> {
+        let list = self
+            .column(name)?
+            .list()
+            .map_err(|source| unreadable(self.path, &source))?;
+        let mut rows = Vec::with_capacity(list.len());
+        for row in list.series_iter() {
+            let row = row
+                .as_ref()
+                .map(|row| row.i64())
+                .transpose()
+                .map_err(|source| unreadable(self.path, &source))?;
+            rows.push(row.and_then(|row| row.iter().collect()));
+        }
+        Ok(rows)
+    }
+
     /// A column of numbers of any kind.
     ///
     /// # Errors
@@ -277,6 +305,7 @@ mod tests {
             ("number", Values::F64(vec![0.1, f64::NEG_INFINITY])),
             ("flag", Values::Bool(vec![true, false])),
             ("vector", Values::Vectors(vec![&[1.0, -0.0], &[]])),
+            ("choices", Values::WholeVectors(vec![vec![3, -1], vec![]])),
         ]
     }
 
@@ -314,6 +343,11 @@ mod tests {
         let vectors = table.vectors("vector").unwrap();
         assert_eq!(vectors, [Some(vec![1.0, -0.0]), Some(vec![])]);
         assert!(vectors[0].as_ref().unwrap()[1].is_sign_negative());
+        assert_eq!(
+            table.whole_vectors("choices").unwrap(),
+            [Some(vec![3, -1]), Some(vec![])]
+        );
+        assert!(table.whole_vectors("vector").is_err() && table.vectors("choices").is_err());
     }
 
     #[test]

@@ -93,6 +93,7 @@ impl Environment for Painter {
         (self.0.images > 0).then(|| Graph {
             nodes: (0..).zip(["brush", "paint", "paper"]).map(node).collect(),
             edges: (0..2).map(edge).collect(),
+            ..Graph::default()
         })
     }
 

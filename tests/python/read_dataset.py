@@ -7,6 +7,7 @@ import json
 import pathlib
 import sys
 
+import gymnasium
 import minari
 import numpy as np
 
@@ -19,10 +20,13 @@ for trial in map(pathlib.Path, sys.argv[1:]):
     assert dataset.spec.dataset_id == "regimen/gathered-v0", dataset.spec
     for number, (found, wanted) in enumerate(zip(dataset.iterate_episodes(), expected["episodes"], strict=True)):
         assert found.id == number
-        for name in ["observations", "actions", "rewards"]:
+        # Several seats are one agent here, which earns their mean.
+        earned = np.array(wanted["rewards"]).reshape(len(wanted["actions"]), -1).mean(axis=1)
+        whole = isinstance(dataset.action_space, gymnasium.spaces.MultiDiscrete)
+        for name, expected_values in [("observations", wanted["observations"]), ("actions", wanted["actions"]), ("rewards", earned)]:
             values = getattr(found, name)
-            assert values.dtype == np.float64, (name, values.dtype)
-            np.testing.assert_array_equal(values, np.array(wanted[name]))
+            assert values.dtype == (np.int64 if whole and name == "actions" else np.float64), (name, values.dtype)
+            np.testing.assert_allclose(values, np.array(expected_values), rtol=1e-15 if name == "rewards" else 0)
         length = len(wanted["actions"])
         assert len(found.observations) == length + 1 and len(found) == length
         last = [False] * (length - 1) + [True]

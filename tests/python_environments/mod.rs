@@ -56,21 +56,32 @@ fn lock_file(python: &str) -> Option<String> {
         .then(|| String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
+/// Says which package is not what a lock file among the arguments wants.
+const PINNED: &str = "import sys
+from importlib.metadata import version
+for lock in sys.argv[1:]:
+    for line in open(lock):
+        name, wanted = line.strip().split('==')
+        if version(name) != wanted:
+            sys.exit(f'{name} is {version(name)}, and {lock} wants {wanted}')";
+
 /// The path on which the Python of the repository's studies is found; `None` where no Python here has what their lock
-/// file says, which is said.
+/// files say, which is said.
 pub(crate) fn path_of_studies() -> Option<OsString> {
-    let (interpreter, installed) = python()?;
-    let wanted = fs::read_to_string(repository().join("experiments/data/python/requirements.txt")).unwrap();
-    let is_wanted = |line: &&str| !line.starts_with("pettingzoo");
-    let here = installed
-        .lines()
-        .filter(is_wanted)
-        .all(|line| wanted.lines().any(|it| it == line));
-    if !here {
-        assert!(!in_ci(), "{installed} is installed, the studies want {wanted}");
+    let (interpreter, _) = python()?;
+    let locks = ["requirements.txt", "spread-requirements.txt"];
+    let locks = locks.map(|name| repository().join("experiments/data/python").join(name));
+    let held = Command::new(interpreter)
+        .args(["-c", PINNED])
+        .args(&locks)
+        .output();
+    let held = held.unwrap();
+    if !held.status.success() {
+        let said = String::from_utf8_lossy(&held.stderr);
+        assert!(!in_ci(), "{said}");
         #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
         {
-            eprintln!("left out: studies of environments in Python, which want {wanted}");
+            eprintln!("left out: studies of environments in Python: {said}");
         }
         return None;
     }

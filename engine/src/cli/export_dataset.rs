@@ -78,7 +78,7 @@ pub(super) fn of_trial(
     }
     let dataset = Dataset::read_from(whole.folder())?;
     whole.end()?;
-    let decisions: usize = dataset.episodes.iter().map(|episode| episode.rewards.len()).sum();
+    let decisions: usize = dataset.episodes.iter().map(|episode| episode.actions.len()).sum();
     say(&format!(
         "trial {id}: {} of {} in `{}`",
         count(dataset.episodes.len(), "episode"),

@@ -1,75 +1,118 @@
 //! One episode as a Parquet file: a row per decision, and one more for what was seen at the end.
 
-use super::Episode;
+use super::{
+    Episode,
+    layout::{Layout, length},
+};
 use crate::{
-    End, Error, Seat, Space,
+    End, Error,
     parquet::{self, Table, Values},
     world::fs,
 };
 use std::path::Path;
 
-/// The file of an episode whose lengths fit the seat.
+/// The file of an episode whose lengths fit.
 ///
 /// # Errors
 /// [`Error::Damaged`] where a choice is no index.
-pub(super) fn encode(episode: &Episode, seat: &Seat, path: &Path) -> Result<Vec<u8>, Error> {
-    let n = episode.actions.len();
-    let nothing_done = vec![0.0; seat.action.len()];
-    let actions: Vec<&[f64]> = episode
-        .actions
-        .iter()
-        .chain([&nothing_done])
-        .map(Vec::as_slice)
-        .collect();
+pub(super) fn encode(episode: &Episode, layout: &Layout<'_>, path: &Path) -> Result<Vec<u8>, Error> {
+    let (n, n_seats) = (episode.actions.len(), layout.seats().len());
+    let nothing_done = vec![0.0; length(&layout.actions())];
+    let nothing_earned = vec![0.0; n_seats];
     let observations = episode.observations.iter().map(Vec::as_slice).collect();
+    let actions = episode.actions.iter().chain([&nothing_done]);
+    let actions = actions.map(Vec::as_slice).collect();
+    let earned: Vec<&[f64]> = episode
+        .rewards
+        .chunks(n_seats)
+        .chain([nothing_earned.as_slice()])
+        .collect();
     let last = |end: End| (0..=n).map(|row| row + 1 == n && episode.end == end).collect();
-    let columns = vec![
-        ("observations", values(&seat.observation, observations, path)?),
-        ("actions", values(&seat.action, actions, path)?),
+    let mut columns = vec![
+        (
+            "observations",
+            values(layout.sees_choices, n_seats, observations, path)?,
+        ),
+        ("actions", values(layout.makes_choices, n_seats, actions, path)?),
         (
             "rewards",
-            Values::F64(episode.rewards.iter().copied().chain([0.0]).collect()),
+            Values::F64(earned.iter().map(|row| mean(row)).collect()),
         ),
         ("terminations", Values::Bool(last(End::Terminated))),
         ("truncations", Values::Bool(last(End::Truncated))),
     ];
+    if layout.is_of_several() {
+        columns.push(("seat_rewards", Values::Vectors(earned)));
+    }
+    if layout.n_state() > 0 {
+        let states = episode.states.iter().map(Vec::as_slice).collect();
+        columns.push(("states", Values::Vectors(states)));
+    }
     parquet::encode(path, columns, &[])
 }
 
-/// Rows of a space; a choice is stored as a whole number.
-fn values<'a>(space: &Space, rows: Vec<&'a [f64]>, path: &Path) -> Result<Values<'a>, Error> {
-    if !matches!(space, Space::Discrete(_)) {
-        return Ok(Values::Vectors(rows));
+/// What a team earned: the mean of its seats.
+#[allow(clippy::cast_precision_loss, reason = "a number of seats is far below 2^52")]
+fn mean(of_seats: &[f64]) -> f64 {
+    match of_seats {
+        [one] => *one,
+        several => several.iter().sum::<f64>() / several.len() as f64,
     }
-    let index = |row: &&[f64]| {
-        #[allow(
-            clippy::cast_possible_truncation,
-            reason = "a number of choices is far below 2^52"
-        )]
-        let index = row[0] as i64;
-        #[allow(clippy::cast_precision_loss, reason = "as above")]
-        let is_index = index as f64 == row[0];
-        if is_index {
-            Ok(index)
-        } else {
-            Err(damaged(
-                path,
-                format!("a choice is {}, which is no index", row[0]),
-            ))
-        }
-    };
-    Ok(Values::I64(rows.iter().map(index).collect::<Result<_, _>>()?))
 }
 
-/// Reads the file of an episode of a seat.
+/// Rows of seats; choices are stored as whole numbers, one seat's without a vector around it.
+fn values<'a>(
+    are_choices: bool,
+    n_seats: usize,
+    rows: Vec<&'a [f64]>,
+    path: &Path,
+) -> Result<Values<'a>, Error> {
+    if !are_choices {
+        return Ok(Values::Vectors(rows));
+    }
+    let row = |row: &[f64]| row.iter().map(|choice| index(*choice, path)).collect();
+    let rows: Vec<Vec<i64>> = rows.into_iter().map(row).collect::<Result<_, _>>()?;
+    Ok(if n_seats == 1 {
+        Values::I64(rows.concat())
+    } else {
+        Values::WholeVectors(rows)
+    })
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    reason = "a number of choices is far below 2^52"
+)]
+fn index(choice: f64, path: &Path) -> Result<i64, Error> {
+    let index = choice as i64;
+    if index as f64 == choice {
+        Ok(index)
+    } else {
+        Err(damaged(path, format!("a choice is {choice}, which is no index")))
+    }
+}
+
+/// Reads the file of an episode.
 ///
 /// # Errors
 /// [`Error::File`] where it is missing, [`Error::Damaged`] where it is something else.
-pub(super) fn read(path: &Path, seat: &Seat) -> Result<Episode, Error> {
+pub(super) fn read(path: &Path, layout: &Layout<'_>) -> Result<Episode, Error> {
     let bytes = fs::read(path).map_err(Error::file("read", path))?;
     let table = Table::decode(bytes, path)?;
-    let mut actions = rows(&table, "actions", &seat.action, path)?;
-    let mut rewards = full(table.f64s("rewards")?, "rewards", path)?;
+    let n_seats = layout.seats().len();
+    let mut actions = rows(&table, "actions", layout.makes_choices, n_seats, path)?;
+    let mut rewards = if layout.is_of_several() {
+        full(table.vectors("seat_rewards")?.into_iter(), "seat_rewards", path)?
+    } else {
+        let of_one = full(table.f64s("rewards")?, "rewards", path)?;
+        of_one.into_iter().map(|reward| vec![reward]).collect()
+    };
+    let states = if layout.n_state() > 0 {
+        full(table.vectors("states")?.into_iter(), "states", path)?
+    } else {
+        Vec::new()
+    };
     actions.pop();
     rewards.pop();
     let terminations = full(table.bools("terminations")?, "terminations", path)?;
@@ -77,28 +120,37 @@ pub(super) fn read(path: &Path, seat: &Seat) -> Result<Episode, Error> {
     let end = end(&terminations, &truncations)
         .ok_or_else(|| damaged(path, "it does not end with its last decision"))?;
     let episode = Episode {
-        observations: rows(&table, "observations", &seat.observation, path)?,
+        observations: rows(&table, "observations", layout.sees_choices, n_seats, path)?,
         actions,
-        rewards,
+        rewards: rewards.concat(),
+        states,
         end,
     };
-    match episode.misfit(seat) {
+    match layout.misfit(&episode) {
         None => Ok(episode),
         Some(problem) => Err(damaged(path, problem)),
     }
 }
 
-fn rows(table: &Table<'_>, name: &str, space: &Space, path: &Path) -> Result<Vec<Vec<f64>>, Error> {
+fn rows(
+    table: &Table<'_>,
+    name: &str,
+    are_choices: bool,
+    n_seats: usize,
+    path: &Path,
+) -> Result<Vec<Vec<f64>>, Error> {
     #[allow(clippy::cast_precision_loss, reason = "a number of choices is far below 2^52")]
-    let choice = |index: i64| vec![index as f64];
-    match space {
-        Space::Discrete(_) => Ok(full(table.i64s(name)?, name, path)?
+    let choice = |index: i64| index as f64;
+    match (are_choices, n_seats) {
+        (false, _) => full(table.vectors(name)?.into_iter(), name, path),
+        (true, 1) => Ok(full(table.i64s(name)?, name, path)?
             .into_iter()
-            .map(choice)
+            .map(|index| vec![choice(index)])
             .collect()),
-        Space::Box(_) | Space::Simplex(_) | Space::Choices(_) => {
-            full(table.vectors(name)?.into_iter(), name, path)
-        }
+        (true, _) => Ok(full(table.whole_vectors(name)?.into_iter(), name, path)?
+            .into_iter()
+            .map(|row| row.into_iter().map(choice).collect())
+            .collect()),
     }
 }
 

@@ -19,11 +19,16 @@ pub(super) fn difference(found: &Interface, expected: &Interface) -> Option<Diff
     if seats != here {
         return differ("the number of seats", seats, here);
     }
-    found
+    let of_seats = found
         .seats
         .iter()
         .zip(&expected.seats)
-        .find_map(|(found, expected)| of_seats(found, expected))
+        .find_map(|(found, expected)| of_seats(found, expected));
+    // The full state is kept of several seats alone.
+    of_seats.or_else(|| {
+        let of = |interface: &Interface| Space::Box(interface.state.clone());
+        (seats > 1).then(|| of_spaces("full state", &of(found), &of(expected), &unit))?
+    })
 }
 
 fn of_seats(found: &Seat, expected: &Seat) -> Option<Difference> {

@@ -1,7 +1,8 @@
 //! What Minari reads of a dataset besides its rows (`minari/dataset/minari_storage.py`,
 //! `minari/serialization.py` of version 0.5.4).
 
-use crate::{Seat, Space};
+use super::layout::Layout;
+use crate::Space;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -37,7 +38,7 @@ pub(super) fn of_episode(episode: u64, steps: u64) -> Value {
 }
 
 /// Metadata of a dataset of `bytes` bytes.
-pub(super) fn of_dataset(seat: &Seat, totals: &Totals, bytes: u64) -> Value {
+pub(super) fn of_dataset(layout: &Layout<'_>, totals: &Totals, bytes: u64) -> Value {
     let Totals {
         total_episodes,
         total_steps,
@@ -52,32 +53,47 @@ pub(super) fn of_dataset(seat: &Seat, totals: &Totals, bytes: u64) -> Value {
         "total_episodes": total_episodes,
         "total_steps": total_steps,
         "dataset_size": size,
-        "observation_space": space(&seat.observation),
-        "action_space": space(&seat.action),
+        "observation_space": joint(&layout.observations()),
+        "action_space": joint(&layout.actions()),
     })
 }
 
-/// A space in the words of `minari.serialization`, which wants text inside the metadata.
-fn space(space: &Space) -> String {
+/// The spaces of all seats as one, in the words of `minari.serialization`, which wants text inside the metadata.
+fn joint(spaces: &[&Space]) -> String {
+    let numbers = |space: &&Space| match space {
+        Space::Discrete(names) => Some(names.len()),
+        _ => None,
+    };
+    match (spaces, spaces.iter().map(numbers).collect::<Option<Vec<usize>>>()) {
+        ([_], Some(numbers)) => {
+            json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": numbers[0] }).to_string()
+        }
+        (_, Some(numbers)) => {
+            let start = vec![0; numbers.len()];
+            json!({ "type": "MultiDiscrete", "dtype": "int64", "start": start, "nvec": numbers }).to_string()
+        }
+        (_, None) => {
+            let limits: Vec<(f64, f64)> = spaces.iter().flat_map(|space| limits(space)).collect();
+            let [low, high] = [|limit: &(f64, f64)| limit.0, |limit: &(f64, f64)| limit.1]
+                .map(|side| list(limits.iter().map(side)));
+            boxed(limits.len(), &low, &high)
+        }
+    }
+}
+
+/// Between what the entries of a vector lie.
+fn limits(space: &Space) -> Vec<(f64, f64)> {
     match space {
-        Space::Box(channels) => {
-            let limits = |of: fn(&crate::Channel) -> f64| list(channels.iter().map(of));
-            boxed(
-                channels.len(),
-                &limits(|channel| channel.low),
-                &limits(|channel| channel.high),
-            )
-        }
-        Space::Simplex(names) => {
-            let all = |limit: f64| list(names.iter().map(|_| limit));
-            boxed(names.len(), &all(0.0), &all(1.0))
-        }
-        Space::Choices(_) => {
-            let all = |limit: f64| list((0..space.len()).map(|_| limit));
-            boxed(space.len(), &all(-1.0), &all(1.0))
-        }
+        Space::Box(channels) => channels
+            .iter()
+            .map(|channel| (channel.low, channel.high))
+            .collect(),
+        Space::Simplex(names) => vec![(0.0, 1.0); names.len()],
+        Space::Choices(_) => vec![(-1.0, 1.0); space.len()],
         Space::Discrete(names) => {
-            json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": names.len() }).to_string()
+            #[allow(clippy::cast_precision_loss, reason = "a number of choices is far below 2^52")]
+            let last = names.len().saturating_sub(1) as f64;
+            vec![(0.0, last)]
         }
     }
 }
@@ -116,19 +132,33 @@ mod tests {
         ];
         let limits = r#""low": [-Infinity, -1.5], "high": [Infinity, 2.0]"#;
         let expected = format!(r#"{{"type": "Box", "dtype": "float64", "shape": [2], {limits}}}"#);
-        assert_eq!(space(&Space::Box(channels)), expected);
+        assert_eq!(joint(&[&Space::Box(channels)]), expected);
         let names = || vec!["a".to_string(), "b".into()];
         let expected =
             r#"{"type": "Box", "dtype": "float64", "shape": [2], "low": [0.0, 0.0], "high": [1.0, 1.0]}"#;
-        assert_eq!(space(&Space::Simplex(names())), expected);
+        assert_eq!(joint(&[&Space::Simplex(names())]), expected);
         let choices = Space::Choices(vec![crate::Choice::new("norm", &["none", "batch"])]);
         let expected =
             r#"{"type": "Box", "dtype": "float64", "shape": [2], "low": [-1.0, -1.0], "high": [1.0, 1.0]}"#;
-        assert_eq!(super::space(&choices), expected);
-        let choice: Value = serde_json::from_str(&space(&Space::Discrete(names()))).unwrap();
+        assert_eq!(joint(&[&choices]), expected);
+        let choice: Value = serde_json::from_str(&joint(&[&Space::Discrete(names())])).unwrap();
         assert_eq!(
             choice,
             json!({ "type": "Discrete", "dtype": "int64", "start": 0, "n": 2 })
         );
+    }
+
+    #[test]
+    fn several_seats_are_one_agent_to_minari() {
+        let names = |n: usize| Space::Discrete(vec!["a".to_string(); n]);
+        let choices: Value = serde_json::from_str(&joint(&[&names(2), &names(3)])).unwrap();
+        assert_eq!(
+            choices,
+            json!({ "type": "MultiDiscrete", "dtype": "int64", "start": [0, 0], "nvec": [2, 3] })
+        );
+        let speed = Space::Box(vec![Channel::new("speed", "m/s").within(-2.0, 2.0)]);
+        let shares = Space::Simplex(vec!["a".to_string(), "b".into()]);
+        let expected = r#"{"type": "Box", "dtype": "float64", "shape": [3], "low": [-2.0, 0.0, 0.0], "high": [2.0, 1.0, 1.0]}"#;
+        assert_eq!(joint(&[&speed, &shares]), expected);
     }
 }

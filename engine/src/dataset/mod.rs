@@ -14,20 +14,25 @@
 //! |---|---|---|
 //! | `observations` | vector of f64, i64 for a choice | what was seen before decision `t`; the last row is what was seen at the end |
 //! | `actions` | vector of f64, i64 for a choice | what was done; 0 in the last row |
-//! | `rewards` | f64 | what was earned; 0 in the last row |
+//! | `rewards` | f64 | what was earned, the mean of the seats; 0 in the last row |
 //! | `terminations`, `truncations` | bool | whether the episode ended with decision `t`, and how; false in the last row |
+//! | `seat_rewards` | vector of f64 | of several seats: what each earned |
+//! | `states` | vector of f64 | of several seats whose environment has one: the full state |
 //!
-//! Observations are as the environment gave them, in SI units; the full state is not kept. Shares on a
-//! simplex are a box with limits 0 and 1 to Minari. A dataset is of one seat. The same episodes always make
-//! the same bytes.
+//! Observations are as the environment gave them, in SI units. Shares on a simplex are a box with limits 0 and 1 to
+//! Minari, which knows one agent: several seats are one to it, that sees and does what they do, one after the other;
+//! choices of several seats are vectors of i64. The full state is not kept of one seat. The same episodes always make the
+//! same bytes.
 
 mod episode_file;
 mod interface;
+mod layout;
 mod minari;
 #[cfg(test)]
 mod tests;
 
-use crate::{End, Error, Interface, Observation, Seat, Transition, world::fs};
+use crate::{Action, End, Environment, Error, Interface, Transition, world::fs};
+use layout::Layout;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::path::{Path, PathBuf};
 
@@ -35,60 +40,57 @@ use std::path::{Path, PathBuf};
 pub const FOLDER: &str = "dataset";
 const INTERFACE: &str = "interface.json";
 
-/// A whole episode of one seat, of `n` decisions.
+/// Whether datasets can be made of an environment.
+///
+/// # Errors
+/// [`Error::MixedSeats`] where some seats choose and others do not.
+pub fn can_hold(interface: &Interface) -> Result<(), Error> {
+    Layout::of(interface).map(drop)
+}
+
+/// A whole episode of `n` decisions. A vector holds what is of all seats, one after the other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Episode {
     /// What was seen before each decision and at the end: `n + 1` vectors.
     pub observations: Vec<Vec<f64>>,
     /// What was done: `n` vectors.
     pub actions: Vec<Vec<f64>>,
-    /// What was earned: `n` numbers.
+    /// What was earned: a number for each seat of each of the `n` decisions.
     pub rewards: Vec<f64>,
+    /// Of several seats, the full state before each decision and at the end: `n + 1` vectors. Else nothing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub states: Vec<Vec<f64>>,
     /// How it ended.
     pub end: End,
 }
 
 impl Episode {
-    /// Its decisions, in order; the full state is empty.
-    pub fn transitions(&self) -> impl Iterator<Item = Transition> + '_ {
-        let observe = |at: usize| Observation {
-            seats: vec![self.observations[at].clone()],
-            state: Vec::new(),
-        };
-        let last = self.actions.len().saturating_sub(1);
-        self.actions
-            .iter()
-            .zip(&self.rewards)
-            .enumerate()
-            .map(move |(at, (action, reward))| Transition {
-                observation: observe(at),
-                action: vec![action.clone()],
-                rewards: vec![*reward],
-                next_observation: observe(at + 1),
-                end: (at == last).then_some(self.end),
-            })
+    /// Takes in what the seats see, and of several seats the full state.
+    pub fn see(&mut self, environment: &dyn Environment, seats: &[Vec<f64>]) {
+        self.observations.push(seats.concat());
+        if seats.len() > 1 {
+            let state = Some(environment.state()).filter(|state| !state.is_empty());
+            self.states.extend(state);
+        }
     }
 
-    /// What is wrong with its lengths in the spaces of a seat; `None` where nothing is.
-    fn misfit(&self, seat: &Seat) -> Option<String> {
-        let n = self.actions.len();
-        if n == 0 {
-            return Some("an episode has no decision".into());
+    /// Takes in what the seats did, and what each of them earned by it.
+    pub fn take(&mut self, action: &Action, rewards: &[f64]) {
+        self.actions.push(action.concat());
+        self.rewards.extend(rewards);
+    }
+}
+
+impl Default for Episode {
+    /// One that has not begun; it counts as cut off until its `end` is said.
+    fn default() -> Self {
+        Self {
+            observations: Vec::new(),
+            actions: Vec::new(),
+            rewards: Vec::new(),
+            states: Vec::new(),
+            end: End::Truncated,
         }
-        if self.observations.len() != n + 1 || self.rewards.len() != n {
-            let (seen, earned) = (self.observations.len(), self.rewards.len());
-            return Some(format!(
-                "{n} decisions have {seen} observations and {earned} rewards"
-            ));
-        }
-        let of_other_length =
-            |vectors: &[Vec<f64>], length| vectors.iter().find(|vector| vector.len() != length).map(Vec::len);
-        let (observed, acted) = (seat.observation.len(), seat.action.len());
-        let observation = of_other_length(&self.observations, observed);
-        let wrong =
-            observation.map(|found| format!("an observation has {found} entries instead of {observed}"));
-        let action = of_other_length(&self.actions, acted);
-        wrong.or_else(|| action.map(|found| format!("an action has {found} entries instead of {acted}")))
     }
 }
 
@@ -117,8 +119,8 @@ impl Dataset {
     pub fn read_from(folder: &Path) -> Result<Self, Error> {
         let interface: Interface = read_json(&folder.join(INTERFACE))?;
         let totals: minari::Totals = read_json(&folder.join(minari::METADATA))?;
-        let seat = only_seat(&interface)?;
-        let read = |episode| episode_file::read(&folder.join(minari::episode_file(episode)), seat);
+        let layout = Layout::of(&interface)?;
+        let read = |episode| episode_file::read(&folder.join(minari::episode_file(episode)), &layout);
         let episodes = (0..totals.total_episodes)
             .map(read)
             .collect::<Result<Vec<Episode>, _>>()?;
@@ -167,8 +169,13 @@ impl Dataset {
     }
 
     /// The decisions of all episodes, in order.
-    pub fn transitions(&self) -> impl Iterator<Item = Transition> + '_ {
-        self.episodes.iter().flat_map(Episode::transitions)
+    ///
+    /// # Errors
+    /// [`Error::MixedSeats`], which no dataset that was read has.
+    pub fn transitions(&self) -> Result<Vec<Transition>, Error> {
+        let layout = Layout::of(&self.interface)?;
+        let of_episode = |episode| layout.transitions(episode);
+        Ok(self.episodes.iter().flat_map(of_episode).collect())
     }
 }
 
@@ -176,7 +183,7 @@ impl Dataset {
 #[derive(Debug)]
 pub struct DatasetWriter {
     folder: PathBuf,
-    seat: Seat,
+    interface: Interface,
     totals: minari::Totals,
     bytes: u64,
 }
@@ -185,11 +192,10 @@ impl DatasetWriter {
     /// Begins a dataset in a trial's folder; one that is there is removed.
     ///
     /// # Errors
-    /// [`Error::ManySeats`] for an environment that has not exactly one seat, and where the folder cannot be
-    /// written.
+    /// [`Error::MixedSeats`] for an environment whose seats are too unlike, and where the folder cannot be written.
     pub fn create(trial: &Path, interface: &Interface) -> Result<Self, Error> {
         let folder = trial.join(FOLDER);
-        only_seat(interface)?;
+        can_hold(interface)?;
         if fs::exists(&folder) {
             fs::remove_dir_all(&folder).map_err(Error::file("remove", &folder))?;
         }
@@ -201,13 +207,14 @@ impl DatasetWriter {
     /// # Errors
     /// As [`create`](Self::create).
     pub fn at(folder: &Path, interface: &Interface) -> Result<Self, Error> {
-        let (folder, seat) = (folder.to_owned(), only_seat(interface)?.clone());
+        can_hold(interface)?;
+        let (folder, interface) = (folder.to_owned(), interface.clone());
         let data = folder.join(minari::DATA);
         fs::create_dir_all(&data).map_err(Error::file("create", &data))?;
-        write_json(&folder.join(INTERFACE), interface)?;
+        write_json(&folder.join(INTERFACE), &interface)?;
         Ok(Self {
             folder,
-            seat,
+            interface,
             totals: minari::Totals::default(),
             bytes: 0,
         })
@@ -220,10 +227,11 @@ impl DatasetWriter {
     /// written.
     pub fn episode(&mut self, episode: &Episode) -> Result<(), Error> {
         let path = self.folder.join(minari::episode_file(self.totals.total_episodes));
-        if let Some(problem) = episode.misfit(&self.seat) {
+        let layout = Layout::of(&self.interface)?;
+        if let Some(problem) = layout.misfit(episode) {
             return Err(Error::Damaged { path, problem });
         }
-        let bytes = episode_file::encode(episode, &self.seat, &path)?;
+        let bytes = episode_file::encode(episode, &layout, &path)?;
         let folder = path.parent().unwrap_or(&self.folder);
         fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
         fs::write(&path, &bytes).map_err(Error::file("write", &path))?;
@@ -245,15 +253,8 @@ impl DatasetWriter {
     pub fn finish(self) -> Result<(), Error> {
         write_json(
             &self.folder.join(minari::METADATA),
-            &minari::of_dataset(&self.seat, &self.totals, self.bytes),
+            &minari::of_dataset(&Layout::of(&self.interface)?, &self.totals, self.bytes),
         )
-    }
-}
-
-fn only_seat(interface: &Interface) -> Result<&Seat, Error> {
-    match interface.seats.as_slice() {
-        [seat] => Ok(seat),
-        seats => Err(Error::ManySeats { seats: seats.len() }),
     }
 }
 

@@ -39,6 +39,7 @@ fn episode(n: usize, end: End) -> Episode {
             .map(|at| vec![1.0 / (number(at) + 1.0), 1.0 - 1.0 / (number(at) + 1.0)])
             .collect(),
         rewards: (0..n).map(|at| number(at) - 1.0).collect(),
+        states: Vec::new(),
         end,
     }
 }
@@ -122,7 +123,7 @@ fn transitions_are_the_decisions_in_order_and_only_the_last_ends() {
         interface: pack(),
         episodes: vec![episode(2, End::Truncated), episode(1, End::Terminated)],
     };
-    let transitions: Vec<_> = dataset.transitions().collect();
+    let transitions = dataset.transitions().unwrap();
     assert_eq!(
         transitions.iter().map(|it| it.end).collect::<Vec<_>>(),
         [None, Some(End::Truncated), Some(End::Terminated)]
@@ -249,13 +250,25 @@ fn what_is_missing_or_damaged_is_named() {
 }
 
 #[test]
-fn what_is_no_whole_episode_of_one_seat_is_not_written() {
+fn what_is_no_whole_episode_is_not_written() {
     let trial = tempfile::tempdir().unwrap();
-    let mut several = pack();
-    several.seats.push(several.seats[0].clone());
+    let mut mixed = pack();
+    mixed.seats.push(Seat {
+        action: Space::Discrete(vec!["on".into(), "off".into()]),
+        ..mixed.seats[0].clone()
+    });
+    let refused = DatasetWriter::create(trial.path(), &mixed)
+        .unwrap_err()
+        .to_string();
+    assert_eq!(
+        refused,
+        "a dataset holds actions of one kind; in this environment those of some seats are choices and those of \
+         others are not"
+    );
+    mixed.seats.clear();
     assert!(matches!(
-        DatasetWriter::create(trial.path(), &several),
-        Err(Error::ManySeats { seats: 2 })
+        DatasetWriter::create(trial.path(), &mixed),
+        Err(Error::NoSeats)
     ));
     let mut writer = DatasetWriter::create(trial.path(), &pack()).unwrap();
     let mut refused = |change: &dyn Fn(&mut Episode), expected: &str| {
@@ -288,6 +301,7 @@ fn a_choice_is_a_whole_number() {
         observations: vec![vec![0.0], vec![1.0]],
         actions: vec![vec![0.5]],
         rewards: vec![1.0],
+        states: Vec::new(),
         end: End::Truncated,
     };
     let text = writer.episode(&episode).unwrap_err().to_string();
@@ -338,33 +352,121 @@ fn vectors(space: &Space, count: usize) -> BoxedStrategy<Vec<Vec<f64>>> {
     proptest::collection::vec(proptest::collection::vec(entry, space.len()), count).boxed()
 }
 
+/// One to three seats, all of which choose or none, with a full state.
+fn interfaces() -> impl Strategy<Value = Interface> {
+    let alike = |spaces: &Vec<Space>| {
+        let choices = spaces.iter().filter(|space| matches!(space, Space::Discrete(_)));
+        [0, spaces.len()].contains(&choices.count())
+    };
+    (1usize..4).prop_flat_map(move |n| {
+        let of_seats = || proptest::collection::vec(spaces(), n).prop_filter("alike", alike);
+        (of_seats(), of_seats()).prop_map(|(seen, done)| {
+            let seat = |(observation, action)| Seat {
+                name: String::new(),
+                observation,
+                action,
+            };
+            Interface {
+                seats: seen.into_iter().zip(done).map(seat).collect(),
+                state: vec![Channel::new("hidden", "V")],
+            }
+        })
+    })
+}
+
+/// Vectors of several spaces, one after the other.
+fn joined(spaces: Vec<&Space>, count: usize) -> BoxedStrategy<Vec<Vec<f64>>> {
+    let of_seats: Vec<_> = spaces.into_iter().map(|space| vectors(space, count)).collect();
+    of_seats
+        .prop_map(move |of_seats| {
+            let at = |row: usize| of_seats.iter().flat_map(|rows| rows[row].clone()).collect();
+            (0..count).map(at).collect()
+        })
+        .boxed()
+}
+
 fn datasets() -> impl Strategy<Value = Dataset> {
     let lengths = proptest::collection::vec((1usize..5, any::<bool>()), 0..4);
-    (spaces(), spaces(), lengths).prop_flat_map(|(observation, action, lengths)| {
+    (interfaces(), lengths).prop_flat_map(|(interface, lengths)| {
+        let n_seats = interface.seats.len();
         let episodes: Vec<_> = lengths
             .into_iter()
             .map(|(n, terminated)| {
-                let rewards = proptest::collection::vec(-1e3..1e3f64, n);
+                let rewards = proptest::collection::vec(-1e3..1e3f64, n * n_seats);
+                let states = vectors(
+                    &Space::Box(interface.state.clone()),
+                    if n_seats > 1 { n + 1 } else { 0 },
+                );
                 let end = if terminated {
                     End::Terminated
                 } else {
                     End::Truncated
                 };
-                (vectors(&observation, n + 1), vectors(&action, n), rewards).prop_map(
-                    move |(observations, actions, rewards)| Episode {
+                let seen = interface.seats.iter().map(|seat| &seat.observation).collect();
+                let done = interface.seats.iter().map(|seat| &seat.action).collect();
+                (joined(seen, n + 1), joined(done, n), rewards, states).prop_map(
+                    move |(observations, actions, rewards, states)| Episode {
                         observations,
                         actions,
                         rewards,
+                        states,
                         end,
                     },
                 )
             })
             .collect();
         episodes.prop_map(move |episodes| Dataset {
-            interface: interface(observation.clone(), action.clone()),
+            interface: interface.clone(),
             episodes,
         })
     })
+}
+
+#[test]
+fn decisions_of_several_seats_come_apart_again() {
+    let trial = tempfile::tempdir().unwrap();
+    let mut two = pack();
+    two.seats[0].action = Space::Discrete(vec!["on".into(), "off".into()]);
+    two.seats.push(two.seats[0].clone());
+    let episode = Episode {
+        observations: vec![vec![1.0, 2.0, 3.0, 4.0], vec![5.0, 6.0, 7.0, 8.0]],
+        actions: vec![vec![0.0, 1.0]],
+        rewards: vec![-1.0, 4.0],
+        states: vec![vec![0.5], vec![0.25]],
+        end: End::Terminated,
+    };
+    write(trial.path(), &two, std::slice::from_ref(&episode));
+    let read = Dataset::read_for(trial.path(), &two).unwrap();
+    let transitions = read.transitions().unwrap();
+    let [one] = transitions.as_slice() else {
+        panic!("{transitions:?}");
+    };
+    assert_eq!(one.observation.seats, [[1.0, 2.0], [3.0, 4.0]]);
+    assert_eq!(one.next_observation.seats, [[5.0, 6.0], [7.0, 8.0]]);
+    assert_eq!(
+        (&one.observation.state, &one.next_observation.state),
+        (&vec![0.5], &vec![0.25])
+    );
+    assert_eq!(one.action, [[0.0], [1.0]]);
+    assert_eq!(
+        (one.rewards.as_slice(), one.end),
+        (&[-1.0, 4.0][..], Some(End::Terminated))
+    );
+
+    let mut writer = DatasetWriter::create(trial.path(), &two).unwrap();
+    let stateless = Episode {
+        states: Vec::new(),
+        ..episode
+    };
+    let text = writer.episode(&stateless).unwrap_err().to_string();
+    assert!(text.contains("1 decisions have 0 states instead of 2"), "{text}");
+    let mut other = two.clone();
+    other.state = vec![Channel::new("hidden", "A")];
+    DatasetWriter::create(trial.path(), &two)
+        .unwrap()
+        .finish()
+        .unwrap();
+    assert!(refusal(trial.path(), &other).contains("entry 1 of the full state"));
 }
 
 proptest! {

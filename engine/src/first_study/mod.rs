@@ -222,7 +222,8 @@ impl<'a> Place<'a> {
         .filter(|(name, _)| {
             let protocol = self.protocol(name);
             protocol.is_some_and(|protocol| {
-                protocol.accepts(&built.interface()).is_ok() && spec::can_learn(entry, protocol)
+                protocol.accepts(&built.interface(), built.metrics()).is_ok()
+                    && spec::can_learn(entry, protocol)
             })
         })
         .map(|(_, budget)| budget(first_update))

@@ -5,8 +5,8 @@ use super::{
     position::{Blocks, Position, restored},
 };
 use crate::{
-    Action, End, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent,
-    dataset, drawing, results::EPISODE_LENGTH, world::clock,
+    Action, Environment, Error, Metric, Mode, Observation, PerEpisode, Phase, Rng, agent::Agent, dataset,
+    drawing, results::EPISODE_LENGTH, world::clock,
 };
 use serde::Serialize;
 use serde_json::Value;
@@ -118,18 +118,10 @@ struct Episode {
     returns: Vec<f64>,
     info: Vec<f64>,
     assessed: Vec<f64>,
-    gathered: Option<Gathered>,
+    gathered: Option<dataset::Episode>,
 }
 
-/// What the first seat saw, did and earned so far in an episode that is kept.
-#[derive(Default)]
-struct Gathered {
-    observations: Vec<Vec<f64>>,
-    actions: Vec<Vec<f64>>,
-    rewards: Vec<f64>,
-}
-
-/// Whole episodes of the first seat that are kept, by number.
+/// Whole episodes that are kept, by number.
 pub(super) type Kept = RefCell<BTreeMap<u64, dataset::Episode>>;
 
 /// Runs the episodes and records return, length, the environment's metrics and those of the agent's decisions
@@ -185,7 +177,11 @@ pub(super) fn measure_and_keep<L: Serialize>(
         for (slot, index) in (first..what.episodes.min(first + rows)).enumerate() {
             if let Some(environment) = pool[slot].take() {
                 let mut episode = start(run, what, slot, index, environment)?;
-                episode.gathered = kept.map(|_| Gathered::default());
+                if kept.is_some() {
+                    let mut gathered = dataset::Episode::default();
+                    gathered.see(&*episode.environment, &episode.observation.seats);
+                    episode.gathered = Some(gathered);
+                }
                 active.push(episode);
             }
         }
@@ -337,7 +333,8 @@ fn advance(
             .for_each(|(sum, reward)| *sum += reward);
         accumulate(&mut episode.info, episode.environment.metrics(), &step.info);
         if let Some(gathered) = &mut episode.gathered {
-            gathered.take(&mut episode.observation, action, &step.rewards);
+            gathered.take(&action, &step.rewards);
+            gathered.see(&*episode.environment, &step.observations);
         }
         episode.observation = observe(&*run.agent, &*episode.environment, step.observations);
         trace(run, what, &episode);
@@ -351,9 +348,9 @@ fn advance(
                 {
                     drawing::leave(&mut *episode.environment, folder)?;
                 }
-                if let (Some(kept), Some(gathered)) = (kept, episode.gathered.take()) {
-                    kept.borrow_mut()
-                        .insert(episode.index, gathered.whole(&mut episode.observation, end));
+                if let (Some(kept), Some(mut gathered)) = (kept, episode.gathered.take()) {
+                    gathered.end = end;
+                    kept.borrow_mut().insert(episode.index, gathered);
                 }
                 pool[episode.slot] = Some(episode.environment);
             }
@@ -375,30 +372,6 @@ fn decide(
         run.record.decided(actions.len(), clock::since(asked));
     }
     Ok(actions)
-}
-
-impl Gathered {
-    /// Takes in a decision; the observation gives place to the next one.
-    fn take(&mut self, seen: &mut Observation, mut action: Vec<Vec<f64>>, rewards: &[f64]) {
-        self.observations.push(std::mem::take(&mut seen.seats[0]));
-        self.actions.push(std::mem::take(&mut action[0]));
-        self.rewards.push(rewards[0]);
-    }
-
-    fn whole(mut self, last: &mut Observation, end: End) -> dataset::Episode {
-        self.observations.push(std::mem::take(&mut last.seats[0]));
-        let Self {
-            observations,
-            actions,
-            rewards,
-        } = self;
-        dataset::Episode {
-            observations,
-            actions,
-            rewards,
-            end,
-        }
-    }
 }
 
 /// What an agent is shown when its seats see `seats`: with the environment's full state where it reads that.

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     Config, Error, Interface, Metric, Mode, ProductKind, Registry,
-    dataset::{Dataset, DatasetWriter, Episode},
+    dataset::{self, Dataset, DatasetWriter, Episode},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -65,11 +65,8 @@ impl Protocol for Gather {
         evaluation::metrics()
     }
 
-    fn accepts(&self, interface: &Interface) -> Result<(), Error> {
-        match interface.seats.len() {
-            1 => Ok(()),
-            seats => Err(Error::ManySeats { seats }),
-        }
+    fn accepts(&self, interface: &Interface, _: &[Metric]) -> Result<(), Error> {
+        dataset::can_hold(interface)
     }
 
     fn leaves(&self) -> Vec<ProductKind> {
@@ -89,8 +86,9 @@ impl Protocol for Gather {
     }
 
     fn run(&self, run: &mut Run<'_>) -> Result<(), Error> {
-        let interface = (run.make_environment)()?.interface();
-        self.accepts(&interface)?;
+        let environment = (run.make_environment)()?;
+        let interface = environment.interface();
+        self.accepts(&interface, environment.metrics())?;
         let position: Option<Position<Vec<Episode>>> = run.resume()?;
         let (before, blocks) =
             position.map_or((None, None), |position| (position.learning, position.measuring));

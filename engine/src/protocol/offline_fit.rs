@@ -116,7 +116,7 @@ impl Protocol for OfflineFit {
         true
     }
 
-    fn accepts(&self, interface: &Interface) -> Result<(), Error> {
+    fn accepts(&self, interface: &Interface, _: &[Metric]) -> Result<(), Error> {
         self.read(interface).map(drop)
     }
 
@@ -188,7 +188,11 @@ impl OfflineFit {
     /// Everything that there is to learn from.
     fn transitions(&self, run: &Run<'_>) -> Result<Vec<Transition>, Error> {
         let datasets = self.read(&(run.make_environment)()?.interface())?;
-        let transitions: Vec<Transition> = datasets.iter().flat_map(Dataset::transitions).collect();
+        let transitions: Vec<Vec<Transition>> = datasets
+            .iter()
+            .map(Dataset::transitions)
+            .collect::<Result<_, _>>()?;
+        let transitions = transitions.concat();
         if transitions.is_empty() {
             return Err(Error::config(
                 "datasets",

@@ -22,7 +22,7 @@ thread_local! {
     static STEPS: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Walks of one seat, or of several.
+/// Walks of one seat, or of several, of whom the first one steers. Seat `k` earns `k + 1` times the place.
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 struct WalkConfig {
@@ -54,7 +54,7 @@ impl Environment for Walk {
     }
     fn reset(&mut self, rng: &mut Rng) -> Result<Vec<Vec<f64>>, Error> {
         (self.place, self.steps) = (rng.random_range(-1.0..1.0), 0);
-        Ok(vec![vec![self.place]])
+        Ok(vec![vec![self.place]; self.seats.len()])
     }
     fn step(&mut self, actions: &[Vec<f64>], rng: &mut Rng) -> Result<Step, Error> {
         STEPS.set(STEPS.get() + 1);
@@ -66,11 +66,19 @@ impl Environment for Walk {
             (self.steps == 6).then_some(End::Truncated)
         };
         Ok(Step {
-            observations: vec![vec![self.place]],
-            rewards: vec![self.place],
+            observations: vec![vec![self.place]; self.seats.len()],
+            rewards: (1..=self.seats.len())
+                .map(|times| self.place * times as f64)
+                .collect(),
             info: vec![self.place],
             end,
         })
+    }
+    fn state_channels(&self) -> Vec<Channel> {
+        vec![Channel::new("steps", ""), Channel::new("place", "m")]
+    }
+    fn state(&self) -> Vec<f64> {
+        vec![self.steps as f64, self.place]
     }
     fn trace_channels(&self) -> Vec<Channel> {
         Vec::new()
@@ -132,7 +140,8 @@ impl Agent for Walker {
                 0.125
             }
         };
-        Ok(observations.iter().map(|_| vec![vec![force(rng)]]).collect())
+        let act = |seen: &Observation| seen.seats.iter().map(|_| vec![force(rng)]).collect();
+        Ok(observations.iter().map(act).collect())
     }
     fn survey(&mut self, transitions: &[Transition]) -> Result<(), Error> {
         assert_eq!(
@@ -429,6 +438,8 @@ fn batches_come_from_all_datasets_and_nothing_is_simulated_for_them() {
         Dataset::read(&products.path().join(name))
             .unwrap()
             .transitions()
+            .unwrap()
+            .into_iter()
             .map(|it| it.rewards[0])
             .collect::<Vec<_>>()
     };
@@ -582,14 +593,31 @@ fn what_cannot_be_learned_from_is_refused_with_what_to_do() {
 }
 
 #[test]
-fn several_seats_are_not_gathered() {
+fn of_several_seats_all_is_gathered_and_the_full_state_too() {
     let folder = tempfile::tempdir().unwrap();
-    let mut several = key("rule", ("gather", json!({ "episodes": 2 })));
+    let mut several = key("rule", ("gather", json!({ "episodes": 40, "mode": "train" })));
     std::sync::Arc::make_mut(&mut several.environment).config = json!({ "seats": 2 }).into();
-    assert_eq!(
-        refusal(&several, folder.path()),
-        "a dataset holds what one seat saw and did; this environment has 2 seats"
-    );
+    let record = run(&several, folder.path(), folder.path(), &mut NoKeeper).unwrap();
+    let dataset = Dataset::read(folder.path()).unwrap();
+    assert_eq!(dataset.episodes.len(), 40);
+    let transitions = dataset.transitions().unwrap();
+    for one in &transitions {
+        let [seen, next] = [&one.observation, &one.next_observation].map(|it| it.seats[0][0]);
+        assert_eq!(one.observation.seats[1], [seen]);
+        assert_eq!(one.rewards, [next, 2.0 * next]);
+        assert_eq!(
+            (one.observation.state[1], one.next_observation.state[1]),
+            (seen, next)
+        );
+        assert_eq!(one.next_observation.state[0], one.observation.state[0] + 1.0);
+        assert!(one.action.len() == 2 && one.action[0] != one.action[1]);
+    }
+    let second = |episode: &Episode| episode.rewards.chunks(2).map(|pair| pair[1]).sum::<f64>();
+    let returns: Vec<f64> = dataset.episodes.iter().map(second).collect();
+    let recorded = values(&record, Phase::Final, "travelled");
+    for (twice, once) in returns.iter().zip(recorded) {
+        assert!((twice - 2.0 * once).abs() < 1e-12);
+    }
 }
 
 #[test]

@@ -428,6 +428,16 @@ fn claim_lines(number: usize, spec: &ClaimSpec, study: &StudyInfo, results: &Res
     if let Some(plays) = plays_of(&claim) {
         return vec![held(&all, None, plays)];
     }
+    if let Some([left, right]) = claim.environments_of_sides() {
+        let place = format!("{left}, {right}");
+        let line = |setting: Option<String>| {
+            let place = setting
+                .as_ref()
+                .map_or(place.clone(), |setting| format!("{place}, {setting}"));
+            held(&all, setting.as_deref(), place)
+        };
+        return settings(&claim, &all).into_iter().map(line).collect();
+    }
     let environments = match claim.environment.as_ref().or(spec.environment.as_ref()) {
         Some(environment) => vec![environment.clone()],
         None => study.environments.clone(),
@@ -556,6 +566,9 @@ fn of_setting<'r>(scope: &Scope<'r>, operand: &Operand, setting: Option<&str>) -
 /// The trials of an operand's agent, those with the values of swept keys that the claim names.
 fn told_apart<'r>(scope: &Scope<'r>, operand: &Operand) -> Scope<'r> {
     let mut scope = scope.at(Axis::Agent, &operand.agent);
+    if let Some(environment) = &operand.environment {
+        scope = scope.at(Axis::Environment, environment);
+    }
     scope
         .trials
         .retain(|trial| operand.is_at(&trial.trial.cell.point));

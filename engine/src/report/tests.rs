@@ -314,6 +314,39 @@ fn verdicts_and_claims_are_counted() {
 }
 
 #[test]
+fn a_claim_across_environments_pairs_the_seeds_of_its_sides() {
+    let held = |text: &str| {
+        let info = StudyInfo {
+            claims: vec![claim(text)],
+            ..info()
+        };
+        Contents::of(&info, &results()).claims
+    };
+    let across = held("dsac.cycle_length in eight_cells > dsac.cycle_length in four_cells");
+    let [line] = across.as_slice() else {
+        panic!("{} lines", across.len());
+    };
+    assert_eq!(line.place, "eight_cells, four_cells");
+    let verdict = line.verdict.as_ref().unwrap();
+    let own = |environment: &str| {
+        let claims = held(&format!("dsac.cycle_length > 0 in {environment}"));
+        claims[0].verdict.as_ref().unwrap().difference.unwrap()
+    };
+    let expected = own("eight_cells") - own("four_cells");
+    assert!(verdict.paired && verdict.n >= 3, "{verdict:?}");
+    assert!(
+        (verdict.difference.unwrap() - expected).abs() < 1e-9,
+        "{verdict:?}"
+    );
+    let of: BTreeSet<&str> = line
+        .rests_on
+        .iter()
+        .map(|(environment, ..)| environment.as_str())
+        .collect();
+    assert_eq!(of, BTreeSet::from(["eight_cells", "four_cells"]));
+}
+
+#[test]
 fn a_report_of_nothing_says_so() {
     let contents = Contents::of(&info(), &Results::default());
     assert!(

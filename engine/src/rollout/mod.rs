@@ -14,7 +14,7 @@ pub use given::read_actions;
 pub use replay::{replay, trained_agent};
 
 use crate::{
-    Action, Agent, End, Environment, Error, Mode, Observation, Rng, Step, dataset::Episode, random,
+    Action, Agent, Environment, Error, Mode, Observation, Rng, Step, dataset::Episode, random,
     table::guarded_csv as guarded,
 };
 use columns::Columns;
@@ -84,7 +84,7 @@ pub fn rows(
     Ok(rows)
 }
 
-/// The episode that an agent plays in an environment of one seat, as [`rows`] writes it for the same seed. One that has
+/// The episode that an agent plays in an environment, as [`rows`] writes it for the same seed. One that has
 /// not ended after `decisions` is cut off there.
 ///
 /// # Errors
@@ -95,21 +95,20 @@ pub fn episode(
     decisions: u64,
     seed: u64,
 ) -> Result<Episode, Error> {
-    let mut played = Episode {
-        observations: Vec::new(),
-        actions: Vec::new(),
-        rewards: Vec::new(),
-        end: End::Truncated,
-    };
+    let mut played = Episode::default();
     let mut actions = Actions::Agent { agent, decisions };
-    play(environment, &mut actions, seed, &mut |_, seats, done| {
-        played.observations.extend(seats.first().cloned());
-        if let Some(Done { action, step, .. }) = done {
-            played.actions.extend(action.first().cloned());
-            played.rewards.extend(step.rewards.first());
-            played.end = step.end.unwrap_or(played.end);
-        }
-    })?;
+    play(
+        environment,
+        &mut actions,
+        seed,
+        &mut |environment, seats, done| {
+            played.see(environment, seats);
+            if let Some(Done { action, step, .. }) = done {
+                played.take(action, &step.rewards);
+                played.end = step.end.unwrap_or(played.end);
+            }
+        },
+    )?;
     Ok(played)
 }
 

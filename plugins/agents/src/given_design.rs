@@ -249,6 +249,7 @@ mod tests {
         let design = |candidate: u64, taken: [usize; 2]| Design {
             candidate,
             observed_return: 0.0,
+            chosen_by: None,
             actions: vec![choice::vector(&choices, &taken); 2],
             options: Vec::new(),
         };

@@ -75,6 +75,17 @@ pub struct Config {
     pub reward_scale: f64,
     /// How observations and the full state are scaled.
     pub observation_scaling: ObservationScaling,
+    /// How much choices that are not in the data are held down against those that are; 0 for not at all. For learning
+    /// from datasets: nothing else there corrects a choice that is thought too good and was never made.
+    #[schemars(range(min = 0.0, max = 1e6), extend("x-source" = "Kumar et al. 2020, eq. 4, as alpha"))]
+    #[serde(skip_serializing_if = "is_zero")]
+    pub conservatism: f64,
+}
+
+/// For a key that is written only where it says something.
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl Default for Config {
@@ -97,6 +108,7 @@ impl Default for Config {
             exploration_steps: 50_000,
             reward_scale: 1.0,
             observation_scaling: ObservationScaling::Typical,
+            conservatism: 0.0,
         }
     }
 }

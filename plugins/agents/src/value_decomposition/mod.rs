@@ -22,6 +22,13 @@
 //! with double Q-learning", AAAI 2016, as in the authors' code). Since Q_tot grows in every Q_a, what each seat likes
 //! best is what the team likes best (eq. 5).
 //!
+//! - Conservative Q-learning: A. Kumar, A. Zhou, G. Tucker and S. Levine, "Conservative Q-learning for offline
+//!   reinforcement learning", NeurIPS 2020, arXiv:2006.04779.
+//!
+//! With `conservatism` alpha above 0, what is minimised has `alpha (ln sum_u exp Q_a(tau_a, u) - Q_a(tau_a, u_a))`
+//! besides, the mean over batch and seats (their eq. 4 for choices, of each seat's value): where a dataset is all there is,
+//! a choice that nobody made is not thought better than those that were.
+//!
 //! Departures from the papers
 //! - Networks see one observation and remember nothing: they are for observations that hold what is known, such as
 //!   beliefs. The papers have a recurrent layer. So the buffer holds steps, not episodes.
@@ -55,7 +62,7 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use engine::{
     Action, Agent, AgentTraits, Error, Interface, Metric, Mode, Observation, Recorder, Registry, Rng,
-    Transition, Updates,
+    Transition, Updates, UseOfDatasets,
 };
 use numerics::network::{Mlp, matrix, values};
 use numerics::optimizer::{Adam, Trained};
@@ -104,6 +111,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
     let traits = AgentTraits {
         learns: true,
         metrics: metrics(),
+        datasets: UseOfDatasets::Also,
         ..AgentTraits::default()
     };
     registry.agent(NAME, version, about, traits, build);
@@ -253,7 +261,7 @@ impl ValueDecomposition {
     fn update(&mut self, rng: &mut Rng, record: &mut Recorder) -> Result<(), Error> {
         let size = self.config.batch_size.min(self.replay.len());
         let batch = self.replay.sample_distinct(size, rng);
-        let value = self.value(self.networks.network(), &batch);
+        let (value, excess) = self.value(self.networks.network(), &batch);
         record.mean("value", f64::from(mean(value.clone())));
         let loss = half_squared_error(value, self.target(&batch));
         record.mean(
@@ -261,6 +269,10 @@ impl ValueDecomposition {
             finite("value_loss", self.schedule.n_steps(), values(loss.clone())[0])?,
         );
         record.mean("exploration", self.config.exploration_at(self.schedule.n_steps()));
+        let loss = match excess {
+            None => loss,
+            Some(excess) => loss + excess.mul_scalar(self.config.conservatism),
+        };
         self.networks.descend(&loss);
         let target = std::mem::take(&mut self.target);
         self.target = soft_update(target, self.networks.network(), self.config.target_smoothing);
@@ -268,8 +280,8 @@ impl ValueDecomposition {
         Ok(())
     }
 
-    /// Q_tot of what was done.
-    fn value(&self, networks: &Networks, batch: &Batch) -> Tensor<2> {
+    /// Q_tot of what was done; where it counts, how much better all choices are thought together than those.
+    fn value(&self, networks: &Networks, batch: &Batch) -> (Tensor<2>, Option<Tensor<1>>) {
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -280,7 +292,9 @@ impl ValueDecomposition {
             .map(|choice| choice as usize)
             .collect();
         let of_all = self.team.values(&networks.seat, &batch.observations);
-        self.mixed(networks, self.team.of_choices(of_all, &done), &batch.observations)
+        let of_done = self.team.of_choices(of_all.clone(), &done);
+        let excess = (self.config.conservatism > 0.0).then(|| excess(of_all, of_done.clone()));
+        (self.mixed(networks, of_done, &batch.observations), excess)
     }
 
     /// Eq. 6: the target of Q_tot.
@@ -319,6 +333,15 @@ impl ValueDecomposition {
         let drawn = rng.random_range(0..self.team.n_choices as u32);
         drawn as usize
     }
+}
+
+/// `ln sum_u exp Q_a(tau_a, u) - Q_a(tau_a, u_a)`, mean over batch and seats, of values of all choices
+/// `[batch n, n_choices]` and of those that were made `[batch, n]`.
+fn excess(of_all: Tensor<2>, of_done: Tensor<2>) -> Tensor<1> {
+    // The largest value is taken out, so that no exponential overflows; it moves nothing.
+    let largest = of_all.clone().max_dim(1).detach();
+    let together = (of_all - largest.clone()).exp().sum_dim(1).log() + largest;
+    together.mean() - of_done.mean()
 }
 
 impl Agent for ValueDecomposition {

@@ -201,9 +201,14 @@ fn targets_are_of_the_targets_value_of_the_learned_choice() {
 #[test]
 fn gradients_of_the_loss_agree_with_finite_differences() {
     for mixing in [Mixing::None, Mixing::Sum, Mixing::Monotonic] {
-        let (agent, batch) = trained(mixing);
+        let (mut agent, batch) = trained(mixing);
+        assert!(agent.value(agent.networks.network(), &batch).1.is_none());
+        agent.config.conservatism = 0.7;
         let target = agent.target(&batch);
-        let loss = |networks: &Networks| half_squared_error(agent.value(networks, &batch), target.clone());
+        let loss = |networks: &Networks| {
+            let (value, excess) = agent.value(networks, &batch);
+            half_squared_error(value, target.clone()) + excess.unwrap().mul_scalar(agent.config.conservatism)
+        };
         let network = agent.networks.network();
         let analytic = gradients(network, &mut loss(network).backward());
         let numbers = parameters(network);
@@ -229,6 +234,47 @@ fn gradients_of_the_loss_agree_with_finite_differences() {
             }
         }
     }
+}
+
+#[test]
+fn the_excess_by_hand() {
+    // Of two seats: ln(1 + 3) - 0 and ln(1 + 1) - 0, whatever is added to both values of a seat.
+    let of_all = || Tensor::from_inner(matrix(vec![0.0, 3f32.ln(), 90.0, 90.0], 2));
+    let found = values(excess(of_all(), Tensor::from_inner(matrix(vec![0.0, 90.0], 2))))[0];
+    assert!((found - (4f32.ln() + 2f32.ln()) / 2.0).abs() < 1e-5, "{found}");
+}
+
+/// What nobody ever did is not thought better than what was done, however badly that went.
+#[test]
+fn what_is_not_in_the_data_is_held_down() {
+    let lead = |conservatism: f64| {
+        let mut agent = agent(Config {
+            conservatism,
+            ..tiny(Mixing::Sum)
+        });
+        let mut rng = stream(&["data"]);
+        let step = || Transition {
+            observation: two_step::observation(0),
+            action: vec![vec![0.0], vec![0.0]],
+            rewards: vec![-3.0, -3.0],
+            next_observation: two_step::observation(0),
+            end: Some(engine::End::Terminated),
+        };
+        let data: Vec<Transition> = (0..32).map(|_| step()).collect();
+        let mut record = Recorder::default();
+        (0..10).for_each(|_| agent.learn(&data, &mut rng, &mut record).unwrap());
+        let seen = two_step::observation(0).seats.concat();
+        #[allow(clippy::cast_possible_truncation, reason = "noughts and ones")]
+        let row: Vec<f32> = seen.iter().map(|entry| *entry as f32).collect();
+        let q = values(
+            agent
+                .team
+                .values(&agent.networks.network().seat.valid(), &matrix(row, 6)),
+        );
+        [q[0] - q[1], q[2] - q[3]]
+    };
+    assert!(lead(5.0).iter().all(|lead| *lead > 1.0), "{:?}", lead(5.0));
+    assert!(lead(0.0).iter().all(|lead| *lead < 0.5), "{:?}", lead(0.0));
 }
 
 #[test]

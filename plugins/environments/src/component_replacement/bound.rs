@@ -5,7 +5,7 @@
 //! inspection; whoever does not knows less and pays as much, so the expected cost of every policy is at least
 //! `V_0(all new)`.
 
-use super::components::{COMPONENTS, FAILED, Matrix, N_COMPONENTS, N_STATES};
+use super::components::{COMPONENTS, FAILED, Matrix, N_COMPONENTS, N_STATES, worn};
 
 /// What the state of a component is multiplied by in a joint state, which is a number of base 4.
 const STRIDES: [usize; N_COMPONENTS] = [1, 4, 16, 64, 256];
@@ -22,13 +22,15 @@ pub struct Problem {
     pub discount: f64,
     /// Cost of a step in which fewer work.
     pub failure_cost: f64,
+    /// How much more often components leave a state than the published ones.
+    pub wear: f64,
 }
 
 /// The smallest expected cost of an episode for a policy that sees all states.
 #[must_use]
 pub fn least_cost(problem: &Problem) -> f64 {
     let transitions =
-        COMPONENTS.map(|component| [false, true].map(|replaced| component.transition(replaced)));
+        worn(problem.wear).map(|component| [false, true].map(|replaced| component.transition(replaced)));
     let mut values = vec![0.0; N_JOINT];
     for _ in 0..problem.horizon {
         let failed: Vec<f64> = (0..N_JOINT).map(|state| failure_cost(problem, state)).collect();
@@ -105,6 +107,7 @@ mod tests {
             horizon,
             discount: 0.99,
             failure_cost,
+            wear: 1.0,
         }
     }
 
@@ -125,6 +128,18 @@ mod tests {
         assert!((least_cost(&problem(5, 3, 10.0)) - 10.0 * left_alone).abs() < 1e-12);
         // Where it costs more, replacements pay.
         assert!(least_cost(&problem(5, 3, 2400.0)) < 0.9 * 2400.0 * left_alone);
+    }
+
+    #[test]
+    fn more_wear_costs_more() {
+        let with = |wear: f64| {
+            least_cost(&Problem {
+                wear,
+                ..problem(4, 20, 2400.0)
+            })
+        };
+        assert!(with(0.5) < 0.8 * with(1.0) && with(1.5) > 1.2 * with(1.0));
+        assert_eq!(with(0.0), 0.0);
     }
 
     #[test]

@@ -84,7 +84,32 @@ pub const COMPONENTS: [Component; N_COMPONENTS] = [
     },
 ];
 
+/// The published components where each leaves a state `wear` times as likely as published.
+///
+/// `wear` is at most 3, so that probabilities stay below 1.
+#[must_use]
+pub fn worn(wear: f64) -> [Component; N_COMPONENTS] {
+    COMPONENTS.map(|component| component.worn(wear))
+}
+
 impl Component {
+    fn worn(self, wear: f64) -> Self {
+        // The published numbers themselves, to the bit.
+        if wear == 1.0 {
+            return self;
+        }
+        let row = |from: usize| {
+            let mut moves = self.deterioration[from].map(|p| p * wear);
+            moves[from] = 0.0;
+            moves[from] = 1.0 - moves.iter().sum::<f64>();
+            moves
+        };
+        Self {
+            deterioration: std::array::from_fn(row),
+            ..self
+        }
+    }
+
     /// Where the component is a step later, by where it is, `D`; after a replacement `R D`.
     #[must_use]
     pub fn transition(&self, replaced: bool) -> Matrix {
@@ -148,8 +173,27 @@ mod tests {
     }
 
     #[test]
+    fn wear_moves_what_leaves_a_state_and_nothing_else() {
+        assert_eq!(worn(1.0), COMPONENTS);
+        let [first, ..] = worn(2.0);
+        let expected = [0.64, 0.26, 0.1, 0.0];
+        assert!(
+            first.deterioration[0]
+                .iter()
+                .zip(expected)
+                .all(|(a, b)| (a - b).abs() < 1e-15)
+        );
+        assert_eq!(first.replacement_cost, COMPONENTS[0].replacement_cost);
+        assert!(
+            worn(0.0)
+                .iter()
+                .all(|one| one.deterioration[0] == [1.0, 0.0, 0.0, 0.0])
+        );
+    }
+
+    #[test]
     fn every_row_is_a_distribution() {
-        for component in &COMPONENTS {
+        for component in COMPONENTS.iter().chain(&worn(3.0)).chain(&worn(0.4)) {
             for flag in [false, true] {
                 let rows = [component.transition(flag), component.readings(flag)].concat();
                 assert!(

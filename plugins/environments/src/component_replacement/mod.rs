@@ -31,7 +31,7 @@ pub mod components;
 
 use crate::choices;
 use bound::{Problem, least_cost};
-use components::{COMPONENTS, FAILED, N_COMPONENTS, N_STATES};
+use components::{Component, FAILED, N_COMPONENTS, N_STATES, worn};
 use engine::{Channel, End, Environment, Error, Metric, PerEpisode, Rng, Seat, Space, Step};
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -58,6 +58,11 @@ pub struct ComponentReplacementConfig {
     /// Cost of a step in which fewer than `required` components work.
     #[schemars(range(min = 0.0, max = 1e6), extend("x-source" = "imprl: three times the cost of all replacements"))]
     pub failure_cost: f64,
+    /// How many times as likely as published a component leaves a state within a step; those who act know it. For worlds
+    /// other than the one where something was learned.
+    #[schemars(range(min = 0.0, max = 3.0), extend("x-source" = "own choice"))]
+    #[serde(skip_serializing_if = "is_published")]
+    pub wear: f64,
     /// True gives seats two more choices: inspections that are paid and not read, as the published baseline has them.
     pub unread_inspections: bool,
 }
@@ -69,12 +74,19 @@ impl Default for ComponentReplacementConfig {
             horizon: 50,
             discount: 0.99,
             failure_cost: 2400.0,
+            wear: 1.0,
             unread_inspections: false,
         }
     }
 }
 
 impl engine::Config for ComponentReplacementConfig {}
+
+/// The wear is written only where it is not the published one.
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_published(wear: &f64) -> bool {
+    wear.to_bits() == 1.0_f64.to_bits()
+}
 
 impl ComponentReplacementConfig {
     fn check(&self) -> Result<(), Error> {
@@ -89,6 +101,7 @@ impl ComponentReplacementConfig {
         for (key, value, most) in [
             ("discount", self.discount, 1.0),
             ("failure_cost", self.failure_cost, 1e6),
+            ("wear", self.wear, 3.0),
         ] {
             if !(0.0..=most).contains(&value) {
                 return Err(Error::config(key, format!("{value} is not in 0 to {most}")));
@@ -103,6 +116,7 @@ impl ComponentReplacementConfig {
             horizon: self.horizon,
             discount: self.discount,
             failure_cost: self.failure_cost,
+            wear: self.wear,
         }
     }
 }
@@ -142,6 +156,7 @@ pub const TREATMENTS: [Treatment; 5] = [
 #[derive(Debug)]
 pub struct ComponentReplacement {
     config: ComponentReplacementConfig,
+    components: [Component; N_COMPONENTS],
     seats: Vec<Seat>,
     metrics: Vec<Metric>,
     progress: Progress,
@@ -169,8 +184,14 @@ impl Progress {
     }
 
     /// A component's step, by where it went and what was read.
-    fn follow(&mut self, component: usize, treatment: Treatment, next: usize, reading: usize) {
-        let of = &COMPONENTS[component];
+    fn follow(
+        &mut self,
+        component: usize,
+        of: &Component,
+        treatment: Treatment,
+        next: usize,
+        reading: usize,
+    ) {
         let (moves, reads) = (of.transition(treatment.replaces), of.readings(treatment.reads));
         let belief = self.beliefs[component];
         let predicted = |to: usize| {
@@ -214,6 +235,7 @@ impl ComponentReplacement {
         Ok(Self {
             seats: seats(&config),
             metrics: metrics(),
+            components: worn(config.wear),
             progress: Progress::new(),
             least_cost: None,
             config,
@@ -222,10 +244,10 @@ impl ComponentReplacement {
 
     /// What the step costs, before it is discounted: replacements, inspections, failure.
     fn costs(&self, treatments: &[Treatment]) -> [f64; 3] {
-        let sum = |is_meant: fn(&Treatment) -> bool, cost: fn(&components::Component) -> f64| {
+        let sum = |is_meant: fn(&Treatment) -> bool, cost: fn(&Component) -> f64| {
             let pairs = treatments
                 .iter()
-                .zip(&COMPONENTS)
+                .zip(&self.components)
                 .filter(|(treatment, _)| is_meant(treatment));
             pairs.map(|(_, component)| cost(component)).sum()
         };
@@ -258,7 +280,8 @@ impl ComponentReplacement {
         let costs = self.costs(treatments).map(|cost| discount * cost);
         for (component, treatment) in treatments.iter().enumerate() {
             let (next, reading) = draw(component, *treatment);
-            self.progress.follow(component, *treatment, next, reading);
+            let of = &self.components[component];
+            self.progress.follow(component, of, *treatment, next, reading);
         }
         self.progress.step += 1;
         let cost: f64 = costs.iter().sum();
@@ -358,9 +381,9 @@ impl Environment for ComponentReplacement {
         let treatments: Vec<Treatment> = chosen.into_iter().map(|choice| TREATMENTS[choice]).collect();
         // Two numbers for every component whatever is done, so that all policies meet the same fortune.
         let uniform: [[f64; 2]; N_COMPONENTS] = std::array::from_fn(|_| [rng.random(), rng.random()]);
-        let damage = self.progress.damage;
+        let (damage, components) = (self.progress.damage, self.components);
         let draw = |component: usize, treatment: Treatment| {
-            let of = &COMPONENTS[component];
+            let of = &components[component];
             let [moved, read] = uniform[component];
             let next = drawn(&of.transition(treatment.replaces)[damage[component]], moved);
             (next, drawn(&of.readings(treatment.reads)[next], read))

@@ -1,5 +1,6 @@
 //! The environment as a whole, and against trajectories of imprl (`tests/fixtures/component_replacement`).
 
+use super::components::COMPONENTS;
 use super::*;
 use engine::random::stream;
 use serde_json::json;

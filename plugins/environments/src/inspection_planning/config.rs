@@ -17,6 +17,9 @@ pub enum Growth {
     /// By the Paris law, whose table is computed by quadrature.
     #[default]
     ParisLaw,
+    /// By the Paris law with so many times as many cycles in a year. For worlds other than the one where something was
+    /// learned; who inspects knows how cracks grow there.
+    Accelerated(#[schemars(range(min = 0.0, max = 100.0))] f64),
     /// By a table: columns `rate` (years without a repair), `from` and `to` (bins from 0) and `p`; rows without `rate`
     /// and `from` are the first sizes.
     File(DataFile),
@@ -94,6 +97,12 @@ impl InspectionPlanningConfig {
         };
         within("components", self.components, MOST_COMPONENTS)?;
         within("horizon", self.horizon, N_AGES)?;
+        if let Growth::Accelerated(times) = self.crack_growth
+            && !(0.0..=100.0).contains(&times)
+        {
+            let problem = format!("{times} is not in 0 to 100");
+            return Err(Error::config("crack_growth.accelerated", problem));
+        }
         if !(0.0..=1.0).contains(&self.discount) {
             return Err(Error::config(
                 "discount",
@@ -116,6 +125,7 @@ impl InspectionPlanningConfig {
     pub fn growth(&self) -> Result<Arc<CrackGrowth>, Error> {
         match &self.crack_growth {
             Growth::ParisLaw => Ok(CrackGrowth::of_paris_law()),
+            Growth::Accelerated(times) => Ok(CrackGrowth::accelerated(*times)),
             Growth::File(file) => CrackGrowth::of_file(file),
         }
     }
@@ -135,6 +145,10 @@ mod tests {
                 "`required`: 6 of 5 components cannot be required",
             ),
             (json!({ "required": 0 }), "`required`: 0 of 5"),
+            (
+                json!({ "crack_growth": { "accelerated": -1.0 } }),
+                "`crack_growth.accelerated`: -1 is not in 0 to 100",
+            ),
             (json!({ "discount": 1.5 }), "`discount`: 1.5 is not in 0 to 1"),
         ] {
             let config: InspectionPlanningConfig = serde_json::from_value(values).unwrap();

@@ -28,7 +28,7 @@ use serde::Deserialize;
 use std::{
     collections::BTreeMap,
     f64::consts::PI,
-    sync::{Arc, Mutex, OnceLock, PoisonError, Weak},
+    sync::{Arc, Mutex, PoisonError, Weak},
 };
 
 /// Bins of crack sizes; the last one holds failed components.
@@ -71,15 +71,23 @@ impl CrackGrowth {
     /// The table of the law above, computed once within a process.
     #[must_use]
     pub fn of_paris_law() -> Arc<Self> {
-        static COMPUTED: OnceLock<Arc<CrackGrowth>> = OnceLock::new();
+        Self::accelerated(1.0)
+    }
+
+    /// The same with so many times as many cycles in a year.
+    #[must_use]
+    pub fn accelerated(times: f64) -> Arc<Self> {
+        static COMPUTED: Mutex<BTreeMap<u64, Arc<CrackGrowth>>> = Mutex::new(BTreeMap::new());
         let compute = || {
-            let joint = joint_probabilities();
+            let joint = joint_probabilities(times);
             Arc::new(Self {
                 rows: joint.iter().map(conditional).collect(),
                 initial: first_sizes(),
             })
         };
-        COMPUTED.get_or_init(compute).clone()
+        // What panicked while it held the lock has left the map as it was.
+        let mut computed = COMPUTED.lock().unwrap_or_else(PoisonError::into_inner);
+        computed.entry(times.to_bits()).or_insert_with(compute).clone()
     }
 
     /// A table from a file: columns `rate` (years without a repair), `from`, `to` (bins from 0) and `p`; rows without
@@ -224,9 +232,10 @@ pub fn masses(below: &[f64; N_BINS]) -> Belief {
 }
 
 /// `P(d_t in j, d_(t+1) in k)` for each age t.
-fn joint_probabilities() -> Vec<[Belief; N_BINS]> {
+fn joint_probabilities(times: f64) -> Vec<[Belief; N_BINS]> {
     let mut joint = vec![[[0.0; N_BINS]; N_BINS]; N_AGES];
     for (growth, weight) in growth_factors() {
+        let growth = times * growth;
         let mut earlier = pulled_back(growth, 0);
         for (age, of_age) in joint.iter_mut().enumerate() {
             let later = pulled_back(growth, age + 1);
@@ -313,6 +322,19 @@ mod tests {
 
     fn dense(growth: &CrackGrowth, age: usize, from: usize) -> Belief {
         growth.grow(age, &std::array::from_fn(|bin| f64::from(u8::from(bin == from))))
+    }
+
+    /// `K` grows with the cycles, so two years at once are two years one after the other.
+    #[test]
+    fn twice_the_cycles_are_two_years_in_one() {
+        let (once, twice) = (CrackGrowth::of_paris_law(), CrackGrowth::accelerated(2.0));
+        let later = once.grow(1, &once.grow(0, &once.initial));
+        let at_once = twice.grow(0, &twice.initial);
+        assert!(
+            later.iter().zip(&at_once).all(|(a, b)| (a - b).abs() < 1e-9),
+            "{later:?} {at_once:?}"
+        );
+        assert!(at_once[FAILED] > 1.5 * once.grow(0, &once.initial)[FAILED]);
     }
 
     #[test]

@@ -332,6 +332,7 @@ fn a_plan_that_a_search_found_is_flown() {
         let design = engine::Design {
             candidate: 0,
             observed_return: 0.0,
+            chosen_by: None,
             actions: vec![action; legs],
             options: Vec::new(),
         };
