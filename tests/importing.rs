@@ -62,7 +62,7 @@ fn imported_runs_stand_in_tables_figures_and_claims_and_are_marked_there() {
     ] {
         assert!(by_seed.contains(line), "{line}\n{by_seed}");
     }
-    let told = "other is imported and was not run here: 3 runs of runs/*.csv (Other 1.0), final values are means of the last 2.";
+    let told = "other is imported and was not run here: 3 runs of runs/*.csv (Other 1.0), final values are means of the last 2";
     for (file, label) in [
         ("tables/lengths.md", "other (imported)"),
         ("tables/lengths.tex", "other (imported)"),
@@ -80,6 +80,7 @@ fn imported_runs_stand_in_tables_figures_and_claims_and_are_marked_there() {
         "{}\n{report}",
         report.matches(told).count()
     );
+    assert!(!report.contains(".;"), "{report}");
     assert!(report.contains("other: runs/run-0.csv (SHA-256 "), "{report}");
     assert!(read(&bench, "index.html").contains("SHA-256"));
     let verdicts: Value = serde_json::from_str(&read(&bench, "verdicts.json")).unwrap();

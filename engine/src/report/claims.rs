@@ -21,7 +21,7 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
             Entry::plain(&line.place),
             Entry::of(Tone::Verdict(line.word()), line.verdict_in_words()),
             Entry::plain(line.numbers()),
-            Entry::of(Tone::Sentence, line.notes().join("; ")),
+            Entry::of(Tone::Sentence, in_one_line(&line.notes())),
         ]
     };
     let rows: Vec<_> = contents.claims.iter().map(row).collect();
@@ -33,6 +33,12 @@ pub(super) fn sheet(contents: &Contents) -> Option<Sheet> {
         rows,
         notes: notes(contents),
     })
+}
+
+/// Notes in a row; one that is a sentence of its own loses its full stop.
+fn in_one_line(notes: &[String]) -> String {
+    let notes: Vec<_> = notes.iter().map(|note| note.trim_end_matches('.')).collect();
+    notes.join("; ")
 }
 
 /// What stands under the claims: why claims are refuted, where the study says it; with how many seeds no
