@@ -30,37 +30,49 @@ pub fn linear(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
         .collect()
 }
 
-/// Ticks of a logarithmic axis: powers of ten with text, and 2 to 9 between them, with text only where few
-/// powers are in range.
+/// Ticks of a logarithmic axis: powers of ten with text, and 2 to 9 between them, with text only where few powers are
+/// in range: 2 and 5, or all of them where two texts would be missing still. An axis that not even these mark twice has
+/// round steps.
 #[must_use]
 pub fn logarithmic(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
-    #[allow(clippy::cast_possible_truncation, reason = "exponents of finite numbers")]
-    let (first, last) = (low.log10().floor() as i32, high.log10().floor() as i32);
-    let skip = (last - first) / i32::try_from(wanted.max(1)).unwrap_or(1) + 1;
+    const EVERY_DIGIT: [i32; 9] = [1, 2, 3, 4, 5, 6, 7, 8, 9];
+    const ROUND: &[i32] = &[1, 2, 5];
+    let span = exponent(high) - exponent(low);
+    let skip = span / i32::try_from(wanted.max(1)).unwrap_or(1) + 1;
+    [(skip, ROUND), (1, ROUND), (1, &EVERY_DIGIT)]
+        .into_iter()
+        .map(|(skip, named)| of_decades(low, high, skip, named))
+        .find(|ticks| ticks.iter().filter(|tick| !tick.text.is_empty()).count() >= 2)
+        .unwrap_or_else(|| linear(low, high, wanted.max(FEWEST_STEPS)))
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "exponents of finite numbers")]
+fn exponent(value: f64) -> i32 {
+    value.log10().floor() as i32
+}
+
+/// Steps that are asked for, so that at least two ticks lie inside whatever the range.
+const FEWEST_STEPS: usize = 6;
+
+/// Ticks at the digits of each power of ten, with text at every `skip`th power, and at the `named` digits where few
+/// powers are in range.
+fn of_decades(low: f64, high: f64, skip: i32, named: &[i32]) -> Vec<Tick> {
+    let (first, last) = (exponent(low), exponent(high));
     let few = last - first < 2;
     let plain = first >= -2 && last <= 3;
-    let mut ticks = Vec::new();
-    for exponent in first..=last {
-        for digit in 1..=9 {
-            let value = f64::from(digit) * 10f64.powi(exponent);
-            let named = if digit == 1 {
-                exponent % skip == 0
-            } else {
-                few && (digit == 2 || digit == 5)
-            };
-            if (low * (1.0 - 1e-9)..=high * (1.0 + 1e-9)).contains(&value) {
-                ticks.push(Tick {
-                    value,
-                    text: if named {
-                        power(digit, exponent, plain)
-                    } else {
-                        String::new()
-                    },
-                });
-            }
-        }
-    }
-    ticks
+    let text = |digit, exponent| match digit {
+        1 if exponent % skip == 0 => power(digit, exponent, plain),
+        2..=9 if few && named.contains(&digit) => power(digit, exponent, plain),
+        _ => String::new(),
+    };
+    (first..=last)
+        .flat_map(|exponent| (1..=9).map(move |digit| (digit, exponent)))
+        .map(|(digit, exponent)| Tick {
+            value: f64::from(digit) * 10f64.powi(exponent),
+            text: text(digit, exponent),
+        })
+        .filter(|tick| (low * (1.0 - 1e-9)..=high * (1.0 + 1e-9)).contains(&tick.value))
+        .collect()
 }
 
 /// The next of 1, 2, 2.5, 5 and 10 times a power of ten, or one that is only a little smaller.
@@ -168,6 +180,13 @@ mod tests {
         assert_eq!(texts(&logarithmic(1.0, 12.0, 6)), ["1", "2", "5", "10"]);
     }
 
+    #[test]
+    fn a_logarithmic_axis_is_marked_twice_however_short() {
+        assert_eq!(texts(&logarithmic(1.6, 6.1, 6)), ["2", "5"]);
+        assert_eq!(texts(&logarithmic(2.1, 6.1, 6)), ["3", "4", "5", "6"]);
+        assert_eq!(texts(&logarithmic(2.1, 2.9, 6)), ["2.2", "2.4", "2.6", "2.8"]);
+    }
+
     proptest::proptest! {
         #[test]
         fn ticks_lie_in_range_and_are_few(low in -1e6f64..1e6, width in 1e-3f64..1e6, wanted in 2usize..9) {
@@ -176,6 +195,15 @@ mod tests {
             let slack = width * 1e-6;
             proptest::prop_assert!(ticks.iter()
                 .all(|tick| tick.value >= low - slack && tick.value <= low + width + slack));
+        }
+
+        #[test]
+        fn logarithmic_ticks_lie_in_range_and_two_are_named(low in 1e-6f64..1e6, factor in 1.01f64..1e9, wanted in 2usize..9) {
+            let ticks = logarithmic(low, low * factor, wanted);
+            proptest::prop_assert!(texts(&ticks).len() >= 2, "{ticks:?}");
+            let slack = low * factor * 1e-6;
+            proptest::prop_assert!(ticks.iter()
+                .all(|tick| tick.value >= low - slack && tick.value <= low * factor + slack));
         }
     }
 }
