@@ -43,7 +43,7 @@ const INTERFACE: &str = "interface.json";
 /// Whether datasets can be made of an environment.
 ///
 /// # Errors
-/// [`Error::MixedSeats`] where some seats choose and others do not.
+/// [`Error::MixedSeats`] where some seats choose and others do not, [`Error::NoSeats`] where there are none.
 pub fn can_hold(interface: &Interface) -> Result<(), Error> {
     Layout::of(interface).map(drop)
 }
@@ -192,7 +192,7 @@ impl DatasetWriter {
     /// Begins a dataset in a trial's folder; one that is there is removed.
     ///
     /// # Errors
-    /// [`Error::MixedSeats`] for an environment whose seats are too unlike, and where the folder cannot be written.
+    /// As [`can_hold`], and [`Error::File`] where the folder cannot be written.
     pub fn create(trial: &Path, interface: &Interface) -> Result<Self, Error> {
         let folder = trial.join(FOLDER);
         can_hold(interface)?;

@@ -140,7 +140,9 @@ impl Names<'_> {
     /// An environment that the text names behind `in`, and where; says so where there is none of this name.
     fn environment_named(&mut self, name: &str, text: &Text<'_>) -> (Option<usize>, (Span, String)) {
         let named = format!("in {name}");
-        let behind = text.text.rfind(&named).map(|at| at + "in ".len());
+        let ends = |at: &usize| !text.text[at + named.len()..].starts_with(claim::is_name_character);
+        let mut places = text.text.rmatch_indices(&named).map(|(at, _)| at);
+        let behind = places.find(ends).map(|at| at + "in ".len());
         let start = behind.or_else(|| text.text.rfind(name)).unwrap_or(0);
         let place = text.place(start, name.len());
         let index = self.world.environments.iter().position(|known| known == name);

@@ -16,13 +16,16 @@
 //! success is. `AGENT.success` is their share. Names are made of letters, digits, `_` and `-`; a name does
 //! not start with `-`. `pursuit.prey.tdom_ac.score` is the mean score of the play `pursuit` over all trained
 //! opponents where `tdom_ac` plays the prey. `dsac[discount=0.9].return` is that of the trials with this value of a
-//! swept key; `dsac.return in worn > 0.9 * dsac.return in new` compares two environments, seed by seed (a value with quotes or brackets is JSON: `dsac[kind="a, b"].return`); an agent with several settings that are not told apart is compared setting by setting.
+//! swept key (a value with quotes or brackets is JSON: `dsac[kind="a, b"].return`); an agent with several settings that
+//! are not told apart is compared setting by setting. `dsac.return in worn > 0.9 * dsac.return in new` compares two
+//! environments, seed by seed.
 
 mod evaluate;
 pub mod forms;
 mod parse;
 
 pub use evaluate::{ClaimOutcome, ClaimVerdict, evaluate};
+pub(crate) use parse::is_name_character;
 pub use parse::parse;
 
 use super::estimators::mean;

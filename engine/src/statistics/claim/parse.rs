@@ -384,7 +384,8 @@ fn name_at(text: &str) -> Option<&str> {
     (length > 0 && !text.starts_with('-')).then_some(&text[..length])
 }
 
-fn is_name_character(character: char) -> bool {
+/// Whether names of agents, metrics and environments may have this character.
+pub(crate) fn is_name_character(character: char) -> bool {
     character.is_alphanumeric() || character == '_' || character == '-'
 }
 

@@ -22,7 +22,7 @@ pub struct Problem {
     pub discount: f64,
     /// Cost of a step in which fewer work.
     pub failure_cost: f64,
-    /// How much more often components leave a state than the published ones.
+    /// How many times as likely as published a component leaves a state within a step, 0 to 3.
     pub wear: f64,
 }
 
