@@ -11,7 +11,8 @@ use crate::{
     Registry,
     count::{count, either},
     limits::Limits,
-    results::{EndState, TrialEnd},
+    pace::Paces,
+    results::TrialEnd,
     scheduler::{self, Task, Workers, hosts::Hosts},
     store::{Store, is_missing},
     trial::Trial,
@@ -242,7 +243,7 @@ impl Compute<'_> {
                     task.until = task.until.zip(until).map(|(one, other)| one.max(other));
                 } else {
                     seen.insert(trial.id.as_str(), tasks.len());
-                    let pace_s = paces.get(trial.cell.agent.as_str()).copied();
+                    let pace_s = paces.of(&trial.cell);
                     tasks.push(Task {
                         trial,
                         cost: *cost,
@@ -296,22 +297,13 @@ pub(super) fn has_paused(task: &Task<'_>, store: &Store) -> bool {
         .is_some_and(|until| logged().is_some_and(|step| step >= until))
 }
 
-/// Seconds per step of the agents that have stored trials.
-fn paces<'p>(planned: &'p [Planned], ends: &Ends) -> BTreeMap<&'p str, f64> {
-    let mut sums: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
-    for (one, ends) in planned.iter().zip(ends) {
-        for ((trial, cost), end) in one.plan.trials.iter().zip(&one.costs).zip(ends) {
-            if let Some(end) = end.as_ref().filter(|end| end.state == EndState::Ok) {
-                let sum = sums.entry(trial.cell.agent.as_str()).or_default();
-                #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-                let steps = *cost as f64 + 1.0;
-                *sum = (sum.0 + end.wall_s, sum.1 + steps);
-            }
-        }
-    }
-    sums.into_iter()
-        .map(|(agent, (wall_s, steps))| (agent, wall_s / steps))
-        .collect()
+/// How fast trials went that are stored.
+fn paces<'p>(planned: &'p [Planned], ends: &Ends) -> Paces<'p> {
+    let trials = planned.iter().zip(ends).flat_map(|(one, ends)| {
+        let trials = one.plan.trials.iter().zip(&one.costs).zip(ends);
+        trials.map(|((trial, cost), end)| (&*trial.cell, *cost, end.as_ref()))
+    });
+    Paces::of_ended(trials)
 }
 
 fn of_all<'e>(

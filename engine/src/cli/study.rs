@@ -2,7 +2,7 @@
 
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, absent,
-    colour, complain, looks,
+    colour, complain, cost, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
     say, searches, settings, stages, submit,
@@ -12,12 +12,11 @@ use crate::{
     Registry,
     count::{count, either},
     diagnostic,
-    plan::{self, Novelty, Plan, Wanted},
-    report,
+    plan::{self, Estimate, Novelty, Plan, Wanted},
     results::{EndState, SearchResult, TrialEnd},
     spec::{self, Study},
     store::{Found, Store, is_missing},
-    trial::Trial,
+    trial::{Trial, TrialKey},
 };
 use serde_json::json;
 use std::{
@@ -204,23 +203,24 @@ fn options(selection: &Selection) -> spec::Options {
 /// Steps of every trial; neighbours in a plan mostly share their protocol, so that few protocols are built.
 pub(super) fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
     let mut known: Option<(&Arc<serde_json::Value>, u64)> = None;
-    let cost = |trial: &Trial| {
-        let entry = registry.protocols.get(trial.key.protocol.plugin.as_str())?;
-        (entry.build)(&trial.key.protocol.config)
-            .ok()
-            .map(|protocol| protocol.total_steps())
-    };
     let mut costs = Vec::with_capacity(plan.trials.len());
     for trial in &plan.trials {
         let config = &trial.key.protocol.config;
         let steps = match known {
             Some((same, steps)) if Arc::ptr_eq(same, config) => steps,
-            _ => cost(trial).unwrap_or(0),
+            _ => total_steps(registry, &trial.key).unwrap_or(0),
         };
         known = Some((config, steps));
         costs.push(steps);
     }
     costs
+}
+
+/// `None` for a protocol that this program does not know.
+pub(super) fn total_steps(registry: &Registry, key: &TrialKey) -> Option<u64> {
+    let entry = registry.protocols.get(key.protocol.plugin.as_str())?;
+    let protocol = (entry.build)(&key.protocol.config).ok()?;
+    Some(protocol.total_steps())
 }
 
 /// `check`: one line per good study.
@@ -300,11 +300,7 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
     for one in planned {
         let trials = &one.plan.trials;
         let ends = ends_with_advice(&store, trials, selection, common);
-        let known: Vec<&Trial> = trials
-            .iter()
-            .zip(&ends)
-            .filter_map(|(trial, end)| end.as_ref().map(|_| &**trial))
-            .collect();
+        let known = known(trials, &ends);
         // Where every trial is there, nothing else of the store is looked at.
         let cells = if known.len() < trials.len() {
             store.cells(&known, MOST_STORED)
@@ -313,11 +309,12 @@ pub(super) fn plan(registry: &Registry, selection: &Selection, common: &Common) 
         };
         let novelties = plan::novelties(trials, &ends, &cells);
         let waiting = Waiting::of(trials, &ends, &store);
+        let estimate = cost::estimate(registry, &one, &ends, &waiting, &cells);
         say(&overview(
             &one,
             &ends,
             Some(&novelties),
-            (settings.workers, &waiting),
+            (settings.workers, &waiting, estimate),
             common.format,
         ));
         say_waiting(&waiting, common);
@@ -334,11 +331,13 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
     for one in load_with_looks(registry, selection, &store)? {
         let ends = ends_with_advice(&store, &one.plan.trials, selection, common);
         let waiting = Waiting::of(&one.plan.trials, &ends, &store);
+        let cells = store.cells(&known(&one.plan.trials, &ends), 0);
+        let estimate = cost::estimate(registry, &one, &ends, &waiting, &cells);
         say(&overview(
             &one,
             &ends,
             None,
-            (settings.workers, &waiting),
+            (settings.workers, &waiting, estimate),
             common.format,
         ));
         if common.format == Format::Text {
@@ -359,6 +358,14 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
     }
     submit::show(&settings.store, common.format);
     Ok(code)
+}
+
+/// The trials that have ended, and how.
+fn known<'a>(trials: &'a [Arc<Trial>], ends: &'a [Option<TrialEnd>]) -> Vec<(&'a Trial, &'a TrialEnd)> {
+    let known = trials.iter().zip(ends);
+    known
+        .filter_map(|(trial, end)| Some((&**trial, end.as_ref()?)))
+        .collect()
 }
 
 fn say_waiting(waiting: &Waiting, common: &Common) {
@@ -419,9 +426,6 @@ struct Cell {
     missing: usize,
     /// Missing ones that do not run by themselves.
     blocked: usize,
-    steps: u64,
-    wall_s: f64,
-    steps_missing: u64,
 }
 
 /// Names of environment, agent and setting.
@@ -430,7 +434,7 @@ type Names<'a> = (&'a str, &'a str, &'a str);
 fn cells<'a>(one: &'a Planned, ends: &[Option<TrialEnd>], waiting: &Waiting) -> Vec<(Names<'a>, Cell)> {
     let (mut cells, mut places): (Vec<(Names<'a>, Cell)>, BTreeMap<Names<'a>, usize>) =
         (Vec::new(), BTreeMap::new());
-    for (index, ((trial, end), cost)) in one.plan.trials.iter().zip(ends).zip(&one.costs).enumerate() {
+    for (index, (trial, end)) in one.plan.trials.iter().zip(ends).enumerate() {
         let names = (
             trial.cell.environment.as_str(),
             trial.cell.agent.as_str(),
@@ -444,25 +448,18 @@ fn cells<'a>(one: &'a Planned, ends: &[Option<TrialEnd>], waiting: &Waiting) -> 
         if waiting.is_blocked(index) {
             cells[place].1.blocked += 1;
         } else {
-            cells[place].1.add(end.as_ref(), *cost);
+            cells[place].1.add(end.as_ref());
         }
     }
     cells
 }
 
 impl Cell {
-    fn add(&mut self, end: Option<&TrialEnd>, cost: u64) {
+    fn add(&mut self, end: Option<&TrialEnd>) {
         match end {
-            Some(end) if end.state == EndState::Ok => {
-                self.ok += 1;
-                self.steps += cost + 1;
-                self.wall_s += end.wall_s;
-            }
+            Some(end) if end.state == EndState::Ok => self.ok += 1,
             Some(end) if end.state != EndState::Killed => self.failed += 1,
-            _ => {
-                self.missing += 1;
-                self.steps_missing += cost + 1;
-            }
+            _ => self.missing += 1,
         }
     }
 }
@@ -471,13 +468,14 @@ fn overview(
     one: &Planned,
     ends: &[Option<TrialEnd>],
     novelties: Option<&[Novelty]>,
-    (workers, waiting): (usize, &Waiting),
+    (workers, waiting, estimate): (usize, &Waiting, Estimate),
     format: Format,
 ) -> String {
     let cells = cells(one, ends, waiting);
     if format == Format::Json {
         let mut overview = as_json(one, &cells, novelties);
         overview["waiting"] = waiting.to_json();
+        overview["estimate"] = json!(estimate);
         return overview.to_string();
     }
     let mut lines = vec![format!(
@@ -491,7 +489,9 @@ fn overview(
     lines.extend(stages::lines(one));
     let why = novelties.map(plan::explain).filter(|text| !text.is_empty());
     lines.extend(why);
-    lines.push(cost(&cells, workers));
+    let sum = |of: fn(&Cell) -> usize| cells.iter().map(|(_, cell)| of(cell)).sum();
+    let (blocked, failed) = (sum(|cell| cell.blocked), sum(|cell| cell.failed));
+    lines.push(cost::line(&estimate, blocked, failed, workers));
     lines.join("\n")
 }
 
@@ -545,64 +545,6 @@ fn as_json(one: &Planned, cells: &[(Names<'_>, Cell)], novelties: Option<&[Novel
         overview["why"] = plan::to_json(novelties);
     }
     overview
-}
-
-/// An estimate of the time that the missing trials will take, from the stored ones of the same agent.
-fn cost(cells: &[(Names<'_>, Cell)], workers: usize) -> String {
-    let missing: usize = cells.iter().map(|(_, cell)| cell.missing).sum();
-    let blocked: usize = cells.iter().map(|(_, cell)| cell.blocked).sum();
-    if missing == 0 && blocked > 0 {
-        return format!("  {blocked} blocked, and nothing else is missing");
-    }
-    if missing == 0 {
-        let failed: usize = cells.iter().map(|(_, cell)| cell.failed).sum();
-        let failed = if failed == 0 {
-            String::new()
-        } else {
-            format!(", but {failed} did not end ok")
-        };
-        return format!("  nothing is missing{failed}");
-    }
-    let mut rates: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
-    for ((_, agent, _), cell) in cells {
-        let rate = rates.entry(agent).or_default();
-        #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-        let steps = cell.steps as f64;
-        *rate = (rate.0 + cell.wall_s, rate.1 + steps);
-    }
-    let known = |agent: &str| {
-        rates
-            .get(agent)
-            .filter(|(_, steps)| *steps > 0.0)
-            .map(|(wall_s, steps)| wall_s / steps)
-    };
-    let unknown: usize = cells
-        .iter()
-        .filter(|((_, agent, _), _)| known(agent).is_none())
-        .map(|(_, cell)| cell.missing)
-        .sum();
-    #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-    let seconds: f64 = cells
-        .iter()
-        .filter_map(|((_, agent, _), cell)| Some(known(agent)? * cell.steps_missing as f64))
-        .sum();
-    #[allow(clippy::cast_precision_loss, reason = "an estimate")]
-    let wall_s = seconds / workers as f64;
-    let about = if unknown == missing {
-        "no stored trial tells how long".to_owned()
-    } else {
-        format!(
-            "about {} on {}",
-            report::duration(wall_s),
-            count(workers, "worker")
-        )
-    };
-    let rest = if unknown > 0 && unknown < missing {
-        format!(", and {} of agents that never ran", count(unknown, "trial"))
-    } else {
-        String::new()
-    };
-    format!("  {missing} missing: {about}{rest}")
 }
 
 fn failures(trials: &[Arc<Trial>], ends: &[Option<TrialEnd>]) -> String {

@@ -1,15 +1,20 @@
-//! The plan of a study: its trials, in order, and why those that are not stored are new.
+//! The plan of a study: its trials, in order, why those that are not stored are new, and how long they
+//! will take.
 
 mod cross_play;
+mod estimate;
 mod explain;
 mod leaves;
+mod nearest;
 mod novelty;
 #[cfg(test)]
 mod tests;
 
+pub use estimate::{Estimate, estimate};
 pub use explain::{explain, seed_ranges, to_json};
 pub use leaves::Difference;
-pub use novelty::{Novelty, Reason, StoredCell, novelties};
+pub use nearest::{StoredCell, Took};
+pub use novelty::{Novelty, Reason, novelties};
 
 use crate::{
     cast::{Cast, Member, Seating},

@@ -5,30 +5,19 @@
 //! study take no part in it. Seeds are not searched: what is compared are combinations of parts, each with
 //! its seeds.
 
-use super::leaves::{Catalogue, Difference, PartIndex};
+use super::{
+    leaves::Difference,
+    nearest::{Search, StoredCell},
+};
 use crate::{
-    cast::{POLICY, Seating},
     results::{EndState, TrialEnd},
-    trial::{Part, Purpose, Trial, TrialKey},
+    trial::{Purpose, Trial, TrialKey},
 };
 use std::{
     borrow::Borrow,
     collections::{BTreeMap, BTreeSet, HashMap},
     sync::Arc,
 };
-
-/// Comparisons of combinations in one search, over all cells; a search that would need more looks at a part
-/// of the store only.
-const MOST_COMPARISONS: usize = 4_000_000;
-
-/// A stored combination of parts.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StoredCell {
-    /// Key of one of its trials.
-    pub key: TrialKey,
-    /// The seeds of all of them.
-    pub seeds: BTreeSet<u64>,
-}
 
 /// Why trials are not done.
 #[derive(Debug, Clone, PartialEq)]
@@ -139,7 +128,7 @@ fn entry(trial: &Trial) -> String {
     }
 }
 
-fn of_cell(cell: &[Pending<'_>], new: &HashMap<&str, &Trial>, search: &mut Search) -> Vec<Novelty> {
+fn of_cell(cell: &[Pending<'_>], new: &HashMap<&str, &Trial>, search: &mut Search<'_>) -> Vec<Novelty> {
     let mut reasons: Vec<(Reason, Vec<u64>)> = Vec::new();
     let mut add = |reason: Reason, seed: u64| match reasons.iter_mut().find(|(known, _)| *known == reason) {
         Some((_, seeds)) => seeds.push(seed),
@@ -157,7 +146,7 @@ fn of_cell(cell: &[Pending<'_>], new: &HashMap<&str, &Trial>, search: &mut Searc
         }
     }
     let first = cell[0].0;
-    reasons.extend(search.reasons(&first.key, &absent));
+    reasons.extend(of_absent(search, &first.key, &absent));
     let (environment, agent, setting) = (
         first.cell.environment.clone(),
         first.cell.agent.clone(),
@@ -173,170 +162,41 @@ fn of_cell(cell: &[Pending<'_>], new: &HashMap<&str, &Trial>, search: &mut Searc
     reasons.into_iter().map(named).collect()
 }
 
-/// A combination of parts as indices of the catalogue, so that equal parts are found equal at once.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
-struct Combination {
-    parts: [PartIndex; 3],
-    numerics: u32,
-    device: String,
-}
-
-/// The stored combinations, to be searched for the nearest.
-struct Search {
-    catalogue: Catalogue,
-    stored: Vec<(Combination, BTreeSet<u64>)>,
-    by_combination: HashMap<Combination, usize>,
-    /// Combinations by two of their parts; the position that is left out makes the third number.
-    by_two_parts: HashMap<(PartIndex, PartIndex, usize), Vec<usize>>,
-    most: usize,
-}
-
-impl Search {
-    fn new(stored: &[StoredCell], n_cells: usize) -> Self {
-        let mut catalogue = Catalogue::default();
-        let mut combinations: BTreeMap<Combination, BTreeSet<u64>> = BTreeMap::new();
-        // In the order of their content, so that among equally near ones always the same is found.
-        let mut ordered: Vec<&StoredCell> = stored.iter().collect();
-        ordered.sort_by_cached_key(|cell| serde_json::to_string(&cell.key).unwrap_or_default());
-        for cell in ordered {
-            combinations
-                .entry(catalogue.combination(&cell.key))
-                .or_default()
-                .extend(&cell.seeds);
-        }
-        let stored: Vec<_> = combinations.into_iter().collect();
-        let (mut by_combination, mut by_two_parts) = (HashMap::new(), HashMap::<_, Vec<usize>>::new());
-        for (index, (combination, _)) in stored.iter().enumerate() {
-            by_combination.insert(combination.clone(), index);
-            for pair in combination.pairs() {
-                by_two_parts.entry(pair).or_default().push(index);
-            }
-        }
-        Self {
-            catalogue,
-            stored,
-            by_combination,
-            by_two_parts,
-            most: (MOST_COMPARISONS / n_cells.max(1)).max(16),
-        }
+/// Why these seeds of a combination are not stored.
+fn of_absent(search: &mut Search<'_>, key: &TrialKey, seeds: &[u64]) -> Vec<(Reason, Vec<u64>)> {
+    if seeds.is_empty() {
+        return Vec::new();
     }
-
-    /// Why these seeds of a combination are not stored.
-    fn reasons(&mut self, key: &TrialKey, seeds: &[u64]) -> Vec<(Reason, Vec<u64>)> {
-        if seeds.is_empty() {
-            return Vec::new();
-        }
-        let planned = self.catalogue.combination(key);
-        if let Some(&same) = self.by_combination.get(&planned) {
-            return vec![(
-                Reason::NewSeed {
-                    stored: self.stored[same].1.clone(),
-                },
-                seeds.to_vec(),
-            )];
-        }
-        let nearest = self.nearest(&planned, seeds);
-        let Some(&first) = nearest.first() else {
-            return vec![(Reason::NothingLikeIt, seeds.to_vec())];
-        };
-        let mut by_stored: BTreeMap<(bool, usize), Vec<u64>> = BTreeMap::new();
-        for &seed in seeds {
-            let with_seed = nearest
-                .iter()
-                .copied()
-                .find(|&index| self.stored[index].1.contains(&seed));
-            by_stored
-                .entry((with_seed.is_none(), with_seed.unwrap_or(first)))
-                .or_default()
-                .push(seed);
-        }
-        let changed = |((new_seed, index), seeds): ((bool, usize), Vec<u64>)| {
-            let (stored, known) = &self.stored[index];
-            let differences = self
-                .catalogue
-                .differences(&stored.as_tuple(), &planned.as_tuple());
-            (
-                Reason::Changed {
-                    differences,
-                    new_seed: new_seed.then(|| known.clone()),
-                },
-                seeds,
-            )
-        };
-        let mut reasons: Vec<_> = by_stored.into_iter().map(changed).collect();
-        reasons.sort_by_key(|(_, seeds)| seeds.first().copied());
-        reasons
+    let planned = search.combination(key);
+    if let Some(same) = search.same(&planned) {
+        let stored = search.at(same).seeds.clone();
+        return vec![(Reason::NewSeed { stored }, seeds.to_vec())];
     }
-
-    /// The stored combinations with the fewest differing leaves; none where nothing is like it.
-    fn nearest(&self, planned: &Combination, seeds: &[u64]) -> Vec<usize> {
-        let related = planned
-            .pairs()
-            .into_iter()
-            .filter_map(|pair| self.by_two_parts.get(&pair))
-            .flatten()
-            .copied();
-        let (mut least, mut nearest) = (usize::MAX, Vec::new());
-        for index in related.chain(0..self.stored.len()).take(self.most) {
-            let (stored, known) = &self.stored[index];
-            let distance = self.distance(stored, planned, least);
-            if distance < least {
-                (least, nearest) = (distance, Vec::new());
-            }
-            if distance == least && !nearest.contains(&index) && nearest.len() < 16 {
-                nearest.push(index);
-            }
-            if least == 1 && seeds.iter().all(|seed| known.contains(seed)) {
-                break;
-            }
-        }
-        nearest.retain(|&index| {
-            self.catalogue
-                .same_plugins(&self.stored[index].0.parts, &planned.parts)
-                >= 2
-        });
-        nearest
+    let nearest = search.nearest(&planned, seeds);
+    let Some(&first) = nearest.first() else {
+        return vec![(Reason::NothingLikeIt, seeds.to_vec())];
+    };
+    let mut by_stored: BTreeMap<(bool, usize), Vec<u64>> = BTreeMap::new();
+    for &seed in seeds {
+        let is_known = |index: &usize| search.at(*index).seeds.contains(&seed);
+        let with_seed = nearest.iter().copied().find(is_known);
+        by_stored
+            .entry((with_seed.is_none(), with_seed.unwrap_or(first)))
+            .or_default()
+            .push(seed);
     }
-
-    /// Number of differing leaves; counting stops above `enough`.
-    fn distance(&self, one: &Combination, other: &Combination, enough: usize) -> usize {
-        let mut sum = usize::from(one.numerics != other.numerics) + usize::from(one.device != other.device);
-        for (one, other) in one.parts.iter().zip(&other.parts) {
-            if sum > enough {
-                break;
-            }
-            sum += self.catalogue.distance(*one, *other);
-        }
-        sum
-    }
-}
-
-impl Combination {
-    fn pairs(&self) -> [(PartIndex, PartIndex, usize); 3] {
-        let [environment, agent, protocol] = self.parts;
-        [
-            (environment, agent, 2),
-            (environment, protocol, 1),
-            (agent, protocol, 0),
-        ]
-    }
-
-    fn as_tuple(&self) -> ([PartIndex; 3], u32, &str) {
-        (self.parts, self.numerics, &self.device)
-    }
-}
-
-impl Catalogue {
-    fn combination(&mut self, key: &TrialKey) -> Combination {
-        let agent = match &*key.agent {
-            Seating::Agent(part) => part.clone(),
-            Seating::Cast(cast) => Part::new(POLICY, 0, serde_json::json!(cast)),
-        };
-        let parts = [&*key.environment, &agent, &*key.protocol].map(|part| self.index(part));
-        Combination {
-            parts,
-            numerics: key.numerics,
-            device: key.device.to_string(),
-        }
-    }
+    let changed = |((new_seed, index), seeds): ((bool, usize), Vec<u64>)| {
+        let differences = search.differences(index, &planned);
+        let new_seed = new_seed.then(|| search.at(index).seeds.clone());
+        (
+            Reason::Changed {
+                differences,
+                new_seed,
+            },
+            seeds,
+        )
+    };
+    let mut reasons: Vec<_> = by_stored.into_iter().map(changed).collect();
+    reasons.sort_by_key(|(_, seeds)| seeds.first().copied());
+    reasons
 }

@@ -1,6 +1,8 @@
 //! Reasons over keys alone: no store, no registry.
 
-use super::{Novelty, Reason, StoredCell, explain, novelties, seed_ranges, to_json};
+use super::{
+    Estimate, Novelty, Reason, StoredCell, Took, estimate, explain, novelties, seed_ranges, to_json,
+};
 use crate::{
     cast::Seating,
     results::{EndState, TrialEnd},
@@ -37,6 +39,7 @@ fn stored(key: TrialKey, seeds: &[u64]) -> StoredCell {
     StoredCell {
         key,
         seeds: seeds.iter().copied().collect(),
+        took: Took::default(),
     }
 }
 
@@ -283,4 +286,62 @@ fn one_reason_for_all_cells_is_one_line() {
         "  why:\n    each of 12 cells  seeds 0-1  nothing like it is stored"
     );
     assert_eq!(explain(&[]), "");
+}
+
+/// An estimate for two trials; what is stored are one trial of 60 s and what `others` say.
+fn estimated(key: &TrialKey, others: &[StoredCell]) -> Estimate {
+    let timed = |key, wall_s| StoredCell {
+        took: Took::once(wall_s),
+        ..stored(key, &[0])
+    };
+    let stored: Vec<_> = std::iter::once(timed(self::key(), 60.0))
+        .chain(others.iter().cloned())
+        .collect();
+    let steps = |key: &TrialKey| key.protocol.config["steps"].as_u64().unwrap_or(0);
+    let trials = planned(key, 5..7);
+    estimate(trials.iter().map(|trial| (trial, steps(key))), &stored, steps)
+}
+
+#[test]
+fn the_most_alike_stored_trial_tells_how_long_the_missing_ones_take() {
+    let near = |worker_s: f64, estimate: Estimate| {
+        let Estimate {
+            missing,
+            unknown,
+            worker_s: said,
+        } = estimate;
+        assert_eq!((missing, unknown), (2, 0));
+        assert!(
+            (said - worker_s).abs() < 0.01,
+            "{said} s in place of {worker_s} s"
+        );
+    };
+    near(120.0, estimated(&key(), &[]));
+    let longer = edited(|key| Arc::make_mut(&mut key.protocol), "/steps", json!(120_000));
+    near(240.0, estimated(&longer, &[]));
+    // Wider layers are nearer than other layers and other steps.
+    let wider = edited(agent, "/widths/0", json!(128));
+    near(120.0, estimated(&wider, &[]));
+    let same = StoredCell {
+        took: Took {
+            trials: 4,
+            wall_s: 400.0,
+        },
+        ..stored(wider.clone(), &[1, 2, 3, 4])
+    };
+    near(200.0, estimated(&wider, &[same]));
+    let failed = stored(wider.clone(), &[1]);
+    near(120.0, estimated(&wider, &[failed]));
+}
+
+#[test]
+fn a_trial_in_another_environment_does_not_tell_how_long_it_takes() {
+    let mut elsewhere = key();
+    Arc::make_mut(&mut elsewhere.environment).plugin = "turbofan".into();
+    let unknown = Estimate {
+        missing: 2,
+        unknown: 2,
+        worker_s: 0.0,
+    };
+    assert_eq!(estimated(&elsewhere, &[]), unknown);
 }

@@ -152,8 +152,8 @@ pub struct Task<'a> {
     pub trial: &'a Trial,
     /// Its steps.
     pub cost: u64,
-    /// Seconds per step that trials of its agent took before; `None` where none is stored. Long paths start
-    /// first.
+    /// Seconds per step that trials of its agent took in its environment before; `None` where none is stored.
+    /// Long paths start first.
     pub pace_s: Option<f64>,
     /// What it may use.
     pub limits: Arc<Limits>,

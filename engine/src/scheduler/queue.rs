@@ -3,7 +3,11 @@
 //! left.
 
 use super::Task;
-use crate::{results::TrialEnd, world::clock};
+use crate::{
+    pace::{Paces, steps},
+    results::TrialEnd,
+    world::clock,
+};
 use std::{
     cmp::Reverse,
     collections::{BTreeSet, HashMap},
@@ -44,8 +48,8 @@ pub(super) struct Queue<'a> {
 }
 
 struct State<'a> {
-    /// Seconds per step of the agents of which a trial has ended.
-    paces: HashMap<&'a str, f64>,
+    /// Seconds per step of the agents of which a trial has ended, by environment.
+    paces: Paces<'a>,
     /// Microseconds of the longest path that begins with a task, the task included.
     paths: Vec<u64>,
     /// Tasks whose sources have ended, longest path first.
@@ -82,10 +86,10 @@ impl<'a> Queue<'a> {
                 awaited[index] += 1;
             }
         }
-        let paces = tasks
-            .iter()
-            .filter_map(|task| Some((task.trial.cell.agent.as_str(), task.pace_s?)))
-            .collect();
+        let mut paces = Paces::default();
+        for (task, pace_s) in tasks.iter().filter_map(|task| Some((task, task.pace_s?))) {
+            paces.add(&task.trial.cell, task.cost, pace_s * steps(task.cost));
+        }
         let paths = longest_paths(tasks, &takers, &paces);
         let ready = (0..tasks.len())
             .filter(|&index| awaited[index] == 0)
@@ -106,14 +110,14 @@ impl<'a> Queue<'a> {
         }
     }
 
-    /// A trial took this long: once for each agent, the order of what is left is made anew from it.
+    /// A trial took this long: once for each agent in an environment, the order of what is left is made anew from it.
     pub(super) fn note_pace(&self, task: usize, wall_s: f64) {
         let Task { trial, cost, .. } = &self.tasks[task];
         let mut state = self.lock();
-        if state.paces.contains_key(trial.cell.agent.as_str()) {
+        if state.paces.of(&trial.cell).is_some() {
             return;
         }
-        state.paces.insert(&trial.cell.agent, wall_s / steps(*cost));
+        state.paces.add(&trial.cell, *cost, wall_s);
         state.paths = longest_paths(self.tasks, &self.takers, &state.paces);
         let ready: Vec<usize> = state.ready.iter().map(|(_, task)| *task).collect();
         state.ready = ready
@@ -180,33 +184,20 @@ impl<'a> Queue<'a> {
     }
 }
 
-#[expect(
-    clippy::cast_precision_loss,
-    reason = "an estimate; even a trial without steps takes its time"
-)]
-fn steps(cost: u64) -> f64 {
-    cost as f64 + 1.0
-}
-
 /// Microseconds of the longest path that begins with each task. A plan has no circles, so that every path
-/// ends. An agent of which nothing is known counts as the slowest known one: it begins early, so that it
-/// becomes known.
-fn longest_paths(
-    tasks: &[Task<'_>],
-    takers: &HashMap<&str, Vec<usize>>,
-    paces: &HashMap<&str, f64>,
-) -> Vec<u64> {
-    let slowest = paces.values().copied().fold(1e-6, f64::max);
+/// ends. An agent of which nothing is known in an environment counts as in the environment where it is slowest, and
+/// one of which nothing is known at all as the slowest known one: they begin early, so that they become known.
+fn longest_paths(tasks: &[Task<'_>], takers: &HashMap<&str, Vec<usize>>, paces: &Paces<'_>) -> Vec<u64> {
+    let slowest = paces.slowest().unwrap_or_default().max(1e-6);
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "a duration, saturating"
     )]
     let microseconds = |task: &Task<'_>| {
-        let pace = paces
-            .get(task.trial.cell.agent.as_str())
-            .copied()
-            .unwrap_or(slowest);
+        let cell = &task.trial.cell;
+        let elsewhere = || paces.slowest_of_agent(&cell.agent);
+        let pace = paces.of(cell).or_else(elsewhere).unwrap_or(slowest);
         (steps(task.cost) * pace * 1e6).ceil() as u64
     };
     let mut paths: Vec<Option<u64>> = vec![None; tasks.len()];

@@ -7,8 +7,8 @@
 use super::{Store, TRIAL_SCHEMA, inside, names, seal::is_sealed};
 use crate::{
     Build, Error,
-    plan::StoredCell,
-    results::TrialEnd,
+    plan::{StoredCell, Took},
+    results::{EndState, TrialEnd},
     trial::{Trial, trial_id},
 };
 use rayon::prelude::*;
@@ -142,11 +142,14 @@ impl Store {
 
     /// The distinct combinations of parts in the store, each with its seeds.
     ///
-    /// `known` are trials that are known to be stored; at most `most` others are read. Files that are not what they
-    /// should be are passed over.
+    /// `known` are trials that are known to be stored, and how they ended; at most `most` others are read. Files that
+    /// are not what they should be are passed over.
     #[must_use]
-    pub fn cells(&self, known: &[&Trial], most: usize) -> Vec<StoredCell> {
-        let read: HashSet<&str> = known.iter().map(|trial| trial.id.as_str()).collect();
+    pub fn cells(&self, known: &[(&Trial, &TrialEnd)], most: usize) -> Vec<StoredCell> {
+        if most == 0 {
+            return of_plan(known);
+        }
+        let read: HashSet<&str> = known.iter().map(|(trial, _)| trial.id.as_str()).collect();
         let mut ids = self.ids();
         ids.retain(|id| !read.contains(id.as_str()));
         ids.truncate(most);
@@ -154,20 +157,19 @@ impl Store {
             .par_iter()
             .filter_map(|id| Some((id.as_str(), self.stored(id).ok()??)))
             .collect();
-        let mut cells: BTreeMap<([&str; 3], u32, &str), (&str, BTreeSet<u64>)> = BTreeMap::new();
+        let mut cells: BTreeMap<([&str; 3], u32, &str), (&str, BTreeSet<u64>, Took)> = BTreeMap::new();
         for (id, trial) in &others {
             let parts = trial.parts.each_ref().map(String::as_str);
             let cell = cells
                 .entry((parts, trial.numerics, &trial.device))
-                .or_insert_with(|| (id, BTreeSet::new()));
+                .or_insert_with(|| (id, BTreeSet::new(), Took::default()));
             cell.1.insert(trial.seed);
+            cell.2.add(took(&trial.end));
         }
         let cells: Vec<_> = cells.into_values().collect();
-        let cell = |(id, seeds)| {
-            Some(StoredCell {
-                key: self.file(id).ok()??.key,
-                seeds,
-            })
+        let cell = |(id, seeds, took)| {
+            let key = self.file(id).ok()??.key;
+            Some(StoredCell { key, seeds, took })
         };
         let others = cells.into_par_iter().filter_map(cell).collect::<Vec<_>>();
         of_plan(known).into_iter().chain(others).collect()
@@ -209,14 +211,26 @@ impl Store {
 
 /// The combinations of trials of a plan. Neighbours that share their parts are of one; that others are too is found
 /// where combinations are compared.
-fn of_plan(trials: &[&Trial]) -> Vec<StoredCell> {
+fn of_plan(trials: &[(&Trial, &TrialEnd)]) -> Vec<StoredCell> {
     trials
-        .chunk_by(|one, other| one.key.shares_parts(&other.key))
+        .chunk_by(|(one, _), (other, _)| one.key.shares_parts(&other.key))
         .map(|cell| StoredCell {
-            key: cell[0].key.clone(),
-            seeds: cell.iter().map(|trial| trial.key.seed).collect(),
+            key: cell[0].0.key.clone(),
+            seeds: cell.iter().map(|(trial, _)| trial.key.seed).collect(),
+            took: cell.iter().fold(Took::default(), |mut sum, (_, end)| {
+                sum.add(took(end));
+                sum
+            }),
         })
         .collect()
+}
+
+/// How long it took, where it ended well: a failed trial tells nothing of the time that a whole one takes.
+fn took(end: &TrialEnd) -> Took {
+    match end.state {
+        EndState::Ok => Took::once(end.wall_s),
+        _ => Took::default(),
+    }
 }
 
 /// What is parsed of a `trial.json`.
@@ -293,7 +307,7 @@ pub(super) fn parse(text: &[u8]) -> Result<StoredTrial, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Recorder, results::EndState, store::specimen::trial};
+    use crate::{Recorder, store::specimen::trial};
     use serde_json::json;
     use std::fs;
 
@@ -399,14 +413,18 @@ mod tests {
         cells.sort_by_key(|cell| cell.seeds.len());
         assert_eq!(cells.len(), 2);
         assert_eq!(*cells[0].key.environment.config, json!({"cells": 8}));
-        assert_eq!(cells[1].seeds, BTreeSet::from([0, 2]));
-        assert_eq!(store.cells(&[], 1).len(), 1);
-        let known = trial(8, 1);
         assert_eq!(
-            store.cells(&[&known], usize::MAX).len(),
+            (&cells[1].seeds, cells[1].took.trials),
+            (&BTreeSet::from([0, 2]), 2)
+        );
+        assert_eq!(store.cells(&[], 1).len(), 1);
+        let (known, end) = (trial(8, 1), store.end(&trial(8, 1).id).unwrap().unwrap());
+        assert_eq!(
+            store.cells(&[(&known, &end)], usize::MAX).len(),
             2,
             "what is known is not read"
         );
-        assert_eq!(store.cells(&[&known], 0).len(), 1);
+        let alone = store.cells(&[(&known, &end)], 0);
+        assert_eq!((alone.len(), alone[0].took), (1, Took::once(end.wall_s)));
     }
 }

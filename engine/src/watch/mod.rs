@@ -63,7 +63,7 @@ pub struct RunningView {
 pub struct Left {
     /// Seconds on as many workers as run now; `None` where no stored trial tells how long.
     pub wall_s: Option<f64>,
-    /// Trials of agents that no stored trial is of, which are not in it.
+    /// Trials of agents that no stored trial of the environment is of, which are not in it.
     pub unknown: usize,
 }
 
@@ -134,7 +134,7 @@ impl Left {
         };
         let unknown = match self.unknown {
             0 => String::new(),
-            n => format!(", and {n} trials of agents that never ran"),
+            n => format!(", and {n} trials unlike any that ended"),
         };
         format!("about {} left{unknown}", duration(wall_s))
     }
@@ -298,7 +298,7 @@ pub(super) mod tests {
         assert!(
             study
                 .summary()
-                .ends_with("left, and 2 trials of agents that never ran")
+                .ends_with("left, and 2 trials unlike any that ended")
         );
         study.left.wall_s = None;
         assert!(study.summary().ends_with("no stored trial tells how long"));

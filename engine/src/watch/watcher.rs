@@ -3,6 +3,7 @@
 use super::{Left, Panel, RunningView, SeedLine, StudyView, View, metrics};
 use crate::{
     Phase,
+    pace::{Paces, steps},
     recorder::Row,
     results::{EndState, TrialEnd, TrialResult},
     store::{Found, Owner, Store, is_missing, metric_log},
@@ -228,21 +229,16 @@ fn ended(seen: &[Seen<'_>]) -> BTreeMap<EndState, usize> {
     counts
 }
 
-/// The time that is left: steps that are not done, each as long as those of the agent's stored trials.
+/// The time that is left: steps that are not done, each as long as those of the agent's stored trials in the
+/// environment.
 fn left(seen: &[Seen<'_>], workers: usize) -> Left {
-    let mut sums: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
-    for it in seen {
-        if let Some(end) = it.end.as_ref().filter(|end| end.state == EndState::Ok) {
-            let sum = sums.entry(it.trial.cell.agent.as_str()).or_default();
-            *sum = (sum.0 + end.wall_s, sum.1 + steps(it.cost) + 1.0);
-        }
-    }
+    let paces = Paces::of_ended(seen.iter().map(|it| (&*it.trial.cell, it.cost, it.end.as_ref())));
     let (mut wall_s, mut known, mut unknown) = (0.0, false, 0);
     for it in seen.iter().filter(|it| it.end.is_none()) {
-        match sums.get(it.trial.cell.agent.as_str()) {
-            Some((seconds, done)) => {
+        match paces.of(&it.trial.cell) {
+            Some(pace) => {
                 known = true;
-                wall_s += seconds / done * (steps(it.cost.saturating_sub(it.log.step)) + 1.0);
+                wall_s += pace * steps(it.cost.saturating_sub(it.log.step));
             }
             None => unknown += 1,
         }
@@ -252,11 +248,6 @@ fn left(seen: &[Seen<'_>], workers: usize) -> Left {
         wall_s: known.then(|| wall_s / f64::from(workers)),
         unknown,
     }
-}
-
-#[allow(clippy::cast_precision_loss, reason = "an estimate")]
-fn steps(count: u64) -> f64 {
-    count as f64
 }
 
 /// A panel for each environment, in the order of the plan.

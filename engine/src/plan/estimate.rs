@@ -1,0 +1,69 @@
+//! How long the trials that are missing will take, from the stored trials that are most like them.
+//!
+//! A trial of the same parts tells it as it is. Where there is none, the nearest trial of the same environment,
+//! agent and protocol tells how long a step takes. A trial in another environment tells nothing: steps of one may
+//! cost a thousand times those of another.
+
+use super::nearest::{Combination, Search, StoredCell};
+use crate::trial::{Trial, TrialKey};
+use serde::Serialize;
+use std::collections::HashMap;
+
+/// How long missing trials will take.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Estimate {
+    /// How many are missing.
+    pub missing: usize,
+    /// Those of them that no stored trial is like; they are not in the seconds.
+    pub unknown: usize,
+    /// Seconds of the others on one worker.
+    pub worker_s: f64,
+}
+
+/// An estimate for missing trials, each with its steps; `steps` are those of a stored trial.
+pub fn estimate<'t>(
+    missing: impl IntoIterator<Item = (&'t Trial, u64)>,
+    stored: &[StoredCell],
+    steps: impl Fn(&TrialKey) -> u64,
+) -> Estimate {
+    let missing: Vec<_> = missing.into_iter().collect();
+    let cells: Vec<_> = missing
+        .chunk_by(|(one, _), (other, _)| one.key.shares_parts(&other.key))
+        .collect();
+    let mut search = Search::new(stored, cells.len());
+    let mut known = HashMap::new();
+    let mut estimate = Estimate {
+        missing: missing.len(),
+        ..Estimate::default()
+    };
+    for cell in cells {
+        let (trial, its_steps) = cell[0];
+        let combination = search.combination(&trial.key);
+        let one_s = *known
+            .entry(combination)
+            .or_insert_with_key(|combination| one_s(&search, combination, its_steps, &steps));
+        match one_s {
+            Some(one_s) => estimate.worker_s += one_s * as_number(cell.len() as u64),
+            None => estimate.unknown += cell.len(),
+        }
+    }
+    estimate
+}
+
+/// Seconds of one trial.
+fn one_s(
+    search: &Search<'_>,
+    combination: &Combination,
+    its_steps: u64,
+    steps: impl Fn(&TrialKey) -> u64,
+) -> Option<f64> {
+    let nearest = search.at(search.nearest_timed(combination)?);
+    // A trial without steps still has its final episodes.
+    let step_s = nearest.took.mean_s()? / (as_number(steps(nearest.key)) + 1.0);
+    Some(step_s * (as_number(its_steps) + 1.0))
+}
+
+#[allow(clippy::cast_precision_loss, reason = "an estimate")]
+fn as_number(count: u64) -> f64 {
+    count as f64
+}

@@ -1,0 +1,235 @@
+//! The trials in the store that are most like one of a plan, cell by cell.
+//!
+//! How far two combinations of parts are apart is the number of their differing leaves: values of the configs of
+//! environment, agent and protocol, plugins and their versions, numerics version and device. Seeds take no part
+//! in it, nor do the names of a study.
+
+use super::leaves::{Catalogue, Difference, PartIndex};
+use crate::{
+    cast::{POLICY, Seating},
+    trial::{Part, TrialKey},
+};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+/// Comparisons of combinations in one search, over all cells; a search that would need more looks at a part
+/// of the store only.
+const MOST_COMPARISONS: usize = 4_000_000;
+
+/// A stored combination of parts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredCell {
+    /// Key of one of its trials.
+    pub key: TrialKey,
+    /// The seeds of all of them.
+    pub seeds: BTreeSet<u64>,
+    /// How long those took that ended well.
+    pub took: Took,
+}
+
+/// How long some trials took.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Took {
+    /// How many.
+    pub trials: u32,
+    /// Their seconds, in sum.
+    pub wall_s: f64,
+}
+
+impl Took {
+    /// One trial that took this many seconds.
+    #[must_use]
+    pub fn once(wall_s: f64) -> Self {
+        Self { trials: 1, wall_s }
+    }
+
+    /// Adds others.
+    pub fn add(&mut self, others: Self) {
+        self.trials += others.trials;
+        self.wall_s += others.wall_s;
+    }
+
+    /// Seconds of one trial in the mean; `None` where there is none.
+    #[must_use]
+    pub fn mean_s(self) -> Option<f64> {
+        (self.trials > 0).then(|| self.wall_s / f64::from(self.trials))
+    }
+}
+
+/// A combination of parts as indices of the catalogue, so that equal parts are found equal at once.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(super) struct Combination {
+    parts: [PartIndex; 3],
+    numerics: u32,
+    device: String,
+}
+
+/// What is stored of a combination.
+pub(super) struct Known<'a> {
+    combination: Combination,
+    /// Key of one of its trials.
+    pub(super) key: &'a TrialKey,
+    /// The seeds of all of them.
+    pub(super) seeds: BTreeSet<u64>,
+    /// How long those took that ended well.
+    pub(super) took: Took,
+}
+
+/// The stored combinations, to be searched for the nearest.
+pub(super) struct Search<'a> {
+    catalogue: Catalogue,
+    known: Vec<Known<'a>>,
+    by_combination: HashMap<Combination, usize>,
+    /// Combinations by two of their parts; the position that is left out makes the third number.
+    by_two_parts: HashMap<(PartIndex, PartIndex, usize), Vec<usize>>,
+    most: usize,
+}
+
+impl<'a> Search<'a> {
+    pub(super) fn new(stored: &'a [StoredCell], n_cells: usize) -> Self {
+        let mut catalogue = Catalogue::default();
+        let mut combinations: BTreeMap<Combination, Known<'a>> = BTreeMap::new();
+        // In the order of their content, so that among equally near ones always the same is found.
+        let mut ordered: Vec<&StoredCell> = stored.iter().collect();
+        ordered.sort_by_cached_key(|cell| serde_json::to_string(&cell.key).unwrap_or_default());
+        for cell in ordered {
+            let combination = catalogue.combination(&cell.key);
+            let known = combinations.entry(combination.clone()).or_insert_with(|| Known {
+                combination,
+                key: &cell.key,
+                seeds: BTreeSet::new(),
+                took: Took::default(),
+            });
+            known.seeds.extend(&cell.seeds);
+            known.took.add(cell.took);
+        }
+        let known: Vec<_> = combinations.into_values().collect();
+        let (mut by_combination, mut by_two_parts) = (HashMap::new(), HashMap::<_, Vec<usize>>::new());
+        for (index, Known { combination, .. }) in known.iter().enumerate() {
+            by_combination.insert(combination.clone(), index);
+            for pair in combination.pairs() {
+                by_two_parts.entry(pair).or_default().push(index);
+            }
+        }
+        Self {
+            catalogue,
+            known,
+            by_combination,
+            by_two_parts,
+            most: (MOST_COMPARISONS / n_cells.max(1)).max(16),
+        }
+    }
+
+    /// What is stored at this place.
+    pub(super) fn at(&self, index: usize) -> &Known<'a> {
+        &self.known[index]
+    }
+
+    /// The parts of a key.
+    pub(super) fn combination(&mut self, key: &TrialKey) -> Combination {
+        self.catalogue.combination(key)
+    }
+
+    /// The place of the same parts.
+    pub(super) fn same(&self, planned: &Combination) -> Option<usize> {
+        self.by_combination.get(planned).copied()
+    }
+
+    /// In which leaves a planned combination differs from the stored one at this place.
+    pub(super) fn differences(&self, index: usize, planned: &Combination) -> Vec<Difference> {
+        let stored = &self.known[index].combination;
+        self.catalogue
+            .differences(&stored.as_tuple(), &planned.as_tuple())
+    }
+
+    /// The stored combinations with the fewest differing leaves; none where nothing is like it.
+    pub(super) fn nearest(&self, planned: &Combination, seeds: &[u64]) -> Vec<usize> {
+        let related = planned
+            .pairs()
+            .into_iter()
+            .filter_map(|pair| self.by_two_parts.get(&pair))
+            .flatten()
+            .copied();
+        let (mut least, mut nearest) = (usize::MAX, Vec::new());
+        for index in related.chain(0..self.known.len()).take(self.most) {
+            let Known {
+                combination,
+                seeds: known,
+                ..
+            } = &self.known[index];
+            let distance = self.distance(combination, planned, least);
+            if distance < least {
+                (least, nearest) = (distance, Vec::new());
+            }
+            if distance == least && !nearest.contains(&index) && nearest.len() < 16 {
+                nearest.push(index);
+            }
+            if least == 1 && seeds.iter().all(|seed| known.contains(seed)) {
+                break;
+            }
+        }
+        nearest.retain(|&index| self.same_plugins(index, planned) >= 2);
+        nearest
+    }
+
+    /// The nearest of those that tell how long a trial takes: the same parts, or at least the same three plugins.
+    pub(super) fn nearest_timed(&self, planned: &Combination) -> Option<usize> {
+        let is_timed = |index: &usize| self.known[*index].took.trials > 0;
+        if let Some(same) = self.same(planned).filter(is_timed) {
+            return Some(same);
+        }
+        let distance = |index: &usize| self.distance(&self.known[*index].combination, planned, usize::MAX);
+        (0..self.known.len())
+            .filter(is_timed)
+            .filter(|index| self.same_plugins(*index, planned) == 3)
+            .take(self.most)
+            .min_by_key(distance)
+    }
+
+    /// How many of three plugins are the same.
+    fn same_plugins(&self, index: usize, planned: &Combination) -> usize {
+        self.catalogue
+            .same_plugins(&self.known[index].combination.parts, &planned.parts)
+    }
+
+    /// Number of differing leaves; counting stops above `enough`.
+    fn distance(&self, one: &Combination, other: &Combination, enough: usize) -> usize {
+        let mut sum = usize::from(one.numerics != other.numerics) + usize::from(one.device != other.device);
+        for (one, other) in one.parts.iter().zip(&other.parts) {
+            if sum > enough {
+                break;
+            }
+            sum += self.catalogue.distance(*one, *other);
+        }
+        sum
+    }
+}
+
+impl Combination {
+    fn pairs(&self) -> [(PartIndex, PartIndex, usize); 3] {
+        let [environment, agent, protocol] = self.parts;
+        [
+            (environment, agent, 2),
+            (environment, protocol, 1),
+            (agent, protocol, 0),
+        ]
+    }
+
+    fn as_tuple(&self) -> ([PartIndex; 3], u32, &str) {
+        (self.parts, self.numerics, &self.device)
+    }
+}
+
+impl Catalogue {
+    fn combination(&mut self, key: &TrialKey) -> Combination {
+        let agent = match &*key.agent {
+            Seating::Agent(part) => part.clone(),
+            Seating::Cast(cast) => Part::new(POLICY, 0, serde_json::json!(cast)),
+        };
+        let parts = [&*key.environment, &agent, &*key.protocol].map(|part| self.index(part));
+        Combination {
+            parts,
+            numerics: key.numerics,
+            device: key.device.to_string(),
+        }
+    }
+}
