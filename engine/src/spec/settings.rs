@@ -1,12 +1,13 @@
 //! The chosen profile and the options of the command line, written into the study.
 //!
 //! Keys of environments, agents, protocol, plays, searches, entries of `prepare` and seeds are set in these
-//! parts, where a sweep heeds them. Keys of every other section are set in the document, before it is checked.
+//! parts, where a sweep heeds them. Keys of every other section, the sweep's too, are set in the document, before it
+//! is checked.
 
 use super::{
-    Options,
+    Options, check_structure,
     path::{self, KeyPath},
-    section,
+    section, sweep,
     written::Written,
 };
 use crate::{
@@ -30,6 +31,9 @@ pub fn apply<'a>(
     for profile in profiles {
         let chosen = options.profile.as_deref() == Some(&profile.key);
         for entry in profile.value.entries() {
+            if is_of_section(entry, written, schema) {
+                continue;
+            }
             let at = format!("profiles.{}.{}", profile.key, entry.key);
             match value_at(entry, &at, written, schema, sources) {
                 Ok(path) if chosen => fix(path, entry.value.clone(), written, &mut fixed),
@@ -39,7 +43,7 @@ pub fn apply<'a>(
         }
     }
     found.extend(unknown_profile(options, profiles, sources));
-    let of_parts = |set: &&String| section_of(set, written, schema).is_none();
+    let of_parts = |set: &&String| section_of_option(set, written, schema).is_none();
     let sets: Vec<&String> = options.sets.iter().filter(of_parts).collect();
     for set in sets {
         match option(set, written, schema, sources) {
@@ -93,8 +97,8 @@ fn unknown_profile(options: &Options, profiles: &[Entry], sources: &mut Sources)
     })
 }
 
-/// Writes what `--set` says of sections that are no parts of trials into the document. Returns what names
-/// nothing; whether values fit is seen when the document is checked.
+/// Writes what the profile and `--set` say of sections that are no parts of trials into the document. Returns what
+/// names nothing; whether values fit is seen when the document is checked.
 pub fn lay_sections(
     root: &mut Node,
     schema: &Value,
@@ -102,17 +106,78 @@ pub fn lay_sections(
     options: &Options,
 ) -> Vec<Diagnostic> {
     let written = Written::read(root);
-    let of_sections = |set: &&String| section_of(set, &written, schema).is_some();
+    let mut found = lay_profiles(root, &written, schema, sources, options);
+    let of_sections = |set: &&String| section_of_option(set, &written, schema).is_some();
     let sets: Vec<&String> = options.sets.iter().filter(of_sections).collect();
     let errors = sets.into_iter().map(|set| {
         let entry = entry(set, sources)?;
         section::set(root, &entry, schema, sources)
     });
-    errors.filter_map(Result::err).flatten().collect()
+    found.extend(errors.filter_map(Result::err).flatten());
+    found
 }
 
-/// The section that an option sets a key of; `None` for the parts of trials, and for what is unknown.
-fn section_of<'a>(set: &'a str, written: &Written, schema: &Value) -> Option<&'a str> {
+/// Writes what the chosen profile says of sections; what the others say is written into a copy, so that it is checked
+/// all the same.
+fn lay_profiles(
+    root: &mut Node,
+    written: &Written,
+    schema: &Value,
+    sources: &Sources,
+    options: &Options,
+) -> Vec<Diagnostic> {
+    let mut found = Vec::new();
+    let profiles = root.get("profiles").map_or(&[][..], Node::entries).to_vec();
+    for profile in profiles {
+        let entries = profile.value.entries().iter();
+        let entries: Vec<&Entry> = entries
+            .filter(|entry| is_of_section(entry, written, schema))
+            .collect();
+        if options.profile.as_deref() == Some(&profile.key) {
+            found.extend(lay_entries(root, &entries, schema, sources));
+        } else if !entries.is_empty() {
+            let mut copy = root.clone();
+            found.extend(lay_entries(&mut copy, &entries, schema, sources));
+            let before = problems(root, written, schema, sources);
+            let after = problems(&copy, written, schema, sources);
+            found.extend(after.into_iter().filter(|problem| !before.contains(problem)));
+        }
+    }
+    found
+}
+
+/// Whether an entry of a profile sets a key of a section. A profile is no part of what profiles change.
+fn is_of_section(entry: &Entry, written: &Written, schema: &Value) -> bool {
+    section_of(&entry.key, written, schema).is_some_and(|section| section != "profiles")
+}
+
+fn lay_entries(root: &mut Node, entries: &[&Entry], schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
+    let errors = entries
+        .iter()
+        .filter_map(|entry| section::set(root, entry, schema, sources).err());
+    errors.flatten().collect()
+}
+
+/// What is wrong with a document and its sweep.
+fn problems(root: &Node, written: &Written, schema: &Value, sources: &Sources) -> Vec<Diagnostic> {
+    let mut found = check_structure(root, schema, sources);
+    found.extend(
+        sweep::read(root, written, schema, sources, &[])
+            .err()
+            .into_iter()
+            .flatten(),
+    );
+    found
+}
+
+/// As [`section_of`], of an option; `None` where it has no value.
+fn section_of_option<'a>(set: &'a str, written: &Written, schema: &Value) -> Option<&'a str> {
+    let (path, _) = set.split_once(['.', '='])?;
+    section_of(path, written, schema)
+}
+
+/// The section that a path leads into; `None` for the parts of trials, and for what is unknown.
+fn section_of<'a>(path: &'a str, written: &Written, schema: &Value) -> Option<&'a str> {
     const PARTS: [&str; 7] = [
         "environments",
         "agents",
@@ -123,8 +188,7 @@ fn section_of<'a>(set: &'a str, written: &Written, schema: &Value) -> Option<&'a
         "seeds",
     ];
     const TEXT: [&str; 2] = ["include", "blocks"];
-    let (first, _) = set.split_once(['.', '='])?;
-    let first = first.trim();
+    let first = path.split('.').next()?.trim();
     let is_part = PARTS.contains(&first) || written.names().contains(&first);
     (!is_part && !TEXT.contains(&first) && schema["properties"].get(first).is_some()).then_some(first)
 }

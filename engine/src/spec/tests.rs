@@ -267,6 +267,36 @@ fn options_come_after_the_profile_and_take_keys_out_of_the_sweep() {
 }
 
 #[test]
+fn a_profile_narrows_a_sweep_and_options_come_after_it() {
+    let text = format!(
+        "{HEAD}sweep: {{ learner.discount: {{ grid: [0.8, 0.9, 0.99] }} }}\nprofiles: {{ smoke: {{ \
+         sweep.learner.discount: {{ grid: [0.5, 0.6] }}, seeds: 1 }} }}"
+    );
+    let discounts = |profile: Option<&str>, sets: &[&str]| {
+        let options = Options {
+            profile: profile.map(Into::into),
+            sets: sets.iter().map(ToString::to_string).collect(),
+            ..Options::default()
+        };
+        let study = load_text(&text, "a.yaml", Path::new(""), &toys(), &options).unwrap();
+        let trials = study.plan().trials;
+        let learners = trials.iter().filter(|trial| trial.cell.agent == "learner");
+        let discounts = learners.map(|trial| trial.key.agent.agent().unwrap().config["discount"].to_string());
+        discounts
+            .collect::<std::collections::BTreeSet<_>>()
+            .into_iter()
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(discounts(None, &[]), ["0.8", "0.9", "0.99"]);
+    assert_eq!(discounts(Some("smoke"), &[]), ["0.5", "0.6"]);
+    assert_eq!(
+        discounts(Some("smoke"), &["sweep.learner.discount={ grid: [0.7] }"]),
+        ["0.7"]
+    );
+    assert_eq!(discounts(Some("smoke"), &["learner.discount=0.4"]), ["0.4"]);
+}
+
+#[test]
 fn overrides_hold_for_their_combinations_only() {
     let study =
         with("overrides: [{ environment: long, set: { protocol.steps: 2000, learner.discount: 0.5 } }]");
