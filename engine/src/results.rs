@@ -366,6 +366,8 @@ pub struct Results {
     pub searches: Vec<SearchResult>,
     /// The looks that the study plans; `None` where its number of seeds is fixed.
     pub design: Option<Design>,
+    /// The first seed of the design.
+    pub first_seed: u64,
     /// What the study counts as a success.
     pub success: Option<Success>,
     /// What trials left to be shown, by id, as far as figures of the study show it.
@@ -407,15 +409,18 @@ impl Results {
             let seeds = ended.entry(trial.cell()).or_default();
             seeds.extend(Some(trial.trial.key.seed).filter(|_| !is_missing(trial.end.as_deref())));
         }
+        let first = self.first_seed;
         let is_complete = |most: &&u32| {
+            let look = first..first + u64::from(**most);
             ended
                 .values()
-                .all(|seeds| seeds.range(..u64::from(**most)).count() == **most as usize)
+                .all(|seeds| seeds.range(look.clone()).count() == **most as usize)
         };
         let complete = design.looks().iter().take_while(is_complete).count();
         Seeds {
             design: Some(design.clone()),
             complete,
+            first,
         }
     }
 }
@@ -451,6 +456,22 @@ mod tests {
             [1, 1, 1]
         );
         assert_eq!([complete(Some(EndState::Killed)), complete(None)], [0, 0]);
+    }
+
+    #[test]
+    fn a_look_counts_the_seeds_from_the_first_of_its_design_on() {
+        let trials = (100..103).map(|seed| trial("cells", "equal", "", seed, &Vec::new()));
+        let complete = |first_seed| {
+            let results = Results {
+                design: Some(Design::new(vec![3, 6])),
+                first_seed,
+                ..Results::of(trials.clone().collect())
+            };
+            let seeds = results.seeds_of(&results.trials.iter().collect::<Vec<_>>());
+            (seeds.complete, seeds.limits())
+        };
+        assert_eq!(complete(100), (1, vec![103]));
+        assert_eq!((complete(0).0, complete(101).0), (0, 0));
     }
 
     #[test]

@@ -422,6 +422,7 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
     Results {
         searches,
         design: study.design.clone(),
+        first_seed: study.first_seed(),
         success: study.success.clone(),
         drawings,
         imported: study.imported.iter().map(|it| it.origin.clone()).collect(),

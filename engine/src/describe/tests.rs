@@ -126,11 +126,11 @@ fn every_sampler_relation_and_aggregate_has_an_example_that_passes_check() {
 fn forms_of_seeds_are_told_with_their_keys() {
     let seeds = &found("seeds")[0];
     let paths = seeds.paths();
-    for path in ["seeds.min", "seeds.max", "seeds.looks"] {
+    for path in ["seeds.first", "seeds.min", "seeds.max", "seeds.looks"] {
         assert!(paths.iter().any(|it| it == path), "{path}: {paths:?}");
     }
     let value = seeds.value.as_ref().unwrap();
-    assert_eq!(value.forms.len(), 3);
+    assert_eq!(value.forms.len(), 4);
     assert_eq!(value.forms[0].written, "an integer from 1 to 1000000");
 }
 

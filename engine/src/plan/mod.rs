@@ -63,10 +63,12 @@ impl Study {
     pub fn plan_with(&self, wanted: &Wanted) -> Plan {
         let mut plan = self.plan_of_all_seeds();
         let Some(design) = &self.design else { return plan };
+        let first = self.first_seed();
+        // What is prepared has seeds of its own.
+        let place = |trial: &Trial| trial.key.seed.saturating_sub(first);
         let look = |trial: &Arc<Trial>| {
-            design
-                .looks()
-                .partition_point(|most| trial.key.seed >= u64::from(*most))
+            let place = place(trial);
+            design.looks().partition_point(|most| place >= u64::from(*most))
         };
         let seeds = |trial: &Trial| {
             let cell = (
@@ -79,10 +81,16 @@ impl Study {
         plan.keep(|trial| match trial.cell.purpose {
             Purpose::Prepared => false,
             Purpose::Tried(_) | Purpose::Imported => true,
-            Purpose::Cell | Purpose::Play(_) => trial.key.seed < u64::from(seeds(trial)),
+            Purpose::Cell | Purpose::Play(_) => place(trial) < u64::from(seeds(trial)),
         });
         plan.trials.sort_by_key(look);
         plan
+    }
+
+    /// The first of its seeds.
+    #[must_use]
+    pub fn first_seed(&self) -> u64 {
+        self.seeds.first().copied().unwrap_or_default()
     }
 
     fn plan_of_all_seeds(&self) -> Plan {

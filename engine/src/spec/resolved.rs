@@ -187,11 +187,20 @@ fn named_sections(root: &Node, sections: &Sections<'_>, plays: &[Play]) -> [(&'s
 }
 
 fn seeds(plan: &SeedPlan) -> Value {
-    let mut numbered = (0..).zip(&plan.seeds);
-    match &plan.design {
-        Some(design) => json!({ "min": design.looks()[0], "max": design.most(), "looks": design.looks() }),
-        None if numbered.all(|(index, seed)| index == *seed) => json!(plan.seeds.len()),
-        None => json!(plan.seeds),
+    let first = plan.seeds.first().copied().unwrap_or_default();
+    let in_order = (first..).zip(&plan.seeds).all(|(next, seed)| next == *seed);
+    match (&plan.design, plan.seeds.as_slice()) {
+        (Some(design), _) => {
+            let looks = design.looks();
+            let mut written = json!({ "min": looks[0], "max": design.most(), "looks": looks });
+            if first > 0 {
+                written["first"] = json!(first);
+            }
+            written
+        }
+        (None, seeds) if in_order && first == 0 => json!(seeds.len()),
+        (None, [first, _, .., last]) if in_order => json!(format!("{first}-{last}")),
+        (None, seeds) => json!(seeds),
     }
 }
 

@@ -43,8 +43,8 @@ pub(super) struct Sections {
     summary: String,
     /// What differs from the source, one sentence each.
     departures: Vec<String>,
-    /// Number of replicates N (seeds 0 to N - 1), the seeds themselves, or a design `{ min, max, looks }`.
-    /// With a design seeds are added look by look until every judged value and claim is decided.
+    /// Number of replicates N (seeds 0 to N - 1), the seeds themselves, ranges of them as in `100-199`, or a design
+    /// `{ min, max, looks }`, with `first` where it does not begin with seed 0. With a design seeds are added look by look until every judged value and claim is decided.
     #[schemars(extend("default" = 1))]
     seeds: SeedsText,
     /// What counts as a success of a seed; adds the metric `success`.

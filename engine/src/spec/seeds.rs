@@ -1,4 +1,4 @@
-//! How many seeds a study has: a number, a list, or a design whose looks are fixed before the first trial.
+//! Which seeds a study has: a number of them, a list, ranges, or a design whose looks are fixed before the first trial.
 
 use crate::{
     diagnostic::{Diagnostic, Sources},
@@ -7,6 +7,7 @@ use crate::{
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// Largest number of seeds of a study.
 pub(super) const MOST_SEEDS: u64 = 1_000_000;
@@ -23,6 +24,8 @@ pub(super) enum SeedsText {
     Count(#[schemars(range(min = 1, max = MOST_SEEDS))] u64),
     /// The seeds themselves.
     Listed(#[schemars(length(min = 1, max = MOST_SEEDS), extend("uniqueItems" = true))] Vec<u64>),
+    /// Ranges, as in `100-199` or `0-4, 10-14`.
+    Ranges(String),
     /// Seeds that are added look by look.
     Designed(DesignText),
 }
@@ -31,6 +34,10 @@ pub(super) enum SeedsText {
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DesignText {
+    /// The first seed; those after it follow one by one.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    #[schemars(range(max = MOST_SEEDS))]
+    first: u64,
     /// Seeds at the first look.
     #[schemars(range(min = FEWEST_SEEDS, max = MOST_IN_DESIGN))]
     min: u64,
@@ -86,11 +93,19 @@ impl SeedPlan {
                 })?;
                 let most = looks.last().copied().unwrap_or(1);
                 Ok(Self {
-                    seeds: (0..u64::from(most)).collect(),
+                    seeds: (written.first..written.first + u64::from(most)).collect(),
                     design: Some(Design::new(looks)),
                 })
             }
             Ok(SeedsText::Listed(list)) => fixed(list),
+            Ok(SeedsText::Ranges(text)) => match ranges(&text) {
+                Ok(seeds) => fixed(seeds),
+                Err(message) => Err(vec![
+                    sources
+                        .error(node.span, "seeds", message)
+                        .help("write ranges as in `100-199` or `0-4, 10-14`"),
+                ]),
+            },
             Ok(SeedsText::Count(count)) => fixed((0..count).collect()),
             // The check against the schema refused it.
             Err(_) => fixed(vec![0]),
@@ -104,6 +119,34 @@ impl SeedPlan {
             .as_ref()
             .map_or(self.seeds.len(), |design| design.looks()[0] as usize)
     }
+}
+
+fn is_zero(first: &u64) -> bool {
+    *first == 0
+}
+
+/// The seeds of ranges, in their order.
+fn ranges(text: &str) -> Result<Vec<u64>, String> {
+    let mut seeds = Vec::new();
+    let mut seen = BTreeSet::new();
+    for part in text.split(',').map(str::trim) {
+        let (first, last) = part.split_once('-').unwrap_or((part, part));
+        let number = |word: &str| word.trim().parse::<u64>();
+        let (Ok(first), Ok(last)) = (number(first), number(last)) else {
+            return Err(format!("`{part}` is no range of seeds"));
+        };
+        if last < first {
+            return Err(format!("the range `{part}` ends before it begins"));
+        }
+        if last - first >= MOST_SEEDS || seeds.len() as u64 + (last - first) >= MOST_SEEDS {
+            return Err(format!("`{text}` are more than {MOST_SEEDS} seeds"));
+        }
+        seeds.extend(first..=last);
+        if let Some(twice) = (first..=last).find(|seed| !seen.insert(*seed)) {
+            return Err(format!("seed {twice} stands twice in `{text}`"));
+        }
+    }
+    Ok(seeds)
 }
 
 /// What is wrong with a design: the key, the message, and what to write instead.
@@ -194,6 +237,20 @@ mod tests {
             read(json!({ "min": 3, "max": 30, "looks": [3, 5, 8, 30] })).unwrap(),
             [3, 5, 8, 30]
         );
+    }
+
+    #[test]
+    fn ranges_are_read_and_what_is_none_is_named() {
+        assert_eq!(ranges("100-103").unwrap(), [100, 101, 102, 103]);
+        assert_eq!(ranges("7, 0-2,5 - 5").unwrap(), [7, 0, 1, 2, 5]);
+        let wrong = |text: &str| ranges(text).unwrap_err();
+        assert_eq!(wrong("0-2, x"), "`x` is no range of seeds");
+        assert_eq!(wrong(""), "`` is no range of seeds");
+        assert_eq!(wrong("5-3"), "the range `5-3` ends before it begins");
+        assert_eq!(wrong("0-4, 3-6"), "seed 3 stands twice in `0-4, 3-6`");
+        assert_eq!(wrong("0-1000000"), "`0-1000000` are more than 1000000 seeds");
+        assert!(wrong("0-18446744073709551615").contains("more than"));
+        assert_eq!(ranges("18446744073709551615").unwrap(), [u64::MAX]);
     }
 
     #[test]

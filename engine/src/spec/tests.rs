@@ -267,6 +267,37 @@ fn options_come_after_the_profile_and_take_keys_out_of_the_sweep() {
 }
 
 #[test]
+fn seeds_may_begin_anywhere() {
+    let seeds = |text: &str| {
+        let text = format!("{HEAD}seeds: {text}");
+        let study = load_text(&text, "a.yaml", Path::new(""), &toys(), &Options::default()).unwrap();
+        let of_first = |plan: crate::plan::Plan| {
+            let first = plan.trials[0].cell.clone();
+            let own = plan.trials.iter().filter(|trial| trial.cell == first);
+            own.map(|trial| trial.key.seed).collect::<Vec<_>>()
+        };
+        let resolved = resolved_yaml(&study, Path::new("")).unwrap();
+        let written = resolved.lines().skip_while(|line| !line.starts_with("seeds:"));
+        let more = |line: &&str| line.starts_with([' ', '-']);
+        let written: Vec<&str> = written
+            .clone()
+            .take(1)
+            .chain(written.skip(1).take_while(more))
+            .collect();
+        (
+            of_first(study.plan()),
+            written.join(" ").split_whitespace().collect::<Vec<_>>().join(" "),
+        )
+    };
+    let design = seeds("{ first: 100, min: 3, max: 9, looks: 3 }");
+    assert_eq!(design.0, [100, 101, 102], "those of the first look");
+    assert_eq!(design.1, "seeds: first: 100 looks: [3, 6, 9] max: 9 min: 3");
+    assert_eq!(seeds("7-9"), (vec![7, 8, 9], "seeds: 7-9".into()));
+    assert_eq!(seeds("0-2").1, "seeds: 3");
+    assert_eq!(seeds("4, 1-2"), (vec![4, 1, 2], "seeds: [4, 1, 2]".into()));
+}
+
+#[test]
 fn a_profile_narrows_a_sweep_and_options_come_after_it() {
     let text = format!(
         "{HEAD}sweep: {{ learner.discount: {{ grid: [0.8, 0.9, 0.99] }} }}\nprofiles: {{ smoke: {{ \

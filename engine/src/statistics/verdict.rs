@@ -139,6 +139,8 @@ pub struct Seeds {
     pub design: Option<Design>,
     /// How many of the planned looks are complete.
     pub complete: usize,
+    /// The first seed of the design.
+    pub first: u64,
 }
 
 impl Seeds {
@@ -152,7 +154,7 @@ impl Seeds {
                 .looks()
                 .iter()
                 .take(self.complete)
-                .map(|most| u64::from(*most))
+                .map(|most| self.first + u64::from(*most))
                 .collect(),
         }
     }

@@ -161,6 +161,7 @@ fn planned_looks_are_taken_one_by_one() {
             &Seeds {
                 design: design.clone(),
                 complete,
+                first: 0,
             },
             false,
         )

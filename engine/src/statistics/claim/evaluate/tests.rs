@@ -173,17 +173,19 @@ fn shares_of_successes_are_no_means() {
 fn planned_looks_stop_at_the_first_decision() {
     let design = Some(crate::statistics::spending::Design::new(vec![3, 6, 9]));
     let values = [5.0, 5.5, 4.5, -20.0, -30.0, -40.0];
-    let at = |complete| {
+    let from = |first: u64, complete| {
         let seeds = Seeds {
             design: design.clone(),
             complete,
+            first,
         };
         evaluate(
             &parse("a.x > 0").unwrap(),
-            &|_| Some((0..).zip(values).collect()),
+            &|_| Some((first..).zip(values).collect()),
             &seeds,
         )
     };
+    let at = |complete| from(0, complete);
     assert_eq!(
         (at(0).verdict, at(0).statement),
         (ClaimOutcome::Inconclusive, None)
@@ -192,6 +194,11 @@ fn planned_looks_stop_at_the_first_decision() {
     assert_eq!(
         (at(2).verdict, at(2).n, at(2).stage.unwrap().look),
         (ClaimOutcome::Supported, 3, 1)
+    );
+    assert_eq!(
+        (from(100, 2).n, from(100, 2).stage),
+        (3, at(2).stage),
+        "the first seed is no matter"
     );
 }
 
