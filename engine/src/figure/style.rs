@@ -36,7 +36,7 @@ const RAMP: [Rgb; 7] = [
 ];
 
 /// Marks at the points of a line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Marker {
     /// A disc.
     Circle,
@@ -49,12 +49,12 @@ pub enum Marker {
 }
 
 impl Style {
-    /// The look of the n-th agent of a study.
+    /// The look of the n-th agent of a study. Where colours begin anew their dashes are others.
     #[must_use]
     pub fn of_agent(index: usize) -> Self {
         Self {
             hue: Hue::Palette(index),
-            variant: index,
+            variant: index + index / PALETTE.len(),
         }
     }
 
@@ -161,11 +161,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_eight_agents_differ_in_colour_and_neighbours_in_dash() {
+    fn the_first_eight_agents_differ_in_colour_neighbours_in_dash_and_later_ones_in_one_of_both() {
         let colors: std::collections::BTreeSet<Rgb> =
             (0..8).map(|index| Style::of_agent(index).color()).collect();
         assert_eq!(colors.len(), 8);
-        assert!((0..8).all(|index| Style::of_agent(index).dashes() != Style::of_agent(index + 1).dashes()));
+        assert!((0..31).all(|index| Style::of_agent(index).dashes() != Style::of_agent(index + 1).dashes()));
+        let looks = (0..32).map(Style::of_agent);
+        let looks: std::collections::BTreeSet<(Rgb, Marker)> =
+            looks.map(|it| (it.color(), it.marker())).collect();
+        assert_eq!(looks.len(), 32);
     }
 
     #[test]
