@@ -5,7 +5,10 @@
 //! cost a thousand times those of another.
 
 use super::nearest::{Combination, Search, StoredCell};
-use crate::trial::{Trial, TrialKey};
+use crate::{
+    pace,
+    trial::{Trial, TrialKey},
+};
 use serde::Serialize;
 use std::collections::HashMap;
 
@@ -43,7 +46,7 @@ pub fn estimate<'t>(
             .entry(combination)
             .or_insert_with_key(|combination| one_s(&search, combination, its_steps, &steps));
         match one_s {
-            Some(one_s) => estimate.worker_s += one_s * as_number(cell.len() as u64),
+            Some(one_s) => estimate.worker_s += cell.iter().map(|_| one_s).sum::<f64>(),
             None => estimate.unknown += cell.len(),
         }
     }
@@ -58,12 +61,6 @@ fn one_s(
     steps: impl Fn(&TrialKey) -> u64,
 ) -> Option<f64> {
     let nearest = search.at(search.nearest_timed(combination)?);
-    // A trial without steps still has its final episodes.
-    let step_s = nearest.took.mean_s()? / (as_number(steps(nearest.key)) + 1.0);
-    Some(step_s * (as_number(its_steps) + 1.0))
-}
-
-#[allow(clippy::cast_precision_loss, reason = "an estimate")]
-fn as_number(count: u64) -> f64 {
-    count as f64
+    let step_s = nearest.took.mean_s()? / pace::steps(steps(nearest.key));
+    Some(step_s * pace::steps(its_steps))
 }
