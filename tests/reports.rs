@@ -142,6 +142,39 @@ fn the_sentences_of_studies_are_the_rows_of_the_overview() {
 }
 
 #[test]
+fn the_overview_says_what_is_open_and_what_would_decide_it() {
+    let bench = Bench::new();
+    let claims = "claims:\n  - { claim: dsac.cycle_length > equal.cycle_length, why: a floor }\n  \
+                  - { claim: dsac.cycle_length > 0.5, why: it lives }\n  \
+                  - { claim: equal.cycle_length > dsac.cycle_length, why: x, exploratory: true }\n";
+    let study = STUDY.replace("seeds: 2", "seeds: 3");
+    bench.write("small.yaml", &format!("{study}{claims}"));
+    bench.ok(&["run", "small.yaml"]);
+    let text = bench.ok(&["overview", "results", "--open"]);
+    let json: serde_json::Value =
+        serde_json::from_str(&bench.ok(&["overview", "results", "--format", "json"])).unwrap();
+    let verdicts = json["studies"][0]["verdicts"].as_array().unwrap();
+    let open = json["open"].as_array().unwrap();
+    assert_eq!(json["studies"][0]["study"], "small");
+    let is_open = |it: &&serde_json::Value| it["verdict"] == "INCONCLUSIVE" && it["exploratory"] == false;
+    assert_eq!(verdicts.iter().filter(is_open).count(), open.len(), "{json}");
+    assert!(!open.is_empty(), "{json}");
+    for it in open {
+        let seeds = it["would_decide"]["seeds"]
+            .as_u64()
+            .map_or("–".into(), |n| n.to_string());
+        let row = format!("| small | {} | {seeds} |", it["about"].as_str().unwrap());
+        assert!(text.contains(&row), "{row}\n{text}");
+    }
+    let refused = bench.run(&["overview", "results", "--open", "--into", "README.md"]);
+    assert!(
+        refused.code == 2 && refused.err.contains("--into"),
+        "{}",
+        refused.err
+    );
+}
+
+#[test]
 fn the_date_of_a_trial_is_stored_and_is_no_part_of_what_is_compared() {
     let bench = Bench::new();
     bench.write("small.yaml", STUDY);

@@ -315,18 +315,8 @@ enum Verb {
         #[command(flatten)]
         report: ReportOptions,
     },
-    /// Print the results of all studies as one table: the rows of those that have a `summary`.
-    Overview {
-        /// Folder with the folders of results in it.
-        #[arg(value_name = "DIR")]
-        folder: PathBuf,
-        /// Document to put the table into, between `<!-- results: begin -->` and `<!-- results: end -->`.
-        #[arg(long, value_name = "FILE")]
-        into: Option<PathBuf>,
-        /// Write one page over all studies, too: `index.html` in that folder.
-        #[arg(long)]
-        page: bool,
-    },
+    /// Print the results of all studies as one table: the rows of those that have a `summary`; or what is open.
+    Overview(overview::OverviewOptions),
     /// Run missing trials from the store until none is left, without a report.
     Worker {
         #[command(flatten)]
@@ -461,7 +451,7 @@ fn answer(registry: &Registry, selftest: &str, verb: Verb, common: &Common) -> R
         }),
         Verb::Watch(options) => watch::watch(registry, &options, common),
         Verb::Report { selection, report } => run::report(registry, &selection, &report, common),
-        Verb::Overview { folder, into, page } => overview::overview(&folder, into.as_deref(), page),
+        Verb::Overview(options) => overview::overview(&options, common),
         Verb::Fsck { folder, dry_run } => fsck::fsck(folder, dry_run, common),
         Verb::Pack(options) => pack::pack(&options, common),
         Verb::Merge(options) => merge::merge(&options, common),

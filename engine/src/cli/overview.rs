@@ -13,6 +13,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+/// The file of a folder of results in which its verdicts stand.
+const VERDICTS: &str = "verdicts.json";
 /// The line of a document after which the table stands.
 const BEGIN: &str = "<!-- results: begin -->";
 /// The line before which it ends.
@@ -20,25 +22,79 @@ const END: &str = "<!-- results: end -->";
 /// The head of the table.
 const HEAD: &str = "| study | what | result |\n|---|---|---|\n";
 
-/// Prints the table of the studies whose results lie in `folder`, or puts it into a document in the place of
-/// the one that stands there; writes the page of all studies where it is asked for.
-pub(super) fn overview(folder: &Path, into: Option<&Path>, page: bool) -> Result<u8, Failure> {
-    let table = table(folder)?;
-    if page {
-        write_index(folder, "", &[])?;
+/// What `overview` is asked for.
+#[derive(Debug, clap::Args)]
+pub(super) struct OverviewOptions {
+    /// Folder with the folders of results in it.
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+    /// Document to put the table into, between `<!-- results: begin -->` and `<!-- results: end -->`.
+    #[arg(long, value_name = "FILE")]
+    into: Option<PathBuf>,
+    /// Write one page over all studies, too: `index.html` in that folder.
+    #[arg(long)]
+    page: bool,
+    /// Print what is judged and open instead, what is cheapest to decide first, with about how many more seeds and
+    /// how much time would decide it.
+    #[arg(long, conflicts_with = "into")]
+    open: bool,
+}
+
+/// Prints the table of the studies whose results lie in a folder, or what they leave open, or puts the table into
+/// a document in the place of the one that stands there; writes the page of all studies where it is asked for.
+pub(super) fn overview(options: &OverviewOptions, common: &Common) -> Result<u8, Failure> {
+    if options.page {
+        write_index(&options.folder, "", &[])?;
     }
-    match into {
-        None => say(&table),
-        Some(path) => {
-            let text = fs::read_to_string(path).map_err(Error::file("read", path))?;
-            let text = replaced(&text, &table).map_err(|problem| Failure {
-                code: BAD_SPEC,
-                text: format!("error: {}: {problem}", path.display()),
-            })?;
-            write_durably(path, text.as_bytes())?;
+    match &options.into {
+        Some(path) => put_into(path, &table(&options.folder)?)?,
+        None if common.format == Format::Json => {
+            say(&as_json(&verdicts_within(&options.folder)?).to_string());
         }
+        None if options.open => say(&open(&verdicts_within(&options.folder)?)),
+        None => say(&table(&options.folder)?),
     }
     Ok(OK)
+}
+
+/// Puts the table into a document.
+fn put_into(path: &Path, table: &str) -> Result<(), Failure> {
+    let text = fs::read_to_string(path).map_err(Error::file("read", path))?;
+    let text = replaced(&text, table).map_err(|problem| Failure {
+        code: BAD_SPEC,
+        text: format!("error: {}: {problem}", path.display()),
+    })?;
+    Ok(write_durably(path, text.as_bytes())?)
+}
+
+/// What is open, for people.
+fn open(studies: &[Verdicts]) -> String {
+    let decided = report::decided_in_words(studies);
+    let table = report::open_as_markdown(&report::still_open(studies));
+    format!("{decided}\n\n{table}").trim_end().to_owned()
+}
+
+/// All verdicts by study, and what is open.
+fn as_json(studies: &[Verdicts]) -> serde_json::Value {
+    serde_json::json!({ "studies": studies, "open": report::still_open(studies) })
+}
+
+/// The verdicts of all studies whose results lie in a folder.
+fn verdicts_within(folder: &Path) -> Result<Vec<Verdicts>, Error> {
+    let read = |place: PathBuf| verdicts(&place).transpose();
+    within(folder)?.into_iter().filter_map(read).collect()
+}
+
+/// The verdicts of a folder of results; `None` where its report wrote none.
+fn verdicts(place: &Path) -> Result<Option<Verdicts>, Error> {
+    let Some(text) = read(place, VERDICTS)? else {
+        return Ok(None);
+    };
+    let path = place.join(VERDICTS);
+    let verdicts = serde_json::from_str(&text)
+        .map_err(io::Error::from)
+        .map_err(Error::file("read", &path))?;
+    Ok(Some(verdicts))
 }
 
 /// The table; empty where no study has a row.
@@ -132,14 +188,10 @@ fn write_index(folder: &Path, name: &str, options: &[String]) -> Result<PathBuf,
 
 /// A study of the index; `None` where its report wrote no verdicts.
 fn entry(place: &Path, name: &str, manifest: &Manifest) -> Result<Option<IndexEntry>, Error> {
-    let Some(text) = read(place, "verdicts.json")? else {
+    let Some(verdicts) = verdicts(place)? else {
         return Ok(None);
     };
     let is_drawing = |file: &&String| file.starts_with("figures/") && file.ends_with(".svg");
-    let path = place.join("verdicts.json");
-    let verdicts: Verdicts = serde_json::from_str(&text)
-        .map_err(io::Error::from)
-        .map_err(Error::file("read", &path))?;
     Ok(Some(IndexEntry {
         folder: name.into(),
         verdicts,

@@ -314,6 +314,13 @@ fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<
 }
 
 impl ClaimLine {
+    /// About how many more seeds would decide a claim that is open and has no design with looks.
+    pub(super) fn seeds_to_decide(&self) -> Option<u32> {
+        let claim = self.verdict.as_ref().ok()?;
+        let open = claim.verdict == ClaimOutcome::Inconclusive && claim.stage.is_none();
+        claim.more_seeds.filter(|_| open)
+    }
+
     /// The word of the verdict.
     #[must_use]
     pub fn word(&self) -> &'static str {

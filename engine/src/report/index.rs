@@ -2,7 +2,7 @@
 //! what reports wrote into their folders, so it says nothing that no report says.
 
 use super::{
-    Verdicts, duration,
+    Verdicts, duration, open,
     page::{Extra, document_with},
     sheet::{Entry, NONE, Sheet},
     verdicts::words,
@@ -31,7 +31,11 @@ pub fn index(entries: &[IndexEntry], options: &[String], unread: &[String]) -> S
         "<section id=\"cost\">\n<h2>Cost by study</h2>\n{}</section>\n",
         cost(entries).html()
     );
-    let body = format!("{}{studies}{cost}", header(entries, options, unread));
+    let body = format!(
+        "{}{studies}{}{cost}",
+        header(entries, options, unread),
+        still_open(entries)
+    );
     let extra = Extra {
         style: STYLE.into(),
         ..Extra::default()
@@ -102,6 +106,19 @@ fn study(entry: &IndexEntry) -> String {
         text(basis, " class=\"quiet\""),
         drawings(entry, &page)
     )
+}
+
+/// What is open in any of the studies; empty where nothing is.
+fn still_open(entries: &[IndexEntry]) -> String {
+    let studies = || entries.iter().map(|entry| &entry.verdicts);
+    let sheet = open::sheet(&open::still_open(studies()));
+    sheet.map_or_else(String::new, |sheet| {
+        format!(
+            "<section id=\"open\">\n<h2>What is open</h2>\n<p>{}</p>\n{}</section>\n",
+            escape(&open::decided_in_words(studies())),
+            sheet.html()
+        )
+    })
 }
 
 fn took(verdicts: &Verdicts) -> String {
@@ -189,7 +206,7 @@ fn cost(entries: &[IndexEntry]) -> Sheet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::Passed;
+    use crate::report::{Effort, Passed};
 
     fn passed(about: &str, verdict: &str, together: Option<&str>) -> Passed {
         Passed {
@@ -205,6 +222,13 @@ mod tests {
             passed("t: a", "REPRODUCED", Some("INCONCLUSIVE")),
             passed("t: b", "DIFFERS", None),
             passed("claim 1: a.x > b.x", "SUPPORTED", None),
+            Passed {
+                would_decide: Some(Effort {
+                    seeds: 40,
+                    trial_time_s: 61.0,
+                }),
+                ..passed("claim 2: a.x > c.x", "INCONCLUSIVE", None)
+            },
         ];
         IndexEntry {
             folder: "small".into(),
@@ -215,6 +239,8 @@ mod tests {
                 basis: "3 seeds.".into(),
                 trials: Some(7),
                 trial_time_s: Some(12.4),
+                judged: 4,
+                decided: 3,
                 verdicts,
                 ..Verdicts::default()
             },
@@ -233,6 +259,8 @@ mod tests {
             "<h2>Claims</h2><ul><li><b>1</b> <span class=\"word supported\">",
             "<a href=\"small/index.html#voltages\"><img loading=\"lazy\" src=\"small/figures/voltages.svg\"",
             "<code>small</code> · 12 s in 7 trials",
+            "<h2>What is open</h2>\n<p>3 of 4 values and claims that are judged are decided (75 %).</p>",
+            "claim 2: a.x &gt; c.x</td><td>40</td><td>61 s</td>",
         ] {
             assert!(page.contains(part), "{part}\n{page}");
         }

@@ -1,10 +1,10 @@
 //! `verdicts.json` of a folder of results: everything that a report passes a verdict on, for programs that
 //! watch over many of them.
 
-use super::{ClaimLine, Contents, StudyInfo, UNREAD, basis, budgets, sentence};
+use super::{ClaimLine, Contents, Effort, StudyInfo, UNREAD, basis, budgets, sentence};
 use crate::{
     results::Results,
-    statistics::{ClaimOutcome, Verdict},
+    statistics::{ClaimOutcome, Judgement, Verdict},
     table::{Grid, TableSpec},
 };
 use serde::{Deserialize, Serialize};
@@ -44,7 +44,7 @@ pub struct Verdicts {
 }
 
 /// One verdict.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Passed {
     /// What it is about, as in `table-3.2: four_cells, dsac` or `claim 2: dsac.success >= 0.8 in four_cells`.
     pub about: String,
@@ -59,6 +59,10 @@ pub struct Passed {
     /// What was found out about why it differs or is refuted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
+    /// Where it is open, about what would decide it; `None` where no affordable number of seeds would, and of
+    /// designs with looks, which say themselves when to go on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub would_decide: Option<Effort>,
 }
 
 impl Passed {
@@ -117,10 +121,12 @@ impl Verdicts {
     pub fn of(study: &StudyInfo, results: &Results, contents: &Contents) -> Self {
         let tables = study.tables.iter().zip(&contents.tables);
         let values = tables.flat_map(|((name, spec), (_, grid))| match grid {
-            Ok(grid) => of_table(name, grid),
+            Ok(grid) => of_table(name, grid, results),
             Err(_) => not_made(name, spec).into_iter().collect(),
         });
-        let verdicts: Vec<Passed> = values.chain(contents.claims.iter().map(of_claim)).collect();
+        let verdicts: Vec<Passed> = values
+            .chain(contents.claims.iter().map(|line| of_claim(line, results)))
+            .collect();
         let count = |counts: &dyn Fn(&Passed) -> bool| verdicts.iter().filter(|it| counts(it)).count();
         let cost = budgets::cost(results);
         Self {
@@ -139,7 +145,7 @@ impl Verdicts {
     }
 }
 
-fn of_table(name: &str, grid: &Grid) -> Vec<Passed> {
+fn of_table(name: &str, grid: &Grid, results: &Results) -> Vec<Passed> {
     let mut passed = Vec::new();
     for (index, (row, cells)) in grid.rows.iter().zip(&grid.cells).enumerate() {
         for (column, cell) in grid.columns.iter().zip(cells) {
@@ -160,6 +166,7 @@ fn of_table(name: &str, grid: &Grid) -> Vec<Passed> {
                 together: together.map(|it| it.word().into()),
                 exploratory: grid.exploratory,
                 cause: cause.map(Into::into),
+                would_decide: seeds_to_decide(judgement).map(|n| Effort::of(n, &cell.rests_on, results)),
             });
         }
     }
@@ -177,7 +184,7 @@ fn not_made(name: &str, spec: &TableSpec) -> Option<Passed> {
     })
 }
 
-fn of_claim(line: &ClaimLine) -> Passed {
+fn of_claim(line: &ClaimLine, results: &Results) -> Passed {
     let claim = &line.spec.claim;
     let place = if line.place.is_empty() || claim.ends_with(&line.place) {
         String::new()
@@ -191,7 +198,16 @@ fn of_claim(line: &ClaimLine) -> Passed {
         together: line.together().map(|outcome| outcome.word().into()),
         exploratory: line.spec.exploratory,
         cause: line.cause().map(Into::into),
+        would_decide: line
+            .seeds_to_decide()
+            .map(|n| Effort::of(n, &line.rests_on, results)),
     }
+}
+
+/// About how many more seeds would decide a published value that is open.
+fn seeds_to_decide(judgement: &Judgement) -> Option<u32> {
+    let open = judgement.verdict == Verdict::Inconclusive && judgement.stage.is_none();
+    judgement.more_seeds.filter(|_| open)
 }
 
 #[cfg(test)]
