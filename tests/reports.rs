@@ -163,7 +163,7 @@ fn the_overview_says_what_is_open_and_what_would_decide_it() {
         let seeds = it["would_decide"]["seeds"]
             .as_u64()
             .map_or("–".into(), |n| n.to_string());
-        let row = format!("| small | {} | {seeds} |", it["about"].as_str().unwrap());
+        let row = format!("| small | `{}` | {seeds} |", it["about"].as_str().unwrap());
         assert!(text.contains(&row), "{row}\n{text}");
     }
     let refused = bench.run(&["overview", "results", "--open", "--into", "README.md"]);

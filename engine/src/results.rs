@@ -308,6 +308,18 @@ impl TrialResult {
         (count > 0).then(|| (sum / f64::from(count)).sqrt())
     }
 
+    /// The metric while learning, at each step: as it was measured; or as the agent recorded it, where it was
+    /// never measured (a loss, a temperature).
+    #[must_use]
+    pub fn while_learning(&self, metric: &str) -> Vec<(u64, f64)> {
+        let measured = self.curve(Phase::Evaluate, metric);
+        if measured.is_empty() {
+            self.curve(Phase::Train, metric)
+        } else {
+            measured
+        }
+    }
+
     /// Mean of a metric over episodes (and seats) at each step of a phase, in the order of steps.
     #[must_use]
     pub fn curve(&self, phase: Phase, metric: &str) -> Vec<(u64, f64)> {

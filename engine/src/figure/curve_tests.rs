@@ -439,3 +439,26 @@ fn notes_tell_panels_with_few_seeds_from_others() {
         "{notes}"
     );
 }
+
+#[test]
+fn what_an_agent_records_of_itself_is_drawn_where_nobody_measures_it() {
+    let rows: Rows = vec![
+        (Phase::Train, 10, 0, "loss", 4.0),
+        (Phase::Train, 20, 0, "loss", 2.0),
+        (Phase::Train, 20, 0, "return", 7.0),
+        (Phase::Evaluate, 20, 0, "return", 5.0),
+        (Phase::Final, 20, 0, UPDATES, 20.0),
+    ];
+    let results = Results::of(vec![trial("e", "learner", "", 0, &rows)]);
+    assert_eq!(results.trials[0].while_learning("loss"), [(10, 4.0), (20, 2.0)]);
+    assert_eq!(results.trials[0].while_learning("return"), [(20, 5.0)]);
+    let spec = FigureSpec::of(LearningCurve {
+        metric: "loss".into(),
+        ..LearningCurve::default()
+    });
+    let Shape::Curve(curve) = &chart(&spec, &results).panels[0].series[0].shape else {
+        panic!("no curve")
+    };
+    let points: Vec<(f64, f64)> = curve.points.iter().map(|point| (point.x, point.y)).collect();
+    assert_eq!(points, [(10.0, 4.0), (20.0, 2.0)]);
+}

@@ -9,7 +9,7 @@ use super::{
     published,
 };
 use crate::{
-    Error, Phase,
+    Error,
     published_curve::{PublishedCurve, Run},
     results::TrialResult,
     spec::names::{Names, Picked, Place},
@@ -19,7 +19,8 @@ use crate::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A metric against training steps.
+/// A metric against training steps: as it was measured while agents learned, or as they recorded it themselves, such as
+/// a loss.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LearningCurve {
@@ -276,7 +277,7 @@ impl Measured {
 /// What each seed measured, at each measurement but the final one, with the id of its trial.
 fn runs(scope: &Scope<'_>, metric: &str) -> Vec<(String, Run)> {
     let run = |trial: &&TrialResult| {
-        let points = trial.curve(Phase::Evaluate, metric);
+        let points = trial.while_learning(metric);
         let name = format!("seed {}", trial.trial.key.seed);
         (!points.is_empty()).then(|| (trial.trial.id.clone(), Run { name, points }))
     };
@@ -290,7 +291,7 @@ fn runs(scope: &Scope<'_>, metric: &str) -> Vec<(String, Run)> {
 
 /// The last step at which a trial of the panel was measured, but for the final measurement.
 fn last_step(scope: &Scope<'_>, metric: &str) -> Option<u64> {
-    let last = |trial: &&TrialResult| trial.select(Phase::Evaluate, metric).map(|row| row.step).max();
+    let last = |trial: &&TrialResult| trial.while_learning(metric).last().map(|(step, _)| *step);
     scope
         .trials
         .iter()

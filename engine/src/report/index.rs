@@ -260,7 +260,7 @@ mod tests {
             "<a href=\"small/index.html#voltages\"><img loading=\"lazy\" src=\"small/figures/voltages.svg\"",
             "<code>small</code> · 12 s in 7 trials",
             "<h2>What is open</h2>\n<p>3 of 4 values and claims that are judged are decided (75 %).</p>",
-            "claim 2: a.x &gt; c.x</td><td>40</td><td>61 s</td>",
+            "<code>claim 2: a.x &gt; c.x</code></td><td>40</td><td>61 s</td>",
         ] {
             assert!(page.contains(part), "{part}\n{page}");
         }

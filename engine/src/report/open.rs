@@ -3,7 +3,7 @@
 
 use super::{
     Verdicts, duration,
-    sheet::{Entry, NONE, Sheet},
+    sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::results::{CellName, Results, TrialResult};
 use serde::{Deserialize, Serialize};
@@ -211,9 +211,9 @@ mod tests {
         let text = open_as_markdown(&open);
         for line in [
             "| study | open | more seeds | their trials |",
-            "| one | claim 2 | 40 | 2 min |",
-            "| two | t: a | 3 | 1.5 h |",
-            "| one | claim 1 | – | – |",
+            "| one | `claim 2` | 40 | 90 s |",
+            "| two | `t: a` | 3 | 1.5 h |",
+            "| one | `claim 1` | – | – |",
         ] {
             assert!(text.contains(line), "{line}\n{text}");
         }

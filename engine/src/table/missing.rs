@@ -39,6 +39,8 @@ pub enum NoValue {
         seed: u64,
         /// The metric.
         metric: String,
+        /// Where it was recorded while learning, whose last values `last` takes.
+        while_learning: bool,
     },
     /// The agent that a seed is compared with has no trial of it.
     NoCounterpart {
@@ -109,7 +111,15 @@ impl fmt::Display for NoValue {
             Self::Ended(count, state) => write!(f, "{count} failed: {}", state.name()),
             Self::NeverAbove { seed, level } => write!(f, "seed {seed}: never above {level}"),
             Self::NotMeasured { seed, until } => write!(f, "seed {seed}: not measured until {until}"),
-            Self::NotRecorded { seed, metric } => write!(f, "seed {seed}: no `{metric}` recorded"),
+            Self::NotRecorded {
+                seed,
+                metric,
+                while_learning: false,
+            } => write!(f, "seed {seed}: no `{metric}` recorded"),
+            Self::NotRecorded { seed, metric, .. } => write!(
+                f,
+                "seed {seed}: `{metric}` was recorded while learning and not at the end, so that `last: 1` has it"
+            ),
             Self::NoCounterpart { seed, agent } => {
                 write!(f, "seed {seed}: no trial of `{agent}` to compare with")
             }

@@ -286,6 +286,29 @@ fn the_steps_until_a_level_or_why_there_are_none() {
 }
 
 #[test]
+fn a_metric_of_learning_has_last_values_and_the_final_one_says_so() {
+    let rows = vec![
+        (Phase::Train, 10, 0, "loss", 4.0),
+        (Phase::Train, 20, 0, "loss", 2.0),
+        (Phase::Final, 20, 0, "return", 1.0),
+    ];
+    let results = Results::of(vec![trial("e", "a", "", 0, &rows)]);
+    let of = |taken| {
+        let comparison = Comparison {
+            value: "loss".into(),
+            taken,
+            ..Comparison::default()
+        };
+        build(&TableSpec::of(comparison), &results).unwrap()
+    };
+    assert_eq!(of(Taken::Last(1)).cells[0][0].seeds, [(0, 2.0)]);
+    assert_eq!(
+        of(Taken::default()).cells[0][0].incompleteness(),
+        "0 of 1 seed; seed 0: `loss` was recorded while learning and not at the end, so that `last: 1` has it"
+    );
+}
+
+#[test]
 fn ratios_are_paired_by_seed_and_made_of_means() {
     let pairs = [(0, 3.0, 2.0), (1, 10.0, 5.0), (2, 1.0, 4.0)];
     let mut trials: Vec<_> = pairs

@@ -104,12 +104,12 @@ impl Aggregate {
         }
     }
 
-    /// The number of one trial: from its final phase, or from the curve of its evaluate phase; `None` where
-    /// the phase has no row of the metric.
+    /// The number of one trial: from its final measurement, or from its learning curve; `None` where
+    /// there is no row of the metric.
     #[must_use]
     pub fn of_trial(self, trial: &TrialResult, metric: &str) -> Option<f64> {
         let points: Vec<f64> = trial
-            .curve(Phase::Evaluate, metric)
+            .while_learning(metric)
             .into_iter()
             .map(|(_, value)| value)
             .collect();

@@ -59,7 +59,7 @@ impl Measure<'_> {
     }
 
     fn curve(&self, trial: &TrialResult) -> Vec<(u64, f64)> {
-        trial.curve(Phase::Evaluate, &self.comparison.value)
+        trial.while_learning(&self.comparison.value)
     }
 
     /// What a trial measured: at the end, or on the way there. Agents that do not learn are measured at the
@@ -104,6 +104,7 @@ impl Measure<'_> {
         pooled(trial, Phase::Final, metric).ok_or_else(|| NoValue::NotRecorded {
             seed,
             metric: metric.clone(),
+            while_learning: !self.curve(trial).is_empty(),
         })
     }
 }
