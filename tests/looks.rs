@@ -125,3 +125,26 @@ fn a_verdict_that_was_seen_without_a_plan_is_marked() {
     bench.ok(&["run", "looks.yaml"]);
     assert!(report(&bench).contains("the verdict was seen with 3 seeds before"));
 }
+
+/// A design whose first look has been seen already, when the number of seeds was fixed, holds its level no more; one
+/// that was there before does.
+#[test]
+fn a_design_that_came_after_its_first_look_is_marked() {
+    let bench = Bench::new();
+    let fixed = STUDY.replace("{ min: 3, max: 9, looks: 3 }", "3");
+    bench.write("looks.yaml", &fixed);
+    bench.ok(&["run", "looks.yaml"]);
+    bench.write("looks.yaml", STUDY);
+    bench.ok(&["run", "looks.yaml"]);
+    let text = report(&bench);
+    assert!(
+        text.contains("the verdict was seen with 3 seeds before"),
+        "{text}"
+    );
+    assert!(text.contains("planned after verdicts were seen with 3"), "{text}");
+    let planned = Bench::new();
+    planned.write("looks.yaml", STUDY);
+    planned.ok(&["run", "looks.yaml"]);
+    planned.ok(&["report", "looks.yaml"]);
+    assert!(!report(&planned).contains("unplanned look"));
+}

@@ -150,6 +150,25 @@ struct Seen {
     /// By table and cell, or claim and place, and by the trials of the first seeds: another version of a
     /// trial is another experiment.
     verdicts: BTreeMap<String, BTreeSet<u32>>,
+    /// The looks that were planned when a number of seeds was first seen, none where it was fixed. Records of earlier
+    /// programs have none of them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    plans: BTreeMap<String, BTreeMap<u32, BTreeSet<u32>>>,
+}
+
+impl Seen {
+    /// Takes in what another record has.
+    fn extend(&mut self, more: Self) {
+        for (place, seeds) in more.verdicts {
+            self.verdicts.entry(place).or_default().extend(seeds);
+        }
+        for (place, plans) in more.plans {
+            let own = self.plans.entry(place).or_default();
+            plans.into_iter().for_each(|(seeds, plan)| {
+                own.entry(seeds).or_insert(plan);
+            });
+        }
+    }
 }
 
 /// Marks verdicts that were seen with fewer seeds before and without a plan for it, and records those that
@@ -216,12 +235,20 @@ impl Noting<'_> {
     fn look(&mut self, place: &str, rests_on: &BTreeSet<CellName>, seeds: Option<u32>) -> Option<u32> {
         let seeds = seeds?;
         let key = format!("{place} @ {}", self.first_trials.hash(rests_on));
+        let plans = self.seen.plans.entry(key.clone()).or_default();
         let before = self.seen.verdicts.entry(key).or_default();
-        self.changed |= before.insert(seeds);
+        if before.insert(seeds) {
+            self.changed = true;
+            plans.insert(seeds, self.planned.clone());
+        }
+        // A look of this plan is none of it where it was seen before there was this plan: then it had the whole level.
+        let was_planned = |earlier: &u32| {
+            self.planned.contains(earlier) && plans.get(earlier).is_none_or(|plan| *plan == self.planned)
+        };
         before
             .iter()
             .copied()
-            .find(|earlier| *earlier < seeds && !self.planned.contains(earlier))
+            .find(|earlier| *earlier < seeds && !was_planned(earlier))
     }
 }
 
@@ -266,9 +293,7 @@ pub(super) fn unite(into: &Store, from: &Store, dry_run: bool) -> Result<(), Err
         let path = into.seen_verdicts(study);
         let (more, mut seen) = (read(&from.seen_verdicts(study)), read(&path));
         let before = json!(seen);
-        for (place, seeds) in more.verdicts {
-            seen.verdicts.entry(place).or_default().extend(seeds);
-        }
+        seen.extend(more);
         if json!(seen) != before {
             write(&path, &seen)?;
         }

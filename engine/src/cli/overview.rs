@@ -34,8 +34,8 @@ pub(super) struct OverviewOptions {
     /// Write one page over all studies, too: `index.html` in that folder.
     #[arg(long)]
     page: bool,
-    /// Print what is judged and open instead, what is cheapest to decide first, with about how many more seeds and
-    /// how much time would decide it.
+    /// Print what is judged and open instead, what is cheapest to decide first, with about how many fresh seeds
+    /// and how much time would decide it.
     #[arg(long, conflicts_with = "into")]
     open: bool,
 }

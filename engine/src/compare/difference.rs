@@ -4,7 +4,7 @@
 //! |-------------------------------------------|------------------------------------------------------------|
 //! | means over the same seeds                 | Student-t of the differences seed by seed                  |
 //! | means over other seeds                    | Welch                                                      |
-//! | shares of seeds with success              | Newcombe, not paired                                       |
+//! | shares of seeds with success              | exact bounds of both, not paired                           |
 //! | medians or interquartile means            | bootstrap, of pairs where the seeds are the same           |
 //! | values that no single seed has            | none; they moved where their own intervals have no number in common |
 
@@ -40,7 +40,7 @@ pub enum Basis {
     /// As samples that share nothing.
     Welch,
     /// As shares of samples that share nothing.
-    Newcombe,
+    ExactBounds,
     /// By resampled pairs.
     PairedBootstrap,
     /// By resampling both.
@@ -70,7 +70,7 @@ impl Basis {
         match self {
             Basis::Paired => "paired",
             Basis::Welch => "Welch",
-            Basis::Newcombe => "Newcombe",
+            Basis::ExactBounds => "exact bounds",
             Basis::PairedBootstrap => "paired bootstrap",
             Basis::Bootstrap => "bootstrap",
             Basis::Intervals => "own intervals",
@@ -141,7 +141,7 @@ fn interval(a: &Measured, b: &Measured) -> Option<(Interval, Basis)> {
         ("share", "share") => {
             let share = |values: &[f64]| Share::of(values.iter().map(|value| *value > 0.5));
             let interval = share(&right).interval_of_difference(share(&left), LEVEL)?;
-            Some((interval, Basis::Newcombe))
+            Some((interval, Basis::ExactBounds))
         }
         ("median", "median") => resampled(&left, &right, paired, median),
         ("interquartile mean", "interquartile mean") => resampled(&left, &right, paired, iqm),
@@ -249,7 +249,7 @@ mod tests {
         let difference = of(&few, &all);
         assert_eq!(
             (difference.basis, difference.fate),
-            (Some(Basis::Newcombe), Fate::Moved)
+            (Some(Basis::ExactBounds), Fate::Moved)
         );
     }
 

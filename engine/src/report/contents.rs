@@ -314,11 +314,12 @@ fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<
 }
 
 impl ClaimLine {
-    /// About how many more seeds would decide a claim that is open and has no design with looks.
+    /// About how many fresh seeds would decide a claim that is open and has no design with looks.
     pub(super) fn seeds_to_decide(&self) -> Option<u32> {
         let claim = self.verdict.as_ref().ok()?;
         let open = claim.verdict == ClaimOutcome::Inconclusive && claim.stage.is_none();
-        claim.more_seeds.filter(|_| open)
+        let more = claim.more_seeds.filter(|_| open)?;
+        u32::try_from(claim.n).ok().map(|n| n + more)
     }
 
     /// The word of the verdict.
@@ -504,10 +505,12 @@ fn held_in<'r>(
         .flat_map(|operand| trials_behind(scope, results, operand, setting))
         .collect();
     let looks = results.seeds_of(&trials);
-    let mut verdict = hold(claim, spec, &trials, &looks, &|operand| match operand.within {
+    let found = |operand: &Operand| match operand.within {
         Some(_) => in_play(results, operand),
         None => values(scope, operand, setting),
-    });
+    };
+    let imported = |operand: &Operand| results.imported.iter().any(|origin| origin.name == operand.agent);
+    let mut verdict = hold(claim, spec, &trials, &looks, &found, &imported);
     let notes = std::mem::take(&mut verdict.notes);
     let is_there = |name: &str| trials.iter().any(|it| it.trial.cell.agent == name);
     verdict.notes = with_origins(notes, results, is_there);
@@ -521,8 +524,9 @@ fn hold(
     trials: &[&TrialResult],
     looks: &Seeds,
     values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
+    imported: &dyn Fn(&Operand) -> bool,
 ) -> ClaimVerdict {
-    let verdict = evaluate(claim, values, looks);
+    let verdict = evaluate(claim, values, imported, looks);
     let untrained: BTreeSet<&str> = trials
         .iter()
         .filter(|trial| trial.updates() == Some(0.0))

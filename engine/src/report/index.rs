@@ -256,11 +256,12 @@ mod tests {
             "<p>A <code>rule</code> lives 3 h.</p>",
             "<h2>Published values</h2><ul><li><b>1</b> <span class=\"word differs\">DIFFERS</span></li><li><b>1</b> \
              <span class=\"word inconclusive\">INCONCLUSIVE</span></li></ul>",
-            "<h2>Claims</h2><ul><li><b>1</b> <span class=\"word supported\">",
+            "<h2>Claims</h2><ul><li><b>1</b> <span class=\"word inconclusive\">INCONCLUSIVE</span></li><li><b>1</b> <span \
+             class=\"word supported\">",
             "<a href=\"small/index.html#voltages\"><img loading=\"lazy\" src=\"small/figures/voltages.svg\"",
             "<code>small</code> · 12 s in 7 trials",
             "<h2>What is open</h2>\n<p>3 of 4 values and claims that are judged are decided (75 %).</p>",
-            "<code>claim 2: a.x &gt; c.x</code></td><td>40</td><td>61 s</td>",
+            "<code>claim 2: a.x &gt; c.x</code></td><td class=\"value\">40</td><td class=\"value\">61 s</td>",
         ] {
             assert!(page.contains(part), "{part}\n{page}");
         }

@@ -12,10 +12,11 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
-/// About what would decide an open verdict with a power of 80 %, if mean and spread stay as they are.
+/// About what would decide an open verdict with a power of 80 %, on seeds that nobody has seen, if mean and spread
+/// stay as they are.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Effort {
-    /// Seeds.
+    /// Seeds in all, none of those that there are among them.
     pub seeds: u32,
     /// Wall-clock time of their trials in seconds, one after another, with what these take from others; rounded to
     /// tenths.
@@ -93,20 +94,24 @@ pub(super) fn sheet(open: &[StillOpen]) -> Option<Sheet> {
             Some(effort) => [effort.seeds.to_string(), duration(effort.trial_time_s)],
             None => [NONE, NONE].map(Into::into),
         };
-        [it.study.clone(), it.about.clone(), seeds, time]
-            .map(Entry::plain)
-            .into()
+        let about = Entry::of(Tone::Code, it.about.clone());
+        vec![
+            Entry::plain(it.study.clone()),
+            about,
+            Entry::plain(seeds),
+            Entry::plain(time),
+        ]
     };
     (!open.is_empty()).then(|| Sheet {
-        head: ["study", "open", "more seeds", "their trials"].map(String::from).into(),
+        head: ["study", "open", "fresh seeds", "their trials"].map(String::from).into(),
         words: 2,
         rows: open.iter().map(row).collect(),
         notes: vec![
-            "So many more seeds would decide with a probability of 80 %, if mean and spread stay as they are; – where \
-             no affordable number would, where a design has had its last look, and where that is not known. Times are \
-             those of trials, each on one core, with what they take from others; one seed may serve several lines. A \
-             study that was looked at is decided on seeds that nobody has seen (`seeds: { first: 100, min: 5, max: 30 \
-             }`), not by adding to those it has."
+            "So many seeds that nobody has seen (`seeds: 100-139`) would decide with a probability of 80 %, if mean and \
+             spread stay as they are; – where no affordable number would, where a design has had its last look, and \
+             where that is not known. Fewer that are added to those of a study would do, too, were they not added \
+             because of what was seen. Times are those of trials, each on one core, with what they take from others; \
+             one seed may serve several lines."
                 .into(),
         ],
         ..Sheet::default()
@@ -210,8 +215,8 @@ mod tests {
         assert_eq!(names, [("one", "claim 2"), ("two", "t: a"), ("one", "claim 1")]);
         let text = open_as_markdown(&open);
         for line in [
-            "| study | open | more seeds | their trials |",
-            "| one | `claim 2` | 40 | 90 s |",
+            "| study | open | fresh seeds | their trials |",
+            "| one | `claim 2` | 40 | 2 min |",
             "| two | `t: a` | 3 | 1.5 h |",
             "| one | `claim 1` | – | – |",
         ] {

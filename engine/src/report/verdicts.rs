@@ -204,10 +204,11 @@ fn of_claim(line: &ClaimLine, results: &Results) -> Passed {
     }
 }
 
-/// About how many more seeds would decide a published value that is open.
+/// About how many fresh seeds would decide a published value that is open.
 fn seeds_to_decide(judgement: &Judgement) -> Option<u32> {
     let open = judgement.verdict == Verdict::Inconclusive && judgement.stage.is_none();
-    judgement.more_seeds.filter(|_| open)
+    let more = judgement.more_seeds.filter(|_| open)?;
+    u32::try_from(judgement.n).ok().map(|n| n + more)
 }
 
 #[cfg(test)]

@@ -100,10 +100,30 @@ pub fn suite_median(tasks: &[Vec<f64>]) -> f64 {
     median(&task_means(tasks))
 }
 
-/// Interquartile mean of all seeds of all tasks together, shape as in [`suite_mean`].
+/// Interquartile mean of all seeds of all tasks together, shape as in [`suite_mean`]. Where tasks have unequal
+/// numbers of seeds each task weighs the same: a quarter of the weight is cut from either end.
 #[must_use]
 pub fn suite_iqm(tasks: &[Vec<f64>]) -> f64 {
-    iqm(&tasks.concat())
+    let alike = tasks.windows(2).all(|pair| pair[0].len() == pair[1].len());
+    if alike {
+        return iqm(&tasks.concat());
+    }
+    let of_task = |seeds: &Vec<f64>| {
+        let weight = 1.0 / (count(tasks.len()) * count(seeds.len()));
+        seeds
+            .iter()
+            .map(move |value| (*value, weight))
+            .collect::<Vec<_>>()
+    };
+    let mut weighted: Vec<(f64, f64)> = tasks.iter().flat_map(of_task).collect();
+    weighted.sort_by(|one, other| one.0.total_cmp(&other.0));
+    let (mut below, mut sum) = (0.0, 0.0);
+    for (value, weight) in weighted {
+        let inside = (below + weight).min(0.75) - f64::max(below, 0.25);
+        sum += value * inside.max(0.0);
+        below += weight;
+    }
+    2.0 * sum
 }
 
 /// Mean over tasks of how much the seeds of a task lie below `target` on average, where what lies above
@@ -137,6 +157,19 @@ pub(super) fn count(n: usize) -> f64 {
 mod tests {
     use super::*;
     use crate::statistics::tests::{assert_close, numbers, reference};
+
+    #[test]
+    fn a_task_with_more_seeds_weighs_no_more() {
+        // In order: 1 (1/8), 2 (1/8), 3 (1/4), 4 (1/8), 8 (1/4), 10 (1/8). Between a quarter and three quarters lie
+        // 3, 4 and the half of 8: (3 / 4 + 4 / 8 + 8 / 8) / (1 / 2).
+        let tasks = [vec![3.0, 8.0], vec![1.0, 2.0, 4.0, 10.0]];
+        assert_close(suite_iqm(&tasks), 2.0 * (0.75 + 0.5 + 1.0), 1e-12);
+        // Every seed twice says nothing new.
+        let doubled = [tasks[0].repeat(2), tasks[1].clone()];
+        assert_close(suite_iqm(&doubled), iqm(&doubled.concat()), 1e-12);
+        assert_close(suite_iqm(&doubled), suite_iqm(&tasks), 1e-12);
+        assert!(suite_iqm(&[]).is_nan());
+    }
 
     /// Worked by hand.
     #[test]

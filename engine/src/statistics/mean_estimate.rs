@@ -28,8 +28,18 @@ pub struct MeanEstimate {
 struct Sample {
     n: usize,
     variance: f64,
-    /// False for a sample of others, to which no seed can be added.
-    grows: bool,
+    source: Source,
+}
+
+/// Where a sample comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Source {
+    /// Seeds of a study, which may have more.
+    Seeds,
+    /// Runs of others, to which none can be added.
+    Runs,
+    /// Runs of others of which only mean and spread are known.
+    Published,
 }
 
 impl Sample {
@@ -37,14 +47,15 @@ impl Sample {
         Self {
             n: values.len(),
             variance: variance(values),
-            grows: true,
+            source: Source::Seeds,
         }
     }
 
     /// The squared standard error of its mean if it had `more` seeds more, where it can grow, and that number
     /// less one.
     fn error_with(&self, more: u32) -> (f64, f64) {
-        let n = count(self.n) + if self.grows { f64::from(more) } else { 0.0 };
+        let grows = self.source == Source::Seeds;
+        let n = count(self.n) + if grows { f64::from(more) } else { 0.0 };
         (self.variance / n, n - 1.0)
     }
 }
@@ -79,6 +90,15 @@ impl MeanEstimate {
         }
     }
 
+    /// The same where these samples, in their order, are runs of others, to which none can be added.
+    #[must_use]
+    pub fn of_others(mut self, others: &[bool]) -> Self {
+        for (sample, _) in self.samples.iter_mut().zip(others).filter(|(_, others)| **others) {
+            sample.source = Source::Runs;
+        }
+        self
+    }
+
     /// `mean(values)` less a mean that was published with its spread (Welch 1947). More seeds change our
     /// sample only, so that the interval never becomes narrower than the published spread allows.
     #[must_use]
@@ -86,7 +106,7 @@ impl MeanEstimate {
         let theirs = Sample {
             n: published.n as usize,
             variance: published.sd.powi(2),
-            grows: false,
+            source: Source::Published,
         };
         Self {
             value: mean(values) - published.value,
@@ -97,11 +117,11 @@ impl MeanEstimate {
     /// Seeds in the smaller sample, published ones not counted.
     #[must_use]
     pub fn n(&self) -> usize {
-        self.own_samples().map(|sample| sample.n).min().unwrap_or(0)
-    }
-
-    fn own_samples(&self) -> impl Iterator<Item = &Sample> {
-        self.samples.iter().filter(|sample| sample.grows)
+        let counted = self
+            .samples
+            .iter()
+            .filter(|sample| sample.source != Source::Published);
+        counted.map(|sample| sample.n).min().unwrap_or(0)
     }
 
     /// True where every sample has at least two seeds and all seeds of a sample gave the same number.
@@ -179,10 +199,15 @@ impl MeanEstimate {
         fewest(1, self.most_more(), |more| power_with(more) >= wanted)
     }
 
-    /// How many seeds may be added until the largest sample has [`MOST_SEEDS`].
+    /// How many seeds may be added until the largest sample that can grow has [`MOST_SEEDS`].
     fn most_more(&self) -> u32 {
-        let largest = self.own_samples().map(|sample| sample.n).max().unwrap_or(0);
-        MOST_SEEDS.saturating_sub(u32::try_from(largest).unwrap_or(MOST_SEEDS))
+        let growing = self
+            .samples
+            .iter()
+            .filter(|sample| sample.source == Source::Seeds);
+        let largest = growing.map(|sample| sample.n).max();
+        let room = |largest| MOST_SEEDS.saturating_sub(u32::try_from(largest).unwrap_or(MOST_SEEDS));
+        largest.map_or(0, room)
     }
 }
 

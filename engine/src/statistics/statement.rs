@@ -23,10 +23,20 @@ pub enum Evidence {
     Mean(MeanEstimate),
     /// A share of seeds: the exact binomial interval of Clopper and Pearson.
     Share(Share),
-    /// A difference of two shares: Newcombe's hybrid score interval.
+    /// A difference of two shares: exact bounds of both, squared and added.
     Shares(Share, Share),
-    /// A difference of a share from a published one, of few runs: exact bounds of both, squared and added.
+    /// The same from a published share, to which no seed can be added.
     FromPublished(Share, Share),
+    /// A difference from a number that is a mean itself, with how far it lies above two limits that move with
+    /// that mean, such as a twentieth of it below and above it.
+    BetweenMeans {
+        /// The difference.
+        difference: MeanEstimate,
+        /// What is left of the value less the lower limit.
+        above_low: MeanEstimate,
+        /// The same of the upper limit.
+        above_high: MeanEstimate,
+    },
 }
 
 impl Evidence {
@@ -35,6 +45,7 @@ impl Evidence {
     pub fn value(&self) -> f64 {
         match self {
             Evidence::Mean(estimate) => estimate.value,
+            Evidence::BetweenMeans { difference, .. } => difference.value,
             Evidence::Share(share) => share.value(),
             Evidence::Shares(left, right) | Evidence::FromPublished(left, right) => {
                 left.value() - right.value()
@@ -47,6 +58,7 @@ impl Evidence {
     pub fn n(&self) -> usize {
         match self {
             Evidence::Mean(estimate) => estimate.n(),
+            Evidence::BetweenMeans { difference, .. } => difference.n(),
             Evidence::Share(share) | Evidence::FromPublished(share, _) => share.n as usize,
             Evidence::Shares(left, right) => left.n.min(right.n) as usize,
         }
@@ -59,9 +71,25 @@ impl Evidence {
         let level = 1.0 - 2.0 * nominal;
         match self {
             Evidence::Mean(estimate) => estimate.interval(level),
+            Evidence::BetweenMeans { difference, .. } => difference.interval(level),
             Evidence::Share(share) => share.interval(level),
-            Evidence::Shares(left, right) => left.interval_of_difference(*right, level),
-            Evidence::FromPublished(left, right) => left.exact_interval_of_difference(*right, level),
+            Evidence::Shares(left, right) | Evidence::FromPublished(left, right) => {
+                left.interval_of_difference(*right, level)
+            }
+        }
+    }
+
+    /// True where the seeds of each sample of a mean all gave the same number.
+    #[must_use]
+    pub fn has_no_spread(&self) -> bool {
+        match self {
+            Evidence::Mean(estimate) => estimate.has_no_spread(),
+            Evidence::BetweenMeans {
+                above_low,
+                above_high,
+                ..
+            } => above_low.has_no_spread() || above_high.has_no_spread(),
+            Evidence::Share(_) | Evidence::Shares(..) | Evidence::FromPublished(..) => false,
         }
     }
 }
@@ -85,6 +113,14 @@ impl Region {
             low,
             high,
             closed: true,
+        }
+    }
+
+    fn outcome(&self, interval: Interval) -> Outcome {
+        match interval {
+            it if self.holds(it) => Outcome::Holds,
+            it if self.fails(it) => Outcome::Fails,
+            _ => Outcome::Open,
         }
     }
 
@@ -120,9 +156,10 @@ impl Region {
 pub struct Look {
     /// What the seeds of this look say.
     pub evidence: Evidence,
-    /// The values for which the statement holds; a margin in percent of a mean moves with it.
+    /// The values for which the statement holds.
     pub region: Region,
-    /// True where seeds make no difference, so that a few of them tell as much as many.
+    /// True where seeds make no difference, so that a few of them tell as much as many. Equal seeds alone do not say
+    /// so: counts and outcomes of 0 and 1 are equal by chance.
     pub deterministic: bool,
 }
 
@@ -182,7 +219,7 @@ impl Statement {
         for (index, (look, nominal)) in self.looks.iter().zip(levels).enumerate() {
             let interval = look.evidence.interval(nominal);
             last = Decision {
-                outcome: look.outcome(interval),
+                outcome: look.outcome(nominal),
                 look: index,
                 interval,
             };
@@ -195,13 +232,33 @@ impl Statement {
 }
 
 impl Look {
-    fn outcome(&self, interval: Option<Interval>) -> Outcome {
-        let enough = self.evidence.n() >= FEWEST_SEEDS || self.deterministic;
-        match interval.filter(|_| enough) {
-            Some(interval) if self.region.holds(interval) => Outcome::Holds,
-            Some(interval) if self.region.fails(interval) => Outcome::Fails,
-            _ => Outcome::Open,
+    fn outcome(&self, nominal: f64) -> Outcome {
+        let enough = self.evidence.n() >= FEWEST_SEEDS && !self.evidence.has_no_spread();
+        if !enough && !self.deterministic {
+            return Outcome::Open;
         }
+        if let Evidence::BetweenMeans {
+            above_low,
+            above_high,
+            ..
+        } = &self.evidence
+        {
+            return between(
+                above_low.interval(1.0 - 2.0 * nominal),
+                above_high.interval(1.0 - 2.0 * nominal),
+            );
+        }
+        let interval = self.evidence.interval(nominal);
+        interval.map_or(Outcome::Open, |interval| self.region.outcome(interval))
+    }
+}
+
+/// Two one-sided tests against limits that are means: of what is left above the lower and above the upper one.
+fn between(above_low: Option<Interval>, above_high: Option<Interval>) -> Outcome {
+    match (above_low, above_high) {
+        (Some(low), Some(high)) if low.low >= 0.0 && high.high <= 0.0 => Outcome::Holds,
+        (Some(low), Some(high)) if low.high < 0.0 || high.low > 0.0 => Outcome::Fails,
+        _ => Outcome::Open,
     }
 }
 

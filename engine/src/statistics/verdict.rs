@@ -11,7 +11,7 @@ use super::{
     Interval, MeanEstimate,
     binomial::Share,
     mean_estimate::PublishedMean,
-    power::POWER,
+    power::{POWER, Room},
     spending::Design,
     statement::{Decision, Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
 };
@@ -257,8 +257,10 @@ impl Judgement {
     }
 
     fn advice(&self) -> String {
+        let is_alike = |it: &Statement| it.looks.iter().all(|look| look.evidence.has_no_spread());
         match (self.n, self.more_seeds) {
             (n, _) if n < FEWEST_SEEDS => too_few_seeds_in_words(n),
+            _ if self.statement.as_ref().is_some_and(is_alike) => ALIKE.into(),
             (_, Some(more)) => more_seeds_in_words(more),
             (_, None) => {
                 "the mean is too near the edge of the margin for an affordable number of seeds to decide"
@@ -267,6 +269,9 @@ impl Judgement {
         }
     }
 }
+
+/// What is said of seeds that are alike and may be so by chance.
+pub const ALIKE: &str = "all seeds gave the same whole number, as counts do by chance, which decides nothing";
 
 /// That so few seeds decide nothing, as a phrase.
 #[must_use]
@@ -354,7 +359,7 @@ pub fn judge(
 /// The evidence of the seeds of one look, and the values that count as the same.
 fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
     let (low, high) = reference.band;
-    let deterministic = !is_share && MeanEstimate::of(values).has_no_spread();
+    let deterministic = !is_share && make_no_difference(values);
     let difference = Region::between(low - reference.value, high - reference.value);
     let (evidence, region) = match reference.runs {
         _ if is_share => match reference.share {
@@ -387,6 +392,14 @@ fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
     }
 }
 
+/// True where two seeds or more all gave the same number and it is no whole one: a whole number may be a count, of
+/// which equal seeds say little about the next one.
+#[must_use]
+pub fn make_no_difference(values: &[f64]) -> bool {
+    let is_whole = |value: &f64| value.fract() == 0.0;
+    MeanEstimate::of(values).has_no_spread() && !values.iter().all(is_whole)
+}
+
 /// Values of 0 and 1 as a share.
 #[must_use]
 pub fn share_of(values: &[f64]) -> Evidence {
@@ -404,10 +417,28 @@ pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
     let missing = u32::try_from(FEWEST_SEEDS.saturating_sub(look.evidence.n())).unwrap_or(0);
     match &look.evidence {
         _ if look.evidence.n() < 2 => Some(missing),
+        it if it.has_no_spread() && !look.deterministic => (missing > 0).then_some(missing),
         Evidence::Mean(estimate) => {
             let more = estimate.more_seeds_for_power(look.region.room(estimate.value), alpha, POWER);
             more.map(|more| more.max(missing))
                 .or((missing > 0).then_some(missing))
+        }
+        Evidence::BetweenMeans {
+            above_low,
+            above_high,
+            ..
+        } => {
+            let clear = |limit: &MeanEstimate| {
+                limit.more_seeds_for_power(Room::to_edge(limit.value.abs()), alpha, POWER)
+            };
+            let more = match (above_low.value >= 0.0, above_high.value <= 0.0) {
+                (true, true) => clear(above_low)
+                    .max(clear(above_high))
+                    .filter(|_| clear(above_low).is_some() && clear(above_high).is_some()),
+                (false, _) => clear(above_low),
+                (_, false) => clear(above_high),
+            };
+            more.map(|more| more.max(missing))
         }
         Evidence::Share(_) | Evidence::Shares(..) | Evidence::FromPublished(..) => None,
     }

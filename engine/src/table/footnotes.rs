@@ -1,7 +1,7 @@
 //! The sentences under a table: what its numbers are, how verdicts come about, which seeds are missing, what
 //! to be careful with.
 
-use super::{Cell, Fixed, Grid, Margin, OneNumber};
+use super::{Cell, Fixed, Grid, Margin, OneNumber, Statistic};
 use crate::count::count;
 use crate::statistics::Judgement;
 
@@ -17,6 +17,10 @@ pub enum Intervals {
     /// As lines over bars.
     AsLines,
 }
+
+/// Up to so many seeds a percentile bootstrap covers much less than its level: nine of ten times with five, three of
+/// four with three (normal values, median and interquartile mean).
+const FEW: usize = 5;
 
 impl Grid {
     /// Why values differ, where the study says it; what the numbers are, how they were made, which seeds are
@@ -64,7 +68,22 @@ impl Grid {
                 self.one_number.name()
             ),
         };
-        format!("{}{unit}: {seeds}.", self.quantity)
+        let few = if self.is_resampled() && self.usual_n().is_some_and(|n| (2..=FEW).contains(&n)) {
+            " Bootstrap intervals of so few seeds are narrower than they say."
+        } else {
+            ""
+        };
+        format!("{}{unit}: {seeds}.{few}", self.quantity)
+    }
+
+    /// True where intervals are percentiles of resampled seeds.
+    fn is_resampled(&self) -> bool {
+        let is_mean = |statistic: &Statistic| *statistic == Statistic::Mean;
+        match &self.one_number {
+            OneNumber::Of(statistic) => !is_mean(statistic),
+            OneNumber::Aggregates => true,
+            OneNumber::Share | OneNumber::RankCorrelation => false,
+        }
     }
 
     /// How the verdicts come about; nothing where nothing is judged.

@@ -126,6 +126,11 @@ pub(crate) trait Table {
         None
     }
 
+    /// What the values are, where they are no means over seeds, so that nothing published can be judged by them.
+    fn no_means(&self) -> Option<&'static str> {
+        None
+    }
+
     /// True where the values are shares of seeds with success.
     fn shows_shares(&self) -> bool {
         false
@@ -229,6 +234,11 @@ impl TableKind {
     #[must_use]
     pub fn metric_of_unit(&self) -> Option<&str> {
         self.it().metric_of_unit()
+    }
+
+    /// What the values are, where they are no means over seeds.
+    pub(crate) fn no_means(&self) -> Option<&'static str> {
+        self.it().no_means()
     }
 
     /// True where the values are shares of seeds with success.

@@ -84,6 +84,10 @@ impl Table for RankCorrelation {
         (rows, columns)
     }
 
+    fn no_means(&self) -> Option<&'static str> {
+        Some("rank correlation of means")
+    }
+
     fn build(&self, results: &Results) -> Result<Grid, Error> {
         build(self, results)
     }

@@ -304,7 +304,7 @@ fn a_metric_of_learning_has_last_values_and_the_final_one_says_so() {
     assert_eq!(of(Taken::Last(1)).cells[0][0].seeds, [(0, 2.0)]);
     assert_eq!(
         of(Taken::default()).cells[0][0].incompleteness(),
-        "0 of 1 seed; seed 0: `loss` was recorded while learning and not at the end, so that `last: 1` has it"
+        "0 of 1 seeds; seed 0: `loss` was recorded while learning and not at the end, so that `last: 1` has it"
     );
 }
 

@@ -27,10 +27,25 @@ impl Names<'_> {
             self.published(row, published, &rows, &columns, &place);
             self.judgeable(&spec, row, published, &place);
         }
+        self.of_means(&spec, &place);
         self.caused(&spec, &rows, &place);
         self.typeset(&spec, &columns, &place);
         self.shown.insert(entry.key.clone(), (rows, columns));
         Some(spec)
+    }
+
+    /// Verdicts are passed on means over seeds, so that what is shown beside a published value has to be one.
+    fn of_means(&mut self, spec: &TableSpec, place: &Place<'_>) {
+        let (Some(shown), Some(inner)) = (spec.kind.no_means(), place.below("published")) else {
+            return;
+        };
+        if !spec.published.is_empty() {
+            let message = format!(
+                "published values are compared with means over seeds, and this table shows the {shown}"
+            );
+            let help = "put them into a `comparison` without `statistic`";
+            self.say((inner.key, inner.at), message, help);
+        }
     }
 
     /// What is best is known only where a direction is.

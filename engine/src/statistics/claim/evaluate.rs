@@ -6,10 +6,13 @@
 //! | two metrics, at least three seeds in common | paired differences over the common seeds, Student-t   |
 //! | two metrics, otherwise                      | difference of means of unrelated samples, Welch      |
 //! | share of successes against number           | exact binomial interval                              |
-//! | two shares of successes                     | Newcombe's interval of the difference, not paired    |
+//! | two shares of successes                     | exact bounds of both shares, not paired              |
 //!
 //! Where a side has fewer than three seeds and all of them are common, they are paired too, though they
 //! rarely decide.
+//!
+//! `within N %` of a metric is decided by the same two tests of the left side against both edges, `1 - N / 100`
+//! and `1 + N / 100` times the right side, whose seeds move the edges too.
 //!
 //! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a
 //! published value (90 % interval, as in [`verdict`]); where looks are planned, by the repeated interval of
@@ -154,7 +157,7 @@ impl ClaimVerdict {
 }
 
 /// Holds `claim` against what `values` gives for each of its operands: one value per seed, `None` where there
-/// is none.
+/// is none. `imported` says which operands are runs of others, to which no seed can be added.
 ///
 /// The claim's environment is for `values` to respect. Values that are not finite leave the claim
 /// inconclusive.
@@ -162,9 +165,11 @@ impl ClaimVerdict {
 pub fn evaluate(
     claim: &Claim,
     values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
+    imported: &dyn Fn(&Operand) -> bool,
     seeds: &Seeds,
 ) -> ClaimVerdict {
-    match (Side::of(&claim.left, values), Side::of(&claim.right, values)) {
+    let side = |quantity| Side::of(quantity, values, imported);
+    match (side(&claim.left), side(&claim.right)) {
         (Some(left), Some(right)) => judge(claim.relation, &left, &right, seeds),
         _ => ClaimVerdict::without(ClaimOutcome::NotRun),
     }
@@ -173,29 +178,51 @@ pub fn evaluate(
 /// One side of a claim in numbers.
 enum Side {
     Number(f64),
-    BySeed {
-        values: BTreeMap<u64, f64>,
-        /// True for successes, 0 or 1 by seed.
-        is_share: bool,
-    },
+    BySeed { values: BTreeMap<u64, f64>, kind: Kind },
+}
+
+/// What the numbers of a side are.
+#[derive(Debug, Clone, Copy)]
+struct Kind {
+    /// True for successes, 0 or 1 by seed.
+    is_share: bool,
+    /// True where they are whole numbers before the factor, as counts are.
+    is_whole: bool,
+    /// True for runs of others.
+    is_imported: bool,
 }
 
 impl Side {
     /// `None` where the metric has no value.
-    fn of(quantity: &Quantity, values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>) -> Option<Self> {
+    fn of(
+        quantity: &Quantity,
+        values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
+        imported: &dyn Fn(&Operand) -> bool,
+    ) -> Option<Self> {
         match quantity {
             Quantity::Number(number) => Some(Side::Number(*number)),
             Quantity::Measured { factor, operand } => {
-                let seeds = by_seed(&values(operand).filter(|values| !values.is_empty())?);
-                let values = seeds
-                    .into_iter()
-                    .map(|(seed, value)| (seed, factor * value))
-                    .collect();
-                Some(Side::BySeed {
-                    values,
+                let values = by_seed(&values(operand).filter(|values| !values.is_empty())?);
+                let kind = Kind {
                     is_share: operand.metric == SUCCESS && *factor == 1.0,
-                })
+                    is_whole: values.values().all(|value| value.fract() == 0.0),
+                    is_imported: imported(operand),
+                };
+                Some(Side::BySeed { values, kind }.times(*factor))
             }
+        }
+    }
+
+    fn times(&self, factor: f64) -> Self {
+        match self {
+            Side::Number(number) => Side::Number(factor * number),
+            Side::BySeed { values, kind } => Side::BySeed {
+                values: values
+                    .iter()
+                    .map(|(seed, value)| (*seed, factor * value))
+                    .collect(),
+                kind: *kind,
+            },
         }
     }
 
@@ -203,17 +230,13 @@ impl Side {
     fn below(&self, limit: u64) -> Self {
         match self {
             Side::Number(number) => Side::Number(*number),
-            Side::BySeed { values, is_share } => {
-                let values = values
-                    .iter()
-                    .filter(|(seed, _)| **seed < limit)
+            Side::BySeed { values, kind } => Side::BySeed {
+                values: values
+                    .range(..limit)
                     .map(|(seed, value)| (*seed, *value))
-                    .collect();
-                Side::BySeed {
-                    values,
-                    is_share: *is_share,
-                }
-            }
+                    .collect(),
+                kind: *kind,
+            },
         }
     }
 
@@ -224,15 +247,23 @@ impl Side {
         }
     }
 
-    /// True where at least two seeds all gave the same number; equal successes say little about the next
-    /// seed.
+    /// True where at least two seeds all gave the same number. Equal successes, and equal counts, say little
+    /// about the next seed.
     fn has_no_spread(&self) -> bool {
         match self {
             Side::Number(_) => true,
-            Side::BySeed { values, is_share } => {
-                !is_share && MeanEstimate::of(&values_of(values)).has_no_spread()
+            Side::BySeed { values, kind } => {
+                !kind.is_share && !kind.is_whole && MeanEstimate::of(&values_of(values)).has_no_spread()
             }
         }
+    }
+
+    fn is_share(&self) -> bool {
+        matches!(self, Side::BySeed { kind, .. } if kind.is_share)
+    }
+
+    fn is_imported(&self) -> bool {
+        matches!(self, Side::BySeed { kind, .. } if kind.is_imported)
     }
 }
 
@@ -265,44 +296,30 @@ struct Compared {
 
 impl Compared {
     fn of(left: &Side, right: &Side) -> Self {
+        let imported = [left.is_imported(), right.is_imported()];
+        let minus = |values: &BTreeMap<u64, f64>, number: f64, sign: f64| {
+            let differences: Vec<f64> = values.values().map(|value| sign * (value - number)).collect();
+            Self::differences(&differences, Design::OneSample, imported)
+        };
         let mut compared = match (left, right) {
-            (
-                Side::BySeed {
-                    values,
-                    is_share: true,
-                },
-                Side::Number(number),
-            ) => Self::share(values, 1.0, -number),
-            (
-                Side::Number(number),
-                Side::BySeed {
-                    values,
-                    is_share: true,
-                },
-            ) => Self::share(values, -1.0, *number),
-            (
-                Side::BySeed {
-                    values,
-                    is_share: true,
-                },
-                Side::BySeed {
-                    values: others,
-                    is_share: true,
-                },
-            ) => Self::unpaired(Evidence::Shares(successes(values), successes(others)), None),
-            (Side::BySeed { values: left, .. }, Side::BySeed { values: right, .. }) => {
-                Self::two_samples(left, right)
+            (Side::BySeed { values, .. }, Side::Number(number)) if left.is_share() => {
+                Self::share(values, 1.0, -number)
             }
-            (Side::BySeed { values, .. }, Side::Number(number)) => Self::differences(
-                &values.values().map(|value| value - number).collect::<Vec<_>>(),
-                Design::OneSample,
-            ),
-            (Side::Number(number), Side::BySeed { values, .. }) => Self::differences(
-                &values.values().map(|value| number - value).collect::<Vec<_>>(),
-                Design::OneSample,
-            ),
+            (Side::Number(number), Side::BySeed { values, .. }) if right.is_share() => {
+                Self::share(values, -1.0, *number)
+            }
+            (Side::BySeed { values, .. }, Side::BySeed { values: others, .. })
+                if left.is_share() && right.is_share() =>
+            {
+                Self::unpaired(Evidence::Shares(successes(values), successes(others)), None)
+            }
+            (Side::BySeed { values, .. }, Side::BySeed { values: others, .. }) => {
+                Self::two_samples(values, others, imported)
+            }
+            (Side::BySeed { values, .. }, Side::Number(number)) => minus(values, *number, 1.0),
+            (Side::Number(number), Side::BySeed { values, .. }) => minus(values, *number, -1.0),
             (Side::Number(left), Side::Number(right)) => {
-                Self::differences(&[left - right], Design::OneSample)
+                Self::differences(&[left - right], Design::OneSample, imported)
             }
         };
         compared.has_no_spread = left.has_no_spread() && right.has_no_spread();
@@ -310,22 +327,45 @@ impl Compared {
         compared
     }
 
+    /// The same for a relation; one in percent of seeds is held against both edges, which these seeds move.
+    fn under(relation: Relation, left: &Side, right: &Side) -> Self {
+        let compared = Self::of(left, right);
+        let (Relation::WithinPercent(percent), Side::BySeed { .. }) = (relation, right) else {
+            return compared;
+        };
+        let sign = if compared.right_mean < 0.0 { -1.0 } else { 1.0 };
+        let above = |edge: f64| Self::of(left, &right.times(1.0 + sign * edge * percent / 100.0)).evidence;
+        match (compared.evidence, above(-1.0), above(1.0)) {
+            (Evidence::Mean(difference), Evidence::Mean(above_low), Evidence::Mean(above_high)) => Self {
+                evidence: Evidence::BetweenMeans {
+                    difference,
+                    above_low,
+                    above_high,
+                },
+                ..compared
+            },
+            (evidence, ..) => Self { evidence, ..compared },
+        }
+    }
+
     /// Seeds in common are paired, unless there are too few of them.
-    fn two_samples(left: &BTreeMap<u64, f64>, right: &BTreeMap<u64, f64>) -> Self {
+    fn two_samples(left: &BTreeMap<u64, f64>, right: &BTreeMap<u64, f64>, imported: [bool; 2]) -> Self {
         let common: Vec<f64> = left
             .iter()
             .filter_map(|(seed, l)| right.get(seed).map(|r| l - r))
             .collect();
         if common.len() >= FEWEST_SEEDS.min(left.len()).min(right.len()) {
-            return Self::differences(&common, Design::Paired);
+            return Self::differences(&common, Design::Paired, imported);
         }
         let (left, right) = (values_of(left), values_of(right));
-        let evidence = Evidence::Mean(MeanEstimate::difference(&left, &right));
+        let evidence = Evidence::Mean(MeanEstimate::difference(&left, &right).of_others(&imported));
         Self::unpaired(evidence, Some(two_sample_permutation_test(&left, &right)))
     }
 
-    fn differences(differences: &[f64], design: Design) -> Self {
-        let evidence = Evidence::Mean(MeanEstimate::of(differences));
+    /// Where one of both sides is imported no seed adds a difference.
+    fn differences(differences: &[f64], design: Design, imported: [bool; 2]) -> Self {
+        let others = imported.contains(&true);
+        let evidence = Evidence::Mean(MeanEstimate::of(differences).of_others(&[others]));
         Self {
             design,
             ..Self::unpaired(evidence, Some(sign_flip_test(differences)))
@@ -421,7 +461,7 @@ fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimV
     let compared: Vec<Compared> = seeds
         .limits()
         .into_iter()
-        .map(|limit| Compared::of(&left.below(limit), &right.below(limit)))
+        .map(|limit| Compared::under(relation, &left.below(limit), &right.below(limit)))
         .collect();
     if compared.is_empty() {
         return ClaimVerdict {
@@ -464,13 +504,21 @@ fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimV
 fn notes(compared: &Compared) -> Vec<String> {
     let n = compared.evidence.n();
     let too_few = (n < FEWEST_SEEDS && !compared.has_no_spread).then(|| too_few_seeds_in_words(n));
-    let is_mean = matches!(compared.evidence, Evidence::Mean(_));
+    let is_mean = matches!(
+        compared.evidence,
+        Evidence::Mean(_) | Evidence::BetweenMeans { .. }
+    );
     let unrelated = (compared.design == Design::Unrelated && is_mean)
         .then(|| format!("fewer than {FEWEST_SEEDS} seeds in common: compared as unrelated samples"));
     let no_spread = compared
         .has_no_spread
         .then(|| "the seeds make no difference".to_owned());
-    [too_few, unrelated, no_spread].into_iter().flatten().collect()
+    let alike = (n >= FEWEST_SEEDS && !compared.has_no_spread && compared.evidence.has_no_spread())
+        .then(|| verdict::ALIKE.to_owned());
+    [too_few, unrelated, no_spread, alike]
+        .into_iter()
+        .flatten()
+        .collect()
 }
 
 #[cfg(test)]

@@ -163,7 +163,8 @@ impl<'a> Relation<'a> {
             Form::Value => value,
             Form::Difference => value - other,
             Form::Ratio => value / other,
-            Form::PercentChange => 100.0 * (value / other - 1.0),
+            // Of a negative return, too, more is more.
+            Form::PercentChange => 100.0 * (value / other - 1.0) * other.signum(),
         }
     }
 }

@@ -166,6 +166,10 @@ impl Table for Comparison {
         has_unit.then_some(&self.value)
     }
 
+    fn no_means(&self) -> Option<&'static str> {
+        (self.statistic != Statistic::Mean).then(|| self.statistic.name())
+    }
+
     fn shows_shares(&self) -> bool {
         build::is_share(self)
     }
@@ -217,6 +221,10 @@ impl Table for Improvement {
 
     fn metric_of_unit(&self) -> Option<&str> {
         self.0.metric_of_unit()
+    }
+
+    fn no_means(&self) -> Option<&'static str> {
+        self.0.no_means()
     }
 
     fn shows_shares(&self) -> bool {

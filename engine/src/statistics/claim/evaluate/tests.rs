@@ -17,6 +17,7 @@ fn outcome(text: &str, (first_a, a): (u64, &[f64]), (first_b, b): (u64, &[f64]))
             };
             Some((first..).zip(values.iter().copied()).collect())
         },
+        &|_| false,
         &Seeds::default(),
     )
 }
@@ -97,12 +98,108 @@ fn too_few_seeds_decide_nothing() {
 
 #[test]
 fn seeds_that_make_no_difference_decide() {
-    let verdict = outcome("a.x > b.x", (0, &[2.0, 2.0]), (0, &[1.0, 1.0]));
+    let verdict = outcome("a.x > b.x", (0, &[2.5, 2.5]), (0, &[1.5, 1.5]));
     assert_eq!(verdict.verdict, ClaimOutcome::Supported);
     assert_eq!(verdict.notes.last().unwrap(), "the seeds make no difference");
-    assert_eq!(word("a.x > b.x", &[1.0, 1.0], &[1.0, 1.0]), "REFUTED");
-    assert_eq!(word("a.x >= b.x", &[1.0, 1.0], &[1.0, 1.0]), "SUPPORTED");
-    assert_eq!(word("a.x > b.x", &[2.0], &[1.0]), "INCONCLUSIVE");
+    assert_eq!(word("a.x > b.x", &[1.5, 1.5], &[1.5, 1.5]), "REFUTED");
+    assert_eq!(word("a.x >= b.x", &[1.5, 1.5], &[1.5, 1.5]), "SUPPORTED");
+    assert_eq!(word("a.x > b.x", &[2.5], &[1.5]), "INCONCLUSIVE");
+}
+
+/// Three successes of three occur with probability 0.73 where one in ten fails.
+#[test]
+fn counts_that_are_alike_decide_nothing() {
+    let verdict = outcome("a.x > 0.9", (0, &[1.0, 1.0, 1.0]), (0, &[]));
+    assert_eq!(
+        (verdict.verdict, verdict.more_seeds),
+        (ClaimOutcome::Inconclusive, None)
+    );
+    assert_eq!(verdict.notes, [verdict::ALIKE]);
+    assert_eq!(
+        word("a.x > b.x", &[4.0, 5.0, 7.0], &[3.0, 4.0, 6.0]),
+        "INCONCLUSIVE"
+    );
+    assert_eq!(word("a.x > 0.5 * b.x", &[1.0; 4], &[1.0; 4]), "INCONCLUSIVE");
+    assert_eq!(word("a.x > b.x", &[2.0, 3.0, 2.0], &[0.0; 3]), "SUPPORTED");
+}
+
+/// Three runs each, imported and so not paired. The right side is uncertain too: its edge of 110 % is left with
+/// an interval that reaches beyond 0, though the difference lies within a tenth of the right mean.
+#[test]
+fn a_margin_in_percent_of_seeds_has_edges_that_they_move() {
+    let (a, b) = ([-19.1, -18.4, -18.63], [-17.5, -18.3, -18.2]);
+    let text = "a.x within 10 % of b.x";
+    let verdict = outcome(text, (0, &a), (50, &b));
+    let Evidence::BetweenMeans {
+        above_low,
+        above_high,
+        ..
+    } = &verdict.statement.as_ref().unwrap().looks[0].evidence
+    else {
+        panic!("{verdict:?}")
+    };
+    let by_hand = |factor: f64| {
+        let edge: Vec<f64> = b.iter().map(|value| factor * value).collect();
+        MeanEstimate::difference(&a, &edge)
+    };
+    // A negative mean has its larger edge at 90 %.
+    assert_eq!((above_low, above_high), (&by_hand(1.1), &by_hand(0.9)));
+    let interval = above_low.interval(0.9).unwrap();
+    assert_eq!(verdict.verdict == ClaimOutcome::Supported, interval.low >= 0.0);
+    // A number on the right has edges that stay.
+    assert_eq!(word("a.x within 10 % of -18.5", &a, &[]), "SUPPORTED");
+    assert_eq!(word(text, &[1.0, 1.1, 1.2], &[9.0, 9.5, 9.1]), "REFUTED");
+    assert_eq!(
+        word(text, &[10.1, 10.2, 10.15], &[10.0, 10.1, 10.05]),
+        "SUPPORTED"
+    );
+}
+
+proptest! {
+    /// The edges of a margin in percent are those of the two claims of a direction.
+    #[test]
+    fn within_percent_is_both_directions_at_once(
+        a in prop::collection::vec(8.0..12.0, 5),
+        b in prop::collection::vec(8.0..12.0, 5),
+    ) {
+        let within = outcome("a.x within 20 % of b.x", (0, &a), (0, &b)).statement.unwrap();
+        let decided = |text: &str| {
+            let statement = outcome(text, (0, &a), (0, &b)).statement.unwrap();
+            statement.decide_at(verdict::ALPHA).outcome
+        };
+        let sides = [decided("a.x >= 0.8 * b.x"), decided("a.x <= 1.2 * b.x")];
+        let expected = match sides {
+            [Outcome::Holds, Outcome::Holds] => Outcome::Holds,
+            _ if sides.contains(&Outcome::Fails) => Outcome::Fails,
+            _ => Outcome::Open,
+        };
+        prop_assert_eq!(within.decide().outcome, expected);
+    }
+}
+
+/// Own seeds add nothing to three runs of others whose spread decides.
+#[test]
+fn no_seed_is_asked_for_that_cannot_be_added() {
+    let own = [10.1, 10.3, 10.2, 10.0, 10.4];
+    let others = [1.0, 5.0, 9.0];
+    let claim = parse("a.x > b.x").unwrap();
+    let held = |imported: &dyn Fn(&Operand) -> bool| {
+        let values = |operand: &Operand| -> Vec<(u64, f64)> {
+            if operand.agent == "a" {
+                (0..).zip(own).collect()
+            } else {
+                (50..).zip(others).collect()
+            }
+        };
+        evaluate(&claim, &|it| Some(values(it)), imported, &Seeds::default())
+    };
+    let (grown, fixed) = (held(&|_| false), held(&|it| it.agent == "b"));
+    assert_eq!((grown.interval, grown.n), (fixed.interval, fixed.n));
+    assert_eq!(
+        (grown.verdict, fixed.verdict),
+        (ClaimOutcome::Inconclusive, ClaimOutcome::Inconclusive)
+    );
+    assert!(grown.more_seeds.is_some() && fixed.more_seeds.is_none());
 }
 
 #[test]
@@ -123,6 +220,7 @@ fn the_order_and_the_episodes_of_seeds_do_not_matter() {
                 vec![(0, 1.0), (1, 1.5), (2, 1.0)]
             })
         },
+        &|_| false,
         &Seeds::default(),
     );
     let other = evaluate(
@@ -134,6 +232,7 @@ fn the_order_and_the_episodes_of_seeds_do_not_matter() {
                 vec![(1, 1.5), (2, 1.0), (0, 1.0)]
             })
         },
+        &|_| false,
         &Seeds::default(),
     );
     assert_eq!(one, other);
@@ -152,6 +251,7 @@ fn shares_of_successes_are_no_means() {
         evaluate(
             &parse(text).unwrap(),
             &|operand| Some(seeds(operand)),
+            &|_| false,
             &Seeds::default(),
         )
     };
@@ -182,6 +282,7 @@ fn planned_looks_stop_at_the_first_decision() {
         evaluate(
             &parse("a.x > 0").unwrap(),
             &|_| Some((first..).zip(values).collect()),
+            &|_| false,
             &seeds,
         )
     };
