@@ -171,24 +171,20 @@ fn a_study_is_compared_as_its_report_is() {
     for part in ["cells", "verdicts", "claims", "only", "settings", "counts"] {
         assert_eq!(studies[part], folders[part], "{part}");
     }
-    // Nothing has run in a store that is not there, and nothing is made there.
+    // A store that is not there is a mistake, which a strict comparison must not take for agreement; nothing is made.
     let answer = bench.run(&[
         "compare",
         "before/small.yaml",
         "before/results",
         "--store",
         "nowhere",
+        "--strict",
     ]);
-    assert_eq!(answer.code, 0, "{}", answer.err);
+    assert_eq!(answer.code, 2, "{}", answer.out);
     assert!(
-        answer.out.contains("SUPPORTED")
-            || answer.out.contains("INCONCLUSIVE")
-            || answer.out.contains("REFUTED")
-    );
-    assert!(
-        answer.out.contains("NOT RUN") && !bench.path("nowhere").exists(),
+        answer.err.contains("there is no store at `nowhere`") && !bench.path("nowhere").exists(),
         "{}",
-        answer.out
+        answer.err
     );
 }
 

@@ -256,3 +256,29 @@ fn a_store_that_is_not_there_is_said() {
     assert_eq!(answer.code, 2);
     assert!(answer.err.contains("no store at `nowhere`"), "{}", answer.err);
 }
+
+/// What is no store is nothing that `fsck` may set aside, however it came to be named.
+#[test]
+fn a_folder_that_is_no_store_is_left_as_it_is() {
+    let bench = Bench::new();
+    std::fs::create_dir_all(bench.path("work/.git")).unwrap();
+    bench.write("work/notes.txt", "mine");
+    for command in [
+        &["fsck", "work"][..],
+        &["pack", "work"],
+        &["merge", "work", "--into", "store"],
+    ] {
+        let refused = bench.run(command);
+        assert!(
+            refused.code == 2 && refused.err.contains("`work` is no store: it has other files"),
+            "{command:?}: {}",
+            refused.err
+        );
+    }
+    let mut names: Vec<_> = std::fs::read_dir(bench.path("work"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name())
+        .collect();
+    names.sort();
+    assert_eq!(names, [".git", "notes.txt"]);
+}

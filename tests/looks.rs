@@ -148,3 +148,23 @@ fn a_design_that_came_after_its_first_look_is_marked() {
     planned.ok(&["report", "looks.yaml"]);
     assert!(!report(&planned).contains("unplanned look"));
 }
+
+/// Whoever saw more seeds chooses by showing fewer.
+#[test]
+fn fewer_seeds_than_were_seen_are_marked() {
+    let bench = Bench::new();
+    let fixed = |n: u32| STUDY.replace("{ min: 3, max: 9, looks: 3 }", &n.to_string());
+    bench.write("looks.yaml", &fixed(5));
+    bench.ok(&["run", "looks.yaml"]);
+    bench.write("looks.yaml", &fixed(3));
+    bench.ok(&["report", "looks.yaml"]);
+    let text = report(&bench);
+    assert!(
+        text.contains("the verdict was seen with 5 seeds before"),
+        "{text}"
+    );
+    assert!(
+        text.contains("Seeds: 3, not fixed before the first trial"),
+        "{text}"
+    );
+}

@@ -135,6 +135,20 @@ fn the_sentences_of_studies_are_the_rows_of_the_overview() {
         refused.err
     );
     assert_eq!(read(&bench, "README.md"), "before\n");
+    // A folder without any row is the wrong one.
+    bench.write("README.md", marked);
+    for wrong in [
+        &["overview", "results/one", "--into", "README.md"][..],
+        &["overview", "results/one"],
+    ] {
+        let refused = bench.run(wrong);
+        assert!(
+            refused.code == 4 && refused.err.contains("has a row"),
+            "{}",
+            refused.err
+        );
+    }
+    assert_eq!(read(&bench, "README.md"), marked);
     // A study whose sentence went loses its row.
     bench.write("one.yaml", &with_sentence("one").replace(SENTENCE, ""));
     bench.ok(&["report", "one.yaml"]);
@@ -166,6 +180,9 @@ fn the_overview_says_what_is_open_and_what_would_decide_it() {
         let row = format!("| small | `{}` | {seeds} |", it["about"].as_str().unwrap());
         assert!(text.contains(&row), "{row}\n{text}");
     }
+    // Results under options are not those of the study as it is written.
+    bench.ok(&["run", "small.yaml", "--seeds", "2"]);
+    assert_eq!(bench.ok(&["overview", "results", "--open"]), text);
     let refused = bench.run(&["overview", "results", "--open", "--into", "README.md"]);
     assert!(
         refused.code == 2 && refused.err.contains("--into"),

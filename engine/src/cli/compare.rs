@@ -9,7 +9,7 @@ use crate::{
     compare::{Compared, Named, Side, markdown, parse_study, text},
     report::{Contents, Verdicts},
     spec,
-    store::{Store, write_durably},
+    store::{self, Store, write_durably},
     world::{fs, process::Command},
 };
 use clap::Args;
@@ -130,6 +130,9 @@ impl Asked<'_> {
     }
 
     fn study(&self, other: &Path) -> Result<Side, Failure> {
+        if let Some(problem) = store::no_store(&self.store)? {
+            return Err(refused(problem));
+        }
         let selection = Selection {
             specs: vec![self.path.clone()],
             profile: self.profile.clone(),

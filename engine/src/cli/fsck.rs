@@ -4,8 +4,7 @@ use super::{Common, Failure, Format, INCOMPLETE, OK, say, settings};
 use crate::{
     count::{count, either},
     executor,
-    store::{Fault, Findings, Store},
-    world::fs,
+    store::{self, Fault, Findings, Store},
 };
 use std::{collections::BTreeSet, path::PathBuf};
 
@@ -15,11 +14,10 @@ pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> R
         Some(folder) => folder,
         None => settings::read(common)?.store,
     };
-    if !fs::is_folder(&root) {
-        let text = format!("error: there is no store at `{}`", root.display());
+    if let Some(problem) = store::no_store(&root)? {
         return Err(Failure {
             code: super::BAD_SPEC,
-            text,
+            text: format!("error: {problem}"),
         });
     }
     let found = Store::at(&root).check(!dry_run, executor::damaged(&root)?)?;

@@ -230,8 +230,8 @@ impl Noting<'_> {
         line.seen_at = self.look(&place, &line.rests_on, seeds);
     }
 
-    /// Notes that a verdict is seen with so many seeds; the fewest with which it was seen before and without a
-    /// plan for it.
+    /// Notes that a verdict is seen with so many seeds; the fewest others with which it was seen without a plan for
+    /// it: more seeds that were seen and are not shown are no better than fewer.
     fn look(&mut self, place: &str, rests_on: &BTreeSet<CellName>, seeds: Option<u32>) -> Option<u32> {
         let seeds = seeds?;
         let key = format!("{place} @ {}", self.first_trials.hash(rests_on));
@@ -248,7 +248,7 @@ impl Noting<'_> {
         before
             .iter()
             .copied()
-            .find(|earlier| *earlier < seeds && !was_planned(earlier))
+            .find(|other| *other != seeds && !was_planned(other))
     }
 }
 

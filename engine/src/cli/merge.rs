@@ -1,7 +1,7 @@
 //! `merge`: the trials of several stores in one.
 
 use super::{BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, OK, looks, say, settings};
-use crate::store::{Difference, Fate, Finding, Imprint, Leases, Merge, Merged, Side, Store};
+use crate::store::{self, Difference, Fate, Finding, Imprint, Leases, Merge, Merged, Side, Store};
 use crate::{
     count::{count, either},
     world::fs,
@@ -71,8 +71,8 @@ fn check(from: &Path, into: &Path) -> Result<(), Failure> {
         code: BAD_SPEC,
         text: format!("error: {problem}"),
     };
-    if !fs::is_folder(from) {
-        return Err(refused(format!("there is no store at `{}`", from.display())));
+    if let Some(problem) = store::no_store(from)? {
+        return Err(refused(problem));
     }
     if fs::is_same(from, into) {
         return Err(refused(format!(

@@ -1,7 +1,10 @@
 //! `overview`: what the reports of studies wrote, gathered: their rows as one table, printed or put into a
 //! document, and one page over all of them, which `run` and `report` of several studies write, too.
 
-use super::{BAD_SPEC, Common, Failure, Format, OK, ReportOptions, Selection, folders, say, study::Planned};
+use super::{
+    BAD_SPEC, Common, Failure, Format, NOTHING_SELECTED, OK, ReportOptions, Selection, folders, say,
+    study::Planned,
+};
 use crate::{
     Error,
     report::{self, IndexEntry, Manifest, Verdicts},
@@ -47,12 +50,12 @@ pub(super) fn overview(options: &OverviewOptions, common: &Common) -> Result<u8,
         write_index(&options.folder, "", &[])?;
     }
     match &options.into {
-        Some(path) => put_into(path, &table(&options.folder)?)?,
+        Some(path) => put_into(path, &some_rows(&options.folder)?)?,
         None if common.format == Format::Json => {
             say(&as_json(&verdicts_within(&options.folder)?).to_string());
         }
         None if options.open => say(&open(&verdicts_within(&options.folder)?)),
-        None => say(&table(&options.folder)?),
+        None => say(&some_rows(&options.folder)?),
     }
     Ok(OK)
 }
@@ -82,7 +85,13 @@ fn as_json(studies: &[Verdicts]) -> serde_json::Value {
 /// The verdicts of all studies whose results lie in a folder.
 fn verdicts_within(folder: &Path) -> Result<Vec<Verdicts>, Error> {
     let read = |place: PathBuf| verdicts(&place).transpose();
-    within(folder)?.into_iter().filter_map(read).collect()
+    let places = within(folder)?.into_iter().filter(|place| is_as_written(place));
+    places.filter_map(read).collect()
+}
+
+/// False for results of a study under options of the command line, which are not those of the study as it is written.
+fn is_as_written(place: &Path) -> bool {
+    Manifest::read(place).is_none_or(|manifest| manifest.options.is_empty())
 }
 
 /// The verdicts of a folder of results; `None` where its report wrote none.
@@ -95,6 +104,22 @@ fn verdicts(place: &Path) -> Result<Option<Verdicts>, Error> {
         .map_err(io::Error::from)
         .map_err(Error::file("read", &path))?;
     Ok(Some(verdicts))
+}
+
+/// The table; refused where no study has a row.
+fn some_rows(folder: &Path) -> Result<String, Failure> {
+    let table = table(folder)?;
+    if table.is_empty() {
+        return Err(Failure {
+            code: NOTHING_SELECTED,
+            text: format!(
+                "error: no folder in `{}` has a row: name the folder that has the folders of results in it, of studies with a \
+                 `summary`",
+                folder.display()
+            ),
+        });
+    }
+    Ok(table)
 }
 
 /// The table; empty where no study has a row.

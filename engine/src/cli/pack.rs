@@ -3,8 +3,7 @@
 use super::{BAD_SPEC, Common, Failure, Format, OK, say, settings};
 use crate::{
     count::{count, either},
-    store::{Leases, Packing, Store},
-    world::fs,
+    store::{self, Leases, Packing, Store},
 };
 use clap::Args;
 use std::{path::PathBuf, time::Duration};
@@ -25,8 +24,8 @@ pub(super) struct PackOptions {
 pub(super) fn pack(options: &PackOptions, common: &Common) -> Result<u8, Failure> {
     let settings = settings::read(common)?;
     let root = options.folder.clone().unwrap_or(settings.store);
-    if !fs::is_folder(&root) {
-        let text = format!("error: there is no store at `{}`", root.display());
+    if let Some(problem) = store::no_store(&root)? {
+        let text = format!("error: {problem}");
         return Err(Failure { code: BAD_SPEC, text });
     }
     let store = Store::at(&root);

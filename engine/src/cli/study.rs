@@ -258,6 +258,10 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
         reports.push(json!({"spec": path, "problems": diagnostic::to_json(&problems)}));
     }
     say(&serde_json::Value::Array(reports).to_string());
+    // What was selected is held against all studies together.
+    if code == OK && !selection.only.is_empty() {
+        load(registry, selection)?;
+    }
     Ok(code)
 }
 

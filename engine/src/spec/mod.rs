@@ -313,6 +313,9 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
     if let Some(error) = too_many(root, sections, plan.seeds.len()) {
         return Err(with(vec![error]));
     }
+    if let Some(error) = searched_seed(root, sections, &plan) {
+        return Err(with(vec![error]));
+    }
     let success: Option<Success> = section(root, "success");
     let mut cells = sections.cells().map_err(&with)?;
     let order = taking::link(sections, &mut cells, &plan.seeds).map_err(&with)?;
@@ -336,6 +339,24 @@ fn make(root: &Node, sections: &Sections<'_>, mut found: Vec<Diagnostic>) -> Res
         imported,
         asked,
     })
+}
+
+/// What a chosen setting is worth is measured on other seeds than those by which it was chosen.
+fn searched_seed(root: &Node, sections: &Sections<'_>, plan: &SeedPlan) -> Option<Diagnostic> {
+    let entry = root.entry("seeds")?;
+    let used = |it: &search::Searched<'_>| {
+        it.search
+            .seeds
+            .iter()
+            .copied()
+            .find(|seed| plan.seeds.contains(seed))
+    };
+    let seed = sections.searches.iter().find_map(used)?;
+    let message = format!(
+        "seed {seed} is one by which a search chooses, so that what it chooses would look better than it is"
+    );
+    let error = sections.sources.error(entry.key_span, "seeds", message);
+    Some(error.help("use smaller seeds"))
 }
 
 /// A section that was held against its schema before; `None` where it is absent.

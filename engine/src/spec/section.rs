@@ -1,5 +1,5 @@
 //! A key of a section that is no part of trials, set by a profile or from the command line:
-//! `--set tables.t.caption=...`, `--set claims.0.margin=...`, `--set sweep.learner.discount='{ grid: [0.9] }'`.
+//! `--set tables.t.caption=...`, `--set claims.0.exploratory=...`, `--set sweep.learner.discount='{ grid: [0.9] }'`.
 
 use super::{lay::below, path::assign};
 use crate::{

@@ -365,6 +365,29 @@ impl Store {
     }
 }
 
+/// Folders of which a store has at least one, unless it is empty.
+const FOLDERS: [&str; 6] = ["trials", "packs", "owners", "looks", "submissions", "aside"];
+
+/// What keeps a folder from being a store, as a phrase; `None` where it is one, or empty. What checks and moves files
+/// asks before it does.
+///
+/// # Errors
+/// [`Error::File`] where the folder cannot be read.
+pub(crate) fn no_store(root: &Path) -> Result<Option<String>, Error> {
+    if !fs::is_folder(root) {
+        return Ok(Some(format!("there is no store at `{}`", root.display())));
+    }
+    let names = names(root)?;
+    let is_one = names.is_empty() || names.iter().any(|name| FOLDERS.contains(&name.as_str()));
+    Ok((!is_one).then(|| {
+        format!(
+            "`{}` is no store: it has other files, and no folder `{}` as a store has",
+            root.display(),
+            FOLDERS.join("`, `")
+        )
+    }))
+}
+
 /// Names in a folder, in order; none where there is no folder.
 ///
 /// # Errors

@@ -53,7 +53,7 @@ impl Figure for SampleEfficiency {
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
         let suite = Suite::of(self.asked(), spec, context)?;
         let mut notes = vec![
-            "The interquartile mean over the runs of all environments, at steps at which all of them were \
+            "The interquartile mean over the runs of all environments that are shown, at steps at which all of them were \
              measured; bands are intervals point by point."
                 .to_owned(),
         ];

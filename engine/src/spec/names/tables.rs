@@ -215,6 +215,7 @@ impl Names<'_> {
                 .collect(),
         };
         for (entry, at) in entries {
+            self.spread(&entry, &at);
             if spec.kind.shows_shares() && entry.n.is_some() {
                 self.share(&entry, at.clone());
             } else if entry.sd.is_some() != entry.n.is_some() {
@@ -234,6 +235,22 @@ impl Names<'_> {
                     "give the table a margin: `margin: { absolute: VALUE, why: TEXT }`",
                 );
             }
+        }
+    }
+
+    /// A spread is that of two runs or more.
+    fn spread(&mut self, entry: &PublishedValue, at: &(Span, String)) {
+        let Some(sd) = entry.sd else { return };
+        if sd.is_nan() || sd < 0.0 {
+            self.say(at.clone(), format!("`sd` is {sd}, but must be at least 0"), "");
+        }
+        if let Some(n) = entry.n.filter(|n| *n < 2) {
+            let message = format!("`n` is {n}, but must be at least 2: fewer runs have no spread");
+            self.say(
+                at.clone(),
+                message,
+                "leave `sd` and `n` out, so that the value counts as exact",
+            );
         }
     }
 
