@@ -433,8 +433,8 @@ pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
             };
             let more = match (above_low.value >= 0.0, above_high.value <= 0.0) {
                 (true, true) => clear(above_low)
-                    .max(clear(above_high))
-                    .filter(|_| clear(above_low).is_some() && clear(above_high).is_some()),
+                    .zip(clear(above_high))
+                    .map(|(low, high)| low.max(high)),
                 (false, _) => clear(above_low),
                 (_, false) => clear(above_high),
             };
