@@ -2,7 +2,7 @@
 //! folders, so that each is held to a folder that it must refuse.
 
 use crate::results::{builds, folders, read};
-use engine::report::{Passed, Verdicts};
+use engine::report::{Decided, Passed, Verdicts, still_open};
 use std::path::{Path, PathBuf};
 
 /// How many percent of what is judged must be decided.
@@ -27,16 +27,18 @@ fn of_changed_files(folders: &[PathBuf]) -> Vec<String> {
     offenders
 }
 
-/// How many verdicts are judged, and those of them that are open; what to say where a folder has no verdicts.
+/// How many values and claims are judged, and those of them that are open; what to say where a folder has no
+/// verdicts.
 fn undecided(folders: &[PathBuf]) -> Result<(usize, Vec<String>), String> {
-    let (mut judged, mut open) = (0, Vec::new());
-    for folder in folders {
-        let verdicts = verdicts(folder)?.verdicts;
-        judged += verdicts.iter().filter(|it| it.is_judged()).count();
-        let is_open = |it: &&Passed| it.is_judged() && !it.is_decided();
-        open.extend(verdicts.iter().filter(is_open).map(|it| line(folder, it)));
-    }
-    Ok((judged, open))
+    let studies = folders
+        .iter()
+        .map(|folder| verdicts(folder))
+        .collect::<Result<Vec<_>, _>>()?;
+    let open = still_open(&studies).into_iter();
+    let open = open
+        .map(|it| format!("{}: {}: {}", it.study, it.about, it.verdict))
+        .collect();
+    Ok((Decided::of(&studies).judged, open))
 }
 
 /// True where so many open verdicts of those that are judged leave enough decided. Where nothing is judged

@@ -72,7 +72,7 @@ fn put_into(path: &Path, table: &str) -> Result<(), Failure> {
 
 /// What is open, for people.
 fn open(studies: &[Verdicts]) -> String {
-    let decided = report::decided_in_words(studies);
+    let decided = report::Decided::of(studies).in_words();
     let table = report::open_as_markdown(&report::still_open(studies));
     format!("{decided}\n\n{table}").trim_end().to_owned()
 }

@@ -291,6 +291,7 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         source: study.source.clone(),
         summary: study.summary.clone(),
         departures: study.departures.clone(),
+        confirms: study.confirms.iter().map(|it| it.study.clone()).collect(),
         tables: study.tables.clone(),
         figures: study.figures.clone(),
         claims: study.claims.clone(),

@@ -61,6 +61,13 @@ claims: [learner.return > rule.return]",
         "departures:
   - The source trains ten times as long.",
     ),
+    example(
+        "confirms",
+        "what another study left open, on seeds that it has not seen",
+        "confirms: first-look.yaml
+seeds: { first: 100, min: 10, max: 40, looks: 3 }
+claims: [learner.return > rule.return]",
+    ),
     example("seeds", "a number of replicates: seeds 0 to 4", "seeds: 5"),
     example("seeds", "the seeds themselves", "seeds: [0, 3, 17]"),
     example(

@@ -61,6 +61,8 @@ fn passes(example: &str) {
     let run = "global_step,env,charts/episodic_return\n0,1,0.5\n100,2,0.7\n";
     std::fs::write(folder.path().join("runs/a.csv"), run).unwrap();
     std::fs::write(folder.path().join("common.yaml"), "limits: { retries: 1 }").unwrap();
+    let confirmed = study_with("seeds: 5\nclaims: [learner.return > rule.return]");
+    std::fs::write(folder.path().join("first-look.yaml"), confirmed).unwrap();
     let study = spec::load_text(&text, "study.yaml", folder.path(), &toys(), &Options::default());
     if let Err(found) = study {
         panic!("{text}\n{}", render(&found, false));

@@ -23,10 +23,23 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
         .iter()
         .map(|it| format!(" {}", searches::sentence(it)));
     format!(
-        "Seeds: {seeds}. {}{}",
+        "Seeds: {seeds}. {}{}{}",
         exploratory(study),
+        confirms(&study.confirms),
         searches.collect::<String>()
     )
+}
+
+/// Whose claims are held against other seeds; empty where nobody's are.
+fn confirms(studies: &[String]) -> String {
+    match studies.split_last() {
+        None => String::new(),
+        Some((one, [])) => format!(" Claims are those of {one}, on seeds that it has not seen."),
+        Some((last, others)) => {
+            let others = others.join(", ");
+            format!(" Claims are those of {others} and {last}, on seeds that these have not seen.")
+        }
+    }
 }
 
 /// How many seeds the combinations of a study used, as in `4 to 10 seeds`.
@@ -259,6 +272,19 @@ mod tests {
         };
         results.trials.extend((0..4).map(encounter));
         assert!(line(&StudyInfo::default(), &results).starts_with("Seeds: 2, fixed before the first trial."));
+    }
+
+    #[test]
+    fn whose_claims_are_held_against_other_seeds_is_said() {
+        let of = |names: &[&str]| {
+            let study = StudyInfo {
+                confirms: names.iter().map(|&name| name.into()).collect(),
+                ..StudyInfo::default()
+            };
+            line(&study, &results(&[2]))
+        };
+        assert!(of(&["a"]).ends_with("exploratory. Claims are those of a, on seeds that it has not seen."));
+        assert!(of(&["a", "b", "c"]).ends_with("those of a, b and c, on seeds that these have not seen."));
     }
 
     #[test]

@@ -115,7 +115,7 @@ fn still_open(entries: &[IndexEntry]) -> String {
     sheet.map_or_else(String::new, |sheet| {
         format!(
             "<section id=\"open\">\n<h2>What is open</h2>\n<p>{}</p>\n{}</section>\n",
-            escape(&open::decided_in_words(studies())),
+            escape(&open::Decided::of(studies()).in_words()),
             sheet.html()
         )
     })

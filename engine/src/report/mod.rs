@@ -41,7 +41,7 @@ pub(crate) use files::slug as file_slug;
 pub use index::{IndexEntry, index};
 pub use junit::junit;
 pub use manifest::{Manifest, Replaced};
-pub use open::{Effort, StillOpen, decided_in_words, open_as_markdown, still_open};
+pub use open::{Decided, Effort, StillOpen, open_as_markdown, still_open};
 pub use outcome::{MISSING, Outcome, outcomes_as_json};
 pub use period::Period;
 pub use profiles::{ProfileState, ProfileTrials};
@@ -79,6 +79,8 @@ pub struct StudyInfo {
     pub summary: Option<Summary>,
     /// Where it departs from that.
     pub departures: Vec<String>,
+    /// Names of the studies whose claims it holds against other seeds.
+    pub confirms: Vec<String>,
     /// Tables by name, in order.
     pub tables: Vec<(String, TableSpec)>,
     /// Figures by name, in order.

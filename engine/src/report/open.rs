@@ -2,7 +2,7 @@
 //! computing says most.
 
 use super::{
-    Verdicts, duration,
+    Passed, Verdicts, duration,
     sheet::{Entry, NONE, Sheet, Tone},
 };
 use crate::results::{CellName, Results, TrialResult};
@@ -36,6 +36,17 @@ pub struct StillOpen {
     pub would_decide: Option<Effort>,
 }
 
+impl StillOpen {
+    fn of(line: &Line<'_>) -> Self {
+        Self {
+            study: line.study.study.clone(),
+            about: line.passed.about.clone(),
+            verdict: line.passed.verdict.clone(),
+            would_decide: line.passed.would_decide,
+        }
+    }
+}
+
 impl Effort {
     /// So many seeds of these combinations.
     pub(super) fn of(seeds: u32, rests_on: &BTreeSet<CellName>, results: &Results) -> Self {
@@ -47,22 +58,13 @@ impl Effort {
     }
 }
 
-/// Everything that is judged and open in these studies, what is cheapest to decide first.
+/// Everything that is judged and open in these studies, what is cheapest to decide first. Of what a study left open and
+/// another one held against other seeds the last word counts.
 #[must_use]
 pub fn still_open<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<StillOpen> {
-    let of_study = |study: &'a Verdicts| {
-        let open = study
-            .verdicts
-            .iter()
-            .filter(|it| it.is_judged() && !it.is_decided());
-        open.map(|it| StillOpen {
-            study: study.study.clone(),
-            about: it.about.clone(),
-            verdict: it.verdict.clone(),
-            would_decide: it.would_decide,
-        })
-    };
-    let mut open: Vec<StillOpen> = studies.into_iter().flat_map(of_study).collect();
+    let questions = questions(studies);
+    let open = questions.iter().filter(|it| !it.is_decided());
+    let mut open: Vec<StillOpen> = open.map(|it| StillOpen::of(it.last())).collect();
     open.sort_by(|one, other| cheaper(one.would_decide, other.would_decide));
     open
 }
@@ -73,17 +75,116 @@ fn cheaper(one: Option<Effort>, other: Option<Effort>) -> Ordering {
     seconds(one).total_cmp(&seconds(other))
 }
 
-/// How much is decided, in one sentence, as in `132 of 217 values and claims that are judged are decided (61 %).`
-#[must_use]
-pub fn decided_in_words<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> String {
-    let add = |(judged, decided), study: &Verdicts| (judged + study.judged, decided + study.decided);
-    match studies.into_iter().fold((0, 0), add) {
-        (0, _) => "Nothing is judged.".into(),
-        (judged, decided) => format!(
-            "{decided} of {judged} values and claims that are judged are decided ({} %).",
-            100 * decided / judged
-        ),
+/// How many values and claims are judged, and how many of them are decided.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Decided {
+    /// Those that are judged, each once where several studies held it against seeds of their own.
+    pub judged: usize,
+    /// Those that are decided.
+    pub decided: usize,
+    /// Those of them that a study left open and another one decided, on other seeds.
+    pub confirmed: usize,
+}
+
+impl Decided {
+    /// Of all these studies.
+    #[must_use]
+    pub fn of<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Self {
+        let questions = questions(studies);
+        let decided: Vec<&Question<'_>> = questions.iter().filter(|it| it.is_decided()).collect();
+        Self {
+            judged: questions.len(),
+            decided: decided.len(),
+            confirmed: decided.iter().filter(|it| it.lines.len() > 1).count(),
+        }
     }
+
+    /// In one sentence, as in `132 of 217 values and claims that are judged are decided (60 %).`
+    #[must_use]
+    pub fn in_words(self) -> String {
+        let Self {
+            judged,
+            decided,
+            confirmed,
+        } = self;
+        let later = match confirmed {
+            0 => String::new(),
+            some => format!(", {some} of them by a later study, on seeds that the first one had not seen"),
+        };
+        match judged {
+            0 => "Nothing is judged.".into(),
+            _ => {
+                let percent = 100 * decided / judged;
+                format!(
+                    "{decided} of {judged} values and claims that are judged are decided ({percent} %){later}."
+                )
+            }
+        }
+    }
+}
+
+/// A value or a claim that is judged, by one study or by several.
+struct Question<'a> {
+    /// What the studies say of it. All but the last are open.
+    lines: Vec<Line<'a>>,
+}
+
+/// What one study says.
+#[derive(Clone, Copy)]
+struct Line<'a> {
+    study: &'a Verdicts,
+    passed: &'a Passed,
+}
+
+impl Question<'_> {
+    fn is_decided(&self) -> bool {
+        self.last().passed.is_decided()
+    }
+
+    fn last(&self) -> &Line<'_> {
+        &self.lines[self.lines.len() - 1]
+    }
+
+    /// True where a study confirms the one with the last word on this, which is open.
+    fn is_put_again_by(&self, line: &Line<'_>) -> bool {
+        let last = self.last();
+        let is_same = words(&last.passed.about) == words(&line.passed.about);
+        is_same && !last.passed.is_decided() && line.study.confirms.contains(&last.study.study)
+    }
+}
+
+/// Everything that is judged, each once. A study that confirms others puts their open lines again.
+fn questions<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<Question<'a>> {
+    let mut questions: Vec<Question<'a>> = Vec::new();
+    for study in in_order_of_questions(studies.into_iter().collect()) {
+        for passed in study.verdicts.iter().filter(|it| it.is_judged()) {
+            let line = Line { study, passed };
+            match questions.iter_mut().find(|it| it.is_put_again_by(&line)) {
+                Some(question) => question.lines.push(line),
+                None => questions.push(Question { lines: vec![line] }),
+            }
+        }
+    }
+    questions
+}
+
+/// Studies, each after those that it confirms, as far as they are there and none confirms itself by way of others.
+fn in_order_of_questions(mut left: Vec<&Verdicts>) -> Vec<&Verdicts> {
+    let mut ordered = Vec::new();
+    while !left.is_empty() {
+        let waits = |study: &Verdicts| left.iter().any(|it| study.confirms.contains(&it.study));
+        let next = left.iter().position(|study| !waits(study)).unwrap_or(0);
+        ordered.push(left.remove(next));
+    }
+    ordered
+}
+
+/// What a line is about without the number of a claim, which is another one in every study.
+fn words(about: &str) -> &str {
+    let numbered = about
+        .strip_prefix("claim ")
+        .and_then(|rest| rest.split_once(": "));
+    numbered.map_or(about, |(_, words)| words)
 }
 
 /// The same for people, as a table; `None` where nothing is open.
@@ -107,7 +208,7 @@ pub(super) fn sheet(open: &[StillOpen]) -> Option<Sheet> {
         words: 2,
         rows: open.iter().map(row).collect(),
         notes: vec![
-            "So many seeds that nobody has seen (`seeds: 100-139`) would decide with a probability of 80 %, if mean and \
+            "So many seeds that nobody has seen (`seeds: 100-139`, in a study that `confirms` this one) would decide with a probability of 80 %, if mean and \
              spread stay as they are; – where no affordable number would, where a design has had its last look, and \
              where that is not known. Fewer that are added to those of a study would do, too, were they not added \
              because of what was seen. Times are those of trials, each on one core, with what they take from others; \
@@ -230,10 +331,73 @@ mod tests {
         let verdicts = ["SUPPORTED", "REFUTED", "INCONCLUSIVE"].map(|word| passed("claim", word, None));
         let studies = [study("one", &verdicts), study("two", &[])];
         assert_eq!(
-            decided_in_words(&studies),
+            Decided::of(&studies).in_words(),
             "2 of 3 values and claims that are judged are decided (66 %)."
         );
-        assert_eq!(decided_in_words(&studies[1..]), "Nothing is judged.");
+        assert_eq!(Decided::of(&studies[1..]).in_words(), "Nothing is judged.");
+    }
+
+    /// `one` leaves two claims open, `two` puts both again and decides one, `three` puts the other one again.
+    fn confirmed() -> [Verdicts; 3] {
+        let claim = |number: u32, what: &str, verdict| {
+            passed(&format!("claim {number}: {what}"), verdict, Some((number, 1.0)))
+        };
+        let confirming = |name: &str, whom: &str, verdicts: &[Passed]| Verdicts {
+            confirms: vec![whom.into()],
+            ..study(name, verdicts)
+        };
+        let open = "INCONCLUSIVE";
+        [
+            confirming("three", "two", &[claim(1, "b > c", open)]),
+            confirming(
+                "two",
+                "one",
+                &[claim(1, "b > c", open), claim(2, "a > b in x", "REFUTED")],
+            ),
+            study(
+                "one",
+                &[
+                    claim(4, "a > b in x", open),
+                    claim(5, "b > c", open),
+                    claim(6, "c > d", "SUPPORTED"),
+                ],
+            ),
+        ]
+    }
+
+    #[test]
+    fn what_a_later_study_decides_is_decided_and_counted_once() {
+        let studies = confirmed();
+        let decided = Decided::of(&studies);
+        assert_eq!((decided.judged, decided.decided, decided.confirmed), (3, 2, 1));
+        assert_eq!(
+            decided.in_words(),
+            "2 of 3 values and claims that are judged are decided (66 %), 1 of them by a later study, on seeds that the \
+             first one had not seen."
+        );
+        let open = still_open(&studies);
+        assert_eq!(
+            (open.len(), open[0].study.as_str(), open[0].about.as_str()),
+            (1, "three", "claim 1: b > c")
+        );
+    }
+
+    #[test]
+    fn what_confirms_nobody_that_is_there_counts_for_itself() {
+        let [three, two, one] = confirmed();
+        assert_eq!(Decided::of([&three, &one]).judged, 4);
+        // What was decided is not put again, and neither is what another study says in the same words.
+        let again = Verdicts {
+            confirms: vec!["one".into()],
+            ..study("again", &[passed("claim 1: c > d", "REFUTED", None)])
+        };
+        let other = study("other", &[passed("claim 1: b > c", "SUPPORTED", None)]);
+        assert_eq!(Decided::of([&one, &again, &other]).judged, 5);
+        let circle = Verdicts {
+            confirms: vec!["two".into()],
+            ..one
+        };
+        assert_eq!(Decided::of([&two, &circle]).judged, 3);
     }
 
     #[test]

@@ -146,6 +146,7 @@ fn info() -> StudyInfo {
         source: "thesis, table 3.2".into(),
         summary: Some(Summary::parse(summary).unwrap()),
         departures: vec![departure.into()],
+        confirms: Vec::new(),
         tables: tables(),
         figures: figures(),
         claims: claims(),

@@ -29,6 +29,9 @@ pub struct Verdicts {
     /// Wall-clock time of these trials in seconds, rounded to tenths.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trial_time_s: Option<f64>,
+    /// Names of the studies whose claims it holds against other seeds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub confirms: Vec<String>,
     /// How many seeds were allowed and used, and what was exploratory.
     pub basis: String,
     /// Published values and claims that the seeds were to decide.
@@ -135,6 +138,7 @@ impl Verdicts {
             summary: sentence(study, contents),
             trials: Some(cost.trials()),
             trial_time_s: Some((10.0 * cost.seconds()).round() / 10.0),
+            confirms: study.confirms.clone(),
             basis: basis(study, results, contents),
             judged: count(&Passed::is_judged),
             decided: count(&|it| it.is_judged() && it.is_decided()),

@@ -66,7 +66,7 @@ struct Reader<'a> {
 impl Reader<'_> {
     fn with_included(&mut self, root: Node, folder: &Path) -> Node {
         let mut whole = Node::empty_mapping(root.span);
-        for (name, span) in named(&root) {
+        for (name, span) in named(&root, "include") {
             match self.file(&name, span, folder) {
                 Ok(node) => lay(&mut whole, node, Some(&self.schema)),
                 Err(errors) => self.found.extend(errors),
@@ -95,7 +95,7 @@ impl Reader<'_> {
         let below = path.parent().unwrap_or(Path::new(""));
         let mut node = self.with_included(root, below);
         self.open.pop();
-        forget(&mut node, &["study", "include"]);
+        forget(&mut node, &["study", "include", "confirms"]);
         Ok(node)
     }
 
@@ -143,9 +143,9 @@ impl Reader<'_> {
     }
 }
 
-/// The files that a study names, with their places; what is no name is reported by the check.
-fn named(root: &Node) -> Vec<(String, Span)> {
-    let Some(node) = root.get("include") else {
+/// The files that a study names in a section, with their places; what is no name is reported by the check.
+pub fn named(root: &Node, section: &str) -> Vec<(String, Span)> {
+    let Some(node) = root.get(section) else {
         return Vec::new();
     };
     std::iter::once(node)

@@ -1,4 +1,6 @@
 //! Two mappings as one: what `include`, `<<` and sections of a file have in common.
+//!
+//! A key without a value takes away what stands under it, where nothing is no value of its own.
 
 use crate::{
     document::{Entry, Kind, Node},
@@ -26,6 +28,10 @@ pub fn lay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
 
 fn lay_entry(mine: &mut Vec<Entry>, entry: Entry, place: Option<&View<'_>>) {
     let below = place.and_then(|place| below(place, &entry.key));
+    if takes_away(&entry.value, below.as_ref()) && mine.iter().any(|known| known.key == entry.key) {
+        mine.retain(|known| known.key != entry.key);
+        return;
+    }
     match mine.iter_mut().find(|known| known.key == entry.key) {
         Some(known) => {
             known.key_span = entry.key_span;
@@ -33,6 +39,15 @@ fn lay_entry(mine: &mut Vec<Entry>, entry: Entry, place: Option<&View<'_>>) {
         }
         None => mine.push(entry),
     }
+}
+
+/// True for no value where some is wanted: parameters that may be `null` become so.
+fn takes_away(over: &Node, place: Option<&View<'_>>) -> bool {
+    let wanted: Vec<&str> = place.map_or_else(Vec::new, |place| {
+        place.alternatives().iter().flat_map(View::types).collect()
+    });
+    let is_null = matches!(&over.kind, Kind::Scalar(scalar) if scalar.value.is_null());
+    is_null && !wanted.is_empty() && !wanted.contains(&"null")
 }
 
 /// The schema of the values under a key; `None` where it is not known.
@@ -110,6 +125,29 @@ mod tests {
     fn another_sampler_takes_the_place_of_the_first() {
         let node = laid("{sweep: {a.b: {grid: [1]}}}", "{sweep: {a.b: {zip: [2]}}}");
         assert_eq!(node.to_value(), json!({"sweep": {"a.b": {"zip": [2]}}}));
+    }
+
+    #[test]
+    fn a_key_without_a_value_takes_away_what_stands_under_it() {
+        let node = laid(
+            "{title: a, tables: {t: {caption: b}, u: {}}, agents: {c: {walker: {direction: left}}}}",
+            "{title: ~, tables: {t: ~, v: null}, agents: {c: {walker: {direction: ~}}}}",
+        );
+        // What is not there cannot be taken away: the check says what is missing.
+        let whole = json!({"tables": {"u": {}, "v": null}, "agents": {"c": {"walker": {}}}});
+        assert_eq!(node.to_value(), whole);
+    }
+
+    #[test]
+    fn a_value_that_may_be_nothing_becomes_nothing() {
+        let node = laid(
+            "{profiles: {p: {a.b: 1}}, claims: [{claim: a}]}",
+            "{profiles: {p: {a.b: ~}}}",
+        );
+        assert_eq!(
+            node.to_value(),
+            json!({"profiles": {"p": {"a.b": null}}, "claims": [{"claim": "a"}]})
+        );
     }
 
     #[test]

@@ -23,6 +23,7 @@
 //! | `summary` | the sentence that sums a study up, and its placeholders |
 //! | `names` | tables, figures and claims against what trials record |
 //! | `resolved` | a study with all defaults written out |
+//! | `confirms` | studies whose claims this one holds against other seeds |
 //! | `way` | from a folder to a file |
 
 mod blocks;
@@ -30,6 +31,7 @@ mod builds;
 mod cells;
 mod claims;
 mod config;
+mod confirms;
 mod cross_play;
 mod editor_schema;
 mod going_on;
@@ -57,6 +59,7 @@ mod written;
 
 pub(crate) use builds::can_learn;
 pub use claims::ClaimSpec;
+pub use confirms::Confirmed;
 pub use cross_play::{Pairs, Play, Player};
 pub use editor_schema::for_editors;
 pub use json_schema::json_schema;
@@ -168,6 +171,8 @@ pub struct Study {
     folder: PathBuf,
     /// The files that it includes, in the order in which they were read.
     pub included: Vec<PathBuf>,
+    /// The studies whose claims it holds against other seeds, in order.
+    pub confirms: Vec<Confirmed>,
 }
 
 /// Reads and checks the study in a file.
@@ -211,31 +216,46 @@ pub fn load_text(
     options: &Options,
 ) -> Result<Study, Vec<Diagnostic>> {
     let mut sources = Sources::default();
+    let (study, root) = load_alone(text, name, folder, registry, options, &mut sources)?;
+    let confirms = confirms::read(&root, &study, registry, &sources, options).map_err(in_order)?;
+    Ok(Study { confirms, ..study })
+}
+
+/// A study without a look at those that it confirms, and its document.
+fn load_alone(
+    text: &str,
+    name: &str,
+    folder: &Path,
+    registry: &Registry,
+    options: &Options,
+    sources: &mut Sources,
+) -> Result<(Study, Node), Vec<Diagnostic>> {
     let schema = json_schema(registry);
     let Composed {
         root,
         included,
         mut found,
-    } = compose(text, name, folder, &schema, &mut sources, options).map_err(in_order)?;
-    found.extend(check_structure(&root, &schema, &sources));
+    } = compose(text, name, folder, &schema, sources, options).map_err(in_order)?;
+    found.extend(check_structure(&root, &schema, sources));
     if !found.iter().any(about_limits) {
-        found.extend(wrong_limits(&root, &sources));
+        found.extend(wrong_limits(&root, sources));
     }
     let mut written = Written::read(&root);
-    found.extend(written.name_clashes(&sources));
-    let (fixed, errors) = settings::apply(&root, &mut written, &schema, &mut sources, options);
+    found.extend(written.name_clashes(sources));
+    let (fixed, errors) = settings::apply(&root, &mut written, &schema, sources, options);
+    let sources = &*sources;
     found.extend(errors);
     let mut keep = |errors: Vec<Diagnostic>| found.extend(errors);
-    let dimensions = sweep::read(&root, &written, &schema, &sources, &fixed)
+    let dimensions = sweep::read(&root, &written, &schema, sources, &fixed)
         .map_err(&mut keep)
         .unwrap_or_default();
-    let overrides = overrides::read(&root, &written, &schema, &sources, &dimensions, &fixed)
+    let overrides = overrides::read(&root, &written, &schema, sources, &dimensions, &fixed)
         .map_err(&mut keep)
         .unwrap_or_default();
-    let excluded = overrides::read_exclude(&root, &written, &sources)
+    let excluded = overrides::read_exclude(&root, &written, sources)
         .map_err(&mut keep)
         .unwrap_or_default();
-    let searches = search::read(&written, &schema, &sources, (&fixed, &dimensions), options)
+    let searches = search::read(&written, &schema, sources, (&fixed, &dimensions), options)
         .map_err(&mut keep)
         .unwrap_or_default();
     if found.iter().any(blocks_trials) {
@@ -245,18 +265,20 @@ pub fn load_text(
         written: &written,
         registry,
         schema: &schema,
-        sources: &sources,
+        sources,
         folder,
         overrides: &overrides,
         dimensions: &dimensions,
         searches: &searches,
         excluded: &excluded,
     };
-    finish(&root, &sections, found).map(|study| Study {
+    let study = finish(&root, &sections, found)?;
+    let study = Study {
         profile: options.profile.clone(),
         included,
         ..study
-    })
+    };
+    Ok((study, root))
 }
 
 /// A study as one document.
@@ -410,6 +432,7 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         numerics: sections.registry.numerics_version,
         folder: sections.folder.to_path_buf(),
         included: Vec::new(),
+        confirms: Vec::new(),
     }
 }
 
@@ -451,7 +474,8 @@ fn about_limits(diagnostic: &Diagnostic) -> bool {
 /// True where trials cannot be made before the mistake is mended; mistakes in what is only shown do not hide
 /// others.
 fn blocks_trials(diagnostic: &Diagnostic) -> bool {
-    const SHOWN: [&str; 9] = [
+    const SHOWN: [&str; 10] = [
+        "confirms",
         "title",
         "source",
         "summary",

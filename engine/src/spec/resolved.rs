@@ -44,6 +44,11 @@ pub fn resolved_yaml(study: &Study, folder: &Path) -> Result<String, Error> {
     let summary = study.summary.iter();
     sections.extend(summary.map(|it| ("summary".into(), Section::Plain(json!(it.text)))));
     sections.push(("departures".into(), Section::Plain(json!(study.departures))));
+    let seen = |path: &Path| way(folder, &study.folder.join(path)).display().to_string();
+    let confirms: Vec<String> = study.confirms.iter().map(|it| seen(&it.file)).collect();
+    if !confirms.is_empty() {
+        sections.push(("confirms".into(), Section::Plain(json!(confirms))));
+    }
     // In the resolved configs files are named from the current folder, in sweeps and overrides from the
     // study's.
     let relocated = study.resolved.iter().map(|(key, section)| {

@@ -31,6 +31,9 @@ pub(super) struct Sections {
     /// Files whose sections this one begins with: one, or several of which later ones win. What stands here
     /// is laid over them, key by key; lists and values are replaced.
     include: Files,
+    /// Studies, by their files, of whose claims some stand here word for word, to be held against seeds that those
+    /// studies have not seen. What they left open and is decided here counts as decided, and once.
+    confirms: Files,
     /// Keys by name, which `<<: NAME` puts into any mapping; keys beside `<<` win.
     #[schemars(extend("propertyNames" = json!({ "pattern": NAME })))]
     blocks: BTreeMap<String, Map<String, Value>>,
