@@ -108,3 +108,25 @@ fn results_that_do_not_fit_on_the_disk_are_said_in_words() {
         let _ = std::fs::remove_dir_all(bench.path("small/results"));
     }
 }
+
+#[test]
+fn what_cannot_be_said_is_no_success() {
+    let bench = Bench::new();
+    let full = std::fs::File::options().write(true).open("/dev/full");
+    let Ok(full) = full else { return };
+    let ended = bench.command(&["list"]).stdout(full).output().unwrap();
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(106), "{said}");
+    assert!(
+        said.contains("standard output could not be written: No space left"),
+        "{said}"
+    );
+    // A reader that has what it wanted is none.
+    let mut child = bench
+        .command(&["schema"])
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}

@@ -236,6 +236,19 @@ fn what_the_command_lacks_it_asks_for() {
     refused(unmapped, "column `step`: there is no such column");
     let nowhere = bench.run(&["import", "--study", "nowhere.yaml", "--name", "other", "x.csv"]);
     refused(nowhere, "there is no study `nowhere.yaml`");
+    let words = [
+        "import",
+        "--study",
+        "studies/own.yaml",
+        "--name",
+        "other",
+        "nowhere.csv",
+    ];
+    refused(bench.run(&words), "cannot read `nowhere.csv`");
+    refused(
+        bench.run(&[&words[..], &MAPPED].concat()),
+        "cannot read `nowhere.csv`",
+    );
 }
 
 #[test]

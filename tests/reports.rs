@@ -149,6 +149,12 @@ fn the_sentences_of_studies_are_the_rows_of_the_overview() {
         );
     }
     assert_eq!(read(&bench, "README.md"), marked);
+    let nowhere = bench.run(&["overview", "nowhere"]);
+    assert!(
+        nowhere.code == 2 && nowhere.err.contains("there is no folder `nowhere`"),
+        "{}",
+        nowhere.err
+    );
     // A study whose sentence went loses its row.
     bench.write("one.yaml", &with_sentence("one").replace(SENTENCE, ""));
     bench.ok(&["report", "one.yaml"]);
@@ -189,6 +195,51 @@ fn the_overview_says_what_is_open_and_what_would_decide_it() {
         "{}",
         refused.err
     );
+}
+
+#[test]
+fn what_a_later_study_decides_on_other_seeds_is_counted_once() {
+    let bench = Bench::new();
+    let claims = "claims:\n  - { claim: equal.cycle_length > 0.5, why: a floor }\n  - { claim: equal.cycle_length > 1, why: another }\n";
+    bench.write("small.yaml", &format!("{STUDY}{claims}"));
+    bench.ok(&["run", "small.yaml"]);
+    let again = format!("study: again\ninclude: small.yaml\nconfirms: small.yaml\nseeds: 100-101\n{claims}");
+    bench.write("again.yaml", &again);
+    bench.ok(&["run", "again.yaml"]);
+    let report = read(&bench, "results/again/report.md");
+    assert!(
+        report.contains("Confirms small, on seeds that it has not seen."),
+        "{report}"
+    );
+    let verdicts: serde_json::Value =
+        serde_json::from_str(&read(&bench, "results/again/verdicts.json")).unwrap();
+    assert_eq!(verdicts["confirms"], serde_json::json!(["small"]));
+    // The file with all defaults says so, too, from its own folder.
+    let resolved = read(&bench, "results/again/resolved.yaml");
+    assert!(resolved.contains("confirms: [../../small.yaml]"), "{resolved}");
+    bench.ok(&["check", "results/again/resolved.yaml"]);
+    // What is open is made so and what is decided is made so: the words are those of the reports.
+    let words = |first: &str, second: &str| {
+        for (study, word) in [("small", first), ("again", second)] {
+            let path = format!("results/{study}/verdicts.json");
+            let mut verdicts: serde_json::Value = serde_json::from_str(&read(&bench, &path)).unwrap();
+            for one in verdicts["verdicts"].as_array_mut().unwrap() {
+                one["verdict"] = word.into();
+            }
+            bench.write(&path, &verdicts.to_string());
+        }
+        let text = bench.ok(&["overview", "results", "--open"]);
+        text.lines().next().unwrap().to_owned()
+    };
+    assert_eq!(
+        words("INCONCLUSIVE", "SUPPORTED"),
+        "2 of 2 values and claims that are judged are decided (100 %), 2 of them by a later study, on seeds that the first one \
+         had not seen."
+    );
+    let open = "0 of 2 values and claims that are judged are decided (0 %).";
+    assert_eq!(words("INCONCLUSIVE", "INCONCLUSIVE"), open);
+    let decided = "4 of 4 values and claims that are judged are decided (100 %).";
+    assert_eq!(words("SUPPORTED", "REFUTED"), decided);
 }
 
 #[test]

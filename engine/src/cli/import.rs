@@ -88,6 +88,11 @@ fn refused(problem: String) -> Failure {
     }
 }
 
+/// Files that are named wrongly are a mistake of the command line.
+fn unread(error: crate::Error) -> Failure {
+    refused(error.to_string())
+}
+
 /// 2 where the files are not as the options say; it prints the entry.
 pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<u8, Failure> {
     if !fs::is_file(&options.study) {
@@ -97,7 +102,7 @@ pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<u8, Fai
         )));
     }
     if options.metrics.is_empty() {
-        let known: Vec<String> = columns(&options.files)?.into_iter().collect();
+        let known: Vec<String> = columns(&options.files).map_err(unread)?.into_iter().collect();
         return Err(refused(format!(
             "say which column or tag holds which metric of the study, as in `--metric return={}`; there are {}",
             known.first().map_or("COLUMN", String::as_str),
@@ -107,7 +112,7 @@ pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<u8, Fai
     let mut files = options.files.clone();
     files.sort();
     let mapping = options.text(Vec::new()).mapping();
-    let found = read(&files, &mapping)?;
+    let found = read(&files, &mapping).map_err(unread)?;
     // Numbers of seeds are checked as the study checks them.
     found.trials(&options.name, "", 0, &mapping).map_err(refused)?;
     let folder = options.study.parent().unwrap_or(Path::new(""));

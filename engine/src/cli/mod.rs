@@ -44,6 +44,7 @@ use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
     process::ExitCode,
+    sync::OnceLock,
     time::Duration,
 };
 
@@ -417,7 +418,8 @@ enum Verb {
 pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
     let Command { verb, common } = parse(registry);
     common.input_mb.into_iter().for_each(input_file::allow);
-    ExitCode::from(match answer(registry, selftest, verb, &common) {
+    let answered = answer(registry, selftest, verb, &common);
+    ExitCode::from(match answered.and_then(if_said) {
         Ok(code) => code,
         Err(failure) => {
             complain(&failure.text);
@@ -526,11 +528,31 @@ impl From<crate::Error> for Failure {
     }
 }
 
+/// Why something that was to be said was not, as on a full disk.
+static UNSAID: OnceLock<String> = OnceLock::new();
+
 /// Standard output is for results.
 fn say(text: &str) {
     use std::io::Write;
+    let written = writeln!(std::io::stdout(), "{}", for_terminal(text.trim_end_matches('\n')));
     // A reader that closed the pipe (`| head`) has what it wanted.
-    let _ = writeln!(std::io::stdout(), "{}", for_terminal(text.trim_end_matches('\n')));
+    if let Some(error) = written
+        .err()
+        .filter(|it| it.kind() != std::io::ErrorKind::BrokenPipe)
+    {
+        let _ = UNSAID.set(error.to_string());
+    }
+}
+
+/// A command whose results nobody can read did not end well.
+fn if_said(code: u8) -> Result<u8, Failure> {
+    match UNSAID.get() {
+        Some(problem) if code == OK => Err(Failure {
+            code: INCOMPLETE,
+            text: format!("error: standard output could not be written: {problem}"),
+        }),
+        _ => Ok(code),
+    }
 }
 
 /// Standard error is for progress and complaints.

@@ -46,6 +46,15 @@ pub(super) struct OverviewOptions {
 /// Prints the table of the studies whose results lie in a folder, or what they leave open, or puts the table into
 /// a document in the place of the one that stands there; writes the page of all studies where it is asked for.
 pub(super) fn overview(options: &OverviewOptions, common: &Common) -> Result<u8, Failure> {
+    if !fs::is_folder(&options.folder) {
+        let folder = options.folder.display();
+        return Err(Failure {
+            code: BAD_SPEC,
+            text: format!(
+                "error: there is no folder `{folder}`: name the one that has the folders of results in it"
+            ),
+        });
+    }
     if options.page {
         write_index(&options.folder, "", &[])?;
     }

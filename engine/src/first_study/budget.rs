@@ -22,7 +22,8 @@ const TOGETHER: u64 = 64;
 /// Training that makes updates with each budget: of an agent whose first one comes after so many transitions.
 pub(super) fn training(first_update: u64) -> Budget {
     let whole = |steps: u64| steps.next_multiple_of(2 * TOGETHER);
-    let smoke = whole(first_update + TOGETHER);
+    // Half of it learns, so that what it took says something of what the rest will take.
+    let smoke = whole(2 * first_update.max(TOGETHER));
     let steps = whole(STEPS.max(2 * first_update)).next_multiple_of(10 * TOGETHER);
     let every = steps / 10;
     Budget {

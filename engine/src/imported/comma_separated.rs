@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 /// The runs of all files together, in the order in which they begin. Without a column that tells runs apart every file
 /// is one.
 pub(super) fn runs(files: &[&Content], mapping: &Mapping) -> Result<Vec<Run>, Error> {
-    let (mut runs, mut places): (Vec<Run>, BTreeMap<Key, usize>) = (Vec::new(), BTreeMap::new());
+    let (mut runs, mut places): (Vec<Run>, BTreeMap<Key, Place>) = (Vec::new(), BTreeMap::new());
     for (file, place) in files.iter().zip(0..) {
         let head = columns(file)?;
         let mut reader = csv::Reader::from_reader(file.bytes.as_slice());
@@ -48,6 +48,29 @@ pub(super) fn columns(file: &Content) -> Result<Vec<String>, Error> {
 
 /// What tells runs apart: the file where nothing else does, the run, and the seed.
 type Key = (Option<usize>, String, Option<u64>);
+
+/// How far the files have come with a run.
+struct Place {
+    /// Its index among the runs.
+    run: usize,
+    /// The file that is being read.
+    file: usize,
+    /// The last step of the files before that; `None` where it began in this one.
+    before: Option<u64>,
+    /// The last step of all files so far.
+    last: u64,
+}
+
+impl Place {
+    /// Takes note of a step. False where it is no later one than those of the files before.
+    fn goes_on(&mut self, file: usize, step: u64) -> bool {
+        if self.file != file {
+            (self.file, self.before) = (file, Some(self.last));
+        }
+        self.last = self.last.max(step);
+        self.before.is_none_or(|before| step > before)
+    }
+}
 
 fn wrong(file: &Content, error: &csv::Error) -> Error {
     let line = error.position().map(csv::Position::line);
@@ -95,21 +118,35 @@ impl<'m> Columns<'m> {
         line: &Line<'_>,
         file: usize,
         runs: &mut Vec<Run>,
-        places: &mut BTreeMap<Key, usize>,
+        places: &mut BTreeMap<Key, Place>,
     ) -> Result<(), Error> {
         let seed = self.seed.map(|column| line.whole(column)).transpose()?;
         let name = self.run.map(|column| line.text(column).to_owned());
         let alone = name.is_none() && seed.is_none();
         let key = (alone.then_some(file), name.clone().unwrap_or_default(), seed);
-        let place = *places.entry(key).or_insert_with(|| {
+        let step = line.whole(self.step)?;
+        let place = places.entry(key).or_insert_with(|| {
             runs.push(Run {
                 name: line.run(name.as_deref(), seed),
                 seed,
                 ..Run::default()
             });
-            runs.len() - 1
+            Place {
+                run: runs.len() - 1,
+                file,
+                before: None,
+                last: step,
+            }
         });
-        let step = line.whole(self.step)?;
+        if !place.goes_on(file, step) {
+            let name = &runs[place.run].name;
+            let problem = format!(
+                "is a step at which an earlier file has been with {name}: where these are two runs, name the column that \
+                 tells them apart under `run`, or leave out `seed`, so that every file is a run"
+            );
+            return Err(line.wrong(self.step, &problem));
+        }
+        let place = place.run;
         for (metric, column) in &self.metrics {
             // Programs that log metrics at different steps leave gaps.
             if !line.text(*column).is_empty() {
@@ -245,14 +282,36 @@ mod tests {
             ..by_seed
         };
         assert_eq!(runs(&[&one], &in_a).unwrap().len(), 2);
-        let by_run = Mapping {
-            run: Some("env".into()),
+    }
+
+    #[test]
+    fn a_run_goes_on_in_another_file_and_does_not_begin_there_again() {
+        let (one, later) = (
+            content("a.csv", LONG),
+            content(
+                "b.csv",
+                "global_step,seed,env,charts/episodic_return\n300,1,a,3\n",
+            ),
+        );
+        let by = |run: Option<&str>, seed: Option<&str>| Mapping {
+            run: run.map(Into::into),
+            seed: seed.map(Into::into),
             ..mapping()
         };
-        assert_eq!(
-            runs(&[&one, &two], &by_run).unwrap().len(),
-            2,
-            "runs go on in another file"
+        for (by, last) in [(by(Some("env"), None), 300), (by(None, Some("seed")), 300)] {
+            let found = runs(&[&one, &later], &by).unwrap();
+            assert_eq!(found[0].curves["return"].last().unwrap().0, last);
+        }
+        let again = content(
+            "c.csv",
+            "global_step,seed,env,charts/episodic_return\n0,2,b,3\n100,2,b,4\n",
+        );
+        let refused = runs(&[&one, &again], &by(None, Some("seed")))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            refused.contains("`c.csv`, line 2, column `global_step`: `0` is a step at which an earlier file has been with seed 2"),
+            "{refused}"
         );
     }
 

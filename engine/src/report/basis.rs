@@ -30,14 +30,14 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
     )
 }
 
-/// Whose claims are held against other seeds; empty where nobody's are.
+/// Which studies are put to other seeds; empty where none is.
 fn confirms(studies: &[String]) -> String {
     match studies.split_last() {
         None => String::new(),
-        Some((one, [])) => format!(" Claims are those of {one}, on seeds that it has not seen."),
+        Some((one, [])) => format!(" Confirms {one}, on seeds that it has not seen."),
         Some((last, others)) => {
             let others = others.join(", ");
-            format!(" Claims are those of {others} and {last}, on seeds that these have not seen.")
+            format!(" Confirms {others} and {last}, on seeds that these have not seen.")
         }
     }
 }
@@ -82,18 +82,27 @@ struct Combinations(BTreeMap<CellName, (usize, usize)>);
 
 impl Combinations {
     fn of(results: &Results) -> Self {
-        let mut seeds: BTreeMap<CellName, (usize, usize)> = BTreeMap::new();
+        let mut seeds: BTreeMap<CellName, BTreeMap<u64, bool>> = BTreeMap::new();
         // The trials of a play are encounters of combinations, which are counted themselves.
         for trial in results
             .trials
             .iter()
             .filter(|it| it.trial.cell.purpose == Purpose::Cell)
         {
-            let (planned, used) = seeds.entry(trial.cell()).or_default();
-            *planned += 1;
-            *used += usize::from(trial.is_ok());
+            // Samples of a sweep that are rounded to one setting are one trial.
+            seeds
+                .entry(trial.cell())
+                .or_default()
+                .insert(trial.trial.key.seed, trial.is_ok());
         }
-        Self(seeds)
+        let counted =
+            |seeds: BTreeMap<u64, bool>| (seeds.len(), seeds.values().filter(|is_ok| **is_ok).count());
+        Self(
+            seeds
+                .into_iter()
+                .map(|(cell, seeds)| (cell, counted(seeds)))
+                .collect(),
+        )
     }
 
     fn most_planned(&self) -> usize {
@@ -263,6 +272,13 @@ mod tests {
     }
 
     #[test]
+    fn a_seed_of_one_setting_that_two_samples_make_is_one() {
+        let mut results = results(&[3]);
+        results.trials.extend(results.trials.clone());
+        assert!(line(&StudyInfo::default(), &results).starts_with("Seeds: 3, fixed before the first trial."));
+    }
+
+    #[test]
     fn encounters_of_a_play_are_no_combinations() {
         let mut results = results(&[2]);
         let encounter = |seed| {
@@ -275,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn whose_claims_are_held_against_other_seeds_is_said() {
+    fn which_studies_are_put_to_other_seeds_is_said() {
         let of = |names: &[&str]| {
             let study = StudyInfo {
                 confirms: names.iter().map(|&name| name.into()).collect(),
@@ -283,8 +299,8 @@ mod tests {
             };
             line(&study, &results(&[2]))
         };
-        assert!(of(&["a"]).ends_with("exploratory. Claims are those of a, on seeds that it has not seen."));
-        assert!(of(&["a", "b", "c"]).ends_with("those of a, b and c, on seeds that these have not seen."));
+        assert!(of(&["a"]).ends_with("exploratory. Confirms a, on seeds that it has not seen."));
+        assert!(of(&["a", "b", "c"]).ends_with("Confirms a, b and c, on seeds that these have not seen."));
     }
 
     #[test]

@@ -393,11 +393,12 @@ mod tests {
         };
         let other = study("other", &[passed("claim 1: b > c", "SUPPORTED", None)]);
         assert_eq!(Decided::of([&one, &again, &other]).judged, 5);
+        // Studies that confirm each other end, too: the first one's word comes first.
         let circle = Verdicts {
             confirms: vec!["two".into()],
             ..one
         };
-        assert_eq!(Decided::of([&two, &circle]).judged, 3);
+        assert_eq!(Decided::of([&two, &circle]).judged, 4);
     }
 
     #[test]

@@ -47,21 +47,24 @@ pub fn read(
     }
     if found.is_empty() && !confirmed.is_empty() {
         let others: Vec<&Study> = confirmed.iter().map(|(_, other)| other).collect();
-        // Profiles and options make another study of it, which confirms nothing.
-        if *options == Options::default() {
+        if is_as_written(options) {
             found.extend(seen_seed(root, study, &others, sources));
         }
         found.extend(new_claims(root, study, &others, sources));
+    }
+    if !found.is_empty() {
+        return Err(found);
     }
     let named = confirmed.into_iter().map(|(file, other)| Confirmed {
         study: other.name,
         file,
     });
-    if found.is_empty() {
-        Ok(named.collect())
-    } else {
-        Err(found)
-    }
+    Ok(named.filter(|_| is_as_written(options)).collect())
+}
+
+/// Profiles and options make another study of it, which confirms nothing.
+fn is_as_written(options: &Options) -> bool {
+    options.profile.is_none() && options.sets.is_empty() && options.seeds.is_none()
 }
 
 /// A study without those that it confirms itself; what is wrong with it where it is none.

@@ -19,7 +19,7 @@ use crate::{
     limits::Limits,
     table::TableSpec,
 };
-use serde::{Serialize, Serializer};
+use serde::{Serialize, Serializer, ser::SerializeMap};
 use serde_json::{Map, Value, json};
 use serde_saphyr::FlowSeq;
 use std::{collections::BTreeMap, path::Path};
@@ -104,7 +104,18 @@ pub enum Section {
     /// A value whose keys are sorted.
     Plain(Value),
     /// A mapping whose order is the study's.
-    Named(Vec<(String, Value)>),
+    Named(Entries),
+    /// Searches in the order of the study.
+    Searches(Vec<(String, WrittenSearch)>),
+}
+
+/// A search as it is written. What it draws depends on the order of the keys that it is over.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WrittenSearch {
+    /// The section `over`.
+    over: Entries,
+    /// Everything else.
+    rest: Value,
 }
 
 impl Section {
@@ -120,6 +131,8 @@ impl Section {
                     })
                     .collect(),
             ),
+            // A search names no files.
+            searches @ Section::Searches(_) => searches,
         }
     }
 }
@@ -163,32 +176,34 @@ pub fn sections(
     let entries = sections.written.prepared.iter().enumerate();
     let prepared = entries.map(|(index, entry)| (entry.name.clone(), prepared(index, entry, &mut full)));
     let prepared = ("prepare", prepared.collect());
+    let searches = sections.written.searches.iter().zip(sections.searches);
+    let searches: Vec<_> = searches
+        .map(|(named, it)| (named.name.clone(), search(named, it)))
+        .collect();
+    let searches = (!searches.is_empty()).then(|| ("search".into(), Section::Searches(searches)));
     let success = root
         .get("success")
         .map(|it| ("success".into(), Section::Plain(it.to_value())));
-    let named = [prepared]
-        .into_iter()
-        .chain(named_sections(root, sections, plays));
+    let named = [prepared].into_iter().chain(named_sections(root, plays));
     let named = named.filter(|(_, entries)| !entries.is_empty());
     let named = named.map(|(name, entries)| (name.into(), Section::Named(entries)));
-    written.into_iter().chain(success).chain(named).collect()
+    written
+        .into_iter()
+        .chain(success)
+        .chain(named)
+        .chain(searches)
+        .collect()
 }
 
 /// Entries with their names, in the order of the study.
 type Entries = Vec<(String, Value)>;
 
 /// The sections of named entries besides environments and agents; without entries where a study has none.
-fn named_sections(root: &Node, sections: &Sections<'_>, plays: &[Play]) -> [(&'static str, Entries); 3] {
+fn named_sections(root: &Node, plays: &[Play]) -> [(&'static str, Entries); 2] {
     let imported = root.get("imported").map_or(&[][..], Node::entries).iter();
     let imported = imported.map(|entry| (entry.key.clone(), entry.value.to_value()));
-    let searches = sections.written.searches.iter().zip(sections.searches);
-    let searches = searches.map(|(named, it)| (named.name.clone(), search(named, it)));
     let plays = plays.iter().map(|it| (it.name.clone(), play(it)));
-    [
-        ("imported", imported.collect()),
-        ("search", searches.collect()),
-        ("cross_play", plays.collect()),
-    ]
+    [("imported", imported.collect()), ("cross_play", plays.collect())]
 }
 
 fn seeds(plan: &SeedPlan) -> Value {
@@ -227,12 +242,18 @@ fn prepared(index: usize, entry: &Prepared, full: &mut impl FnMut(Target, &Named
 }
 
 /// A search without keys that a profile or an option fixed.
-fn search(named: &Named, searched: &Searched<'_>) -> Value {
-    let mut value = named.config.to_value();
-    if let Some(over) = value["over"].as_object_mut() {
-        over.retain(|text, _| searched.search.keys.iter().any(|(key, _)| key == text));
+fn search(named: &Named, searched: &Searched<'_>) -> WrittenSearch {
+    let over = named.config.get("over").map_or(&[][..], Node::entries).iter();
+    let is_searched = |entry: &&Entry| searched.search.keys.iter().any(|(key, _)| *key == entry.key);
+    let mut rest = named.config.to_value();
+    rest.as_object_mut().and_then(|rest| rest.remove("over"));
+    WrittenSearch {
+        over: over
+            .filter(is_searched)
+            .map(|entry| (entry.key.clone(), entry.value.to_value()))
+            .collect(),
+        rest,
     }
-    value
 }
 
 fn play(play: &Play) -> Value {
@@ -374,7 +395,30 @@ impl Serialize for Section {
             Section::Named(pairs) => {
                 serializer.collect_map(pairs.iter().map(|(name, value)| (name, Sorted(value))))
             }
+            Section::Searches(pairs) => {
+                serializer.collect_map(pairs.iter().map(|(name, search)| (name, search)))
+            }
         }
+    }
+}
+
+impl Serialize for WrittenSearch {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        map.serialize_entry("over", &InOrder(&self.over))?;
+        for (key, value) in self.rest.as_object().into_iter().flatten() {
+            map.serialize_entry(key, &Sorted(value))?;
+        }
+        map.end()
+    }
+}
+
+/// Entries in their order.
+struct InOrder<'a>(&'a Entries);
+
+impl Serialize for InOrder<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(key, value)| (key, Sorted(value))))
     }
 }
 

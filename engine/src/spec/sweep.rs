@@ -393,7 +393,9 @@ fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnost
         let mut seen = BTreeMap::new();
         for (index, value) in first.values.iter().enumerate() {
             let words = keys.iter().filter_map(|key| key.values.get(index));
-            let point: Vec<String> = words.map(|node| node.to_value().to_string()).collect();
+            let point: Vec<String> = words
+                .map(|node| comparable(node.to_value()).to_string())
+                .collect();
             let earlier = *seen.entry(point).or_insert(value.span);
             if earlier != value.span {
                 let message = "this point of the sweep is given twice";
@@ -404,6 +406,23 @@ fn points_twice(dimensions: &[Dimension<'_>], sources: &Sources) -> Vec<Diagnost
         }
     }
     found
+}
+
+/// A value in which 1 and 1.0 are the same, as they are in trials.
+fn comparable(value: Value) -> Value {
+    match value {
+        Value::Number(number) => match number.as_i64() {
+            // Larger ones are not all numbers of floating point.
+            Some(whole) if whole.unsigned_abs() < 1 << f64::MANTISSA_DIGITS => number.as_f64().into(),
+            _ => number.into(),
+        },
+        Value::Array(items) => items.into_iter().map(comparable).collect(),
+        Value::Object(map) => map
+            .into_iter()
+            .map(|(key, value)| (key, comparable(value)))
+            .collect(),
+        other => other,
+    }
 }
 
 #[cfg(test)]

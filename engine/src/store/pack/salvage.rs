@@ -102,12 +102,12 @@ impl Check<'_> {
         let is_lost = |id: &String| !matches!(self.store.sound(id), Ok(Some(_)));
         let lost: Vec<String> = pack.lost().filter(is_lost).collect();
         self.found.whole += packed.saturating_sub(lost.len());
-        self.note(
-            path.clone(),
-            Fault::Damaged,
-            "its hash is not the one that names it",
-            None,
-        );
+        let problem = if pack.index.is_whole {
+            "its hash is not the one that names it"
+        } else {
+            "its end is not what was written, so that trials of which no other file knows may be lost; they run again"
+        };
+        self.note(path.clone(), Fault::Damaged, problem, None);
         for id in lost {
             self.note_trial(&path, "a trial in it is not what was packed", &id);
         }
