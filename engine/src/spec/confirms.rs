@@ -10,7 +10,10 @@ use crate::{
     document::{self, Node},
     input_file,
 };
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 /// A study that another one confirms.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,25 +35,14 @@ pub fn read(
     sources: &Sources,
     options: &Options,
 ) -> Result<Vec<Confirmed>, Vec<Diagnostic>> {
-    let (mut confirmed, mut found) = (Vec::new(), Vec::new());
-    for (name, span) in include::named(root, "confirms") {
-        match load(&study.folder.join(&name), registry) {
-            Ok(other) => confirmed.push((PathBuf::from(name), other)),
-            Err(problem) => {
-                let message =
-                    format!("the study `{name}`, which this one confirms, cannot be read: {problem}");
-                let help =
-                    "files are sought from the folder of this study; `regimen check` says more of them";
-                found.push(sources.error(span, "confirms", message).help(help));
-            }
-        }
+    let confirmed = load_all(root, study, registry, sources)?;
+    let others: Vec<&Study> = confirmed.iter().map(|(_, other)| other).collect();
+    if others.is_empty() {
+        return Ok(Vec::new());
     }
-    if found.is_empty() && !confirmed.is_empty() {
-        let others: Vec<&Study> = confirmed.iter().map(|(_, other)| other).collect();
-        if is_as_written(options) {
-            found.extend(seen_seed(root, study, &others, sources));
-        }
-        found.extend(new_claims(root, study, &others, sources));
+    let mut found = new_claims(root, study, &others, sources);
+    if is_as_written(options) {
+        found.extend(seen_seed(root, study, &others, sources));
     }
     if !found.is_empty() {
         return Err(found);
@@ -60,6 +52,29 @@ pub fn read(
         file,
     });
     Ok(named.filter(|_| is_as_written(options)).collect())
+}
+
+/// All studies that are named, with their files.
+fn load_all(
+    root: &Node,
+    study: &Study,
+    registry: &Registry,
+    sources: &Sources,
+) -> Result<Vec<(PathBuf, Study)>, Vec<Diagnostic>> {
+    let (mut read, mut found) = (Vec::new(), Vec::new());
+    for (name, span) in include::named(root, "confirms") {
+        match load(&study.folder.join(&name), registry) {
+            Ok(other) => read.push((PathBuf::from(name), other)),
+            Err(problem) => {
+                let message =
+                    format!("the study `{name}`, which this one confirms, cannot be read: {problem}");
+                let help =
+                    "files are sought from the folder of this study; `regimen check` says more of them";
+                found.push(sources.error(span, "confirms", message).help(help));
+            }
+        }
+    }
+    if found.is_empty() { Ok(read) } else { Err(found) }
 }
 
 /// Profiles and options make another study of it, which confirms nothing.
@@ -87,8 +102,9 @@ fn load(path: &Path, registry: &Registry) -> Result<Study, String> {
 /// A seed of the study that one of the others has seen.
 fn seen_seed(root: &Node, study: &Study, others: &[&Study], sources: &Sources) -> Option<Diagnostic> {
     let of_study = |other: &&Study| {
-        let seen = study.seeds.iter().find(|seed| other.seeds.contains(seed))?;
-        Some((*seen, other.name.clone(), other.seeds.iter().max().copied()?))
+        let seen: BTreeSet<&u64> = other.seeds.iter().collect();
+        let again = study.seeds.iter().find(|seed| seen.contains(seed))?;
+        Some((*again, other.name.clone(), **seen.last()?))
     };
     let (seed, name, last) = others.iter().find_map(of_study)?;
     let message = format!("seed {seed} is one of `{name}`, which this study confirms: what it says is known");
