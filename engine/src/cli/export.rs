@@ -229,6 +229,12 @@ impl Packing<'_> {
             let about = "what the study includes, as it was written";
             self.add(&format!("included/{number}/{name}"), &read(path)?, about, None)?;
         }
+        for (number, confirmed) in (1..).zip(&one.study.confirms) {
+            let path = one.path.parent().unwrap_or(Path::new("")).join(&confirmed.file);
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let about = "a study that this one confirms, as it was written";
+            self.add(&format!("confirmed/{number}/{name}"), &read(&path)?, about, None)?;
+        }
         let resolved = spec::resolved_yaml(&one.study, self.folder)?;
         self.add(
             "resolved.yaml",

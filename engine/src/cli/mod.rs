@@ -547,11 +547,11 @@ fn say(text: &str) {
 /// A command whose results nobody can read did not end well.
 fn if_said(code: u8) -> Result<u8, Failure> {
     match UNSAID.get() {
-        Some(problem) if code == OK => Err(Failure {
-            code: INCOMPLETE,
+        Some(problem) => Err(Failure {
+            code: if code == OK { INCOMPLETE } else { code },
             text: format!("error: standard output could not be written: {problem}"),
         }),
-        _ => Ok(code),
+        None => Ok(code),
     }
 }
 

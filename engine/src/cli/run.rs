@@ -244,12 +244,16 @@ fn write_report(
         }
         it.end.state
     });
-    let study = StudyInfo {
+    let mut study = StudyInfo {
         profiles: profiles::of(registry, one, &states.all, selection, store),
         ended,
         options: folders::options(selection),
         ..info(one, registry)
     };
+    if !study.options.is_empty() {
+        // Such results are none of the study as it is written.
+        study.confirms.clear();
+    }
     let mut contents = Contents::of(&study, &results);
     looks::record(one, store, &results, &mut contents)?;
     let provenance = provenance::of(registry, one, builds);

@@ -36,7 +36,20 @@ pub(super) fn runs(files: &[&Content], mapping: &Mapping) -> Result<Vec<Run>, Er
             return Err(input(&file.path, None, None, problem.into()));
         }
     }
-    Ok(runs)
+    match places.values().find_map(|place| Some((place, place.apart()?))) {
+        Some((place, apart)) => Err(two_runs(&runs[place.run], apart.map(|file| files[file]))),
+        None => Ok(runs),
+    }
+}
+
+fn two_runs(run: &Run, [one, other]: [&Content; 2]) -> Error {
+    let problem = format!(
+        "has steps of {} that `{}` has, too: where these are two runs, name the column that tells them apart under `run`, or \
+         leave out `seed`, so that every file is a run",
+        run.name,
+        one.path.display()
+    );
+    input(&other.path, None, None, problem)
 }
 
 /// The names of a file's columns.
@@ -49,26 +62,32 @@ pub(super) fn columns(file: &Content) -> Result<Vec<String>, Error> {
 /// What tells runs apart: the file where nothing else does, the run, and the seed.
 type Key = (Option<usize>, String, Option<u64>);
 
-/// How far the files have come with a run.
+/// What the files have of a run.
 struct Place {
     /// Its index among the runs.
     run: usize,
-    /// The file that is being read.
-    file: usize,
-    /// The last step of the files before that; `None` where it began in this one.
-    before: Option<u64>,
-    /// The last step of all files so far.
-    last: u64,
+    /// First and last step of each file that has some of it, by the index of the file.
+    parts: BTreeMap<usize, (u64, u64)>,
 }
 
 impl Place {
-    /// Takes note of a step. False where it is no later one than those of the files before.
-    fn goes_on(&mut self, file: usize, step: u64) -> bool {
-        if self.file != file {
-            (self.file, self.before) = (file, Some(self.last));
-        }
-        self.last = self.last.max(step);
-        self.before.is_none_or(|before| step > before)
+    fn takes(&mut self, file: usize, step: u64) {
+        let (first, last) = self.parts.entry(file).or_insert((step, step));
+        (*first, *last) = ((*first).min(step), (*last).max(step));
+    }
+
+    /// Two files of which neither goes on where the other ends, so that they are of two runs.
+    fn apart(&self) -> Option<[usize; 2]> {
+        let mut parts: Vec<(u64, u64, usize)> = self
+            .parts
+            .iter()
+            .map(|(file, (first, last))| (*first, *last, *file))
+            .collect();
+        parts.sort_unstable();
+        // A run that goes on repeats the step at which it stopped.
+        let begins_again = |pair: &&[(u64, u64, usize)]| pair[1].0 < pair[0].1 || pair[1].0 == pair[0].0;
+        let pair = parts.windows(2).find(begins_again)?;
+        Some([pair[0].2, pair[1].2])
     }
 }
 
@@ -133,19 +152,10 @@ impl<'m> Columns<'m> {
             });
             Place {
                 run: runs.len() - 1,
-                file,
-                before: None,
-                last: step,
+                parts: BTreeMap::new(),
             }
         });
-        if !place.goes_on(file, step) {
-            let name = &runs[place.run].name;
-            let problem = format!(
-                "is a step at which an earlier file has been with {name}: where these are two runs, name the column that \
-                 tells them apart under `run`, or leave out `seed`, so that every file is a run"
-            );
-            return Err(line.wrong(self.step, &problem));
-        }
+        place.takes(file, step);
         let place = place.run;
         for (metric, column) in &self.metrics {
             // Programs that log metrics at different steps leave gaps.
@@ -302,17 +312,26 @@ mod tests {
             let found = runs(&[&one, &later], &by).unwrap();
             assert_eq!(found[0].curves["return"].last().unwrap().0, last);
         }
-        let again = content(
-            "c.csv",
-            "global_step,seed,env,charts/episodic_return\n0,2,b,3\n100,2,b,4\n",
+        // Whatever the order of their names, and where the last step stands in both.
+        let by_seed = by(None, Some("seed"));
+        assert_eq!(runs(&[&later, &one], &by_seed).unwrap().len(), 3);
+        let file = |name: &str, steps: [u32; 2]| {
+            let [first, last] = steps.map(|step| format!("{step},1,a,3\n"));
+            content(
+                name,
+                &format!("global_step,seed,env,charts/episodic_return\n{first}{last}"),
+            )
+        };
+        assert_eq!(
+            runs(&[&one, &file("c.csv", [200, 400])], &by_seed).unwrap().len(),
+            3
         );
-        let refused = runs(&[&one, &again], &by(None, Some("seed")))
-            .unwrap_err()
-            .to_string();
-        assert!(
-            refused.contains("`c.csv`, line 2, column `global_step`: `0` is a step at which an earlier file has been with seed 2"),
-            "{refused}"
-        );
+        for steps in [[0, 400], [100, 150], [0, 0]] {
+            let refused = runs(&[&one, &file("c.csv", steps)], &by_seed)
+                .unwrap_err()
+                .to_string();
+            assert!(refused.contains("has steps of seed 1 that `"), "{refused}");
+        }
     }
 
     #[test]

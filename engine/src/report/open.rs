@@ -125,7 +125,7 @@ impl Decided {
 
 /// A value or a claim that is judged, by one study or by several.
 struct Question<'a> {
-    /// What the studies say of it. All but the last are open.
+    /// What the studies say of it, each after those that it confirms.
     lines: Vec<Line<'a>>,
 }
 
@@ -137,19 +137,26 @@ struct Line<'a> {
 }
 
 impl Question<'_> {
+    /// True where a study decides it and none decides it the other way.
     fn is_decided(&self) -> bool {
-        self.last().passed.is_decided()
+        let mut decided = self.lines.iter().map(|it| it.passed).filter(|it| it.is_decided());
+        decided
+            .next()
+            .is_some_and(|first| decided.all(|other| other.differs() == first.differs()))
     }
 
     fn last(&self) -> &Line<'_> {
         &self.lines[self.lines.len() - 1]
     }
 
-    /// True where a study confirms the one with the last word on this, which is open.
+    /// True where a study confirms one that left this open.
     fn is_put_again_by(&self, line: &Line<'_>) -> bool {
-        let last = self.last();
-        let is_same = words(&last.passed.about) == words(&line.passed.about);
-        is_same && !last.passed.is_decided() && line.study.confirms.contains(&last.study.study)
+        let is_left_open = |it: &Line<'_>| {
+            line.study.confirms.contains(&it.study.study)
+                && !it.passed.is_decided()
+                && it.passed.is_of_same(line.passed)
+        };
+        self.lines.iter().any(is_left_open)
     }
 }
 
@@ -157,11 +164,15 @@ impl Question<'_> {
 fn questions<'a>(studies: impl IntoIterator<Item = &'a Verdicts>) -> Vec<Question<'a>> {
     let mut questions: Vec<Question<'a>> = Vec::new();
     for study in in_order_of_questions(studies.into_iter().collect()) {
+        let known = questions.len();
         for passed in study.verdicts.iter().filter(|it| it.is_judged()) {
             let line = Line { study, passed };
-            match questions.iter_mut().find(|it| it.is_put_again_by(&line)) {
-                Some(question) => question.lines.push(line),
-                None => questions.push(Question { lines: vec![line] }),
+            let is_put = |it: &&mut Question<'a>| it.is_put_again_by(&line);
+            let again: Vec<_> = questions[..known].iter_mut().filter(is_put).collect();
+            if again.is_empty() {
+                questions.push(Question { lines: vec![line] });
+            } else {
+                again.into_iter().for_each(|question| question.lines.push(line));
             }
         }
     }
@@ -177,14 +188,6 @@ fn in_order_of_questions(mut left: Vec<&Verdicts>) -> Vec<&Verdicts> {
         ordered.push(left.remove(next));
     }
     ordered
-}
-
-/// What a line is about without the number of a claim, which is another one in every study.
-fn words(about: &str) -> &str {
-    let numbered = about
-        .strip_prefix("claim ")
-        .and_then(|rest| rest.split_once(": "));
-    numbered.map_or(about, |(_, words)| words)
 }
 
 /// The same for people, as a table; `None` where nothing is open.
@@ -380,6 +383,45 @@ mod tests {
             (open.len(), open[0].study.as_str(), open[0].about.as_str()),
             (1, "three", "claim 1: b > c")
         );
+    }
+
+    #[test]
+    fn two_later_studies_may_not_contradict_each_other() {
+        let line = |verdict| passed("t: a", verdict, None);
+        let later = |name: &str, verdict: &'static str| Verdicts {
+            confirms: vec!["one".into()],
+            ..study(name, &[line(verdict)])
+        };
+        let decided = |words: [&'static str; 2]| {
+            let all = [
+                study("one", &[line("INCONCLUSIVE")]),
+                later("two", words[0]),
+                later("three", words[1]),
+            ];
+            let Decided { judged, decided, .. } = Decided::of(&all);
+            (judged, decided, still_open(&all).len())
+        };
+        assert_eq!(decided(["SUPPORTED", "INCONCLUSIVE"]), (1, 1, 0));
+        assert_eq!(decided(["INCONCLUSIVE", "SUPPORTED"]), (1, 1, 0));
+        assert_eq!(decided(["SUPPORTED", "REFUTED"]), (1, 0, 1));
+        assert_eq!(decided(["INCONCLUSIVE", "INCONCLUSIVE"]), (1, 0, 1));
+    }
+
+    #[test]
+    fn one_line_answers_what_two_studies_left_open() {
+        let line = |about: &str, verdict| passed(about, verdict, None);
+        let open = |name: &str, number: u32| {
+            study(
+                name,
+                &[line(&format!("claim {number}: a  > b in x"), "INCONCLUSIVE")],
+            )
+        };
+        let both = Verdicts {
+            confirms: vec!["one".into(), "two".into()],
+            ..study("both", &[line("claim 7: a > b  in x", "SUPPORTED")])
+        };
+        let decided = Decided::of(&[open("one", 1), open("two", 3), both]);
+        assert_eq!((decided.judged, decided.decided, decided.confirmed), (2, 2, 2));
     }
 
     #[test]

@@ -51,6 +51,9 @@ pub struct Verdicts {
 pub struct Passed {
     /// What it is about, as in `table-3.2: four_cells, dsac` or `claim 2: dsac.success >= 0.8 in four_cells`.
     pub about: String,
+    /// The same with the column, of a value in a table that shows but one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub in_full: Option<String>,
     /// The word, of this value or claim alone.
     pub verdict: String,
     /// The word where all of the study are taken together (Holm) and it is another.
@@ -81,6 +84,28 @@ impl Passed {
             Verdict::NotRun.word(),
         ];
         !self.exploratory && !unasked.contains(&self.verdict.as_str())
+    }
+
+    /// True where both are about the same, whatever the number of a claim and the blanks in it.
+    #[must_use]
+    pub fn is_of_same(&self, other: &Self) -> bool {
+        self.words().eq(other.words()) || self.full() == other.full()
+    }
+
+    /// What it is about, with the column.
+    fn full(&self) -> &str {
+        self.in_full.as_deref().unwrap_or(&self.about)
+    }
+
+    /// The words of what it is about, without the number that a claim has in its study.
+    fn words(&self) -> impl Iterator<Item = &str> {
+        let numbered = self
+            .about
+            .strip_prefix("claim ")
+            .and_then(|rest| rest.split_once(": "));
+        numbered
+            .map_or(self.about.as_str(), |(_, words)| words)
+            .split_whitespace()
     }
 
     /// True where the seeds say that it does not hold.
@@ -158,14 +183,16 @@ fn of_table(name: &str, grid: &Grid, results: &Results) -> Vec<Passed> {
             };
             let verdict = judgement.verdict;
             let together = judgement.adjusted.filter(|adjusted| *adjusted != verdict);
-            let place = if grid.columns.len() == 1 {
-                row.name.clone()
-            } else {
-                format!("{}, {}", row.name, column.name)
-            };
+            let in_full = format!("{name}: {}, {}", row.name, column.name);
+            let shows_one = grid.columns.len() == 1;
             let cause = grid.cause(index).filter(|_| verdict == Verdict::Differs);
             passed.push(Passed {
-                about: format!("{name}: {place}"),
+                about: if shows_one {
+                    format!("{name}: {}", row.name)
+                } else {
+                    in_full.clone()
+                },
+                in_full: shows_one.then_some(in_full),
                 verdict: verdict.word().into(),
                 together: together.map(|it| it.word().into()),
                 exploratory: grid.exploratory,
@@ -198,6 +225,7 @@ fn of_claim(line: &ClaimLine, results: &Results) -> Passed {
 
     Passed {
         about: format!("claim {}: {claim}{place}", line.number),
+        in_full: None,
         verdict: line.word().into(),
         together: line.together().map(|outcome| outcome.word().into()),
         exploratory: line.spec.exploratory,

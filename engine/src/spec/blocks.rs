@@ -1,15 +1,12 @@
 //! `blocks` and `<<`: keys that are written once and stand in several places.
 
-use super::lay::{below, lay};
+use super::lay::{TAKE, below, lay, without_nothing};
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{DEEPEST, Entry, Kind, MOST_NODES, Node},
     schema_check::View,
 };
 use serde_json::Value;
-
-/// The key that takes blocks.
-const TAKE: &str = "<<";
 
 /// Puts blocks where `<<` names them. Keys beside `<<` win over the block's.
 ///
@@ -76,6 +73,7 @@ impl Blocks<'_> {
                     let own = std::mem::replace(node, Node::empty_mapping(node.span));
                     *node = self.under(&taken.value, &own, at, place);
                     lay(node, own, place);
+                    without_nothing(node, place);
                 }
             }
         }

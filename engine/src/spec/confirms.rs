@@ -3,17 +3,23 @@
 //! A claim that is open after all seeds of its study is no better for a few more of them, which were added because
 //! of what was seen. It is for other seeds to say, and for a study that names them before the first trial.
 
-use super::{ClaimSpec, Options, Study, include, load_alone};
+use super::{ClaimSpec, Options, Place, Study, along, cells::Resolved, include, load_alone};
 use crate::{
     Registry,
     diagnostic::{Diagnostic, Sources, Span},
     document::{self, Node},
     input_file,
+    table::TableSpec,
+    trial::Part,
 };
+use serde_json::{Value, json};
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
+
+/// Most studies that one may confirm, those that they confirm counted.
+const MOST: usize = 64;
 
 /// A study that another one confirms.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -24,66 +30,114 @@ pub struct Confirmed {
     pub file: PathBuf,
 }
 
-/// The studies that a study names, read and held against it.
+/// The studies that the study in `file` names, read and held against it.
 ///
 /// # Errors
-/// Files that hold no study, seeds that have been seen, and claims that none of the studies makes.
+/// Files that hold no study, seeds that have been seen, and what none of the studies asks or asks of something else.
 pub fn read(
-    root: &Node,
+    (root, file): (&Node, &Path),
     study: &Study,
     registry: &Registry,
     sources: &Sources,
     options: &Options,
 ) -> Result<Vec<Confirmed>, Vec<Diagnostic>> {
-    let confirmed = load_all(root, study, registry, sources)?;
-    let others: Vec<&Study> = confirmed.iter().map(|(_, other)| other).collect();
-    if others.is_empty() {
+    let named = include::named(root, "confirms");
+    let reader = Reader::read(&named, study, file, registry, sources)?;
+    let others: Vec<&Study> = named
+        .iter()
+        .filter_map(|(name, _)| reader.study(study, name))
+        .collect();
+    // Profiles and options make another study of it, which confirms nothing.
+    let is_as_written = options.profile.is_none() && options.sets.is_empty() && options.seeds.is_none();
+    if others.is_empty() || !is_as_written {
         return Ok(Vec::new());
     }
-    let mut found = new_claims(root, study, &others, sources);
-    if is_as_written(options) {
-        found.extend(seen_seed(root, study, &others, sources));
-    }
+    let confirming = Confirming {
+        root,
+        study,
+        others: &others,
+        sources,
+    };
+    let mut found = confirming.new_claims();
+    found.extend(confirming.new_values());
+    found.extend(confirming.other_combination(named.first().map_or(root.span, |(_, span)| *span)));
+    found.extend(confirming.seen_seed(reader.loaded.iter().map(|(_, other)| other)));
     if !found.is_empty() {
         return Err(found);
     }
-    let named = confirmed.into_iter().map(|(file, other)| Confirmed {
-        study: other.name,
-        file,
+    let confirmed = others.iter().zip(named).map(|(other, (name, _))| Confirmed {
+        study: other.name.clone(),
+        file: name.into(),
     });
-    Ok(named.filter(|_| is_as_written(options)).collect())
+    Ok(confirmed.collect())
 }
 
-/// All studies that are named, with their files.
-fn load_all(
-    root: &Node,
-    study: &Study,
-    registry: &Registry,
-    sources: &Sources,
-) -> Result<Vec<(PathBuf, Study)>, Vec<Diagnostic>> {
-    let (mut read, mut found) = (Vec::new(), Vec::new());
-    for (name, span) in include::named(root, "confirms") {
-        match load(&study.folder.join(&name), registry) {
-            Ok(other) => read.push((PathBuf::from(name), other)),
-            Err(problem) => {
+/// Reads studies and those that they confirm themselves, each once.
+struct Reader<'a> {
+    registry: &'a Registry,
+    /// The study for which they are read.
+    own: PathBuf,
+    loaded: Vec<(PathBuf, Study)>,
+}
+
+impl<'a> Reader<'a> {
+    fn read(
+        named: &[(String, Span)],
+        study: &Study,
+        file: &Path,
+        registry: &'a Registry,
+        sources: &Sources,
+    ) -> Result<Self, Vec<Diagnostic>> {
+        let own = along(Path::new(""), file);
+        let mut reader = Self {
+            registry,
+            own,
+            loaded: Vec::new(),
+        };
+        let mut found = Vec::new();
+        for (name, span) in named.iter().take(MOST + 1) {
+            if let Err(problem) = reader.load(&study.folder.join(name)) {
                 let message =
-                    format!("the study `{name}`, which this one confirms, cannot be read: {problem}");
+                    format!("the study `{name}`, which this one confirms, cannot be taken: {problem}");
                 let help =
                     "files are sought from the folder of this study; `regimen check` says more of them";
-                found.push(sources.error(span, "confirms", message).help(help));
+                found.push(sources.error(*span, "confirms", message).help(help));
             }
         }
+        if found.is_empty() { Ok(reader) } else { Err(found) }
     }
-    if found.is_empty() { Ok(read) } else { Err(found) }
+
+    fn study(&self, from: &Study, name: &str) -> Option<&Study> {
+        let file = along(Path::new(""), &from.folder.join(name));
+        self.loaded
+            .iter()
+            .find(|(known, _)| *known == file)
+            .map(|(_, study)| study)
+    }
+
+    /// Loads a study and those that it confirms; what is wrong where that cannot be.
+    fn load(&mut self, path: &Path) -> Result<(), String> {
+        let file = along(Path::new(""), path);
+        if file == self.own {
+            return Err("nothing confirms itself, not by way of others either".into());
+        }
+        if self.loaded.iter().any(|(known, _)| *known == file) {
+            return Ok(());
+        }
+        if self.loaded.len() == MOST {
+            return Err(format!("{MOST} are the most, with those that they confirm"));
+        }
+        let (study, root) = load(path, self.registry)?;
+        let folder = study.folder.clone();
+        self.loaded.push((file, study));
+        include::named(&root, "confirms")
+            .iter()
+            .try_for_each(|(name, _)| self.load(&folder.join(name)))
+    }
 }
 
-/// Profiles and options make another study of it, which confirms nothing.
-fn is_as_written(options: &Options) -> bool {
-    options.profile.is_none() && options.sets.is_empty() && options.seeds.is_none()
-}
-
-/// A study without those that it confirms itself; what is wrong with it where it is none.
-fn load(path: &Path, registry: &Registry) -> Result<Study, String> {
+/// A study without those that it confirms itself, and its document; what is wrong with it where it is none.
+fn load(path: &Path, registry: &Registry) -> Result<(Study, Node), String> {
     let shown = path.display().to_string();
     let bytes = input_file::read(path, input_file::Use::Study).map_err(|error| error.to_string())?;
     let first = |found: Vec<Diagnostic>| {
@@ -94,57 +148,149 @@ fn load(path: &Path, registry: &Registry) -> Result<Study, String> {
     let text = document::decode(&shown, &bytes).map_err(first)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut sources = Sources::default();
-    load_alone(&text, &shown, folder, registry, &Options::default(), &mut sources)
-        .map(|(study, _)| study)
-        .map_err(first)
+    load_alone(&text, &shown, folder, registry, &Options::default(), &mut sources).map_err(first)
 }
 
-/// A seed of the study that one of the others has seen.
-fn seen_seed(root: &Node, study: &Study, others: &[&Study], sources: &Sources) -> Option<Diagnostic> {
-    let of_study = |other: &&Study| {
-        let seen: BTreeSet<&u64> = other.seeds.iter().collect();
-        let again = study.seeds.iter().find(|seed| seen.contains(seed))?;
-        Some((*again, other.name.clone(), **seen.last()?))
-    };
-    let (seed, name, last) = others.iter().find_map(of_study)?;
-    let message = format!("seed {seed} is one of `{name}`, which this study confirms: what it says is known");
-    let next = last.saturating_add(1);
-    let help = format!(
-        "use other seeds, as in `seeds: {next}-{}` or `first: {next}` of a design",
-        next.saturating_add(9)
-    );
-    let span = root.entry("seeds").map_or(root.span, |entry| entry.key_span);
-    Some(sources.error(span, "seeds", message).help(help))
+/// A study beside those that it confirms.
+struct Confirming<'a> {
+    root: &'a Node,
+    study: &'a Study,
+    others: &'a [&'a Study],
+    sources: &'a Sources,
 }
 
-/// Claims that none of the others makes.
-fn new_claims(root: &Node, study: &Study, others: &[&Study], sources: &Sources) -> Vec<Diagnostic> {
-    let spans: Vec<Span> = root
-        .get("claims")
-        .map_or(&[][..], Node::items)
-        .iter()
-        .map(|it| it.span)
-        .collect();
-    let is_known = |claim: &ClaimSpec| {
-        others
+impl Confirming<'_> {
+    /// A seed that one of the others has seen, or one that these confirm.
+    fn seen_seed<'s>(&self, mut others: impl Iterator<Item = &'s Study>) -> Option<Diagnostic> {
+        let of_study = |other: &'s Study| {
+            let seen: BTreeSet<&u64> = other.seeds.iter().collect();
+            let again = self.study.seeds.iter().find(|seed| seen.contains(seed))?;
+            Some((*again, &other.name, **seen.last()?))
+        };
+        let (seed, name, last) = others.find_map(of_study)?;
+        let message =
+            format!("seed {seed} is one of `{name}`, which this study confirms: what it says is known");
+        let next = last.saturating_add(1);
+        let help = format!(
+            "use other seeds, as in `seeds: {next}-{}` or `first: {next}` of a design",
+            next.saturating_add(9)
+        );
+        let span = self
+            .root
+            .entry("seeds")
+            .map_or(self.root.span, |entry| entry.key_span);
+        Some(self.sources.error(span, "seeds", message).help(help))
+    }
+
+    /// Claims that none of the others makes.
+    fn new_claims(&self) -> Vec<Diagnostic> {
+        let items = self.root.get("claims").map_or(&[][..], Node::items);
+        let known = || self.others.iter().flat_map(|other| &other.claims);
+        let is_new = |claim: &ClaimSpec| !claim.exploratory && !known().any(|it| is_same(it, claim));
+        let new = self
+            .study
+            .claims
             .iter()
-            .flat_map(|other| &other.claims)
-            .any(|it| is_same(it, claim))
-    };
-    let new = study
-        .claims
-        .iter()
-        .enumerate()
-        .filter(|(_, claim)| !claim.exploratory && !is_known(claim));
-    let error = |(index, _): (usize, &ClaimSpec)| {
-        let span = spans.get(index).copied().unwrap_or(root.span);
-        let message = "no study that this one confirms makes this claim";
-        let help = "write it as it stands there, or say `exploratory: true`";
-        sources
-            .error(span, &format!("claims[{index}]"), message)
-            .help(help)
-    };
-    new.map(error).collect()
+            .zip(0..)
+            .filter(|(claim, _)| is_new(claim));
+        let error = |(_, index): (&ClaimSpec, usize)| {
+            let span = items.get(index).map_or(self.root.span, |it| it.span);
+            let message = "no study that this one confirms makes this claim";
+            let help = "write it as it stands there, or say `exploratory: true`";
+            let error = self.sources.error(span, &format!("claims[{index}]"), message);
+            error.help(help)
+        };
+        new.map(error).collect()
+    }
+
+    /// Tables with published values that none of the others has, or has within another margin.
+    fn new_values(&self) -> Vec<Diagnostic> {
+        let known = |name: &String, spec: &TableSpec| {
+            let tables = self.others.iter().flat_map(|other| &other.tables);
+            tables
+                .filter(|(other, _)| other == name)
+                .any(|(_, other)| has_values(other, spec))
+        };
+        let tables = self.study.tables.iter();
+        let new = tables
+            .filter(|(name, spec)| !spec.exploratory && !spec.published.is_empty() && !known(name, spec));
+        let error = |(name, _): &(String, TableSpec)| {
+            let entry = self.root.get("tables").and_then(|tables| tables.entry(name));
+            let span = entry.map_or(self.root.span, |entry| entry.key_span);
+            let message = "no study that this one confirms has these published values with this margin in a table of this name";
+            let help = "take them as they stand there, or say `exploratory: true`";
+            self.sources
+                .error(span, &format!("tables.{name}"), message)
+                .help(help)
+        };
+        new.map(error).collect()
+    }
+
+    /// A combination, or an entry of `prepare`, that one of the others has under the same name with something else in
+    /// it.
+    fn other_combination(&self, span: Span) -> Option<Diagnostic> {
+        let own: Vec<(String, [String; 3])> = combinations(self.study).collect();
+        let differs = |other: &&Study| {
+            let theirs: BTreeMap<String, [String; 3]> = combinations(other).collect();
+            let part_of = |(name, parts): &(String, [String; 3])| {
+                let known = theirs.get(name)?;
+                let part = (0..PARTS.len()).find(|part| parts[*part] != known[*part])?;
+                Some((name.clone(), PARTS[part], other.name.clone()))
+            };
+            own.iter().find_map(part_of)
+        };
+        let (name, part, other) = self.others.iter().find_map(differs)?;
+        let message = format!("{name} has another {part} here than in `{other}`, which this study confirms");
+        let help = "`include` the study, and change nothing but the seeds and what is left out";
+        Some(self.sources.error(span, "confirms", message).help(help))
+    }
+}
+
+/// What combinations are made of.
+const PARTS: [&str; 3] = ["environment", "agent", "protocol"];
+
+/// Combinations and entries of `prepare` in words, each with hashes of its parts. What a part takes from others is
+/// known by its name there.
+fn combinations(study: &Study) -> impl Iterator<Item = (String, [String; 3])> {
+    study.cells.iter().filter_map(|cell| {
+        let name = match cell.place {
+            Place::Combination(environment, agent) => {
+                format!(
+                    "`{}` in `{}`",
+                    study.agents.get(agent)?,
+                    study.environments.get(environment)?
+                )
+            }
+            Place::Prepared(index) => format!("`{}`", study.prepared.get(index)?),
+            Place::Tried(_) | Place::Leading(..) => return None,
+        };
+        let setting = if cell.setting.is_empty() {
+            String::new()
+        } else {
+            format!(" ({})", cell.setting)
+        };
+        let hash = |resolved: &Resolved| {
+            let part = Part::clone(&resolved.part);
+            let products = BTreeMap::new();
+            Part { products, ..part }.id()
+        };
+        Some((name + &setting, cell.parts.each_ref().map(|part| hash(part))))
+    })
+}
+
+/// True where a table has all published values of another one, within the same margin.
+fn has_values(table: &TableSpec, of: &TableSpec) -> bool {
+    is_within(&json!(of.published), &json!(table.published)) && of.margin == table.margin
+}
+
+/// True where every value of one mapping stands in the other one, too.
+fn is_within(one: &Value, other: &Value) -> bool {
+    match (one, other) {
+        (Value::Object(one), Value::Object(other)) => one
+            .iter()
+            .all(|(key, value)| other.get(key).is_some_and(|other| is_within(value, other))),
+        _ => one == other,
+    }
 }
 
 /// True where the words of both are the same, and so is the environment, or one of those of the first.

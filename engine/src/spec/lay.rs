@@ -7,6 +7,9 @@ use crate::{
     schema_check::View,
 };
 
+/// The key that takes blocks.
+pub const TAKE: &str = "<<";
+
 /// Lays `over` on `under`. Mappings are merged key by key, everything else is replaced. Where the schema
 /// asks for one key of several (a plugin, a sampler), another key takes the place of the first.
 pub fn lay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
@@ -28,7 +31,12 @@ pub fn lay(under: &mut Node, over: Node, place: Option<&View<'_>>) {
 
 fn lay_entry(mine: &mut Vec<Entry>, entry: Entry, place: Option<&View<'_>>) {
     let below = place.and_then(|place| below(place, &entry.key));
-    if takes_away(&entry.value, below.as_ref()) && mine.iter().any(|known| known.key == entry.key) {
+    let has_blocks = mine.iter().any(|known| known.key == TAKE);
+    // What a block has under the key comes later, and is taken away then.
+    if !has_blocks
+        && takes_away(&entry.value, below.as_ref())
+        && mine.iter().any(|known| known.key == entry.key)
+    {
         mine.retain(|known| known.key != entry.key);
         return;
     }
@@ -38,6 +46,16 @@ fn lay_entry(mine: &mut Vec<Entry>, entry: Entry, place: Option<&View<'_>>) {
             lay(&mut known.value, entry.value, below.as_ref());
         }
         None => mine.push(entry),
+    }
+}
+
+/// Takes away the keys that have no value where some is wanted.
+pub fn without_nothing(node: &mut Node, place: Option<&View<'_>>) {
+    if let Kind::Mapping(entries) = &mut node.kind {
+        entries.retain(|entry| {
+            let below = place.and_then(|place| below(place, &entry.key));
+            !takes_away(&entry.value, below.as_ref())
+        });
     }
 }
 
@@ -135,6 +153,16 @@ mod tests {
         );
         // What is not there cannot be taken away: the check says what is missing.
         let whole = json!({"tables": {"u": {}, "v": null}, "agents": {"c": {"walker": {}}}});
+        assert_eq!(node.to_value(), whole);
+    }
+
+    #[test]
+    fn what_a_block_has_is_taken_away_when_it_is_there() {
+        let node = laid(
+            "{agents: {c: {walker: {<<: b, direction: left}}}}",
+            "{agents: {c: {walker: {direction: ~}}}}",
+        );
+        let whole = json!({"agents": {"c": {"walker": {"<<": "b", "direction": null}}}});
         assert_eq!(node.to_value(), whole);
     }
 

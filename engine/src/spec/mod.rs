@@ -217,7 +217,8 @@ pub fn load_text(
 ) -> Result<Study, Vec<Diagnostic>> {
     let mut sources = Sources::default();
     let (study, root) = load_alone(text, name, folder, registry, options, &mut sources)?;
-    let confirms = confirms::read(&root, &study, registry, &sources, options).map_err(in_order)?;
+    let file = folder.join(Path::new(name).file_name().unwrap_or_default());
+    let confirms = confirms::read((&root, &file), &study, registry, &sources, options).map_err(in_order)?;
     Ok(Study { confirms, ..study })
 }
 
