@@ -1,5 +1,6 @@
 //! The schema of a study for editors. `check` sees a study after includes and blocks are in their places; an editor
-//! sees what is written, where any mapping may take blocks with `<<` and so lack what is required of it.
+//! sees what is written, where any mapping may take blocks with `<<` and so lack what is required of it, and any key
+//! may stand without a value, which takes away what is included under it.
 
 use serde_json::{Map, Value, json};
 
@@ -34,6 +35,7 @@ fn loosen(schema: &mut Value) {
                 keys.insert("anyOf".into(), variants);
             }
             if is_mapping(keys) {
+                allow_nothing(keys);
                 take(keys);
             }
         }
@@ -44,6 +46,35 @@ fn loosen(schema: &mut Value) {
 /// True for the schema of a mapping, false for a mapping of schemas.
 fn is_mapping(keys: &Map<String, Value>) -> bool {
     keys.get("type") == Some(&json!("object"))
+}
+
+/// Allows keys of a mapping without a value.
+fn allow_nothing(keys: &mut Map<String, Value>) {
+    let named = keys.get_mut("properties").and_then(Value::as_object_mut);
+    named.into_iter().flat_map(Map::values_mut).for_each(or_nothing);
+    keys.get_mut("additionalProperties")
+        .into_iter()
+        .for_each(or_nothing);
+}
+
+/// Allows `null` beside what a schema allows.
+fn or_nothing(schema: &mut Value) {
+    let Some(keys) = schema.as_object_mut().filter(|keys| !keys.is_empty()) else {
+        return;
+    };
+    let nothing = json!({ "type": "null" });
+    if let Some(Value::Array(ways)) = keys.get_mut("anyOf") {
+        ways.push(nothing);
+        return;
+    }
+    // What editors show of a key stays where they look for it.
+    let shown = ["description", "default"];
+    let mut around: Map<String, Value> = shown
+        .into_iter()
+        .filter_map(|key| Some((key.to_owned(), keys.remove(key)?)))
+        .collect();
+    around.insert("anyOf".into(), json!([std::mem::take(keys), nothing]));
+    *schema = around.into();
 }
 
 /// Allows `<<` in a mapping, which may hold what else is required.
@@ -78,7 +109,7 @@ mod tests {
         let strict = json!({
             "type": "object", "required": ["study"], "additionalProperties": false,
             "properties": {
-                "study": { "type": "string" },
+                "study": { "type": "string", "description": "Its name." },
                 "agents": { "type": "object", "minProperties": 2, "maxProperties": 2,
                     "propertyNames": { "pattern": "^a" }, "additionalProperties": { "oneOf": [{ "const": 1 }] } },
             },
@@ -90,7 +121,12 @@ mod tests {
             loose["allOf"],
             json!([{ "anyOf": [{ "required": ["study"] }, { "required": ["<<"] }, { "required": ["include"] }] }])
         );
-        let agents = &loose["properties"]["agents"];
+        let nothing = json!({ "type": "null" });
+        assert_eq!(
+            loose["properties"]["study"],
+            json!({ "description": "Its name.", "anyOf": [{ "type": "string" }, nothing] })
+        );
+        let agents = &loose["properties"]["agents"]["anyOf"][0];
         assert_eq!(
             (&agents["minProperties"], &agents["maxProperties"]),
             (&json!(1), &json!(3))
@@ -101,7 +137,7 @@ mod tests {
         );
         assert_eq!(
             agents["additionalProperties"],
-            json!({ "anyOf": [{ "const": 1 }] })
+            json!({ "anyOf": [{ "const": 1 }, nothing] })
         );
         assert!(loose.get("required").is_none() && loose["additionalProperties"] == json!(false));
     }
