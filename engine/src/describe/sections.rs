@@ -241,7 +241,8 @@ claims: [learner.return > elsewhere.return in short]",
         "a claim with what is known of it",
         "claims:
   - { claim: learner.return >= 1.15 * rule.return in short, about: the abstract, why: printed there }
-  - { claim: auc(learner.return) > rule.return, exploratory: true }",
+  - { claim: auc(learner.return) > rule.return, exploratory: true }
+  - { claim: learner.return > rule.return, matters: 0.5, why: half a step }",
     ),
     example(
         "limits",

@@ -391,6 +391,10 @@ impl ClaimLine {
             .calibrated_on
             .as_ref()
             .map(|on| format!("calibrated: {on}"));
+        let matters = self
+            .spec
+            .matters
+            .map(|matters| format!("differences of less than {matters} do not matter"));
         let why = (!self.spec.why.is_empty()).then(|| self.spec.why.clone());
         let unplanned = self.seen_at.map(unplanned_look_in_words);
         let found = match &self.verdict {
@@ -399,7 +403,11 @@ impl ClaimLine {
         };
         found
             .into_iter()
-            .chain([unplanned, exploratory, calibrated, why].into_iter().flatten())
+            .chain(
+                [unplanned, exploratory, calibrated, matters, why]
+                    .into_iter()
+                    .flatten(),
+            )
             .collect()
     }
 }
@@ -526,7 +534,7 @@ fn hold(
     values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
     imported: &dyn Fn(&Operand) -> bool,
 ) -> ClaimVerdict {
-    let verdict = evaluate(claim, values, imported, looks);
+    let verdict = evaluate(claim, spec.matters, values, imported, looks);
     let untrained: BTreeSet<&str> = trials
         .iter()
         .filter(|trial| trial.updates() == Some(0.0))

@@ -123,8 +123,12 @@ impl Passed {
     /// True where the seeds decide it, either way.
     #[must_use]
     pub fn is_decided(&self) -> bool {
-        let holds = [Verdict::Reproduced.word(), ClaimOutcome::Supported.word()];
-        self.differs() || holds.contains(&self.verdict.as_str())
+        let settled = [
+            Verdict::Reproduced.word(),
+            ClaimOutcome::Supported.word(),
+            ClaimOutcome::Equivalent.word(),
+        ];
+        self.differs() || settled.contains(&self.verdict.as_str())
     }
 }
 
@@ -265,7 +269,7 @@ mod tests {
         assert_eq!(those(Passed::differs), ["DIFFERS", "REFUTED"]);
         assert_eq!(
             those(Passed::is_decided),
-            ["REPRODUCED", "DIFFERS", "SUPPORTED", "REFUTED"]
+            ["REPRODUCED", "DIFFERS", "SUPPORTED", "REFUTED", "EQUIVALENT"]
         );
         let judged = those(Passed::is_judged);
         let open = ["INCONCLUSIVE", "FAILED", "NOT READ", "NOT MADE"];

@@ -121,7 +121,9 @@ impl<'a> View<'a> {
         }
     }
 
-    fn is_mapping(&self) -> bool {
+    /// True where a mapping is allowed.
+    #[must_use]
+    pub fn is_mapping(&self) -> bool {
         self.types().contains(&"object") || self.types().is_empty()
     }
 

@@ -18,6 +18,12 @@ pub struct ClaimSpec {
     /// Why its margin or factor is what it is; empty where absent.
     #[serde(default)]
     pub why: String,
+    /// The smallest difference between the two sides that matters, in their unit, of a claim with `>`, `>=`, `<` or `<=`.
+    /// Where the seeds show no direction and the whole interval is smaller, the verdict is EQUIVALENT. Any difference
+    /// matters where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub matters: Option<f64>,
     /// What was chosen with the claim in view; that it holds then says nothing, and its verdict is
     /// CALIBRATED.
     #[serde(default)]

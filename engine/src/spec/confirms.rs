@@ -196,7 +196,7 @@ impl Confirming<'_> {
         let error = |(_, index): (&ClaimSpec, usize)| {
             let span = items.get(index).map_or(self.root.span, |it| it.span);
             let message = "no study that this one confirms makes this claim";
-            let help = "write it as it stands there, or say `exploratory: true`";
+            let help = "write it as it stands there, with no larger `matters`, or say `exploratory: true`";
             let error = self.sources.error(span, &format!("claims[{index}]"), message);
             error.help(help)
         };
@@ -293,9 +293,11 @@ fn is_within(one: &Value, other: &Value) -> bool {
     }
 }
 
-/// True where the words of both are the same, and so is the environment, or one of those of the first.
+/// True where the words of both are the same, so is the environment, or one of those of the first, and no larger
+/// difference is passed over. What matters may be said where nothing was: of seeds that were not seen it is said before.
 fn is_same(of_other: &ClaimSpec, claim: &ClaimSpec) -> bool {
     let words = |it: &ClaimSpec| it.claim.split_whitespace().collect::<Vec<_>>().join(" ");
     let place_fits = of_other.environment.is_none() || of_other.environment == claim.environment;
-    words(of_other) == words(claim) && place_fits
+    let is_as_strict = |own: f64| of_other.matters.is_none_or(|theirs| own <= theirs);
+    words(of_other) == words(claim) && place_fits && claim.matters.is_none_or(is_as_strict)
 }

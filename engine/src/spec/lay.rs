@@ -70,7 +70,9 @@ fn takes_away(over: &Node, place: Option<&View<'_>>) -> bool {
 
 /// The schema of the values under a key; `None` where it is not known.
 pub fn below<'a>(place: &View<'a>, key: &str) -> Option<View<'a>> {
-    place.alternatives().iter().find_map(|place| place.property(key))
+    let places = place.alternatives();
+    let mut mappings = places.iter().filter(|place| place.is_mapping());
+    mappings.find_map(|place| place.property(key))
 }
 
 /// True where a mapping has one key of several: a plugin, or a variant of an enum.
@@ -154,6 +156,16 @@ mod tests {
         // What is not there cannot be taken away: the check says what is missing.
         let whole = json!({"tables": {"u": {}, "v": null}, "agents": {"c": {"walker": {}}}});
         assert_eq!(node.to_value(), whole);
+    }
+
+    #[test]
+    fn a_published_value_of_one_cell_is_taken_away() {
+        let node = laid(
+            "{tables: {t: {published: {a: {x: 1, y: 2}, b: {x: {value: 3}}}}}}",
+            "{tables: {t: {published: {a: {y: ~}, b: {x: ~}}}}}",
+        );
+        let published = json!({"a": {"x": 1}, "b": {}});
+        assert_eq!(node.to_value()["tables"]["t"]["published"], published);
     }
 
     #[test]

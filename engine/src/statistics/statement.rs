@@ -2,7 +2,7 @@
 //!
 //! A published value ("the mean lies within the margin") and a claim ("the difference is above 0") are both
 //! statements that a number lies in a [`Region`]. The interval of the number decides: inside the region the
-//! statement holds, outside it fails, across an edge it is open. Where looks were planned ([`Design`]), the
+//! statement holds, outside it fails, across an edge it is open, unless the whole interval differs too little to matter. Where looks were planned ([`Design`]), the
 //! interval of look `k` is the repeated confidence interval of Jennison and Turnbull (1989,
 //! doi:10.1111/j.2517-6161.1989.tb01440.x): its nominal level is that of the look, and the first look that
 //! decides is final, whatever the seeds say that other statements ask for afterwards.
@@ -158,6 +158,8 @@ pub struct Look {
     pub evidence: Evidence,
     /// The values for which the statement holds.
     pub region: Region,
+    /// The values that differ too little to matter; `None` where any difference does.
+    pub alike: Option<Region>,
     /// True where seeds make no difference, so that a few of them tell as much as many. Equal seeds alone do not say
     /// so: counts and outcomes of 0 and 1 are equal by chance.
     pub deterministic: bool,
@@ -181,7 +183,9 @@ pub enum Outcome {
     Holds,
     /// The whole interval lies outside.
     Fails,
-    /// The interval crosses an edge, or there are too few seeds.
+    /// The interval crosses an edge, and the whole of it differs too little to matter.
+    Alike,
+    /// The interval crosses an edge and is wide enough to matter, or there are too few seeds.
     Open,
 }
 
@@ -249,7 +253,16 @@ impl Look {
             );
         }
         let interval = self.evidence.interval(nominal);
-        interval.map_or(Outcome::Open, |interval| self.region.outcome(interval))
+        interval.map_or(Outcome::Open, |interval| self.outcome_by(interval))
+    }
+
+    /// One interval decides whether the statement holds, whether it fails and whether it matters, so that the three
+    /// err together no more often than the interval.
+    fn outcome_by(&self, interval: Interval) -> Outcome {
+        match self.region.outcome(interval) {
+            Outcome::Open if self.alike.is_some_and(|alike| alike.holds(interval)) => Outcome::Alike,
+            outcome => outcome,
+        }
     }
 }
 
@@ -297,6 +310,7 @@ mod tests {
             deterministic: estimate.has_no_spread(),
             evidence: Evidence::Mean(estimate),
             region,
+            alike: None,
         }
     }
 
@@ -375,12 +389,39 @@ mod tests {
         assert_eq!(fixed(&[50.0], region).decide().outcome, Outcome::Open);
     }
 
+    /// Mean 0.1 with a standard error of 0.2 over five seeds: the 90 % interval is 0.1 -+ 2.132 * 0.2.
+    #[test]
+    fn what_crosses_an_edge_may_differ_too_little_to_matter() {
+        let sd = 0.2 * 5f64.sqrt();
+        let values: Vec<f64> = [-1.264_911, -0.632_456, 0.0, 0.632_456, 1.264_911]
+            .map(|z| 0.1 + sd * z)
+            .into();
+        let above = Region {
+            low: 0.0,
+            high: f64::INFINITY,
+            closed: false,
+        };
+        let outcome = |shift: f64, matters: Option<f64>| {
+            let moved: Vec<f64> = values.iter().map(|value| value + shift).collect();
+            let mut statement = fixed(&moved, above);
+            statement.looks[0].alike = matters.map(|it| Region::between(-it, it));
+            statement.decide().outcome
+        };
+        assert_eq!(outcome(0.0, None), Outcome::Open);
+        assert_eq!(outcome(0.0, Some(0.52)), Outcome::Open);
+        assert_eq!(outcome(0.0, Some(0.53)), Outcome::Alike);
+        // What is ahead is ahead, be it by little.
+        assert_eq!(outcome(0.4, Some(2.0)), Outcome::Holds);
+        assert_eq!(outcome(-0.6, Some(2.0)), Outcome::Fails);
+    }
+
     /// Three seeds of three give 97.5 % limits of 0.2924 and 1.
     #[test]
     fn shares_are_decided_by_exact_intervals() {
         let share = |low: f64| Look {
             evidence: Evidence::Share(Share { successes: 3, n: 3 }),
             region: Region::between(low, 1.0),
+            alike: None,
             deterministic: false,
         };
         let outcome = |low| {
@@ -400,6 +441,7 @@ mod tests {
                 high: f64::INFINITY,
                 closed: false,
             },
+            alike: None,
             deterministic: false,
         };
         assert_eq!(

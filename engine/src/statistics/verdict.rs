@@ -85,7 +85,8 @@ impl Verdict {
         match outcome {
             Outcome::Holds => Verdict::Reproduced,
             Outcome::Fails => Verdict::Differs,
-            Outcome::Open => Verdict::Inconclusive,
+            // A published value has one band, inside which it counts as reproduced.
+            Outcome::Alike | Outcome::Open => Verdict::Inconclusive,
         }
     }
 }
@@ -388,6 +389,7 @@ fn look(reference: &Reference, values: &[f64], is_share: bool) -> Look {
     Look {
         evidence,
         region,
+        alike: None,
         deterministic,
     }
 }
@@ -419,7 +421,10 @@ pub fn more_seeds(look: &Look, alpha: f64) -> Option<u32> {
         _ if look.evidence.n() < 2 => Some(missing),
         it if it.has_no_spread() && !look.deterministic => (missing > 0).then_some(missing),
         Evidence::Mean(estimate) => {
-            let more = estimate.more_seeds_for_power(look.region.room(estimate.value), alpha, POWER);
+            let rooms = [Some(look.region), look.alike].into_iter().flatten();
+            let more = rooms
+                .filter_map(|it| estimate.more_seeds_for_power(it.room(estimate.value), alpha, POWER))
+                .min();
             more.map(|more| more.max(missing))
                 .or((missing > 0).then_some(missing))
         }

@@ -14,6 +14,9 @@
 //! `within N %` of a metric is decided by the same two tests of the left side against both edges, `1 - N / 100`
 //! and `1 + N / 100` times the right side, whose seeds move the edges too.
 //!
+//! Where a study says which difference matters, a claim of a direction whose whole interval is smaller is EQUIVALENT
+//! if it holds both directions: neither side is ahead by as much as that.
+//!
 //! A direction is decided by the 95 % interval of the difference, `within` by the two one-sided tests of a
 //! published value (90 % interval, as in [`verdict`]); where looks are planned, by the repeated interval of
 //! the look.
@@ -42,6 +45,8 @@ pub enum ClaimOutcome {
     Supported,
     /// The whole interval is on the other side.
     Refuted,
+    /// The interval is on both sides, and the whole of it smaller than what matters.
+    Equivalent,
     /// The interval is on both sides, or there are too few seeds.
     Inconclusive,
     /// It rests on a published value that was used to choose a setting.
@@ -54,9 +59,10 @@ pub enum ClaimOutcome {
 
 impl ClaimOutcome {
     /// All of them, in the order in which they are counted.
-    pub const ALL: [ClaimOutcome; 6] = [
+    pub const ALL: [ClaimOutcome; 7] = [
         ClaimOutcome::Supported,
         ClaimOutcome::Refuted,
+        ClaimOutcome::Equivalent,
         ClaimOutcome::Inconclusive,
         ClaimOutcome::Calibrated,
         ClaimOutcome::NotTrained,
@@ -69,6 +75,7 @@ impl ClaimOutcome {
         match self {
             ClaimOutcome::Supported => "SUPPORTED",
             ClaimOutcome::Refuted => "REFUTED",
+            ClaimOutcome::Equivalent => "EQUIVALENT",
             ClaimOutcome::Inconclusive => "INCONCLUSIVE",
             ClaimOutcome::Calibrated => "CALIBRATED",
             ClaimOutcome::NotTrained => "NOT TRAINED",
@@ -81,7 +88,10 @@ impl ClaimOutcome {
     pub fn is_judged(self) -> bool {
         matches!(
             self,
-            ClaimOutcome::Supported | ClaimOutcome::Refuted | ClaimOutcome::Inconclusive
+            ClaimOutcome::Supported
+                | ClaimOutcome::Refuted
+                | ClaimOutcome::Equivalent
+                | ClaimOutcome::Inconclusive
         )
     }
 
@@ -91,6 +101,7 @@ impl ClaimOutcome {
         match outcome {
             Outcome::Holds => ClaimOutcome::Supported,
             Outcome::Fails => ClaimOutcome::Refuted,
+            Outcome::Alike => ClaimOutcome::Equivalent,
             Outcome::Open => ClaimOutcome::Inconclusive,
         }
     }
@@ -157,20 +168,22 @@ impl ClaimVerdict {
 }
 
 /// Holds `claim` against what `values` gives for each of its operands: one value per seed, `None` where there
-/// is none. `imported` says which operands are runs of others, to which no seed can be added.
+/// is none. `imported` says which operands are runs of others, to which no seed can be added. Differences between
+/// the two sides of a direction that are smaller than `matters` do not matter.
 ///
 /// The claim's environment is for `values` to respect. Values that are not finite leave the claim
 /// inconclusive.
 #[must_use]
 pub fn evaluate(
     claim: &Claim,
+    matters: Option<f64>,
     values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
     imported: &dyn Fn(&Operand) -> bool,
     seeds: &Seeds,
 ) -> ClaimVerdict {
     let side = |quantity| Side::of(quantity, values, imported);
     match (side(&claim.left), side(&claim.right)) {
-        (Some(left), Some(right)) => judge(claim.relation, &left, &right, seeds),
+        (Some(left), Some(right)) => judge(claim.relation, matters, &left, &right, seeds),
         _ => ClaimVerdict::without(ClaimOutcome::NotRun),
     }
 }
@@ -426,11 +439,13 @@ impl Compared {
         }
     }
 
-    fn look(&self, relation: Relation) -> Look {
+    fn look(&self, relation: Relation, matters: Option<f64>) -> Look {
         let region = self.region(region(relation, self.right_mean));
+        let alike = matters.map(|matters| self.region(Region::between(-matters, matters)));
         Look {
             evidence: self.evidence.clone(),
             region,
+            alike,
             deterministic: self.has_no_spread,
         }
     }
@@ -456,8 +471,8 @@ fn region(relation: Relation, right_mean: f64) -> Region {
     Region { low, high, closed }
 }
 
-fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimVerdict {
-    let is_direction = !matches!(relation, Relation::Within(_) | Relation::WithinPercent(_));
+fn judge(relation: Relation, matters: Option<f64>, left: &Side, right: &Side, seeds: &Seeds) -> ClaimVerdict {
+    let is_direction = relation.is_direction();
     let compared: Vec<Compared> = seeds
         .limits()
         .into_iter()
@@ -470,7 +485,7 @@ fn judge(relation: Relation, left: &Side, right: &Side, seeds: &Seeds) -> ClaimV
         };
     }
     let statement = Statement {
-        looks: compared.iter().map(|it| it.look(relation)).collect(),
+        looks: compared.iter().map(|it| it.look(relation, matters)).collect(),
         design: seeds.design.clone(),
         alpha: if is_direction {
             ALPHA_OF_DIRECTION

@@ -258,6 +258,14 @@ pub enum Relation {
     Within(f64),
 }
 
+impl Relation {
+    /// True where one side is said to be ahead.
+    #[must_use]
+    pub fn is_direction(self) -> bool {
+        !matches!(self, Relation::Within(_) | Relation::WithinPercent(_))
+    }
+}
+
 impl fmt::Display for Relation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
