@@ -46,6 +46,26 @@ fn report(bench: &Bench) -> String {
 }
 
 #[test]
+fn a_difference_too_small_to_matter_is_decided_and_costs_no_more_seeds() {
+    let bench = Bench::new();
+    let open = "  - observed.cycle_length > 158\n";
+    let alike = "  - { claim: observed.cycle_length > 158, matters: 60, why: a third of a cycle }\n";
+    assert!(STUDY.contains(open));
+    bench.write("looks.yaml", &STUDY.replace(open, alike));
+    let said = bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one"]);
+    assert!(seeds(&bench, "one").values().all(|seeds| *seeds == 3), "{said}");
+    let report = report(&bench);
+    for text in [&said, &report] {
+        assert!(text.contains("EQUIVALENT"), "{text}");
+    }
+    let verdicts = std::fs::read_to_string(bench.path("results/looks/verdicts.json")).unwrap();
+    let verdicts: serde_json::Value = serde_json::from_str(&verdicts).unwrap();
+    assert_eq!(verdicts["judged"], verdicts["decided"], "{verdicts}");
+    let overview = bench.ok(&["overview", "results", "--open"]);
+    assert!(!overview.contains("observed.cycle_length"), "{overview}");
+}
+
+#[test]
 fn what_is_decided_stops_costing_and_what_is_open_goes_on() {
     let bench = Bench::new();
     bench.write("looks.yaml", STUDY);

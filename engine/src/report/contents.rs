@@ -314,10 +314,10 @@ fn make_table(spec: &TableSpec, study: &StudyInfo, results: &Results) -> Result<
 }
 
 impl ClaimLine {
-    /// About how many fresh seeds would decide a claim that is open and has no design with looks.
+    /// About how many fresh seeds would decide a claim that is open and has no look left.
     pub(super) fn seeds_to_decide(&self) -> Option<u32> {
         let claim = self.verdict.as_ref().ok()?;
-        let open = claim.verdict == ClaimOutcome::Inconclusive && claim.stage.is_none();
+        let open = claim.verdict == ClaimOutcome::Inconclusive;
         let more = claim.more_seeds.filter(|_| open)?;
         u32::try_from(claim.n).ok().map(|n| n + more)
     }
@@ -420,7 +420,7 @@ fn notes_of(claim: &ClaimVerdict) -> Vec<String> {
         .map(|stage| stage.phrase(open));
     let more = claim
         .more_seeds
-        .filter(|_| open)
+        .filter(|_| open && claim.stage.is_none())
         .map(verdict::more_seeds_in_words);
     claim.notes.iter().cloned().chain(stage).chain(more).collect()
 }

@@ -32,7 +32,7 @@ pub struct StillOpen {
     pub about: String,
     /// The word of the verdict.
     pub verdict: String,
-    /// What would decide it; `None` where no affordable number of seeds would, or a design has had its last look.
+    /// What would decide it; `None` where no affordable number of seeds would, or a design has looks left.
     pub would_decide: Option<Effort>,
 }
 
@@ -212,7 +212,7 @@ pub(super) fn sheet(open: &[StillOpen]) -> Option<Sheet> {
         rows: open.iter().map(row).collect(),
         notes: vec![
             "So many seeds that nobody has seen (`seeds: 100-139`, in a study that `confirms` this one) would decide with a probability of 80 %, if mean and \
-             spread stay as they are; – where no affordable number would, where a design has had its last look, and \
+             spread stay as they are; – where no affordable number would, where a design has looks left, and \
              where that is not known. Fewer that are added to those of a study would do, too, were they not added \
              because of what was seen. Times are those of trials, each on one core, with what they take from others; \
              one seed may serve several lines."

@@ -586,6 +586,28 @@ fn what_was_thought_of_later_is_counted_apart_and_asks_for_no_seeds() {
 }
 
 #[test]
+fn what_differs_too_little_to_matter_is_decided_and_asks_for_no_seeds() {
+    let results = two_agents([1.0, -1.0, 0.5, -0.5, 0.1], |_, _| {});
+    let line = |matters| ClaimSpec {
+        matters: Some(matters),
+        ..claim("dsac.cycle_length > equal.cycle_length")
+    };
+    let held = |matters| Contents::of(&one_environment(vec![line(matters)], published(11.0)), &results);
+    let [wide, narrow] = [2.0, 0.5].map(held);
+    assert_eq!(wide.outcomes(false), [("EQUIVALENT", 1)]);
+    assert_eq!(narrow.outcomes(false), [("INCONCLUSIVE", 1)]);
+    assert_eq!(
+        (wide.open().len() + 1, wide.contradicts()),
+        (narrow.open().len(), false)
+    );
+    assert!(
+        wide.claims[0]
+            .notes()
+            .contains(&"differences of less than 2 do not matter".to_owned())
+    );
+}
+
+#[test]
 fn an_agent_beside_itself_is_not_judged() {
     let comparison = Comparison {
         value: "cycle_length".into(),

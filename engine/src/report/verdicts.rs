@@ -65,8 +65,8 @@ pub struct Passed {
     /// What was found out about why it differs or is refuted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
-    /// Where it is open, about what would decide it; `None` where no affordable number of seeds would, and of
-    /// designs with looks, which say themselves when to go on.
+    /// Where it is open, about what would decide it; `None` where no affordable number of seeds would, and where a design
+    /// has looks left, which says itself when to go on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub would_decide: Option<Effort>,
 }
@@ -242,7 +242,8 @@ fn of_claim(line: &ClaimLine, results: &Results) -> Passed {
 
 /// About how many fresh seeds would decide a published value that is open.
 fn seeds_to_decide(judgement: &Judgement) -> Option<u32> {
-    let open = judgement.verdict == Verdict::Inconclusive && judgement.stage.is_none();
+    let is_last = judgement.stage.is_none_or(|stage| stage.is_last());
+    let open = judgement.verdict == Verdict::Inconclusive && is_last;
     let more = judgement.more_seeds.filter(|_| open)?;
     u32::try_from(judgement.n).ok().map(|n| n + more)
 }

@@ -186,6 +186,12 @@ impl Stage {
         })
     }
 
+    /// True where no look is left.
+    #[must_use]
+    pub fn is_last(&self) -> bool {
+        self.look == self.of
+    }
+
     /// The stage as a phrase.
     #[must_use]
     pub fn phrase(&self, open: bool) -> String {
@@ -193,7 +199,7 @@ impl Stage {
         match (look, open) {
             (0, _) => format!("the first of {of} looks is not complete"),
             (_, false) => format!("decided at look {look} of {of}, with {seeds} seeds"),
-            (_, true) if look == of => format!("open after the last of {of} looks"),
+            (_, true) if self.is_last() => format!("open after the last of {of} looks"),
             (_, true) => format!("open at look {look} of {of}, with {seeds} seeds; `run` adds seeds"),
         }
     }

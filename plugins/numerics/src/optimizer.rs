@@ -270,8 +270,8 @@ fn descend(rates: &Rates, x: &mut [f32], gradient: &[f32], first: &mut Vec<f32>,
 }
 
 /// Zero for what is below the smallest normal number. The moments of a unit that is never active again halve and halve,
-/// and then stay: 0.9 times a few of the smallest numbers there are is rounded to as many. A processor takes twenty times as
-/// long for each of them, and no parameter is moved by one.
+/// and then stay: 0.9 times a few of the smallest numbers there are is rounded to as many. A processor takes some
+/// thirty times as long for each of them (23 against 0.7 ns), and no parameter is moved by one.
 fn normal_or_zero(moment: f32) -> f32 {
     if moment.abs() < f32::MIN_POSITIVE {
         0.0

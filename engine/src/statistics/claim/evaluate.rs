@@ -130,8 +130,8 @@ pub struct ClaimVerdict {
     pub interval: Option<Interval>,
     /// Permutation test of a difference of 0, for claims of a direction of which a side depends on the seed.
     pub permutation: Option<PermutationTest>,
-    /// About how many more seeds would decide with a power of 80 %, where that is open and an affordable
-    /// number would.
+    /// About how many more seeds would decide with a power of 80 %, were they not added because of what was seen, where
+    /// that is open, no look is left and an affordable number would.
     pub more_seeds: Option<u32>,
     /// Where in the design it stands; `None` where the number of seeds is fixed.
     pub stage: Option<Stage>,
@@ -496,7 +496,8 @@ fn judge(relation: Relation, matters: Option<f64>, left: &Side, right: &Side, se
     let decision = statement.decide();
     let taken = &compared[decision.look];
     let verdict = ClaimOutcome::of(decision.outcome);
-    let open = verdict == ClaimOutcome::Inconclusive && seeds.design.is_none();
+    let stage = Stage::of(seeds, Some(&decision));
+    let open = verdict == ClaimOutcome::Inconclusive && stage.is_none_or(|it| it.is_last());
     ClaimVerdict {
         verdict,
         adjusted: None,
@@ -510,7 +511,7 @@ fn judge(relation: Relation, matters: Option<f64>, left: &Side, right: &Side, se
         } else {
             None
         },
-        stage: Stage::of(seeds, Some(&decision)),
+        stage,
         notes: notes(taken),
         statement: Some(statement),
     }

@@ -304,6 +304,26 @@ fn shares_of_successes_are_no_means() {
     assert_eq!(claim("b.success < 0.1").verdict, ClaimOutcome::Inconclusive);
 }
 
+/// What fresh seeds would decide is of use where the plan has none left.
+#[test]
+fn a_design_says_how_many_seeds_would_decide_after_its_last_look() {
+    let design = Some(crate::statistics::spending::Design::new(vec![3, 6]));
+    let values = [1.0, 2.0, 9.0, -3.0, 4.0, 5.0];
+    let at = |complete| {
+        let seeds = Seeds {
+            design: design.clone(),
+            complete,
+            first: 0,
+        };
+        let of = |_: &Operand| Some((0..).zip(values).collect());
+        evaluate(&parse("a.x > 0").unwrap(), None, &of, &|_| false, &seeds)
+    };
+    let [first, last] = [1, 2].map(at);
+    assert_eq!([first.verdict, last.verdict], [ClaimOutcome::Inconclusive; 2]);
+    assert_eq!(first.more_seeds, None);
+    assert!(last.more_seeds.is_some_and(|more| more > 0), "{last:?}");
+}
+
 #[test]
 fn planned_looks_stop_at_the_first_decision() {
     let design = Some(crate::statistics::spending::Design::new(vec![3, 6, 9]));
