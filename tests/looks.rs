@@ -47,13 +47,16 @@ fn report(bench: &Bench) -> String {
 
 #[test]
 fn a_difference_too_small_to_matter_is_decided_and_costs_no_more_seeds() {
+    // Open after nine seeds where any difference matters.
     let bench = Bench::new();
     let open = "  - observed.cycle_length > 158\n";
     let alike = "  - { claim: observed.cycle_length > 158, matters: 60, why: a third of a cycle }\n";
     assert!(STUDY.contains(open));
     bench.write("looks.yaml", &STUDY.replace(open, alike));
     let said = bench.ok(&["run", "looks.yaml", "-j", "2", "--store", "one"]);
-    assert!(seeds(&bench, "one").values().all(|seeds| *seeds == 3), "{said}");
+    let expected =
+        [("equal", 3), ("known", 3), ("observed", 6), ("random", 3)].map(|(agent, n)| (agent.to_owned(), n));
+    assert_eq!(seeds(&bench, "one"), BTreeMap::from(expected));
     let report = report(&bench);
     for text in [&said, &report] {
         assert!(text.contains("EQUIVALENT"), "{text}");
