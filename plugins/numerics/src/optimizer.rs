@@ -341,7 +341,7 @@ mod tests {
     #[test]
     fn moments_that_fade_are_zero_and_move_no_parameter() {
         let gradient = |step: usize, at: usize| {
-            let ends = step >= 50 && at % 3 > 0;
+            let ends = step >= 50 && !at.is_multiple_of(3);
             if ends {
                 0.0
             } else {
