@@ -5,7 +5,10 @@ use super::{
     Passed, Verdicts, duration,
     sheet::{Entry, NONE, Sheet, Tone},
 };
-use crate::results::{CellName, Results, TrialResult};
+use crate::{
+    results::{CellName, Results, TrialResult},
+    statistics::ClaimOutcome,
+};
 use serde::{Deserialize, Serialize};
 use std::{
     cmp::Ordering,
@@ -84,6 +87,8 @@ pub struct Decided {
     pub decided: usize,
     /// Those of them that a study left open and another one decided, on other seeds.
     pub confirmed: usize,
+    /// Those that are decided as EQUIVALENT: neither side is ahead by as much as matters.
+    pub equivalent: usize,
 }
 
 impl Decided {
@@ -96,6 +101,7 @@ impl Decided {
             judged: questions.len(),
             decided: decided.len(),
             confirmed: decided.iter().filter(|it| it.lines.len() > 1).count(),
+            equivalent: decided.iter().filter(|it| it.is_equivalent()).count(),
         }
     }
 
@@ -106,7 +112,12 @@ impl Decided {
             judged,
             decided,
             confirmed,
+            equivalent,
         } = self;
+        let alike = match equivalent {
+            0 => String::new(),
+            some => format!("; EQUIVALENT are {some} of them"),
+        };
         let later = match confirmed {
             0 => String::new(),
             some => format!(", {some} of them by a later study, on seeds that the first one had not seen"),
@@ -116,7 +127,7 @@ impl Decided {
             _ => {
                 let percent = 100 * decided / judged;
                 format!(
-                    "{decided} of {judged} values and claims that are judged are decided ({percent} %){later}."
+                    "{decided} of {judged} values and claims that are judged are decided ({percent} %){later}{alike}."
                 )
             }
         }
@@ -143,6 +154,12 @@ impl Question<'_> {
         decided
             .next()
             .is_some_and(|first| decided.all(|other| other.differs() == first.differs()))
+    }
+
+    /// True where what decides it says that both sides are alike.
+    fn is_equivalent(&self) -> bool {
+        let mut decided = self.lines.iter().map(|it| it.passed).filter(|it| it.is_decided());
+        decided.all(|it| it.verdict == ClaimOutcome::Equivalent.word())
     }
 
     fn last(&self) -> &Line<'_> {
@@ -338,6 +355,15 @@ mod tests {
             "2 of 3 values and claims that are judged are decided (66 %)."
         );
         assert_eq!(Decided::of(&studies[1..]).in_words(), "Nothing is judged.");
+    }
+
+    #[test]
+    fn what_is_decided_as_alike_is_told_apart() {
+        let verdicts = ["SUPPORTED", "EQUIVALENT", "INCONCLUSIVE"].map(|word| passed("claim", word, None));
+        assert_eq!(
+            Decided::of(&[study("one", &verdicts)]).in_words(),
+            "2 of 3 values and claims that are judged are decided (66 %); EQUIVALENT are 1 of them."
+        );
     }
 
     /// `one` leaves two claims open, `two` puts both again and decides one, `three` puts the other one again.
