@@ -271,8 +271,8 @@ fn descend(rates: &Rates, x: &mut [f32], gradient: &[f32], first: &mut Vec<f32>,
 
 /// Zero for what is below the smallest normal number. The moments of a unit that is never active again halve and halve,
 /// and then stay: 0.9 times a few of the smallest numbers there are is rounded to as many. A processor takes some
-/// thirty times as long for each of them (23 against 0.7 ns), and by the
-/// epsilon in the denominator none of them moves a parameter that is larger than 1e-22.
+/// thirty times as long for each of them (23 against 0.7 ns), and by the epsilon in the denominator none of them moves a
+/// parameter that is larger than 1e-22.
 fn normal_or_zero(moment: f32) -> f32 {
     if moment.abs() < f32::MIN_POSITIVE {
         0.0
