@@ -41,8 +41,9 @@ wrong = [f"{path}: {problem}" for path, study in studies.items() for problem in 
 if wrong:
     sys.exit("\n".join(wrong))
 
-# The schema does hold: a misspelt key is refused, with blocks beside it and without, and so is a missing section.
-study = next(iter(studies.values()))
+# The schema does hold: a misspelt key is refused, with blocks beside it and without, and so is a missing section. Only a study that includes
+# no other has its sections in its own file.
+study = next(study for study in studies.values() if "include" not in study)
 for change in (
     lambda it: it["protocol"].update({"train_evaluat": {}}),
     lambda it: it["protocol"].update({"<<": "common", "train_evaluat": {}}),
