@@ -218,10 +218,11 @@ impl Replay {
 
     fn picked(&self, picked: &[usize]) -> Batch {
         let columns = |from: usize, count: usize| {
-            let values = picked
-                .iter()
-                .flat_map(|at| &self.rows.row(*at)[from..from + count]);
-            matrix(values.copied().collect(), count)
+            let mut values = Vec::with_capacity(picked.len() * count);
+            for at in picked {
+                values.extend_from_slice(&self.rows.row(*at)[from..from + count]);
+            }
+            matrix(values, count)
         };
         let (observed, acted, seats) = (self.n_observed, self.n_acted, self.n_seats());
         Batch {
