@@ -191,3 +191,48 @@ fn fewer_seeds_than_were_seen_are_marked() {
         "{text}"
     );
 }
+
+#[test]
+fn a_margin_that_is_changed_after_its_verdict_was_seen_makes_it_exploratory() {
+    let bench = Bench::new();
+    let study = STUDY.replace("{ min: 3, max: 9, looks: 3 }", "3");
+    bench.write("looks.yaml", &study);
+    bench.ok(&["run", "looks.yaml"]);
+    let verdicts = |bench: &Bench| -> serde_json::Value {
+        let text = std::fs::read_to_string(bench.path("results/looks/verdicts.json")).unwrap();
+        serde_json::from_str(&text).unwrap()
+    };
+    let before = verdicts(&bench);
+    assert_eq!(
+        (&before["judged"], &before["exploratory"]),
+        (&4.into(), &0.into())
+    );
+    // A wider margin, and a difference that is said to matter, both with results in view.
+    let open = "  - observed.cycle_length > 158\n";
+    let alike = "  - { claim: observed.cycle_length > 158, matters: 60, why: a third of a cycle }\n";
+    let changed = study.replace("absolute: 30", "absolute: 60").replace(open, alike);
+    bench.write("looks.yaml", &changed);
+    bench.ok(&["report", "looks.yaml"]);
+    let text = report(&bench);
+    for sentence in [
+        "2 verdicts are exploratory, since their margins were changed after they were seen.",
+        "exploratory: judged by a band from -120 to -60 when the verdict was first seen, which was changed afterwards",
+        "exploratory: judged by any difference when the verdict was first seen, which was changed afterwards",
+    ] {
+        assert!(text.contains(sentence), "{sentence}: {text}");
+    }
+    let after = verdicts(&bench);
+    assert_eq!(
+        (&after["judged"], &after["exploratory"]),
+        (&2.into(), &2.into()),
+        "{after}"
+    );
+    // As it was first, it counts as it did.
+    bench.write("looks.yaml", &study);
+    bench.ok(&["report", "looks.yaml"]);
+    assert_eq!(verdicts(&bench), before);
+    // Trials of other seeds know nothing of it.
+    bench.write("looks.yaml", &changed.replace("seeds: 3", "seeds: 10-12"));
+    bench.ok(&["run", "looks.yaml"]);
+    assert!(!report(&bench).contains("when the verdict was first seen"));
+}

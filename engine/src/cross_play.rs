@@ -142,6 +142,17 @@ impl<'a> Encounters<'a> {
             .collect()
     }
 
+    /// The same play between seeds below a number, as it was before the others had run.
+    #[must_use]
+    pub fn until(&self, limit: u64) -> Self {
+        // The seed of a meeting is the latest of those that meet.
+        let is_early = |(_, it): &&(_, &TrialResult)| it.trial.key.seed < limit;
+        Self {
+            trials: self.trials.iter().filter(is_early).copied().collect(),
+            ..self.clone()
+        }
+    }
+
     /// True where seeds meet others than their own.
     #[must_use]
     pub fn is_crossed(&self) -> bool {
@@ -285,39 +296,47 @@ pub(crate) mod tests {
         assert!(Encounters::of(&results, "tag").is_empty());
     }
 
-    /// The play where every seed of `a` as prey meets every seed of `b` as predators: 1 + a_i + b_j, with one
-    /// value left out.
-    fn all_meet_all(prey: [f64; 3], predators: [f64; 3], unrun: Option<(u64, u64)>) -> Results {
-        let trained = |agent: &str, seed| {
+    /// Trainings of `a` and `b`, which the members of [`crossed`] come from.
+    pub(crate) fn trained(n: u64) -> impl Iterator<Item = TrialResult> {
+        let one = |agent: &str, seed| {
             let mut result = trial("tag", agent, "", seed, &vec![(Phase::Final, 0, 0, "score", 0.0)]);
             result.trial_mut().id = format!("{agent}-{seed}");
             result
         };
-        let mut trials: Vec<TrialResult> = (0..3).flat_map(|k| [trained("a", k), trained("b", k)]).collect();
-        for (i, x) in (0..).zip(prey) {
-            for (j, y) in (0..).zip(predators) {
-                let mut met = encounter("a", "b", i.max(j), 1.0 + x + y);
+        (0..n).flat_map(move |seed| ["a", "b"].map(|agent| one(agent, seed)))
+    }
+
+    /// Meetings of every seed of one agent as prey with every seed of another as predators: 1 + a_i + b_j.
+    pub(crate) fn crossed([prey, predators]: [&str; 2], [a, b]: [&[f64]; 2]) -> Vec<TrialResult> {
+        let mut meetings = Vec::new();
+        for (i, x) in (0..).zip(a) {
+            for (j, y) in (0..).zip(b) {
+                let mut met = encounter(prey, predators, i.max(j), 1.0 + x + y);
                 if let Seating::Cast(cast) = std::sync::Arc::make_mut(&mut met.trial_mut().key.agent) {
-                    for (role, id) in [("prey", format!("a-{i}")), ("predators", format!("b-{j}"))] {
+                    for (role, id) in [
+                        ("prey", format!("{prey}-{i}")),
+                        ("predators", format!("{predators}-{j}")),
+                    ] {
                         cast.roles
                             .entry(role.into())
                             .and_modify(|member| member.trial = Some(id));
                     }
                 }
-                if unrun == Some((i, j)) {
-                    met.end = None;
-                }
-                trials.push(met);
+                meetings.push(met);
             }
         }
-        Results::of(trials)
+        meetings
     }
 
     #[test]
     fn a_seed_that_meets_all_stands_for_what_it_adds_on_both_sides() {
         let cast = [("prey", "a"), ("predators", "b")];
-        let of = |unrun| {
-            let results = all_meet_all([0.0, 3.0, 6.0], [-1.0, 0.0, 1.0], unrun);
+        let of = |unrun: Option<usize>| {
+            let mut meetings = crossed(["a", "b"], [&[0.0, 3.0, 6.0], &[-1.0, 0.0, 1.0]]);
+            if let Some(index) = unrun {
+                meetings[index].end = None;
+            }
+            let results = Results::of(trained(3).chain(meetings).collect());
             let encounters = Encounters::of(&results, "pursuit");
             assert!(encounters.is_crossed());
             encounters.by_seed(&cast, "score")
@@ -325,6 +344,6 @@ pub(crate) mod tests {
         // mu + a_k + b_k of an additive table, whose mean is that of the nine values.
         assert_eq!(of(None), BTreeMap::from([(0, 0.0), (1, 4.0), (2, 8.0)]));
         // Both who should have met there are left out, and the third met itself alone.
-        assert_eq!(of(Some((0, 1))), BTreeMap::from([(2, 8.0)]));
+        assert_eq!(of(Some(1)), BTreeMap::from([(2, 8.0)]));
     }
 }

@@ -16,10 +16,7 @@ use crate::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    sync::Arc,
-};
+use std::{collections::BTreeMap, sync::Arc};
 
 /// The metric of agents that learn: the number of updates made so far. Agents that do not learn record none.
 pub const UPDATES: &str = "updates";
@@ -409,6 +406,13 @@ impl Results {
         }
     }
 
+    /// The number below which seeds count, for each look that the study plans; none where their number is fixed.
+    #[must_use]
+    pub fn limits(&self) -> Vec<u64> {
+        let looks = self.design.iter().flat_map(Design::looks);
+        looks.map(|most| self.first_seed + u64::from(*most)).collect()
+    }
+
     /// Which seeds of some trials a statement may be decided on: those of looks for which every trial has
     /// ended. One that was killed from outside has not: it runs again.
     #[must_use]
@@ -416,17 +420,18 @@ impl Results {
         let Some(design) = &self.design else {
             return Seeds::default();
         };
-        let mut ended: BTreeMap<CellName, BTreeSet<u64>> = BTreeMap::new();
+        // Seeds of a play have several trials each, where all meet all.
+        let mut ended: BTreeMap<CellName, BTreeMap<u64, bool>> = BTreeMap::new();
         for trial in trials {
             let seeds = ended.entry(trial.cell()).or_default();
-            seeds.extend(Some(trial.trial.key.seed).filter(|_| !is_missing(trial.end.as_deref())));
+            *seeds.entry(trial.trial.key.seed).or_insert(true) &= !is_missing(trial.end.as_deref());
         }
         let first = self.first_seed;
         let is_complete = |most: &&u32| {
             let look = first..first + u64::from(**most);
-            ended
-                .values()
-                .all(|seeds| seeds.range(look.clone()).count() == **most as usize)
+            ended.values().all(|seeds| {
+                seeds.range(look.clone()).filter(|(_, ended)| **ended).count() == **most as usize
+            })
         };
         let complete = design.looks().iter().take_while(is_complete).count();
         Seeds {

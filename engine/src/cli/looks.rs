@@ -11,7 +11,7 @@ use crate::{
     plan::Wanted,
     report::{ClaimLine, Contents, Open},
     results::{CellName, Results},
-    statistics::Verdict,
+    statistics::{Reference, Verdict},
     store::{self, Store, write_durably},
     table::Grid,
     trial,
@@ -154,6 +154,9 @@ struct Seen {
     /// programs have none of them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     plans: BTreeMap<String, BTreeMap<u32, BTreeSet<u32>>>,
+    /// What the verdict was passed by when it was first seen, in words. Records of earlier programs have none of them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    rules: BTreeMap<String, String>,
 }
 
 impl Seen {
@@ -168,11 +171,14 @@ impl Seen {
                 own.entry(seeds).or_insert(plan);
             });
         }
+        for (place, rule) in more.rules {
+            self.rules.entry(place).or_insert(rule);
+        }
     }
 }
 
-/// Marks verdicts that were seen with fewer seeds before and without a plan for it, and records those that
-/// are seen now.
+/// Marks verdicts that were seen with fewer seeds before and without a plan for it, and those that are passed by another
+/// margin than when they were first seen, and records those that are seen now.
 ///
 /// # Errors
 /// [`Error::File`] where the record cannot be written.
@@ -198,6 +204,8 @@ pub(super) fn record(
     if noting.changed {
         write(&path, &noting.seen)?;
     }
+    // What is exploratory is in no family.
+    contents.adjust();
     Ok(())
 }
 
@@ -218,6 +226,8 @@ impl Noting<'_> {
                 let seeds = number(judged, cell.planned, cell.seeds.len() + cell.failed, &cell.looks);
                 let place = format!("{name}: {}, {}", row.name, column.name);
                 cell.seen_at = self.look(&place, &cell.rests_on, seeds);
+                let rule = cell.judgement.as_ref().map(|it| rule_of_value(&it.reference));
+                cell.first_judged_by = self.first_rule(&place, &cell.rests_on, seeds.and(rule));
             }
         }
     }
@@ -228,6 +238,26 @@ impl Noting<'_> {
         let seeds = number(judged, self.first_trials.planned(&line.rests_on), n, &line.looks);
         let place = format!("{} in {}", line.spec.claim, line.place);
         line.seen_at = self.look(&place, &line.rests_on, seeds);
+        let rule = rule_of_claim(line.spec.matters);
+        line.first_judged_by = self.first_rule(&place, &line.rests_on, seeds.map(|_| rule));
+    }
+
+    /// Notes what a verdict is passed by that is seen; what it was when the verdict was first seen, where that was
+    /// something else.
+    fn first_rule(
+        &mut self,
+        place: &str,
+        rests_on: &BTreeSet<CellName>,
+        rule: Option<String>,
+    ) -> Option<String> {
+        let rule = rule?;
+        let key = format!("{place} @ {}", self.first_trials.hash(rests_on));
+        if let Some(first) = self.seen.rules.get(&key) {
+            return Some(first.clone()).filter(|first| *first != rule);
+        }
+        self.seen.rules.insert(key, rule);
+        self.changed = true;
+        None
     }
 
     /// Notes that a verdict is seen with so many seeds; the fewest others with which it was seen without a plan for
@@ -250,6 +280,19 @@ impl Noting<'_> {
             .copied()
             .find(|other| *other != seeds && !was_planned(other))
     }
+}
+
+/// What a published value is held by: what counts as the same, in words.
+fn rule_of_value(reference: &Reference) -> String {
+    let (low, high) = reference.band;
+    format!("a band from {low} to {high}")
+}
+
+/// What a claim is held by besides its words, which name it: the difference that matters.
+fn rule_of_claim(matters: Option<f64>) -> String {
+    matters.map_or("any difference".into(), |matters| {
+        format!("differences of {matters} or more")
+    })
 }
 
 /// With how many seeds a verdict is seen; `None` where there is none yet or seeds of the plan are missing.

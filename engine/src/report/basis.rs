@@ -24,7 +24,7 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
         .map(|it| format!(" {}", searches::sentence(it)));
     format!(
         "Seeds: {seeds}. {}{}{}",
-        exploratory(study),
+        exploratory(study, changed(contents)),
         confirms(&study.confirms),
         searches.collect::<String>()
     )
@@ -147,7 +147,25 @@ fn seen_before(contents: &Contents) -> Option<u32> {
     cells.filter_map(|cell| cell.seen_at).chain(claims).min()
 }
 
-fn exploratory(study: &StudyInfo) -> String {
+/// How many verdicts are passed by something that was changed after they were seen; `None` where none is.
+fn changed(contents: &Contents) -> Option<String> {
+    let grids = contents.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
+    let cells = grids.flat_map(|grid| grid.cells.iter().flatten());
+    let cells = cells.filter(|cell| cell.first_judged_by.is_some()).count();
+    let claims = contents
+        .claims
+        .iter()
+        .filter(|line| line.first_judged_by.is_some());
+    match cells + claims.count() {
+        0 => None,
+        1 => Some("1 verdict is exploratory, since its margin was changed after it was seen.".into()),
+        n => Some(format!(
+            "{n} verdicts are exploratory, since their margins were changed after they were seen."
+        )),
+    }
+}
+
+fn exploratory(study: &StudyInfo, changed: Option<String>) -> String {
     let tables = study.tables.iter().filter(|(_, spec)| spec.exploratory).count();
     let claims = study.claims.iter().filter(|spec| spec.exploratory).count();
     let parts: Vec<String> = [(tables, "table"), (claims, "claim")]
@@ -155,10 +173,12 @@ fn exploratory(study: &StudyInfo) -> String {
         .filter(|(count, _)| *count > 0)
         .map(|(number, what)| count(number, what))
         .collect();
-    if parts.is_empty() {
+    let planned = (!parts.is_empty()).then(|| format!("Exploratory: {}.", parts.join(", ")));
+    let said: Vec<String> = planned.into_iter().chain(changed).collect();
+    if said.is_empty() {
         "Nothing was exploratory.".into()
     } else {
-        format!("Exploratory: {}.", parts.join(", "))
+        said.join(" ")
     }
 }
 

@@ -11,7 +11,10 @@ use crate::{
         Aggregate, Claim, ClaimOutcome, ClaimVerdict, Operand, Seeds, Statement, Verdict, claim, evaluate,
         holm, verdict,
     },
-    table::{self, Axis, Grid, NumberFormat, Scope, TableSpec, unplanned_look_in_words, untrained_in_words},
+    table::{
+        self, Axis, Grid, NumberFormat, Scope, TableSpec, changed_rule_in_words, unplanned_look_in_words,
+        untrained_in_words,
+    },
 };
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -44,6 +47,8 @@ pub struct ClaimLine {
     pub verdict: Result<ClaimVerdict, String>,
     /// An earlier number of seeds at which the verdict was seen without a plan.
     pub seen_at: Option<u32>,
+    /// What the verdict was first passed by, where that was changed after it was seen: then it is exploratory.
+    pub first_judged_by: Option<String>,
     /// Which seeds the verdict may rest on.
     pub looks: Seeds,
     /// The combinations whose seeds are behind it.
@@ -113,7 +118,8 @@ impl Contents {
 
     /// Takes the judged values of the study together, and its claims together (Holm). What was thought of
     /// after results were seen is in neither family.
-    fn adjust(&mut self) {
+    pub fn adjust(&mut self) {
+        self.leave_families();
         let grids = self
             .tables
             .iter_mut()
@@ -121,6 +127,7 @@ impl Contents {
             .filter(|grid| !grid.exploratory);
         let mut judgements: Vec<_> = grids
             .flat_map(|grid| grid.cells.iter_mut().flatten())
+            .filter(|cell| cell.first_judged_by.is_none())
             .filter_map(|cell| cell.judgement.as_mut())
             .collect();
         judgements.retain(|judgement| judgement.statement.is_some());
@@ -133,7 +140,7 @@ impl Contents {
             .iter_mut()
             .zip(outcomes)
             .for_each(|(judgement, outcome)| judgement.adjusted = Some(Verdict::of(outcome)));
-        let lines = self.claims.iter_mut().filter(|line| !line.spec.exploratory);
+        let lines = self.claims.iter_mut().filter(|line| !line.is_exploratory());
         let mut claims: Vec<&mut ClaimVerdict> =
             lines.filter_map(|line| line.verdict.as_mut().ok()).collect();
         claims.retain(|claim| claim.statement.is_some() && claim.verdict.is_judged());
@@ -148,7 +155,19 @@ impl Contents {
             .for_each(|(claim, outcome)| claim.adjusted = Some(ClaimOutcome::of(outcome)));
     }
 
-    /// How many published values have each verdict, those of exploratory tables apart.
+    fn leave_families(&mut self) {
+        let grids = self.tables.iter_mut().filter_map(|(_, grid)| grid.as_mut().ok());
+        let cells = grids.flat_map(|grid| grid.cells.iter_mut().flatten());
+        let judgements = cells.filter_map(|cell| cell.judgement.as_mut());
+        judgements.for_each(|judgement| judgement.adjusted = None);
+        let claims = self
+            .claims
+            .iter_mut()
+            .filter_map(|line| line.verdict.as_mut().ok());
+        claims.for_each(|claim| claim.adjusted = None);
+    }
+
+    /// How many published values have each verdict, those that are exploratory apart.
     #[must_use]
     pub fn verdicts(&self, exploratory: bool) -> Counts {
         count_verdicts(self.cells(exploratory).filter_map(table::Cell::verdict))
@@ -216,15 +235,16 @@ impl Contents {
 
     fn cells(&self, exploratory: bool) -> impl Iterator<Item = &table::Cell> {
         let grids = self.tables.iter().filter_map(|(_, grid)| grid.as_ref().ok());
-        grids
-            .filter(move |grid| grid.exploratory == exploratory)
-            .flat_map(|grid| grid.cells.iter().flatten())
+        let cells = grids.flat_map(|grid| grid.cells.iter().flatten().map(move |cell| (grid, cell)));
+        cells
+            .filter(move |(grid, cell)| grid.is_exploratory(cell) == exploratory)
+            .map(|(_, cell)| cell)
     }
 
     fn lines(&self, exploratory: bool) -> impl Iterator<Item = &ClaimLine> {
         self.claims
             .iter()
-            .filter(move |line| line.spec.exploratory == exploratory)
+            .filter(move |line| line.is_exploratory() == exploratory)
     }
 }
 
@@ -379,6 +399,12 @@ impl ClaimLine {
         Some(text).filter(|text| !text.is_empty())
     }
 
+    /// True where it, or what it is judged by, was thought of after results were seen.
+    #[must_use]
+    pub fn is_exploratory(&self) -> bool {
+        self.spec.exploratory || self.first_judged_by.is_some()
+    }
+
     /// What the reader must know besides.
     #[must_use]
     pub fn notes(&self) -> Vec<String> {
@@ -397,6 +423,7 @@ impl ClaimLine {
             .map(|matters| format!("differences of less than {matters} do not matter"));
         let why = (!self.spec.why.is_empty()).then(|| self.spec.why.clone());
         let unplanned = self.seen_at.map(unplanned_look_in_words);
+        let changed = self.first_judged_by.as_deref().map(changed_rule_in_words);
         let found = match &self.verdict {
             Err(reason) => vec![reason.clone()],
             Ok(claim) => notes_of(claim),
@@ -404,7 +431,7 @@ impl ClaimLine {
         found
             .into_iter()
             .chain(
-                [unplanned, exploratory, calibrated, matters, why]
+                [unplanned, changed, exploratory, calibrated, matters, why]
                     .into_iter()
                     .flatten(),
             )
@@ -484,6 +511,7 @@ fn claim_line(
         place,
         verdict,
         seen_at: None,
+        first_judged_by: None,
         looks: Seeds::default(),
         rests_on: BTreeSet::new(),
     }
@@ -513,8 +541,8 @@ fn held_in<'r>(
         .flat_map(|operand| trials_behind(scope, results, operand, setting))
         .collect();
     let looks = results.seeds_of(&trials);
-    let found = |operand: &Operand| match operand.within {
-        Some(_) => in_play(results, operand),
+    let found = |operand: &Operand, limit: u64| match operand.within {
+        Some(_) => in_play(results, operand, limit),
         None => values(scope, operand, setting),
     };
     let imported = |operand: &Operand| results.imported.iter().any(|origin| origin.name == operand.agent);
@@ -531,7 +559,7 @@ fn hold(
     spec: &ClaimSpec,
     trials: &[&TrialResult],
     looks: &Seeds,
-    values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
+    values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
     imported: &dyn Fn(&Operand) -> bool,
 ) -> ClaimVerdict {
     let verdict = evaluate(claim, spec.matters, values, imported, looks);
@@ -611,19 +639,16 @@ fn settings(claim: &Claim, scope: &Scope<'_>) -> Vec<Option<String>> {
     if settings.is_empty() { vec![None] } else { settings }
 }
 
-/// One value per seed of an agent in a role of a play: the mean over its trained opponents; `None` where
-/// there is none.
-fn in_play(results: &Results, operand: &Operand) -> Option<Vec<(u64, f64)>> {
+/// One value per seed below a limit of an agent in a role of a play: the mean over its trained opponents, which are of
+/// seeds below it, too; `None` for what plays do not have.
+fn in_play(results: &Results, operand: &Operand, limit: u64) -> Option<Vec<(u64, f64)>> {
     let within = operand
         .within
         .as_ref()
         .filter(|_| operand.aggregate == Aggregate::Final)?;
-    let encounters = Encounters::of(results, &within.play);
-    let values: Vec<_> = encounters
-        .by_seed(&[(&within.role, &operand.agent)], &operand.metric)
-        .into_iter()
-        .collect();
-    (!values.is_empty()).then_some(values)
+    let encounters = Encounters::of(results, &within.play).until(limit);
+    let values = encounters.by_seed(&[(&within.role, &operand.agent)], &operand.metric);
+    Some(values.into_iter().collect())
 }
 
 /// One value per seed of an operand, of the setting where its agent has several; `None` where there is none.

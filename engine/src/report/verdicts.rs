@@ -199,7 +199,7 @@ fn of_table(name: &str, grid: &Grid, results: &Results) -> Vec<Passed> {
                 in_full: shows_one.then_some(in_full),
                 verdict: verdict.word().into(),
                 together: together.map(|it| it.word().into()),
-                exploratory: grid.exploratory,
+                exploratory: grid.is_exploratory(cell),
                 cause: cause.map(Into::into),
                 would_decide: seeds_to_decide(judgement).map(|n| Effort::of(n, &cell.rests_on, results)),
             });
@@ -232,7 +232,7 @@ fn of_claim(line: &ClaimLine, results: &Results) -> Passed {
         in_full: None,
         verdict: line.word().into(),
         together: line.together().map(|outcome| outcome.word().into()),
-        exploratory: line.spec.exploratory,
+        exploratory: line.is_exploratory(),
         cause: line.cause().map(Into::into),
         would_decide: line
             .seeds_to_decide()

@@ -37,7 +37,7 @@ pub use sample_efficiency::sample_efficiency;
 pub use spending::Design;
 pub use statement::{Outcome, Statement, holm};
 pub use suite_statistic::{Estimate, SuiteStatistic};
-pub use verdict::{Judgement, Reference, Seeds, Verdict};
+pub use verdict::{Judgement, Reference, Sample, Seeds, Verdict};
 
 use serde::{Deserialize, Serialize};
 

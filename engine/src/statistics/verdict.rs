@@ -16,7 +16,7 @@ use super::{
     statement::{Decision, Evidence, FEWEST_SEEDS, Look, Outcome, Region, Statement},
 };
 use crate::count::count;
-use std::fmt;
+use std::{collections::BTreeMap, fmt};
 
 /// Probability of a wrong verdict on each side; a single look has an interval of 90 %.
 pub const ALPHA: f64 = 0.05;
@@ -302,6 +302,33 @@ pub fn default_margin(published: f64) -> f64 {
     0.05 * published.abs()
 }
 
+/// One number per seed.
+#[derive(Debug, Clone, Copy)]
+pub struct Sample<'a> {
+    /// The numbers as all seeds give them.
+    pub values: &'a [(u64, f64)],
+    /// The numbers as the seeds below some number give them, where other seeds move them; `None` where none does.
+    pub as_of: Option<&'a BTreeMap<u64, Vec<(u64, f64)>>>,
+}
+
+impl<'a> Sample<'a> {
+    /// Numbers that no other seed moves.
+    #[must_use]
+    pub fn of(values: &'a [(u64, f64)]) -> Self {
+        Self { values, as_of: None }
+    }
+
+    /// The numbers of the seeds below a limit.
+    fn below(&self, limit: u64) -> Vec<f64> {
+        let then = self.as_of.and_then(|as_of| as_of.get(&limit));
+        let values = then.map_or(self.values, Vec::as_slice).iter();
+        values
+            .filter(|(seed, _)| *seed < limit)
+            .map(|(_, value)| *value)
+            .collect()
+    }
+}
+
 /// Compares one reproduced value per seed with a published value.
 ///
 /// `failed` is the number of seeds that did not end well: with no other seed the cell has failed. Where some
@@ -310,11 +337,12 @@ pub fn default_margin(published: f64) -> f64 {
 #[must_use]
 pub fn judge(
     reference: Reference,
-    values: &[(u64, f64)],
+    sample: Sample<'_>,
     failed: usize,
     seeds: &Seeds,
     is_share: bool,
 ) -> Judgement {
+    let values = sample.values;
     let blank = |verdict| Judgement {
         stage: Stage::of(seeds, None),
         ..Judgement::without(verdict, reference, values)
@@ -325,14 +353,7 @@ pub fn judge(
         _ if !values.iter().all(|(_, value)| value.is_finite()) => return blank(Verdict::Failed),
         _ => {}
     }
-    let at = |limit: u64| {
-        let values: Vec<f64> = values
-            .iter()
-            .filter(|(seed, _)| *seed < limit)
-            .map(|(_, value)| *value)
-            .collect();
-        look(&reference, &values, is_share)
-    };
+    let at = |limit: u64| look(&reference, &sample.below(limit), is_share);
     let looks: Vec<Look> = seeds.limits().into_iter().map(at).collect();
     if looks.is_empty() {
         return blank(Verdict::Inconclusive);

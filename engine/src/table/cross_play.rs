@@ -11,7 +11,7 @@ use crate::{
     diagnostic::suggest,
     results::Results,
     spec::names::{Names, Place},
-    statistics::estimators::mean,
+    statistics::{Design, estimators::mean},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -138,10 +138,16 @@ fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
             "no trial of the play `{play}` has the roles `{rows}` and `{columns}`"
         )));
     }
-    let scale = if spec.normalise {
-        Some(Scale::of(spec, &encounters, &rows, &columns))
-    } else {
-        None
+    // Where looks are planned, 0 and 1 are what the first of them says, so that later seeds move no earlier verdict.
+    let first = results.limits().first().map(|limit| encounters.until(*limit));
+    let ends_of = first.as_ref().unwrap_or(&encounters);
+    let scale = spec.normalise.then(|| Scale::of(spec, ends_of, &rows, &columns));
+    let matrix = Matrix {
+        spec,
+        encounters: &encounters,
+        scale,
+        ends_of,
+        stands: results.seeds_of(&encounters.trials(&[])).complete > 0,
     };
     let cell = |row: Option<&str>, column: Option<&str>| {
         let casting: Casting<'_> = [(spec.rows.as_str(), row), (spec.columns.as_str(), column)]
@@ -151,7 +157,7 @@ fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
         if casting.is_empty() {
             Cell::default()
         } else {
-            make_cell(spec, &encounters, &casting, scale.as_ref(), results)
+            matrix.cell(&casting, results)
         }
     };
     let lines = |names: &[&'_ str]| {
@@ -181,7 +187,7 @@ fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
             .map_or_else(|| NumberFormat::fitting(estimates), NumberFormat::Fixed),
         rows: headings(spec, &down),
         columns: headings(spec, &across),
-        notes: notes(spec, scale.as_ref(), floors, encounters.is_crossed()),
+        notes: notes(&matrix, floors, results),
         cells,
         ..Grid::default()
     })
@@ -232,41 +238,89 @@ impl Scale {
         mean == self.low || mean == self.high
     }
 
+    /// What 0 and 1 stand for, as a sentence.
+    fn in_words(&self, design: Option<&Design>) -> String {
+        let format = NumberFormat::fitting([self.low, self.high].into_iter());
+        let [low, high] = [self.low, self.high].map(|end| format.write(end));
+        let when = design.and_then(|design| design.looks().first());
+        let when = when.map_or(String::new(), |seeds| {
+            format!(", the ends of the scale after the first look, at {seeds} seeds")
+        });
+        format!("0 stands for {low} and 1 for {high}{when}.")
+    }
+
+    /// That cells of the scale have no value yet, as a sentence; `None` where all have.
+    fn lack_in_words(&self) -> Option<String> {
+        let Self { n_known, n_cells, .. } = *self;
+        (n_known < n_cells).then(|| {
+            format!(
+                "The scale is made of {n_known} of {n_cells} cells; it will move when the others have run."
+            )
+        })
+    }
+
     /// `None` where all cells are alike, or fewer than two have a value.
     fn apply(&self, value: f64) -> Option<f64> {
         (self.high > self.low).then(|| (value - self.low) / (self.high - self.low))
     }
 }
 
-fn make_cell(
-    spec: &CrossPlayTable,
-    encounters: &Encounters<'_>,
-    casting: &[(&str, &str)],
-    scale: Option<&Scale>,
-    results: &Results,
-) -> Cell {
-    let scope = Scope {
-        trials: encounters.trials(casting),
-    };
-    let mut missing = scope.absences();
-    let raw = encounters.by_seed(casting, &spec.value);
-    let scaled = |value| scale.map_or(Some(value), |scale| scale.apply(value));
-    let seeds: Vec<(u64, f64)> = raw
-        .iter()
-        .filter_map(|(seed, value)| Some((*seed, scaled(*value)?)))
-        .collect();
-    if seeds.len() < raw.len() {
-        missing.push(Missing::of(NoValue::AllAlike));
+/// A play's values with the scale that they are shown on.
+struct Matrix<'a> {
+    spec: &'a CrossPlayTable,
+    encounters: &'a Encounters<'a>,
+    scale: Option<Scale>,
+    /// The meetings that the scale is made of.
+    ends_of: &'a Encounters<'a>,
+    /// True where all of these have ended, which no planned look is complete without.
+    stands: bool,
+}
+
+impl Matrix<'_> {
+    fn cell(&self, casting: &[(&str, &str)], results: &Results) -> Cell {
+        let scope = Scope {
+            trials: self.encounters.trials(casting),
+        };
+        let mut missing = scope.absences();
+        let raw = self.encounters.by_seed(casting, &self.spec.value);
+        let seeds = self.scaled(&raw);
+        if seeds.len() < raw.len() {
+            missing.push(Missing::of(NoValue::AllAlike));
+        }
+        let mut cell = Cell {
+            planned: scope.planned(),
+            failed: scope.failed(),
+            missing,
+            fixed: self.is_end(casting).then_some(Fixed::Ends),
+            ..Cell::resting_on(&scope.trials, results)
+        };
+        if self.scale.is_some() && !self.stands {
+            cell.looks.complete = 0;
+        }
+        let as_of = |limit: u64| {
+            let raw = self.encounters.until(limit).by_seed(casting, &self.spec.value);
+            (limit, self.scaled(&raw))
+        };
+        let as_of = match cell.looks.design {
+            Some(_) => cell.looks.limits().into_iter().map(as_of).collect(),
+            None => BTreeMap::new(),
+        };
+        summarise(seeds, Statistic::Mean, Cell { as_of, ..cell })
     }
-    let fixed = scale.is_some_and(|scale| scale.is_end(&raw.into_values().collect::<Vec<_>>()));
-    let cell = Cell {
-        planned: scope.planned(),
-        failed: scope.failed(),
-        missing,
-        fixed: fixed.then_some(Fixed::Ends),
-        ..Cell::resting_on(&scope.trials, results)
-    };
-    summarise(seeds, Statistic::Mean, cell)
+
+    fn scaled(&self, raw: &BTreeMap<u64, f64>) -> Vec<(u64, f64)> {
+        let scaled = |value| self.scale.map_or(Some(value), |scale| scale.apply(value));
+        raw.iter()
+            .filter_map(|(seed, value)| Some((*seed, scaled(*value)?)))
+            .collect()
+    }
+
+    /// True for what is 0 or 1 because it makes the scale.
+    fn is_end(&self, casting: &[(&str, &str)]) -> bool {
+        let values = || self.ends_of.by_seed(casting, &self.spec.value).into_values();
+        self.scale
+            .is_some_and(|scale| scale.is_end(&values().collect::<Vec<_>>()))
+    }
 }
 
 fn headings(spec: &CrossPlayTable, names: &[Option<String>]) -> Vec<Heading> {
@@ -297,13 +351,14 @@ fn quantity(spec: &CrossPlayTable) -> String {
     }
 }
 
-fn notes(spec: &CrossPlayTable, scale: Option<&Scale>, floors: bool, crossed: bool) -> Vec<String> {
+fn notes(matrix: &Matrix<'_>, floors: bool, results: &Results) -> Vec<String> {
+    let spec = matrix.spec;
     let mut notes = vec![format!(
         "Rows: who plays {}; columns: who plays {}. Means are over the opponents, seed by seed.",
         label(spec, &spec.rows),
         label(spec, &spec.columns)
     )];
-    if crossed {
+    if matrix.encounters.is_crossed() {
         notes.push(
             "Every seed of one agent meets every seed of the other. What stands for a seed is the mean over \
              all meetings with what it adds in each role; their mean is that of all meetings, and their \
@@ -318,190 +373,11 @@ fn notes(spec: &CrossPlayTable, scale: Option<&Scale>, floors: bool, crossed: bo
                 .into(),
         );
     }
-    if let Some(Scale {
-        low,
-        high,
-        n_cells,
-        n_known,
-    }) = scale.filter(|scale| scale.high > scale.low)
-    {
-        let format = NumberFormat::fitting([*low, *high].into_iter());
-        notes.push(format!(
-            "0 stands for {} and 1 for {}.",
-            format.write(*low),
-            format.write(*high)
-        ));
-        if n_known < n_cells {
-            notes.push(format!(
-                "The scale is made of {n_known} of {n_cells} cells; it will move when the others have run."
-            ));
-        }
-    }
+    let scale = matrix.scale.filter(|scale| scale.high > scale.low);
+    notes.extend(scale.map(|scale| scale.in_words(results.design.as_ref())));
+    notes.extend(scale.and_then(|scale| scale.lack_in_words()));
     notes
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{
-        cross_play::tests::encounter,
-        table::{Margin, Published, PublishedCell, TableSpec, build, csv, html, latex, markdown},
-    };
-
-    const AGENTS: [&str; 3] = ["tdom_ac", "rommeo", "pr2"];
-    /// The matrix of the thesis, table 4.2, and its means.
-    const PUBLISHED: [[f64; 4]; 3] = [
-        [0.967, 1.0, 0.999, 0.989],
-        [0.674, 0.997, 0.981, 0.884],
-        [0.0, 0.722, 0.313, 0.345],
-    ];
-    const MEANS: [f64; 3] = [0.547, 0.906, 0.764];
-
-    fn spec() -> CrossPlayTable {
-        CrossPlayTable {
-            play: "pursuit".into(),
-            rows: "prey".into(),
-            columns: "predators".into(),
-            value: "score".into(),
-            decimals: Some(3),
-            ..CrossPlayTable::default()
-        }
-    }
-
-    /// Scores that normalise to the published matrix: -70 becomes 0 and 30 becomes 1; seeds differ by 2.
-    fn results(with_floor: bool) -> Results {
-        let mut trials = Vec::new();
-        for (prey, row) in AGENTS.iter().zip(PUBLISHED) {
-            for (predators, value) in AGENTS.iter().zip(row) {
-                trials.extend(
-                    [(0, -1.0), (1, 1.0)]
-                        .map(|(seed, shift)| encounter(prey, predators, seed, 100.0 * value - 70.0 + shift)),
-                );
-            }
-            if with_floor {
-                trials.push(encounter(prey, "still", 0, 500.0));
-            }
-        }
-        Results::of(trials)
-    }
-
-    fn estimates(grid: &Grid) -> Vec<Vec<Option<f64>>> {
-        let rounded = |cell: &Cell| cell.estimate.map(|estimate| (estimate * 1000.0).round() / 1000.0);
-        grid.cells
-            .iter()
-            .map(|row| row.iter().map(rounded).collect())
-            .collect()
-    }
-
-    #[test]
-    fn the_published_matrix_comes_out_with_both_means() {
-        let mut wanted: Vec<Vec<Option<f64>>> = PUBLISHED
-            .iter()
-            .map(|row| row.iter().copied().map(Some).collect())
-            .collect();
-        wanted.push(MEANS.into_iter().map(Some).chain([None]).collect());
-        let grid = super::build(&spec(), &results(false)).unwrap();
-        assert_eq!(estimates(&grid), wanted);
-        // Seeds lie at 1 on both sides of the mean, 0.01 after scaling: t(0.975, 1) = 12.706 standard errors
-        // of 0.01.
-        let (low, high) = grid.cells[0][0].interval.unwrap();
-        assert!((high - low - 2.0 * 0.12706).abs() < 1e-5 && grid.cells[0][0].seeds.len() == 2);
-        let raw = super::build(
-            &CrossPlayTable {
-                normalise: false,
-                ..spec()
-            },
-            &results(false),
-        )
-        .unwrap();
-        assert_eq!(raw.cells[2][0].estimate, Some(-70.0));
-    }
-
-    #[test]
-    fn a_floor_stands_beside_and_moves_nothing() {
-        let grid = super::build(&spec(), &results(true)).unwrap();
-        let columns: Vec<&str> = grid.columns.iter().map(|column| column.name.as_str()).collect();
-        assert_eq!(columns, ["tdom_ac", "rommeo", "pr2", "still", MEAN]);
-        assert_eq!(grid.cells[0][3].estimate, Some(5.7));
-        assert_eq!(estimates(&grid)[0][4], Some(0.989));
-    }
-
-    #[test]
-    fn what_lacks_is_said() {
-        let mut results = results(false);
-        for trial in &mut results.trials[..3] {
-            trial.end = None;
-            trial.rows.clear();
-        }
-        let grid = super::build(&spec(), &results).unwrap();
-        assert_eq!(
-            (
-                grid.cells[0][0].estimate,
-                grid.cells[0][0].planned,
-                grid.cells[0][1].seeds.len()
-            ),
-            (None, 2, 1)
-        );
-        assert!(grid.cells[0][3].seeds.is_empty() && grid.cells[3][2].seeds.len() == 2);
-        assert!(
-            grid.notes.iter().any(|note| note.contains("8 of 9 cells")),
-            "{:?}",
-            grid.notes
-        );
-        let alike = Results::of(vec![encounter("a", "a", 0, 1.0), encounter("a", "b", 0, 1.0)]);
-        let grid = super::build(&spec(), &alike).unwrap();
-        assert!(
-            grid.cells[0][0].estimate.is_none()
-                && grid.cells[0][0].incompleteness().contains("no two cells differ")
-        );
-        assert!(
-            super::build(
-                &CrossPlayTable {
-                    play: "chess".into(),
-                    ..spec()
-                },
-                &alike
-            )
-            .is_err()
-        );
-    }
-
-    #[test]
-    fn every_renderer_writes_it_with_published_values_beside() {
-        let columns = |row: [f64; 4]| {
-            let names = AGENTS.into_iter().chain([MEAN]).map(String::from);
-            Published::Columns(names.zip(row.map(PublishedCell::Value)).collect())
-        };
-        let mut published: BTreeMap<String, Published> = AGENTS
-            .into_iter()
-            .zip(PUBLISHED)
-            .map(|(name, row)| (name.into(), columns(row)))
-            .collect();
-        let means = AGENTS
-            .into_iter()
-            .map(String::from)
-            .zip(MEANS.map(PublishedCell::Value))
-            .collect();
-        published.insert(MEAN.into(), Published::Columns(means));
-        let spec = TableSpec {
-            published,
-            margin: Some(Margin::Absolute(0.1)),
-            ..TableSpec::of(spec())
-        };
-        let grid = build(&spec, &results(false)).unwrap();
-        assert!(
-            grid.notes.iter().all(|note| !note.contains("have no place")),
-            "{:?}",
-            grid.notes
-        );
-        insta::assert_snapshot!("cross_play_markdown", markdown(&grid));
-        insta::assert_snapshot!("cross_play_latex", latex(&grid, "table-4.2"));
-        for text in [
-            csv(&grid).unwrap(),
-            html(&grid),
-            crate::table::terminal(&grid, 200),
-        ] {
-            assert!(text.contains("0.967") && text.contains(MEAN), "{text}");
-        }
-    }
-}
+mod tests;

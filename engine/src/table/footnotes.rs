@@ -190,7 +190,8 @@ fn caution(cell: &Cell) -> Option<String> {
     let calibrated = cell.calibrated_on.as_ref().filter(|_| published);
     let calibrated = calibrated.map(|on| format!("calibrated on the published value: {on}"));
     let seen = cell.seen_at.map(unplanned_look_in_words);
-    let cautions: Vec<String> = [untrained, fixed, calibrated, seen]
+    let changed = cell.first_judged_by.as_deref().map(changed_rule_in_words);
+    let cautions: Vec<String> = [untrained, fixed, calibrated, seen, changed]
         .into_iter()
         .flatten()
         .collect();
@@ -208,6 +209,11 @@ pub(crate) fn untrained_in_words<'a>(agents: impl Iterator<Item = &'a str>) -> S
 /// That a verdict was seen with so many seeds, without a plan.
 pub(crate) fn unplanned_look_in_words(seeds: u32) -> String {
     format!("unplanned look: the verdict was seen with {seeds} seeds before, so its level is not held")
+}
+
+/// That what a verdict is passed by was changed after it was seen.
+pub(crate) fn changed_rule_in_words(first: &str) -> String {
+    format!("exploratory: judged by {first} when the verdict was first seen, which was changed afterwards")
 }
 
 fn why(fixed: Fixed) -> &'static str {

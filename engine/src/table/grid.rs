@@ -3,7 +3,7 @@
 use super::{Cause, Direction, Form, LatexLayout, Margin, Missing, NumberFormat, Statistic};
 use crate::{
     results::{CellName, Results, TrialResult},
-    statistics::{Judgement, MeanEstimate, Seeds, Verdict},
+    statistics::{Judgement, MeanEstimate, Sample, Seeds, Verdict},
 };
 use std::{
     borrow::Cow,
@@ -146,6 +146,9 @@ pub struct Heading {
 pub struct Cell {
     /// The number of each seed, in the order of seeds.
     pub seeds: Vec<(u64, f64)>,
+    /// The same as it was when the seeds below a number were all there were, where the others move it: a verdict of an
+    /// earlier look knows nothing of later seeds. A number that is not here has those of `seeds`.
+    pub as_of: BTreeMap<u64, Vec<(u64, f64)>>,
     /// How many seeds the study plans.
     pub planned: usize,
     /// How many seeds ended, but not well.
@@ -170,6 +173,8 @@ pub struct Cell {
     pub untrained: Vec<String>,
     /// An earlier number of seeds at which the verdict was seen without a plan.
     pub seen_at: Option<u32>,
+    /// What the verdict was first passed by, where that was changed after it was seen: then it is exploratory.
+    pub first_judged_by: Option<String>,
     /// Which seeds a verdict may rest on.
     pub looks: Seeds,
     /// The combinations whose seeds are behind the value.
@@ -188,6 +193,12 @@ pub enum Part {
 }
 
 impl Grid {
+    /// True where a value of it, or what it is judged by, was thought of after results were seen.
+    #[must_use]
+    pub fn is_exploratory(&self, cell: &Cell) -> bool {
+        self.exploratory || cell.first_judged_by.is_some()
+    }
+
     /// The printed columns from left to right: each column, followed by published value and verdict where it
     /// has any.
     #[must_use]
@@ -352,6 +363,15 @@ impl Cell {
                 .and_then(|it| it.interval(0.95))
                 .map(|interval| (interval.low, interval.high)),
             ..self
+        }
+    }
+
+    /// The numbers that a verdict rests on.
+    #[must_use]
+    pub fn sample(&self) -> Sample<'_> {
+        Sample {
+            values: &self.seeds,
+            as_of: Some(&self.as_of),
         }
     }
 

@@ -31,7 +31,7 @@ pub use comma_separated::{csv, guarded as guarded_csv, write as write_csv};
 pub use comparison::{Along, AtStep, Axis, Comparison, Form, Improvement, Statistic, Taken, compare};
 pub use cross_play::{CrossPlayTable, MEAN};
 pub use footnotes::Intervals;
-pub(crate) use footnotes::{unplanned_look_in_words, untrained_in_words};
+pub(crate) use footnotes::{changed_rule_in_words, unplanned_look_in_words, untrained_in_words};
 pub use grid::{Cell, Fixed, Grid, Heading, OneNumber, Part, Quantity};
 pub use html::{escape as escape_html, html, word as verdict_word};
 pub use latex::{Among, Direction, LatexLayout, ValueForm, Wide, latex};

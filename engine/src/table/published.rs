@@ -322,7 +322,7 @@ impl Judging<'_> {
         cell.calibrated_on = calibrated.map(Into::into);
         cell.judgement = Some(match unjudged {
             Some(verdict) if !cell.seeds.is_empty() => Judgement::without(verdict, reference, &cell.seeds),
-            _ => judge(reference, &cell.seeds, cell.failed, &cell.looks, cell.is_share),
+            _ => judge(reference, cell.sample(), cell.failed, &cell.looks, cell.is_share),
         });
     }
 }

@@ -81,6 +81,15 @@ impl<'a> Scope<'a> {
         }
     }
 
+    /// The trials of seeds below a number.
+    #[must_use]
+    pub fn until(&self, limit: u64) -> Self {
+        let is_early = |trial: &&&TrialResult| trial.trial.key.seed < limit;
+        Self {
+            trials: self.trials.iter().filter(is_early).copied().collect(),
+        }
+    }
+
     /// The names along an axis: as listed, then in the order of the plan.
     #[must_use]
     pub fn names(&self, axis: Axis, listed: &[String]) -> Vec<String> {

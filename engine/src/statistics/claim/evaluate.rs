@@ -167,8 +167,8 @@ impl ClaimVerdict {
     }
 }
 
-/// Holds `claim` against what `values` gives for each of its operands: one value per seed, `None` where there
-/// is none. `imported` says which operands are runs of others, to which no seed can be added. Differences between
+/// Holds `claim` against what `values` gives for each of its operands: one value per seed as the seeds below a number
+/// give it, `None` where there is none. `imported` says which operands are runs of others, to which no seed can be added. Differences between
 /// the two sides of a direction that are smaller than `matters` do not matter.
 ///
 /// The claim's environment is for `values` to respect. Values that are not finite leave the claim
@@ -177,14 +177,24 @@ impl ClaimVerdict {
 pub fn evaluate(
     claim: &Claim,
     matters: Option<f64>,
-    values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
+    values: &dyn Fn(&Operand, u64) -> Option<Vec<(u64, f64)>>,
     imported: &dyn Fn(&Operand) -> bool,
     seeds: &Seeds,
 ) -> ClaimVerdict {
-    let side = |quantity| Side::of(quantity, values, imported);
-    match (side(&claim.left), side(&claim.right)) {
-        (Some(left), Some(right)) => judge(claim.relation, matters, &left, &right, seeds),
-        _ => ClaimVerdict::without(ClaimOutcome::NotRun),
+    let sides = |limit| {
+        let side = |quantity| Side::of(quantity, &|operand| values(operand, limit), imported);
+        Some((side(&claim.left)?, side(&claim.right)?))
+    };
+    let at = |limit: u64| {
+        let (left, right) = sides(limit)?;
+        let (left, right) = (left.below(limit), right.below(limit));
+        Some(Compared::under(claim.relation, &left, &right))
+    };
+    let has_run = sides(u64::MAX).is_some_and(|(left, right)| left.has_run() && right.has_run());
+    let looks = seeds.limits().into_iter().map(at).collect::<Option<Vec<_>>>();
+    match looks.filter(|_| has_run) {
+        Some(looks) => judge(claim.relation, matters, &looks, seeds),
+        None => ClaimVerdict::without(ClaimOutcome::NotRun),
     }
 }
 
@@ -206,7 +216,7 @@ struct Kind {
 }
 
 impl Side {
-    /// `None` where the metric has no value.
+    /// `None` where the metric is not known.
     fn of(
         quantity: &Quantity,
         values: &dyn Fn(&Operand) -> Option<Vec<(u64, f64)>>,
@@ -215,7 +225,7 @@ impl Side {
         match quantity {
             Quantity::Number(number) => Some(Side::Number(*number)),
             Quantity::Measured { factor, operand } => {
-                let values = by_seed(&values(operand).filter(|values| !values.is_empty())?);
+                let values = by_seed(&values(operand)?);
                 let kind = Kind {
                     is_share: operand.metric == SUCCESS && *factor == 1.0,
                     is_whole: values.values().all(|value| value.fract() == 0.0),
@@ -269,6 +279,10 @@ impl Side {
                 !kind.is_share && !kind.is_whole && MeanEstimate::of(&values_of(values)).has_no_spread()
             }
         }
+    }
+
+    fn has_run(&self) -> bool {
+        !matches!(self, Side::BySeed { values, .. } if values.is_empty())
     }
 
     fn is_share(&self) -> bool {
@@ -471,13 +485,8 @@ fn region(relation: Relation, right_mean: f64) -> Region {
     Region { low, high, closed }
 }
 
-fn judge(relation: Relation, matters: Option<f64>, left: &Side, right: &Side, seeds: &Seeds) -> ClaimVerdict {
+fn judge(relation: Relation, matters: Option<f64>, compared: &[Compared], seeds: &Seeds) -> ClaimVerdict {
     let is_direction = relation.is_direction();
-    let compared: Vec<Compared> = seeds
-        .limits()
-        .into_iter()
-        .map(|limit| Compared::under(relation, &left.below(limit), &right.below(limit)))
-        .collect();
     if compared.is_empty() {
         return ClaimVerdict {
             stage: Stage::of(seeds, None),

@@ -8,7 +8,7 @@ fn with_failed(published: f64, margin: f64, values: &[f64], failed: usize) -> Ju
     let seeds: Vec<(u64, f64)> = (0..).zip(values.iter().copied()).collect();
     judge(
         Reference::within(published, margin),
-        &seeds,
+        Sample::of(&seeds),
         failed,
         &Seeds::default(),
         false,
@@ -105,7 +105,7 @@ fn an_uncertain_published_value_widens_the_interval() {
         runs: Some((2.0, 5)),
         ..Reference::within(100.0, 1.0)
     };
-    let judgement = judge(uncertain, &seeds, 0, &Seeds::default(), false);
+    let judgement = judge(uncertain, Sample::of(&seeds), 0, &Seeds::default(), false);
     assert_eq!(
         (exact.verdict, judgement.verdict),
         (Verdict::Reproduced, Verdict::Inconclusive)
@@ -125,7 +125,7 @@ fn a_published_share_of_few_runs_is_uncertain_too() {
             share,
             ..Reference::within(0.667, 0.3)
         };
-        judge(reference, &seeds, 0, &Seeds::default(), true)
+        judge(reference, Sample::of(&seeds), 0, &Seeds::default(), true)
     };
     let (of_3, of_300) = (
         Share { successes: 2, n: 3 },
@@ -156,7 +156,7 @@ fn planned_looks_are_taken_one_by_one() {
     let at = |complete: usize, values: &[(u64, f64)]| {
         judge(
             Reference::within(100.0, 3.0),
-            values,
+            Sample::of(values),
             0,
             &Seeds {
                 design: design.clone(),
@@ -186,7 +186,13 @@ fn shares_have_exact_intervals() {
     let seeds: Vec<(u64, f64)> = (0..20)
         .map(|seed| (seed, f64::from(u8::from(seed % 4 != 0))))
         .collect();
-    let judgement = judge(Reference::within(0.0, 0.4), &seeds, 0, &Seeds::default(), true);
+    let judgement = judge(
+        Reference::within(0.0, 0.4),
+        Sample::of(&seeds),
+        0,
+        &Seeds::default(),
+        true,
+    );
     assert_eq!(
         (judgement.verdict, judgement.mean),
         (Verdict::Differs, Some(0.75))

@@ -125,13 +125,7 @@ fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
     if scope.varies(Axis::Setting) {
         return Err(problem("an aggregate pools no settings of a sweep"));
     }
-    let suite = Suite {
-        spec,
-        scales: environments
-            .into_iter()
-            .map(|name| ScoreScale::of(&spec.normalise, &spec.value, name, &all))
-            .collect(),
-    };
+    let suite = Suite::of(spec, &environments, &all);
     let (rows, left_out): (Vec<_>, Vec<_>) = scope
         .names(Axis::Agent, &spec.agents)
         .into_iter()
@@ -142,13 +136,14 @@ fn build(spec: &Aggregate, results: &Results) -> Result<Grid, Error> {
         let scores = suite.scores(agent, &scope);
         let cell = |column: &Column| {
             let behind = suite.trials_behind(agent, column, &all);
-            suite.cell(
-                agent,
-                &scores,
-                column,
-                relative.as_ref(),
-                Cell::resting_on(&behind, results),
-            )
+            let behind = Cell::resting_on(&behind, results);
+            let is_looked_at = *column == Column::Mean && behind.looks.design.is_some();
+            let as_of = match is_looked_at {
+                true => suite.means_as_of(agent, &behind.looks.limits(), &all),
+                false => BTreeMap::new(),
+            };
+            let behind = Cell { as_of, ..behind };
+            suite.cell(agent, &scores, column, relative.as_ref(), behind)
         };
         columns.iter().map(cell).collect()
     });
@@ -276,12 +271,40 @@ impl Scores {
     }
 }
 
+/// What each seed that has a score in every environment came to alone.
+fn seeds(scores: &Scores, column: &Column, others: &[Vec<f64>]) -> Vec<(u64, f64)> {
+    let complete = scores.complete_seeds();
+    let value = |(seed, tasks): &(u64, Vec<Vec<f64>>)| (*seed, column.of(tasks, others));
+    complete.iter().map(value).collect()
+}
+
 struct Suite<'a> {
     spec: &'a Aggregate,
     scales: Vec<ScoreScale>,
 }
 
-impl Suite<'_> {
+impl<'s> Suite<'s> {
+    /// The suite with the scales that some trials give.
+    fn of(spec: &'s Aggregate, environments: &[String], all: &Scope<'_>) -> Self {
+        let scale = |name: &String| ScoreScale::of(&spec.normalise, &spec.value, name.clone(), all);
+        Self {
+            spec,
+            scales: environments.iter().map(scale).collect(),
+        }
+    }
+
+    /// What each seed of an agent came to in the mean, which alone may be published, when the seeds below a limit were all
+    /// there were: later seeds of the agents that stand for 0 and 1 move the scale.
+    fn means_as_of(&self, agent: &str, limits: &[u64], all: &Scope<'_>) -> BTreeMap<u64, Vec<(u64, f64)>> {
+        let environments: Vec<String> = self.scales.iter().map(|it| it.environment.clone()).collect();
+        let at = |limit: &u64| {
+            let all = all.until(*limit);
+            let suite = Self::of(self.spec, &environments, &all);
+            (*limit, seeds(&suite.scores(agent, &all), &Column::Mean, &[]))
+        };
+        limits.iter().map(at).collect()
+    }
+
     fn is_played_by(&self, agent: &str, scope: &Scope<'_>) -> bool {
         let scope = scope.at(Axis::Agent, agent);
         self.scales
@@ -360,11 +383,7 @@ impl Suite<'_> {
         let (Some(tasks), Some(others)) = (scores.tasks(), others) else {
             return cell;
         };
-        let seeds = scores
-            .complete_seeds()
-            .iter()
-            .map(|(seed, tasks)| (*seed, column.of(tasks, &others)))
-            .collect();
+        let seeds = seeds(scores, column, &others);
         let fixed = self
             .spec
             .fixed()

@@ -233,6 +233,17 @@ fn published_means_rest_on_the_looks_of_all_agents_behind_them() {
     };
     let able = |results: &Results| crate::table::build(&table, results).unwrap().cells[2][2].clone();
     let cell = able(&results);
+    // Later seeds of the agent that stands for 0 move the scale, and no verdict of the first look.
+    let mut grown = results.clone();
+    grown
+        .trials
+        .extend((20..26).map(|seed| final_value("maze", "weak", seed, -1e3)));
+    let judged = |cell: &Cell| {
+        let judgement = cell.judgement.clone().unwrap();
+        (judgement.verdict, judgement.mean, judgement.interval)
+    };
+    assert_ne!(able(&grown).estimate, cell.estimate);
+    assert_eq!(judged(&able(&grown)), judged(&cell));
     let agents: BTreeSet<&str> = cell.rests_on.iter().map(|(_, agent, _)| agent.as_str()).collect();
     assert_eq!(
         (cell.rests_on.len(), agents),

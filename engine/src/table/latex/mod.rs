@@ -101,6 +101,7 @@ fn without_verdicts(grid: &Grid) -> Grid {
     let mut grid = grid.clone();
     for cell in grid.cells.iter_mut().flatten() {
         (cell.judgement, cell.calibrated_on, cell.seen_at) = (None, None, None);
+        cell.first_judged_by = None;
     }
     grid
 }

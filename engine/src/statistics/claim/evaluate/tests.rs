@@ -10,7 +10,7 @@ fn outcome(text: &str, (first_a, a): (u64, &[f64]), (first_b, b): (u64, &[f64]))
     evaluate(
         &parse(text).unwrap(),
         None,
-        &|operand| {
+        &|operand, _| {
             let (first, values) = match operand.agent.as_str() {
                 "a" => (first_a, a),
                 "b" => (first_b, b),
@@ -70,7 +70,7 @@ fn every_direction() {
 fn what_differs_too_little_to_matter_is_equivalent() {
     let a = [9.534_314, 9.817_157, 10.1, 10.382_843, 10.665_686];
     let held = |text: &str, matters: Option<f64>| {
-        let values = |_: &Operand| Some((0..).zip(a).collect());
+        let values = |_: &Operand, _| Some((0..).zip(a).collect());
         evaluate(
             &parse(text).unwrap(),
             matters,
@@ -223,7 +223,13 @@ fn no_seed_is_asked_for_that_cannot_be_added() {
                 (50..).zip(others).collect()
             }
         };
-        evaluate(&claim, None, &|it| Some(values(it)), imported, &Seeds::default())
+        evaluate(
+            &claim,
+            None,
+            &|it, _| Some(values(it)),
+            imported,
+            &Seeds::default(),
+        )
     };
     let (grown, fixed) = (held(&|_| false), held(&|it| it.agent == "b"));
     assert_eq!((grown.interval, grown.n), (fixed.interval, fixed.n));
@@ -246,7 +252,7 @@ fn the_order_and_the_episodes_of_seeds_do_not_matter() {
     let one = evaluate(
         &claim,
         None,
-        &|operand| {
+        &|operand, _| {
             Some(if a(operand) {
                 vec![(0, 3.0), (1, 4.0), (2, 6.0)]
             } else {
@@ -259,7 +265,7 @@ fn the_order_and_the_episodes_of_seeds_do_not_matter() {
     let other = evaluate(
         &claim,
         None,
-        &|operand| {
+        &|operand, _| {
             Some(if a(operand) {
                 vec![(2, 6.0), (0, 3.0), (1, 3.5), (1, 4.5)]
             } else {
@@ -285,7 +291,7 @@ fn shares_of_successes_are_no_means() {
         evaluate(
             &parse(text).unwrap(),
             None,
-            &|operand| Some(seeds(operand)),
+            &|operand, _| Some(seeds(operand)),
             &|_| false,
             &Seeds::default(),
         )
@@ -315,7 +321,7 @@ fn a_design_says_how_many_seeds_would_decide_after_its_last_look() {
             complete,
             first: 0,
         };
-        let of = |_: &Operand| Some((0..).zip(values).collect());
+        let of = |_: &Operand, _| Some((0..).zip(values).collect());
         evaluate(&parse("a.x > 0").unwrap(), None, &of, &|_| false, &seeds)
     };
     let [first, last] = [1, 2].map(at);
@@ -337,7 +343,7 @@ fn planned_looks_stop_at_the_first_decision() {
         evaluate(
             &parse("a.x > 0").unwrap(),
             None,
-            &|_| Some((first..).zip(values).collect()),
+            &|_, _| Some((first..).zip(values).collect()),
             &|_| false,
             &seeds,
         )
