@@ -138,17 +138,7 @@ fn build(spec: &CrossPlayTable, results: &Results) -> Result<Grid, Error> {
             "no trial of the play `{play}` has the roles `{rows}` and `{columns}`"
         )));
     }
-    // Where looks are planned, 0 and 1 are what the first of them says, so that later seeds move no earlier verdict.
-    let first = results.limits().first().map(|limit| encounters.until(*limit));
-    let ends_of = first.as_ref().unwrap_or(&encounters);
-    let scale = spec.normalise.then(|| Scale::of(spec, ends_of, &rows, &columns));
-    let matrix = Matrix {
-        spec,
-        encounters: &encounters,
-        scale,
-        ends_of,
-        stands: results.seeds_of(&encounters.trials(&[])).complete > 0,
-    };
+    let matrix = Matrix::of(spec, results, &encounters, [&rows, &columns]);
     let cell = |row: Option<&str>, column: Option<&str>| {
         let casting: Casting<'_> = [(spec.rows.as_str(), row), (spec.columns.as_str(), column)]
             .into_iter()
@@ -271,12 +261,30 @@ struct Matrix<'a> {
     encounters: &'a Encounters<'a>,
     scale: Option<Scale>,
     /// The meetings that the scale is made of.
-    ends_of: &'a Encounters<'a>,
+    ends_of: Encounters<'a>,
     /// True where all of these have ended, which no planned look is complete without.
     stands: bool,
 }
 
-impl Matrix<'_> {
+impl<'a> Matrix<'a> {
+    /// Where looks are planned, 0 and 1 are what the first of them says, so that later seeds move no earlier verdict.
+    fn of(
+        spec: &'a CrossPlayTable,
+        results: &Results,
+        encounters: &'a Encounters<'a>,
+        [rows, columns]: [&[&str]; 2],
+    ) -> Self {
+        let first = results.limits().first().copied();
+        let ends_of = encounters.until(first.unwrap_or(u64::MAX));
+        Self {
+            spec,
+            encounters,
+            scale: spec.normalise.then(|| Scale::of(spec, &ends_of, rows, columns)),
+            ends_of,
+            stands: results.seeds_of(&encounters.trials(&[])).complete > 0,
+        }
+    }
+
     fn cell(&self, casting: &[(&str, &str)], results: &Results) -> Cell {
         let scope = Scope {
             trials: self.encounters.trials(casting),
