@@ -64,6 +64,7 @@ mod slurm;
 mod ssh;
 mod suites;
 mod third_party;
+mod unchecked;
 mod verifying;
 mod watching;
 mod wheel;

@@ -10,7 +10,7 @@ use crate::{
     program::{Answer, Bench, answer, repository},
 };
 use std::{
-    path::{Path, PathBuf},
+    path::PathBuf,
     process::{Child, Command, Stdio},
     time::{Duration, Instant},
 };

@@ -147,6 +147,8 @@ pub struct Place {
 pub enum Severity {
     /// It cannot.
     Error,
+    /// It cannot on this machine, which lacks something that the study needs.
+    Unavailable,
     /// It can, and its results would say little.
     Warning,
 }
@@ -180,6 +182,15 @@ impl Diagnostic {
         }
     }
 
+    /// The same of something that this machine lacks.
+    #[must_use]
+    pub fn as_unavailable(self) -> Self {
+        Self {
+            severity: Severity::Unavailable,
+            ..self
+        }
+    }
+
     /// The same diagnostic with advice.
     #[must_use]
     pub fn help(self, help: impl Into<String>) -> Self {
@@ -208,6 +219,13 @@ impl Diagnostic {
     fn order(&self) -> (usize, usize, usize) {
         (self.place.source, self.place.line, self.place.column)
     }
+}
+
+/// True where a study is refused for what this machine lacks, and for nothing else that was found.
+#[must_use]
+pub fn are_unavailable(diagnostics: &[Diagnostic]) -> bool {
+    let has = |severity| diagnostics.iter().any(|it| it.severity == severity);
+    has(Severity::Unavailable) && !has(Severity::Error)
 }
 
 /// Sorts by position and drops what says the same twice.
@@ -300,7 +318,7 @@ fn one(diagnostic: &Diagnostic, paint: Paint) -> String {
         .max()
         .unwrap_or(1);
     let severity = match diagnostic.severity {
-        Severity::Error => paint.red("error"),
+        Severity::Error | Severity::Unavailable => paint.red("error"),
         Severity::Warning => paint.yellow("warning"),
     };
     let mut out = format!("{severity}: {}\n", paint.bold(&printable(&diagnostic.message)));

@@ -24,6 +24,14 @@ pub enum Error {
         /// What is wrong and what to write instead.
         problem: String,
     },
+    /// This machine lacks something that a plugin needs, or has another version of it. The config may be right.
+    #[error("`{key}`: {problem}")]
+    Unavailable {
+        /// The key inside the plugin's config that names what is missing, dotted.
+        key: String,
+        /// What is missing and how to get it.
+        problem: String,
+    },
     /// An agent cannot be used with an environment.
     #[error("agent `{agent}` cannot be used here: {problem}")]
     Mismatch {

@@ -70,9 +70,9 @@ impl From<Refusal> for PyErr {
         let text = refusal.to_string();
         match refusal {
             Refusal::Config(_)
-            | Refusal::Engine(Error::Config { .. } | Error::File { .. } | Error::Source { .. }) => {
-                ConfigError::new_err(text)
-            }
+            | Refusal::Engine(
+                Error::Config { .. } | Error::Unavailable { .. } | Error::File { .. } | Error::Source { .. },
+            ) => ConfigError::new_err(text),
             Refusal::Length { .. } | Refusal::Engine(Error::Action { .. }) => ActionError::new_err(text),
             Refusal::NoEpisode { .. } | Refusal::NoSeed { .. } | Refusal::Panicked => {
                 EpisodeError::new_err(text)

@@ -52,6 +52,8 @@ use std::{
 pub const OK: u8 = 0;
 /// The command line or a spec is wrong.
 pub const BAD_SPEC: u8 = 2;
+/// This machine lacks what studies need, so that they could not be checked; nothing else is wrong.
+pub const UNCHECKED: u8 = 3;
 /// Nothing matched what was selected.
 pub const NOTHING_SELECTED: u8 = 4;
 /// Some trials failed.
@@ -72,7 +74,7 @@ struct Command {
     common: Common,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 4 nothing selected, 100 some trials failed, \
+const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 3 a study cannot be checked for want of something that this machine lacks (check), 4 nothing selected, 100 some trials failed, \
 101 a published value or claim differs or moved under --strict, or stored numbers differ (merge, verify, selftest), 106 incomplete, 128+n signal n.";
 
 /// What every command understands.
@@ -284,7 +286,8 @@ struct ReportOptions {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Check studies; nothing runs.
+    /// Check studies; nothing runs. A study whose environment this machine cannot make is named, and no error; 3 where
+    /// nothing else is wrong.
     Check(Selection),
     /// Say which trials a study has, which are done and what the rest will cost; nothing runs.
     Plan(Selection),

@@ -1,8 +1,8 @@
 //! `check`, `plan`, `status`, `resolve`: what is known of studies without running anything.
 
 use super::{
-    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, absent,
-    colour, complain, cost, looks,
+    BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, UNCHECKED,
+    absent, colour, complain, cost, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
     say, searches, settings, stages, submit,
@@ -11,7 +11,7 @@ use super::{
 use crate::{
     Registry,
     count::{count, either},
-    diagnostic,
+    diagnostic::{self, Diagnostic, Severity},
     plan::{self, Estimate, Novelty, Plan, Wanted},
     results::{EndState, SearchResult, TrialEnd},
     spec::{self, Study},
@@ -78,22 +78,47 @@ impl Planned {
     }
 }
 
+/// A study that cannot be planned: its file, and everything that is wrong.
+type Refused<'a> = (&'a Path, Vec<Diagnostic>);
+
 /// Loads and plans all selected studies; every problem of every file is in the failure.
 pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Planned>, Failure> {
-    let (mut planned, mut problems) = (Vec::new(), Vec::new());
+    let (planned, refused) = read(registry, selection);
+    no_error(&refused)?;
+    selects_something(&planned, selection)?;
+    Ok(planned)
+}
+
+/// The studies that can be planned, and the others.
+fn read<'a>(registry: &Registry, selection: &'a Selection) -> (Vec<Planned>, Vec<Refused<'a>>) {
+    let (mut planned, mut refused) = (Vec::new(), Vec::new());
     for path in &selection.specs {
         match load_one(registry, path, selection) {
             Ok(one) => planned.push(one),
-            Err(text) => problems.push(text),
+            Err(problems) => refused.push((path.as_path(), problems)),
         }
     }
-    if !problems.is_empty() {
-        return Err(Failure {
-            code: BAD_SPEC,
-            text: problems.join("\n"),
-        });
+    (planned, refused)
+}
+
+/// Fails with everything that is wrong with studies.
+fn no_error(refused: &[Refused<'_>]) -> Result<(), Failure> {
+    let problems = refused.iter();
+    let problems: Vec<String> = problems
+        .map(|(_, problems)| diagnostic::render_first(problems, colour()))
+        .collect();
+    if problems.is_empty() {
+        return Ok(());
     }
-    if let Some(text) = absent::unknown_names(&planned, &selection.only) {
+    Err(Failure {
+        code: BAD_SPEC,
+        text: problems.join("\n"),
+    })
+}
+
+/// Fails where no trial is selected, or what no study has.
+fn selects_something(planned: &[Planned], selection: &Selection) -> Result<(), Failure> {
+    if let Some(text) = absent::unknown_names(planned, &selection.only) {
         return Err(Failure {
             code: NOTHING_SELECTED,
             text,
@@ -109,13 +134,12 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
             text: "no trial matches what was selected".into(),
         });
     }
-    Ok(planned)
+    Ok(())
 }
 
-fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
+fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, Vec<Diagnostic>> {
     let options = options(selection);
-    let study = spec::load(path, registry, &options)
-        .map_err(|problems| diagnostic::render_first(&problems, colour()))?;
+    let study = spec::load(path, registry, &options)?;
     let plan = Plan {
         study: study.name.clone(),
         title: study.title.clone(),
@@ -223,12 +247,19 @@ pub(super) fn total_steps(registry: &Registry, key: &TrialKey) -> Option<u64> {
     Some(protocol.total_steps())
 }
 
-/// `check`: one line per good study.
+/// `check`: one line per good study, and one per study that this machine cannot check.
 pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common) -> Result<u8, Failure> {
     if common.format == Format::Json {
         return check_as_json(registry, selection);
     }
-    let planned = load(registry, selection)?;
+    let (planned, refused) = read(registry, selection);
+    let unavailable = |(_, problems): &Refused<'_>| diagnostic::are_unavailable(problems);
+    let (unchecked, refused): (Vec<_>, Vec<_>) = refused.into_iter().partition(unavailable);
+    unchecked.iter().for_each(say_unchecked);
+    no_error(&refused)?;
+    if unchecked.is_empty() {
+        selects_something(&planned, selection)?;
+    }
     warn(&planned);
     for one in planned {
         let Planned { study, plan, .. } = one;
@@ -241,7 +272,16 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
             count(study.claims.len(), "claim")
         ));
     }
-    Ok(OK)
+    Ok(if unchecked.is_empty() { OK } else { UNCHECKED })
+}
+
+/// Says of a study what this machine lacks, in one line.
+fn say_unchecked((path, problems): &Refused<'_>) {
+    let lacking = problems.iter().filter(|it| it.severity == Severity::Unavailable);
+    // The first line says it; what Python said of it follows.
+    let lacking: BTreeSet<&str> = lacking.filter_map(|it| it.message.lines().next()).collect();
+    let lacking = lacking.into_iter().collect::<Vec<_>>().join("; ");
+    complain(&format!("{}: not checked: {lacking}", path.display()));
 }
 
 fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failure> {
@@ -250,7 +290,8 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
     for path in &selection.specs {
         let problems = spec::load(path, registry, &options(selection)).map_or_else(
             |errors| {
-                code = BAD_SPEC;
+                let is_unchecked = diagnostic::are_unavailable(&errors) && code != BAD_SPEC;
+                code = if is_unchecked { UNCHECKED } else { BAD_SPEC };
                 errors
             },
             |study| study.warnings,

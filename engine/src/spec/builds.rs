@@ -566,6 +566,12 @@ impl Builder<'_> {
         let plugin = sections.plugin(target);
         let (at, plugin_span) = plugin.map_or_else(Default::default, |plugin| (plugin.at, plugin.span));
         match error {
+            Error::Unavailable { key, problem } => {
+                let given = locate(&sections.assigned(&resolved.given), key);
+                let (span, at) = (given.unwrap_or(plugin_span), format!("{at}.{key}"));
+                let error = sections.sources.error(span, &at, problem.clone());
+                error.as_unavailable()
+            }
             Error::Config { key, problem } => {
                 let given = locate(&sections.assigned(&resolved.given), key);
                 let span = given.unwrap_or(plugin_span);

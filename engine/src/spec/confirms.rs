@@ -6,7 +6,7 @@
 use super::{ClaimSpec, Options, Place, Study, along, cells::Resolved, include, load_alone};
 use crate::{
     Registry,
-    diagnostic::{Diagnostic, Sources, Span},
+    diagnostic::{self, Diagnostic, Sources, Span},
     document::{self, Node},
     input_file,
     table::TableSpec,
@@ -96,12 +96,18 @@ impl<'a> Reader<'a> {
         };
         let mut found = Vec::new();
         for (name, span) in named.iter().take(MOST + 1) {
-            if let Err(problem) = reader.load(&study.folder.join(name)) {
+            if let Err(refused) = reader.load(&study.folder.join(name)) {
+                let Refused { problem, .. } = &refused;
                 let message =
                     format!("the study `{name}`, which this one confirms, cannot be taken: {problem}");
                 let help =
                     "files are sought from the folder of this study; `regimen check` says more of them";
-                found.push(sources.error(*span, "confirms", message).help(help));
+                let error = sources.error(*span, "confirms", message).help(help);
+                found.push(if refused.is_unavailable {
+                    error.as_unavailable()
+                } else {
+                    error
+                });
             }
         }
         if found.is_empty() { Ok(reader) } else { Err(found) }
@@ -116,16 +122,18 @@ impl<'a> Reader<'a> {
     }
 
     /// Loads a study and those that it confirms; what is wrong where that cannot be.
-    fn load(&mut self, path: &Path) -> Result<(), String> {
+    fn load(&mut self, path: &Path) -> Result<(), Refused> {
         let file = along(Path::new(""), path);
         if file == self.own {
-            return Err("nothing confirms itself, not by way of others either".into());
+            return Err("nothing confirms itself, not by way of others either"
+                .to_owned()
+                .into());
         }
         if self.loaded.iter().any(|(known, _)| *known == file) {
             return Ok(());
         }
         if self.loaded.len() == MOST {
-            return Err(format!("{MOST} are the most, with those that they confirm"));
+            return Err(format!("{MOST} are the most, with those that they confirm").into());
         }
         let (study, root) = load(path, self.registry)?;
         let folder = study.folder.clone();
@@ -136,19 +144,49 @@ impl<'a> Reader<'a> {
     }
 }
 
+/// Why a study cannot be taken.
+struct Refused {
+    problem: String,
+    /// True where this machine lacks what it needs.
+    is_unavailable: bool,
+}
+
+impl From<String> for Refused {
+    fn from(problem: String) -> Self {
+        Self {
+            problem,
+            is_unavailable: false,
+        }
+    }
+}
+
+impl From<Vec<Diagnostic>> for Refused {
+    fn from(found: Vec<Diagnostic>) -> Self {
+        let first = found.first().map_or_else(String::new, |it| {
+            format!("{}:{}: {}", it.place.file, it.place.line, it.message)
+        });
+        Self {
+            problem: first,
+            is_unavailable: diagnostic::are_unavailable(&found),
+        }
+    }
+}
+
 /// A study without those that it confirms itself, and its document; what is wrong with it where it is none.
-fn load(path: &Path, registry: &Registry) -> Result<(Study, Node), String> {
+fn load(path: &Path, registry: &Registry) -> Result<(Study, Node), Refused> {
     let shown = path.display().to_string();
     let bytes = input_file::read(path, input_file::Use::Study).map_err(|error| error.to_string())?;
-    let first = |found: Vec<Diagnostic>| {
-        found.first().map_or_else(String::new, |it| {
-            format!("{}:{}: {}", it.place.file, it.place.line, it.message)
-        })
-    };
-    let text = document::decode(&shown, &bytes).map_err(first)?;
+    let text = document::decode(&shown, &bytes)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let mut sources = Sources::default();
-    load_alone(&text, &shown, folder, registry, &Options::default(), &mut sources).map_err(first)
+    let (options, mut sources) = (Options::default(), Sources::default());
+    Ok(load_alone(
+        &text,
+        &shown,
+        folder,
+        registry,
+        &options,
+        &mut sources,
+    )?)
 }
 
 /// A study beside those that it confirms.

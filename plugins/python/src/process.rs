@@ -5,7 +5,7 @@
 
 use engine::Error;
 use std::{
-    io::{Read, Write},
+    io::{self, Read, Write},
     os::unix::process::ExitStatusExt,
     process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
     sync::mpsc::{Receiver, Sender, channel},
@@ -48,19 +48,25 @@ impl Process {
     /// Starts Python.
     ///
     /// # Errors
-    /// [`Error::Config`] where the interpreter cannot be started.
+    /// [`Error::Unavailable`] where there is no such interpreter, and [`Error::Config`] where it cannot be started.
     pub fn start(interpreter: &str) -> Result<Self, Error> {
         let (started, starting) = channel();
         let (ending, ended) = channel();
         let mut command = command(interpreter);
         // A process ends with the thread that started it, so this one stays as long as it does.
         std::thread::spawn(move || mind(&mut command, &started, &ending));
-        let pipes = starting.recv().unwrap_or_else(|_| Err("it was lost".into()));
-        let (requests, answers) = pipes.map_err(|problem| {
+        let pipes = starting
+            .recv()
+            .unwrap_or_else(|_| Err(io::Error::other("it was lost")));
+        let (requests, answers) = pipes.map_err(|source| {
             let problem = format!(
-                "`{interpreter}` cannot be started: {problem}. Name a Python that has the packages of the environment, \
+                "`{interpreter}` cannot be started: {source}. Name a Python that has the packages of the environment, \
                  as `python3`, `.venv/bin/python`, or put one on the path"
             );
+            if source.kind() == io::ErrorKind::NotFound {
+                let key = "interpreter".into();
+                return Error::Unavailable { key, problem };
+            }
             Error::config("interpreter", problem)
         })?;
         Ok(Self {
@@ -170,20 +176,20 @@ fn command(interpreter: &str) -> Command {
     command
 }
 
-type Pipes = Result<(ChildStdin, ChildStdout), String>;
+type Pipes = io::Result<(ChildStdin, ChildStdout)>;
 
 /// Starts a process, hands its pipes over, keeps its last words and sees it end.
 fn mind(command: &mut Command, started: &Sender<Pipes>, ended: &Sender<Ended>) {
     let mut child = match command.spawn() {
         Ok(child) => child,
         Err(source) => {
-            let _ = started.send(Err(source.to_string()));
+            let _ = started.send(Err(source));
             return;
         }
     };
     let pipes = child.stdin.take().zip(child.stdout.take());
     // Nobody waits any more where the receiver is gone; the pipes are closed then, and the process ends.
-    let _ = started.send(pipes.ok_or_else(|| "its pipes are missing".into()));
+    let _ = started.send(pipes.ok_or_else(|| io::Error::other("its pipes are missing")));
     let last_words = last_words(&mut child);
     let _ = ended.send(Ended {
         status: child.wait().ok(),

@@ -35,11 +35,11 @@ PATIENCE_S = 300
 
 
 class Refused(Exception):
-    """What cannot be used, at which key of the study, and what to do instead."""
+    """What cannot be used, at which key of the study, and what to do instead; or what is lacking here."""
 
-    def __init__(self, key, problem):
+    def __init__(self, key, problem, lacks=False):
         super().__init__(problem)
-        self.key = key
+        self.key, self.lacks = key, lacks
 
 
 class Link:
@@ -194,33 +194,68 @@ def plain(name):
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def hold_against_lock(lock, interpreter):
-    """The id of a trial names the lock file, so what is installed must be what it says."""
+def found_beside_wanted(lock):
+    """By package of a lock file: the version that is installed, or `None`, and those that are wanted."""
     from importlib.metadata import PackageNotFoundError, version
 
     # A lock file for several platforms may name several versions of one package.
     wanted = {}
     for name, expected in versions_in(lock["path"], lock["text"]):
         wanted.setdefault(name, []).append(expected)
-    if "gymnasium" not in wanted:
+    found = {}
+    for name, expected in wanted.items():
+        try:
+            found[name] = (version(name), expected)
+        except PackageNotFoundError:
+            found[name] = (None, expected)
+    return found
+
+
+def how_to_install(lock, interpreter):
+    if lock["path"].endswith((".toml", ".lock")):
+        return f"install what `{lock['path']}` says"
+    return f"`{interpreter} -m pip install -r {lock['path']}` installs what it says"
+
+
+def hold_against_lock(lock, interpreter):
+    """The id of a trial names the lock file, so what is installed must be what it says."""
+    packages = found_beside_wanted(lock)
+    if "gymnasium" not in packages:
         raise Refused(
             "lock", f"`{lock['path']}` pins no version of gymnasium: write it by `{interpreter} -m pip freeze`"
         )
-    different = []
-    for name, expected in wanted.items():
-        try:
-            found = version(name)
-        except PackageNotFoundError:
-            # A lock file may hold packages of other platforms.
-            continue
-        if found.split("+")[0] not in [version.split("+")[0] for version in expected]:
-            different.append(f"{name} {found} in place of {' or '.join(expected)}")
+    different = [
+        f"{name} {found} in place of {' or '.join(expected)}"
+        for name, (found, expected) in packages.items()
+        # A lock file may hold packages of other platforms.
+        if found and found.split("+")[0] not in [version.split("+")[0] for version in expected]
+    ]
     if different:
         raise Refused(
             "lock",
-            f"installed is not what `{lock['path']}` says: {', '.join(different)}. Install what it says, or write it "
-            f"anew by `{interpreter} -m pip freeze`, which makes new trials",
+            f"installed is not what `{lock['path']}` says: {', '.join(different)}; {how_to_install(lock, interpreter)}, and "
+            f"`{interpreter} -m pip freeze` writes it anew, which makes new trials",
+            lacks=True,
         )
+
+
+def is_of_an_import(error):
+    # Gymnasium has an error of its own for packages that single environments need.
+    return isinstance(error, ImportError) or type(error).__name__ == "DependencyNotInstalled"
+
+
+def refusal(error, lock, interpreter):
+    """What cannot be used, for the program that asked. Where a module cannot be imported, and a package of the lock
+    file is not there, it is this machine that lacks something, and neither the study nor its code is wrong."""
+    key, lacks = getattr(error, "key", "make"), getattr(error, "lacks", False)
+    problem = str(error) if isinstance(error, Refused) else told(error)
+    cause = error.__cause__ if isinstance(error, Refused) else error
+    if is_of_an_import(cause):
+        missing = [f"{name} {' or '.join(wanted)}" for name, (found, wanted) in found_beside_wanted(lock).items() if not found]
+        if missing:
+            lacks, install = True, how_to_install(lock, interpreter)
+            problem = f"needs {', '.join(missing)}, which this Python lacks; {install}\n{problem}"
+    return json.dumps({"key": key, "problem": problem, "lacks": lacks}).encode()
 
 
 # --- Spaces as numbers ---------------------------------------------------------------------------------------
@@ -488,12 +523,13 @@ class Server:
 
     def __init__(self, link, asked):
         interpreter = asked["interpreter"]
+        hold_against_lock(asked["lock"], interpreter)
         call = found_module(asked["make"], asked["sources"], interpreter)
         import mmap
 
         import numpy
 
-        hold_against_lock(asked["lock"], interpreter)
+        self.lock, self.interpreter = asked["lock"], interpreter
         self.link, self.make = link, lambda: call(**asked["arguments"])
         first = self.make()
         self.kind = kind_of(first)
@@ -541,10 +577,16 @@ class Server:
     def rehearse(self, text):
         """Answers of a reset and ten steps in an environment of its own."""
         signal.alarm(PATIENCE_S)
-        environment = self.make()
-        rows = self.ten_steps(environment, struct.unpack("<Q", text)[0], True)
-        environment.close()
-        signal.alarm(0)
+        try:
+            environment = self.make()
+            rows = self.ten_steps(environment, struct.unpack("<Q", text)[0], True)
+            environment.close()
+        except Exception as error:
+            if not is_of_an_import(error):
+                raise
+            return b"n", refusal(error, self.lock, self.interpreter)
+        finally:
+            signal.alarm(0)
         return b"k", b"".join(rows)
 
     def ten_steps(self, environment, seed, begins):
@@ -647,11 +689,11 @@ def main():
     signal.alarm(PATIENCE_S)
     link = Link()
     end_with_parent(link.reader)
+    asked = json.loads(link.text())
     try:
-        server = Server(link, json.loads(link.text()))
+        server = Server(link, asked)
     except Exception as error:
-        refusal = {"key": getattr(error, "key", "make"), "problem": str(error) if isinstance(error, Refused) else told(error)}
-        link.say(b"e", json.dumps(refusal).encode())
+        link.say(b"e", refusal(error, asked["lock"], asked["interpreter"]))
         os._exit(1)
     signal.alarm(0)
     link.say(b"k", json.dumps(server.face()).encode())

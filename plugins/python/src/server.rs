@@ -80,8 +80,9 @@ impl Server {
     /// Starts Python and looks at a first environment.
     ///
     /// # Errors
-    /// [`Error::Config`] where Python cannot be started, where nothing can be made there, and for an environment
-    /// whose spaces are not supported.
+    /// [`Error::Unavailable`] where there is no such Python, or it lacks a package or a version of the lock file, and
+    /// [`Error::Config`] where Python cannot be started, where nothing can be made there, and for an environment whose
+    /// spaces are not supported.
     pub fn start(interpreter: &str, told: &Value) -> Result<Self, Error> {
         let mut process = Process::start(interpreter)?;
         let face: Face = match process.ask(None, told.to_string().as_bytes())? {
@@ -205,13 +206,14 @@ impl Server {
     /// What a reset and ten steps answer in a new environment.
     ///
     /// # Errors
-    /// [`Error::Config`] for what went wrong in Python.
+    /// [`Error::Config`] for what went wrong in Python, and [`Error::Unavailable`] where it lacks a package.
     pub fn rehearse(&mut self) -> Result<Rehearsal, Error> {
         match self.process.ask(Some(b't'), &REHEARSED.to_le_bytes())? {
             Answer::Done(bytes) => Ok(Rehearsal {
                 rows: bytes.chunks(BYTES * self.answered).map(<[u8]>::to_vec).collect(),
             }),
-            Answer::Cannot(problem) | Answer::Failed(problem) => Err(Error::config("make", problem)),
+            Answer::Cannot(refusal) => Err(refused(&refusal)),
+            Answer::Failed(problem) => Err(Error::config("make", problem)),
         }
     }
 
@@ -280,5 +282,9 @@ fn refused(refusal: &str) -> Error {
     let value: Value = serde_json::from_str(refusal).unwrap_or_default();
     let word = |key: &str| value[key].as_str().map(str::to_owned);
     let problem = word("problem").unwrap_or_else(|| refusal.to_owned());
-    Error::config(word("key").unwrap_or_else(|| "make".into()), problem)
+    let key = word("key").unwrap_or_else(|| "make".into());
+    if value["lacks"] == true {
+        return Error::Unavailable { key, problem };
+    }
+    Error::config(key, problem)
 }
