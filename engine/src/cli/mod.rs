@@ -60,6 +60,8 @@ pub const NOTHING_SELECTED: u8 = 4;
 pub const TRIALS_FAILED: u8 = 100;
 /// A published value or claim differs, under `--strict`, or stored numbers differ that should not.
 pub const DIFFERS: u8 = 101;
+/// A table or figure of a report could not be made.
+pub const NOT_MADE: u8 = 102;
 /// Trials are missing.
 pub const INCOMPLETE: u8 = 106;
 
@@ -75,7 +77,7 @@ struct Command {
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 ok, 2 bad usage or spec, 3 a study cannot be checked for want of something that this machine lacks (check), 4 nothing selected, 100 some trials failed, \
-101 a published value or claim differs or moved under --strict, or stored numbers differ (merge, verify, selftest), 106 incomplete, 128+n signal n.";
+101 a published value or claim differs or moved under --strict, or stored numbers differ (merge, verify, selftest), 102 a table or figure could not be made, 106 incomplete, 128+n signal n.";
 
 /// What every command understands.
 #[derive(Debug, Clone, Args)]

@@ -1,7 +1,7 @@
 //! `run`, `worker`, `report`: compute what is missing, then show what is there.
 
 use super::{
-    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, OK, ReportOptions, RunOptions,
+    BAD_SPEC, Common, DIFFERS, Failure, Format, INCOMPLETE, LimitOptions, NOT_MADE, OK, ReportOptions, RunOptions,
     Selection, TRIALS_FAILED, complain,
     compute::Compute,
     folders, hosts, looks, overview, profiles, provenance, say, searches, settings, stages,
@@ -257,17 +257,20 @@ fn write_report(
     let mut contents = Contents::of(&study, &results);
     looks::record(one, store, &results, &mut contents)?;
     let provenance = provenance::of(registry, one, builds);
-    let paths = report::write(&dir, &study, &results, &contents, &provenance)?;
+    let paths = report::write(&dir, &study, &results, &mut contents, &provenance)?;
+    for warning in &contents.warnings {
+        complain(&format!("warning: {}: {warning}", study.name));
+    }
     write_beside(&dir, one, selection, &results, &paths)?;
     say(&match common.format {
         Format::Json => as_json(&study, &results, &contents, &paths).to_string(),
         Format::Text => report::summary(&study, &results, &contents, &paths.page, terminal_width()),
     });
     let code = study::code_of(results.trials.iter().map(|result| result.end.as_deref()));
-    Ok(if code == OK && reporting.strict && contents.contradicts() {
-        DIFFERS
-    } else {
-        code
+    Ok(match code {
+        OK if !contents.is_whole() => NOT_MADE,
+        OK if reporting.strict && contents.contradicts() => DIFFERS,
+        code => code,
     })
 }
 
@@ -369,8 +372,25 @@ fn as_json(study: &StudyInfo, results: &Results, contents: &Contents, paths: &Re
         "claims_holm": counts(contents.outcomes_together()),
         "published_exploratory": counts(contents.verdicts(true)),
         "claims_exploratory": counts(contents.outcomes(true)),
+        "not_made": not_made(contents), "warnings": contents.warnings,
         "page": paths.page, "files": paths.files,
     })
+}
+
+/// Names of the tables and figures that could not be made, with the reasons.
+fn not_made(contents: &Contents) -> Value {
+    let tables = contents
+        .tables
+        .iter()
+        .filter_map(|(name, grid)| Some((name, grid.as_ref().err()?)));
+    let figures = contents
+        .figures
+        .iter()
+        .filter_map(|(name, chart)| Some((name, chart.as_ref().err()?)));
+    let all = tables.chain(figures);
+    all.map(|(name, reason)| (name.clone(), json!(reason)))
+        .collect::<serde_json::Map<_, _>>()
+        .into()
 }
 
 /// Columns of the terminal, as the shell tells; 100 elsewhere.

@@ -15,6 +15,8 @@ pub(super) const TEXT: f64 = 7.5;
 pub(super) const AXIS_WIDTH: f64 = 0.6;
 const TICK: f64 = 2.5;
 const LINE: f64 = 8.8;
+/// The smallest positive number.
+const SMALLEST: f64 = f64::from_bits(1);
 
 /// The ends of an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,38 +39,49 @@ pub(super) struct Frame {
 
 impl Range {
     /// The range that holds all finite values (all positive ones if logarithmic), widened by a part of itself
-    /// on each side.
+    /// on each side. Both ends are finite and differ, and of a logarithmic range are positive.
     pub(super) fn around(values: impl Iterator<Item = f64>, log: bool, padding: f64) -> Self {
+        /// What lies closer together than this lies at one place: steps between smaller numbers are none.
+        const CLOSEST: f64 = 1e-300;
         let usable = values
             .filter(|value| value.is_finite() && (!log || *value > 0.0))
             .map(|value| if log { value.log10() } else { value });
         let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
             (low.min(value), high.max(value))
         });
-        let (low, high) = match (low <= high, high - low > 1e-12 * high.abs().max(low.abs())) {
+        let least = (1e-12 * high.abs().max(low.abs())).max(CLOSEST);
+        let (low, high) = match (low <= high, high - low > least) {
             (false, _) => (0.0, 1.0),
             (true, false) => (low - 0.5 * low.abs().max(0.1), low + 0.5 * low.abs().max(0.1)),
             (true, true) => (low - padding * (high - low), high + padding * (high - low)),
         };
-        if log {
-            Self {
-                low: 10f64.powf(low),
-                high: 10f64.powf(high),
-                log,
-            }
+        let (low, high) = if log {
+            (10f64.powf(low).max(SMALLEST), 10f64.powf(high))
         } else {
-            Self { low, high, log }
+            (low.max(f64::MIN), high)
+        };
+        Self {
+            low,
+            high: high.min(f64::MAX),
+            log,
         }
     }
 
-    /// Where a value lies: 0 at the lower end, 1 at the upper one, never beyond.
+    /// True for what has a place on the axis: a finite number, and a positive one if logarithmic.
+    pub(super) fn holds(self, value: f64) -> bool {
+        value.is_finite() && (!self.log || value > 0.0)
+    }
+
+    /// Where a value lies: 0 at the lower end, 1 at the upper one, never beyond. What is no number lies at the lower end.
     pub(super) fn part(self, value: f64) -> f64 {
         let part = if self.log {
-            (value.max(f64::MIN_POSITIVE) / self.low).ln() / (self.high / self.low).ln()
-        } else {
+            (value.max(SMALLEST).ln() - self.low.ln()) / (self.high.ln() - self.low.ln())
+        } else if (self.high - self.low).is_finite() {
             (value - self.low) / (self.high - self.low)
+        } else {
+            (value / 2.0 - self.low / 2.0) / (self.high / 2.0 - self.low / 2.0)
         };
-        part.clamp(0.0, 1.0)
+        if part.is_nan() { 0.0 } else { part.clamp(0.0, 1.0) }
     }
 }
 

@@ -1,11 +1,6 @@
 //! A computed figure: panels with series, as data.
 
-use super::drawn;
-use crate::{
-    Error,
-    drawing::{Graph, Image},
-    table::write_csv,
-};
+use crate::drawing::{Graph, Image};
 
 /// A figure as data: what the drawing and the CSV file read.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -111,6 +106,15 @@ pub struct Curve {
     pub runs: Vec<RunLine>,
     /// Runs that are not drawn: a page shows them to those who ask.
     pub undrawn: Vec<RunLine>,
+    /// What the last values of the runs come to, where not all of them end where the line does.
+    pub at_the_ends: Option<f64>,
+}
+
+impl Curve {
+    /// All runs, drawn or not.
+    pub fn all_runs(&self) -> impl Iterator<Item = &RunLine> {
+        self.runs.iter().chain(&self.undrawn)
+    }
 }
 
 /// Whose learning curve it is.
@@ -275,7 +279,7 @@ impl Shape {
             .chain(surface.iter().copied())
     }
 
-    fn is_across(&self) -> bool {
+    pub(super) fn is_across(&self) -> bool {
         matches!(self, Shape::Across(_))
     }
 
@@ -326,36 +330,6 @@ impl Series {
     }
 }
 
-impl Chart {
-    /// The data of the figure, one line per point; `run` names a single run and is empty for what is shown of
-    /// all runs.
-    ///
-    /// # Errors
-    /// [`Error::Render`] where the writer refuses.
-    pub fn csv(&self) -> Result<String, Error> {
-        if let Some(lines) = drawn::lines(self) {
-            return write_csv(&lines);
-        }
-        let header = ["panel", "series", "n", "x", "y", "low", "high", "z", "run"]
-            .map(String::from)
-            .to_vec();
-        let mut lines = vec![header];
-        for (index, panel) in self.panels.iter().enumerate() {
-            let name = panel.name(index);
-            for series in &panel.series {
-                let n = series.seeds.map_or(String::new(), |(n, _)| n.to_string());
-                let head = [name.clone(), series.label.clone(), n];
-                lines.extend(
-                    fields(&series.shape, panel)
-                        .into_iter()
-                        .map(|tail| head.iter().cloned().chain(tail).collect()),
-                );
-            }
-        }
-        write_csv(&lines)
-    }
-}
-
 impl Panel {
     /// What it is called in files: its title, or its number from 1.
     pub(super) fn name(&self, index: usize) -> String {
@@ -365,68 +339,6 @@ impl Panel {
             self.title.clone()
         }
     }
-}
-
-fn fields(shape: &Shape, panel: &Panel) -> Vec<[String; 6]> {
-    let none = String::new;
-    let x = if shape.is_across() { &panel.y } else { &panel.x };
-    match shape {
-        Shape::Level(level) => vec![[none(), level.to_string(), none(), none(), none(), none()]],
-        Shape::Surface(surface) => {
-            let row = |(y, z): (&f64, &Vec<f64>)| {
-                let cell = |(x, z): (&f64, &f64)| {
-                    [
-                        x.to_string(),
-                        y.to_string(),
-                        none(),
-                        none(),
-                        z.to_string(),
-                        none(),
-                    ]
-                };
-                surface.x.iter().zip(z).map(cell).collect::<Vec<_>>()
-            };
-            surface.y.iter().zip(&surface.z).flat_map(row).collect()
-        }
-        Shape::Cells(cells) => {
-            let name = |scale: &Scale, index: usize| scale.categories.get(index).cloned().unwrap_or_default();
-            let row = |(row, values): (usize, &Vec<Option<f64>>)| {
-                let cell = |(column, value): (usize, &Option<f64>)| {
-                    let value = value.map_or_else(none, |value| value.to_string());
-                    [
-                        name(&panel.x, column),
-                        name(&panel.y, row),
-                        none(),
-                        none(),
-                        value,
-                        none(),
-                    ]
-                };
-                values.iter().enumerate().map(cell).collect::<Vec<_>>()
-            };
-            cells.values.iter().enumerate().flat_map(row).collect()
-        }
-        _ => {
-            let of_run = |run: &RunLine| {
-                run.points
-                    .iter()
-                    .map(|point| point_fields(point, x, &run.name))
-                    .collect::<Vec<_>>()
-            };
-            let line = shape.points().iter().map(|point| point_fields(point, x, ""));
-            line.chain(shape.runs().iter().flat_map(of_run)).collect()
-        }
-    }
-}
-
-fn point_fields(point: &Point, x: &Scale, run: &str) -> [String; 6] {
-    let (low, high) = point
-        .interval
-        .map_or((String::new(), String::new()), |(low, high)| {
-            (low.to_string(), high.to_string())
-        });
-    let place = x.name_at(point.x).unwrap_or_else(|| point.x.to_string());
-    [place, point.y.to_string(), low, high, String::new(), run.into()]
 }
 
 impl Scale {

@@ -14,6 +14,7 @@ use crate::{
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// A surface that was traced, with a path over it that was measured during learning.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -175,10 +176,12 @@ fn path(kind: &Contour, trial: &TrialResult) -> Option<(String, Vec<Point>)> {
     let [x, y] = kind.path.as_slice() else { return None };
     let (x, y) = (trial.curve(Phase::Evaluate, x), trial.curve(Phase::Evaluate, y));
     let (first, last) = (x.first()?.0, x.last()?.0);
+    let y: BTreeMap<u64, f64> = y.into_iter().collect();
+    // Where only one of both was measured there is no point.
     let points = x
         .into_iter()
-        .zip(y)
-        .map(|((_, x), (_, y))| Point { x, y, interval: None })
+        .filter_map(|(step, x)| Some((x, *y.get(&step)?)))
+        .map(|(x, y)| Point { x, y, interval: None })
         .collect();
     Some((format!("measurements from step {first} to step {last}"), points))
 }

@@ -2,15 +2,19 @@
 
 use super::{
     Band, LearningCurve, Line,
-    chart::{Chart, Curve, CurveOf, Panel, Shape},
+    chart::{Chart, Curve, CurveOf, Panel, Point, RunLine, Series, Shape},
     over_runs::FEW,
 };
+use crate::statistics::thinning;
 
 /// What is drawn, and nothing that is not.
 pub(super) fn sentences(kind: &LearningCurve, chart: &Chart) -> Vec<String> {
     let drawn = Drawn { kind, chart };
     [
         drawn.lines(),
+        drawn.carried(),
+        drawn.parts(),
+        drawn.thinned(),
         drawn.smoothing(),
         drawn.thin_lines(),
         drawn.bands(),
@@ -43,6 +47,72 @@ impl Drawn<'_> {
             .then(|| format!("Lines are {lines} over n seeds{from}."))
     }
 
+    /// How runs that were not measured at the same steps become a line.
+    fn carried(&self) -> Option<String> {
+        let names = self.names(|curve| !have_same_steps(curve));
+        (!names.is_empty()).then(|| {
+            format!(
+                "Runs that were not measured at the same steps ({}) count at each step with their last value up to it.",
+                names.join(", ")
+            )
+        })
+    }
+
+    /// Where lines end although runs go on, in the study's own curves: what is said of published ones says it too.
+    fn parts(&self) -> Option<String> {
+        let part = |series: &Series, curve: &Curve| {
+            let whole = ends(curve.all_runs().flat_map(|run| &run.points))?;
+            let name = &series.label;
+            let n = series.seeds.map_or(0, |(n, _)| n);
+            let line = ends(curve.points.iter());
+            match line {
+                _ if !is_own(curve) || line == Some(whole) => None,
+                None => Some(format!(
+                    "{name} has no line: there is no step at which all n = {n} runs have begun and none has ended."
+                )),
+                Some((first, last)) => Some(format!(
+                    "The line of {name} goes from step {first} to {last}, where all n = {n} runs have values; single \
+                     runs go from {} to {}.",
+                    whole.0, whole.1
+                )),
+            }
+        };
+        let panels = self.chart.panels.iter();
+        let series = panels.flat_map(|panel| &panel.series);
+        let parts = series.filter_map(|series| match &series.shape {
+            Shape::Curve(curve) => part(series, curve),
+            _ => None,
+        });
+        let parts: Vec<String> = parts.collect();
+        (!parts.is_empty()).then(|| parts.join(" "))
+    }
+
+    /// How lines of very many steps are drawn.
+    fn thinned(&self) -> Option<String> {
+        let is_long = |curve: &Curve| curve.all_runs().any(|run| run.points.len() > thinning::MOST);
+        self.any(is_long).then(|| {
+            format!(
+                "Of more than {} steps the first, the lowest, the highest and the last of each stretch are drawn; the data \
+                 of the figure have all values of the runs.",
+                thinning::MOST
+            )
+        })
+    }
+
+    /// The names of curves, each once.
+    fn names(&self, is: impl Fn(&Curve) -> bool) -> Vec<&str> {
+        let mut names = Vec::new();
+        for series in self.chart.panels.iter().flat_map(|panel| &panel.series) {
+            if let Shape::Curve(curve) = &series.shape
+                && is(curve)
+                && !names.contains(&series.label.as_str())
+            {
+                names.push(series.label.as_str());
+            }
+        }
+        names
+    }
+
     fn smoothing(&self) -> Option<String> {
         let weight = self.kind.smooth;
         let smoothed = weight > 0.0 && self.any(is_own);
@@ -56,10 +126,13 @@ impl Drawn<'_> {
 
     fn thin_lines(&self) -> Option<String> {
         let thin = |curve: &Curve| is_own(curve) && !curve.runs.is_empty();
-        let place = if self.in_all(thin) {
-            String::new()
-        } else {
-            format!(", in panels where an agent has at most {FEW}")
+        let uneven = |curve: &Curve| thin(curve) && curve.at_the_ends.is_some();
+        let place = match (self.in_all(thin), self.any(uneven)) {
+            (true, _) => String::new(),
+            (false, false) => format!(", in panels where an agent has at most {FEW}"),
+            (false, true) => {
+                format!(", in panels where an agent has at most {FEW}, and where not all of them end together")
+            }
         };
         self.any(thin)
             .then(|| format!("Thin lines are the seeds{place}."))
@@ -174,6 +247,29 @@ fn curves(panel: &Panel) -> impl Iterator<Item = (usize, &Curve)> {
     panel.series.iter().filter_map(|series| match &series.shape {
         Shape::Curve(curve) => Some((series.seeds.map_or(0, |(n, _)| n), curve)),
         _ => None,
+    })
+}
+
+/// True where all runs were measured at the same steps, as far as the line goes.
+fn have_same_steps(curve: &Curve) -> bool {
+    let Some((first, last)) = ends(curve.points.iter()) else {
+        return true;
+    };
+    let steps = |run: &RunLine| -> Vec<f64> {
+        let steps = run.points.iter().map(|point| point.x);
+        steps.filter(|step| (first..=last).contains(step)).collect()
+    };
+    let mut all = curve.all_runs().map(steps);
+    let first = all.next();
+    all.all(|steps| Some(&steps) == first.as_ref())
+}
+
+/// The first and the last place of some points.
+fn ends<'a>(points: impl Iterator<Item = &'a Point>) -> Option<(f64, f64)> {
+    points.fold(None, |ends: Option<(f64, f64)>, point| {
+        Some(ends.map_or((point.x, point.x), |(first, last)| {
+            (first.min(point.x), last.max(point.x))
+        }))
     })
 }
 

@@ -167,7 +167,10 @@ fn panel_values(panel: &Panel) -> Vec<String> {
 fn series_values(series: &Series, panel: &Panel, format: NumberFormat) -> Option<String> {
     match &series.shape {
         Shape::Level(value) => Some(format.write(*value)),
-        Shape::Curve(curve) => last(&curve.points).map(|value| format.write(value)),
+        Shape::Curve(curve) => curve
+            .at_the_ends
+            .or_else(|| last(&curve.points))
+            .map(|value| format.write(value)),
         // Where rows have names, the values lie along the horizontal axis.
         Shape::Line(points) if !panel.y.categories.is_empty() => {
             points.last().map(|point| format.write(point.x))
@@ -291,6 +294,7 @@ mod tests {
             points: vec![point(0.0, 1.0), point(60_000.0, last), point(60_000.0, f64::NAN)],
             runs: Vec::new(),
             undrawn: Vec::new(),
+            at_the_ends: None,
         })
     }
 

@@ -342,16 +342,11 @@ fn vertical_range(panels: &[&Panel]) -> Range {
     // Bars stand on the axis: no room between zero and its end.
     if scale.includes.contains(&0.0) {
         let values = || shapes().flat_map(Shape::heights);
-        range.low = if values().all(|value| value >= 0.0) {
-            0.0
-        } else {
-            range.low
-        };
-        range.high = if values().all(|value| value <= 0.0) {
-            0.0
-        } else {
-            range.high
-        };
+        if values().all(|value| value >= 0.0) {
+            range.low = 0.0;
+        } else if values().all(|value| value <= 0.0) {
+            range.high = 0.0;
+        }
     }
     range
 }

@@ -5,7 +5,7 @@ use super::{
     build::{Context, by_environment, label_with_setting, level},
     chart::{Chart, Curve, CurveOf, RunLine, Scale, Series, Shape, Style},
     curve_notes,
-    over_runs::{FEW, Shown, Values, over, points, smoothed},
+    over_runs::{FEW, Shown, are_uneven, at_the_ends, over, points, smoothed},
     published,
 };
 use crate::{
@@ -13,7 +13,7 @@ use crate::{
     published_curve::{PublishedCurve, Run},
     results::TrialResult,
     spec::names::{Names, Picked, Place},
-    statistics::Summary,
+    statistics::{Summary, common_steps},
     table::{Axis, Scope},
 };
 use schemars::JsonSchema;
@@ -235,21 +235,19 @@ impl Measured {
         if let Some(value) = self.level {
             return level(self.label, self.style, self.seeds, value);
         }
-        let values: Vec<Values> = self.runs.iter().map(|run| smoothed(kind, &run.points)).collect();
-        let line = |((run, trial), values): ((Run, String), &Values)| RunLine {
-            name: run.name,
-            trial,
-            points: points(values),
+        let with_values = |((run, trial), values): ((Run, String), common_steps::Run)| {
+            let points = points(&values);
+            let name = run.name;
+            (!values.is_empty()).then_some((values, RunLine { name, trial, points }))
         };
-        // The line of a single seed is that seed.
-        let thin = shown.runs && values.len() > 1;
-        let lines = self
-            .runs
-            .into_iter()
-            .zip(self.trials)
-            .zip(&values)
-            .map(line)
-            .collect();
+        let smoothed: Vec<common_steps::Run> =
+            self.runs.iter().map(|run| smoothed(kind, &run.points)).collect();
+        let runs = self.runs.into_iter().zip(self.trials).zip(smoothed);
+        let (values, lines): (Vec<common_steps::Run>, Vec<RunLine>) = runs.filter_map(with_values).unzip();
+        let seeds = (values.len(), self.seeds.1);
+        // The line of a single seed is that seed. Of runs that go on where their line ends the rest would be lost.
+        let asked = shown.runs || kind.seeds == SeedLines::Chosen(Automatic::Auto) && are_uneven(&values);
+        let thin = asked && values.len() > 1;
         let (drawn, undrawn) = if thin {
             (lines, Vec::new())
         } else {
@@ -264,10 +262,11 @@ impl Measured {
             points: over(&values, kind.line, shown.band),
             runs: drawn,
             undrawn,
+            at_the_ends: at_the_ends(&values, kind.line),
         };
         Series {
             label: self.label,
-            seeds: Some(self.seeds),
+            seeds: Some(seeds),
             style: self.style,
             shape: Shape::Curve(curve),
         }

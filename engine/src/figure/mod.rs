@@ -8,6 +8,7 @@ mod contour;
 mod curve_notes;
 #[cfg(test)]
 mod curve_tests;
+mod data_file;
 mod drawn;
 #[cfg(test)]
 mod drawn_tests;
@@ -22,6 +23,7 @@ mod in_words;
 mod layout;
 mod learning_curve;
 mod legend;
+mod letters;
 mod on_dark;
 mod over_runs;
 mod paint;
@@ -52,6 +54,7 @@ pub use grouped_lines::GroupedLines;
 pub use heat_map::HeatMap;
 pub use images::Images;
 pub use importance::ImportanceFigure;
+pub use letters::lacking;
 pub use learning_curve::{Automatic, Band, LearningCurve, Line, SeedLines};
 pub use on_dark::{Ground, on_dark};
 pub use parallel_coordinates::ParallelCoordinates;

@@ -3,17 +3,15 @@
 use super::{Automatic, Band, LearningCurve, Line, SeedLines, chart::Point};
 use crate::statistics::{
     Bootstrap, MeanEstimate,
+    common_steps::{Run, at_common_steps, shared_stretch},
     estimators::{iqm, mean, median, moving_average, quantile, sd},
+    thinning,
 };
-use std::collections::BTreeMap;
 
 /// Up to so many seeds are few: all of them can be seen, and their smallest and largest value do not enclose
 /// the mean often enough to cut an interval there. Of `n` seeds of a symmetric distribution they do with
 /// probability `1 - 2^(1 - n)`: 94 % of the time with five, 97 % with six.
 pub(super) const FEW: usize = 5;
-
-/// Steps in ascending order, with a value each.
-pub(super) type Values = Vec<(u64, f64)>;
 
 /// What a panel shows of its runs beside the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,7 +37,7 @@ impl Shown {
 }
 
 /// A run as it is drawn: its steps from the first wanted one on, as their moving average.
-pub(super) fn smoothed(kind: &LearningCurve, points: &[(u64, f64)]) -> Values {
+pub(super) fn smoothed(kind: &LearningCurve, points: &[(u64, f64)]) -> Run {
     let (steps, values): (Vec<u64>, Vec<f64>) = points
         .iter()
         .copied()
@@ -51,22 +49,41 @@ pub(super) fn smoothed(kind: &LearningCurve, points: &[(u64, f64)]) -> Values {
         .collect()
 }
 
-/// Line and band over runs, at each step that one of them has.
-pub(super) fn over(runs: &[Values], line: Line, band: Band) -> Vec<Point> {
-    by_step(runs)
-        .into_iter()
-        .map(|(step, values)| point(step, &values, line, band))
-        .collect()
+/// Line and band over runs at their common steps: every point is of all of them. Of very many steps those stay at which
+/// the line can be told from its neighbours.
+pub(super) fn over(runs: &[Run], line: Line, band: Band) -> Vec<Point> {
+    let runs: Vec<&[(u64, f64)]> = runs.iter().map(Vec::as_slice).collect();
+    let mut middles: Run = Vec::new();
+    at_common_steps(&runs, |step, values| middles.push((step, middle(values, line))));
+    let kept = if middles.len() > thinning::MOST {
+        thinning::kept_steps(&middles)
+    } else {
+        (0..middles.len()).collect()
+    };
+    let mut kept = kept.into_iter().map(|index| middles[index].0).peekable();
+    let mut points = Vec::new();
+    at_common_steps(&runs, |step, values| {
+        if kept.next_if_eq(&step).is_some() {
+            points.push(point(step, values, line, band));
+        }
+    });
+    points
 }
 
-/// The mean over runs at the steps that all of them have: where one ends, the mean of the others would jump.
-pub(super) fn mean_of_all(runs: &[Values]) -> Vec<Point> {
-    let shared = by_step(runs)
-        .into_iter()
-        .filter(|(_, values)| values.len() == runs.len());
-    shared
-        .map(|(step, values)| point(step, &values, Line::Mean, Band::None))
-        .collect()
+/// What the last values of runs come to, where these do not all end where their line does.
+pub(super) fn at_the_ends(runs: &[Run], line: Line) -> Option<f64> {
+    let slices: Vec<&[(u64, f64)]> = runs.iter().map(Vec::as_slice).collect();
+    let end = shared_stretch(&slices).map(|(_, end)| end);
+    let lasts: Vec<(u64, f64)> = runs.iter().filter_map(|run| run.last().copied()).collect();
+    let uneven = lasts.iter().any(|(step, _)| Some(*step) != end);
+    let values: Vec<f64> = lasts.into_iter().map(|(_, value)| value).collect();
+    uneven.then(|| middle(&values, line))
+}
+
+/// True where runs begin or end at different steps, so that their line leaves a part of them out.
+pub(super) fn are_uneven(runs: &[Run]) -> bool {
+    let ends = |run: &Run| (run.first().map(|it| it.0), run.last().map(|it| it.0));
+    runs.iter().any(|run| ends(run) != ends(&runs[0]))
 }
 
 /// The points of one run.
@@ -86,20 +103,17 @@ pub(super) fn place(step: u64) -> f64 {
     step as f64
 }
 
-fn by_step(runs: &[Values]) -> BTreeMap<u64, Vec<f64>> {
-    let mut values: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
-    for (step, value) in runs.iter().flatten() {
-        values.entry(*step).or_default().push(*value);
-    }
-    values
-}
-
-fn point(step: u64, values: &[f64], line: Line, band: Band) -> Point {
-    let y = match line {
+/// What a line shows of the values of all runs.
+fn middle(values: &[f64], line: Line) -> f64 {
+    match line {
         Line::Mean => mean(values),
         Line::Median => median(values),
         Line::Iqm => iqm(values),
-    };
+    }
+}
+
+fn point(step: u64, values: &[f64], line: Line, band: Band) -> Point {
+    let y = middle(values, line);
     let ends = (values.len() > 1).then(|| ends(values, y, line, band)).flatten();
     // The line is part of its band, after rounding too.
     Point {
@@ -209,16 +223,34 @@ mod tests {
     }
 
     #[test]
-    fn a_mean_of_all_ends_with_the_shortest_run() {
+    fn a_line_ends_with_the_shortest_run_and_its_last_values_are_told() {
         let runs = [vec![(10, 1.0), (20, 2.0), (30, 3.0)], vec![(20, 4.0)]];
-        assert_eq!(
-            mean_of_all(&runs),
-            [Point {
-                x: 20.0,
-                y: 3.0,
-                interval: None
-            }]
-        );
+        let middle = Point {
+            x: 20.0,
+            y: 3.0,
+            interval: None,
+        };
+        assert_eq!(over(&runs, Line::Mean, Band::None), [middle]);
+        assert_eq!(at_the_ends(&runs, Line::Mean), Some(3.5));
+        assert!(are_uneven(&runs));
+        let even = [vec![(10, 1.0), (20, 2.0)], vec![(10, 3.0), (20, 4.0)]];
+        assert_eq!((at_the_ends(&even, Line::Mean), are_uneven(&even)), (None, false));
+    }
+
+    #[test]
+    fn runs_at_steps_of_their_own_make_no_zigzag() {
+        let run = |from: u64, value: f64| (from..1000).step_by(100).map(|step| (step, value)).collect();
+        let line = over(&[run(0, 0.0), run(50, 10.0)], Line::Mean, Band::Range);
+        assert_eq!((line[0].x, line[line.len() - 1].x), (50.0, 900.0));
+        assert!(line.iter().all(|point| point.y == 5.0 && point.interval == Some((0.0, 10.0))));
+    }
+
+    #[test]
+    fn long_runs_become_a_line_that_a_picture_can_show() {
+        let run = |shift: u64| (0..100_000).map(|step| (2 * step + shift, step as f64)).collect();
+        let line = over(&[run(0), run(1)], Line::Median, Band::Interval);
+        assert!((1000..=4000).contains(&line.len()), "{}", line.len());
+        assert!(line.iter().all(|point| point.interval.is_some()));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Paints marks with plotters, as SVG or PNG, with the bundled font. No window, no font of the system, no
 //! clock.
 
-use super::style::Rgb;
+use super::{letters::drawable, style::Rgb};
 use crate::{Error, drawing::Image, plain_text::printable};
 use base64::{Engine as _, prelude::BASE64_STANDARD};
 use plotters::{
@@ -12,7 +12,7 @@ use plotters::{
         text_anchor::{HPos, Pos, VPos},
     },
 };
-use std::{path::Path, sync::Once};
+use std::{borrow::Cow, path::Path, sync::Once};
 
 /// The family that SVG files name; the bundled font is registered under the whole list.
 const FAMILY: &str = "DejaVu Sans, sans-serif";
@@ -172,7 +172,7 @@ pub(super) fn text_width(text: &str, size: f64) -> f64 {
         1000.0 * PNG_SIZE_PER_EM,
         FontStyle::Normal,
     );
-    font.box_size(text)
+    font.box_size(&drawable(text))
         .map_or(0.0, |(width, _)| f64::from(width) / 1000.0 * size)
 }
 
@@ -188,7 +188,7 @@ pub(super) fn svg(drawing: &Drawing, decimals: usize) -> Result<String, Error> {
         scale: SVG_SCALE,
         size_per_em: SVG_SIZE_PER_EM,
         raise: 0.0,
-        by_segments: false,
+        rasters: false,
     };
     pen.paint(&mut backend, drawing)?;
     backend.present().map_err(refused)?;
@@ -240,7 +240,7 @@ pub(super) fn png(drawing: &Drawing, path: &Path) -> Result<(), Error> {
         scale,
         size_per_em: PNG_SIZE_PER_EM,
         raise: PNG_RAISE,
-        by_segments: true,
+        rasters: true,
     };
     pen.paint(&mut BitMapBackend::with_buffer(&mut fine, size), drawing)?;
     let mut pixels = shrink(&fine, w, h);
@@ -292,8 +292,9 @@ struct Pen {
     scale: f64,
     size_per_em: f64,
     raise: f64,
-    /// The rasteriser spoils long thick lines at sharp corners, so there each segment is a line of its own.
-    by_segments: bool,
+    /// True for the rasteriser. It spoils long thick lines at sharp corners, so there each segment is a line of its own,
+    /// and it has the carried font alone.
+    rasters: bool,
 }
 
 impl Pen {
@@ -354,7 +355,7 @@ impl Pen {
         style: ShapeStyle,
     ) -> Result<(), Error> {
         let points: Vec<_> = points.iter().map(|point| self.place(*point)).collect();
-        if !self.by_segments {
+        if !self.rasters {
             return backend.draw_path(points, &style).map_err(refused);
         }
         points
@@ -391,8 +392,10 @@ impl Pen {
             color: fill(color, 1.0).color.to_backend_color(),
             pos: Pos::new(align, VPos::Center),
         };
+        let text = printable(text);
+        let text = if self.rasters { drawable(&text) } else { Cow::Borrowed(&*text) };
         backend
-            .draw_text(&printable(text), &style, self.place(at))
+            .draw_text(&text, &style, self.place(at))
             .map_err(refused)
     }
 

@@ -1,7 +1,7 @@
 //! Figures as PDF files, converted from the SVG file: the same drawing, with its font embedded and no pixels
 //! where the SVG file has none.
 
-use super::paint::FONT;
+use super::{letters::drawable, paint::FONT};
 use crate::Error;
 use std::sync::Arc;
 use svg2pdf::{
@@ -13,7 +13,7 @@ use svg2pdf::{
 const POINTS_PER_INCH: f32 = 72.0;
 
 /// An SVG file of a figure as a PDF file of one page, which is as large as the figure. The same file gives the
-/// same bytes.
+/// same bytes. Letters that the font lacks are read as U+FFFD: all would have one glyph, which the file can name but once.
 ///
 /// # Errors
 /// [`Error::Render`] where the drawing is refused.
@@ -25,7 +25,7 @@ pub fn pdf(svg: &str) -> Result<Vec<u8>, Error> {
         fontdb: Arc::new(fonts),
         ..Options::default()
     };
-    let tree = Tree::from_str(svg, &options).map_err(|error| refused(&error.to_string()))?;
+    let tree = Tree::from_str(&drawable(svg), &options).map_err(|error| refused(&error.to_string()))?;
     let page = PageOptions { dpi: POINTS_PER_INCH };
     let bytes =
         to_pdf(&tree, ConversionOptions::default(), page).map_err(|error| refused(&error.to_string()))?;

@@ -74,12 +74,7 @@ fn lines(curve: &Curve) -> Map<String, Value> {
         data.insert("low".into(), end(|(low, _)| low));
         data.insert("high".into(), end(|(_, high)| high));
     }
-    let runs: Vec<Value> = curve
-        .runs
-        .iter()
-        .chain(&curve.undrawn)
-        .map(|it| run(it, &x))
-        .collect();
+    let runs: Vec<Value> = curve.all_runs().map(|it| run(it, &x)).collect();
     data.insert("runs".into(), json!(runs));
     data.insert("drawn".into(), json!(!curve.runs.is_empty()));
     data
@@ -177,6 +172,7 @@ mod tests {
             points: points(&[1.0, 1.0 / 3.0]),
             runs: Vec::new(),
             undrawn: vec![run("seed 0", &[1.0, 0.5]), run("seed 1", &[f64::NAN])],
+            at_the_ends: None,
         }
     }
 

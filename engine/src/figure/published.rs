@@ -1,14 +1,15 @@
 //! Published curves beside those of a study.
 
 use super::{
-    LearningCurve, SeedLines,
+    Band, LearningCurve, Line, SeedLines,
     build::Context,
     chart::{Curve, CurveOf, Hue, RunLine, Series, Shape, Style},
-    over_runs::{Values, mean_of_all, points, smoothed},
+    over_runs::{over, points, smoothed},
 };
 use crate::{
     Error,
-    published_curve::{PublishedCurve, Run},
+    published_curve::{self, PublishedCurve},
+    statistics::common_steps::Run,
 };
 
 /// The published curves of an environment, as far as `end`: logs may go on long after the study ended, which
@@ -54,8 +55,8 @@ fn style(kind: &LearningCurve, index: usize, context: Context<'_>) -> Style {
 }
 
 /// A curve with its runs; `None` where it begins after the end.
-fn one(kind: &LearningCurve, curve: &PublishedCurve, style: Style, runs: &[Run], end: u64) -> Option<Series> {
-    let values: Vec<Values> = runs
+fn one(kind: &LearningCurve, curve: &PublishedCurve, style: Style, runs: &[published_curve::Run], end: u64) -> Option<Series> {
+    let values: Vec<Run> = runs
         .iter()
         .map(|run| until(end, smoothed(kind, &run.points)))
         .collect();
@@ -63,7 +64,7 @@ fn one(kind: &LearningCurve, curve: &PublishedCurve, style: Style, runs: &[Run],
         return None;
     }
     let thin = runs.len() > 1 && kind.seeds != SeedLines::Said(false);
-    let line = |(run, values): (&Run, &Values)| RunLine {
+    let line = |(run, values): (&published_curve::Run, &Run)| RunLine {
         name: run.name.clone(),
         trial: String::new(),
         points: points(values),
@@ -83,9 +84,10 @@ fn one(kind: &LearningCurve, curve: &PublishedCurve, style: Style, runs: &[Run],
     let seeds = curve.by.is_some().then_some((runs.len(), runs.len()));
     let shape = Shape::Curve(Curve {
         of: CurveOf::Publication,
-        points: mean_of_all(&values),
+        points: over(&values, Line::Mean, Band::None),
         runs: drawn,
         undrawn,
+        at_the_ends: None,
     });
     Some(Series {
         label: curve.label.clone(),
@@ -95,7 +97,7 @@ fn one(kind: &LearningCurve, curve: &PublishedCurve, style: Style, runs: &[Run],
     })
 }
 
-fn until(end: u64, mut values: Values) -> Values {
+fn until(end: u64, mut values: Run) -> Run {
     values.retain(|(step, _)| *step <= end);
     values
 }

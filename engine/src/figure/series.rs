@@ -9,6 +9,7 @@ use super::{
     style::{INK, Marker, Rgb, blend},
     surface,
 };
+use crate::statistics::thinning;
 
 const LINE_WIDTH: f64 = 1.2;
 const PUBLISHED_WIDTH: f64 = 0.9;
@@ -24,7 +25,8 @@ pub(super) fn draw(panel: &Panel, frame: &Frame, heights: Option<Range>, marks: 
         curves
             .iter()
             .filter(|(curve, _)| !curve.runs.is_empty())
-            .map(|(curve, _)| rim(&places(&curve.points, frame))),
+            .flat_map(|(curve, _)| pieces(&curve.points, frame))
+            .map(rim),
     );
     marks.extend(
         curves
@@ -47,21 +49,26 @@ fn curve(series: &Series) -> Option<(&Curve, Style)> {
 fn one(series: &Series, frame: &Frame, heights: Option<Range>, marks: &mut Vec<Mark>) {
     let color = series.style.color();
     match &series.shape {
-        Shape::Line(points) => marks.extend(dashed(
-            &places(points, frame),
-            series.style.dashes(),
-            series.style.width(),
-            color,
-        )),
-        Shape::Curve(curve) => marks.extend(line(curve, series.style, &places(&curve.points, frame))),
+        Shape::Line(points) => {
+            for piece in pieces(points, frame) {
+                marks.extend(dashed(
+                    &piece,
+                    series.style.dashes(),
+                    series.style.width(),
+                    color,
+                ));
+            }
+        }
+        Shape::Curve(curve) => {
+            for piece in pieces(&curve.points, frame) {
+                marks.extend(line(curve, series.style, &piece));
+            }
+        }
         Shape::MarkedLine(points) => {
             marks.extend(whiskers(points, frame, color));
-            marks.extend(dashed(
-                &places(points, frame),
-                series.style.dashes(),
-                LINE_WIDTH,
-                color,
-            ));
+            for piece in pieces(points, frame) {
+                marks.extend(dashed(&piece, series.style.dashes(), LINE_WIDTH, color));
+            }
             marks.extend(
                 places(points, frame)
                     .into_iter()
@@ -131,11 +138,31 @@ pub(super) fn sample(series: &Series, (x, y): Place, length: f64, marks: &mut Ve
     }
 }
 
+/// The places of points, without those that have none on the axes.
 fn places(points: &[Point], frame: &Frame) -> Vec<Place> {
+    pieces(points, frame).concat()
+}
+
+/// The places of a line in pieces, between which points have no place on the axes: nothing is drawn there. Of very many
+/// points those stay that can be told apart.
+fn pieces(points: &[Point], frame: &Frame) -> Vec<Vec<Place>> {
+    /// Width of the columns of a thinned line, in points: less than that of any line.
+    const COLUMN: f64 = 0.5;
+    let holds = |point: &Point| frame.x.holds(point.x) && frame.y.holds(point.y);
+    let piece = |points: &[Point]| -> Vec<Place> {
+        let places: Vec<Place> = points.iter().map(|point| frame.at(point.x, point.y)).collect();
+        if places.len() <= thinning::MOST {
+            return places;
+        }
+        #[allow(clippy::cast_possible_truncation, reason = "a place on paper")]
+        let column = |place: &Place| (place.0 / COLUMN).floor() as i64;
+        let kept = thinning::kept(&places, column, |place| place.1);
+        kept.into_iter().map(|index| places[index]).collect()
+    };
     points
-        .iter()
-        .filter(|point| point.y.is_finite())
-        .map(|point| frame.at(point.x, point.y))
+        .chunk_by(|one, next| holds(one) == holds(next))
+        .filter(|run| run.first().is_some_and(holds))
+        .map(piece)
         .collect()
 }
 
@@ -187,15 +214,17 @@ fn runs(curves: &[(&Curve, Style)], frame: &Frame, marks: &mut Vec<Mark>) {
             } else {
                 &[]
             };
-            marks.extend(dashed(&places(&run.points, frame), dashes, width, style.light()));
+            for piece in pieces(&run.points, frame) {
+                marks.extend(dashed(&piece, dashes, width, style.light()));
+            }
         }
     }
 }
 
 /// A light rim that parts a line from thin lines of nearly its colour.
-fn rim(places: &[Place]) -> Mark {
+fn rim(places: Vec<Place>) -> Mark {
     Mark::Line {
-        points: places.to_vec(),
+        points: places,
         width: LINE_WIDTH + 1.0,
         color: (0xff, 0xff, 0xff),
     }
@@ -236,7 +265,7 @@ pub(super) fn dashed(points: &[Place], dashes: &[f64], width: f64, color: Rgb) -
 
 fn whiskers(points: &[Point], frame: &Frame, color: Rgb) -> Vec<Mark> {
     let whisker = |point: &Point| {
-        let (low, high) = point.interval?;
+        let (low, high) = point.interval.filter(|_| frame.x.holds(point.x))?;
         let ((x, bottom), (_, top)) = (frame.at(point.x, low), frame.at(point.x, high));
         let cap = |y: f64| [(x - 1.8, y), (x + 1.8, y)];
         let lines = [
@@ -254,7 +283,7 @@ fn whiskers(points: &[Point], frame: &Frame, color: Rgb) -> Vec<Mark> {
 }
 
 fn bars(points: &[Point], width: f64, frame: &Frame, color: Rgb, marks: &mut Vec<Mark>) {
-    for point in points {
+    for point in points.iter().filter(|point| point.y.is_finite()) {
         let half = width * 0.46;
         let corners = (frame.at(point.x - half, point.y), frame.at(point.x + half, 0.0));
         marks.push(Mark::Fill {

@@ -12,11 +12,17 @@ pub struct Tick {
 /// About `wanted` ticks at round values inside `low..=high`.
 #[must_use]
 pub fn linear(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
-    let step = round_step((high - low) / f64::from(u32::try_from(wanted.max(1)).unwrap_or(1)));
+    let parts = f64::from(u32::try_from(wanted.max(1)).unwrap_or(1));
+    // The largest numbers are further apart than a number can say.
+    let part = Some((high - low) / parts).filter(|part| part.is_finite());
+    let step = round_step(part.unwrap_or_else(|| high / parts - low / parts));
     let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
-    #[allow(clippy::cast_possible_truncation, reason = "a few ticks")]
-    let values: Vec<f64> = (0..=(last - first) as i32)
+    let most = u32::try_from(wanted).unwrap_or(u32::MAX).saturating_mul(2);
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few ticks")]
+    let count = ((last - first) as u32).min(most);
+    let values: Vec<f64> = (0..=count)
         .map(|index| (first + f64::from(index)) * step)
+        .filter(|value| value.is_finite())
         .collect();
     let largest = values
         .iter()
@@ -30,20 +36,30 @@ pub fn linear(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
         .collect()
 }
 
-/// Ticks of a logarithmic axis: powers of ten with text, and 2 to 9 between them, with text only where few powers are
-/// in range: 2 and 5, or all of them where two texts would be missing still. An axis that not even these mark twice has
-/// round steps.
+/// Ticks of a logarithmic axis between two positive numbers: powers of ten with text, and 2 to 9 between them, with text
+/// only where few powers are in range: 2 and 5, or all of them where two texts would be missing still. An axis that not
+/// even these mark twice has round steps. Where many powers are in range there is nothing between them, and where they
+/// are very many only those with text have ticks.
 #[must_use]
 pub fn logarithmic(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
     const EVERY_DIGIT: [i32; 9] = [1, 2, 3, 4, 5, 6, 7, 8, 9];
     const ROUND: &[i32] = &[1, 2, 5];
     let span = exponent(high) - exponent(low);
-    let skip = span / i32::try_from(wanted.max(1)).unwrap_or(1) + 1;
+    let skip = round_skip(span / i32::try_from(wanted.max(1)).unwrap_or(1) + 1);
     [(skip, ROUND), (1, ROUND), (1, &EVERY_DIGIT)]
         .into_iter()
         .map(|(skip, named)| of_decades(low, high, skip, named))
         .find(|ticks| ticks.iter().filter(|tick| !tick.text.is_empty()).count() >= 2)
         .unwrap_or_else(|| linear(low, high, wanted.max(FEWEST_STEPS)))
+}
+
+/// How many powers of ten lie between two texts: a round number where there are many.
+fn round_skip(skip: i32) -> i32 {
+    const ROUND: [i32; 6] = [10, 20, 50, 100, 200, 500];
+    if skip < ROUND[0] {
+        return skip;
+    }
+    ROUND.into_iter().find(|round| *round >= skip).unwrap_or(skip)
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "exponents of finite numbers")]
@@ -54,10 +70,17 @@ fn exponent(value: f64) -> i32 {
 /// Steps that are asked for, so that at least two ticks lie inside whatever the range.
 const FEWEST_STEPS: usize = 6;
 
+/// Over more powers of ten than these there are no ticks between them.
+const MOST_DIVIDED: i32 = 20;
+/// Over more powers of ten than these only those with text have ticks.
+const MOST_POWERS: i32 = 60;
+
 /// Ticks at the digits of each power of ten, with text at every `skip`th power, and at the `named` digits where few
 /// powers are in range.
 fn of_decades(low: f64, high: f64, skip: i32, named: &[i32]) -> Vec<Tick> {
     let (first, last) = (exponent(low), exponent(high));
+    let digits = if last - first > MOST_DIVIDED { 1 } else { 9 };
+    let has_tick = |exponent: &i32| last - first <= MOST_POWERS || exponent % skip == 0;
     let few = last - first < 2;
     let plain = first >= -2 && last <= 3;
     let text = |digit, exponent| match digit {
@@ -66,13 +89,24 @@ fn of_decades(low: f64, high: f64, skip: i32, named: &[i32]) -> Vec<Tick> {
         _ => String::new(),
     };
     (first..=last)
-        .flat_map(|exponent| (1..=9).map(move |digit| (digit, exponent)))
+        .filter(has_tick)
+        .flat_map(|exponent| (1..=digits).map(move |digit| (digit, exponent)))
         .map(|(digit, exponent)| Tick {
-            value: f64::from(digit) * 10f64.powi(exponent),
+            value: f64::from(digit) * power_of_ten(exponent),
             text: text(digit, exponent),
         })
+        .filter(|tick| tick.value.is_finite())
         .filter(|tick| (low * (1.0 - 1e-9)..=high * (1.0 + 1e-9)).contains(&tick.value))
         .collect()
+}
+
+/// Of the smallest numbers too, whose inverse is none.
+fn power_of_ten(exponent: i32) -> f64 {
+    if exponent < -300 {
+        10f64.powf(f64::from(exponent))
+    } else {
+        10f64.powi(exponent)
+    }
 }
 
 /// The next of 1, 2, 2.5, 5 and 10 times a power of ten, or one that is only a little smaller.
@@ -80,8 +114,9 @@ fn round_step(step: f64) -> f64 {
     let power = 10f64.powf(step.log10().floor());
     let factor = [1.0, 2.0, 2.5, 5.0, 10.0]
         .into_iter()
+        .take_while(|factor| (factor * power).is_finite())
         .find(|factor| factor * power >= 0.85 * step);
-    factor.unwrap_or(10.0) * power
+    factor.unwrap_or(1.0) * power
 }
 
 /// Writes a tick with just the digits that the step needs; `largest` is the largest value on the axis.
@@ -110,11 +145,14 @@ fn scientific(value: f64, step: f64, largest: f64) -> String {
     format!("{}×10{power}", minus(&fixed(value / unit, step / unit)))
 }
 
+/// Numbers that differ in a later place are not told apart by an axis.
+const MOST_DECIMALS: i32 = 15;
+
 fn fixed(value: f64, step: f64) -> String {
     // 2.5 needs one more digit than its power of ten says.
-    let decimals = (0..=9)
+    let decimals = (0..=MOST_DECIMALS)
         .find(|decimals| is_whole(step * 10f64.powi(*decimals)))
-        .unwrap_or(9);
+        .unwrap_or(MOST_DECIMALS);
     format!("{value:.*}", usize::try_from(decimals).unwrap_or(0))
 }
 
@@ -146,6 +184,8 @@ fn minus(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::figure::axes::Range;
+    use proptest::prelude::*;
 
     fn texts(ticks: &[Tick]) -> Vec<&str> {
         ticks
@@ -187,22 +227,61 @@ mod tests {
         assert_eq!(texts(&logarithmic(2.1, 2.9, 6)), ["2.2", "2.4", "2.6", "2.8"]);
     }
 
-    proptest::proptest! {
+    /// Numbers of any size, those at the ends of what numbers can say among them.
+    fn extreme() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            any::<f64>().prop_filter("finite", |value| value.is_finite()),
+            (-308i32..309, -9.99f64..9.99).prop_map(|(exponent, digits)| digits * 10f64.powi(exponent)),
+            prop::sample::select(vec![0.0, f64::MAX, f64::MIN, f64::MIN_POSITIVE, 5e-324, 1e-308, 1e308]),
+        ]
+        .prop_filter("finite", |value| value.is_finite())
+    }
+
+    fn few_and_finite(ticks: &[Tick], wanted: usize) -> Result<(), TestCaseError> {
+        prop_assert!(ticks.len() <= (2 * wanted + 2).max(200), "{} ticks", ticks.len());
+        prop_assert!(ticks.iter().all(|tick| tick.value.is_finite()), "{ticks:?}");
+        let texts = texts(ticks);
+        prop_assert!(texts.len() <= (2 * wanted + 2).max(20), "{texts:?}");
+        prop_assert!(texts.iter().all(|text| text.len() < 40 && !text.contains("NaN") && !text.contains("inf")), "{texts:?}");
+        Ok(())
+    }
+
+    #[test]
+    fn a_logarithmic_axis_over_all_numbers_has_as_many_ticks_as_fit() {
+        let ticks = logarithmic(5e-324, f64::MAX, 5);
+        assert!((4..=7).contains(&ticks.len()), "{ticks:?}");
+        assert!(ticks.iter().all(|tick| !tick.text.is_empty()));
+        let ticks = logarithmic(1e-15, 1e15, 6);
+        assert_eq!((ticks.len(), texts(&ticks).len()), (31, 5));
+    }
+
+    proptest! {
+        #[test]
+        fn every_axis_has_few_ticks_at_finite_places(values in prop::collection::vec(extreme(), 1..6), log: bool, wanted in 1usize..12) {
+            let range = Range::around(values.into_iter(), log, 0.06);
+            prop_assert!(range.low.is_finite() && range.high.is_finite() && range.low < range.high, "{range:?}");
+            let ticks = if log { logarithmic(range.low, range.high, wanted) } else { linear(range.low, range.high, wanted) };
+            few_and_finite(&ticks, wanted)?;
+            for tick in &ticks {
+                prop_assert!((0.0..=1.0).contains(&range.part(tick.value)));
+            }
+        }
+
         #[test]
         fn ticks_lie_in_range_and_are_few(low in -1e6f64..1e6, width in 1e-3f64..1e6, wanted in 2usize..9) {
             let ticks = linear(low, low + width, wanted);
-            proptest::prop_assert!(!ticks.is_empty() && ticks.len() <= wanted + 2);
+            prop_assert!(!ticks.is_empty() && ticks.len() <= wanted + 2);
             let slack = width * 1e-6;
-            proptest::prop_assert!(ticks.iter()
+            prop_assert!(ticks.iter()
                 .all(|tick| tick.value >= low - slack && tick.value <= low + width + slack));
         }
 
         #[test]
         fn logarithmic_ticks_lie_in_range_and_two_are_named(low in 1e-6f64..1e6, factor in 1.01f64..1e9, wanted in 2usize..9) {
             let ticks = logarithmic(low, low * factor, wanted);
-            proptest::prop_assert!(texts(&ticks).len() >= 2, "{ticks:?}");
+            prop_assert!(texts(&ticks).len() >= 2, "{ticks:?}");
             let slack = low * factor * 1e-6;
-            proptest::prop_assert!(ticks.iter()
+            prop_assert!(ticks.iter()
                 .all(|tick| tick.value >= low - slack && tick.value <= low * factor + slack));
         }
     }

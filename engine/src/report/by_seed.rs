@@ -26,7 +26,7 @@ pub(super) fn csv(grid: &Grid) -> Result<String, Error> {
             lines.extend(cell.seeds.iter().map(line));
         }
     }
-    write_csv(&lines)
+    write_csv(lines)
 }
 
 /// How many values there are.

@@ -32,6 +32,8 @@ pub struct Contents {
     pub figures: Vec<(String, Result<Chart, String>)>,
     /// Claims, a line for each environment and setting that they are held against.
     pub claims: Vec<ClaimLine>,
+    /// What is drawn otherwise than it is written, a sentence for each figure.
+    pub warnings: Vec<String>,
 }
 
 /// A claim in one environment.
@@ -76,22 +78,34 @@ impl Contents {
             agents: &study.agents,
             units: &study.units,
         };
-        let chart = |spec: &FigureSpec| {
+        let mut warnings = Vec::new();
+        let mut chart = |name: &str, spec: &FigureSpec| {
             let spec = marked_in(spec, results);
             let mut chart = figure::build(&spec, context).map_err(|error| error.to_string())?;
             let notes = with_times(&spec, std::mem::take(&mut chart.notes));
             chart.notes = with_origins(notes, results, |name| shows(&chart, &spec.labels[name]));
+            if let Some(sentence) = figure::lacking(&chart) {
+                warnings.push(format!("figure `{name}`: {sentence}"));
+                chart.notes.push(sentence);
+            }
             Ok(chart)
         };
         let figures = study
             .figures
             .iter()
-            .map(|(name, spec)| (name.clone(), chart(spec)))
+            .map(|(name, spec)| (name.clone(), chart(name, spec)))
             .collect();
         Self {
             figures,
+            warnings,
             ..Self::judged(study, results)
         }
+    }
+
+    /// True where every table and every figure could be made.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.tables.iter().all(|(_, grid)| grid.is_ok()) && self.figures.iter().all(|(_, chart)| chart.is_ok())
     }
 
     /// Computes tables and claims alone: all that is judged.
@@ -111,6 +125,7 @@ impl Contents {
                 .enumerate()
                 .flat_map(|(index, spec)| claim_lines(index + 1, spec, study, results))
                 .collect(),
+            warnings: Vec::new(),
         };
         contents.adjust();
         contents

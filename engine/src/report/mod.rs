@@ -154,24 +154,18 @@ pub struct ReportPaths {
 /// `summary.md` into a folder. Each file appears whole or not at all.
 ///
 /// # Errors
-/// [`Error::File`] where a file cannot be written, [`Error::Render`] where a drawing is refused. A table or
-/// figure that could not be made is no error here: the report says why.
+/// [`Error::File`] where a file cannot be written. A table or figure that could not be made is no error here: the report
+/// says why. A figure whose drawing is refused becomes one of these in `contents`.
 pub fn write(
     dir: &Path,
     study: &StudyInfo,
     results: &Results,
-    contents: &Contents,
+    contents: &mut Contents,
     provenance: &Provenance,
 ) -> Result<ReportPaths, Error> {
     let mut files = write_tables(&dir.join("tables"), contents)?;
-    let mut drawings = BTreeMap::new();
-    for (name, chart) in &contents.figures {
-        if let Ok(chart) = chart {
-            let svg = figure::svg(chart)?;
-            files.extend(write_figure(&dir.join("figures"), name, chart, &svg)?);
-            drawings.insert(name.as_str(), svg);
-        }
-    }
+    let drawings = write_figures(&dir.join("figures"), contents, &mut files)?;
+    let contents = &*contents;
     files.push(write_verdicts(dir, &Verdicts::of(study, results, contents))?);
     files.extend(write_row(dir, study, results, contents)?);
     let parts = Parts {
@@ -204,7 +198,7 @@ struct Parts<'a> {
     contents: &'a Contents,
     provenance: &'a Provenance,
     /// SVG of each figure, by name.
-    drawings: &'a BTreeMap<&'a str, String>,
+    drawings: &'a BTreeMap<String, String>,
     /// What the study came to.
     sentence: Option<String>,
     /// Seeds and what was exploratory.
@@ -269,11 +263,41 @@ fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5
     Ok(paths)
 }
 
-fn write_figure(dir: &Path, name: &str, chart: &figure::Chart, svg: &str) -> Result<[PathBuf; 4], Error> {
-    let paths = ["svg", "png", "csv", "pdf"].map(|extension| dir.join(files::name(name, extension)));
-    files::write(&paths[0], svg.as_bytes())?;
+/// Writes the files of all figures and returns the SVG of each, by name. A drawing that is refused costs that figure
+/// alone, whose data are written all the same.
+fn write_figures(
+    dir: &Path,
+    contents: &mut Contents,
+    files: &mut Vec<PathBuf>,
+) -> Result<BTreeMap<String, String>, Error> {
+    let mut drawings = BTreeMap::new();
+    for (name, made) in &mut contents.figures {
+        let Ok(chart) = &*made else { continue };
+        let data = dir.join(files::name(name, "csv"));
+        files::write(&data, chart.csv()?.as_bytes())?;
+        match write_figure(dir, name, chart) {
+            Ok((svg, [vector, pixels, page])) => {
+                files.extend([vector, pixels, data, page]);
+                drawings.insert(name.clone(), svg);
+            }
+            Err(refused @ Error::Render { .. }) => {
+                let file = files::name(name, "csv");
+                *made = Err(format!("{refused}; its data are in `figures/{file}`"));
+                files.push(data);
+            }
+            Err(other) => return Err(other),
+        }
+    }
+    Ok(drawings)
+}
+
+/// Writes the drawing of a figure, as SVG, which is returned too, PNG and PDF: all of them, or none where one is refused.
+fn write_figure(dir: &Path, name: &str, chart: &figure::Chart) -> Result<(String, [PathBuf; 3]), Error> {
+    let paths = ["svg", "png", "pdf"].map(|extension| dir.join(files::name(name, extension)));
+    let svg = figure::svg(chart)?;
+    let pdf = figure::pdf(&svg)?;
     files::write_with(&paths[1], |path| figure::png(chart, path))?;
-    files::write(&paths[2], chart.csv()?.as_bytes())?;
-    files::write(&paths[3], &figure::pdf(svg)?)?;
-    Ok(paths)
+    files::write(&paths[0], svg.as_bytes())?;
+    files::write(&paths[2], &pdf)?;
+    Ok((svg, paths))
 }

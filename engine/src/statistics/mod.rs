@@ -10,6 +10,7 @@
 pub mod binomial;
 pub mod bootstrap;
 pub mod claim;
+pub mod common_steps;
 pub mod comparison;
 pub mod estimators;
 pub mod mean_estimate;
@@ -23,6 +24,7 @@ pub mod spending;
 pub mod statement;
 pub mod student_t;
 pub mod suite_statistic;
+pub mod thinning;
 pub mod verdict;
 
 pub use binomial::Share;

@@ -5,43 +5,52 @@
 
 use super::{
     Bootstrap,
+    common_steps::at_common_steps,
     suite_statistic::{Estimate, SuiteStatistic},
+    thinning,
 };
-use std::collections::BTreeMap;
 
-/// The scores of one run by environment steps.
-pub type Run = BTreeMap<u64, f64>;
+pub use super::common_steps::Run;
 
-/// The interquartile mean at every step at which all runs were measured; `tasks[k]` holds the runs of task
-/// `k`. Empty where there is no such step, or a task has no run.
+/// Intervals are made at so many steps at most, or at those that `thinning` keeps.
+const MOST_INTERVALS: usize = 1000;
+
+/// The interquartile mean at the common steps of all runs; `tasks[k]` holds the runs of task `k`. Empty where there is
+/// no such step, or a task has no run.
 #[must_use]
 pub fn sample_efficiency(tasks: &[Vec<Run>], bootstrap: Bootstrap) -> Vec<(u64, Estimate)> {
-    let at = |step: u64| {
-        let scores: Vec<Vec<f64>> = tasks
-            .iter()
-            .map(|runs| runs.iter().filter_map(|run| run.get(&step)).copied().collect())
-            .collect();
-        (
-            step,
-            SuiteStatistic::InterquartileMean.estimate(&scores, bootstrap),
-        )
-    };
-    shared_steps(tasks).into_iter().map(at).collect()
-}
-
-/// The steps at which every run was measured.
-fn shared_steps(tasks: &[Vec<Run>]) -> Vec<u64> {
     if tasks.iter().any(Vec::is_empty) {
         return Vec::new();
     }
-    let mut runs = tasks.iter().flatten();
-    let first = runs
-        .next()
-        .map_or_else(Vec::new, |run| run.keys().copied().collect());
-    runs.fold(first, |mut steps: Vec<u64>, run| {
-        steps.retain(|step| run.contains_key(step));
-        steps
-    })
+    let runs: Vec<&[(u64, f64)]> = tasks.iter().flatten().map(Vec::as_slice).collect();
+    let mut middles: Run = Vec::new();
+    at_common_steps(&runs, |step, values| {
+        middles.push((step, SuiteStatistic::InterquartileMean.of(&by_task(tasks, values))));
+    });
+    let kept = if middles.len() > MOST_INTERVALS {
+        thinning::kept_steps(&middles)
+    } else {
+        (0..middles.len()).collect()
+    };
+    let mut kept = kept.into_iter().map(|index| middles[index].0).peekable();
+    let mut points = Vec::new();
+    at_common_steps(&runs, |step, values| {
+        if kept.next_if_eq(&step).is_some() {
+            let scores = by_task(tasks, values);
+            points.push((step, SuiteStatistic::InterquartileMean.estimate(&scores, bootstrap)));
+        }
+    });
+    points
+}
+
+/// The values of all runs, task by task.
+fn by_task(tasks: &[Vec<Run>], mut values: &[f64]) -> Vec<Vec<f64>> {
+    let of_task = |runs: &Vec<Run>| {
+        let (own, rest) = values.split_at(runs.len());
+        values = rest;
+        own.to_vec()
+    };
+    tasks.iter().map(of_task).collect()
 }
 
 #[cfg(test)]
@@ -68,14 +77,14 @@ mod tests {
     }
 
     #[test]
-    fn only_steps_that_all_runs_share_are_shown() {
+    fn runs_count_with_their_last_value_where_all_have_one() {
         let run = |steps: &[u64]| -> Run { steps.iter().map(|step| (*step, *step as f64)).collect() };
         let tasks = [vec![run(&[0, 5, 10]), run(&[0, 10])], vec![run(&[0, 5, 10, 20])]];
-        let steps: Vec<u64> = sample_efficiency(&tasks, Bootstrap::CURVE)
-            .iter()
-            .map(|(step, _)| *step)
-            .collect();
-        assert_eq!(steps, [0, 10]);
+        let points = sample_efficiency(&tasks, Bootstrap::CURVE);
+        let steps: Vec<u64> = points.iter().map(|(step, _)| *step).collect();
+        assert_eq!(steps, [0, 5, 10]);
+        // The second run holds the 0 of step 0.
+        assert_close(points[1].1.value, SuiteStatistic::InterquartileMean.of(&[vec![5.0, 0.0], vec![5.0]]), 1e-12);
         assert!(sample_efficiency(&[vec![run(&[0])], Vec::new()], Bootstrap::CURVE).is_empty());
     }
 }

@@ -37,7 +37,7 @@ pub fn csv(grid: &Grid) -> Result<String, Error> {
             lines.push(line);
         }
     }
-    write(&lines)
+    write(lines)
 }
 
 fn fields(cell: &Cell) -> [String; 10] {
@@ -81,15 +81,20 @@ pub fn guarded(field: &str) -> Cow<'_, str> {
 ///
 /// # Errors
 /// [`Error::Render`] where the writer refuses, which a buffer in memory does not do.
-pub fn write(lines: &[Vec<String>]) -> Result<String, Error> {
+pub fn write<L: AsRef<[String]>>(lines: impl IntoIterator<Item = L>) -> Result<String, Error> {
     let refused = |problem: String| Error::Render {
         what: "comma-separated values".into(),
         problem,
     };
     let mut writer = csv::WriterBuilder::new().flexible(true).from_writer(Vec::new());
     for line in lines {
+        for field in line.as_ref() {
+            writer
+                .write_field(guarded(field).as_bytes())
+                .map_err(|error| refused(error.to_string()))?;
+        }
         writer
-            .write_record(line.iter().map(|field| guarded(field).into_owned()))
+            .write_record(None::<&[u8]>)
             .map_err(|error| refused(error.to_string()))?;
     }
     let bytes = writer.into_inner().map_err(|error| refused(error.to_string()))?;
@@ -106,7 +111,7 @@ mod tests {
             "=2+2", "+a", "-b", "@c", "\td", "-1.5", "+3", "-inf", "e=f", "+", "",
         ]
         .map(String::from);
-        let written = write(&[fields.to_vec()]).unwrap();
+        let written = write([fields]).unwrap();
         assert_eq!(written.trim_end(), "'=2+2,'+a,'-b,'@c,'\td,-1.5,+3,-inf,e=f,+,");
     }
 }

@@ -103,6 +103,7 @@ fn panel(kind: &PerformanceProfile, suite: &Suite<'_>) -> Panel {
             points: points.collect(),
             runs: Vec::new(),
             undrawn: Vec::new(),
+            at_the_ends: None,
         };
         Series {
             label: player.label.clone(),

@@ -52,23 +52,35 @@ impl Figure for SampleEfficiency {
 
     fn build(&self, spec: &FigureSpec, context: Context<'_>) -> Result<Chart, Error> {
         let suite = Suite::of(self.asked(), spec, context)?;
-        let mut notes = vec![
-            "The interquartile mean over the runs of all environments that are shown, at steps at which all of them were \
-             measured; bands are intervals point by point."
-                .to_owned(),
-        ];
-        let mut series = Vec::new();
+        let (mut series, mut missing, mut carried) = (Vec::new(), Vec::new(), false);
         for player in &suite.players {
-            match line(&suite, player) {
-                Some(line) => series.push(line),
-                None => notes.push(format!(
-                    "{} is left out: its runs were measured at no common step.",
+            let tasks: Vec<Vec<Run>> = suite.scales.iter().map(|scale| runs(&suite, player, scale)).collect();
+            match line(&suite, player, &tasks) {
+                Some(line) => {
+                    carried |= !have_same_steps(&tasks);
+                    series.push(line);
+                }
+                None => missing.push(format!(
+                    "{} is left out: there is no step at which all its runs have begun and none has ended.",
                     player.label
                 )),
             }
         }
+        let steps = if carried {
+            "from the one at which the last of them begins to the one at which the first ends; a run counts at each with \
+             its last value up to it"
+        } else {
+            "at which all of them were measured"
+        };
+        let mut notes = vec![format!(
+            "The interquartile mean over the runs of all environments that are shown, at steps {steps}; bands are \
+             intervals point by point."
+        )];
+        notes.extend(missing);
         if series.is_empty() {
-            return Err(problem("no agent was measured at a step that all its runs share"));
+            return Err(problem(
+                "no agent has a step at which all its runs have begun and none has ended",
+            ));
         }
         if series
             .iter()
@@ -99,20 +111,23 @@ fn panel(suite: &Suite<'_>, series: Vec<Series>) -> Panel {
     }
 }
 
-/// The line of an agent; `None` where its runs share no step.
-fn line(suite: &Suite<'_>, player: &Player<'_>) -> Option<Series> {
+/// True where the runs of all tasks were measured at the same steps.
+fn have_same_steps(tasks: &[Vec<Run>]) -> bool {
+    let steps = |run: &Run| -> Vec<u64> { run.iter().map(|(step, _)| *step).collect() };
+    let mut all = tasks.iter().flatten().map(steps);
+    let first = all.next();
+    all.all(|steps| Some(&steps) == first.as_ref())
+}
+
+/// The line of an agent; `None` where its runs have no step in common.
+fn line(suite: &Suite<'_>, player: &Player<'_>, tasks: &[Vec<Run>]) -> Option<Series> {
     let learns = player.scope.learns() || player.scope.is_imported();
-    let tasks: Vec<Vec<Run>> = suite
-        .scales
-        .iter()
-        .map(|scale| runs(suite, player, scale))
-        .collect();
     if !learns && tasks.iter().flatten().all(|run| run.len() <= 1) {
         let value = SuiteStatistic::InterquartileMean.of(&player.tasks);
         return Some(level(player.label.clone(), player.style, player.seeds, value));
     }
     #[allow(clippy::cast_precision_loss, reason = "steps are far below 2^52")]
-    let points: Vec<Point> = sample_efficiency(&tasks, suite.bootstrap())
+    let points: Vec<Point> = sample_efficiency(tasks, suite.bootstrap())
         .into_iter()
         .map(|(step, estimate)| Point {
             x: step as f64,
@@ -128,6 +143,7 @@ fn line(suite: &Suite<'_>, player: &Player<'_>) -> Option<Series> {
         },
         runs: Vec::new(),
         undrawn: Vec::new(),
+            at_the_ends: None,
         points,
     };
     (!curve.points.is_empty()).then(|| Series {
