@@ -3,7 +3,10 @@
 //!
 //! `REGIMEN_DOCS=write cargo test --release --workspace book` writes the generated pages.
 
-use crate::program::{Bench, in_ci, repository, trial_files};
+use crate::{
+    needs,
+    program::{Bench, repository, trial_files},
+};
 use engine::{describe::markdown, diagnostic::render, spec};
 use numerics::{
     network::{Activation, Mlp, device},
@@ -234,23 +237,10 @@ for path in sys.argv[1:]:
     bench.write("reader.py", &format!("{reader}{main}"))
 }
 
-/// What the reader of the book says of policies: observations with actions, policy by policy; `None` where there is no
-/// Python with NumPy, which is said.
+/// What the reader of the book says of policies: observations with actions, policy by policy; `None`, after a line, where
+/// there is no Python with NumPy.
 fn read_by_the_book(bench: &Bench, files: &[PathBuf]) -> Option<Vec<Vec<[Vec<f64>; 2]>>> {
-    let own = concat!(env!("CARGO_MANIFEST_DIR"), "/target/python/bin/python");
-    let has_numpy = |python: &&str| {
-        let asked = Command::new(python).args(["-c", "import numpy"]).output();
-        asked.is_ok_and(|output| output.status.success())
-    };
-    let Some(python) = [own, "python3"].into_iter().find(has_numpy) else {
-        assert!(!in_ci(), "no Python with NumPy: .ci/run installs it");
-        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
-        {
-            eprintln!("skipped: no Python with NumPy");
-        }
-        return None;
-    };
-    let output = Command::new(python)
+    let output = Command::new(needs::python("numpy")?)
         .arg(reader(bench))
         .args(files)
         .output()

@@ -1,10 +1,10 @@
 //! Machines that share a bucket of object storage and no folder compute each trial once, whatever happens to them.
 //!
-//! The service is moto's server on this machine, which knows conditional writes; where it is not installed the tests say
-//! so and pass, unless nobody reads what they say. Machines are stores of their own.
+//! The service is moto's server on this machine, which knows conditional writes. Machines are stores of their own.
 
 use crate::{
-    program::{Answer, Bench, answer, in_ci, trial_files},
+    needs,
+    program::{Answer, Bench, answer, trial_files},
     slurm::STUDY,
 };
 use std::{
@@ -30,6 +30,7 @@ seeds: 3
 
 /// A server of object storage with the bucket `lab`.
 struct Service {
+    interpreter: &'static str,
     port: u16,
     server: Child,
 }
@@ -42,27 +43,23 @@ impl Drop for Service {
 }
 
 impl Service {
-    /// Starts the server; `None` where it is not installed.
-    #[expect(clippy::print_stderr, reason = "a test that does nothing says so")]
+    /// Starts the server; `None`, after a line, where it is not installed.
     fn start() -> Option<Self> {
-        let asked = Command::new("python3")
-            .args(["-c", "import moto.server, boto3"])
-            .output();
-        if !asked.is_ok_and(|output| output.status.success()) {
-            assert!(!in_ci(), "moto is not installed: .ci/run installs it");
-            eprintln!("passed over: moto is not installed");
-            return None;
-        }
+        let interpreter = needs::python("moto.server, boto3")?;
         let free = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = free.local_addr().unwrap().port();
         drop(free);
-        let server = Command::new("python3")
+        let server = Command::new(interpreter)
             .args(["-m", "moto.server", "-H", "127.0.0.1", "-p", &port.to_string()])
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        let service = Self { port, server };
+        let service = Self {
+            interpreter,
+            port,
+            server,
+        };
         let begun = Instant::now();
         while TcpStream::connect(("127.0.0.1", port)).is_err() {
             assert!(begun.elapsed() < Duration::from_secs(60), "moto does not listen");
@@ -87,7 +84,7 @@ impl Service {
     /// What a line of Python prints that knows the service as `s3`.
     fn python(&self, line: &str) -> String {
         let program = format!("import boto3\ns3 = boto3.client('s3', region_name='us-east-1')\n{line}");
-        let mut command = Command::new("python3");
+        let mut command = Command::new(self.interpreter);
         command.args(["-c", &program]).envs(self.variables());
         let output = command.output().unwrap();
         assert!(

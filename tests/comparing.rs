@@ -1,6 +1,6 @@
 //! Two results side by side: what moved beyond its interval, which verdicts changed, which settings differ.
 
-use crate::program::Bench;
+use crate::{needs, program::Bench};
 use serde_json::Value;
 use std::{fs, path::Path, process::Command};
 
@@ -226,6 +226,7 @@ fn other_seeds_are_compared_as_other_samples() {
 
 #[test]
 fn results_of_a_commit_are_read_from_it() {
+    let Some(_) = needs::program("git") else { return };
     let bench = two_results();
     let git = |arguments: &[&str]| {
         let output = Command::new("git")

@@ -1,6 +1,6 @@
 //! A disk that fills up ends with a clear error, and everything acknowledged stays.
 
-use crate::program::Bench;
+use crate::{needs, program::Bench};
 use std::process::Command;
 
 const STUDY: &str = "
@@ -12,20 +12,16 @@ protocol: { train_evaluate: { steps: 64, environments: 8, evaluate_every: 32, ep
 seeds: 60
 ";
 
-/// A small file system of its own for the store, gone at the end; `None` where none can be mounted.
+/// A small file system of its own for the store, gone at the end; `None`, after a line, where none can be mounted.
 struct SmallDisk<'a>(&'a Bench);
 
 impl<'a> SmallDisk<'a> {
     fn mount(bench: &'a Bench) -> Option<Self> {
         let folder = bench.path("small");
         std::fs::create_dir(&folder).unwrap();
-        let mounted = Command::new("mount")
-            .args(["-t", "tmpfs", "-o", "size=3m", "none"])
-            .arg(&folder)
-            .output();
-        mounted
-            .is_ok_and(|output| output.status.success())
-            .then_some(Self(bench))
+        let mut mount = Command::new("mount");
+        mount.args(["-t", "tmpfs", "-o", "size=3m", "none"]).arg(&folder);
+        needs::right("mount a tmpfs", &mut mount).map(|()| Self(bench))
     }
 
     fn resize(&self, size: &str) {
@@ -51,10 +47,6 @@ impl Drop for SmallDisk<'_> {
 fn a_full_disk_is_said_and_loses_nothing() {
     let bench = Bench::new();
     let Some(disk) = SmallDisk::mount(&bench) else {
-        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
-        {
-            eprintln!("skipped: no tmpfs can be mounted here (it takes root)");
-        }
         return;
     };
     bench.write("big.yaml", STUDY);

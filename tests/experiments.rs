@@ -1,41 +1,55 @@
 //! Every study of the repository: checked as it is, and run through its smoke profile to the report.
 
 use crate::{
-    program::{Bench, answer, in_ci, repository},
-    python_environments::path_of_studies,
+    needs,
+    program::{Bench, answer, repository},
 };
-use std::{ffi::OsString, process::Command};
+use std::{
+    ffi::OsString,
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// The studies that can run with a Python, with a line for each that cannot for want of what its lock file pins.
+pub(crate) fn studies_with(python: &str) -> Vec<String> {
+    let can_run = |study: &String| {
+        let locks = locks(Path::new(study)).into_iter();
+        let missing = locks.filter_map(|lock| Some((needs::differs_from_lock(python, &lock)?, lock)));
+        let missing: Vec<(String, PathBuf)> = missing.collect();
+        for (differs, lock) in &missing {
+            let lock = lock.strip_prefix(repository()).unwrap_or(lock).display();
+            let remedy = format!("`python3 -m pip install -r {lock}` installs it");
+            needs::skip_part(study, differs, &remedy);
+        }
+        missing.is_empty()
+    };
+    every_study().into_iter().filter(can_run).collect()
+}
+
+/// The lock files of the environments in Python of a study and of those that it includes.
+fn locks(study: &Path) -> Vec<PathBuf> {
+    let beside = |name: &str| study.with_file_name(name.trim_matches(['"', '\'']));
+    let text = fs::read_to_string(study).unwrap();
+    let of_line = |line: &str| match line.strip_prefix("include: ") {
+        Some(name) => locks(&beside(name)),
+        None => line
+            .split_once("lock: { file: ")
+            .and_then(|(_, rest)| rest.split_once(" }"))
+            .map(|(name, _)| beside(name))
+            .into_iter()
+            .collect(),
+    };
+    text.lines().flat_map(of_line).collect()
+}
 
 /// The studies that can run here, and the path on which they find their programs.
 fn studies() -> (Vec<String>, OsString) {
-    let mut all = every_study();
-    match path_of_studies() {
-        Some(path) => (all, path),
-        None => {
-            all.retain(|study| !needs_python(study));
-            (all, std::env::var_os("PATH").unwrap_or_default())
-        }
-    }
-}
-
-/// The studies that can be read within this process, whose own Python those in Python need.
-pub(crate) fn studies_of_this_process() -> Vec<String> {
-    let (mut all, _) = studies();
-    let imports = Command::new("python3").args(["-c", "import gymnasium"]).output();
-    if !imports.is_ok_and(|it| it.status.success()) {
-        assert!(
-            !in_ci(),
-            "no python3 with gymnasium on the path: .ci/run installs it"
-        );
-        all.retain(|study| !needs_python(study));
-    }
-    all
-}
-
-fn needs_python(study: &str) -> bool {
-    std::fs::read_to_string(study)
-        .unwrap()
-        .contains("\n    python:\n")
+    let python = needs::any_python();
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let beside = Path::new(python).parent().filter(|folder| folder.is_absolute());
+    let folders = beside.map(PathBuf::from).into_iter();
+    let path = std::env::join_paths(folders.chain(std::env::split_paths(&path)));
+    (studies_with(python), path.unwrap())
 }
 
 /// The studies of the repository, those of the benchmark included.
@@ -49,6 +63,15 @@ pub(crate) fn every_study() -> Vec<String> {
         .collect();
     names.sort();
     names
+}
+
+#[test]
+fn a_study_with_an_environment_in_python_is_known_by_its_lock_file() {
+    let of = |name: &str| locks(&repository().join("experiments").join(name)).len();
+    for study in ["python-pendulum", "python-pendulum-confirmed", "python-spread"] {
+        assert_eq!(of(&format!("{study}.yaml")), 1, "{study}");
+    }
+    assert_eq!(of("quickstart.yaml"), 0);
 }
 
 #[test]

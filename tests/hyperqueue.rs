@@ -1,13 +1,12 @@
 //! Trials through HyperQueue equal local ones, whatever happens to tasks, workers, the server and those who wait.
 //!
-//! Server and workers are those of the published package, each in a process of its own; where it is not installed the
-//! tests say so and pass, unless nobody reads what they say.
+//! Server and workers are those of the published package, each in a process of its own.
 
 mod refusals;
 
 use crate::{
-    other_programs,
-    program::{Answer, Bench, answer, in_ci, repository},
+    needs,
+    program::{Answer, Bench, answer, repository},
     searches,
     slurm::{FAILING, LONG, STUDY, logs, only, submissions, until},
 };
@@ -307,7 +306,7 @@ impl Cluster {
     fn start() -> Option<Self> {
         let mut cluster = Self {
             folder: tempfile::tempdir().unwrap(),
-            python: python()?,
+            python: needs::python("hyperqueue")?,
             server: None,
             workers: 0,
         };
@@ -372,17 +371,4 @@ impl Cluster {
         bench.write("regimen.toml", &settings);
         bench
     }
-}
-
-/// A Python with the package; `None` where there is none, which is said.
-fn python() -> Option<&'static str> {
-    let found = other_programs::python("hyperqueue");
-    if found.is_none() {
-        assert!(!in_ci(), "no Python with hyperqueue: .ci/run installs it");
-        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
-        {
-            eprintln!("skipped: no Python with hyperqueue");
-        }
-    }
-    found
 }

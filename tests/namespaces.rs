@@ -1,6 +1,7 @@
 //! Programs that cannot see each other's processes share a store all the same.
 
 use crate::{
+    needs,
     program::{Bench, answer},
     slurm::until,
 };
@@ -22,16 +23,9 @@ const UNSHARE: [&str; 3] = ["--pid", "--fork", "--mount-proc"];
 
 #[test]
 fn a_run_in_another_process_namespace_of_one_host_leaves_the_first_alone() {
-    if !Command::new("unshare")
-        .args(UNSHARE)
-        .arg("true")
-        .output()
-        .is_ok_and(|output| output.status.success())
-    {
-        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
-        {
-            eprintln!("skipped: no process namespace can be made here (it takes root)");
-        }
+    let mut tried = Command::new("unshare");
+    tried.args(UNSHARE).arg("true");
+    if needs::right("make a process namespace", &mut tried).is_none() {
         return;
     }
     let bench = Bench::new();

@@ -1,7 +1,10 @@
 //! Other programs read what this one writes: metrics with Polars for Python, policies with NumPy, datasets
 //! with Minari, manifests with a validator.
 
-use crate::program::{Bench, repository, trial_files};
+use crate::{
+    needs,
+    program::{Bench, repository, trial_files},
+};
 use plugins::registry;
 use std::{
     path::{Path, PathBuf},
@@ -24,31 +27,9 @@ final_episodes: 4, trace_episodes: 1 } }
 seeds: 1
 ";
 
-/// A Python with the modules, or `None` (which the caller says).
-pub(crate) fn python(modules: &str) -> Option<&'static str> {
-    let candidates = [
-        concat!(env!("CARGO_MANIFEST_DIR"), "/target/python/bin/python"),
-        concat!(env!("CARGO_MANIFEST_DIR"), "/target/stable-baselines3/bin/python"),
-        "python3",
-    ];
-    candidates.into_iter().find(|python| {
-        Command::new(python)
-            .args(["-c", &format!("import {modules}")])
-            .output()
-            .is_ok_and(|output| output.status.success())
-    })
-}
-
+/// Lets a script in `tests/python` hold what the arguments name, in a Python with these modules.
 pub(crate) fn check(script: &str, modules: &str, arguments: &[String]) {
-    let Some(python) = python(modules) else {
-        assert!(
-            std::env::var_os("CI").is_none(),
-            "no Python with {modules}: .ci/run installs it"
-        );
-        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
-        {
-            eprintln!("skipped: no Python with {modules}");
-        }
+    let Some(python) = needs::python(modules) else {
         return;
     };
     let script = repository().join("tests/python").join(script);
@@ -153,7 +134,7 @@ fn another_reader_of_yaml_finds_the_same_values_in_a_resolved_study() {
     let bench = Bench::new();
     let mut studies = vec![bench.write("ambiguous.yaml", AMBIGUOUS)];
     studies.extend(
-        crate::experiments::studies_of_this_process()
+        crate::experiments::studies_with("python3")
             .into_iter()
             .map(PathBuf::from),
     );

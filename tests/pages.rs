@@ -1,12 +1,15 @@
 //! Pages in a real browser without a window: that they fit a phone, a desk and a sheet of paper, and that they say the
 //! same with and without scripts.
 
-use crate::program::{Bench, in_ci, trial_files};
+use crate::{
+    needs,
+    program::{Bench, trial_files},
+};
 use serde_json::Value;
 use std::{
     collections::BTreeMap,
-    path::Path,
-    process::{Command, Stdio},
+    path::{Path, PathBuf},
+    process::Command,
     sync::LazyLock,
 };
 
@@ -63,31 +66,9 @@ static STUDIES: LazyLock<Bench> = LazyLock::new(|| {
     bench
 });
 
-/// The browser. Where none is found the test is passed over, but not by a machine that says it has one.
-fn browser() -> Option<&'static str> {
-    BROWSERS
-        .into_iter()
-        .find(|name| is_there(name))
-        .or_else(|| skipped("Chromium"))
-}
-
-/// Says that a test is passed over for want of a program.
-#[expect(clippy::print_stderr, reason = "a test that is passed over says so")]
-fn skipped<T>(program: &str) -> Option<T> {
-    assert!(!in_ci(), "no {program}: .ci/run installs it");
-    eprintln!("skipped: {program} is not installed");
-    None
-}
-
-fn is_there(program: &str) -> bool {
-    let mut version = Command::new(program);
-    version
-        .arg("--version")
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status()
-        // `pdftotext` leaves with 99 after it has said its version.
-        .is_ok()
+/// The browser; `None`, after a line, where there is none.
+fn browser() -> Option<PathBuf> {
+    needs::one_of(&BROWSERS)
 }
 
 fn page(name: &str) -> String {
@@ -96,7 +77,7 @@ fn page(name: &str) -> String {
 
 /// Writes a page beside the one of the first study and lets the browser do something with it; what it printed, and
 /// what its console said.
-fn visit(browser: &str, html: &str, arguments: &[&str]) -> (String, String) {
+fn visit(browser: &Path, html: &str, arguments: &[&str]) -> (String, String) {
     let folder = tempfile::tempdir_in(STUDIES.path("results")).unwrap();
     let path = folder.path().join("page.html");
     std::fs::write(&path, html).unwrap();
@@ -124,13 +105,13 @@ fn visit(browser: &str, html: &str, arguments: &[&str]) -> (String, String) {
 }
 
 /// The document that comes of a page.
-fn document(browser: &str, html: &str) -> (String, String) {
+fn document(browser: &Path, html: &str) -> (String, String) {
     visit(browser, html, &["--dump-dom"])
 }
 
 /// Shows a page in a frame of some width, lets `script` look at it, and gives back what it returns. A window has a
 /// smallest width, which a frame has not.
-fn ask(browser: &str, html: &str, width: u32, script: &str) -> Value {
+fn ask(browser: &Path, html: &str, width: u32, script: &str) -> Value {
     let asking = format!(
         "<script>addEventListener('load', () => setTimeout(() => {{ const answer = (() => {{ {script} }})(); \
          setTimeout(() => Promise.resolve(typeof answer === 'function' ? answer() : answer) \
@@ -168,7 +149,7 @@ const OVERFLOW: &str = "const root = document.documentElement;
 
 #[test]
 fn no_page_is_wider_than_its_window() {
-    let Some(browser) = browser() else { return };
+    let Some(browser) = &browser() else { return };
     for name in [
         "results/pages/index.html",
         "results/small/index.html",
@@ -198,18 +179,13 @@ fn silent(html: &str) -> String {
 }
 
 /// The lines of a page on paper, each of its words with the place of its end in parts of the sheet's width.
-fn on_paper(browser: &str, html: &str) -> Option<Vec<Vec<(String, f64)>>> {
-    if !is_there("pdftotext") {
-        return skipped("pdftotext");
-    }
+fn on_paper(browser: &Path, html: &str) -> Option<Vec<Vec<(String, f64)>>> {
+    let pdftotext = needs::program("pdftotext")?;
     let folder = tempfile::tempdir().unwrap();
     let (pdf, text) = (folder.path().join("page.pdf"), folder.path().join("page.txt"));
     let print = format!("--print-to-pdf={}", pdf.display());
     visit(browser, html, &["--no-pdf-header-footer", &print]);
-    let status = Command::new("pdftotext")
-        .arg("-bbox")
-        .args([&pdf, &text])
-        .status();
+    let status = Command::new(pdftotext).arg("-bbox").args([&pdf, &text]).status();
     assert!(status.unwrap().success());
     Some(lines(&std::fs::read_to_string(&text).unwrap()))
 }
@@ -239,7 +215,7 @@ fn lines(boxes: &str) -> Vec<Vec<(String, f64)>> {
 
 #[test]
 fn on_paper_every_column_is_on_the_sheet_and_nothing_is_folded() {
-    let Some(browser) = browser() else { return };
+    let Some(browser) = &browser() else { return };
     let html = silent(&page("results/pages/index.html"));
     let Some(lines) = on_paper(browser, &html) else {
         return;
@@ -268,7 +244,7 @@ fn on_paper_every_column_is_on_the_sheet_and_nothing_is_folded() {
 
 #[test]
 fn without_scripts_all_is_there() {
-    let Some(browser) = browser() else { return };
+    let Some(browser) = &browser() else { return };
     let (dom, _) = document(browser, &silent(&page("results/pages/index.html")));
     assert!(!dom.contains(" plotted\"") && !dom.contains("<canvas"));
     assert_eq!(dom.matches("<svg role=\"img\" aria-label=\"").count(), 2);
@@ -305,7 +281,7 @@ const POINT: &str = "const over = document.querySelector('.u-over'), place = ove
 
 #[test]
 fn with_scripts_learning_curves_answer() {
-    let Some(browser) = browser() else { return };
+    let Some(browser) = &browser() else { return };
     let told = ask(browser, &page("results/pages/index.html"), 1400, POINT);
     assert_eq!((&told["plots"], &told["after"]), (&2.into(), &2.into()), "{told}");
     assert_eq!(
@@ -367,7 +343,7 @@ const SPREAD: &str = "const over = document.querySelector('.u-over'), place = ov
 
 #[test]
 fn two_fingers_stretch_the_axis_between_them() {
-    let Some(browser) = browser() else { return };
+    let Some(browser) = &browser() else { return };
     let told = ask(browser, &page("results/pages/index.html"), 400, SPREAD);
     assert_eq!(
         (&told["before"], &told["scrolls"]),
@@ -394,7 +370,7 @@ fn several_studies_have_a_page_over_all_of_them() {
     std::fs::remove_file(STUDIES.path("again/index.html")).unwrap();
     STUDIES.ok(&["overview", "again", "--page"]);
     assert_eq!(page("again/index.html"), index);
-    let Some(browser) = browser() else { return };
+    let Some(browser) = &browser() else { return };
     let script =
         "return [...document.images].map(it => { it.loading = 'eager'; return it.getAttribute('src'); });";
     let images = ask(browser, &index, 1400, script);

@@ -1,8 +1,9 @@
 //! Episodes of a stored trial are taken away as a dataset that Minari reads, and the book's lines about exports work.
 
 use crate::{
-    other_programs::{check, python},
-    program::{Bench, in_ci, repository, trial_files},
+    needs,
+    other_programs::check,
+    program::{Bench, repository, trial_files},
 };
 use engine::{Dataset, End, dataset::Episode};
 use std::{
@@ -279,11 +280,7 @@ fn the_lines_of_the_book_use_what_was_taken_away() {
         .skip(1)
         .map(|rest| rest.split("```").next().unwrap());
     let script = bench.write("book.py", &blocks.collect::<Vec<_>>().concat());
-    let Some(python) = python("onnxruntime, minari, pyarrow, PIL") else {
-        assert!(
-            !in_ci(),
-            "no Python with onnxruntime and Minari: .ci/run installs it"
-        );
+    let Some(python) = needs::python("onnxruntime, minari, pyarrow, PIL") else {
         return;
     };
     let mut command = Command::new(python);

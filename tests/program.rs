@@ -142,11 +142,6 @@ pub(crate) fn answer(output: &Output) -> Answer {
     }
 }
 
-/// True where tests run without anyone who reads what they say: nothing is passed over then.
-pub(crate) fn in_ci() -> bool {
-    std::env::var_os("CI").is_some_and(|value| !value.is_empty() && value != "false")
-}
-
 /// The repository's root.
 pub(crate) fn repository() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -4,7 +4,10 @@
 #[allow(dead_code, reason = "its `main` is for cargo")]
 mod build_script;
 
-use crate::program::{Bench, repository, reseal, trial_files};
+use crate::{
+    needs,
+    program::{Bench, repository, reseal, trial_files},
+};
 use std::{fs, path::Path, process::Command};
 
 const STUDY: &str = "
@@ -76,6 +79,7 @@ fn told(folder: &Path) -> (String, String) {
 
 #[test]
 fn the_build_script_knows_the_commit_and_what_changed_in_the_program() {
+    let Some(_) = needs::program("git") else { return };
     let sources = sources();
     let folder = sources.path();
     assert_eq!(
@@ -105,6 +109,7 @@ fn the_build_script_knows_the_commit_and_what_changed_in_the_program() {
 
 #[test]
 fn the_build_script_watches_what_can_change_its_words() {
+    let Some(_) = needs::program("git") else { return };
     let sources = sources();
     let folder = sources.path();
     git(folder, &["init", "--quiet"]);
@@ -142,6 +147,7 @@ fn the_build_script_watches_what_can_change_its_words() {
 
 #[test]
 fn source_code_unpacked_in_a_strangers_repository_has_no_commit() {
+    let Some(_) = needs::program("git") else { return };
     let sources = sources();
     git(sources.path(), &["init", "--quiet"]);
     git(
@@ -168,6 +174,7 @@ fn the_program_says_what_it_was_built_from() {
 
 #[test]
 fn trials_and_reports_name_the_program_and_not_the_folder_they_were_made_in() {
+    let Some(_) = needs::program("git") else { return };
     let bench = Bench::new();
     bench.write("small.yaml", STUDY);
     git(&bench.path(""), &["init", "--quiet"]);

@@ -1,12 +1,14 @@
 //! Trials through Slurm equal local ones, whatever happens to tasks, nodes and the controller.
 //!
-//! A real cluster of two nodes is started by `tests/slurm/start`; where Slurm is not installed the test says
-//! so and passes, unless nobody reads what it says. The scenarios share the cluster and run one after the
+//! A real cluster of two nodes is started by `tests/slurm/start`. The scenarios share the cluster and run one after the
 //! other.
 
 mod fake;
 
-use crate::program::{Answer, Bench, answer, in_ci, repository};
+use crate::{
+    needs,
+    program::{Answer, Bench, answer, repository},
+};
 use std::{
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
@@ -282,29 +284,10 @@ struct Cluster {
 }
 
 impl Cluster {
-    /// `None`, with a message, where this machine cannot have one.
-    #[expect(clippy::print_stderr, reason = "a test that does nothing says so")]
+    /// `None`, after a line, where this machine cannot have one.
     fn start() -> Option<Self> {
-        let program = |name: &str| {
-            ["/usr/sbin", "/usr/bin", "/usr/local/sbin", "/usr/local/bin"]
-                .iter()
-                .any(|dir| Path::new(dir).join(name).exists())
-        };
-        let is_root = Command::new("id")
-            .arg("-u")
-            .output()
-            .is_ok_and(|output| output.stdout == b"0\n");
-        if !is_root
-            || !["slurmctld", "slurmd", "munged", "sbatch"]
-                .into_iter()
-                .all(program)
-        {
-            let needs = "a Slurm cluster needs root and slurm-client, slurmctld, slurmd and munge; .ci/run \
-                         installs them";
-            assert!(!in_ci(), "{needs}");
-            eprintln!("skipped: {needs}");
-            return None;
-        }
+        needs::programs(["slurmctld", "slurmd", "munged", "sbatch", "python3"])?;
+        needs::root("start a Slurm cluster")?;
         let folder = tempfile::tempdir().unwrap();
         let cluster = Self {
             config: folder.path().join("slurm.conf"),

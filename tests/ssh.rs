@@ -1,10 +1,10 @@
 //! Trials on hosts that share no folder equal local ones, whatever happens to hosts and connections.
 //!
-//! The hosts are daemons of OpenSSH on this machine, each on a port of its own and with a home of its own; where
-//! OpenSSH is not installed the tests say so and pass, unless nobody reads what they say.
+//! The hosts are daemons of OpenSSH on this machine, each on a port of its own and with a home of its own.
 
 use crate::{
-    program::{Answer, Bench, answer, in_ci, trial_files},
+    needs,
+    program::{Answer, Bench, answer, trial_files},
     slurm::STUDY,
 };
 use std::{
@@ -48,15 +48,9 @@ struct Hosts {
 }
 
 impl Hosts {
-    /// Starts a daemon for each name; `None` where OpenSSH is not installed.
-    #[expect(clippy::print_stderr, reason = "a test that does nothing says so")]
+    /// Starts a daemon for each name; `None`, after a line, where OpenSSH is not installed.
     fn start(names: &[&'static str]) -> Option<Self> {
-        let Some(daemon) = found("sshd").filter(|_| found("ssh").is_some() && found("ssh-keygen").is_some())
-        else {
-            assert!(!in_ci(), "OpenSSH's server is not installed: .ci/run installs it");
-            eprintln!("passed over: OpenSSH's server is not installed");
-            return None;
-        };
+        let [daemon, _, _] = needs::programs(["sshd", "ssh", "ssh-keygen"])?;
         let mut hosts = Self {
             folder: tempfile::tempdir().unwrap(),
             daemons: Vec::new(),
@@ -155,14 +149,6 @@ impl Drop for Hosts {
 }
 
 /// A program of the system; daemons lie where a person's shell does not look.
-fn found(program: &str) -> Option<PathBuf> {
-    let path = std::env::var("PATH").unwrap_or_default();
-    let folders = path.split(':').chain(["/usr/sbin", "/usr/local/sbin"]);
-    folders
-        .map(|folder| Path::new(folder).join(program))
-        .find(|file| file.is_file())
-}
-
 /// A process and all that it started, in the order of their beginnings.
 fn descendants(root: u32) -> Vec<u32> {
     let parents: Vec<(u32, u32)> = std::fs::read_dir("/proc")

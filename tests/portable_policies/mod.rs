@@ -6,9 +6,9 @@ mod heads;
 mod stored;
 
 use crate::{
-    datasets,
+    datasets, needs,
     other_programs::check,
-    program::{Bench, in_ci, reseal, trial_files},
+    program::{Bench, reseal, trial_files},
 };
 use engine::{
     Agent, Environment, Mode, NoKeeper, Observation, ProductKind, Registry,
@@ -99,16 +99,8 @@ impl Cases {
     }
 }
 
-/// The program in `tests/tract`, which `.ci/run` builds beside the target folder's profiles.
-#[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
 fn run_with_tract(folder: &str) {
-    let profile = Path::new(env!("CARGO_BIN_EXE_regimen")).parent().unwrap();
-    let program = profile.with_file_name("tract").join("release/run-with-tract");
-    if !program.exists() {
-        assert!(!in_ci(), "{} is not there: .ci/run builds it", program.display());
-        eprintln!("skipped: {} is not there", program.display());
-        return;
-    }
+    let Some(program) = needs::tract() else { return };
     let output = Command::new(program).arg(folder).output().unwrap();
     let texts = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
     assert!(output.status.success(), "{texts:?}");

@@ -8,93 +8,33 @@ mod spaces;
 
 use crate::{
     book::blocks,
-    program::{Answer, Bench, in_ci, repository},
+    needs,
+    program::{Answer, Bench, repository},
     slurm::until,
 };
 use engine::{Channel, End, Environment, Space, random::stream};
 use serde_json::{Value, json};
 use std::{
-    ffi::OsString,
     fs,
-    path::{Path, PathBuf},
+    path::PathBuf,
     process::{Command, Stdio},
     sync::OnceLock,
 };
 
 const FIXTURES: &str = "tests/fixtures/python";
 
-/// A Python with Gymnasium and PettingZoo and the lock file of its packages; `None` where there is none, which is
-/// said.
-fn python() -> Option<&'static (String, String)> {
-    static FOUND: OnceLock<Option<(String, String)>> = OnceLock::new();
-    let found = FOUND.get_or_init(|| {
-        let own = concat!(env!("CARGO_MANIFEST_DIR"), "/target/python/bin/python");
-        [own, "python3"]
-            .into_iter()
-            .find_map(|python| Some((python.into(), lock_file(python)?)))
-    });
-    if found.is_none() {
-        assert!(
-            !in_ci(),
-            "no Python with Gymnasium and PettingZoo: .ci/run installs them"
-        );
-        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
-        {
-            eprintln!("skipped: no Python with Gymnasium and PettingZoo");
-        }
-    }
-    found.as_ref()
+/// A Python with Gymnasium and PettingZoo and the lock file of its packages; `None`, after a line, where there is none.
+fn python() -> Option<(&'static str, &'static str)> {
+    static LOCK: OnceLock<String> = OnceLock::new();
+    let python = needs::python("gymnasium, pettingzoo")?;
+    Some((python, LOCK.get_or_init(|| lock_file(python))))
 }
 
-fn lock_file(python: &str) -> Option<String> {
+fn lock_file(python: &str) -> String {
     let versions = "import gymnasium, numpy, pettingzoo as p\n\
                     print(f'gymnasium=={gymnasium.__version__}\\nnumpy=={numpy.__version__}\\npettingzoo=={p.__version__}')";
-    let output = Command::new(python).args(["-c", versions]).output().ok()?;
-    output
-        .status
-        .success()
-        .then(|| String::from_utf8_lossy(&output.stdout).into_owned())
-}
-
-/// Says which package is not what a lock file among the arguments wants.
-const PINNED: &str = "import sys
-from importlib.metadata import version
-for lock in sys.argv[1:]:
-    for line in open(lock):
-        name, wanted = line.strip().split('==')
-        if version(name) != wanted:
-            sys.exit(f'{name} is {version(name)}, and {lock} wants {wanted}')";
-
-/// The path on which the Python of the repository's studies is found; `None` where no Python here has what their lock
-/// files say, which is said.
-pub(crate) fn path_of_studies() -> Option<OsString> {
-    let (interpreter, _) = python()?;
-    let locks = ["requirements.txt", "spread-requirements.txt"];
-    let locks = locks.map(|name| repository().join("experiments/data/python").join(name));
-    let held = Command::new(interpreter)
-        .args(["-c", PINNED])
-        .args(&locks)
-        .output();
-    let held = held.unwrap();
-    if !held.status.success() {
-        let said = String::from_utf8_lossy(&held.stderr);
-        assert!(!in_ci(), "{said}");
-        #[expect(clippy::print_stderr, reason = "whoever reads the test's output should know")]
-        {
-            eprintln!("left out: studies of environments in Python: {said}");
-        }
-        return None;
-    }
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    let beside = Path::new(interpreter).parent().into_iter().map(Path::to_path_buf);
-    Some(
-        std::env::join_paths(
-            beside
-                .filter(|it| it.is_absolute())
-                .chain(std::env::split_paths(&path)),
-        )
-        .unwrap(),
-    )
+    let output = Command::new(python).args(["-c", versions]).output().unwrap();
+    String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
 /// A folder with the fixtures' environments and a lock file; `None` where there is no Python.
@@ -159,9 +99,18 @@ impl Place {
 
     /// What `check` says of a study that it refuses.
     fn refusal(&self, make: &str, arguments: &str) -> String {
+        self.said_by_check(2, make, arguments)
+    }
+
+    /// What `check` says where it leaves with a code.
+    fn said_by_check(&self, code: i32, make: &str, arguments: &str) -> String {
         self.short(make, arguments, RULE);
         let answer = self.bench.run(&["check", "study.yaml"]);
-        assert_eq!(answer.code, 2, "{make} {arguments}: {}{}", answer.out, answer.err);
+        assert_eq!(
+            answer.code, code,
+            "{make} {arguments}: {}{}",
+            answer.out, answer.err
+        );
         answer.err.split_whitespace().collect::<Vec<_>>().join(" ")
     }
 }
