@@ -75,11 +75,11 @@ pub fn read(path: &Path, of: Use) -> io::Result<Vec<u8>> {
     rest(open(path, of)?, Vec::new(), of)
 }
 
-/// What a file holds of which the first bytes were read.
+/// The content of a file, packed or not, whose first bytes were read.
 ///
 /// # Errors
 /// Where it cannot be read, or is too large.
-pub(crate) fn rest(file: File, mut read: Vec<u8>, of: Use) -> io::Result<Vec<u8>> {
+pub(crate) fn rest(file: impl io::Read, mut read: Vec<u8>, of: Use) -> io::Result<Vec<u8>> {
     let largest = of.largest_mb() * MEGABYTE;
     file.take((largest + 1).saturating_sub(read.len() as u64))
         .read_to_end(&mut read)?;

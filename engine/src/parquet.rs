@@ -278,6 +278,60 @@ impl<'a> Table<'a> {
         (1..).zip(values.iter()).map(cell).collect()
     }
 
+    /// Every column of numbers, words or truth values with its cells as text, in the order of the file; an empty cell is
+    /// an empty text, and columns of other kinds are passed over. Numbers read back as they are.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where a column cannot be read.
+    pub(crate) fn as_texts(&self) -> Result<Vec<(String, Vec<String>)>, Error> {
+        let wrong = |source: PolarsError| unreadable(self.path, &source);
+        let mut texts = Vec::new();
+        for column in self.frame.columns() {
+            let cells: Vec<Option<String>> = match column.dtype() {
+                DataType::String => column
+                    .str()
+                    .map_err(wrong)?
+                    .iter()
+                    .map(|it| it.map(Into::into))
+                    .collect(),
+                DataType::Boolean => column
+                    .bool()
+                    .map_err(wrong)?
+                    .iter()
+                    .map(|it| it.map(|it| it.to_string()))
+                    .collect(),
+                DataType::UInt64 => column
+                    .u64()
+                    .map_err(wrong)?
+                    .iter()
+                    .map(|it| it.map(|it| it.to_string()))
+                    .collect(),
+                kind if kind.is_integer() => {
+                    let whole = column.cast(&DataType::Int64).map_err(wrong)?;
+                    whole
+                        .i64()
+                        .map_err(wrong)?
+                        .iter()
+                        .map(|it| it.map(|it| it.to_string()))
+                        .collect()
+                }
+                kind if kind.is_float() => {
+                    let numbers = column.cast(&DataType::Float64).map_err(wrong)?;
+                    numbers
+                        .f64()
+                        .map_err(wrong)?
+                        .iter()
+                        .map(|it| it.map(|it| it.to_string()))
+                        .collect()
+                }
+                _ => continue,
+            };
+            let cells = cells.into_iter().map(Option::unwrap_or_default);
+            texts.push((column.name().to_string(), cells.collect()));
+        }
+        Ok(texts)
+    }
+
     fn column(&self, name: &str) -> Result<&Column, Error> {
         self.frame
             .column(name)

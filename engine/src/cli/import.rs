@@ -3,7 +3,10 @@
 use super::{BAD_SPEC, Common, Failure, Format, OK, complain, export::Whole, say};
 use crate::{
     Error,
-    imported::{Found, ImportedText, Patterns, columns, read},
+    imported::{
+        Columns, Copies, Found, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step,
+        columns, read,
+    },
     spec::{section_yaml, way},
     store::{self, write_durably},
     world::fs,
@@ -12,14 +15,13 @@ use clap::Args;
 use serde_json::{Value, json};
 use std::{
     collections::{BTreeMap, BTreeSet},
-    ffi::OsStr,
-    path::{Path, PathBuf},
+    path::{Component, Path, PathBuf},
 };
 
 /// What is imported, and how it is read.
 #[derive(Debug, Clone, Args)]
 pub(super) struct ImportOptions {
-    /// CSV files, and event files of TensorBoard, whose names hold `tfevents`.
+    /// Tables as CSV, JSON, JSON lines or Parquet, and event files of TensorBoard, each also packed by gzip.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Study that shall name them; the entry names files as seen from its folder.
@@ -28,7 +30,8 @@ pub(super) struct ImportOptions {
     /// Name of the entry, by which tables and claims speak of the runs.
     #[arg(long, value_name = "NAME", value_parser = entry_name)]
     name: String,
-    /// Metric of the study and the column or tag that holds it, as in `return=charts/episodic_return`.
+    /// Metric of the study and the column or tag that holds it, as in `return=charts/episodic_return`; a pattern with `*`,
+    /// or one metric several times, takes several columns as runs.
     #[arg(long = "metric", value_name = "METRIC=COLUMN", value_parser = pair)]
     metrics: Vec<(String, String)>,
     /// Environment of the study that the runs are of.
@@ -37,12 +40,30 @@ pub(super) struct ImportOptions {
     /// Column with the step.
     #[arg(long, value_name = "COLUMN", default_value = "step")]
     step: String,
+    /// Column whose running sum is the step, as `l` of a Monitor of Stable-Baselines3.
+    #[arg(long, value_name = "COLUMN", conflicts_with = "step")]
+    step_sum: Option<String>,
     /// Column with the seed; without it runs are numbered.
     #[arg(long, value_name = "COLUMN")]
     seed: Option<String>,
     /// Column that tells the runs of one file apart, where that is not the seed.
     #[arg(long, value_name = "COLUMN")]
     run: Option<String>,
+    /// Files that make a run, where no column tells runs apart: each a table of its own, all event files of a folder.
+    #[arg(long)]
+    run_per: Option<RunPer>,
+    /// Meaning of steps that go back.
+    #[arg(long)]
+    restart: Option<Restart>,
+    /// Meaning of several values of a run at one step.
+    #[arg(long)]
+    same_step: Option<SameStep>,
+    /// Runs without a value, or values that are not finite, are left out.
+    #[arg(long)]
+    leave_out: Vec<LeftOut>,
+    /// Meaning of files with the same content, which otherwise count once.
+    #[arg(long)]
+    copies: Option<Copies>,
     /// Only lines with this value in this column.
     #[arg(long, value_name = "COLUMN=VALUE", value_parser = pair)]
     only: Vec<(String, String)>,
@@ -102,12 +123,7 @@ pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<u8, Fai
         )));
     }
     if options.metrics.is_empty() {
-        let known: Vec<String> = columns(&options.files).map_err(unread)?.into_iter().collect();
-        return Err(refused(format!(
-            "say which column or tag holds which metric of the study, as in `--metric return={}`; there are {}",
-            known.first().map_or("COLUMN", String::as_str),
-            known.join(", ")
-        )));
+        return Err(refused(question(&columns(&options.files).map_err(unread)?)));
     }
     let mut files = options.files.clone();
     files.sort();
@@ -129,30 +145,56 @@ pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<u8, Fai
     match common.format {
         Format::Json => say(&as_json(options, &text, &found).to_string()),
         Format::Text => {
-            complain(&summary(options, &found));
+            complain(&summary(options, &found, &mapping));
             say(&section_yaml("imported", json!({ options.name.clone(): text }))?);
         }
     }
     Ok(OK)
 }
 
+/// Asks which column is which metric, with an example that can be written.
+fn question(columns: &Columns) -> String {
+    let (names, example) = columns.for_a_question();
+    let column = example.unwrap_or("COLUMN");
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "_-./:@".contains(letter);
+    let quote = if column.chars().all(is_plain) { "" } else { "'" };
+    let sum = if columns.is_monitor { " --step-sum l" } else { "" };
+    format!(
+        "say which column or tag holds which metric of the study, as in `--metric {quote}return={column}{quote}{sum}`; there \
+         are {}",
+        if names.is_empty() { "none" } else { &names }
+    )
+}
+
 impl ImportOptions {
     /// The entry with these files.
-    fn text(&self, mut from: Vec<String>) -> ImportedText {
+    fn text(&self, from: Vec<String>) -> ImportedText {
         let only = self
             .only
             .iter()
             .map(|(column, value)| (column.clone(), json!(value)));
+        let mut metrics: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        for (metric, column) in &self.metrics {
+            metrics.entry(metric.clone()).or_default().push(column.clone());
+        }
         ImportedText {
-            from: match from.as_slice() {
-                [_] => Patterns::One(from.remove(0)),
-                _ => Patterns::Several(from),
-            },
+            from: Patterns::from(from),
             environment: self.environment.clone(),
-            metrics: self.metrics.iter().cloned().collect(),
-            step: self.step.clone(),
+            metrics: metrics
+                .into_iter()
+                .map(|(metric, columns)| (metric, Patterns::from(columns)))
+                .collect(),
+            step: self
+                .step_sum
+                .as_ref()
+                .map_or_else(|| Step::Column(self.step.clone()), |column| Step::sum_of(column)),
             seed: self.seed.clone(),
             run: self.run.clone(),
+            run_per: self.run_per,
+            restart: self.restart,
+            same_step: self.same_step,
+            leave_out: self.leave_out.iter().copied().collect(),
+            copies: self.copies,
             only: only.collect(),
             last: self.last,
             about: self.about.clone(),
@@ -164,8 +206,9 @@ impl ImportOptions {
         let folder = beside.join("imported").join(&self.name);
         let whole = Whole::begin(&folder)?;
         let (mut taken, mut listed) = (BTreeSet::new(), Vec::new());
+        let shared = shared_folder(found.files.iter().map(|(path, _)| path.as_path()));
         for (path, sha256) in &found.files {
-            let name = kept_name(path);
+            let name = kept_name(path, &shared);
             if !taken.insert(name.clone()) {
                 return Err(refused(format!(
                     "two files are called `{}`; rename one, or import without --copy",
@@ -192,24 +235,45 @@ impl ImportOptions {
     }
 }
 
-/// Event files keep their folder, which is the run; every other file its name alone.
-fn kept_name(path: &Path) -> PathBuf {
-    let name = Path::new(path.file_name().unwrap_or(OsStr::new("file")));
+/// The folder in which all files lie, at some depth.
+fn shared_folder<'a>(files: impl Iterator<Item = &'a Path>) -> PathBuf {
+    let folders = files.map(|file| file.parent().unwrap_or(Path::new("")).to_owned());
+    let shared = |one: PathBuf, other: PathBuf| {
+        let same = one
+            .components()
+            .zip(other.components())
+            .take_while(|(one, other)| one == other);
+        same.map(|(part, _)| part).collect()
+    };
+    folders.reduce(shared).unwrap_or_default()
+}
+
+/// Files keep the folders in which they differ, which may be all that tells runs apart; event files keep one at least.
+fn kept_name(path: &Path, shared: &Path) -> PathBuf {
+    let below = path.strip_prefix(shared).unwrap_or(path);
+    let below: PathBuf = below
+        .components()
+        .filter(|part| matches!(part, Component::Normal(_)))
+        .collect();
     let folder = path.parent().and_then(Path::file_name);
-    match folder.filter(|_| name.to_string_lossy().contains("tfevents")) {
-        Some(folder) => Path::new(folder).join(name),
-        None => name.to_owned(),
+    let is_events = below.to_string_lossy().contains("tfevents") && below.components().count() == 1;
+    match folder.filter(|_| is_events) {
+        Some(folder) => Path::new(folder).join(below),
+        None => below,
     }
 }
 
 /// What every run holds, a line each.
-fn summary(options: &ImportOptions, found: &Found) -> String {
-    let mut lines = vec![format!(
-        "{}: {} runs in {} files",
-        options.name,
-        found.runs.len(),
-        found.files.len()
-    )];
+fn summary(options: &ImportOptions, found: &Found, mapping: &Mapping) -> String {
+    let count = |n: usize, one: &str| {
+        if n == 1 {
+            format!("1 {one}")
+        } else {
+            format!("{n} {one}s")
+        }
+    };
+    let (runs, files) = (count(found.runs.len(), "run"), count(found.files.len(), "file"));
+    let mut lines = vec![format!("{}: {runs} in {files}", options.name)];
     for run in &found.runs {
         let seed = run.seed.map_or_else(String::new, |seed| format!(", seed {seed}"));
         let curves = run.curves.iter().map(|(metric, curve)| {
@@ -223,24 +287,31 @@ fn summary(options: &ImportOptions, found: &Found) -> String {
             curves.collect::<Vec<_>>().join("; ")
         ));
     }
+    lines.extend(
+        found
+            .said(mapping)
+            .into_iter()
+            .map(|note| format!("  note: {note}")),
+    );
     lines.join("\n")
 }
 
+/// The entry, and every value that was read.
 fn as_json(options: &ImportOptions, text: &ImportedText, found: &Found) -> Value {
     let runs = found.runs.iter().map(|run| {
-        let values: BTreeMap<&String, usize> = run
+        let counts: BTreeMap<&String, usize> = run
             .curves
             .iter()
             .map(|(metric, curve)| (metric, curve.len()))
             .collect();
-        json!({ "run": run.name, "seed": run.seed, "values": values })
+        json!({ "run": run.name, "seed": run.seed, "values": counts, "curves": run.curves })
     });
     let files = found
         .files
         .iter()
         .map(|(path, sha256)| json!({ "file": path, "sha256": sha256 }));
     json!({
-        "imported": { options.name.clone(): text }, "runs": runs.collect::<Vec<_>>(), "files": files.collect::<Vec<_>>(),
+        "imported": { options.name.clone(): text }, "runs": runs.collect::<Vec<_>>(), "files": files.collect::<Vec<_>>(), "notes": found.said(&text.mapping()),
     })
 }
 
@@ -249,15 +320,42 @@ mod tests {
     use super::*;
 
     #[test]
-    fn event_files_keep_the_folder_that_tells_them_apart() {
+    fn copies_keep_the_folders_that_tell_them_apart() {
+        let kept = |files: &[&str]| -> Vec<String> {
+            let shared = shared_folder(files.iter().map(Path::new));
+            files
+                .iter()
+                .map(|file| kept_name(Path::new(file), &shared).display().to_string())
+                .collect()
+        };
+        assert_eq!(kept(&["runs/a/x.csv"]), ["x.csv"]);
         assert_eq!(
-            kept_name(Path::new("runs/a/events.out.tfevents.1")),
-            Path::new("a/events.out.tfevents.1")
+            kept(&["runs/a/progress.csv", "runs/b/progress.csv"]),
+            ["a/progress.csv", "b/progress.csv"]
         );
-        assert_eq!(kept_name(Path::new("runs/a/x.csv")), Path::new("x.csv"));
         assert_eq!(
-            kept_name(Path::new("events.tfevents")),
-            Path::new("events.tfevents")
+            kept(&["../runs/a/x.csv", "logs/b/x.csv"]),
+            ["runs/a/x.csv", "logs/b/x.csv"]
+        );
+        assert_eq!(
+            kept(&["runs/a/events.out.tfevents.1"]),
+            ["a/events.out.tfevents.1"]
+        );
+        assert_eq!(kept(&["events.tfevents"]), ["events.tfevents"]);
+    }
+
+    #[test]
+    fn an_example_names_a_column_that_is_there() {
+        let columns = |names: &[&str], is_monitor| Columns {
+            names: names.iter().map(|it| (*it).to_owned()).collect(),
+            is_monitor,
+            ..Columns::default()
+        };
+        assert!(question(&columns(&["r", "l", "t"], true)).contains("`--metric return=r --step-sum l`"));
+        let told = question(&columns(&["Step", "ppo - x"], false));
+        assert!(
+            told.contains("`--metric 'return=ppo - x'`; there are Step, ppo - x"),
+            "{told}"
         );
     }
 

@@ -24,6 +24,25 @@ pub(crate) struct Event {
     /// Values.
     #[prost(message, optional, tag = "5")]
     pub(crate) summary: Option<Summary>,
+    /// A start or an end of the program.
+    #[prost(message, optional, tag = "7")]
+    pub(crate) session_log: Option<SessionLog>,
+}
+
+/// A start or an end of the program that writes.
+#[derive(Clone, PartialEq, Message)]
+pub(crate) struct SessionLog {
+    /// 1 for a start.
+    #[prost(int32, tag = "1")]
+    pub(crate) status: i32,
+}
+
+impl Event {
+    /// Whether the program starts here, so that values from this step on that stand before are void.
+    pub(crate) fn starts(&self) -> bool {
+        const START: i32 = 1;
+        self.session_log.as_ref().is_some_and(|log| log.status == START)
+    }
 }
 
 /// Values of one step.
@@ -43,14 +62,31 @@ pub(crate) struct Scalar {
     /// The value, in single precision.
     #[prost(float, optional, tag = "2")]
     pub(crate) simple_value: Option<f32>,
+    /// The name in files of an older form, whose tensors have no tag.
+    #[prost(string, tag = "7")]
+    pub(crate) node_name: String,
     /// The value as newer programs write it.
     #[prost(message, optional, tag = "8")]
     pub(crate) tensor: Option<Tensor>,
 }
 
+impl Scalar {
+    /// The name under which TensorBoard shows the value.
+    pub(crate) fn tag(&self) -> &str {
+        let is_older = self.tag.is_empty() && self.tensor.is_some();
+        if is_older { &self.node_name } else { &self.tag }
+    }
+}
+
 /// What `tensor.proto` says of a tensor, as far as one number needs it.
 #[derive(Clone, PartialEq, Message)]
 pub(crate) struct Tensor {
+    /// The kind of its entries, by `types.proto`.
+    #[prost(int32, tag = "1")]
+    pub(crate) dtype: i32,
+    /// Its lengths.
+    #[prost(message, optional, tag = "2")]
+    pub(crate) shape: Option<Shape>,
     /// Its bytes, low byte first.
     #[prost(bytes = "vec", tag = "4")]
     pub(crate) tensor_content: Vec<u8>,
@@ -60,6 +96,36 @@ pub(crate) struct Tensor {
     /// Its values in double precision.
     #[prost(double, repeated, tag = "6")]
     pub(crate) double_val: Vec<f64>,
+    /// Its values as whole numbers.
+    #[prost(int32, repeated, tag = "7")]
+    pub(crate) int_val: Vec<i32>,
+    /// Its values as long whole numbers.
+    #[prost(int64, repeated, tag = "10")]
+    pub(crate) int64_val: Vec<i64>,
+}
+
+/// The lengths of a tensor.
+#[derive(Clone, PartialEq, Message)]
+pub(crate) struct Shape {
+    /// One for each axis; none of a single number.
+    #[prost(message, repeated, tag = "2")]
+    pub(crate) dim: Vec<Length>,
+}
+
+/// The length of a tensor along an axis.
+#[derive(Clone, PartialEq, Message)]
+pub(crate) struct Length {
+    /// How many entries.
+    #[prost(int64, tag = "1")]
+    pub(crate) size: i64,
+}
+
+impl Tensor {
+    /// How many entries it has.
+    pub(crate) fn entries(&self) -> i64 {
+        let lengths = self.shape.iter().flat_map(|shape| &shape.dim);
+        lengths.fold(1, |entries: i64, length| entries.saturating_mul(length.size))
+    }
 }
 
 /// The event that a file begins with.
@@ -79,6 +145,13 @@ pub(crate) fn append(event: &Event, file: &mut Vec<u8>) {
     file.extend(masked_crc(&length).to_le_bytes());
     file.extend(&data);
     file.extend(masked_crc(&data).to_le_bytes());
+}
+
+/// Whether some bytes begin with a record.
+pub(crate) fn begins_record(bytes: &[u8]) -> bool {
+    bytes
+        .split_at_checked(12)
+        .is_some_and(|(head, _)| head[8..] == masked_crc(&head[..8]).to_le_bytes())
 }
 
 /// The events of a file, up to a record that was not written to its end.
@@ -169,7 +242,7 @@ pub(super) mod tests {
         let value = Scalar {
             tag: "final/return".into(),
             simple_value: Some(0.0),
-            tensor: None,
+            ..Scalar::default()
         };
         let event = Event {
             step: 7,

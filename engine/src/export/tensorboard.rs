@@ -93,8 +93,8 @@ fn event_file(result: &TrialResult, ended: u64) -> Vec<u8> {
         let event = Event {
             wall_time,
             step: i64::try_from(step).unwrap_or(i64::MAX),
-            file_version: None,
             summary: Some(Summary { value }),
+            ..Event::default()
         };
         append(&event, &mut file);
     }
@@ -114,7 +114,7 @@ fn scalars(result: &TrialResult) -> BTreeMap<u64, Vec<Scalar>> {
                 scalars.entry(step).or_default().push(Scalar {
                     tag: format!("{}/{metric}", phase.name()),
                     simple_value: Some(value as f32),
-                    tensor: None,
+                    ..Scalar::default()
                 });
             }
         }

@@ -1,53 +1,76 @@
-//! Runs in TensorBoard's event files: every folder is a run, which may go on in several files.
+//! Runs in TensorBoard's event files, read as TensorBoard reads them: every folder is a run, which may go on in several
+//! files, and a start of the program that names a step purges what was logged from that step on
+//! (`tensorboard/backend/event_processing/event_accumulator.py`, `_MaybePurgeOrphanedData`).
 
-use super::{Content, Mapping, Run, input};
+use super::{
+    Content, Found, NOT_FINITE,
+    columns::{Chosen, Missing, named},
+    group::Group,
+    mapping::{LeftOut, Mapping, RunPer, Step},
+    restarts::{Entry, Rules},
+};
 use crate::{
     Error,
-    export::event_file::{Event, Scalar, events},
+    export::event_file::{Event, Scalar, Tensor, begins_record, events},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
-    path::Path,
+    path::PathBuf,
 };
 
-/// The runs of all files, in the order of their folders.
-pub(super) fn runs(files: &[&Content], mapping: &Mapping) -> Result<Vec<Run>, Error> {
-    let (Some(first), columns) = (files.first(), columns(mapping)) else {
-        return Ok(Vec::new());
+/// Adds the runs of all files, in the order of their folders.
+pub(super) fn runs(files: &[&Content], mapping: &Mapping, found: &mut Found) -> Result<(), Error> {
+    let (Some(first), key) = (files.first(), key_of_columns(mapping)) else {
+        return Ok(());
     };
-    if let Some(key) = columns {
-        let problem = format!("event files have no columns; leave `{key}` out, every folder is a run");
-        return Err(input(&first.path, None, None, problem));
+    if let Some(key) = key {
+        let problem = format!(
+            "event files have no columns and steps of their own; leave `{key}` out, every folder is a run"
+        );
+        return Err(first.wrong(None, problem));
     }
-    let mut runs: BTreeMap<&Path, Run> = BTreeMap::new();
-    for file in files {
-        let folder = file.path.parent().unwrap_or(Path::new(""));
-        let run = runs.entry(folder).or_insert_with(|| Run {
-            name: format!("`{}`", folder.display()),
-            ..Run::default()
-        });
-        let events = events(&file.bytes).map_err(|problem| input(&file.path, None, None, problem))?;
-        take(file, &events, run, mapping)?;
+    let mut logs: BTreeMap<PathBuf, Vec<usize>> = BTreeMap::new();
+    for (place, file) in files.iter().enumerate() {
+        let folder = file
+            .path
+            .parent()
+            .filter(|_| mapping.run_per != Some(RunPer::File));
+        let of = folder.unwrap_or(&file.path).to_owned();
+        logs.entry(of).or_default().push(place);
     }
-    Ok(runs.into_values().collect())
+    let rules = Rules::of_event_files(mapping);
+    for (of, places) in logs {
+        let mut log = Log::default();
+        for place in &places {
+            log.read(files[*place], *place)?;
+        }
+        found.purged += log.purged;
+        let name = format!("`{}`", of.display());
+        log.group(name, (files, places[0]), mapping, found)?
+            .end(&rules, files, found)?;
+    }
+    Ok(())
 }
 
-/// The tags of a file.
+/// Whether a file begins as an event file does.
+pub(super) fn begins(bytes: &[u8]) -> bool {
+    begins_record(bytes)
+}
+
+/// The tags of a file that hold single numbers.
 pub(super) fn tags(file: &Content) -> Result<Vec<String>, Error> {
-    let events = events(&file.bytes).map_err(|problem| input(&file.path, None, None, problem))?;
-    let scalars = events
-        .iter()
-        .filter_map(|event| event.summary.as_ref())
-        .flat_map(|summary| &summary.value);
-    Ok(scalars.map(|scalar| scalar.tag.clone()).collect())
+    let mut log = Log::default();
+    log.read(file, 0)?;
+    Ok(log.tags())
 }
 
 /// A key of the mapping that names a column.
-fn columns(mapping: &Mapping) -> Option<&'static str> {
+fn key_of_columns(mapping: &Mapping) -> Option<&'static str> {
     let given = [
         ("seed", mapping.seed.is_some()),
         ("run", mapping.run.is_some()),
         ("only", !mapping.only.is_empty()),
+        ("step", matches!(mapping.step, Step::Sum(_))),
     ];
     given
         .into_iter()
@@ -55,139 +78,209 @@ fn columns(mapping: &Mapping) -> Option<&'static str> {
         .map(|(key, _)| key)
 }
 
-fn take(file: &Content, events: &[Event], run: &mut Run, mapping: &Mapping) -> Result<(), Error> {
-    let mut tags: BTreeSet<&str> = BTreeSet::new();
-    for event in events {
-        for scalar in event.summary.iter().flat_map(|summary| &summary.value) {
-            tags.insert(&scalar.tag);
-            let wanted = mapping.metrics.iter().filter(|(_, tag)| **tag == scalar.tag);
-            for (metric, tag) in wanted {
-                let value = number(scalar).ok_or_else(|| {
-                    let problem = format!("`{tag}` at step {} is no finite number", event.step);
-                    input(&file.path, None, None, problem)
-                })?;
-                let step = u64::try_from(event.step).unwrap_or(0);
-                run.curves.entry(metric.clone()).or_default().push((step, value));
-            }
-        }
-    }
-    // A run may go on in another file, so that only a file with other values and none of these is a mistake.
-    let lacks_all = mapping.metrics.values().all(|tag| !tags.contains(tag.as_str()));
-    if lacks_all && !tags.is_empty() {
-        let known: Vec<&str> = tags.into_iter().collect();
-        let problem = format!(
-            "it has none of the tags of `metrics`; its tags are {}",
-            known.join(", ")
-        );
-        return Err(input(&file.path, None, None, problem));
-    }
-    Ok(())
+/// A number under a tag.
+struct Point {
+    file: usize,
+    /// The number of the record in the file.
+    record: u64,
+    step: i64,
+    value: f64,
 }
 
-/// A scalar as the older or as the newer form keeps it.
+/// The files of a run, one after the other.
+#[derive(Default)]
+struct Log {
+    points: BTreeMap<String, Vec<Point>>,
+    /// Tags whose values are no single numbers.
+    others: BTreeSet<String>,
+    version: f64,
+    /// The step of the last event, in files of a form that says nothing of starts.
+    recent: Option<i64>,
+    purged: usize,
+}
+
+impl Log {
+    fn read(&mut self, file: &Content, place: usize) -> Result<(), Error> {
+        let events = events(&file.bytes).map_err(|problem| file.wrong(None, problem))?;
+        for (event, record) in events.iter().zip(1..) {
+            if let Some(version) = &event.file_version {
+                let number = version
+                    .strip_prefix("brain.Event:")
+                    .and_then(|it| it.parse().ok());
+                self.version = number.unwrap_or(0.0);
+            }
+            self.purge(event);
+            for scalar in event.summary.iter().flat_map(|summary| &summary.value) {
+                let tag = scalar.tag();
+                if let Some(value) = number(scalar) {
+                    let point = Point {
+                        file: place,
+                        record,
+                        step: event.step,
+                        value,
+                    };
+                    self.points.entry(tag.to_owned()).or_default().push(point);
+                } else {
+                    self.others.insert(tag.to_owned());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes away what a crash made void: from the second version of the form on a start of the program says from which
+    /// step, before that steps say it that go back.
+    fn purge(&mut self, event: &Event) {
+        if self.version >= 2.0 {
+            if event.starts() {
+                self.points
+                    .values_mut()
+                    .for_each(|points| purge(points, event.step, &mut self.purged));
+            }
+            return;
+        }
+        match &event.summary {
+            Some(summary) if self.recent.is_some_and(|recent| event.step < recent) => {
+                for scalar in &summary.value {
+                    if let Some(points) = self.points.get_mut(scalar.tag()) {
+                        purge(points, event.step, &mut self.purged);
+                    }
+                }
+            }
+            _ => self.recent = Some(event.step),
+        }
+    }
+
+    fn tags(&self) -> Vec<String> {
+        self.points
+            .keys()
+            .filter(|tag| !self.points[*tag].is_empty())
+            .cloned()
+            .collect()
+    }
+
+    /// The values of the tags that the mapping names. A run in which a tag is missing lacks the metric, and one with
+    /// other tags alone is a mistake.
+    fn group(
+        self,
+        name: String,
+        (files, first): (&[&Content], usize),
+        mapping: &Mapping,
+        found: &mut Found,
+    ) -> Result<Group, Error> {
+        let file = files[first];
+        let mut group = Group::new(name, None, file.path.clone());
+        let tags = self.tags();
+        let chosen = match Chosen::of(&tags, mapping) {
+            Ok(chosen) => chosen,
+            Err(_) if tags.is_empty() || mapping.leaves_out(LeftOut::Empty) => return Ok(group),
+            Err(missing) => return Err(file.wrong(None, self.lacks(&missing, &tags))),
+        };
+        let slots = group.slots(&chosen);
+        for (of, slot) in chosen.slots.iter().zip(slots) {
+            let tag = &tags[of.column];
+            for point in &self.points[tag] {
+                let wrong = |problem: String| {
+                    let file = files[point.file];
+                    file.wrong(None, format!("record {}, tag `{tag}`: {problem}", point.record))
+                };
+                let step = u64::try_from(point.step)
+                    .map_err(|_| wrong(format!("step {} is negative", point.step)))?;
+                let (place, value) = ((point.file, point.record), point.value);
+                if value.is_finite() {
+                    group.log.entries.push(Entry {
+                        place,
+                        step,
+                        slot,
+                        value,
+                    });
+                } else if mapping.leaves_out(LeftOut::NotFinite) {
+                    found.not_finite += 1;
+                } else {
+                    return Err(wrong(format!(
+                        "`{value}` at step {step} is not finite: {NOT_FINITE}"
+                    )));
+                }
+            }
+        }
+        // In the order in which they were logged, not by tag.
+        group.log.entries.sort_by_key(|entry| entry.place);
+        Ok(group)
+    }
+
+    fn lacks(&self, missing: &Missing, tags: &[String]) -> String {
+        let name = &missing.name;
+        if self.others.contains(name) {
+            return format!(
+                "`{name}` holds no single numbers; tags that do are {}",
+                named(tags)
+            );
+        }
+        missing
+            .problem
+            .replacen("there is no such column", &format!("it has no tag `{name}`"), 1)
+            .replace("columns", "tags")
+    }
+}
+
+fn purge(points: &mut Vec<Point>, from: i64, purged: &mut usize) {
+    let before = points.len();
+    points.retain(|point| point.step < from);
+    *purged += before - points.len();
+}
+
+/// A scalar as the older or as the newer form keeps it; `None` where it is no single number.
 fn number(scalar: &Scalar) -> Option<f64> {
-    let of_tensor = || {
-        let tensor = scalar.tensor.as_ref()?;
-        let content = || tensor.tensor_content.as_slice();
-        tensor
-            .float_val
-            .first()
-            .map(|value| f64::from(*value))
-            .or_else(|| tensor.double_val.first().copied())
-            .or_else(|| Some(f64::from(f32::from_le_bytes(content().try_into().ok()?))))
-            .or_else(|| Some(f64::from_le_bytes(content().try_into().ok()?)))
-    };
-    let value = scalar.simple_value.map(f64::from).or_else(of_tensor);
-    value.filter(|value| value.is_finite())
+    scalar
+        .simple_value
+        .map(f64::from)
+        .or_else(|| of_tensor(scalar.tensor.as_ref()?))
+}
+
+/// The number in a tensor with one entry, by the kinds of `tensorflow/core/framework/types.proto`.
+fn of_tensor(tensor: &Tensor) -> Option<f64> {
+    const FLOAT: i32 = 1;
+    const DOUBLE: i32 = 2;
+    const INT32: i32 = 3;
+    const INT64: i32 = 9;
+    if tensor.entries() != 1 {
+        return None;
+    }
+    let bytes = tensor.tensor_content.as_slice();
+    #[allow(
+        clippy::cast_precision_loss,
+        reason = "TensorBoard shows numbers in double precision, too"
+    )]
+    match tensor.dtype {
+        // Writers that leave the kind away mean single precision.
+        FLOAT | 0 => match bytes.try_into() {
+            Ok(bytes) => Some(f64::from(f32::from_le_bytes(bytes))),
+            Err(_) => tensor
+                .float_val
+                .first()
+                .map(|value| f64::from(*value))
+                .or_else(|| tensor.double_val.first().copied()),
+        },
+        DOUBLE => bytes
+            .try_into()
+            .map(f64::from_le_bytes)
+            .ok()
+            .or_else(|| tensor.double_val.first().copied()),
+        INT32 => bytes
+            .try_into()
+            .map(i32::from_le_bytes)
+            .ok()
+            .or_else(|| tensor.int_val.first().copied())
+            .map(f64::from),
+        INT64 => {
+            let whole = bytes.try_into().map(i64::from_le_bytes).ok();
+            whole
+                .or_else(|| tensor.int64_val.first().copied())
+                .map(|whole| whole as f64)
+        }
+        _ => None,
+    }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::export::event_file::{Summary, Tensor, append, first};
-
-    fn event(step: i64, scalar: Scalar) -> Event {
-        Event {
-            step,
-            summary: Some(Summary { value: vec![scalar] }),
-            ..Event::default()
-        }
-    }
-
-    fn simple(tag: &str, value: f32) -> Scalar {
-        Scalar {
-            tag: tag.into(),
-            simple_value: Some(value),
-            tensor: None,
-        }
-    }
-
-    fn content(path: &str, events: &[Event]) -> Content {
-        let mut bytes = Vec::new();
-        append(&first(0.0), &mut bytes);
-        events.iter().for_each(|event| append(event, &mut bytes));
-        Content {
-            path: path.into(),
-            bytes,
-        }
-    }
-
-    fn mapping() -> Mapping {
-        Mapping {
-            metrics: [("return".to_owned(), "charts/episodic_return".to_owned())].into(),
-            ..Mapping::default()
-        }
-    }
-
-    #[test]
-    fn every_folder_is_a_run_and_both_forms_of_scalars_are_read() {
-        let tag = "charts/episodic_return";
-        let tensor = |tensor: Tensor| Scalar {
-            tag: tag.into(),
-            simple_value: None,
-            tensor: Some(tensor),
-        };
-        let floats = Tensor {
-            float_val: vec![2.5],
-            ..Tensor::default()
-        };
-        let bytes = Tensor {
-            tensor_content: 4.5f32.to_le_bytes().to_vec(),
-            ..Tensor::default()
-        };
-        let one = content(
-            "runs/a/events.out.tfevents.1",
-            &[event(10, simple(tag, 1.5)), event(20, simple("loss", 9.0))],
-        );
-        let more = content(
-            "runs/a/events.out.tfevents.2",
-            &[event(20, tensor(floats)), event(30, tensor(bytes))],
-        );
-        let other = content("runs/b/events.out.tfevents.1", &[event(10, simple(tag, 7.0))]);
-        let runs = runs(&[&one, &more, &other], &mapping()).unwrap();
-        assert_eq!(runs.len(), 2);
-        assert_eq!(runs[0].curves["return"], [(10, 1.5), (20, 2.5), (30, 4.5)]);
-        assert_eq!(runs[1].name, "`runs/b`");
-    }
-
-    #[test]
-    fn what_is_wrong_is_named() {
-        let other = content("runs/a/events.out.tfevents.1", &[event(1, simple("loss", 1.0))]);
-        let refused = |files: &[&Content], mapping: &Mapping| runs(files, mapping).unwrap_err().to_string();
-        assert!(refused(&[&other], &mapping()).contains("its tags are loss"));
-        let mut torn = content("a/x.tfevents", &[event(1, simple("charts/episodic_return", 1.0))]);
-        let middle = torn.bytes.len() - 6;
-        torn.bytes[middle] ^= 1;
-        assert!(refused(&[&torn], &mapping()).contains("checksum"));
-        let columns = Mapping {
-            seed: Some("seed".into()),
-            ..mapping()
-        };
-        assert!(refused(&[&other], &columns).contains("leave `seed` out"));
-        let endless = content(
-            "a/x.tfevents",
-            &[event(1, simple("charts/episodic_return", f32::NAN))],
-        );
-        assert!(refused(&[&endless], &mapping()).contains("at step 1 is no finite number"));
-    }
-}
+mod tests;

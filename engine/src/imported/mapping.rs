@@ -3,30 +3,49 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Runs of another program in one environment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImportedText {
-    /// Files seen from the study's folder, or patterns of such in which `*` stands for any part of a name: CSV files, and
-    /// TensorBoard's event files, whose names hold `tfevents`.
+    /// Files seen from the study's folder, or patterns of such in which `*` stands for any part of a name and `**` for
+    /// folders of any depth: tables as CSV, Parquet or JSON, and TensorBoard's event files, each also packed by gzip.
     pub from: Patterns,
     /// The environment of the study that the runs are of; the only one where absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub environment: Option<String>,
-    /// Metrics of the study, each with the column or tag that holds it, as in `{ return: charts/episodic_return }`.
+    /// Metrics of the study, each with the column or tag that holds it, as in `{ return: charts/episodic_return }`. A
+    /// list of columns, or a pattern with `*`, takes every column as a run.
     #[schemars(extend("minProperties" = 1))]
-    pub metrics: BTreeMap<String, String>,
-    /// The column with the step; event files have steps of their own.
-    #[serde(default = "step")]
-    pub step: String,
+    pub metrics: BTreeMap<String, Patterns>,
+    /// The column with the step, or `{ sum: COLUMN }` where steps are the running sum of a column, as of the lengths of
+    /// episodes; event files have steps of their own.
+    #[serde(default)]
+    pub step: Step,
     /// The column with the seed. Without it runs are numbered in the order of their files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<String>,
     /// The column that tells the runs of one file apart, where that is not the seed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<String>,
+    /// Whether each file is a run, or all files of a folder together are one. Without it a table is a run, and a folder
+    /// of event files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run_per: Option<RunPer>,
+    /// The meaning of steps that go back; such a log is refused where it is absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub restart: Option<Restart>,
+    /// The meaning of several values of a run at one step. A table with such is refused where it is absent; event files,
+    /// which have one writer each, have the mean.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub same_step: Option<SameStep>,
+    /// Runs without a value, and values that are not finite, which are refused unless they are named here.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    pub leave_out: BTreeSet<LeftOut>,
+    /// Whether files with the same content count as runs of their own; a copy is counted once where it is absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub copies: Option<Copies>,
     /// Lines that count: those with these values in these columns.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub only: BTreeMap<String, Value>,
@@ -39,6 +58,102 @@ pub struct ImportedText {
     pub about: String,
 }
 
+/// Where the steps of a table stand.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Step {
+    /// In a column.
+    Column(String),
+    /// They are the running sum of a column.
+    Sum(SumOf),
+}
+
+/// Steps that are the running sum of a column.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SumOf {
+    /// The column, as `l`, the length of an episode, in logs of the Monitor of Stable-Baselines3.
+    pub sum: String,
+}
+
+impl Default for Step {
+    fn default() -> Self {
+        Self::Column("step".into())
+    }
+}
+
+impl Step {
+    /// The running sum of a column.
+    #[must_use]
+    pub fn sum_of(column: &str) -> Self {
+        Self::Sum(SumOf { sum: column.into() })
+    }
+
+    /// The column that steps are read from.
+    #[must_use]
+    pub fn column(&self) -> &str {
+        match self {
+            Self::Column(column) => column,
+            Self::Sum(of) => &of.sum,
+        }
+    }
+}
+
+/// The files that make a run, where no column tells runs apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum RunPer {
+    /// Each file.
+    File,
+    /// All files of a folder together.
+    Folder,
+}
+
+/// The meaning of steps that go back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum Restart {
+    /// Another run begins.
+    NewRun,
+    /// The same run went on from a checkpoint: values that were logged before, from that step on, are purged.
+    Resume,
+}
+
+/// The meaning of several values of a run at one step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum SameStep {
+    /// Their mean counts.
+    Mean,
+    /// The last one counts.
+    Last,
+}
+
+/// Parts of files that are refused unless an entry leaves them out.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema, clap::ValueEnum,
+)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum LeftOut {
+    /// Runs that lack a value of a metric.
+    Empty,
+    /// Values that are infinite or not a number.
+    NotFinite,
+}
+
+/// The meaning of files with the same content.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum Copies {
+    /// Each counts, as where several runs gave the same values.
+    Count,
+}
+
 /// A pattern or a list of such.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
@@ -47,6 +162,21 @@ pub enum Patterns {
     One(String),
     /// Several.
     Several(#[schemars(length(min = 1))] Vec<String>),
+}
+
+impl From<&str> for Patterns {
+    fn from(one: &str) -> Self {
+        Self::One(one.into())
+    }
+}
+
+impl From<Vec<String>> for Patterns {
+    fn from(mut all: Vec<String>) -> Self {
+        match all.as_slice() {
+            [_] => Self::One(all.remove(0)),
+            _ => Self::Several(all),
+        }
+    }
 }
 
 impl Patterns {
@@ -60,25 +190,37 @@ impl Patterns {
     }
 }
 
-fn step() -> String {
-    "step".into()
-}
-
 fn one() -> u64 {
     1
 }
 
-/// What of an entry decides how its files are read.
+/// The keys of an entry that decide how its files are read. Keys that are absent are not part of it, so that the ids of
+/// runs do not depend on keys that were added later.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Mapping {
     /// Columns or tags by metric.
-    pub metrics: BTreeMap<String, String>,
-    /// The column with the step.
-    pub step: String,
+    pub metrics: BTreeMap<String, Patterns>,
+    /// Where steps stand.
+    pub step: Step,
     /// The column with the seed.
     pub seed: Option<String>,
     /// The column that tells runs apart.
     pub run: Option<String>,
+    /// The files that make a run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run_per: Option<RunPer>,
+    /// The meaning of steps that go back.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub restart: Option<Restart>,
+    /// The meaning of several values at one step.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub same_step: Option<SameStep>,
+    /// Parts that are left out.
+    #[serde(skip_serializing_if = "BTreeSet::is_empty")]
+    pub leave_out: BTreeSet<LeftOut>,
+    /// The meaning of files with the same content.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub copies: Option<Copies>,
     /// Values that lines must have, as text.
     pub only: BTreeMap<String, String>,
     /// How many of the last values make the final one.
@@ -89,12 +231,25 @@ impl Default for Mapping {
     fn default() -> Self {
         Self {
             metrics: BTreeMap::new(),
-            step: step(),
+            step: Step::default(),
             seed: None,
             run: None,
+            run_per: None,
+            restart: None,
+            same_step: None,
+            leave_out: BTreeSet::new(),
+            copies: None,
             only: BTreeMap::new(),
             last: one(),
         }
+    }
+}
+
+impl Mapping {
+    /// Whether such parts are left out.
+    #[must_use]
+    pub fn leaves_out(&self, part: LeftOut) -> bool {
+        self.leave_out.contains(&part)
     }
 }
 
@@ -103,16 +258,21 @@ impl ImportedText {
     #[must_use]
     pub fn mapping(&self) -> Mapping {
         let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        let only = self
+            .only
+            .iter()
+            .map(|(column, value)| (column.clone(), text(value)));
         Mapping {
             metrics: self.metrics.clone(),
             step: self.step.clone(),
             seed: self.seed.clone(),
             run: self.run.clone(),
-            only: self
-                .only
-                .iter()
-                .map(|(column, value)| (column.clone(), text(value)))
-                .collect(),
+            run_per: self.run_per,
+            restart: self.restart,
+            same_step: self.same_step,
+            leave_out: self.leave_out.clone(),
+            copies: self.copies,
+            only: only.collect(),
             last: self.last,
         }
     }

@@ -7,18 +7,28 @@
 //! | seed | as the study says | [`FIRST_SEED`] and more, so that no run is paired with an own trial |
 //! | where | the store | the files that the study names |
 
-mod comma_separated;
+mod columns;
+mod content;
 mod event_files;
+mod found;
+mod group;
+mod json;
 mod mapping;
 mod pattern;
+mod restarts;
+mod separated;
+mod table;
+mod tables;
 
-pub use mapping::{ImportedText, Mapping, Patterns};
+pub use found::{Columns, Found, columns, read};
+pub use mapping::{Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step};
 pub use pattern::matching;
+
+use content::Content;
 
 use crate::{
     Error, Phase,
     cast::Seating,
-    input_file,
     recorder::Row,
     results::{EndState, TrialEnd, TrialResult},
     trial::{Part, Purpose, Trial, TrialCell, TrialKey, hash},
@@ -26,7 +36,7 @@ use crate::{
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeMap,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -68,103 +78,16 @@ pub struct Imported {
 pub struct Run {
     /// Which of the runs it is, for messages.
     pub name: String,
+    /// The file in which it begins.
+    pub file: PathBuf,
     /// Its seed, where the files say it.
     pub seed: Option<u64>,
     /// Steps with values, by metric of the study; a step may occur more than once.
     pub curves: BTreeMap<String, Vec<(u64, f64)>>,
 }
 
-/// A file that was read, with what it held.
-struct Content {
-    path: PathBuf,
-    bytes: Vec<u8>,
-}
-
-/// The files of a part of an entry, and the runs in them.
-#[derive(Debug, Clone, Default)]
-pub struct Found {
-    /// Every file with its SHA-256.
-    pub files: Vec<(PathBuf, String)>,
-    /// The runs, in the order of the files.
-    pub runs: Vec<Run>,
-}
-
-/// Reads files: those whose names hold `tfevents` as TensorBoard's event files, all others as comma-separated values.
-///
-/// # Errors
-/// [`Error::File`] where one cannot be read, [`Error::Input`] with file, line and column where one is not as `mapping`
-/// says.
-pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<Found, Error> {
-    let content = |path: &PathBuf| {
-        let bytes = input_file::read(path, input_file::Use::Bytes).map_err(Error::file("read", path))?;
-        let path = path.clone();
-        Ok(Content { path, bytes })
-    };
-    let contents: Vec<Content> = files.iter().map(content).collect::<Result<_, Error>>()?;
-    let (events, tables): (Vec<&Content>, Vec<&Content>) =
-        contents.iter().partition(|it| is_event_file(&it.path));
-    let mut runs = comma_separated::runs(&tables, mapping)?;
-    runs.extend(event_files::runs(&events, mapping)?);
-    for run in &runs {
-        complete(run, mapping, &contents)?;
-    }
-    Ok(Found {
-        files: contents
-            .iter()
-            .map(|it| (it.path.clone(), sha256(&it.bytes)))
-            .collect(),
-        runs,
-    })
-}
-
-/// Names of all columns and tags of some files, from which metrics can be chosen.
-///
-/// # Errors
-/// [`Error::File`] where one cannot be read, [`Error::Input`] where one is neither a table nor an event file.
-pub fn columns(files: &[PathBuf]) -> Result<BTreeSet<String>, Error> {
-    let mut names = BTreeSet::new();
-    for path in files {
-        let bytes = input_file::read(path, input_file::Use::Bytes).map_err(Error::file("read", path))?;
-        let content = Content {
-            path: path.clone(),
-            bytes,
-        };
-        names.extend(if is_event_file(path) {
-            event_files::tags(&content)?
-        } else {
-            comma_separated::columns(&content)?
-        });
-    }
-    Ok(names)
-}
-
-fn is_event_file(path: &Path) -> bool {
-    path.file_name()
-        .is_some_and(|name| name.to_string_lossy().contains("tfevents"))
-}
-
-/// Refuses a run that lacks a metric.
-fn complete(run: &Run, mapping: &Mapping, contents: &[Content]) -> Result<(), Error> {
-    let lacking = mapping
-        .metrics
-        .iter()
-        .find(|(metric, _)| !run.curves.contains_key(*metric));
-    let Some((metric, column)) = lacking else {
-        return Ok(());
-    };
-    let path = contents
-        .first()
-        .map_or_else(PathBuf::new, |content| content.path.clone());
-    Err(input(
-        &path,
-        None,
-        None,
-        format!(
-            "{} has no value of `{column}`, which is to be `{metric}`",
-            run.name
-        ),
-    ))
-}
+/// The advice for a value that is infinite or not a number.
+const NOT_FINITE: &str = "write `leave_out: [not_finite]` where nothing was measured there";
 
 /// The SHA-256 of some bytes, in hexadecimal digits.
 fn sha256(bytes: &[u8]) -> String {
@@ -302,7 +225,7 @@ mod tests {
 
     fn mapping() -> Mapping {
         Mapping {
-            metrics: [("return".to_owned(), "reward".to_owned())].into(),
+            metrics: [("return".to_owned(), "reward".into())].into(),
             last: 2,
             ..Mapping::default()
         }
@@ -311,12 +234,14 @@ mod tests {
     fn found(seeds: &[Option<u64>]) -> Found {
         let run = |seed: &Option<u64>| Run {
             name: format!("run {seed:?}"),
+            file: "a.csv".into(),
             seed: *seed,
             curves: [("return".to_owned(), vec![(10, 4.0), (0, 1.0), (10, 6.0)])].into(),
         };
         Found {
             files: vec![("a.csv".into(), sha256(b"a"))],
             runs: seeds.iter().map(run).collect(),
+            ..Found::default()
         }
     }
 

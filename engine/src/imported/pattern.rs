@@ -1,12 +1,16 @@
-//! Files by patterns in which `*` stands for any part of one name.
+//! Files by patterns in which `*` stands for any part of one name, and `**` for folders of any depth.
 
 use crate::{Error, store::names, world::fs};
 use std::path::{Component, Path, PathBuf};
 
+/// The deepest that `**` looks, and the most folders that it looks into.
+const DEEPEST: usize = 64;
+const MOST_FOLDERS: usize = 100_000;
+
 /// The files that a pattern names, seen from `folder`, in the order of their names; none where no file matches.
 ///
 /// # Errors
-/// [`Error::File`] where a folder on the way cannot be read.
+/// [`Error::File`] where a folder on the way cannot be read, [`Error::Input`] where `**` meets too many.
 pub fn matching(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, Error> {
     let mut found = vec![folder.to_owned()];
     for part in Path::new(pattern).components() {
@@ -14,48 +18,86 @@ pub fn matching(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, Error> {
         let is_pattern = matches!(part, Component::Normal(_)) && name.contains('*');
         if !is_pattern {
             found.iter_mut().for_each(|path| path.push(&name));
-            continue;
+        } else if name == "**" {
+            let mut below = Vec::new();
+            for path in found {
+                with_folders(path, DEEPEST, &mut below)?;
+            }
+            found = below;
+        } else {
+            found = children(&found, &name)?;
         }
-        let mut below = Vec::new();
-        for path in found
-            .iter()
-            .filter(|path| path.as_os_str().is_empty() || fs::is_folder(path))
-        {
-            let listed = if path.as_os_str().is_empty() {
-                Path::new(".")
-            } else {
-                path
-            };
-            let hidden = |entry: &String| entry.starts_with('.') && !name.starts_with('.');
-            let entries = names(listed)?
-                .into_iter()
-                .filter(|entry| !hidden(entry) && fits(&name, entry));
-            below.extend(entries.map(|entry| path.join(entry)));
-        }
-        found = below;
     }
+    // Of `a/**/**/b` the same file is found in several ways.
+    found.sort();
+    found.dedup();
     found.retain(|path| fs::is_file(path));
     Ok(found)
 }
 
-/// Whether a name is of a pattern.
-fn fits(pattern: &str, name: &str) -> bool {
-    let mut parts = pattern.split('*');
-    let first = parts.next().unwrap_or_default();
-    let Some(mut rest) = name.strip_prefix(first) else {
-        return false;
-    };
-    let Some(last) = parts.next_back() else {
-        return rest.is_empty();
-    };
-    // Of what stands between two stars the first place is as good as any.
-    for part in parts {
-        match rest.find(part) {
-            Some(place) => rest = &rest[place + part.len()..],
-            None => return false,
+/// A folder and all folders below it. Links are not followed, so that none is met again; hidden folders are passed
+/// over, as a shell does.
+fn with_folders(path: PathBuf, deepest: usize, found: &mut Vec<PathBuf>) -> Result<(), Error> {
+    if found.len() >= MOST_FOLDERS {
+        return Err(Error::Input {
+            path,
+            line: None,
+            column: None,
+            problem: format!(
+                "`**` looks into no more than {MOST_FOLDERS} folders: begin the pattern further down"
+            ),
+        });
+    }
+    for entry in entries(&path)?
+        .into_iter()
+        .filter(|entry| !entry.starts_with('.'))
+    {
+        let below = path.join(entry);
+        if deepest > 0 && fs::symlink_metadata(&below).is_ok_and(|data| data.is_dir()) {
+            with_folders(below, deepest - 1, found)?;
         }
     }
-    rest.ends_with(last)
+    found.push(path);
+    Ok(())
+}
+
+/// What stands in these folders under names of a pattern.
+fn children(folders: &[PathBuf], pattern: &str) -> Result<Vec<PathBuf>, Error> {
+    let mut below = Vec::new();
+    for path in folders
+        .iter()
+        .filter(|path| path.as_os_str().is_empty() || fs::is_folder(path))
+    {
+        let hidden = |entry: &String| entry.starts_with('.') && !pattern.starts_with('.');
+        let entries = entries(path)?
+            .into_iter()
+            .filter(|entry| !hidden(entry) && parts(pattern, entry).is_some());
+        below.extend(entries.map(|entry| path.join(entry)));
+    }
+    Ok(below)
+}
+
+fn entries(folder: &Path) -> Result<Vec<String>, Error> {
+    let is_here = folder.as_os_str().is_empty();
+    names(if is_here { Path::new(".") } else { folder })
+}
+
+/// The parts of a name that the stars of a pattern stand for, where the name is of the pattern.
+pub(super) fn parts<'a>(pattern: &str, name: &'a str) -> Option<Vec<&'a str>> {
+    let mut texts = pattern.split('*');
+    let mut rest = name.strip_prefix(texts.next().unwrap_or_default())?;
+    let Some(last) = texts.next_back() else {
+        return rest.is_empty().then(Vec::new);
+    };
+    let mut found = Vec::new();
+    // Of the texts between two stars the first place is as good as any.
+    for text in texts {
+        let place = rest.find(text)?;
+        found.push(&rest[..place]);
+        rest = &rest[place + text.len()..];
+    }
+    found.push(rest.strip_suffix(last)?);
+    Some(found)
 }
 
 #[cfg(test)]
@@ -76,8 +118,36 @@ mod tests {
             ("ab*ba", "aba", false),
             ("**", "any", true),
         ] {
-            assert_eq!(fits(pattern, name), wanted, "{pattern} {name}");
+            assert_eq!(parts(pattern, name).is_some(), wanted, "{pattern} {name}");
         }
+    }
+
+    #[test]
+    fn stars_stand_for_parts() {
+        assert_eq!(parts("ppo__* - *", "ppo__1 - return"), Some(vec!["1", "return"]));
+        assert_eq!(parts("*", "a"), Some(vec!["a"]));
+    }
+
+    #[test]
+    fn two_stars_are_folders_of_any_depth_and_no_link_is_followed() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["top.csv", "a/x.csv", "a/b/c/x.csv", ".hidden/x.csv", "a/b/y.txt"] {
+            let path = dir.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "").unwrap();
+        }
+        std::os::unix::fs::symlink(".", dir.path().join("a/again")).unwrap();
+        let found = |pattern: &str| -> Vec<String> {
+            let found = matching(dir.path(), pattern).unwrap();
+            found
+                .iter()
+                .map(|path| path.strip_prefix(dir.path()).unwrap().display().to_string())
+                .collect()
+        };
+        assert_eq!(found("**/*.csv"), ["a/b/c/x.csv", "a/x.csv", "top.csv"]);
+        assert_eq!(found("a/**/x.csv"), ["a/b/c/x.csv", "a/x.csv"]);
+        assert_eq!(found("**/**/x.csv"), ["a/b/c/x.csv", "a/x.csv"]);
+        assert_eq!(found("**"), [""; 0], "a folder is no file");
     }
 
     #[test]

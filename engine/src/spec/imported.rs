@@ -104,7 +104,9 @@ impl Reader<'_> {
             let Some((text, found)) = self.part(node, entry, &at, (agent, block), &mut whole) else {
                 continue;
             };
-            words.push(sentence(&text, &found));
+            // Files are named as the study names them, wherever it lies.
+            let folder = format!("{}/", self.sections.folder.display());
+            words.push(sentence(&text, &found).replace(&folder, ""));
             let seen_from = |path: &Path| {
                 path.strip_prefix(self.sections.folder)
                     .unwrap_or(path)
@@ -262,7 +264,17 @@ fn sentence(text: &ImportedText, found: &Found) -> String {
         1 => "final values are the last ones".to_owned(),
         n => format!("final values are means of the last {n}"),
     };
-    format!("{runs} of {}{about}, {last}", text.from.all().join(", "))
+    let only = text.mapping().only;
+    let lines = only.iter().map(|(column, value)| format!("{column} {value}"));
+    let lines = match lines.collect::<Vec<_>>().join(" and ") {
+        none if none.is_empty() => none,
+        values => format!(" with {values}"),
+    };
+    let whole = format!("{runs} of {}{lines}{about}, {last}", text.from.all().join(", "));
+    std::iter::once(whole)
+        .chain(found.said(&text.mapping()))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 /// An entry of the section as it is stored in `folder`, with files named as seen from there in place of `from`.

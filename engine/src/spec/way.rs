@@ -23,6 +23,12 @@ pub fn along(from: &Path, way: &Path) -> PathBuf {
 
 /// The parts of a path from the root, without `.` and `..`.
 fn parts(path: &Path) -> Vec<OsString> {
+    // The folder of a file that is named alone is the empty path.
+    let path = if path.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        path
+    };
     let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
     absolute.components().fold(Vec::new(), |mut parts, part| {
         match part {
@@ -49,6 +55,10 @@ mod tests {
         assert_eq!(
             way(Path::new("a"), Path::new("./b/../small.yaml")),
             Path::new("../small.yaml")
+        );
+        assert_eq!(
+            way(Path::new(""), &std::path::absolute("runs/a.csv").unwrap()),
+            Path::new("runs/a.csv")
         );
     }
 }

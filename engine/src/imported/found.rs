@@ -1,0 +1,367 @@
+//! Files of other programs, read: the runs in them, and what has to be said of how they were read.
+
+use super::{
+    Content, LeftOut, Mapping, Run,
+    columns::{is_bound, named},
+    content::{Form, without_copies},
+    event_files, input,
+    table::Table,
+    tables,
+};
+use crate::Error;
+use std::path::PathBuf;
+
+/// The files of a part of an entry, and the runs in them.
+#[derive(Debug, Clone, Default)]
+pub struct Found {
+    /// Every file that counts, with its SHA-256.
+    pub files: Vec<(PathBuf, String)>,
+    /// The runs, in the order of the files.
+    pub runs: Vec<Run>,
+    /// Sentences on copies, on lines that were not written to their end, and on logs that belong together.
+    pub notes: Vec<String>,
+    /// How many values were left out because they are not finite.
+    pub not_finite: usize,
+    /// How many runs were told apart from another one in the same log because steps go back.
+    pub restarted: usize,
+    /// How many values stand at a step of a run that has another one.
+    pub repeated: usize,
+    /// How many values were purged because the run went on from an earlier step.
+    pub purged: usize,
+}
+
+/// Reads files: TensorBoard's event files, and tables in JSON, Parquet or separated text, also packed by gzip. Files of
+/// other kinds are told by their first bytes.
+///
+/// # Errors
+/// [`Error::File`] where one cannot be read, [`Error::Input`] with file, line and column where one is not as `mapping`
+/// says.
+pub fn read(files: &[PathBuf], mapping: &Mapping) -> Result<Found, Error> {
+    let contents: Vec<Content> = files
+        .iter()
+        .map(|path| Content::read(path))
+        .collect::<Result<_, Error>>()?;
+    let (contents, notes) = match mapping.copies {
+        Some(_) => (contents, Vec::new()),
+        None => without_copies(contents),
+    };
+    let (mut events, mut others) = (Vec::new(), Vec::new());
+    for file in &contents {
+        match file.form()? {
+            Form::Events => events.push(file),
+            form => others.push((file, form)),
+        }
+    }
+    let mut found = Found {
+        notes,
+        ..Found::default()
+    };
+    tables::runs(&others, mapping, &mut found)?;
+    event_files::runs(&events, mapping, &mut found)?;
+    found.files = contents
+        .iter()
+        .map(|it| (it.path.clone(), it.sha256.clone()))
+        .collect();
+    found.complete(mapping)?;
+    found.compare();
+    Ok(found)
+}
+
+/// The columns and tags of some files, from which metrics can be chosen.
+#[derive(Debug, Default)]
+pub struct Columns {
+    /// Their names, in the order of the files.
+    pub names: Vec<String>,
+    /// Whether one of the files is an event file.
+    pub has_tags: bool,
+    /// Whether one of the files is a log of the Monitor of Stable-Baselines3, whose steps are sums.
+    pub is_monitor: bool,
+}
+
+/// The columns and tags of some files.
+///
+/// # Errors
+/// [`Error::File`] where one cannot be read, [`Error::Input`] where one is neither a table nor an event file.
+pub fn columns(files: &[PathBuf]) -> Result<Columns, Error> {
+    let mut all = Columns::default();
+    for path in files {
+        let file = Content::read(path)?;
+        let names = match file.form()? {
+            Form::Events => {
+                all.has_tags = true;
+                event_files::tags(&file)?
+            }
+            form => {
+                let table = Table::read(&file, form)?;
+                all.is_monitor |= table.is_monitor();
+                table.names
+            }
+        };
+        for name in names.iter().filter(|name| !is_bound(name, &names)) {
+            if !all.names.contains(name) {
+                all.names.push(name.clone());
+            }
+        }
+    }
+    Ok(all)
+}
+
+impl Columns {
+    /// The names for a message, and the first of them that may be a metric.
+    #[must_use]
+    pub fn for_a_question(&self) -> (String, Option<&str>) {
+        const OTHERS: [&str; 8] = ["", "epoch", "iteration", "l", "name", "run", "seed", "t"];
+        let is_measured = |name: &&String| {
+            let lower = name.to_lowercase();
+            !lower.contains("step") && !lower.contains("time") && !OTHERS.contains(&lower.as_str())
+        };
+        let example = self.names.iter().find(is_measured).or(self.names.first());
+        // A file with one column may be no table at all.
+        match example {
+            Some(tag) if self.has_tags && self.names.len() == 1 => (tag.clone(), Some(tag)),
+            _ => (
+                named(&self.names),
+                example.filter(|_| self.names.len() > 1).map(String::as_str),
+            ),
+        }
+    }
+}
+
+impl Found {
+    /// Refuses or leaves out runs that lack a metric.
+    fn complete(&mut self, mapping: &Mapping) -> Result<(), Error> {
+        let lacking = |run: &Run| {
+            mapping
+                .metrics
+                .keys()
+                .find(|metric| !run.curves.contains_key(*metric))
+                .cloned()
+        };
+        let problem = |run: &Run, metric: &str| {
+            let columns = mapping.metrics[metric].all().join("`, `");
+            format!(
+                "{} has no value of `{columns}`, which is to be `{metric}`",
+                run.name
+            )
+        };
+        let lacks: Vec<(usize, String)> = self
+            .runs
+            .iter()
+            .enumerate()
+            .filter_map(|(place, run)| Some((place, lacking(run)?)))
+            .collect();
+        let Some((first, metric)) = lacks.first() else {
+            return Ok(());
+        };
+        let (run, all) = (&self.runs[*first], lacks.len() == self.runs.len());
+        if all || !mapping.leaves_out(LeftOut::Empty) {
+            let more = match lacks.len() - 1 {
+                0 => String::new(),
+                1 => ", and neither has another run".to_owned(),
+                n => format!(", and neither have {n} other runs"),
+            };
+            let advice = if all {
+                ""
+            } else {
+                ": `leave_out: [empty]` leaves such runs out"
+            };
+            return Err(input(
+                &run.file,
+                None,
+                None,
+                problem(run, metric) + &more + advice,
+            ));
+        }
+        let names: Vec<&str> = lacks
+            .iter()
+            .map(|(place, _)| self.runs[*place].name.as_str())
+            .collect();
+        let note = match names.as_slice() {
+            [one] => format!("1 run without a value is left out ({one})"),
+            several => format!(
+                "{} runs without a value are left out ({})",
+                several.len(),
+                several.join(", ")
+            ),
+        };
+        self.notes.push(note);
+        self.runs.retain(|run| lacking(run).is_none());
+        Ok(())
+    }
+
+    /// Notes runs whose values are all equal. Runs of a task without chance are so, and copies that were saved anew.
+    fn compare(&mut self) {
+        for (place, run) in self.runs.iter().enumerate() {
+            let more_than_one = run.curves.values().any(|curve| curve.len() > 1);
+            let same = self.runs[..place].iter().find(|other| same(run, other));
+            if let Some(other) = same.filter(|_| more_than_one) {
+                self.notes
+                    .push(format!("{} and {} have the same values", other.name, run.name));
+            }
+        }
+    }
+
+    /// What has to be said of how the files were read, in sentences without a stop.
+    #[must_use]
+    pub fn said(&self, mapping: &Mapping) -> Vec<String> {
+        let mut said = self.notes.clone();
+        let count = |n: usize, one: &str, several: &str| {
+            if n == 1 {
+                format!("1 {one}")
+            } else {
+                format!("{n} {several}")
+            }
+        };
+        let mut say = |n: usize, one: &str, several: &str| {
+            if n > 0 {
+                said.push(count(n, one, several));
+            }
+        };
+        say(
+            self.restarted,
+            "run begins where steps of a log go back",
+            "runs begin where steps of a log go back",
+        );
+        say(
+            self.purged,
+            "value is purged, because the run went on from an earlier step",
+            "values are purged, because the run went on from an earlier step",
+        );
+        let last = mapping.same_step == Some(super::SameStep::Last);
+        let (one, several) = if last {
+            (
+                "value is replaced by a later one at the same step",
+                "values are replaced by later ones at the same step",
+            )
+        } else {
+            (
+                "value stands at a step with another one, where their mean is shown",
+                "values stand at steps with others, where their mean is shown",
+            )
+        };
+        say(self.repeated, one, several);
+        say(
+            self.not_finite,
+            "value that is not finite is left out",
+            "values that are not finite are left out",
+        );
+        said
+    }
+}
+
+/// Whether two runs have the same values, bit by bit.
+fn same(one: &Run, other: &Run) -> bool {
+    one.curves.len() == other.curves.len()
+        && one
+            .curves
+            .iter()
+            .zip(&other.curves)
+            .all(|((metric, curve), (name, others))| {
+                let same_point = |((step, value), (at, other)): (&(u64, f64), &(u64, f64))| {
+                    step == at && value.to_bits() == other.to_bits()
+                };
+                metric == name && curve.len() == others.len() && curve.iter().zip(others).all(same_point)
+            })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(files: &[(&str, &str)]) -> (tempfile::TempDir, Vec<PathBuf>) {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |(name, text): &(&str, &str)| {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(&path, text).unwrap();
+            path
+        };
+        let paths = files.iter().map(write).collect();
+        (folder, paths)
+    }
+
+    fn mapping() -> Mapping {
+        Mapping {
+            metrics: [("return".to_owned(), "x".into())].into(),
+            ..Mapping::default()
+        }
+    }
+
+    #[test]
+    fn a_run_without_a_value_is_named_or_left_out() {
+        let (_folder, files) = written(&[
+            ("a.csv", "step,x\n0,1\n"),
+            ("b.csv", "step,x\n"),
+            ("c.csv", ""),
+            ("d.csv", "step,x\n0,\n"),
+        ]);
+        let told = read(&files, &mapping()).unwrap_err().to_string();
+        assert!(
+            told.contains(
+                "b.csv`: `b.csv` has no value of `x`, which is to be `return`, and neither have 2 other runs"
+            ),
+            "{told}"
+        );
+        assert!(told.contains("`leave_out: [empty]`"), "{told}");
+        let leave_out = Mapping {
+            leave_out: [LeftOut::Empty].into(),
+            ..mapping()
+        };
+        let found = read(&files, &leave_out).unwrap();
+        assert_eq!(found.runs.len(), 1);
+        assert_eq!(
+            found.said(&leave_out),
+            ["3 runs without a value are left out (`b.csv`, `c.csv`, `d.csv`)"]
+        );
+        assert!(
+            read(&files[1..], &leave_out).is_err(),
+            "one run has to have values"
+        );
+    }
+
+    #[test]
+    fn copies_are_counted_once_and_equal_values_are_told() {
+        let (folder, mut files) = written(&[
+            ("a.csv", "step,x\n0,1\n5,2\n"),
+            ("b.csv", "step,x\n0,1\n5,2\n"),
+            ("c.csv", "step,x\n0,1.0\n5,2.0\n"),
+        ]);
+        let link = folder.path().join("latest.csv");
+        std::os::unix::fs::symlink("a.csv", &link).unwrap();
+        files.push(link);
+        let found = read(&files, &mapping()).unwrap();
+        assert_eq!((found.runs.len(), found.files.len()), (2, 2));
+        let said = found.said(&mapping());
+        assert!(
+            said[0].ends_with("a.csv` and not counted again") && said[1].contains("latest.csv` is a copy of"),
+            "{said:?}"
+        );
+        assert_eq!(said[2], "`a.csv` and `c.csv` have the same values");
+        let counted = Mapping {
+            copies: Some(super::super::Copies::Count),
+            ..mapping()
+        };
+        assert_eq!(read(&files, &counted).unwrap().runs.len(), 4);
+    }
+
+    #[test]
+    fn what_was_done_with_values_is_said() {
+        let (_folder, files) = written(&[("a.csv", "step,x\n0,1\n5,nan\n10,2\n5,3\n5,4\n")]);
+        let all = Mapping {
+            restart: Some(super::super::Restart::Resume),
+            same_step: Some(super::super::SameStep::Mean),
+            leave_out: [LeftOut::NotFinite].into(),
+            ..mapping()
+        };
+        let found = read(&files, &all).unwrap();
+        assert_eq!(found.runs[0].curves["return"], [(0, 1.0), (5, 3.0), (5, 4.0)]);
+        assert_eq!(
+            found.said(&all),
+            [
+                "1 value is purged, because the run went on from an earlier step",
+                "1 value stands at a step with another one, where their mean is shown",
+                "1 value that is not finite is left out",
+            ]
+        );
+    }
+}

@@ -1,0 +1,98 @@
+//! The values that an entry tells no further apart by files and columns: they are one run, or several where steps go back
+//! or several columns are runs.
+
+use super::{
+    Content, Found, Run,
+    columns::Chosen,
+    restarts::{Log, Pass, Rules},
+};
+use crate::Error;
+use std::path::PathBuf;
+
+/// What is read of a group while its files are read.
+#[derive(Debug, Default)]
+pub(super) struct Group {
+    /// Which it is, for messages.
+    pub(super) name: String,
+    pub(super) seed: Option<u64>,
+    /// The file in which it begins.
+    pub(super) file: PathBuf,
+    pub(super) log: Log,
+    /// The metric of each slot of the log, and the column where several columns are runs.
+    slots: Vec<(String, Option<String>)>,
+}
+
+impl Group {
+    pub(super) fn new(name: String, seed: Option<u64>, file: PathBuf) -> Self {
+        Self {
+            name,
+            seed,
+            file,
+            ..Self::default()
+        }
+    }
+
+    /// The slots of the log that the columns of a file have.
+    pub(super) fn slots(&mut self, chosen: &Chosen) -> Vec<usize> {
+        let mut places = Vec::new();
+        for slot in &chosen.slots {
+            let key = (slot.metric.clone(), chosen.runs[slot.run].clone());
+            let place = self.slots.iter().position(|other| *other == key);
+            places.push(place.unwrap_or_else(|| {
+                self.slots.push(key);
+                self.slots.len() - 1
+            }));
+        }
+        places
+    }
+
+    /// Tells the runs apart and adds them to what was found.
+    pub(super) fn end(self, rules: &Rules, files: &[&Content], found: &mut Found) -> Result<(), Error> {
+        let mut columns: Vec<&Option<String>> = Vec::new();
+        for (_, column) in &self.slots {
+            if !columns.contains(&column) {
+                columns.push(column);
+            }
+        }
+        if columns.is_empty() {
+            columns.push(&None);
+        }
+        let mut passes = rules.told_apart(self.log, self.slots.len(), files)?;
+        if passes.is_empty() {
+            passes.push(Pass::default());
+        }
+        for pass in passes {
+            let from = match pass.from {
+                Some((_, line)) => format!(" from {} {line}", rules.unit),
+                None => String::new(),
+            };
+            let first = found.runs.len();
+            found.runs.extend(columns.iter().map(|column| Run {
+                name: match column {
+                    Some(column) => format!("{}, column `{column}`{from}", self.name),
+                    None => format!("{}{from}", self.name),
+                },
+                seed: self.seed,
+                file: self.file.clone(),
+                ..Run::default()
+            }));
+            let mut curves: Vec<Vec<(u64, f64)>> = vec![Vec::new(); self.slots.len()];
+            for entry in &pass.entries {
+                curves[entry.slot].push((entry.step, entry.value));
+            }
+            for ((metric, column), curve) in self
+                .slots
+                .iter()
+                .zip(curves)
+                .filter(|(_, curve)| !curve.is_empty())
+            {
+                let run = first + columns.iter().position(|other| *other == column).unwrap_or(0);
+                found.runs[run].curves.insert(metric.clone(), curve);
+            }
+            found.restarted += usize::from(pass.from.is_some());
+            found.repeated += pass.repeated;
+            found.purged += pass.purged;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,310 @@
+//! Tables, whatever file they come from: names of columns, and lines of cells as text.
+
+use super::{Content, columns::Missing, content::Form, input, json, mapping::Mapping, separated};
+use crate::{
+    Error,
+    input_file::quoted,
+    parquet::{Table as ParquetTable, without_panic},
+};
+use csv::StringRecord;
+use std::path::{Path, PathBuf};
+
+/// A table that was read.
+#[derive(Debug, Default)]
+pub(super) struct Table {
+    pub(super) path: PathBuf,
+    /// The line of the file in which the names stand.
+    pub(super) head: u64,
+    pub(super) names: Vec<String>,
+    pub(super) lines: Vec<Line>,
+    /// How fractions are written.
+    pub(super) decimals: Decimals,
+    /// The time at which a log of the Monitor of Stable-Baselines3 begins, in seconds since 1970.
+    pub(super) started: Option<f64>,
+    /// Whether it is made of the logs of several environments, by the order of time.
+    pub(super) is_merged: bool,
+    /// Sentences on what was not taken as it stands.
+    pub(super) notes: Vec<String>,
+}
+
+/// A line of a table.
+#[derive(Debug, Clone)]
+pub(super) struct Line {
+    /// Its number in the file.
+    pub(super) number: u64,
+    /// Whether names or a comment stand before it, as where a second log is appended.
+    pub(super) begins_again: bool,
+    /// Its cells; those that are missing at its end are empty.
+    pub(super) cells: StringRecord,
+}
+
+/// How the numbers of a table are written.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) enum Decimals {
+    /// With a point; a comma in a number is a mistake.
+    #[default]
+    Point,
+    /// With a comma, as in `0,5`; a point in a number is unclear.
+    Comma,
+    /// Between semicolons or tabs a comma or a point may group thousands, and nothing in the table says it.
+    Unclear,
+}
+
+impl Table {
+    /// Reads a file that holds a table.
+    pub(super) fn read(file: &Content, form: Form) -> Result<Self, Error> {
+        match form {
+            Form::Json => json::table(file),
+            Form::Parquet => without_panic(&file.path, || from_parquet(file)),
+            _ => separated::table(file),
+        }
+    }
+
+    pub(super) fn cell<'a>(&self, line: &'a Line, column: usize) -> &'a str {
+        line.cells.get(column).unwrap_or_default().trim()
+    }
+
+    /// Whether it is a log of the Monitor of Stable-Baselines3: return, length and time of each episode.
+    pub(super) fn is_monitor(&self) -> bool {
+        let has = |name: &str| self.names.iter().any(|other| other == name);
+        has("r") && has("l") && has("t")
+    }
+
+    /// The column with the time at which an episode ended, counted from the beginning of the log.
+    pub(super) fn time(&self) -> Option<usize> {
+        let is_log = self.is_monitor() && !self.is_merged;
+        is_log.then(|| self.names.iter().position(|name| name == "t"))?
+    }
+
+    /// The place of a column.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where there is none, or two.
+    pub(super) fn column(&self, name: &str) -> Result<usize, Error> {
+        let mut places = (0..self.names.len()).filter(|place| self.names[*place] == name);
+        match (places.next(), places.next()) {
+            (Some(place), None) => Ok(place),
+            (Some(_), Some(_)) => Err(self.lacks(&Missing::twice(name))),
+            (None, _) => Err(self.lacks(&Missing::of(name, &self.names))),
+        }
+    }
+
+    /// The error that says which column is missing.
+    pub(super) fn lacks(&self, missing: &Missing) -> Error {
+        let numbers = self.names.iter().all(|name| name.parse::<f64>().is_ok());
+        let problem = if numbers {
+            "numbers stand where the names of the columns are expected: write a line of names above".into()
+        } else {
+            missing.problem.clone()
+        };
+        input(&self.path, Some(self.head), Some(&missing.name), problem)
+    }
+
+    pub(super) fn wrong(&self, line: &Line, column: usize, problem: &str) -> Error {
+        input(
+            &self.path,
+            Some(line.number),
+            Some(&self.names[column]),
+            problem.into(),
+        )
+    }
+
+    fn is_no(&self, line: &Line, column: usize, problem: &str) -> Error {
+        let shown = quoted(self.cell(line, column));
+        self.wrong(line, column, &format!("`{shown}` {problem}"))
+    }
+
+    /// The number in a cell, which may be infinite or none.
+    pub(super) fn number(&self, line: &Line, column: usize) -> Result<f64, Error> {
+        let text = self.cell(line, column);
+        let unclear =
+            "may be a fraction or a number of thousands: write fractions with a point and no thousands apart";
+        let clean = match (self.decimals, commas(text)) {
+            (Decimals::Comma, Some(_)) => text.replace(',', "."),
+            (Decimals::Comma, None) if text.contains('.') => return Err(self.is_no(line, column, unclear)),
+            (Decimals::Unclear, Some(_)) => return Err(self.is_no(line, column, unclear)),
+            (Decimals::Point, Some(_)) => {
+                return Err(self.is_no(line, column, "is no number: write a decimal point"));
+            }
+            _ => text.to_owned(),
+        };
+        clean
+            .parse()
+            .map_err(|_| self.is_no(line, column, "is no number"))
+    }
+
+    /// A number of steps or a seed, which some programs write as `1000.0`.
+    pub(super) fn whole(&self, line: &Line, column: usize) -> Result<u64, Error> {
+        let text = self.cell(line, column);
+        if text.is_empty() {
+            return Err(self.wrong(line, column, "the cell is empty, and the line has values"));
+        }
+        if let Ok(whole) = text.parse() {
+            return Ok(whole);
+        }
+        if self.decimals != Decimals::Point && has_groups(text) {
+            return Err(self.is_no(
+                line,
+                column,
+                "may be a number of thousands: write it without a point",
+            ));
+        }
+        let number = self.number(line, column)?;
+        whole(number).ok_or_else(|| self.is_no(line, column, "is no whole number from 0 on"))
+    }
+
+    /// Whether a column holds a value, as text or as the same number.
+    pub(super) fn is(&self, line: &Line, column: usize, value: &str) -> bool {
+        let number = |text: &str| text.parse::<f64>().ok().map(f64::to_bits);
+        let text = self.cell(line, column);
+        text == value || number(value).is_some_and(|wanted| number(text) == Some(wanted))
+    }
+}
+
+/// A number as a count, where it is one.
+pub(super) fn whole(number: f64) -> Option<u64> {
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "whole and from 0 to 9e15"
+    )]
+    Some(number)
+        .filter(|number| number.fract() == 0.0 && (0.0..9e15).contains(number))
+        .map(|number| number as u64)
+}
+
+/// Whether digits stand in groups of three with points between them, as in `1.000`.
+pub(super) fn has_groups(text: &str) -> bool {
+    let mut groups = text.split('.');
+    let digits = |group: &str| !group.is_empty() && group.bytes().all(|byte| byte.is_ascii_digit());
+    let first = groups
+        .next()
+        .is_some_and(|group| group.len() <= 3 && digits(group) && !group.starts_with('0'));
+    let rest: Vec<&str> = groups.collect();
+    first && !rest.is_empty() && rest.iter().all(|group| group.len() == 3 && digits(group))
+}
+
+/// Whether a number with one comma has a fraction for sure: `Some(false)` where the comma may group thousands, `None` where
+/// it is no number with one comma.
+pub(super) fn commas(text: &str) -> Option<bool> {
+    let (before, behind) = text.split_once(',')?;
+    let (fraction, exponent) = behind.split_once(['e', 'E']).unwrap_or((behind, "0"));
+    let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    let before = before.trim_start_matches(['+', '-']);
+    let is_number =
+        digits(before) && !fraction.is_empty() && digits(fraction) && exponent.parse::<i32>().is_ok();
+    is_number.then(|| fraction.len() != 3 || before.len() > 3 || before.is_empty() || before.starts_with('0'))
+}
+
+fn from_parquet(file: &Content) -> Result<Table, Error> {
+    let read = ParquetTable::decode(file.bytes.clone(), &file.path)?;
+    let (names, columns): (Vec<String>, Vec<Vec<String>>) = read.as_texts()?.into_iter().unzip();
+    let rows = columns.first().map_or(0, Vec::len);
+    let line = |row: usize| Line {
+        number: row as u64 + 1,
+        begins_again: false,
+        cells: columns.iter().map(|column| column[row].as_str()).collect(),
+    };
+    Ok(Table {
+        path: file.path.clone(),
+        names,
+        lines: (0..rows).map(line).collect(),
+        ..Table::default()
+    })
+}
+
+/// Logs of the Monitor of Stable-Baselines3 in one folder as that program reads them: the episodes of all environments
+/// of a run in the order of time.
+pub(super) fn by_time(tables: Vec<Table>) -> Result<Table, Error> {
+    let mut timed = Vec::new();
+    for table in &tables {
+        let time = table.column("t")?;
+        for line in &table.lines {
+            let passed = table.number(line, time)?;
+            timed.push((table.started.unwrap_or(0.0) + passed, line.clone()));
+        }
+    }
+    timed.sort_by(|one, other| one.0.total_cmp(&other.0));
+    let mut tables = tables;
+    let mut whole = tables.swap_remove(0);
+    whole.path = whole.path.with_file_name("*.monitor.csv");
+    whole.is_merged = true;
+    whole.lines = timed.into_iter().map(|(_, line)| line).collect();
+    Ok(whole)
+}
+
+/// Whether the name is one that Stable-Baselines3 gives to the log of one of several environments.
+pub(super) fn is_of_environment(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let place = name.strip_suffix(".monitor.csv");
+    place.is_some_and(|place| !place.is_empty() && place.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
+/// The columns of a mapping that are neither metrics nor steps, in a table.
+pub(super) struct Keys<'m> {
+    pub(super) seed: Option<usize>,
+    pub(super) run: Option<usize>,
+    only: Vec<(usize, &'m str)>,
+}
+
+impl<'m> Keys<'m> {
+    pub(super) fn of(table: &Table, mapping: &'m Mapping) -> Result<Self, Error> {
+        let column = |name: &Option<String>| name.as_ref().map(|name| table.column(name)).transpose();
+        let only = mapping.only.iter();
+        Ok(Self {
+            seed: column(&mapping.seed)?,
+            run: column(&mapping.run)?,
+            only: only
+                .map(|(name, value)| Ok((table.column(name)?, value.as_str())))
+                .collect::<Result<_, Error>>()?,
+        })
+    }
+
+    pub(super) fn counts(&self, table: &Table, line: &Line) -> bool {
+        self.only
+            .iter()
+            .all(|(column, value)| table.is(line, *column, value))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_comma_is_a_fraction_or_unclear() {
+        for (text, wanted) in [
+            ("1,5", Some(true)),
+            ("-0,125", Some(true)),
+            (",5", Some(true)),
+            ("1,5E+03", Some(true)),
+            ("1,125", Some(false)),
+            ("1234,125", Some(true)),
+            ("1,2,3", None),
+            ("1.234,5", None),
+            ("a,b", None),
+            ("1.5", None),
+        ] {
+            assert_eq!(commas(text), wanted, "{text}");
+        }
+        assert!(has_groups("1.000") && has_groups("12.000.000"));
+        assert!(!has_groups("1000.0") && !has_groups("1.5") && !has_groups("1000"));
+    }
+
+    #[test]
+    fn counts_are_whole_and_not_negative() {
+        assert_eq!(whole(1000.0), Some(1000));
+        assert!(whole(-1.0).is_none() && whole(0.5).is_none() && whole(f64::NAN).is_none());
+    }
+
+    #[test]
+    fn environments_of_one_run_are_told_by_the_names_of_their_logs() {
+        for (name, wanted) in [
+            ("a/0.monitor.csv", true),
+            ("a/monitor.csv", false),
+            ("a/s0.monitor.csv", false),
+        ] {
+            assert_eq!(is_of_environment(Path::new(name)), wanted, "{name}");
+        }
+    }
+}
