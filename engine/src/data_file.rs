@@ -10,7 +10,7 @@ use crate::{
     Error,
     input_file::{self, Use},
     parquet, store,
-    world::fs::File,
+    world::fs::{self, File},
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
@@ -122,6 +122,40 @@ impl DataFile {
         }
     }
 
+    /// Copies what the file holds into a folder, under its own name: who is given a path then has what nobody else
+    /// changes.
+    ///
+    /// # Errors
+    /// [`Error::DataFileChanged`] where it holds not what the trial's id names, and [`Error::File`].
+    pub fn copy_into(&self, folder: &Path) -> Result<PathBuf, Error> {
+        let copy = folder.join(self.path.file_name().unwrap_or_default());
+        let written = match &self.content {
+            Some(content) => fs::write(&copy, content.as_bytes()),
+            None => input_file::open(&self.path, Use::Bytes)
+                .and_then(|mut file| io::copy(&mut file, &mut File::create(&copy)?).map(drop)),
+        };
+        written.map_err(Error::file("copy", &self.path))?;
+        self.held_against(|| digest_of(&copy))?;
+        Ok(copy)
+    }
+
+    /// Held against the trial's id once more, after a plugin read the file by its path.
+    ///
+    /// # Errors
+    /// [`Error::DataFileChanged`] where it holds something else by now, and [`Error::File`].
+    pub fn unchanged(&self) -> Result<(), Error> {
+        self.held_against(|| digest_of(&self.path))
+    }
+
+    fn held_against(&self, found: impl FnOnce() -> Result<String, Error>) -> Result<(), Error> {
+        match &self.digest {
+            Some(digest) if found()? != **digest => Err(Error::DataFileChanged {
+                path: self.path.clone(),
+            }),
+            _ => Ok(()),
+        }
+    }
+
     /// How the file holds what it holds.
     ///
     /// # Errors
@@ -145,21 +179,23 @@ impl DataFile {
         }
     }
 
+    /// The bytes of a file that is no text: inside a trial those that the trial's id names.
+    ///
+    /// # Errors
+    /// [`Error::File`] where it cannot be read, [`Error::DataFileChanged`] where it holds something else by now.
+    pub fn bytes(&self) -> Result<Vec<u8>, Error> {
+        let bytes = input_file::read(&self.path, Use::Bytes).map_err(Error::file("read", &self.path))?;
+        self.held_against(|| Ok(store::digest(&bytes)))?;
+        Ok(bytes)
+    }
+
     /// Columns of a Parquet file as numbers, in the order of `names`.
     ///
     /// # Errors
     /// [`Error::File`] where it cannot be read, [`Error::Damaged`] where it is no such file, and [`Error::Input`]
     /// with the column that is missing or holds something else, and the row of a cell that is empty.
     pub fn parquet_columns(&self, names: &[&str]) -> Result<Vec<Vec<f64>>, Error> {
-        let bytes = input_file::read(&self.path, Use::Bytes).map_err(Error::file("read", &self.path))?;
-        if self
-            .digest
-            .as_deref()
-            .is_some_and(|digest| store::digest(&bytes) != digest)
-        {
-            let path = self.path.clone();
-            return Err(Error::DataFileChanged { path });
-        }
+        let bytes = self.bytes()?;
         parquet::without_panic(&self.path, || {
             let table = parquet::Table::decode(bytes, &self.path)?;
             names.iter().map(|name| table.numbers(name)).collect()
@@ -265,7 +301,6 @@ fn content(path: &Path, expected: &str) -> Result<Option<String>, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
 
     #[test]
     fn a_file_is_its_path_in_a_config_and_keeps_what_it_was_given() {
@@ -332,6 +367,27 @@ mod tests {
             read(path.to_str().unwrap(), &hash),
             Err(Error::DataFileChanged { .. })
         ));
+    }
+
+    #[test]
+    fn a_copy_holds_what_the_id_names_whatever_becomes_of_the_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let own = tempfile::tempdir().unwrap();
+        for (name, bytes) in [("load.csv", &b"1,2"[..]), ("load.bin", b"\xff\x00")] {
+            let path = dir.path().join(name);
+            fs::write(&path, bytes).unwrap();
+            let value = read(path.to_str().unwrap(), &hash_of(&path).unwrap()).unwrap();
+            let file: DataFile = serde_json::from_value(value).unwrap();
+            let copy = file.copy_into(own.path()).unwrap();
+            assert_eq!((copy.file_name().unwrap(), fs::read(&copy).unwrap()), (name.as_ref(), bytes.to_vec()));
+            file.unchanged().unwrap();
+            fs::write(&path, b"\xff another").unwrap();
+            assert_eq!(fs::read(&copy).unwrap(), bytes);
+            // The text was read with the id; of the other file the next copy would hold something else.
+            let again = file.copy_into(own.path());
+            assert_eq!(again.is_ok(), name == "load.csv", "{again:?}");
+            assert_eq!(file.unchanged().is_ok(), name == "load.csv");
+        }
     }
 
     #[test]

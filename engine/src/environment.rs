@@ -174,6 +174,10 @@ pub enum PerEpisode {
     Mean,
     /// The value at the last step.
     Last,
+    /// The largest value of a step.
+    Max,
+    /// The smallest value of a step.
+    Min,
 }
 
 /// A number that a trial records under a name.
@@ -321,12 +325,13 @@ pub trait Environment: Send {
     fn restore(&mut self, snapshot: &serde_json::Value) -> Result<(), Error>;
 
     /// Tried out by `check`, before any trial runs: an environment whose code is not this program's own refuses
-    /// here what would make trials that nobody can repeat.
+    /// here what would make trials that nobody can repeat, and says what it doubts, each an [`Error::Config`] with its
+    /// key. `None` where there is nothing to try, as for all code of this program's own.
     ///
     /// # Errors
     /// What must not run.
-    fn rehearse(&mut self) -> Result<(), Error> {
-        Ok(())
+    fn rehearse(&mut self) -> Result<Option<Vec<Error>>, Error> {
+        Ok(None)
     }
 
     /// What agents are built for.

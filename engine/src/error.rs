@@ -132,6 +132,14 @@ pub enum Error {
     /// A dataset was to be made of an environment without seats.
     #[error("a dataset holds what seats saw and did; this environment has none")]
     NoSeats,
+    /// A process that computes for the trial was ended from outside: no fault of the trial.
+    #[error("{what} was ended by signal {signal}")]
+    Ended {
+        /// Which process.
+        what: &'static str,
+        /// The number of the signal.
+        signal: i32,
+    },
     /// The trial left before its end because it was asked to; its state is saved.
     #[error("the trial was asked to stop; it continues from its checkpoint")]
     Stopped,

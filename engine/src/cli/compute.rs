@@ -5,7 +5,7 @@ use super::{
     prepare::{Ends, failed_in_words},
     progress::Progress,
     settings::Settings,
-    study::Planned,
+    study::{self, Planned},
 };
 use crate::{
     Registry,
@@ -69,6 +69,11 @@ impl Compute<'_> {
         if tasks.is_empty() {
             complain(&self.nothing_runs(planned, &ends));
             return Ok(OK);
+        }
+        let missing: BTreeSet<&str> = tasks.iter().map(|task| task.trial.id.as_str()).collect();
+        let runs = |one: &&Planned| one.plan.trials.iter().any(|it| missing.contains(it.id.as_str()));
+        for one in planned.iter().filter(runs) {
+            study::try_out(self.registry, one)?;
         }
         complain(&format!(
             "running {}{} on {}; the store is `{}`",

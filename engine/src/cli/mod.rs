@@ -38,7 +38,7 @@ mod verify;
 mod waiting;
 mod watch;
 
-use crate::{Registry, input_file, limits::Limits, plain_text::for_terminal, scheduler::hosts::Relay};
+use crate::{Registry, input_file, limits::Limits, patience, plain_text::for_terminal, scheduler::hosts::Relay};
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use std::{
     io::IsTerminal,
@@ -423,6 +423,7 @@ enum Verb {
 pub fn main(registry: &Registry, selftest: &str) -> ExitCode {
     let Command { verb, common } = parse(registry);
     common.input_mb.into_iter().for_each(input_file::allow);
+    patience::say_by(complain);
     let answered = answer(registry, selftest, verb, &common);
     ExitCode::from(match answered.and_then(if_said) {
         Ok(code) => code,

@@ -157,7 +157,7 @@ impl Bench {
             seeds: None,
             only: Vec::new(),
         };
-        let planned = study::load(registry, &selection)?;
+        let planned = study::load(registry, &selection, None)?;
         let seeds = planned
             .iter()
             .find_map(|one| one.study.design.as_ref()?.looks().first().copied());

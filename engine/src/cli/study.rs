@@ -15,7 +15,7 @@ use crate::{
     plan::{self, Estimate, Novelty, Plan, Wanted},
     results::{EndState, SearchResult, TrialEnd},
     spec::{self, Study},
-    store::{Found, Store, is_missing},
+    store::{Announcements, Found, Store, is_missing},
     trial::{Trial, TrialKey},
 };
 use serde_json::json;
@@ -82,18 +82,26 @@ impl Planned {
 type Refused<'a> = (&'a Path, Vec<Diagnostic>);
 
 /// Loads and plans all selected studies; every problem of every file is in the failure.
-pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Planned>, Failure> {
-    let (planned, refused) = read(registry, selection);
+pub(super) fn load(
+    registry: &Registry,
+    selection: &Selection,
+    announced: Option<&Announcements>,
+) -> Result<Vec<Planned>, Failure> {
+    let (planned, refused) = read(registry, selection, announced);
     no_error(&refused)?;
     selects_something(&planned, selection)?;
     Ok(planned)
 }
 
 /// The studies that can be planned, and the others.
-fn read<'a>(registry: &Registry, selection: &'a Selection) -> (Vec<Planned>, Vec<Refused<'a>>) {
+fn read<'a>(
+    registry: &Registry,
+    selection: &'a Selection,
+    announced: Option<&Announcements>,
+) -> (Vec<Planned>, Vec<Refused<'a>>) {
     let (mut planned, mut refused) = (Vec::new(), Vec::new());
     for path in &selection.specs {
-        match load_one(registry, path, selection) {
+        match load_one(registry, path, selection, announced) {
             Ok(one) => planned.push(one),
             Err(problems) => refused.push((path.as_path(), problems)),
         }
@@ -137,8 +145,16 @@ fn selects_something(planned: &[Planned], selection: &Selection) -> Result<(), F
     Ok(())
 }
 
-fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, Vec<Diagnostic>> {
-    let options = options(selection);
+fn load_one(
+    registry: &Registry,
+    path: &Path,
+    selection: &Selection,
+    announced: Option<&Announcements>,
+) -> Result<Planned, Vec<Diagnostic>> {
+    let options = spec::Options {
+        announced: announced.cloned(),
+        ..options(selection)
+    };
     let study = spec::load(path, registry, &options)?;
     let plan = Plan {
         study: study.name.clone(),
@@ -186,7 +202,7 @@ pub(super) fn load_with_looks(
     selection: &Selection,
     store: &Store,
 ) -> Result<Vec<Planned>, Failure> {
-    let mut planned = load(registry, selection)?;
+    let mut planned = load(registry, selection, Some(&Announcements::of(store.root())))?;
     absent::say_if_new(store.root());
     for one in &mut planned {
         grow(one, registry, store)?;
@@ -252,7 +268,7 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
     if common.format == Format::Json {
         return check_as_json(registry, selection);
     }
-    let (planned, refused) = read(registry, selection);
+    let (planned, refused) = read(registry, selection, doubted(common).as_ref());
     let unavailable = |(_, problems): &Refused<'_>| diagnostic::are_unavailable(problems);
     let (unchecked, refused): (Vec<_>, Vec<_>) = refused.into_iter().partition(unavailable);
     unchecked.iter().for_each(say_unchecked);
@@ -301,9 +317,31 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
     say(&serde_json::Value::Array(reports).to_string());
     // What was selected is held against all studies together.
     if code == OK && !selection.only.is_empty() {
-        load(registry, selection)?;
+        load(registry, selection, None)?;
     }
     Ok(code)
+}
+
+/// Where it is kept what environments announce to `check`, which believes no record.
+fn doubted(common: &Common) -> Option<Announcements> {
+    let settings = settings::read(common).ok()?;
+    Some(Announcements::of(&settings.store).doubted())
+}
+
+/// Tries out the environments of a study of which only their records are known.
+pub(super) fn try_out(registry: &Registry, one: &Planned) -> Result<(), Failure> {
+    if !one.study.is_recalled {
+        return Ok(());
+    }
+    let options = spec::Options {
+        announced: one.options.announced.clone().map(Announcements::doubted),
+        ..one.options.clone()
+    };
+    let tried = spec::load(&one.path, registry, &options);
+    tried.map(drop).map_err(|problems| Failure {
+        code: BAD_SPEC,
+        text: diagnostic::render_first(&problems, colour()),
+    })
 }
 
 /// The state of every trial; `None` where it has not run or must run again. What is damaged is said.
@@ -457,7 +495,7 @@ pub(super) fn code_of<'e>(ends: impl IntoIterator<Item = Option<&'e TrialEnd>>) 
 
 /// `resolve`: the study with every default.
 pub(super) fn resolve(registry: &Registry, selection: &Selection) -> Result<u8, Failure> {
-    for one in load(registry, selection)? {
+    for one in load(registry, selection, None)? {
         say(&spec::resolved_yaml(&one.study, Path::new(""))?);
     }
     Ok(OK)

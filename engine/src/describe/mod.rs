@@ -160,6 +160,8 @@ impl From<&Metric> for MetricFacts {
                 PerEpisode::Sum => "sum",
                 PerEpisode::Mean => "mean",
                 PerEpisode::Last => "last",
+                PerEpisode::Max => "largest",
+                PerEpisode::Min => "smallest",
             },
         }
     }

@@ -331,7 +331,8 @@ fn advance(
             .iter_mut()
             .zip(&step.rewards)
             .for_each(|(sum, reward)| *sum += reward);
-        accumulate(&mut episode.info, episode.environment.metrics(), &step.info);
+        let is_first = episode.decisions == 1;
+        accumulate(&mut episode.info, episode.environment.metrics(), &step.info, is_first);
         if let Some(gathered) = &mut episode.gathered {
             gathered.take(&action, &step.rewards);
             gathered.see(&*episode.environment, &step.observations);
@@ -384,11 +385,14 @@ pub fn observe(agent: &dyn Agent, environment: &dyn Environment, seats: Vec<Vec<
     Observation { seats, state }
 }
 
-pub(super) fn accumulate(sums: &mut [f64], metrics: &[Metric], info: &[f64]) {
+/// Takes the metrics of a step into those of its episode; `is_first` where it is the first one.
+pub(super) fn accumulate(sums: &mut [f64], metrics: &[Metric], info: &[f64], is_first: bool) {
     for ((sum, metric), value) in sums.iter_mut().zip(metrics).zip(info) {
         match metric.per_episode {
             PerEpisode::Sum | PerEpisode::Mean => *sum += value,
-            PerEpisode::Last => *sum = *value,
+            PerEpisode::Max if !is_first => *sum = sum.max(*value),
+            PerEpisode::Min if !is_first => *sum = sum.min(*value),
+            PerEpisode::Last | PerEpisode::Max | PerEpisode::Min => *sum = *value,
         }
     }
 }

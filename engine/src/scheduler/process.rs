@@ -5,11 +5,13 @@ use super::{
     worker::{Message, Reply, Request},
 };
 use crate::{
-    Error, input_file,
+    Error,
+    footprint::exceeded,
+    input_file,
     limits::Limits,
     results::EndState,
     world::{
-        clock, fs,
+        clock,
         process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
     },
 };
@@ -17,7 +19,7 @@ use std::{
     io::{self, BufRead, BufReader, Write},
     path::Path,
     sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError},
-    time::{Duration, Instant},
+    time::Instant,
 };
 
 /// Runs the trials of one slot in a process, which is replaced where it dies.
@@ -248,57 +250,6 @@ impl Shared {
         // What is shared is replaced as a whole, so that it is whole after a panic elsewhere.
         self.process.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-fn exceeded(limits: &Limits, elapsed: Duration, pid: u32) -> Option<(EndState, String)> {
-    if let Some(limit) = limits.wall_time().filter(|limit| elapsed > *limit) {
-        return Some((
-            EndState::Timeout,
-            format!("it took longer than the limit of {} s", limit.as_secs_f64()),
-        ));
-    }
-    let (limit, held) = (limits.memory_bytes()?, held_bytes(pid)?);
-    let megabytes = |bytes: u64| bytes / 1_000_000;
-    (held > limit).then(|| {
-        (
-            EndState::Oom,
-            format!(
-                "it held {} MB of memory, above the limit of {} MB",
-                megabytes(held),
-                megabytes(limit)
-            ),
-        )
-    })
-}
-
-/// Memory that a process holds with those that it started. What these start in their turn is not counted: one that
-/// copies itself for a moment would count twice.
-fn held_bytes(pid: u32) -> Option<u64> {
-    // One that ended meanwhile holds nothing.
-    let of_children: u64 = children(pid).into_iter().filter_map(resident_bytes).sum();
-    Some(resident_bytes(pid)? + of_children)
-}
-
-/// The processes that the threads of a process started; none where the system does not say.
-fn children(pid: u32) -> Vec<u32> {
-    let threads = fs::read_dir(format!("/proc/{pid}/task"))
-        .into_iter()
-        .flatten()
-        .flatten();
-    let listed = threads.filter_map(|thread| fs::read_to_string(thread.path().join("children")).ok());
-    let listed: Vec<String> = listed.collect();
-    let ids = listed.iter().flat_map(|list| list.split_whitespace());
-    ids.filter_map(|id| id.parse().ok()).collect()
-}
-
-/// Memory that a process holds: resident and swapped out.
-fn resident_bytes(pid: u32) -> Option<u64> {
-    let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
-    let kilobytes = |key: &str| {
-        let line = status.lines().find_map(|line| line.strip_prefix(key))?;
-        line.split_whitespace().next()?.parse::<u64>().ok()
-    };
-    Some((kilobytes("VmRSS:")? + kilobytes("VmSwap:").unwrap_or(0)) * 1024)
 }
 
 fn explain(status: Option<ExitStatus>) -> (EndState, String) {

@@ -200,6 +200,9 @@ fn attempt(
             return Ok(end);
         }
         Ok(Err(error @ (Error::Stopped | Error::Store { .. } | Error::Source { .. }))) => return Err(error),
+        // Whoever stops a run by signals may meet what the trial started before the word to stop gets here.
+        Ok(Err(Error::Ended { .. })) if stop.load(Ordering::SeqCst) => return Err(Error::Stopped),
+        Ok(Err(error @ Error::Ended { .. })) => (EndState::Killed, error.to_string()),
         Ok(Err(error @ Error::NotFinite { .. })) => (EndState::Nan, error.to_string()),
         Ok(Err(error)) => (EndState::Failed, error.to_string()),
         Err(panic) => (EndState::Panicked, message(&*panic)),
@@ -212,6 +215,9 @@ fn attempt(
         digest: String::new(),
     };
     store.acknowledge(trial, &end)?;
+    if state == EndState::Killed {
+        return Ok(end);
+    }
     // It would fail again from its checkpoint; once its cause is mended it has to run from the start.
     RunningTrial::discard(&folder)?;
     Ok(end)

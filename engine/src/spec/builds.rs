@@ -10,8 +10,9 @@ use super::{
 };
 use crate::{
     Agent, Environment, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
+    describe::fit,
     diagnostic::{Diagnostic, in_order},
-    random,
+    patience, random,
     recorder::MOST_METRICS,
     registry::AgentEntry,
     results::{
@@ -19,6 +20,7 @@ use crate::{
     },
     setting::word,
 };
+use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -58,6 +60,8 @@ pub struct World {
     pub plays: Vec<Play>,
     /// What can be run and is probably not meant.
     pub warnings: Vec<Diagnostic>,
+    /// True where an environment was not tried out, since it is known what it announced.
+    pub is_recalled: bool,
 }
 
 impl World {
@@ -74,12 +78,25 @@ impl World {
 }
 
 /// What is known of a built environment.
+#[derive(Serialize, Deserialize)]
 pub(super) struct Facts {
     pub(super) interface: Interface,
     metrics: Vec<Metric>,
     traced: BTreeSet<String>,
     /// Units of trace channels, by name.
     units: BTreeMap<String, String>,
+}
+
+impl Facts {
+    fn of(environment: &dyn Environment) -> Self {
+        let channels = environment.trace_channels().into_iter();
+        Self {
+            traced: traced(environment),
+            units: channels.map(|channel| (channel.name, channel.unit)).collect(),
+            metrics: environment.metrics().to_vec(),
+            interface: environment.interface(),
+        }
+    }
 }
 
 /// What is known of a built protocol.
@@ -175,6 +192,8 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
         accepted: BTreeSet::new(),
         extra: 0,
         warned: BTreeSet::new(),
+        doubts: Vec::new(),
+        is_recalled: false,
     };
     let (mut settings, mut found) = (BTreeSet::new(), Vec::new());
     for cell in cells {
@@ -190,6 +209,8 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
             found.push(*error);
         }
     }
+    world.is_recalled = builder.is_recalled;
+    world.warnings.append(&mut builder.doubts);
     world.warnings = in_order(world.warnings);
     if found.is_empty() { Ok(world) } else { Err(found) }
 }
@@ -266,6 +287,9 @@ pub(super) struct Builder<'a> {
     extra: usize,
     /// What warnings say: agent, steps before it learns, steps of the protocol.
     warned: BTreeSet<(Target, u64, u64)>,
+    /// What environments return that is not as they declare it.
+    doubts: Vec<Diagnostic>,
+    is_recalled: bool,
 }
 
 type Outcome<T> = Result<T, Box<Diagnostic>>;
@@ -424,10 +448,30 @@ impl Builder<'_> {
             let place = place.filter(|_| matches!(error, Error::Mismatch { .. }));
             let diagnostic = self.refused(agent, &error);
             Box::new(match place {
-                Some(span) => diagnostic.note("with this environment", self.sections.sources.place(span)),
+                Some(span) => diagnostic
+                    .note("with this environment", self.sections.sources.place(span))
+                    .help(self.fitting(interface)),
                 None => diagnostic,
             })
         })
+    }
+
+    /// The agents that can be used with what an environment shows, in words.
+    fn fitting(&self, interface: &Interface) -> String {
+        let fitting = fit::agents(self.sections.registry, interface);
+        let named = |names: Vec<String>, what: &str| {
+            let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+            (!names.is_empty()).then(|| format!("{what}: {}", names.join(", ")))
+        };
+        let of = [
+            named(fitting.learners, "agents that fit and learn"),
+            named(fitting.rules, "that fit and do not learn"),
+        ];
+        let of: Vec<String> = of.into_iter().flatten().collect();
+        match of.is_empty() {
+            true => "no agent with its default settings fits this environment".into(),
+            false => of.join("; "),
+        }
     }
 
     fn learns_nothing(&self, agent: &Resolved, learns_after: u64, steps: u64) -> Diagnostic {
@@ -509,23 +553,33 @@ impl Builder<'_> {
         if self.environments.contains_key(&resolved.id) {
             return Ok(());
         }
+        let announced = self.sections.announced;
+        if let Some(facts) = announced.and_then(|known| known.recall(&resolved.id)) {
+            self.is_recalled = true;
+            self.environments.insert(resolved.id.clone(), Some(facts));
+            return Ok(());
+        }
         let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
-        let built = self.config(cell, 0).and_then(|config| (entry.build)(&config));
-        let built = built.and_then(|mut environment| environment.rehearse().map(|()| environment));
-        let facts = built.as_ref().ok().map(|environment| Facts {
-            traced: traced(&**environment),
-            units: environment
-                .trace_channels()
-                .into_iter()
-                .map(|channel| (channel.name, channel.unit))
-                .collect(),
-            metrics: environment.metrics().to_vec(),
-            interface: environment.interface(),
-        });
+        let tried = || {
+            let mut environment = (entry.build)(&self.config(cell, 0)?)?;
+            let doubts = environment.rehearse()?;
+            Ok((environment, doubts))
+        };
+        let (facts, refusal) = match patience::under(self.sections.limits, tried) {
+            Ok((environment, doubts)) => {
+                let facts = Facts::of(&*environment);
+                if let (Some(_), Some(announced)) = (&doubts, announced) {
+                    announced.keep(&resolved.id, &facts);
+                }
+                let warning = |doubt: &Error| self.refused(resolved, doubt).as_warning();
+                let doubts: Vec<_> = doubts.iter().flatten().map(warning).collect();
+                self.doubts.extend(doubts);
+                (Some(facts), None)
+            }
+            Err(error) => (None, Some(Box::new(self.refused(resolved, &error)))),
+        };
         self.environments.insert(resolved.id.clone(), facts);
-        built
-            .map(drop)
-            .map_err(|error| Box::new(self.refused(resolved, &error)))
+        refusal.map_or(Ok(()), Err)
     }
 
     fn protocol(&mut self, cell: &Cell, world: &mut World) -> Outcome<()> {

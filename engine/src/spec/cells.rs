@@ -15,8 +15,10 @@ use crate::{
     Registry, cast,
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::Node,
+    limits::Limits,
     schema_check::View,
     setting::Setting,
+    store::Announcements,
     trial::Part,
 };
 use serde_json::Value;
@@ -124,6 +126,10 @@ pub struct Sections<'a> {
     pub searches: &'a [Searched<'a>],
     /// Combinations that are left out.
     pub excluded: &'a [Selection],
+    /// What one trial may use.
+    pub limits: &'a Limits,
+    /// What environments announced before, where that is known.
+    pub announced: Option<&'a Announcements>,
 }
 
 impl Sections<'_> {

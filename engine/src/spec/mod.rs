@@ -82,6 +82,7 @@ use crate::{
     schema_check::{At, Checker, View},
     search::Search,
     statistics::spending::Design,
+    store::Announcements,
     table::TableSpec,
 };
 pub(crate) use cells::{Cell, Place};
@@ -105,6 +106,8 @@ pub struct Options {
     pub seeds: Option<u64>,
     /// How far the searches are, by name; they begin where nothing is given.
     pub searches: BTreeMap<String, Progress>,
+    /// What environments announced before; all are tried out where nothing is given.
+    pub announced: Option<Announcements>,
 }
 
 /// A study that passed every check.
@@ -147,6 +150,8 @@ pub struct Study {
     pub imported: Vec<Imported>,
     /// What one trial may use.
     pub limits: Limits,
+    /// True where an environment was not tried out, since it is known what it announced.
+    pub is_recalled: bool,
     /// What can be run and is probably not meant, sorted by position.
     pub warnings: Vec<Diagnostic>,
     /// Everything that its trials record, by name; where parts share a name, the first of protocol,
@@ -262,6 +267,7 @@ fn load_alone(
     if found.iter().any(blocks_trials) {
         return Err(in_order(found));
     }
+    let limits: Limits = section(&root, "limits").unwrap_or_default();
     let sections = Sections {
         written: &written,
         registry,
@@ -272,6 +278,8 @@ fn load_alone(
         dimensions: &dimensions,
         searches: &searches,
         excluded: &excluded,
+        limits: &limits,
+        announced: options.announced.as_ref(),
     };
     let study = finish(&root, &sections, found)?;
     let study = Study {
@@ -417,7 +425,8 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         figures: asked.figures,
         claims: asked.claims,
         imported,
-        limits: section(root, "limits").unwrap_or_default(),
+        limits: sections.limits.clone(),
+        is_recalled: world.is_recalled,
         warnings: world.warnings,
         searches: sections.searches.iter().map(search::progress).collect(),
         metrics: world.metrics,

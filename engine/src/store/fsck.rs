@@ -4,7 +4,7 @@
 //! of its own.
 
 use super::{
-    LOOKS, Store, TrialFile,
+    LOOKS, Store, TrialFile, announced,
     inside::{files_of, is_file, is_folder, is_link, read_in},
     lease::is_lease,
     metrics_file, names, pack, running,
@@ -149,7 +149,7 @@ impl<'a> Check<'a> {
         for name in self.names(Path::new("")) {
             let path = PathBuf::from(&name);
             let is_own =
-                ["trials", LOOKS, pack::FOLDER].contains(&name.as_str()) || KNOWN.contains(&name.as_str());
+                ["trials", LOOKS, pack::FOLDER, announced::FOLDER].contains(&name.as_str()) || KNOWN.contains(&name.as_str());
             if !is_own {
                 self.foreign(path, "the store has no such file");
             } else if !is_folder(&self.store.root.join(&path)) {

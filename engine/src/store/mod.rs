@@ -16,6 +16,7 @@
 //! Every file is written beside its place, flushed to the disk and renamed. `trial.json` comes last: a trial
 //! without it has not run, whatever else lies in its folder.
 
+mod announced;
 mod aside;
 mod boundary;
 mod bucket;
@@ -42,6 +43,7 @@ mod sealed_folder;
 #[cfg(test)]
 mod specimen;
 
+pub use announced::Announcements;
 pub use boundary::install as install_boundary_hook;
 pub use bucket::Bucket;
 pub(crate) use bucket::BucketLeases;

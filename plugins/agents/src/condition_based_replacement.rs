@@ -96,11 +96,11 @@ struct ConditionBasedReplacement {
 #[derive(Debug, Clone)]
 struct SeatOfRule {
     reading: usize,
-    nothing: f64,
-    replace: f64,
+    nothing: Vec<f64>,
+    replace: Vec<f64>,
     /// What a round does to components that are left, and to those that are replaced.
-    inspect: f64,
-    inspect_and_replace: f64,
+    inspect: Vec<f64>,
+    inspect_and_replace: Vec<f64>,
 }
 
 impl SeatOfRule {
@@ -108,8 +108,8 @@ impl SeatOfRule {
         let of = |name: &str| choice(NAME, seat, name);
         let (nothing, replace) = (of("nothing")?, of("replace")?);
         let (inspect, inspect_and_replace) = match (config.interval, config.inspections) {
-            (None, _) => (nothing, replace),
-            (_, Inspections::Read) => (of("inspect")?, replace),
+            (None, _) => (nothing.clone(), replace.clone()),
+            (_, Inspections::Read) => (of("inspect")?, replace.clone()),
             (_, Inspections::Unread) => (of("inspect_unread")?, of("replace_and_inspect_unread")?),
         };
         Ok(Self {
@@ -165,21 +165,21 @@ impl StateRule for ConditionBasedReplacement {
             Inspections::Read => (after(0.0), after(1.0)),
             Inspections::Unread => (after(0.0), after(0.0)),
         };
-        let of = |seat: &SeatOfRule| vec![self.choose(seat, state[seat.reading], inspects, acts)];
+        let of = |seat: &SeatOfRule| self.choose(seat, state[seat.reading], inspects, acts).to_vec();
         self.seats.iter().map(of).collect()
     }
 }
 
 impl ConditionBasedReplacement {
-    fn choose(&self, seat: &SeatOfRule, reading: f64, inspects: bool, acts: bool) -> f64 {
+    fn choose<'a>(&self, seat: &'a SeatOfRule, reading: f64, inspects: bool, acts: bool) -> &'a [f64] {
         let reads_as = |least: u32| reading > f64::from(least) - 0.5;
         let replaces = acts && reads_as(self.config.replace_from);
         match (inspects, replaces) {
-            _ if reads_as(FAILED) => seat.replace,
-            (true, true) => seat.inspect_and_replace,
-            (false, true) => seat.replace,
-            (true, false) => seat.inspect,
-            (false, false) => seat.nothing,
+            _ if reads_as(FAILED) => &seat.replace,
+            (true, true) => &seat.inspect_and_replace,
+            (false, true) => &seat.replace,
+            (true, false) => &seat.inspect,
+            (false, false) => &seat.nothing,
         }
     }
 }

@@ -45,7 +45,7 @@ pub(crate) fn register(registry: &mut Registry, version: u32) {
 /// [`Error::Mismatch`] where a seat has no such choice.
 fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn Agent>, Error> {
     let seats = interface.seats.iter();
-    let action = seats.map(|seat| Ok(vec![choice(NAME, seat, &config.choice)?]));
+    let action = seats.map(|seat| choice(NAME, seat, &config.choice));
     Ok(Box::new(ConstantChoice {
         action: action.collect::<Result<_, Error>>()?,
     }))

@@ -62,9 +62,9 @@ struct IntervalInspection {
 struct SeatOfRule {
     failure: usize,
     detected: usize,
-    nothing: f64,
-    inspect: f64,
-    repair: f64,
+    nothing: Vec<f64>,
+    inspect: Vec<f64>,
+    repair: Vec<f64>,
 }
 
 /// Registers the agent.
@@ -107,15 +107,15 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
 
 impl StateRule for IntervalInspection {
     fn decide(&self, state: &[f64]) -> Action {
-        let mut action: Action = self.seats.iter().map(|seat| vec![seat.nothing]).collect();
+        let mut action: Action = self.seats.iter().map(|seat| seat.nothing.clone()).collect();
         if self.is_round(state[self.step]) {
             for seat in self.likeliest(state) {
-                action[seat] = vec![self.seats[seat].inspect];
+                action[seat] = self.seats[seat].inspect.clone();
             }
         }
         for (seat, action) in self.seats.iter().zip(&mut action) {
             if state[seat.detected] > 0.5 {
-                *action = vec![seat.repair];
+                *action = seat.repair.clone();
             }
         }
         action

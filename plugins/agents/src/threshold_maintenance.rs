@@ -65,7 +65,7 @@ struct ThresholdMaintenance {
 /// A seat's thresholds, the first that is reached holds, and what it does below them.
 #[derive(Debug, Clone)]
 struct SeatOfRule {
-    nothing: f64,
+    nothing: Vec<f64>,
     thresholds: Vec<Threshold>,
 }
 
@@ -73,7 +73,7 @@ struct SeatOfRule {
 struct Threshold {
     channel: usize,
     from: f64,
-    choice: f64,
+    choice: Vec<f64>,
 }
 
 /// Registers the agent.
@@ -129,8 +129,8 @@ fn build(config: Config, interface: &Interface, _: &mut Rng) -> Result<Box<dyn A
 
 impl StateRule for ThresholdMaintenance {
     fn decide(&self, state: &[f64]) -> Action {
-        let mut action: Action = self.seats.iter().map(|seat| vec![seat.nothing]).collect();
-        let mut due: Vec<(f64, usize, f64)> = self
+        let mut action: Action = self.seats.iter().map(|seat| seat.nothing.clone()).collect();
+        let mut due: Vec<(f64, usize, &[f64])> = self
             .seats
             .iter()
             .enumerate()
@@ -138,7 +138,7 @@ impl StateRule for ThresholdMaintenance {
             .collect();
         due.sort_by(|one, other| other.0.total_cmp(&one.0));
         for (_, seat, choice) in due.into_iter().take(self.at_once) {
-            action[seat] = vec![choice];
+            action[seat] = choice.to_vec();
         }
         action
     }
@@ -146,9 +146,9 @@ impl StateRule for ThresholdMaintenance {
 
 impl SeatOfRule {
     /// How far the first threshold that is reached lies below its value, in parts of it, and what it asks for.
-    fn due(&self, state: &[f64]) -> Option<(f64, f64)> {
+    fn due(&self, state: &[f64]) -> Option<(f64, &[f64])> {
         let reached = self.thresholds.iter().find(|it| state[it.channel] >= it.from)?;
-        Some((state[reached.channel] / reached.from, reached.choice))
+        Some((state[reached.channel] / reached.from, &reached.choice))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::images::{CHANNELS, ImageFileError, Images, cifar10, shapes, stl10};
 use crate::kept::Kept;
-use engine::{DataFile, Error, input_file};
+use engine::{DataFile, Error};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{fs, sync::Arc};
@@ -152,7 +152,7 @@ impl Source {
                 Ok(shapes::images(*seed, 0..*count, size))
             }
             Self::Cifar10 { files } => {
-                let one = |it: &ImageFile| cifar10::images(it.file.path(), &bytes(it)?).map_err(damaged);
+                let one = |it: &ImageFile| cifar10::images(it.file.path(), &it.file.bytes()?).map_err(damaged);
                 let mut all = files.iter().map(one);
                 let Some(first) = all.next() else {
                     return Err(Error::config(
@@ -169,7 +169,7 @@ impl Source {
                 labels,
                 unlabelled,
             } => {
-                let (pixels, named) = (bytes(images)?, labels.as_ref().map(bytes).transpose()?);
+                let (pixels, named) = (images.file.bytes()?, labels.as_ref().map(|it| it.file.bytes()).transpose()?);
                 let file = stl10::File {
                     path: images.file.path(),
                     bytes: &pixels,
@@ -188,7 +188,7 @@ impl Source {
                 let Some(others) = unlabelled else {
                     return shrunk(first, size);
                 };
-                let pixels = bytes(others)?;
+                let pixels = others.file.bytes()?;
                 let file = stl10::File {
                     path: others.file.path(),
                     bytes: &pixels,
@@ -198,11 +198,6 @@ impl Source {
             }
         }
     }
-}
-
-fn bytes(of: &ImageFile) -> Result<Vec<u8>, Error> {
-    let path = of.file.path();
-    input_file::read(path, input_file::Use::Bytes).map_err(Error::file("read", path))
 }
 
 fn damaged(error: ImageFileError) -> Error {

@@ -1,37 +1,43 @@
 //! The environment `python`: one block of a server.
 
 use crate::{
-    PythonConfig, interface,
+    PythonConfig,
+    config::Told,
+    interface,
     process::Answer,
     server::{self, Request, Server, Shared, prefixed},
 };
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use engine::{Channel, End, Environment, Error, Rng, Seat, Space, Step, checkpoint::exact};
+use engine::{Channel, End, Environment, Error, Metric, Rng, Seat, Space, Step, checkpoint::exact};
 use rand::Rng as _;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::{
-    collections::BTreeSet,
+    collections::BTreeMap,
     sync::{Mutex, PoisonError},
 };
 
-/// What was rehearsed well in this process: a study is read more than once.
-static REHEARSED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+/// What was rehearsed well in this process, with what is doubted of it: a study is read more than once.
+static REHEARSED: Mutex<BTreeMap<String, Vec<String>>> = Mutex::new(BTreeMap::new());
 
 /// An environment in Python.
 #[derive(Debug)]
 pub struct PythonEnvironment {
     config: PythonConfig,
-    told: Value,
+    told: Told,
     server: Shared,
     slot: usize,
     seats: Vec<Seat>,
+    state_channels: Vec<Channel>,
+    metrics: Vec<Metric>,
     /// False until its first episode: another one had its block before.
     is_new: bool,
     /// True where its next step lies in shared memory.
     announced: bool,
     /// What the seats saw last.
     seen: Vec<Vec<f64>>,
+    /// The full state with it.
+    state: Vec<f64>,
     /// Steps of the episode.
     steps: u64,
     numbers: Vec<f64>,
@@ -44,10 +50,14 @@ pub struct PythonEnvironment {
 pub fn build(config: PythonConfig) -> Result<Box<dyn Environment>, Error> {
     let told = config.told()?;
     let server = server::shared(&config.interpreter, &told)?;
-    let (slot, seats) = {
+    let (slot, seats, state_channels, names) = {
         let mut server = server::lock(&server);
-        (server.open()?, server.seats().to_vec())
+        let slot = server.open()?;
+        (slot, server.seats().to_vec(), server.state().to_vec(), server.metrics().to_vec())
     };
+    // The entries that are taken of each seat, in their order.
+    let taken = config.metrics.values().cycle();
+    let metrics = names.iter().zip(taken).map(|(name, taken)| taken.named(name)).collect();
     Ok(Box::new(PythonEnvironment {
         config,
         told,
@@ -57,7 +67,10 @@ pub fn build(config: PythonConfig) -> Result<Box<dyn Environment>, Error> {
             .iter()
             .map(|seat| vec![f64::NAN; seat.observation.len()])
             .collect(),
+        state: vec![f64::NAN; state_channels.len()],
         seats,
+        state_channels,
+        metrics,
         is_new: true,
         announced: false,
         steps: 0,
@@ -66,48 +79,39 @@ pub fn build(config: PythonConfig) -> Result<Box<dyn Environment>, Error> {
 }
 
 impl PythonEnvironment {
-    /// Takes the answer that lies in shared memory apart: how the episode stands and the rewards; observations are
-    /// kept.
-    fn take_answer(&mut self) -> Result<(Option<End>, Vec<f64>), Error> {
+    /// Takes the answer that lies in shared memory apart: how the episode stands, the rewards and the metrics;
+    /// observations and state are kept.
+    fn take_answer(&mut self) -> Result<(Option<End>, Vec<f64>, Vec<f64>), Error> {
         server::lock(&self.server).answer(self.slot, &mut self.numbers)?;
+        self.is_finite()?;
         let (head, mut rest) = self.numbers.split_at(1 + self.seats.len());
         for (seat, seen) in self.seats.iter().zip(&mut self.seen) {
             let (own, after) = rest.split_at(seat.observation.len());
             seen.copy_from_slice(own);
             rest = after;
         }
-        self.is_finite()?;
+        let (state, info) = rest.split_at(self.state.len());
+        self.state.copy_from_slice(state);
         // As in `server.py`.
-        let end = match self.numbers[0] {
+        let end = match head[0] {
             1.0 => Some(End::Terminated),
             2.0 => Some(End::Truncated),
             _ => None,
         };
-        Ok((end, head[1..].to_vec()))
+        Ok((end, head[1..].to_vec(), info.to_vec()))
     }
 
     fn is_finite(&self) -> Result<(), Error> {
-        let rewards = &self.numbers[1..=self.seats.len()];
-        for (at, seat) in self.seats.iter().enumerate() {
-            let named = |entry: Option<usize>| match entry {
-                None => prefixed(seat, "reward"),
-                Some(entry) => prefixed(seat, &seat.observation.names()[entry]),
-            };
-            let wrong = |value: &f64| !value.is_finite();
-            let entry = self.seen[at].iter().position(wrong);
-            let found = entry.map(|entry| (Some(entry), self.seen[at][entry]));
-            let found = found.or_else(|| Some((None, rewards[at])).filter(|(_, value)| wrong(value)));
-            if let Some((entry, value)) = found {
-                let what = format!(
-                    "`{}` of `{}` (counted in its episode)",
-                    named(entry),
-                    self.config.make.in_words()
-                );
-                let step = self.steps;
-                return Err(Error::NotFinite { what, step, value });
-            }
-        }
-        Ok(())
+        let Some(entry) = self.numbers.iter().position(|value| !value.is_finite()) else {
+            return Ok(());
+        };
+        let name = server::lock(&self.server).name_of(entry);
+        let made = self.config.make.in_words();
+        Err(Error::NotFinite {
+            what: format!("`{name}` of `{made}` (counted in its episode)"),
+            step: self.steps,
+            value: self.numbers[entry],
+        })
     }
 }
 
@@ -118,6 +122,9 @@ struct Saved {
     steps: u64,
     #[serde(with = "exact")]
     seen: Vec<Vec<f64>>,
+    /// Absent in checkpoints of environments without a full state.
+    #[serde(with = "exact", default, skip_serializing_if = "Vec::is_empty")]
+    full: Vec<f64>,
 }
 
 impl Environment for PythonEnvironment {
@@ -157,20 +164,21 @@ impl Environment for PythonEnvironment {
             self.announced = false;
         }
         self.steps += 1;
-        let (end, rewards) = self.take_answer()?;
+        let (end, rewards, info) = self.take_answer()?;
         Ok(Step {
             observations: self.seen.clone(),
             rewards,
-            info: Vec::new(),
+            info,
             end,
         })
     }
 
-    fn rehearse(&mut self) -> Result<(), Error> {
-        let key = self.told.to_string();
+    fn rehearse(&mut self) -> Result<Option<Vec<Error>>, Error> {
+        let key = self.told.key()?;
         let known = || REHEARSED.lock().unwrap_or_else(PoisonError::into_inner);
-        if known().contains(&key) {
-            return Ok(());
+        let doubt = |text: &String| Error::config("make", text.clone());
+        if let Some(doubts) = known().get(&key) {
+            return Ok(Some(doubts.iter().map(doubt).collect()));
         }
         let mut server = server::lock(&self.server);
         let first = server.rehearse()?;
@@ -187,8 +195,22 @@ impl Environment for PythonEnvironment {
                 return Err(Error::config("make", problem));
             }
         }
-        known().insert(key);
-        Ok(())
+        let doubts = server.doubts()?;
+        let found = doubts.iter().map(doubt).collect();
+        known().insert(key, doubts);
+        Ok(Some(found))
+    }
+
+    fn metrics(&self) -> &[Metric] {
+        &self.metrics
+    }
+
+    fn state_channels(&self) -> Vec<Channel> {
+        self.state_channels.clone()
+    }
+
+    fn state(&self) -> Vec<f64> {
+        self.state.clone()
     }
 
     fn trace_channels(&self) -> Vec<Channel> {
@@ -222,6 +244,7 @@ impl Environment for PythonEnvironment {
             state,
             steps: self.steps,
             seen: self.seen.clone(),
+            full: self.state.clone(),
         })
     }
 
@@ -239,7 +262,11 @@ impl Environment for PythonEnvironment {
             Answer::Done(_) => {}
             Answer::Cannot(problem) | Answer::Failed(problem) => return Err(misfit(problem)),
         }
-        (self.seen, self.steps, self.is_new) = (saved.seen, saved.steps, false);
+        if saved.full.len() != self.state.len() {
+            return Err(misfit(format!("its full state has {} entries", saved.full.len())));
+        }
+        (self.seen, self.state) = (saved.seen, saved.full);
+        (self.steps, self.is_new) = (saved.steps, false);
         Ok(())
     }
 }

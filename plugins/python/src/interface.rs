@@ -16,6 +16,9 @@ pub struct Face {
     /// True where that is a file of a disk, to be removed once it is open.
     pub remove: bool,
     seats: Vec<SeatForm>,
+    state: Vec<Entry>,
+    /// Names of the metrics in an answer, in order.
+    pub metrics: Vec<String>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -29,7 +32,7 @@ struct SeatForm {
 #[serde(rename_all = "snake_case")]
 enum SpaceForm {
     Box(Vec<Entry>),
-    Choice { name: String, options: Vec<String> },
+    Choices(Vec<Choice>),
 }
 
 /// An entry of a box; no limit where there is none.
@@ -50,12 +53,17 @@ impl Face {
         };
         self.seats.iter().map(seat).collect()
     }
+
+    /// Channels of the full state.
+    pub fn state(&self) -> Vec<Channel> {
+        self.state.iter().map(channel).collect()
+    }
 }
 
 fn observed(form: &SpaceForm) -> Space {
     match form {
         SpaceForm::Box(entries) => Space::Box(entries.iter().map(channel).collect()),
-        SpaceForm::Choice { options, .. } => Space::Discrete(options.clone()),
+        SpaceForm::Choices(choices) => Space::Choices(choices.clone()),
     }
 }
 
@@ -79,10 +87,7 @@ fn acted(form: &SpaceForm) -> Space {
             let unit = |entry: &Entry| Channel::new(&entry.name, "").within(-1.0, 1.0);
             Space::Box(entries.iter().map(unit).collect())
         }
-        SpaceForm::Choice { name, options } => Space::Choices(vec![Choice {
-            name: name.clone(),
-            options: options.clone(),
-        }]),
+        SpaceForm::Choices(choices) => Space::Choices(choices.clone()),
     }
 }
 
@@ -141,10 +146,11 @@ mod tests {
         let choosing = json!({
             "name": "second",
             "observation": { "box": [] },
-            "action": { "choice": { "name": "action", "options": ["0", "1", "2"] } },
+            "action": { "choices": [{ "name": "action", "options": ["0", "1", "2"] }] },
         });
         serde_json::from_value(
-            json!({ "memory": "/proc/1/fd/3", "remove": false, "seats": [box_seat, choosing] }),
+            json!({ "memory": "/proc/1/fd/3", "remove": false, "seats": [box_seat, choosing], "state": [],
+                "metrics": [] }),
         )
         .unwrap()
     }

@@ -1,29 +1,50 @@
 //! A Python process that is asked and answers in turn.
 //!
-//! Neither a crash nor a hang of it outlives a trial: it ends when its standard input does, and with the process
-//! that started it. Nothing it prints is shown, but for its last lines where it ends unexpectedly.
+//! Neither a crash nor a hang of it outlives a trial: what runs first in it (`guard.py`) ends, with all that it started,
+//! when its standard input does or the program that started it. Until that runs, a shell of ours sees to it. Signals to
+//! the program that started it are not for it. Nothing it prints is shown, but for its last lines where it ends
+//! unexpectedly.
 
-use engine::Error;
+use engine::{Error, patience::Watch};
 use std::{
-    io::{self, Read, Write},
-    os::unix::process::ExitStatusExt,
+    io::{Read, Write},
+    os::unix::process::{CommandExt as _, ExitStatusExt},
+    path::Path,
     process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
-    sync::mpsc::{Receiver, Sender, channel},
+    sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel},
     time::Duration,
 };
 
-const SERVER: &str = include_str!("server.py");
+const SERVER: &str = concat!(
+    include_str!("link.py"),
+    include_str!("guard.py"),
+    include_str!("spaces.py"),
+    include_str!("returns.py"),
+    include_str!("making.py"),
+    include_str!("server.py")
+);
 /// How much of what it printed last is kept, bytes.
 const LAST_WORDS: usize = 2000;
-/// The signal of an alarm, by which it ends where its start or a rehearsal takes too long.
-const ALARM: i32 = 14;
+/// Signals by which people, terminals and batch systems stop programs: no fault of what is stopped.
+const STOPS: [i32; 5] = [1, 2, 9, 10, 15];
+/// What a shell leaves with that finds no program.
+const NOT_FOUND: i32 = 127;
+/// What a shell leaves with that finds a program which cannot be run.
+const CANNOT_RUN: i32 = 126;
+/// How often it is started again where it is stopped before it can ignore that.
+const STARTS: usize = 3;
+/// How long it may take to close its environments and to end what they started.
+const ENDING: Duration = Duration::from_secs(20);
 
 /// A running process.
 #[derive(Debug)]
 pub struct Process {
-    requests: ChildStdin,
+    /// `None` once nothing more will be asked.
+    requests: Option<ChildStdin>,
     answers: ChildStdout,
     ended: Receiver<Ended>,
+    id: u32,
+    interpreter: String,
 }
 
 /// How one ended.
@@ -45,47 +66,95 @@ pub enum Answer {
 }
 
 impl Process {
-    /// Starts Python.
+    /// Starts Python and tells it what to make; it removes the folder `own` when it ends. The answer to that comes
+    /// with it.
     ///
     /// # Errors
-    /// [`Error::Unavailable`] where there is no such interpreter, and [`Error::Config`] where it cannot be started.
-    pub fn start(interpreter: &str) -> Result<Self, Error> {
-        let (started, starting) = channel();
-        let (ending, ended) = channel();
-        let mut command = command(interpreter);
-        // A process ends with the thread that started it, so this one stays as long as it does.
-        std::thread::spawn(move || mind(&mut command, &started, &ending));
-        let pipes = starting
-            .recv()
-            .unwrap_or_else(|_| Err(io::Error::other("it was lost")));
-        let (requests, answers) = pipes.map_err(|source| {
+    /// [`Error::Unavailable`] where there is no such interpreter, [`Error::Config`] where it cannot be started or says
+    /// nothing, and where it takes too long; what [`ask`](Self::ask) says.
+    pub fn start(interpreter: &str, own: &Path, told: &[u8]) -> Result<(Self, Answer), Error> {
+        let mut starts = 1;
+        loop {
+            match Self::attempt(interpreter, own, told) {
+                // Nothing was done yet that could be lost.
+                Err(Error::Ended { .. }) if starts < STARTS => starts += 1,
+                outcome => return outcome,
+            }
+        }
+    }
+
+    fn attempt(interpreter: &str, own: &Path, told: &[u8]) -> Result<(Self, Answer), Error> {
+        let cannot = |problem: &str| {
             let problem = format!(
-                "`{interpreter}` cannot be started: {source}. Name a Python that has the packages of the environment, \
+                "`{interpreter}` cannot be started: {problem}. Name a Python that has the packages of the environment, \
                  as `python3`, `.venv/bin/python`, or put one on the path"
             );
-            if source.kind() == io::ErrorKind::NotFound {
-                let key = "interpreter".into();
-                return Error::Unavailable { key, problem };
-            }
             Error::config("interpreter", problem)
-        })?;
-        Ok(Self {
-            requests,
+        };
+        let mut child = command(interpreter, own).spawn().map_err(|it| cannot(&it.to_string()))?;
+        let id = child.id();
+        let keeper = Keeper::of(id);
+        let (Some(requests), Some(answers)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err(cannot("its pipes are missing"));
+        };
+        let (ending, ended) = channel();
+        std::thread::spawn(move || mind(&mut child, &ending));
+        let mut process = Self {
+            requests: Some(requests),
             answers,
             ended,
-        })
+            id,
+            interpreter: interpreter.into(),
+        };
+        let is_awake = process.wake(&cannot)?;
+        drop(keeper);
+        if !is_awake {
+            return Err(cannot("it is no Python: it answers otherwise"));
+        }
+        let answer = process.ask_within("make", "making the environment", None, told)?;
+        Ok((process, answer))
+    }
+
+    /// Waits for its first byte: from here on it minds itself what it starts.
+    fn wake(&mut self, cannot: &dyn Fn(&str) -> Error) -> Result<bool, Error> {
+        let watch = self.watch("the start of");
+        let mut byte = [0];
+        let is_told = self.answers.read_exact(&mut byte).is_ok();
+        if let Some(reason) = watch.end() {
+            return Err(Error::config(
+                "interpreter",
+                format!("{reason}; it had said nothing: is it a Python, and does it answer `{} --version`?", self.interpreter),
+            ));
+        }
+        if is_told {
+            return Ok(byte == *b"w");
+        }
+        let (status, last_words) = self.end();
+        match status.and_then(|status| status.code()) {
+            Some(code @ (NOT_FOUND | CANNOT_RUN)) => {
+                // As in `sh: 1: exec: python9: not found`.
+                let why = last_words.lines().last().unwrap_or_default();
+                Err(match cannot(why.rsplit(": ").next().unwrap_or(why)) {
+                    Error::Config { key, problem } if code == NOT_FOUND => Error::Unavailable { key, problem },
+                    error => error,
+                })
+            }
+            _ => Err(ended(status, &last_words)),
+        }
+    }
+
+    fn watch(&self, what: &str) -> Watch {
+        let id = self.id;
+        Watch::over(id, format!("{what} `{}`", self.interpreter), move || end_all(id))
     }
 
     /// Says that requests lie in shared memory, and waits until their answers do.
     ///
     /// # Errors
-    /// [`Error::Model`] for what went wrong in Python, and where it ended.
+    /// [`Error::Model`] for what went wrong in Python, and as [`ask`](Self::ask) where it ended.
     pub fn ring(&mut self) -> Result<(), Error> {
         let mut byte = [0];
-        let told = self
-            .requests
-            .write_all(b"s")
-            .and_then(|()| self.answers.read_exact(&mut byte));
+        let told = self.send(b"s").and_then(|()| self.answers.read_exact(&mut byte));
         match (told, byte) {
             (Err(_), _) => Err(self.gone()),
             (Ok(()), [b'k']) => Ok(()),
@@ -96,19 +165,35 @@ impl Process {
         }
     }
 
+    /// As [`ask`](Self::ask), watched: what takes too long or too much is ended, which is said of `key`.
+    ///
+    /// # Errors
+    /// [`Error::Config`] where it was ended for that, and as there.
+    pub fn ask_within(
+        &mut self,
+        key: &str,
+        doing: &str,
+        what: Option<u8>,
+        text: &[u8],
+    ) -> Result<Answer, Error> {
+        let watch = self.watch(&format!("{doing} with"));
+        let answer = self.ask(what, text);
+        match watch.end() {
+            Some(reason) => Err(Error::config(key, reason)),
+            None => answer,
+        }
+    }
+
     /// Asks with a text and waits for the text of the answer.
     ///
     /// # Errors
-    /// [`Error::Model`] where Python ended.
+    /// [`Error::Model`] where Python ended, [`Error::Ended`] where it was ended from outside.
     pub fn ask(&mut self, what: Option<u8>, text: &[u8]) -> Result<Answer, Error> {
         let mut message: Vec<u8> = what.into_iter().collect();
         message.extend((text.len() as u64).to_le_bytes());
         message.extend(text);
         let mut byte = [0];
-        let told = self
-            .requests
-            .write_all(&message)
-            .and_then(|()| self.answers.read_exact(&mut byte));
+        let told = self.send(&message).and_then(|()| self.answers.read_exact(&mut byte));
         let Some(text) = told.ok().and_then(|()| self.text()) else {
             return Err(self.gone());
         };
@@ -118,6 +203,13 @@ impl Process {
             [b'n'] => Answer::Cannot(in_words(text)),
             _ => Answer::Failed(in_words(text)),
         })
+    }
+
+    fn send(&mut self, message: &[u8]) -> std::io::Result<()> {
+        match &mut self.requests {
+            Some(requests) => requests.write_all(message),
+            None => Err(std::io::ErrorKind::BrokenPipe.into()),
+        }
     }
 
     /// A text with its length before it; `None` where the process ended.
@@ -131,24 +223,26 @@ impl Process {
     }
 
     /// How it ended, and what it said last.
-    fn gone(&self) -> Error {
-        // What it started may hold its output open after it.
-        let ended = self.ended.recv_timeout(Duration::from_secs(5)).ok();
-        let Some(Ended { status, last_words }) = ended else {
-            return failed("the Python process answers no more".into());
-        };
-        let how = match status.map(|status| (status.signal(), status.code())) {
-            Some((Some(ALARM), _)) => "did not answer within 300 s".into(),
-            Some((Some(signal), _)) => format!("was ended by signal {signal}"),
-            Some((None, Some(code))) => format!("left with exit code {code}"),
-            _ => "vanished".into(),
-        };
-        let said = if last_words.is_empty() {
-            String::new()
-        } else {
-            format!("; it said last: {last_words}")
-        };
-        failed(format!("the Python process {how}{said}"))
+    fn gone(&mut self) -> Error {
+        let (status, last_words) = self.end();
+        ended(status, &last_words)
+    }
+
+    /// Lets it end, with what it started; what holds on is ended.
+    fn end(&mut self) -> (Option<ExitStatus>, String) {
+        drop(self.requests.take());
+        let mut ended = self.ended.recv_timeout(ENDING);
+        if ended.as_ref().is_err_and(|error| *error == RecvTimeoutError::Timeout) {
+            end_all(self.id);
+            ended = self.ended.recv_timeout(ENDING);
+        }
+        ended.map_or((None, String::new()), |it| (it.status, it.last_words))
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.end();
     }
 }
 
@@ -159,9 +253,29 @@ pub fn failed(problem: String) -> Error {
     }
 }
 
-fn command(interpreter: &str) -> Command {
-    let mut command = Command::new(interpreter);
-    command.args(["-u", "-c", SERVER]);
+/// How a process ended, as the error of its trial.
+fn ended(status: Option<ExitStatus>, last_words: &str) -> Error {
+    let how = match status.map(|status| (status.signal(), status.code())) {
+        Some((Some(signal), _)) if STOPS.contains(&signal) => {
+            let what = "the Python process";
+            return Error::Ended { what, signal };
+        }
+        Some((Some(signal), _)) => format!("was ended by signal {signal}"),
+        Some((None, Some(code))) => format!("left with exit code {code}"),
+        _ => "answers no more".into(),
+    };
+    let said = if last_words.is_empty() {
+        String::new()
+    } else {
+        format!("; it said last: {last_words}")
+    };
+    failed(format!("the Python process {how}{said}"))
+}
+
+fn command(interpreter: &str, own: &Path) -> Command {
+    // What is ignored before Python runs is ignored by it from its first moment on.
+    let mut command = shell(r#"trap "" HUP INT TERM USR1; exec "$0" "$@""#);
+    command.args([interpreter, "-u", "-c", SERVER]).arg(own);
     // The order of sets and dictionaries by hashes must be the same everywhere, and a trial has one thread.
     command
         .env("PYTHONHASHSEED", "0")
@@ -176,50 +290,87 @@ fn command(interpreter: &str) -> Command {
     command
 }
 
-type Pipes = io::Result<(ChildStdin, ChildStdout)>;
+/// A shell in a group of its own: a signal from the terminal is not for it.
+fn shell(script: &str) -> Command {
+    let mut command = Command::new("sh");
+    command.args(["-c", script]).process_group(0);
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    command
+}
 
-/// Starts a process, hands its pipes over, keeps its last words and sees it end.
-fn mind(command: &mut Command, started: &Sender<Pipes>, ended: &Sender<Ended>) {
-    let mut child = match command.spawn() {
-        Ok(child) => child,
-        Err(source) => {
-            let _ = started.send(Err(source));
-            return;
+/// Ends the group of a process that does not mind itself yet, should this program end meanwhile.
+struct Keeper(Option<Child>);
+
+impl Keeper {
+    fn of(id: u32) -> Self {
+        let mut command = shell(r#"trap "" HUP INT TERM USR1; read -r _ || kill -KILL -- "-$0""#);
+        Self(command.arg(id.to_string()).stdin(Stdio::piped()).spawn().ok())
+    }
+}
+
+impl Drop for Keeper {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            let _ = child.stdin.take().map(|mut stdin| stdin.write_all(b"\n"));
+            let _ = child.wait();
         }
-    };
-    let pipes = child.stdin.take().zip(child.stdout.take());
-    // Nobody waits any more where the receiver is gone; the pipes are closed then, and the process ends.
-    let _ = started.send(pipes.ok_or_else(|| io::Error::other("its pipes are missing")));
-    let last_words = last_words(&mut child);
+    }
+}
+
+/// Ends a process with all that it started: it is asked to see to that, also where it was stopped, and what minds
+/// nothing is ended with its group.
+fn end_all(id: u32) {
+    let script = r#"kill -USR2 "$0"; kill -CONT -- "-$0"; n=0
+        while kill -0 "$0" && [ "$n" -lt 100 ]; do sleep 0.1; n=$((n + 1)); done
+        kill -KILL -- "-$0""#;
+    let _ = shell(script).arg(id.to_string()).status();
+}
+
+/// Keeps the last words of a process and sees it end.
+fn mind(child: &mut Child, ended: &Sender<Ended>) {
+    let (tell, told) = channel();
+    if let Some(errors) = child.stderr.take() {
+        std::thread::spawn(move || last_words(errors, &tell));
+    }
+    let status = child.wait().ok();
+    // What outlives it may hold its output open.
+    let mut words = Vec::new();
+    while let Ok(piece) = told.recv_timeout(Duration::from_secs(1)) {
+        words = piece;
+    }
+    // Nobody waits any more where the receiver is gone.
     let _ = ended.send(Ended {
-        status: child.wait().ok(),
-        last_words,
+        status,
+        last_words: String::from_utf8_lossy(&words).trim().to_owned(),
     });
 }
 
-/// The last lines that a process writes before its standard error closes.
-fn last_words(child: &mut Child) -> String {
+/// Tells, each time something is written, the last bytes of what was.
+fn last_words(mut errors: impl Read, tell: &Sender<Vec<u8>>) {
     let (mut kept, mut piece) = (Vec::new(), [0; 4096]);
-    let Some(errors) = &mut child.stderr else {
-        return String::new();
-    };
     while let Ok(read @ 1..) = errors.read(&mut piece) {
         kept.extend(&piece[..read]);
         let surplus = kept.len().saturating_sub(LAST_WORDS);
         kept.drain(..surplus);
+        let _ = tell.send(kept.clone());
     }
-    String::from_utf8_lossy(&kept).trim().to_owned()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn problem_of(interpreter: &str) -> String {
+        let own = tempfile::tempdir().unwrap();
+        Process::start(interpreter, own.path(), b"{}").unwrap_err().to_string()
+    }
+
     #[test]
     fn what_is_no_interpreter_is_refused_with_what_to_name() {
-        let problem = Process::start("/nowhere/python3").unwrap_err().to_string();
+        let problem = problem_of("/nowhere/python3");
         assert!(
-            problem.contains("`/nowhere/python3` cannot be started: No such file"),
+            problem.contains("`/nowhere/python3` cannot be started: not found")
+                || problem.contains("`/nowhere/python3` cannot be started: No such file"),
             "{problem}"
         );
         assert!(problem.contains(".venv/bin/python"), "{problem}");
@@ -227,12 +378,13 @@ mod tests {
 
     #[test]
     fn a_process_that_ends_is_told_with_its_last_words() {
-        // A program that is no Python answers nothing.
-        let mut process = Process::start("false").unwrap();
-        let problem = process.ask(None, b"{}").unwrap_err().to_string();
+        // Programs that are no Python.
+        let problem = problem_of("false");
         assert!(
             problem.contains("the Python process left with exit code 1"),
             "{problem}"
         );
+        let problem = problem_of("echo");
+        assert!(problem.contains("it is no Python"), "{problem}");
     }
 }

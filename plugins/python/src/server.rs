@@ -4,10 +4,11 @@
 //! code of ours touches a pointer.
 
 use crate::{
+    config::Told,
     interface::{Face, n_asked},
     process::{Answer, Process, failed},
 };
-use engine::{Error, Seat};
+use engine::{Channel, Error, Seat};
 use serde_json::Value;
 use std::{
     collections::BTreeMap,
@@ -15,6 +16,7 @@ use std::{
     os::unix::fs::FileExt,
     sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
 };
+use tempfile::TempDir;
 
 /// Blocks in the shared memory; the numbers of those that wait stand before them. As in `server.py`.
 const MOST_ENVIRONMENTS: usize = 8192;
@@ -39,6 +41,10 @@ pub struct Server {
     process: Process,
     memory: File,
     seats: Vec<Seat>,
+    state: Vec<Channel>,
+    metrics: Vec<String>,
+    /// Copies of the files that it reads.
+    _files: TempDir,
     /// Numbers of a request, and of an answer.
     asked: usize,
     answered: usize,
@@ -59,14 +65,15 @@ static SERVERS: Mutex<BTreeMap<String, Weak<Mutex<Server>>>> = Mutex::new(BTreeM
 ///
 /// # Errors
 /// As [`Server::start`].
-pub fn shared(interpreter: &str, told: &Value) -> Result<Shared, Error> {
+pub fn shared(interpreter: &str, told: &Told) -> Result<Shared, Error> {
+    let key = told.key()?;
     let mut servers = SERVERS.lock().unwrap_or_else(PoisonError::into_inner);
     servers.retain(|_, server| server.strong_count() > 0);
-    if let Some(server) = servers.get(&told.to_string()).and_then(Weak::upgrade) {
+    if let Some(server) = servers.get(&key).and_then(Weak::upgrade) {
         return Ok(server);
     }
     let server = Arc::new(Mutex::new(Server::start(interpreter, told)?));
-    servers.insert(told.to_string(), Arc::downgrade(&server));
+    servers.insert(key, Arc::downgrade(&server));
     Ok(server)
 }
 
@@ -83,9 +90,10 @@ impl Server {
     /// [`Error::Unavailable`] where there is no such Python, or it lacks a package or a version of the lock file, and
     /// [`Error::Config`] where Python cannot be started, where nothing can be made there, and for an environment whose
     /// spaces are not supported.
-    pub fn start(interpreter: &str, told: &Value) -> Result<Self, Error> {
-        let mut process = Process::start(interpreter)?;
-        let face: Face = match process.ask(None, told.to_string().as_bytes())? {
+    pub fn start(interpreter: &str, told: &Told) -> Result<Self, Error> {
+        let (files, asked) = with_own_files(told)?;
+        let (process, answer) = Process::start(interpreter, files.path(), asked.to_string().as_bytes())?;
+        let face: Face = match answer {
             Answer::Done(text) => {
                 serde_json::from_slice(&text).map_err(|source| failed(source.to_string()))?
             }
@@ -96,14 +104,17 @@ impl Server {
         if face.remove {
             fs::remove_file(&face.memory).map_err(Error::file("remove", &face.memory))?;
         }
-        let seats = face.seats();
+        let (seats, state) = (face.seats(), face.state());
         let seen: usize = seats.iter().map(|seat| seat.observation.len()).sum();
         Ok(Self {
             asked: 2 + seats.iter().map(n_asked).sum::<usize>(),
-            answered: 1 + seats.len() + seen,
+            answered: 1 + seats.len() + seen + state.len() + face.metrics.len(),
             process,
             memory,
             seats,
+            state,
+            metrics: face.metrics,
+            _files: files,
             taken: Vec::new(),
             waiting: Vec::new(),
             bytes: Vec::new(),
@@ -113,6 +124,16 @@ impl Server {
     /// The seats of its environments.
     pub fn seats(&self) -> &[Seat] {
         &self.seats
+    }
+
+    /// Channels of the full state.
+    pub fn state(&self) -> &[Channel] {
+        &self.state
+    }
+
+    /// Names of the metrics in an answer.
+    pub fn metrics(&self) -> &[String] {
+        &self.metrics
     }
 
     /// Takes a block.
@@ -206,19 +227,42 @@ impl Server {
     /// What a reset and ten steps answer in a new environment.
     ///
     /// # Errors
-    /// [`Error::Config`] for what went wrong in Python, and [`Error::Unavailable`] where it lacks a package.
+    /// [`Error::Config`] for what went wrong in Python, and for a number that is not finite; [`Error::Unavailable`]
+    /// where it lacks a package.
     pub fn rehearse(&mut self) -> Result<Rehearsal, Error> {
-        match self.process.ask(Some(b't'), &REHEARSED.to_le_bytes())? {
-            Answer::Done(bytes) => Ok(Rehearsal {
-                rows: bytes.chunks(BYTES * self.answered).map(<[u8]>::to_vec).collect(),
-            }),
+        let rows = self.tried(b't')?;
+        let rehearsal = Rehearsal {
+            rows: rows.chunks(BYTES * self.answered).map(<[u8]>::to_vec).collect(),
+        };
+        for (row, numbers) in rehearsal.numbers().enumerate() {
+            if let Some(entry) = numbers.iter().position(|number| !number.is_finite()) {
+                let (name, value, when) = (self.name_of(entry), numbers[entry], when(row));
+                return Err(Error::config("make", format!("`{name}` is {value} {when}, which is no finite number")));
+            }
+        }
+        Ok(rehearsal)
+    }
+
+    /// What an environment returns that can be used and is not as it declares it.
+    ///
+    /// # Errors
+    /// As [`rehearse`](Self::rehearse).
+    pub fn doubts(&mut self) -> Result<Vec<String>, Error> {
+        let lines = self.tried(b'd')?;
+        Ok(String::from_utf8_lossy(&lines).lines().map(str::to_owned).collect())
+    }
+
+    fn tried(&mut self, what: u8) -> Result<Vec<u8>, Error> {
+        let seed = REHEARSED.to_le_bytes();
+        match self.process.ask_within("make", "the rehearsal", Some(what), &seed)? {
+            Answer::Done(bytes) => Ok(bytes),
             Answer::Cannot(refusal) => Err(refused(&refusal)),
             Answer::Failed(problem) => Err(Error::config("make", problem)),
         }
     }
 
     /// What an entry of an answer is.
-    fn name_of(&self, entry: usize) -> String {
+    pub fn name_of(&self, entry: usize) -> String {
         if entry == 0 {
             return "the end of the episode".into();
         }
@@ -227,7 +271,9 @@ impl Server {
             .seats
             .iter()
             .flat_map(|seat| seat.observation.names().into_iter().map(|it| prefixed(seat, &it)));
-        rewards.chain(seen).nth(entry - 1).unwrap_or_default()
+        let state = self.state.iter().map(|channel| channel.name.clone());
+        let metrics = self.metrics.iter().cloned();
+        rewards.chain(seen).chain(state).chain(metrics).nth(entry - 1).unwrap_or_default()
     }
 
     /// Where two rehearsals differ, in words; `None` where they do not.
@@ -237,22 +283,14 @@ impl Server {
             .iter()
             .zip(&second.rows)
             .position(|(one, other)| one != other)?;
-        let numbers = |of: &Rehearsal| bytemuck::pod_collect_to_vec::<u8, f64>(&of.rows[row]);
-        let (one, other) = (numbers(first), numbers(second));
+        let (one, other) = (first.numbers().nth(row)?, second.numbers().nth(row)?);
         let entry = one
             .iter()
             .zip(&other)
             .position(|(one, other)| one.to_bits() != other.to_bits())?;
-        let when = match row {
-            0 => "after `reset`".to_owned(),
-            // Where an episode ended, the reset that followed is counted too.
-            row => format!("after step {row}"),
-        };
+        let (when, name) = (when(row), self.name_of(entry));
         let (one, other) = (one[entry], other[entry]);
-        Some(format!(
-            "{when}, `{}` is {one} and then {other}",
-            self.name_of(entry)
-        ))
+        Some(format!("{when}, `{name}` is {one} and then {other}"))
     }
 }
 
@@ -260,6 +298,35 @@ impl Server {
 #[derive(Debug, PartialEq, Eq)]
 pub struct Rehearsal {
     rows: Vec<Vec<u8>>,
+}
+
+impl Rehearsal {
+    fn numbers(&self) -> impl Iterator<Item = Vec<f64>> {
+        self.rows.iter().map(|row| bytemuck::pod_collect_to_vec::<u8, f64>(row))
+    }
+}
+
+/// When the row of a rehearsal was answered; where an episode ended, the reset that followed is counted too.
+fn when(row: usize) -> String {
+    match row {
+        0 => "after `reset`".into(),
+        row => format!("after step {row}"),
+    }
+}
+
+/// What is told, with the paths of copies that nobody else changes in the place of files, and their folder.
+fn with_own_files(told: &Told) -> Result<(TempDir, Value), Error> {
+    let folder = tempfile::Builder::new().prefix("regimen-python-").tempdir();
+    let folder = folder.map_err(Error::file("create", &std::env::temp_dir()))?;
+    let mut asked = told.asked.clone();
+    for (at, (place, file)) in told.files.iter().enumerate() {
+        let own = folder.path().join(at.to_string());
+        fs::create_dir(&own).map_err(Error::file("create", &own))?;
+        if let Some(path) = asked.pointer_mut(place) {
+            *path = serde_json::json!(file.copy_into(&own)?);
+        }
+    }
+    Ok((folder, asked))
 }
 
 /// The name of what belongs to a seat.

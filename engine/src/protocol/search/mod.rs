@@ -388,10 +388,11 @@ impl UnderWay {
 
 impl Design {
     fn take(&mut self, action: &[Vec<f64>], step: &crate::Step, metrics: &[Metric]) {
+        let is_first = self.actions.is_empty();
         self.actions.push(action[0].clone());
         self.rewards.push(step.rewards[0]);
         self.observations.push(step.observations[0].clone());
-        evaluation::accumulate(&mut self.info, metrics, &step.info);
+        evaluation::accumulate(&mut self.info, metrics, &step.info, is_first);
     }
 
     fn candidate(self, metrics: &[Metric], end: End, whole: bool) -> Candidate {
@@ -402,7 +403,7 @@ impl Design {
         let steps = self.actions.len() as f64;
         let per_step = |(value, metric): (f64, &Metric)| match metric.per_episode {
             PerEpisode::Mean => value / steps,
-            PerEpisode::Sum | PerEpisode::Last => value,
+            _ => value,
         };
         Candidate {
             observed_return: self.rewards.iter().sum(),

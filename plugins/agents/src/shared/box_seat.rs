@@ -1,10 +1,10 @@
 //! The only seat of an environment, where it observes a box of channels and acts in a box with limits -1 and
 //! 1; choices among options are such a box, and the largest of a choice's entries decides.
 
-use super::joint::unit_box;
+use super::joint::acted;
 use super::scaling::{ObservationScaling, Scaling};
-use super::seat::{kind, mismatch, observed, only_seat};
-use engine::{Action, Error, Interface, Observation, Seat, Space};
+use super::seat::{observed, only_seat};
+use engine::{Action, Error, Interface, Observation};
 use numerics::policy_file::Ports;
 
 /// How observations become numbers for networks, and their outputs actions.
@@ -20,8 +20,8 @@ impl BoxSeat {
     /// The seat of an environment.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] for several seats, for an observation that is no box, and for an action that is no
-    /// box with limits -1 and 1.
+    /// [`Error::Mismatch`] for several seats, for an observation that is no box, and for an action that is neither a
+    /// box with limits -1 and 1 nor choices.
     pub fn new(
         agent: &'static str,
         scaling: ObservationScaling,
@@ -113,27 +113,11 @@ impl BoxSeat {
     }
 }
 
-/// Names of the entries of an action: of a box, or of choices, whose options are values between -1 and 1.
-fn acted(agent: &'static str, seat: &Seat) -> Result<Vec<String>, Error> {
-    match &seat.action {
-        Space::Box(_) => {
-            let channels = unit_box(agent, seat)?;
-            Ok(channels.iter().map(|channel| channel.name.clone()).collect())
-        }
-        Space::Choices(choices) if !choices.is_empty() => Ok(seat.action.names()),
-        other => {
-            let taken = kind(other);
-            let problem = format!("its actions are vectors in a box, the environment takes {taken}");
-            Err(mismatch(agent, problem))
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::coordination::interface;
     use super::*;
-    use engine::Channel;
+    use engine::{Channel, Space};
 
     fn seat(interface: &Interface) -> Result<BoxSeat, Error> {
         BoxSeat::new("tested", ObservationScaling::Typical, interface)
@@ -188,7 +172,7 @@ mod tests {
         };
         let text = problem(&|one| one.seats[0].action = Space::Simplex(vec!["a".into()]));
         assert!(
-            text.contains("vectors in a box, the environment takes a simplex"),
+            text.contains("vectors in a box, seat `seat_0` takes a simplex"),
             "{text}"
         );
         let text = problem(&|one| one.seats.push(one.seats[0].clone()));
@@ -200,6 +184,6 @@ mod tests {
         assert!(text.contains("the environment shows a discrete choice"), "{text}");
         let wide = Channel::new("force", "N").within(-2.0, 2.0);
         let text = problem(&|one| one.seats[0].action = Space::Box(vec![wide.clone()]));
-        assert!(text.contains("`force` within -2 and 2"), "{text}");
+        assert!(text.contains("`force` of seat `seat_0` within -2 and 2"), "{text}");
     }
 }

@@ -1,43 +1,85 @@
-//! Seats that take one of several named choices.
+//! Seats that take one of several named options, as an index or as the largest of a number for each.
 
-use super::seat::{kind, mismatch};
-use engine::{Channel, Error, Interface, Seat, Space};
+use super::seat::{kind, mismatch, named};
+use engine::{Channel, Error, Interface, Seat, Space, choice};
 
-/// Names of the choices of a seat.
-///
-/// # Errors
-/// [`Error::Mismatch`] for any other action space and for one without choices.
-pub fn choices<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [String], Error> {
-    match &seat.action {
-        Space::Discrete(names) if !names.is_empty() => Ok(names),
-        other => Err(mismatch(
-            agent,
-            format!(
-                "it takes one of several choices, seat `{}` takes {}",
-                seat.name,
-                kind(other)
-            ),
-        )),
+/// The options of a seat, of which it takes one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChoiceSeat {
+    action: Space,
+    names: Vec<String>,
+}
+
+impl ChoiceSeat {
+    /// The seat of an environment.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] for an action that is no choice, for several choices at once and for none.
+    pub fn new(agent: &'static str, seat: &Seat) -> Result<Self, Error> {
+        let names = match &seat.action {
+            Space::Discrete(names) if !names.is_empty() => names,
+            Space::Choices(choices) if choices.len() == 1 => &choices[0].options,
+            other => {
+                let (seat, taken) = (named(seat), kind(other));
+                let problem = format!("it takes one of several choices, {seat} takes {taken}");
+                return Err(mismatch(agent, problem));
+            }
+        };
+        Ok(Self {
+            action: seat.action.clone(),
+            names: names.clone(),
+        })
+    }
+
+    /// Names of the options; at least one.
+    #[must_use]
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// The action that takes an option.
+    #[must_use]
+    #[allow(clippy::cast_precision_loss, reason = "nobody names 2^52 options")]
+    pub fn action(&self, option: usize) -> Vec<f64> {
+        match &self.action {
+            Space::Choices(choices) => choice::vector(choices, &[option]),
+            _ => vec![option as f64],
+        }
+    }
+
+    /// The option that an action takes.
+    ///
+    /// # Errors
+    /// [`Error::Action`] for one that takes none.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "positions of options"
+    )]
+    pub fn taken(&self, action: &[f64]) -> Result<usize, Error> {
+        let none = || Error::Action {
+            problem: format!("{action:?} takes none of {} options", self.names.len()),
+        };
+        match &self.action {
+            Space::Choices(choices) => Ok(choice::taken(choices, action)?[0]),
+            _ => match action {
+                [option] if *option >= 0.0 && (*option as usize) < self.names.len() => Ok(*option as usize),
+                _ => Err(none()),
+            },
+        }
     }
 }
 
-/// The number, as actions have it, of the choice called `name`.
+/// The action of a seat that takes the option called `name`.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where there is none; the message lists what there is.
-#[allow(clippy::cast_precision_loss, reason = "nobody names 2^52 choices")]
-pub fn choice(agent: &'static str, seat: &Seat, name: &str) -> Result<f64, Error> {
-    let known = choices(agent, seat)?;
-    let found = known.iter().position(|known| known == name);
-    found.map(|position| position as f64).ok_or_else(|| {
-        mismatch(
-            agent,
-            format!(
-                "seat `{}` has no choice `{name}`; there are: {}",
-                seat.name,
-                known.join(", ")
-            ),
-        )
+pub fn choice(agent: &'static str, seat: &Seat, name: &str) -> Result<Vec<f64>, Error> {
+    let known = ChoiceSeat::new(agent, seat)?;
+    let found = known.names.iter().position(|known| known == name);
+    found.map(|option| known.action(option)).ok_or_else(|| {
+        let (seat, known) = (named(seat), known.names.join(", "));
+        mismatch(agent, format!("{seat} has no choice `{name}`; there are: {known}"))
     })
 }
 
@@ -98,7 +140,7 @@ pub(crate) mod tests {
     #[test]
     fn choices_and_channels_are_found_by_name() {
         let interface = interface(2, &["rest", "act"], &["wear"]);
-        assert_eq!(choice("rule", &interface.seats[1], "act").unwrap(), 1.0);
+        assert_eq!(choice("rule", &interface.seats[1], "act").unwrap(), [1.0]);
         assert_eq!(state_of_seats("rule", &interface, "wear").unwrap(), [1, 2]);
         let text = choice("rule", &interface.seats[1], "sleep")
             .unwrap_err()
@@ -113,7 +155,32 @@ pub(crate) mod tests {
         assert!(text.contains("`unit_0.noise`"), "{text}");
         let mut other = interface.seats[0].clone();
         other.action = Space::Simplex(vec!["share".into()]);
-        let text = choices("rule", &other).unwrap_err().to_string();
+        let text = ChoiceSeat::new("rule", &other).unwrap_err().to_string();
         assert!(text.contains("seat `unit_0` takes a simplex"), "{text}");
+        other.name.clear();
+        let text = ChoiceSeat::new("rule", &other).unwrap_err().to_string();
+        assert!(text.contains("the one seat takes a simplex"), "{text}");
+    }
+
+    #[test]
+    fn an_option_is_taken_by_its_index_or_by_the_largest_number() {
+        let mut seat = interface(1, &["rest", "act", "wait"], &[]).seats.remove(0);
+        let by_index = ChoiceSeat::new("rule", &seat).unwrap();
+        seat.action = Space::Choices(vec![engine::Choice::new("action", &["rest", "act", "wait"])]);
+        let by_number = ChoiceSeat::new("rule", &seat).unwrap();
+        assert_eq!(by_index.names(), by_number.names());
+        for option in 0..3 {
+            for seat in [&by_index, &by_number] {
+                assert_eq!(seat.taken(&seat.action(option)).unwrap(), option);
+            }
+        }
+        assert_eq!(by_number.taken(&[0.2, 0.3, -1.0]).unwrap(), 1);
+        for nothing in [&[3.0][..], &[-1.0], &[f64::NAN], &[0.0, 1.0]] {
+            assert!(by_index.taken(nothing).is_err(), "{nothing:?}");
+        }
+        let two = engine::Choice::new("other", &["a"]);
+        seat.action = Space::Choices(vec![two.clone(), two]);
+        let text = ChoiceSeat::new("rule", &seat).unwrap_err().to_string();
+        assert!(text.contains("takes several choices at once"), "{text}");
     }
 }

@@ -13,13 +13,13 @@
 //! states. Fujimoto and Gu 2021 add 0.001 to states without units; the thousandth does not depend on the unit
 //! either.
 
-use super::joint::unit_box;
+use super::joint::acted;
 use super::replay::Batch;
 use super::scaling::{ObservationScaling, Scaling};
 use super::{allocation, checkpoint, seat};
 use burn::module::Module;
 use burn::tensor::{Tensor, activation::softmax};
-use engine::{Action, Channel, End, Error, Interface, Observation, Rng, Seat, Space, Transition};
+use engine::{Action, End, Error, Interface, Observation, Rng, Seat, Space, Transition};
 use numerics::network::{Activation, Mlp, device, matrix, values};
 use numerics::optimizer::{Adam, Trained};
 use numerics::policy_file::{FILE_NAME, Head, Policy, Ports};
@@ -304,10 +304,7 @@ impl DatasetActor {
 fn action_set(agent: &'static str, seat: &Seat) -> Result<(ActionSet, Vec<String>), Error> {
     match &seat.action {
         Space::Simplex(_) => Ok((ActionSet::Simplex, seat::simplex(agent, seat)?.to_vec())),
-        _ => {
-            let name = |channel: &Channel| channel.name.clone();
-            Ok((ActionSet::Cube, unit_box(agent, seat)?.iter().map(name).collect()))
-        }
+        _ => Ok((ActionSet::Cube, acted(agent, seat)?)),
     }
 }
 

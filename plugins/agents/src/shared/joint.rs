@@ -8,7 +8,7 @@
 //! | o_i, a_i | columns `observed(i)` and `acted(i)` | `[batch, ..]` |
 //! | a^-i | [`JointLayout::others`] | `[batch, n_acted - n_i]` |
 
-use super::seat::{mismatch, observed};
+use super::seat::{kind, mismatch, named, observed};
 use burn::tensor::Tensor;
 use engine::{Action, Channel, Error, Interface, Observation, Seat, Space};
 use numerics::network::matrix;
@@ -51,7 +51,8 @@ impl Sight {
 }
 
 impl JointLayout {
-    /// The layout of an environment all of whose seats observe a box and act in a box with limits -1 and 1.
+    /// The layout of an environment all of whose seats observe a box and act in a box with limits -1 and 1, or take
+    /// choices, whose options are such a box.
     ///
     /// # Errors
     /// [`Error::Mismatch`] for an environment without seats and for any other space.
@@ -62,7 +63,7 @@ impl JointLayout {
         let (mut seen, mut done) = (Vec::new(), Vec::new());
         for seat in &interface.seats {
             seen.push(names(observed(agent, seat)?));
-            done.push(names(unit_box(agent, seat)?));
+            done.push(acted(agent, seat)?);
         }
         Ok(Self {
             seats: interface.seats.iter().map(|seat| seat.name.clone()).collect(),
@@ -239,36 +240,34 @@ pub fn repeat_rows(tensor: &Tensor<2>, n: usize) -> Tensor<2> {
         .reshape([rows * n, width])
 }
 
-/// The entries of a seat's action, which has to live in a box with limits -1 and 1.
+/// Names of the entries of a seat's action, each between -1 and 1: of a box with these limits, or of choices, each of
+/// which takes the option with the largest entry.
 ///
 /// # Errors
-/// [`Error::Mismatch`] for any other action space and for a box without entries.
-pub fn unit_box<'a>(agent: &'static str, seat: &'a Seat) -> Result<&'a [Channel], Error> {
-    let Space::Box(channels) = &seat.action else {
-        return Err(mismatch(
-            agent,
-            format!(
-                "its actions are vectors in a box, seat `{}` takes others",
-                seat.name
-            ),
-        ));
-    };
-    if channels.is_empty() {
-        return Err(mismatch(
-            agent,
-            format!(
-                "seat `{}` has nothing to do: its action has no entries",
-                seat.name
-            ),
-        ));
+/// [`Error::Mismatch`] for any other action space and for one without entries.
+pub fn acted(agent: &'static str, seat: &Seat) -> Result<Vec<String>, Error> {
+    let who = named(seat);
+    if seat.action.is_empty() {
+        let problem = format!("{who} has nothing to do: its action has no entries");
+        return Err(mismatch(agent, problem));
     }
-    let unfit = |channel: &&Channel| (channel.low, channel.high) != (-1.0, 1.0);
-    match channels.iter().find(unfit) {
-        None => Ok(channels),
-        Some(Channel { name, low, high, .. }) => Err(mismatch(
-            agent,
-            format!("its actions lie within -1 and 1, `{name}` within {low} and {high}"),
-        )),
+    match &seat.action {
+        Space::Choices(_) => Ok(seat.action.names()),
+        Space::Box(channels) => {
+            let unfit = |channel: &&Channel| (channel.low, channel.high) != (-1.0, 1.0);
+            match channels.iter().find(unfit) {
+                None => Ok(names(channels)),
+                Some(Channel { name, low, high, .. }) => Err(mismatch(
+                    agent,
+                    format!("its actions lie within -1 and 1, `{name}` of {who} within {low} and {high}"),
+                )),
+            }
+        }
+        other => {
+            let taken = kind(other);
+            let problem = format!("its actions are vectors in a box, {who} takes {taken}");
+            Err(mismatch(agent, problem))
+        }
     }
 }
 
@@ -350,6 +349,18 @@ mod tests {
     }
 
     #[test]
+    fn the_options_of_a_choice_are_entries() {
+        let mut interface = interface(&[1, 1], &[1, 1]);
+        interface.seats[1].action = Space::Choices(vec![engine::Choice::new("valve", &["shut", "open"])]);
+        let layout = JointLayout::new("x", &interface).unwrap();
+        assert_eq!((layout.acted(1), layout.n_acted()), (1..3, 3));
+        assert_eq!(
+            layout.ports(1..2, 1..3).outputs,
+            ["valve.shut", "valve.open"]
+        );
+    }
+
+    #[test]
     fn other_spaces_are_refused_by_name() {
         let problem = |change: &dyn Fn(&mut Interface)| {
             let mut interface = interface(&[1, 1], &[1, 1]);
@@ -365,6 +376,6 @@ mod tests {
         );
         let wide = Channel::new("force", "N").within(-2.0, 2.0);
         let text = problem(&|all| all.seats[1].action = Space::Box(vec![wide.clone()]));
-        assert!(text.contains("`force` within -2 and 2"), "{text}");
+        assert!(text.contains("`force` of seat `seat_1` within -2 and 2"), "{text}");
     }
 }

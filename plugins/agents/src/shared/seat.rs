@@ -133,6 +133,15 @@ pub fn mismatch(agent: &'static str, problem: impl Into<String>) -> Error {
     }
 }
 
+/// A seat, as messages name it.
+#[must_use]
+pub fn named(seat: &Seat) -> String {
+    match seat.name.as_str() {
+        "" => "the one seat".into(),
+        name => format!("seat `{name}`"),
+    }
+}
+
 /// The kind of a space, as messages name it.
 #[must_use]
 pub fn kind(space: &Space) -> &'static str {
@@ -141,7 +150,8 @@ pub fn kind(space: &Space) -> &'static str {
         Space::Simplex(names) if names.is_empty() => "an empty simplex",
         Space::Simplex(_) => "a simplex",
         Space::Discrete(_) => "a discrete choice",
-        Space::Choices(_) => "a set of choices",
+        Space::Choices(choices) if choices.len() == 1 => "one choice among options",
+        Space::Choices(_) => "several choices at once",
     }
 }
 

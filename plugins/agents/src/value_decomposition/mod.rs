@@ -51,12 +51,12 @@ pub use config::{Config, Mixing};
 pub use mixer::MonotonicMixer;
 
 use crate::shared::checkpoint::{self, finite};
-use crate::shared::choice_seat::choices;
+use crate::shared::choice_seat::ChoiceSeat;
 use crate::shared::joint::columns;
 use crate::shared::replay::{Batch, Replay};
 use crate::shared::scaling::Scaling;
 use crate::shared::schedule::UpdateSchedule;
-use crate::shared::seat::{mismatch, observed};
+use crate::shared::seat::{mismatch, named, observed};
 use crate::shared::targets::{bootstrapped, half_squared_error, mean};
 use burn::module::Module;
 use burn::tensor::Tensor;
@@ -98,8 +98,8 @@ struct Networks {
 struct Team {
     n_seats: usize,
     n_choices: usize,
-    seats: Vec<String>,
-    choices: Vec<String>,
+    /// Names of the seats, and how each says what it takes.
+    seats: Vec<(String, ChoiceSeat)>,
     observation: Scaling,
     /// Of the full state where it is read, else of no channels.
     state: Scaling,
@@ -144,15 +144,16 @@ impl Team {
         let Some(first) = interface.seats.first() else {
             return Err(mismatch(NAME, "the environment has no seats"));
         };
-        let (seen, n_choices) = (observed(NAME, first)?, choices(NAME, first)?.len());
+        let (seen, n_choices) = (observed(NAME, first)?, ChoiceSeat::new(NAME, first)?.names().len());
+        let mut seats = Vec::new();
         for seat in &interface.seats {
-            if observed(NAME, seat)?.len() != seen.len() || choices(NAME, seat)?.len() != n_choices {
-                let problem = format!(
-                    "one network is for all seats, and `{}` is not as `{}`",
-                    seat.name, first.name
-                );
+            let options = ChoiceSeat::new(NAME, seat)?;
+            if observed(NAME, seat)?.len() != seen.len() || options.names().len() != n_choices {
+                let (seat, first) = (named(seat), named(first));
+                let problem = format!("one network is for all seats, and {seat} is not as {first}");
                 return Err(mismatch(NAME, problem));
             }
+            seats.push((seat.name.clone(), options));
         }
         let state = if config.mixing == Mixing::Monotonic {
             &interface.state[..]
@@ -166,10 +167,9 @@ impl Team {
             ));
         }
         Ok(Self {
-            n_seats: interface.seats.len(),
+            n_seats: seats.len(),
             n_choices,
-            seats: interface.seats.iter().map(|seat| seat.name.clone()).collect(),
-            choices: choices(NAME, first)?.to_vec(),
+            seats,
             observation: Scaling::new(config.observation_scaling, seen),
             state: Scaling::new(config.observation_scaling, state),
         })
@@ -177,8 +177,8 @@ impl Team {
 
     /// What the network sees and gives out: an observation, and which seat looks.
     fn ports(&self) -> Ports {
-        let mut ports = self.observation.ports(&self.choices);
-        for seat in &self.seats {
+        let mut ports = self.observation.ports(self.seats[0].1.names());
+        for (seat, _) in &self.seats {
             ports.inputs.push(format!("is_{seat}"));
             ports.center.push(0.0);
             ports.spread.push(1.0);
@@ -196,19 +196,25 @@ impl Team {
         seats.chain(self.state.apply(&seen.state)).collect()
     }
 
-    /// A step as the buffer keeps it: scaled, the state as one more seat.
-    fn scaled_step(&self, step: &Transition, reward_scale: f64) -> Transition {
+    /// A step as the buffer keeps it: scaled, the state as one more seat, choices as their positions.
+    ///
+    /// # Errors
+    /// [`Error::Action`] for an action that takes no option.
+    #[allow(clippy::cast_precision_loss, reason = "positions of choices")]
+    fn scaled_step(&self, step: &Transition, reward_scale: f64) -> Result<Transition, Error> {
         let scaled = |seen: &Observation| Observation {
             seats: vec![self.scaled(seen).into_iter().map(f64::from).collect()],
             state: Vec::new(),
         };
-        Transition {
+        let taken = self.seats.iter().zip(&step.action);
+        let taken = taken.map(|((_, seat), action)| Ok(vec![seat.taken(action)? as f64]));
+        Ok(Transition {
             observation: scaled(&step.observation),
-            action: step.action.clone(),
+            action: taken.collect::<Result<_, Error>>()?,
             rewards: step.rewards.iter().map(|reward| reward * reward_scale).collect(),
             next_observation: scaled(&step.next_observation),
             end: step.end,
-        }
+        })
     }
 
     /// Q_a of all choices of all seats, `[batch n, n_choices]`, from rows that begin with the observations.
@@ -363,8 +369,11 @@ impl Agent for ValueDecomposition {
                 .iter_mut()
                 .for_each(|choice| *choice = self.explored(*choice, rng));
         }
-        #[allow(clippy::cast_precision_loss, reason = "positions of choices")]
-        let action = |row: &[usize]| row.iter().map(|choice| vec![*choice as f64]).collect();
+        let seats = &self.team.seats;
+        let action = |row: &[usize]| {
+            let each = row.iter().zip(seats);
+            each.map(|(option, (_, seat))| seat.action(*option)).collect()
+        };
         Ok(chosen.chunks(self.team.n_seats).map(action).collect())
     }
 
@@ -376,7 +385,7 @@ impl Agent for ValueDecomposition {
     ) -> Result<(), Error> {
         for transition in transitions {
             self.replay
-                .push(&self.team.scaled_step(transition, self.config.reward_scale));
+                .push(&self.team.scaled_step(transition, self.config.reward_scale)?);
         }
         let (starts, per_step) = (self.config.learning_starts, self.config.updates_per_step);
         for _ in 0..self.schedule.advance(transitions.len(), starts, per_step) {
@@ -397,7 +406,7 @@ impl Agent for ValueDecomposition {
     }
 
     fn export(&self, dir: &Path) -> Result<bool, Error> {
-        for seat in &self.team.seats {
+        for (seat, _) in &self.team.seats {
             let folder = dir.join(seat);
             std::fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
             Policy::new(&self.networks.network().seat, self.team.ports(), Head::Argmax)
@@ -409,7 +418,7 @@ impl Agent for ValueDecomposition {
 
     fn import(&mut self, dir: &Path) -> Result<bool, Error> {
         let misfit = checkpoint::error_of(NAME);
-        for seat in &self.team.seats {
+        for (seat, _) in &self.team.seats {
             let file = checkpoint::read_policy(NAME, &dir.join(seat), &self.team.ports(), Head::Argmax)?;
             let mut networks = self.networks.network().clone();
             networks.seat = restore(networks.seat, policy_file::PREFIX, &file).map_err(&misfit)?;

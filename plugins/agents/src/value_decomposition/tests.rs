@@ -363,7 +363,7 @@ fn what_does_not_fit_is_refused() {
     assert!(refused(&|_, all| all.seats.clear()).contains("no seats"));
     assert!(
         refused(&|_, all| all.seats[1].observation = Space::Box(Vec::new()))
-            .contains("`seat_1` is not as `seat_0`")
+            .contains("`seat_1` is not as seat `seat_0`")
     );
     assert!(
         refused(&|_, all| all.seats[1].action = Space::Discrete(vec!["a".into()]))

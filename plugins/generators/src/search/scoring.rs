@@ -215,6 +215,7 @@ impl Network {
                     path: path.into(),
                     problem: error.to_string(),
                 })?;
+                weights.file.unchanged()?;
                 Ok(Self::InceptionV3(Box::new(network)))
             }
         }

@@ -19,7 +19,10 @@ pub(super) fn read(file: &DataFile, names: &[&str], row: &mut Row<'_>) -> Result
         FileFormat::Text | FileFormat::Binary => csv(file, names, row),
         FileFormat::Parquet => parquet(file, names, row),
         #[cfg(feature = "hdf5")]
-        FileFormat::Hdf5 => super::hdf5::read(file.path(), names, row),
+        FileFormat::Hdf5 => {
+            super::hdf5::read(file.path(), names, row)?;
+            file.unchanged()
+        }
         #[cfg(not(feature = "hdf5"))]
         FileFormat::Hdf5 => Err(wrong(
             file,
