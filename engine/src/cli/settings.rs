@@ -27,6 +27,7 @@ use super::{BAD_SPEC, Common, Failure};
 use crate::{
     executor::{self, Executor, Kind, LOCAL},
     limits::Limits,
+    reach,
     store::{Bucket, Store},
     world::fs,
 };
@@ -43,7 +44,7 @@ use toml::{
     de::{DeTable, DeValue, Deserializer, ValueDeserializer},
 };
 
-const FILE: &str = "regimen.toml";
+const FILE: &str = reach::PROJECT;
 
 /// What holds on this machine.
 #[derive(Debug, Clone, PartialEq)]

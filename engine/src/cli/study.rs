@@ -2,7 +2,7 @@
 
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, absent,
-    colour, complain, cost, looks,
+    complain, cost, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
     say, searches, settings, stages, submit,
@@ -114,8 +114,8 @@ pub(super) fn load(registry: &Registry, selection: &Selection) -> Result<Vec<Pla
 
 fn load_one(registry: &Registry, path: &Path, selection: &Selection) -> Result<Planned, String> {
     let options = options(selection);
-    let study = spec::load(path, registry, &options)
-        .map_err(|problems| diagnostic::render_first(&problems, colour()))?;
+    let study =
+        spec::load(path, registry, &options).map_err(|problems| diagnostic::render_first(&problems))?;
     let plan = Plan {
         study: study.name.clone(),
         title: study.title.clone(),
@@ -172,13 +172,20 @@ pub(super) fn load_with_looks(
 
 /// Takes a study as far as the stored results ask for, and those that other machines share.
 fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<(), Failure> {
+    let mut said = BTreeSet::new();
     loop {
         let planned = one.plan.trials.len();
         let fetched = store.fetch(one.plan.trials.iter().map(|trial| trial.id.as_str()))?;
+        for damage in fetched.damaged {
+            let text = format!("warning: {damage}; its trial counts as missing, and `run` computes it again");
+            if said.insert(damage) {
+                complain(&text);
+            }
+        }
         searches::grow(one, registry, store)?;
         looks::grow(one, registry, store);
         // Without anything new there is nothing that could ask for more.
-        if fetched == 0 && one.plan.trials.len() == planned || store.bucket().is_none() {
+        if fetched.taken == 0 && one.plan.trials.len() == planned || store.bucket().is_none() {
             return Ok(());
         }
     }
@@ -187,7 +194,7 @@ fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<(), Fai
 /// Says what can be run and is probably not meant.
 pub(super) fn warn(planned: &[Planned]) {
     for one in planned.iter().filter(|one| !one.study.warnings.is_empty()) {
-        complain(&diagnostic::render_first(&one.study.warnings, colour()));
+        complain(&diagnostic::render_first(&one.study.warnings));
     }
 }
 

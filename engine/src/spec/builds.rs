@@ -11,7 +11,7 @@ use super::{
 use crate::{
     Agent, Environment, Error, Interface, Metric, ProductKind, Protocol, UseOfDatasets,
     diagnostic::{Diagnostic, in_order},
-    random,
+    panics, random,
     recorder::MOST_METRICS,
     registry::AgentEntry,
     results::{
@@ -270,6 +270,11 @@ pub(super) struct Builder<'a> {
 
 type Outcome<T> = Result<T, Box<Diagnostic>>;
 
+/// What a plugin builds; one that panics refuses.
+fn built<T>(build: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+    panics::caught(build).unwrap_or_else(|said| Err(Error::Panicked { said }))
+}
+
 impl Builder<'_> {
     fn cell(&mut self, cell: &Cell, world: &mut World) -> Outcome<()> {
         // What a source is refused for is said where the source is.
@@ -416,7 +421,7 @@ impl Builder<'_> {
         let build = &self.sections.registry.agents[agent.part.plugin.as_str()].build;
         let built = self
             .config(cell, 1)
-            .and_then(|config| build(&config, interface, &mut random::stream(&["check"])));
+            .and_then(|config| built(|| build(&config, interface, &mut random::stream(&["check"]))));
         built.map_err(|error| {
             let place = cell
                 .pair()
@@ -510,8 +515,14 @@ impl Builder<'_> {
             return Ok(());
         }
         let entry = &self.sections.registry.environments[resolved.part.plugin.as_str()];
-        let built = self.config(cell, 0).and_then(|config| (entry.build)(&config));
-        let built = built.and_then(|mut environment| environment.rehearse().map(|()| environment));
+        let rehearsed = |config: &_| {
+            let mut environment = (entry.build)(config)?;
+            environment.rehearse()?;
+            Ok(environment)
+        };
+        let built = self
+            .config(cell, 0)
+            .and_then(|config| built(|| rehearsed(&config)));
         let facts = built.as_ref().ok().map(|environment| Facts {
             traced: traced(&**environment),
             units: environment
@@ -534,7 +545,9 @@ impl Builder<'_> {
             return Ok(());
         }
         let entry = &self.sections.registry.protocols[resolved.part.plugin.as_str()];
-        let built = self.config(cell, 2).and_then(|config| (entry.build)(&config));
+        let built = self
+            .config(cell, 2)
+            .and_then(|config| built(|| (entry.build)(&config)));
         let (measures, refusal) = match built {
             Ok(protocol) => {
                 // What an override gives to some combinations is meant for them.

@@ -68,7 +68,7 @@ pub use resolved::{resolved_yaml, section_yaml};
 pub use search::Progress;
 pub use summary::Summary;
 pub use taking::Source;
-pub use way::{along, way};
+pub use way::{along, name_from, way};
 
 use crate::{
     Metric, Registry,

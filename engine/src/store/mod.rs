@@ -58,7 +58,7 @@ pub use metrics_file::{
 };
 pub use owner::Owner;
 pub use pack::Packing;
-pub(crate) use parcel::{Manifest, Parcel, read_bytes};
+pub(crate) use parcel::{Manifest, NotTaken, Parcel, read_bytes};
 pub use running::RunningTrial;
 pub use seal::{hash as digest, hash_of_file as digest_of_file};
 pub(crate) use sealed_folder::flush_way;
@@ -267,12 +267,7 @@ impl Store {
         if own != id {
             return Err(damaged(format!("it belongs to trial {own}")));
         }
-        match file.files.keys().find(|name| !inside::is_product(name)) {
-            Some(name) => Err(damaged(format!(
-                "it names a file that is none of a trial's: `{name}`"
-            ))),
-            None => Ok(Some(file)),
-        }
+        Ok(Some(file))
     }
 
     /// A trial with all it recorded.
