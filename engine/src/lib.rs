@@ -20,6 +20,7 @@ pub mod checkpoint;
 pub mod choice;
 pub mod cli;
 pub mod compare;
+pub mod complete_config;
 mod count;
 pub mod cross_play;
 pub mod data_file;

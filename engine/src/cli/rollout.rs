@@ -134,7 +134,7 @@ fn named_agent(
         .as_ref()
         .filter(|part| part.plugin == name && options.agent_config.is_none())
     {
-        Some(part) => (*part.config).clone(),
+        Some(part) => part.config.whole().into_owned(),
         None => config(name, &entry.about, options.agent_config.as_deref())?,
     };
     let mut agent = build(entry, &config, environment, options)?;
@@ -232,7 +232,7 @@ fn config(name: &str, about: &About, path: Option<&Path>) -> Result<Value, Failu
         code: BAD_SPEC,
         text: diagnostic::render_first(&problems),
     })?;
-    Ok((*part.config).clone())
+    Ok(part.config.whole().into_owned())
 }
 
 fn untrained(name: &str) -> Failure {

@@ -28,7 +28,7 @@ use crate::{
     executor::{self, Executor, Kind, LOCAL},
     limits::Limits,
     reach,
-    store::{Bucket, Store},
+    store::{Bucket, LONGEST_EXPIRY, Store},
     world::fs,
 };
 use serde::Deserialize;
@@ -278,6 +278,9 @@ fn seconds(key: &str, value: f64) -> Result<Duration, Failure> {
 /// A time that is not zero.
 fn some_time(key: &str, value: f64) -> Result<Duration, Failure> {
     match seconds(key, value)? {
+        longer if longer > LONGEST_EXPIRY => {
+            Err(wrong(&format!("{key} = {value}: a day (86400) is the most")))
+        }
         Duration::ZERO => Err(wrong(&format!("{key} = {value}: a time in seconds, above 0"))),
         time => Ok(time),
     }

@@ -374,3 +374,61 @@ fn explain(status: Option<ExitStatus>) -> (EndState, String) {
         ),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A process with a pipe each way that says nothing, and what it started holds its pipes.
+    fn silent(shared: &Shared, patience: Duration) -> Replies {
+        use std::os::unix::process::CommandExt as _;
+        let mut command = Command::new("sh");
+        command.args(["-c", "sleep 600 & sleep 600"]).process_group(0);
+        shared.start(&mut command, Some(patience)).unwrap()
+    }
+
+    #[test]
+    fn who_says_nothing_for_longer_than_it_may_is_ended_and_its_reader_goes_on() {
+        let shared = Shared::default();
+        let mut replies = silent(&shared, Duration::from_millis(300));
+        let begun = clock::now();
+        std::thread::scope(|scope| {
+            let reader = scope.spawn(|| replies.read_line(&mut String::new()));
+            while !reader.is_finished() {
+                assert!(clock::since(begun) < Duration::from_secs(100));
+                shared.hold_limits();
+                clock::sleep(Duration::from_millis(5));
+            }
+            assert_eq!(reader.join().unwrap().unwrap(), 0);
+        });
+        assert!(shared.fell_silent() && clock::since(begun) >= Duration::from_millis(300));
+        shared.bury();
+    }
+
+    #[test]
+    fn who_takes_nothing_in_is_ended_too() {
+        let shared = Shared::default();
+        let _replies = silent(&shared, Duration::from_millis(300));
+        let begun = clock::now();
+        std::thread::scope(|scope| {
+            let writer = scope.spawn(|| shared.write(&vec![0; 1 << 24]));
+            while !writer.is_finished() {
+                assert!(clock::since(begun) < Duration::from_secs(100));
+                shared.hold_limits();
+                clock::sleep(Duration::from_millis(5));
+            }
+            assert!(writer.join().unwrap().is_err());
+        });
+        shared.bury();
+    }
+
+    #[test]
+    fn one_that_is_not_waited_for_may_be_silent() {
+        let shared = Shared::default();
+        let _replies = silent(&shared, Duration::from_millis(10));
+        clock::sleep(Duration::from_millis(50));
+        shared.hold_limits();
+        assert!(!shared.fell_silent());
+        shared.bury();
+    }
+}

@@ -41,7 +41,7 @@ pub struct World {
     /// Names of what traces hold, by environment.
     pub traced: BTreeMap<usize, BTreeSet<String>>,
     /// Points of the sweep, in order; one empty point without a sweep.
-    pub settings: Vec<String>,
+    pub settings: Vec<Arc<str>>,
     /// The swept keys, each as its last word and as a whole.
     pub swept: Vec<String>,
     /// The values of each of them, as words.
@@ -178,8 +178,8 @@ pub fn build(sections: &Sections<'_>, cells: &[Cell], seeds: &[u64]) -> Result<W
     };
     let (mut settings, mut found) = (BTreeSet::new(), Vec::new());
     for cell in cells {
-        if cell.pair().is_some() && settings.insert(cell.setting.clone()) {
-            world.settings.push(cell.setting.clone());
+        if cell.pair().is_some() && settings.insert(&*cell.setting) {
+            world.settings.push(Arc::clone(&cell.setting));
         }
         if let Err(error) = builder.cell(cell, &mut world) {
             found.push(*error);

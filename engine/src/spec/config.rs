@@ -33,6 +33,7 @@ pub struct Plugin<'a> {
 }
 
 /// Reads data files once and remembers their hashes.
+#[derive(Clone)]
 pub struct Files<'a> {
     folder: &'a Path,
     reach: Reach,

@@ -51,7 +51,7 @@ pub use imprint::{Difference, Imprint};
 pub use index::{Found, StoredTrial};
 pub(crate) use inside::read as read_file;
 use lease::Announcement;
-pub use lease::{Claim, Leases};
+pub use lease::{Claim, LONGEST_EXPIRY, Leases};
 pub use merge::{Fate, Merge, Merged, Side};
 pub use metrics_file::{
     MetricsTable, SCHEMA_VERSION, encode as encode_metrics, read as read_metrics, write_results,
