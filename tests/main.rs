@@ -62,6 +62,7 @@ mod signals;
 mod skipped;
 mod slurm;
 mod ssh;
+mod stays_inside;
 mod suites;
 mod third_party;
 mod unchecked;

@@ -7,7 +7,7 @@ use crate::{
         Columns, Copies, Found, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step,
         columns, read,
     },
-    spec::{section_yaml, way},
+    spec::{name_from, section_yaml},
     store::{self, write_durably},
     world::fs,
 };
@@ -139,7 +139,7 @@ pub(super) fn import(options: &ImportOptions, common: &Common) -> Result<u8, Fai
     };
     let from = named
         .iter()
-        .map(|path| way(folder, path).display().to_string())
+        .map(|path| name_from(folder, path).display().to_string())
         .collect();
     let text = options.text(from);
     match common.format {

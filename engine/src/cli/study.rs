@@ -2,7 +2,7 @@
 
 use super::{
     BAD_SPEC, Common, Failure, Format, INCOMPLETE, NOTHING_SELECTED, OK, Selection, TRIALS_FAILED, UNCHECKED,
-    absent, colour, complain, cost, looks,
+    absent, complain, cost, looks,
     prepare::failed_in_words,
     running::{running, tried_again},
     say, searches, settings, stages, submit,
@@ -10,6 +10,7 @@ use super::{
 };
 use crate::{
     Registry,
+    complete_config::CompleteConfig,
     count::{count, either},
     diagnostic::{self, Diagnostic, Severity},
     plan::{self, Estimate, Novelty, Plan, Wanted},
@@ -113,7 +114,7 @@ fn read<'a>(
 fn no_error(refused: &[Refused<'_>]) -> Result<(), Failure> {
     let problems = refused.iter();
     let problems: Vec<String> = problems
-        .map(|(_, problems)| diagnostic::render_first(problems, colour()))
+        .map(|(_, problems)| diagnostic::render_first(problems))
         .collect();
     if problems.is_empty() {
         return Ok(());
@@ -137,12 +138,16 @@ fn selects_something(planned: &[Planned], selection: &Selection) -> Result<(), F
         .iter()
         .all(|one| one.plan.trials.is_empty() && one.study.searches.is_empty())
     {
-        return Err(Failure {
-            code: NOTHING_SELECTED,
-            text: "no trial matches what was selected".into(),
-        });
+        return Err(nothing_selected());
     }
     Ok(())
+}
+
+fn nothing_selected() -> Failure {
+    Failure {
+        code: NOTHING_SELECTED,
+        text: "no trial matches what was selected".into(),
+    }
 }
 
 fn load_one(
@@ -151,10 +156,7 @@ fn load_one(
     selection: &Selection,
     announced: Option<&Announcements>,
 ) -> Result<Planned, Vec<Diagnostic>> {
-    let options = spec::Options {
-        announced: announced.cloned(),
-        ..options(selection)
-    };
+    let options = options(selection, announced);
     let study = spec::load(path, registry, &options)?;
     let plan = Plan {
         study: study.name.clone(),
@@ -212,13 +214,20 @@ pub(super) fn load_with_looks(
 
 /// Takes a study as far as the stored results ask for, and those that other machines share.
 fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<(), Failure> {
+    let mut said = BTreeSet::new();
     loop {
         let planned = one.plan.trials.len();
         let fetched = store.fetch(one.plan.trials.iter().map(|trial| trial.id.as_str()))?;
+        for damage in fetched.damaged {
+            let text = format!("warning: {damage}; its trial counts as missing, and `run` computes it again");
+            if said.insert(damage) {
+                complain(&text);
+            }
+        }
         searches::grow(one, registry, store)?;
         looks::grow(one, registry, store);
         // Without anything new there is nothing that could ask for more.
-        if fetched == 0 && one.plan.trials.len() == planned || store.bucket().is_none() {
+        if fetched.taken == 0 && one.plan.trials.len() == planned || store.bucket().is_none() {
             return Ok(());
         }
     }
@@ -226,28 +235,33 @@ fn grow(one: &mut Planned, registry: &Registry, store: &Store) -> Result<(), Fai
 
 /// Says what can be run and is probably not meant.
 pub(super) fn warn(planned: &[Planned]) {
-    for one in planned.iter().filter(|one| !one.study.warnings.is_empty()) {
-        complain(&diagnostic::render_first(&one.study.warnings, colour()));
+    planned.iter().for_each(|one| warn_of(&one.study));
+}
+
+fn warn_of(study: &Study) {
+    if !study.warnings.is_empty() {
+        complain(&diagnostic::render_first(&study.warnings));
     }
 }
 
-fn options(selection: &Selection) -> spec::Options {
+fn options(selection: &Selection, announced: Option<&Announcements>) -> spec::Options {
     spec::Options {
         profile: selection.profile.clone(),
         sets: selection.sets.clone(),
         seeds: selection.seeds,
+        announced: announced.cloned(),
         ..spec::Options::default()
     }
 }
 
 /// Steps of every trial; neighbours in a plan mostly share their protocol, so that few protocols are built.
 pub(super) fn costs(registry: &Registry, plan: &Plan) -> Vec<u64> {
-    let mut known: Option<(&Arc<serde_json::Value>, u64)> = None;
+    let mut known: Option<(&CompleteConfig, u64)> = None;
     let mut costs = Vec::with_capacity(plan.trials.len());
     for trial in &plan.trials {
         let config = &trial.key.protocol.config;
         let steps = match known {
-            Some((same, steps)) if Arc::ptr_eq(same, config) => steps,
+            Some((same, steps)) if same.is_same(config) => steps,
             _ => total_steps(registry, &trial.key).unwrap_or(0),
         };
         known = Some((config, steps));
@@ -268,27 +282,56 @@ pub(super) fn check(registry: &Registry, selection: &Selection, common: &Common)
     if common.format == Format::Json {
         return check_as_json(registry, selection);
     }
-    let (planned, refused) = read(registry, selection, doubted(common).as_ref());
+    let announced = doubted(common);
+    let (checked, refused) = examined(registry, selection, announced.as_ref())?;
     let unavailable = |(_, problems): &Refused<'_>| diagnostic::are_unavailable(problems);
     let (unchecked, refused): (Vec<_>, Vec<_>) = refused.into_iter().partition(unavailable);
     unchecked.iter().for_each(say_unchecked);
     no_error(&refused)?;
-    if unchecked.is_empty() {
-        selects_something(&planned, selection)?;
+    let is_empty = |(trials, study): &Checked| *trials == 0 && study.searches.is_empty();
+    if unchecked.is_empty() && checked.iter().all(is_empty) {
+        return Err(nothing_selected());
     }
-    warn(&planned);
-    for one in planned {
-        let Planned { study, plan, .. } = one;
+    checked.iter().for_each(|(_, study)| warn_of(study));
+    for (trials, study) in checked {
         say(&format!(
             "{}: ok, {}, {}, {}, {}",
             study.name,
-            count(plan.trials.len(), "trial"),
+            count(trials, "trial"),
             count(study.tables.len(), "table"),
             count(study.figures.len(), "figure"),
             count(study.claims.len(), "claim")
         ));
     }
     Ok(if unchecked.is_empty() { OK } else { UNCHECKED })
+}
+
+/// A study that holds, with the number of its trials that are selected.
+type Checked = (usize, Study);
+
+/// The studies that hold, and the others. Of whole studies the trials are only counted; what is selected of them has to be
+/// planned.
+fn examined<'a>(
+    registry: &Registry,
+    selection: &'a Selection,
+    announced: Option<&Announcements>,
+) -> Result<(Vec<Checked>, Vec<Refused<'a>>), Failure> {
+    if !selection.only.is_empty() {
+        let (planned, refused) = read(registry, selection, announced);
+        if refused.is_empty() {
+            selects_something(&planned, selection)?;
+        }
+        let checked = planned.into_iter().map(|one| (one.plan.trials.len(), one.study));
+        return Ok((checked.collect(), refused));
+    }
+    let (mut checked, mut refused) = (Vec::new(), Vec::new());
+    for path in &selection.specs {
+        match spec::load(path, registry, &options(selection, announced)) {
+            Ok(study) => checked.push((study.n_trials(), study)),
+            Err(problems) => refused.push((path.as_path(), problems)),
+        }
+    }
+    Ok((checked, refused))
 }
 
 /// Says of a study what this machine lacks, in one line.
@@ -304,7 +347,7 @@ fn check_as_json(registry: &Registry, selection: &Selection) -> Result<u8, Failu
     let mut code = OK;
     let mut reports = Vec::new();
     for path in &selection.specs {
-        let problems = spec::load(path, registry, &options(selection)).map_or_else(
+        let problems = spec::load(path, registry, &options(selection, None)).map_or_else(
             |errors| {
                 let is_unchecked = diagnostic::are_unavailable(&errors) && code != BAD_SPEC;
                 code = if is_unchecked { UNCHECKED } else { BAD_SPEC };
@@ -340,7 +383,7 @@ pub(super) fn try_out(registry: &Registry, one: &Planned) -> Result<(), Failure>
     let tried = spec::load(&one.path, registry, &options);
     tried.map(drop).map_err(|problems| Failure {
         code: BAD_SPEC,
-        text: diagnostic::render_first(&problems, colour()),
+        text: diagnostic::render_first(&problems),
     })
 }
 

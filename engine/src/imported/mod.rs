@@ -22,7 +22,7 @@ mod tables;
 
 pub use found::{Columns, Found, columns, read};
 pub use mapping::{Copies, ImportedText, LeftOut, Mapping, Patterns, Restart, RunPer, SameStep, Step};
-pub use pattern::matching;
+pub use pattern::{PatternError, matching};
 
 use content::Content;
 

@@ -1,85 +1,135 @@
 //! Files by patterns in which `*` stands for any part of one name, and `**` for folders of any depth.
 
-use crate::{Error, store::names, world::fs};
+use crate::{
+    Error,
+    reach::{Outside, Reach},
+    store::names,
+    world::fs,
+};
 use std::path::{Component, Path, PathBuf};
 
-/// The deepest that `**` looks, and the most folders that it looks into.
+/// The deepest that `**` looks.
 const DEEPEST: usize = 64;
-const MOST_FOLDERS: usize = 100_000;
+/// Most names that are looked at for one pattern: a pattern is for a folder of runs, and not for a disk.
+const MOST_NAMES: usize = 200_000;
 
-/// The files that a pattern names, seen from `folder`, in the order of their names; none where no file matches.
+/// Why the files of a pattern cannot be listed.
+#[derive(Debug, thiserror::Error)]
+pub enum PatternError {
+    /// It, or a link that it leads to, leads out of the study's folder and project.
+    #[error(transparent)]
+    Outside(Outside),
+    /// A folder on the way cannot be read.
+    #[error(transparent)]
+    Unreadable(Error),
+    /// Its folders have too many names.
+    #[error("more than {MOST_NAMES} names would be looked at for `{0}`: name the folder of the runs")]
+    TooMany(String),
+}
+
+/// The files that a pattern names, seen from `folder`, in the order of their names; none where no file matches. A study's
+/// files lie within `reach`.
 ///
 /// # Errors
-/// [`Error::File`] where a folder on the way cannot be read, [`Error::Input`] where `**` meets too many.
-pub fn matching(folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, Error> {
-    let mut found = vec![folder.to_owned()];
-    for part in Path::new(pattern).components() {
-        let name = part.as_os_str().to_string_lossy().into_owned();
-        let is_pattern = matches!(part, Component::Normal(_)) && name.contains('*');
-        if !is_pattern {
-            found.iter_mut().for_each(|path| path.push(&name));
-        } else if name == "**" {
-            let mut below = Vec::new();
-            for path in found {
-                with_folders(path, DEEPEST, &mut below)?;
-            }
-            found = below;
-        } else {
-            found = children(&found, &name)?;
-        }
+/// [`PatternError`].
+pub fn matching(reach: &Reach, folder: &Path, pattern: &str) -> Result<Vec<PathBuf>, PatternError> {
+    // Nothing is listed before it is known that a study may name it.
+    let fixed = pattern.split('*').next().unwrap_or_default();
+    let fixed = fixed.rsplit_once('/').map_or(".", |(folder, _)| folder);
+    let is_absolute = Path::new(pattern).is_absolute();
+    if !is_absolute {
+        let outside = |_| PatternError::Outside(Outside { name: pattern.into() });
+        reach.find(folder, fixed).map_err(outside)?;
     }
-    // Of `a/**/**/b` the same file is found in several ways.
-    found.sort();
-    found.dedup();
-    found.retain(|path| fs::is_file(path));
+    let found = Listing { pattern, looked_at: 0 }.files(folder)?;
+    for path in &found {
+        let name = if is_absolute {
+            path
+        } else {
+            path.strip_prefix(folder).unwrap_or(path)
+        };
+        let name = name.to_string_lossy();
+        reach.find(folder, &name).map_err(PatternError::Outside)?;
+    }
     Ok(found)
 }
 
-/// A folder and all folders below it. Links are not followed, so that none is met again; hidden folders are passed
-/// over, as a shell does.
-fn with_folders(path: PathBuf, deepest: usize, found: &mut Vec<PathBuf>) -> Result<(), Error> {
-    if found.len() >= MOST_FOLDERS {
-        return Err(Error::Input {
-            path,
-            line: None,
-            column: None,
-            problem: format!(
-                "`**` looks into no more than {MOST_FOLDERS} folders: begin the pattern further down"
-            ),
-        });
-    }
-    for entry in entries(&path)?
-        .into_iter()
-        .filter(|entry| !entry.starts_with('.'))
-    {
-        let below = path.join(entry);
-        if deepest > 0 && fs::symlink_metadata(&below).is_ok_and(|data| data.is_dir()) {
-            with_folders(below, deepest - 1, found)?;
+/// A walk through the folders that a pattern names.
+struct Listing<'a> {
+    pattern: &'a str,
+    looked_at: usize,
+}
+
+impl Listing<'_> {
+    fn files(&mut self, folder: &Path) -> Result<Vec<PathBuf>, PatternError> {
+        let mut found = vec![folder.to_owned()];
+        for part in Path::new(self.pattern).components() {
+            let name = part.as_os_str().to_string_lossy().into_owned();
+            let is_pattern = matches!(part, Component::Normal(_)) && name.contains('*');
+            if !is_pattern {
+                found.iter_mut().for_each(|path| path.push(&name));
+            } else if name == "**" {
+                let mut below = Vec::new();
+                for path in found {
+                    self.with_folders(path, DEEPEST, &mut below)?;
+                }
+                found = below;
+            } else {
+                found = self.children(&found, &name)?;
+            }
         }
+        // Of `a/**/**/b` the same file is found in several ways.
+        found.sort();
+        found.dedup();
+        found.retain(|path| fs::is_file(path));
+        Ok(found)
     }
-    found.push(path);
-    Ok(())
-}
 
-/// What stands in these folders under names of a pattern.
-fn children(folders: &[PathBuf], pattern: &str) -> Result<Vec<PathBuf>, Error> {
-    let mut below = Vec::new();
-    for path in folders
-        .iter()
-        .filter(|path| path.as_os_str().is_empty() || fs::is_folder(path))
-    {
-        let hidden = |entry: &String| entry.starts_with('.') && !pattern.starts_with('.');
-        let entries = entries(path)?
-            .into_iter()
-            .filter(|entry| !hidden(entry) && parts(pattern, entry).is_some());
-        below.extend(entries.map(|entry| path.join(entry)));
+    /// A folder and all folders below it. Links are not followed, so that none is met again; hidden folders are passed
+    /// over, as a shell does.
+    fn with_folders(
+        &mut self,
+        path: PathBuf,
+        deepest: usize,
+        found: &mut Vec<PathBuf>,
+    ) -> Result<(), PatternError> {
+        let entries = self.entries(&path)?;
+        for entry in entries.into_iter().filter(|entry| !entry.starts_with('.')) {
+            let below = path.join(entry);
+            if deepest > 0 && fs::symlink_metadata(&below).is_ok_and(|data| data.is_dir()) {
+                self.with_folders(below, deepest - 1, found)?;
+            }
+        }
+        found.push(path);
+        Ok(())
     }
-    Ok(below)
-}
 
-fn entries(folder: &Path) -> Result<Vec<String>, Error> {
-    let is_here = folder.as_os_str().is_empty();
-    names(if is_here { Path::new(".") } else { folder })
+    /// The names in these folders that fit a part of the pattern.
+    fn children(&mut self, folders: &[PathBuf], part: &str) -> Result<Vec<PathBuf>, PatternError> {
+        let mut below = Vec::new();
+        for path in folders
+            .iter()
+            .filter(|path| path.as_os_str().is_empty() || fs::is_folder(path))
+        {
+            let hidden = |entry: &String| entry.starts_with('.') && !part.starts_with('.');
+            let entries = self
+                .entries(path)?
+                .into_iter()
+                .filter(|entry| !hidden(entry) && parts(part, entry).is_some());
+            below.extend(entries.map(|entry| path.join(entry)));
+        }
+        Ok(below)
+    }
+
+    fn entries(&mut self, folder: &Path) -> Result<Vec<String>, PatternError> {
+        let is_here = folder.as_os_str().is_empty();
+        let entries = names(if is_here { Path::new(".") } else { folder }).map_err(PatternError::Unreadable)?;
+        self.looked_at += entries.len();
+        if self.looked_at > MOST_NAMES {
+            return Err(PatternError::TooMany(self.pattern.into()));
+        }
+        Ok(entries)
+    }
 }
 
 /// The parts of a name that the stars of a pattern stand for, where the name is of the pattern.
@@ -138,7 +188,7 @@ mod tests {
         }
         std::os::unix::fs::symlink(".", dir.path().join("a/again")).unwrap();
         let found = |pattern: &str| -> Vec<String> {
-            let found = matching(dir.path(), pattern).unwrap();
+            let found = matching(&Reach::of(dir.path()), dir.path(), pattern).unwrap();
             found
                 .iter()
                 .map(|path| path.strip_prefix(dir.path()).unwrap().display().to_string())
@@ -159,7 +209,7 @@ mod tests {
             std::fs::write(path, "").unwrap();
         }
         let found = |pattern: &str| -> Vec<String> {
-            let found = matching(dir.path(), pattern).unwrap();
+            let found = matching(&Reach::of(dir.path()), dir.path(), pattern).unwrap();
             found
                 .iter()
                 .map(|path| path.strip_prefix(dir.path()).unwrap().display().to_string())

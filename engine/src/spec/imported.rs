@@ -1,11 +1,12 @@
 //! The section `imported`: runs of other programs, which stand where the study's own agents stand.
 
-use super::{builds::World, cells::Sections, seeds::SeedPlan, way::way};
+use super::{builds::World, cells::Sections, seeds::SeedPlan, way::name_from};
 use crate::{
     Metric,
     diagnostic::{Diagnostic, Span, suggest},
     document::{Entry, Kind, Node},
-    imported::{FIRST_SEED, Found, Imported, ImportedText, Origin, matching, read},
+    imported::{FIRST_SEED, Found, Imported, ImportedText, Origin, PatternError, matching, read},
+    reach::{Outside, Reach},
 };
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -222,8 +223,9 @@ impl Reader<'_> {
     fn files(&mut self, text: &ImportedText, node: &Node, at: &str) -> Option<Vec<PathBuf>> {
         let (span, at) = (span_of(node, "from"), format!("{at}.from"));
         let mut files: Vec<PathBuf> = Vec::new();
+        let reach = Reach::of(self.sections.folder);
         for pattern in text.from.all() {
-            match matching(self.sections.folder, pattern) {
+            match matching(&reach, self.sections.folder, pattern) {
                 Ok(found) if found.is_empty() => {
                     let message = format!(
                         "there is no file `{}`",
@@ -234,7 +236,12 @@ impl Reader<'_> {
                 }
                 Ok(found) => files.extend(found),
                 Err(error) => {
-                    self.say(span, &at, error.to_string(), "");
+                    let help = if matches!(error, PatternError::Outside(_)) {
+                        Outside::HELP
+                    } else {
+                        ""
+                    };
+                    self.say(span, &at, error.to_string(), help);
                     return None;
                 }
             }
@@ -279,7 +286,12 @@ fn sentence(text: &ImportedText, found: &Found) -> String {
 
 /// An entry of the section as it is stored in `folder`, with files named as seen from there in place of `from`.
 pub(super) fn relocated(entry: Value, from: &Path, folder: &Path) -> Value {
-    let seen = |pattern: &Value| json!(way(folder, &from.join(pattern.as_str().unwrap_or_default())));
+    let seen = |pattern: &Value| {
+        json!(name_from(
+            folder,
+            &from.join(pattern.as_str().unwrap_or_default())
+        ))
+    };
     match entry {
         Value::Array(parts) => parts
             .into_iter()
