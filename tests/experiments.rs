@@ -19,7 +19,8 @@ pub(crate) fn studies_with(python: &str) -> Vec<String> {
         for (differs, lock) in &missing {
             let lock = lock.strip_prefix(repository()).unwrap_or(lock).display();
             let remedy = format!("`python3 -m pip install -r {lock}` installs it");
-            needs::skip_part(study, differs, &remedy);
+            let name = Path::new(study).file_stem().unwrap().to_string_lossy();
+            needs::skip_part(&name, differs, &remedy);
         }
         missing.is_empty()
     };

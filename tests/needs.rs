@@ -36,15 +36,15 @@ print(', '.join(missing))";
 /// Prints what an interpreter has in place of what a lock file pins, package by package.
 const PINNED: &str = "import sys
 from importlib.metadata import PackageNotFoundError, version
-other = []
+other, missing = [], []
 for line in open(sys.argv[1]):
     name, wanted = line.strip().split('==')
     try:
         if version(name) != wanted:
-            other.append(f'{name} {version(name)} is installed and {wanted} is wanted')
+            other.append(f'{name} {version(name)} in place of {wanted}')
     except PackageNotFoundError:
-        other.append(f'{name} {wanted} is not installed')
-print(', '.join(other))";
+        missing.append(f'{name} {wanted}')
+print(' and '.join(other + ['no ' + ', '.join(missing)] * bool(missing)))";
 
 /// Programs by the package of Debian that has each, where its name is another one.
 const PACKAGES: [(&str, &str); 11] = [
@@ -122,7 +122,7 @@ pub(crate) fn differs_from_lock(python: &str, lock: &Path) -> Option<String> {
     let differs = said(python, PINNED, &[&lock]);
     differs.map_or_else(
         || Some(format!("there is no `{python}`")),
-        |differs| (!differs.is_empty()).then_some(differs),
+        |differs| (!differs.is_empty()).then(|| format!("`{python}` has {differs}")),
     )
 }
 
