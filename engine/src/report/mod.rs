@@ -163,12 +163,12 @@ pub fn write(
     contents: &Contents,
     provenance: &Provenance,
 ) -> Result<ReportPaths, Error> {
-    let mut files = write_tables(&dir.join("tables"), contents)?;
+    let mut files = write_tables(&dir.join(files::TABLES), contents)?;
     let mut drawings = BTreeMap::new();
     for (name, chart) in &contents.figures {
         if let Ok(chart) = chart {
             let svg = figure::svg(chart)?;
-            files.extend(write_figure(&dir.join("figures"), name, chart, &svg)?);
+            files.extend(write_figure(&dir.join(files::FIGURES), name, chart, &svg)?);
             drawings.insert(name.as_str(), svg);
         }
     }
@@ -253,24 +253,21 @@ fn write_tables(dir: &Path, contents: &Contents) -> Result<Vec<PathBuf>, Error> 
 
 fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5], Error> {
     let texts = [
-        (files::name(name, "md"), table::markdown(grid)),
-        (files::name(name, "tex"), table::latex(grid, name)),
-        (files::name(name, "csv"), table::csv(grid)?),
-        (
-            files::name(name, "html"),
-            page::document(&table::escape_html(name), &table::html(grid)),
-        ),
-        (files::by_seed(name), by_seed::csv(grid)?),
+        table::markdown(grid),
+        table::latex(grid, name),
+        table::csv(grid)?,
+        page::document(&table::escape_html(name), &table::html(grid)),
+        by_seed::csv(grid)?,
     ];
-    let paths = texts.each_ref().map(|(file, _)| dir.join(file));
-    for (path, (_, text)) in paths.iter().zip(&texts) {
+    let paths = files::of_table(name).map(|file| dir.join(file));
+    for (path, text) in paths.iter().zip(&texts) {
         files::write(path, text.as_bytes())?;
     }
     Ok(paths)
 }
 
 fn write_figure(dir: &Path, name: &str, chart: &figure::Chart, svg: &str) -> Result<[PathBuf; 4], Error> {
-    let paths = ["svg", "png", "csv", "pdf"].map(|extension| dir.join(files::name(name, extension)));
+    let paths = files::of_figure(name).map(|file| dir.join(file));
     files::write(&paths[0], svg.as_bytes())?;
     files::write_with(&paths[1], |path| figure::png(chart, path))?;
     files::write(&paths[2], chart.csv()?.as_bytes())?;

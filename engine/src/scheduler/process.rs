@@ -219,6 +219,13 @@ impl Shared {
         }
     }
 
+    /// The time for which the process was suspended counts for no limit.
+    pub(super) fn was_suspended(&self, away: Duration) {
+        if let Some(Process { busy: Some(busy), .. }) = self.look().as_deref_mut().and_then(Option::as_mut) {
+            busy.since += away;
+        }
+    }
+
     /// Ends a process that is over a limit.
     pub(super) fn hold_limits(&self) {
         if let Some(Process {

@@ -136,7 +136,7 @@ impl Relay {
         };
         let outcome = self.store.take_in(trial, files);
         self.leases.release(trial)?;
-        outcome
+        outcome.map(drop)
     }
 
     /// Removes a trial that nobody needs here. Checkpoints and rows of others stay.
