@@ -58,6 +58,7 @@ mod searches;
 mod selftest;
 mod shrunk;
 mod signals;
+mod silent;
 mod slurm;
 mod ssh;
 mod suites;
