@@ -33,6 +33,11 @@ final_episodes: 4 } }
 seeds: 2
 ";
 
+/// A search whose trials pause.
+fn searching() -> String {
+    crate::silent::study(crate::silent::HALVING).replace("study: tuned", "study: searching")
+}
+
 fn bench() -> Bench {
     let bench = Bench::new();
     bench.write("short.yaml", STUDY);
@@ -176,4 +181,58 @@ fn killed_at_every_boundary_of_writing_it_ends_as_if_nothing_had_happened() {
     assert_eq!(bench.digests("killed"), whole);
     bench.ok(&["fsck", "killed"]);
     bench.ok(&["fsck", "killed"]);
+}
+
+/// The same while a search pauses its trials: every pause that was stored stays, and the choice is the same.
+#[test]
+fn killed_at_every_boundary_of_writing_a_search_chooses_as_if_nothing_had_happened() {
+    let bench = Bench::new();
+    bench.write("searching.yaml", &searching());
+    bench.write("regimen.toml", "checkpoint_every_s = 0\n");
+    let run = |store| {
+        [
+            "run",
+            "searching.yaml",
+            "-j",
+            "2",
+            "--retries",
+            "0",
+            "--store",
+            store,
+        ]
+    };
+    let tables = || {
+        let read = |name| std::fs::read(bench.path(&format!("results/searching/tables/{name}.csv"))).unwrap();
+        ["settings", "lengths"].map(read)
+    };
+    let whole = bench.run_misused(&run("whole"));
+    assert_eq!(whole.code, 0, "{}", whole.err);
+    let expected = (bench.digests("whole"), tables());
+    let mut deaths = 0;
+    loop {
+        let mut command = bench.misused(&run("killed"));
+        command.env("REGIMEN_TEST_CRASHES", bench.path("crashes.log"));
+        let before = acknowledged(&bench);
+        let status = start(command).wait().unwrap();
+        assert_kept(&before, &acknowledged(&bench));
+        if status.success() {
+            break;
+        }
+        deaths += 1;
+        assert!(deaths < 5_000, "it never ends");
+    }
+    let places = std::fs::read_to_string(bench.path("crashes.log")).unwrap();
+    assert!(places.contains("partial.parcel"), "{places}");
+    assert!(deaths > 100, "{deaths} deaths");
+    assert_eq!(
+        (bench.digests("killed"), tables()),
+        expected,
+        "after {deaths} deaths"
+    );
+    bench.ok(&["fsck", "killed"]);
+    let checked = bench.ok(&["fsck", "killed"]);
+    assert!(
+        checked.contains("have paused") && checked.contains("0 files are wrong"),
+        "{checked}"
+    );
 }

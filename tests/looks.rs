@@ -236,3 +236,104 @@ fn a_margin_that_is_changed_after_its_verdict_was_seen_makes_it_exploratory() {
     bench.ok(&["run", "looks.yaml"]);
     assert!(!report(&bench).contains("when the verdict was first seen"));
 }
+
+/// Bytes that fall out of a record of verdicts, or are changed, take its word from nothing: it is set aside with them, and
+/// every later report says that what was seen before is not known.
+#[test]
+fn a_damaged_record_of_verdicts_is_set_aside_and_no_report_calls_itself_planned() {
+    let bench = Bench::new();
+    let study = STUDY.replace("{ min: 3, max: 9, looks: 3 }", "3");
+    bench.write("looks.yaml", &study);
+    bench.ok(&["run", "looks.yaml"]);
+    let file = bench.path("store/looks/looks.json");
+    let whole = std::fs::read(&file).unwrap();
+    assert!(whole.ends_with(b"\"}"), "it has a check");
+    bench.write("looks.yaml", &study.replace("absolute: 30", "absolute: 60"));
+    let mut changed = whole.clone();
+    changed[whole.len() / 2] ^= 1;
+    for (number, damaged) in [&whole[..whole.len() / 2], &changed, b""].into_iter().enumerate() {
+        std::fs::write(&file, damaged).unwrap();
+        let checked = bench.run(&["fsck", "-n", "store"]);
+        assert!(
+            checked.code == 106 && checked.out.contains("looks/looks.json"),
+            "{}",
+            checked.out
+        );
+        let answer = bench.run(&["report", "looks.yaml"]);
+        assert!(answer.err.contains("set aside"), "{}", answer.err);
+        let aside = bench.path(&format!("store/aside/{}/looks/looks.json", number + 1));
+        assert_eq!(std::fs::read(aside).unwrap(), damaged);
+        for _ in 0..2 {
+            bench.ok(&["report", "looks.yaml"]);
+            let text = report(&bench);
+            assert!(
+                !text.contains("Nothing was exploratory") && !text.contains("fixed before"),
+                "{text}"
+            );
+            assert!(
+                text.contains("is not known: the record of it was damaged"),
+                "{text}"
+            );
+        }
+    }
+    // As it was, it says what it said.
+    std::fs::write(&file, &whole).unwrap();
+    bench.ok(&["report", "looks.yaml"]);
+    assert!(
+        report(&bench).contains("1 verdict is exploratory"),
+        "{}",
+        report(&bench)
+    );
+    assert!(bench.ok(&["fsck", "store"]).contains("0 files are wrong"));
+}
+
+/// Records of programs that gave them no check are believed and get one.
+#[test]
+fn a_record_of_an_earlier_program_is_read_and_sealed() {
+    let bench = Bench::new();
+    let study = STUDY.replace("{ min: 3, max: 9, looks: 3 }", "3");
+    bench.write("looks.yaml", &study);
+    bench.ok(&["run", "looks.yaml"]);
+    let file = bench.path("store/looks/looks.json");
+    let mut record: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    let fields = record.as_object_mut().unwrap();
+    assert!(fields.remove("check").is_some() && fields.remove("schema").is_some());
+    std::fs::write(&file, record.to_string()).unwrap();
+    assert!(bench.ok(&["fsck", "store"]).contains("0 files are wrong"));
+    bench.write("looks.yaml", &study.replace("absolute: 30", "absolute: 60"));
+    let answer = bench.run(&["report", "looks.yaml"]);
+    assert!(
+        answer.code == 0 && !answer.err.contains("warning"),
+        "{}",
+        answer.err
+    );
+    assert!(
+        report(&bench).contains("1 verdict is exploratory"),
+        "{}",
+        report(&bench)
+    );
+    assert!(std::fs::read_to_string(&file).unwrap().contains("\"check\":"));
+}
+
+#[test]
+fn merging_takes_no_damaged_record_and_says_so() {
+    let bench = Bench::new();
+    bench.write("looks.yaml", &STUDY.replace("{ min: 3, max: 9, looks: 3 }", "3"));
+    bench.ok(&["run", "looks.yaml"]);
+    let file = bench.path("store/looks/looks.json");
+    let mut bytes = std::fs::read(&file).unwrap();
+    bytes[20] ^= 2;
+    std::fs::write(&file, &bytes).unwrap();
+    let merged = bench.run(&["merge", "store", "--into", "other"]);
+    assert!(
+        merged.code == 106 && merged.err.contains("are not taken"),
+        "{}",
+        merged.err
+    );
+    assert_eq!(
+        std::fs::read(&file).unwrap(),
+        bytes,
+        "nothing of the source is changed"
+    );
+    assert!(!bench.path("other/looks/looks.json").exists());
+}

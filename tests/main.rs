@@ -59,6 +59,7 @@ mod searches;
 mod selftest;
 mod shrunk;
 mod signals;
+mod silent;
 mod skipped;
 mod slurm;
 mod ssh;

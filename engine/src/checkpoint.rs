@@ -17,6 +17,9 @@ pub trait Keeper {
     /// something was measured.
     fn look(&mut self, _record: &Recorder) {}
 
+    /// Told what was recorded when the trial ends with an error.
+    fn fails(&mut self, _record: &Recorder) {}
+
     /// Saves the protocol's own state, the agent and the record.
     ///
     /// # Errors

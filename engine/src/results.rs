@@ -2,7 +2,7 @@
 
 mod searched;
 
-pub use searched::{SearchResult, TriedSetting};
+pub use searched::{SearchResult, Sight, TriedSetting};
 
 use crate::{
     Metric, PerEpisode,
@@ -111,10 +111,14 @@ pub enum EndState {
     Nan,
     /// The worker process was killed from outside.
     Killed,
+    /// It has come to a pause of a search, and what it recorded up to there is stored. It has not ended, and no limit
+    /// names this state.
+    #[schemars(skip)]
+    Paused,
 }
 
 impl EndState {
-    /// Every state but `ok`.
+    /// Every state in which a trial has ended, but `ok`.
     pub const FAILURES: [EndState; 6] = [
         EndState::Failed,
         EndState::Panicked,
@@ -135,6 +139,7 @@ impl EndState {
             EndState::Oom => "oom",
             EndState::Nan => "nan",
             EndState::Killed => "killed",
+            EndState::Paused => "paused",
         }
     }
 }
@@ -284,17 +289,13 @@ impl TrialResult {
         (count > 0).then(|| sum / f64::from(count))
     }
 
-    /// Mean of a metric over the episodes of the measurement at a step while learning: `None` as long as it was not
-    /// made, and without a value where the trial failed.
-    pub(crate) fn at_pause(&self, metric: &str, pause: u64) -> Option<Option<f64>> {
-        if !is_missing(self.end.as_deref()) && !self.is_ok() {
-            return Some(None);
-        }
-        let found = self
-            .curve(Phase::Evaluate, metric)
+    /// Mean of a metric over the episodes of the measurement at a step while learning; `None` where it was not made.
+    pub(crate) fn measured_at(&self, metric: &str, step: u64) -> Option<f64> {
+        let curve = self.curve(Phase::Evaluate, metric);
+        curve
             .into_iter()
-            .find(|(step, _)| *step == pause);
-        found.map(|(_, value)| Some(value))
+            .find(|(at, _)| *at == step)
+            .map(|(_, value)| value)
     }
 
     /// Root of the mean square of a metric over the episodes (and seats) of a phase; `None` where nothing was

@@ -389,8 +389,11 @@ impl TrialKey {
             keeper,
             folder,
         };
-        protocol.run(&mut run)?;
-        run.record.all_finite()?;
+        let ran = protocol.run(&mut run).and_then(|()| run.record.all_finite());
+        if let Err(error) = ran {
+            run.keeper.fails(&run.record);
+            return Err(error);
+        }
         if let (Some(folder), Seating::Agent(_)) = (folder, &*self.agent) {
             run.agent.export(folder).map_err(Error::of_store)?;
         }
@@ -474,6 +477,14 @@ pub enum Purpose {
     Play(BTreeMap<String, String>),
     /// It is a run of another program, which tables, figures and claims show beside our own.
     Imported,
+}
+
+impl Purpose {
+    /// True for a trial that measures a setting for a search.
+    #[must_use]
+    pub fn is_tried(&self) -> bool {
+        matches!(self, Self::Tried(_))
+    }
 }
 
 impl Trial {

@@ -1,8 +1,9 @@
-//! The program that tests misuse: all plugins of `regimen`, an agent that misbehaves on request, an environment
+//! The program that tests misuse: all plugins of `regimen`, agents that misbehave on request, an environment
 //! and a protocol that leave drawings, and the hook that ends the process at a boundary between two steps of
 //! writing. Built by `cargo test` alone; the program that people run has none of them.
 
 mod crash;
+mod fickle;
 mod misbehaving;
 mod painter;
 
@@ -12,6 +13,7 @@ fn main() -> ExitCode {
     crash::install();
     let mut registry = plugins::registry();
     misbehaving::register(&mut registry);
+    fickle::register(&mut registry);
     painter::register(&mut registry);
     engine::cli::main(&registry, plugins::SELFTEST)
 }

@@ -65,7 +65,8 @@ impl Compute<'_> {
         let ends = self.prepare(planned, &store)?;
         // What is damaged is set aside by now.
         self.bring(planned, &store)?;
-        let tasks = self.tasks(planned, &ends, mine);
+        let mut tasks = self.tasks(planned, &ends, mine);
+        tasks.extend(self.unsealed(planned, &store));
         if tasks.is_empty() {
             complain(&self.nothing_runs(planned, &ends));
             return Ok(OK);
@@ -104,7 +105,9 @@ impl Compute<'_> {
 
     /// Brings what has ended here and is not shared yet into the bucket, where there is one.
     fn bring(&self, planned: &[Planned], store: &Store) -> Result<(), Failure> {
-        let trials = planned.iter().flat_map(|one| &one.plan.trials);
+        let trials = planned
+            .iter()
+            .flat_map(|one| one.paused.iter().chain(&one.plan.trials));
         let brought = store.bring(trials.map(|trial| trial.id.as_str()))?;
         if let (Some(address), 1..) = (&self.settings.bucket, brought) {
             complain(&format!("brought {} into `{address}`", count(brought, "trial")));
@@ -264,6 +267,29 @@ impl Compute<'_> {
         tasks
     }
 
+    /// The trials whose measurement at their pause lies in their logs alone, since an earlier program left it there or this
+    /// one was killed: they go on from their checkpoints for a moment, and it is stored.
+    fn unsealed<'p>(&self, planned: &'p [Planned], store: &Store) -> Vec<Task<'p>> {
+        let of_study = |one: &'p Planned| {
+            let limits = Arc::new(self.limits_of(&one.study.limits));
+            let task = move |trial: &'p Arc<Trial>| Task {
+                trial,
+                cost: 0,
+                pace_s: None,
+                limits: Arc::clone(&limits),
+                before: None,
+                after: trial.key.sources(),
+                until: one.pauses.get(&trial.id).copied(),
+            };
+            one.paused.iter().map(task)
+        };
+        let tasks = planned.iter().flat_map(of_study);
+        let mut seen = BTreeSet::new();
+        tasks
+            .filter(|task| !has_paused(task, store) && seen.insert(task.trial.id.as_str()))
+            .collect()
+    }
+
     /// The study's limits, tightened by the machine's, and what the command line says in their place.
     pub(super) fn limits_of(&self, study: &Limits) -> Limits {
         let (held, said) = (study.on(&self.settings.limits), self.limits);
@@ -295,11 +321,11 @@ fn of_how_many(planned: &[Planned], tasks: usize) -> String {
     }
 }
 
-/// Whether a trial has come to its pause.
+/// Whether a trial has come to its pause, and what it measured there is stored.
 pub(super) fn has_paused(task: &Task<'_>, store: &Store) -> bool {
-    let logged = || store.logged_measurement(&task.trial.id);
+    let measured = || store.measured_until(&task.trial.id);
     task.until
-        .is_some_and(|until| logged().is_some_and(|step| step >= until))
+        .is_some_and(|until| measured().is_some_and(|step| step >= until))
 }
 
 /// How fast trials went that are stored.

@@ -2,7 +2,7 @@
 
 use super::{
     BAD_SPEC, Common, Failure, NOTHING_SELECTED, ReportOptions, Selection, complain, export_dataset,
-    export_policy, folders, run, say, settings,
+    export_policy, folders, run, say, searches, settings,
     study::{self, Planned},
 };
 use crate::{
@@ -10,7 +10,7 @@ use crate::{
     count::count,
     export::{Crate, Form, Piece, Subject, write_event_files, write_tables, write_trace},
     report::Manifest,
-    results::TrialResult,
+    results::{EndState, TrialResult},
     spec,
     store::{self, Store, write_durably},
     world::{fs, process},
@@ -19,6 +19,7 @@ use clap::Args;
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 /// Options that say what of a study is taken away; one trial has none of them.
@@ -84,7 +85,8 @@ fn of_study(
             text: format!("no trial of `{}` has numbers; `run` it first", one.study.name),
         });
     }
-    let stored = store.stored_of(&one.plan.trials, |it| it).all;
+    let mut stored = store.stored_of(&one.plan.trials, |it| it).all;
+    stored.resize_with(results.len(), || None);
     let subject = Subject {
         name: &one.study.name,
         title: &one.study.title,
@@ -112,7 +114,10 @@ fn of_study(
         count(results.len(), "trial"),
         options.to.display()
     ));
-    Ok(study::code_of(results.iter().map(|result| result.end.as_deref())))
+    let states = results.iter().map(|result| Some(result.end.as_ref()?.state));
+    // A trial at its pause is as far as its study asks for.
+    let code = study::code_of(states.filter(|state| *state != Some(EndState::Paused)));
+    Ok(code.max(searches::code(one)))
 }
 
 pub(super) fn refused(problem: String) -> Failure {
@@ -122,12 +127,25 @@ pub(super) fn refused(problem: String) -> Failure {
     }
 }
 
-/// Every trial of the plan with all it recorded; what is damaged is said and counts as missing.
+/// Every trial of the plan with all it recorded, and those that have come to the pause of a search; what is damaged is said
+/// and counts as missing.
 fn load(one: &Planned, store: &Store) -> Vec<TrialResult> {
     let trials: Vec<_> = one.plan.trials.iter().collect();
-    run::load(&trials, store, |error| {
-        complain(&format!("warning: {error}; the trial counts as missing"));
-    })
+    let is_missing = |error: &Error| complain(&format!("warning: {error}; the trial counts as missing"));
+    let mut results = run::load(&trials, store, is_missing);
+    for trial in &one.paused {
+        match store.partial(&trial.id) {
+            Ok(Some(partial)) => results.push(TrialResult {
+                trial: Arc::clone(trial),
+                end: Some(Box::new(partial.file.end)),
+                names: partial.table.names.into(),
+                rows: partial.table.rows,
+            }),
+            Ok(None) => results.push(TrialResult::missing(Arc::clone(trial))),
+            Err(error) => is_missing(&error),
+        }
+    }
+    results
 }
 
 /// A folder that appears whole or not at all: it is filled beside its place and renamed.
@@ -260,6 +278,18 @@ impl Packing<'_> {
                 Some(id),
             )?;
             self.add(&path("trial.json"), &acknowledgement, ACKNOWLEDGEMENT, Some(id))?;
+        }
+        let has_paused = |it: &&TrialResult| it.end.as_ref().is_some_and(|end| end.state == EndState::Paused);
+        let paused = subject
+            .trials
+            .iter()
+            .map(|(result, _)| *result)
+            .filter(has_paused);
+        for id in paused.map(|result| result.trial.id.as_str()) {
+            for (file, bytes) in store.files_at_pause(id)? {
+                let about = "what the trial had recorded at a pause of a search, and what acknowledges it";
+                self.add(&format!("trials/{id}/{file}"), &bytes, about, Some(id))?;
+            }
         }
         Ok(())
     }

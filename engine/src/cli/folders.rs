@@ -9,7 +9,7 @@ use crate::{
     world::{fs, process},
 };
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -143,16 +143,17 @@ fn owner(folder: &Path) -> Option<PathBuf> {
 }
 
 /// Notes in a folder which study file its results are of and which files a report wrote, and removes what an
-/// earlier report wrote there and this one did not.
+/// earlier report wrote there and this one did not; `unmade` stay, which this one could not make.
 pub(super) fn settle(
     folder: &Path,
     one: &Planned,
     selection: &Selection,
     files: &[PathBuf],
+    unmade: &BTreeSet<String>,
 ) -> Result<(), Error> {
     let spec = way(folder, &one.path).display().to_string();
-    let manifest = Manifest::of(folder, &one.study.name, spec, options(selection), files)?;
-    say_replaced(folder, &manifest.settle(folder)?);
+    let mut manifest = Manifest::of(folder, &one.study.name, spec, options(selection), files)?;
+    say_replaced(folder, &manifest.settle(folder, unmade)?);
     Ok(())
 }
 
@@ -167,6 +168,10 @@ fn say_replaced(folder: &Path, replaced: &Replaced) {
     say(
         &replaced.changed,
         "files of an earlier report are not of this one, and stay because they were changed since",
+    );
+    say(
+        &replaced.kept,
+        "files of an earlier report stay, since what they show cannot be made now",
     );
     say(
         &replaced.unknown,

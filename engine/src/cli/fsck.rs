@@ -8,7 +8,7 @@ use crate::{
 };
 use std::{collections::BTreeSet, path::PathBuf};
 
-/// 106 where a trial has to run again, otherwise 0.
+/// 106 where a trial has to run again, or a record of verdicts that were seen is lost, otherwise 0.
 pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> Result<u8, Failure> {
     let root = match folder {
         Some(folder) => folder,
@@ -30,7 +30,8 @@ pub(super) fn fsck(folder: Option<PathBuf>, dry_run: bool, common: &Common) -> R
         .findings
         .iter()
         .any(|finding| finding.fault == Fault::Unreadable);
-    Ok(if lost(&found).is_empty() && !unread {
+    let records = found.findings.iter().any(store::is_record);
+    Ok(if lost(&found).is_empty() && !unread && !records {
         OK
     } else {
         INCOMPLETE
@@ -64,8 +65,12 @@ fn as_text(found: &Findings) -> String {
         .iter()
         .filter(|it| it.fault != Fault::Newer)
         .count();
+    let paused = match found.paused {
+        0 => String::new(),
+        n => format!("{n} {} paused, ", either(&n, "has", "have")),
+    };
     lines.push(format!(
-        "{} {} whole, {} {} being computed, {} {} wrong",
+        "{} {} whole, {paused}{} {} being computed, {} {} wrong",
         count(found.whole, "trial"),
         either(&found.whole, "is", "are"),
         found.running,

@@ -12,17 +12,13 @@ use crate::{
     report::{ClaimLine, Contents, Open},
     results::{CellName, Results},
     statistics::{Reference, Verdict},
-    store::{self, Store, write_durably},
+    store::{SeenVerdicts, Store},
     table::Grid,
     trial,
-    world::fs,
 };
-use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::{
     collections::{BTreeMap, BTreeSet},
-    io,
-    path::Path,
     sync::Arc,
 };
 
@@ -144,39 +140,6 @@ pub(super) fn line(one: &Planned) -> Option<String> {
     Some(format!("  looks at {looks} seeds{open}{later}"))
 }
 
-/// Numbers of seeds at which a verdict was seen, by what was judged.
-#[derive(Debug, Default, Serialize, Deserialize)]
-struct Seen {
-    /// By table and cell, or claim and place, and by the trials of the first seeds: another version of a
-    /// trial is another experiment.
-    verdicts: BTreeMap<String, BTreeSet<u32>>,
-    /// The looks that were planned when a number of seeds was first seen, none where it was fixed. Records of earlier
-    /// programs have none of them.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    plans: BTreeMap<String, BTreeMap<u32, BTreeSet<u32>>>,
-    /// What the verdict was passed by when it was first seen, in words. Records of earlier programs have none of them.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    rules: BTreeMap<String, String>,
-}
-
-impl Seen {
-    /// Takes in what another record has.
-    fn extend(&mut self, more: Self) {
-        for (place, seeds) in more.verdicts {
-            self.verdicts.entry(place).or_default().extend(seeds);
-        }
-        for (place, plans) in more.plans {
-            let own = self.plans.entry(place).or_default();
-            plans.into_iter().for_each(|(seeds, plan)| {
-                own.entry(seeds).or_insert(plan);
-            });
-        }
-        for (place, rule) in more.rules {
-            self.rules.entry(place).or_insert(rule);
-        }
-    }
-}
-
 /// Marks verdicts that were seen with fewer seeds before and without a plan for it, and those that are passed by another
 /// margin than when they were first seen, and records those that are seen now.
 ///
@@ -188,10 +151,10 @@ pub(super) fn record(
     results: &Results,
     contents: &mut Contents,
 ) -> Result<(), Error> {
-    let path = store.seen_verdicts(&one.study.name);
+    let study = &one.study.name;
     let design = one.study.design.iter();
     let mut noting = Noting {
-        seen: read(&path),
+        seen: read(store, study)?,
         changed: false,
         first_trials: FirstTrials::of(results),
         planned: design.flat_map(|design| design.looks().iter().copied()).collect(),
@@ -201,8 +164,10 @@ pub(super) fn record(
         .filter_map(|(name, grid)| Some((name, grid.as_mut().ok()?)))
         .for_each(|(name, grid)| noting.table(name, grid));
     contents.claims.iter_mut().for_each(|line| noting.claim(line));
-    if noting.changed {
-        write(&path, &noting.seen)?;
+    contents.lost_record.clone_from(&noting.seen.lost);
+    // A record of an earlier program gets its check.
+    if noting.changed || !noting.seen.is_sealed() && !noting.seen.verdicts.is_empty() {
+        store.keep_seen(study, &noting.seen)?;
     }
     // What is exploratory is in no family.
     contents.adjust();
@@ -211,7 +176,7 @@ pub(super) fn record(
 
 /// The record of verdicts while those of a report are held against it.
 struct Noting<'a> {
-    seen: Seen,
+    seen: SeenVerdicts,
     changed: bool,
     first_trials: FirstTrials<'a>,
     /// The numbers of seeds of planned looks.
@@ -304,50 +269,49 @@ fn number(judged: bool, planned: usize, ended: usize, looks: &crate::statistics:
     seeds.filter(|_| judged)
 }
 
-/// A record that cannot be read is begun anew: it guards against mistakes and holds no result.
-fn read(path: &Path) -> Seen {
-    let whole = || match fs::metadata(path)?.is_file() {
-        true => fs::read(path),
-        false => Err(io::Error::new(io::ErrorKind::InvalidData, "it is no file")),
-    };
-    let read = whole().and_then(|text| serde_json::from_slice(&text).map_err(io::Error::from));
-    read.unwrap_or_else(|error| {
-        if error.kind() != io::ErrorKind::NotFound {
-            complain(&format!(
-                "warning: {}: {error}; the record of verdicts that were seen begins anew",
-                path.display()
-            ));
-        }
-        Seen::default()
-    })
+/// The record of a study's verdicts. What is damaged of it is set aside, which is said.
+fn read(store: &Store, study: &str) -> Result<SeenVerdicts, Error> {
+    let (seen, problem) = store.seen_or_begun(study)?;
+    if let (Some(problem), Some(lost)) = (problem, &seen.lost) {
+        complain(&format!(
+            "warning: the record of verdicts of `{study}` that were seen is damaged: {problem}; it was set aside as `{}` \
+             of the store, and the report says that what was seen before is not known",
+            lost.display()
+        ));
+    }
+    Ok(seen)
 }
 
 /// Adds to the records of one store what another one says was seen: who takes its trials has seen its verdicts
-/// as well.
+/// as well. True where every record of the other one could be read.
 ///
 /// # Errors
-/// [`Error::File`] where a record cannot be written.
-pub(super) fn unite(into: &Store, from: &Store, dry_run: bool) -> Result<(), Error> {
-    let folder = from.seen_verdicts("");
-    for name in store::names(folder.parent().unwrap_or(from.root()))? {
-        let Some(study) = name.strip_suffix(".json").filter(|_| !dry_run) else {
-            continue;
+/// [`Error::File`] where a record cannot be read or written.
+pub(super) fn unite(into: &Store, from: &Store, dry_run: bool) -> Result<bool, Error> {
+    let mut all = true;
+    for study in from.studies_seen()? {
+        let more = match from.seen_verdicts(&study) {
+            Ok(more) => more.unwrap_or_default(),
+            Err(error @ (Error::Damaged { .. } | Error::Newer { .. })) => {
+                complain(&format!(
+                    "warning: {error}; the verdicts that it says were seen are not taken"
+                ));
+                all = false;
+                continue;
+            }
+            Err(error) => return Err(error),
         };
-        let path = into.seen_verdicts(study);
-        let (more, mut seen) = (read(&from.seen_verdicts(study)), read(&path));
-        let before = json!(seen);
+        if dry_run {
+            continue;
+        }
+        let before = read(into, &study)?;
+        let mut seen = before.clone();
         seen.extend(more);
-        if json!(seen) != before {
-            write(&path, &seen)?;
+        if seen != before {
+            into.keep_seen(&study, &seen)?;
         }
     }
-    Ok(())
-}
-
-fn write(path: &Path, seen: &Seen) -> Result<(), Error> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    fs::create_dir_all(folder).map_err(Error::file("create", folder))?;
-    write_durably(path, json!(seen).to_string().as_bytes())
+    Ok(all)
 }
 
 /// The trial of the first seed of every combination, and how many seeds each has.

@@ -28,10 +28,12 @@ pub(super) struct MergeOptions {
 struct Taking<'a> {
     from: &'a Path,
     trials: Vec<Merged>,
+    /// Whether every record of verdicts that were seen could be read.
+    has_records: bool,
 }
 
 /// 101 where two stores hold other bytes of one trial, 106 where a trial was left because it is damaged or
-/// runs, otherwise 0.
+/// runs, or a record of verdicts because it is damaged, otherwise 0.
 pub(super) fn merge(options: &MergeOptions, common: &Common) -> Result<u8, Failure> {
     options
         .sources
@@ -53,8 +55,12 @@ pub(super) fn merge(options: &MergeOptions, common: &Common) -> Result<u8, Failu
             }
             trials.push(merged);
         })?;
-        looks::unite(&into, &source, options.dry_run)?;
-        takings.push(Taking { from, trials });
+        let has_records = looks::unite(&into, &source, options.dry_run)?;
+        takings.push(Taking {
+            from,
+            trials,
+            has_records,
+        });
     }
     match common.format {
         Format::Json => say(&as_json(&takings, options).to_string()),
@@ -92,7 +98,9 @@ fn code(takings: &[Taking<'_>]) -> u8 {
     };
     if fates().any(|fate| matches!(fate, Fate::Conflict { .. })) {
         DIFFERS
-    } else if fates().any(|fate| matches!(fate, Fate::Damaged { .. } | Fate::Running { .. })) {
+    } else if fates().any(|fate| matches!(fate, Fate::Damaged { .. } | Fate::Running { .. }))
+        || takings.iter().any(|taking| !taking.has_records)
+    {
         INCOMPLETE
     } else {
         OK

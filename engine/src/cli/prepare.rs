@@ -7,8 +7,12 @@ use crate::{
     count::{count, either},
     results::{EndState, TrialEnd},
     store::{Claim, Findings, Leases, Store, is_missing},
+    trial::Trial,
 };
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 /// The ends of the trials of each study; `None` where a trial is missing.
 pub(super) type Ends = Vec<Vec<Option<TrialEnd>>>;
@@ -29,6 +33,7 @@ impl Compute<'_> {
                     error => complain(&format!("warning: {error}; the trial counts as missing")),
                 }
             }
+            damaged.extend(damaged_pauses(one, &found.all, store));
             ends.push(found.all);
         }
         if self.whole {
@@ -156,6 +161,18 @@ fn damaged_files<'p>(planned: &'p [Planned], ends: &Ends, store: &Store) -> BTre
         .into_iter()
         .chain(products)
         .collect()
+}
+
+/// Trials of searches that have not ended `ok`, of which what they had recorded at a pause is damaged.
+fn damaged_pauses<'p>(one: &'p Planned, ends: &[Option<TrialEnd>], store: &Store) -> Vec<&'p str> {
+    let is_ok = |end: &Option<TrialEnd>| end.as_ref().is_some_and(|end| end.state == EndState::Ok);
+    let open = one.plan.trials.iter().zip(ends).filter(|(_, end)| !is_ok(end));
+    let tried = open
+        .map(|(trial, _)| trial)
+        .filter(|trial| trial.cell.purpose.is_tried());
+    let is_damaged = |trial: &&Arc<Trial>| matches!(store.partial(&trial.id), Err(Error::Damaged { .. }));
+    let all = one.paused.iter().chain(tried).filter(is_damaged);
+    all.map(|trial| trial.id.as_str()).collect()
 }
 
 fn forget(planned: &[Planned], ends: &mut Ends, missing: &BTreeSet<&str>) {

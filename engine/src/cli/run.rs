@@ -13,8 +13,8 @@ use crate::{
     drawing::Drawings,
     executor::{self, Way},
     product::Taken,
-    report::{self, Contents, Counts, Period, ReportPaths, StudyInfo},
-    results::{Results, SearchResult, TrialResult, names_times},
+    report::{self, Contents, Counts, Manifest, Period, ReportPaths, StudyInfo},
+    results::{EndState, Results, SearchResult, TrialResult, names_times},
     search::Search,
     spec::{self, Progress},
     store::{self, Store, write_durably},
@@ -77,6 +77,11 @@ pub(super) fn run(
     Ok(if computed == OK { code } else { computed })
 }
 
+/// The command that runs again what failed.
+fn again(selection: &Selection, common: &Common) -> String {
+    selection.command("run", common, &["--retry-failed"])
+}
+
 /// What came of computing.
 enum Computed {
     /// The exit code; a report follows.
@@ -113,7 +118,8 @@ fn compute_all(
             }
         };
         if !goes_on(code, how) || !grow_all(planned, how.registry, store)? {
-            return Ok(Computed::Here(code.max(searches::code(planned))));
+            let searched = searches::told(planned, &again(selection, common));
+            return Ok(Computed::Here(code.max(searched)));
         }
         // What fails now is not tried again at every look.
         how.retry_failed = false;
@@ -181,7 +187,7 @@ pub(super) fn worker(
         // What failed at one look is not made good by the next.
         code = code.max(how.run(&planned, |position| position % parts == part)?);
         if !goes_on(code, &how) || !grow_all(&mut planned, registry, &store)? {
-            return Ok(code.max(searches::code(&planned)));
+            return Ok(code.max(searches::told(&planned, &again(selection, common))));
         }
     }
 }
@@ -214,6 +220,7 @@ pub(super) fn report(
     let mut code = OK;
     let planned = study::load_with_looks(registry, selection, &store)?;
     folders::check(&planned, selection, reporting)?;
+    searches::told(&planned, &again(selection, common));
     for one in &planned {
         code = code.max(write_report(registry, one, &store, selection, reporting, common)?);
     }
@@ -254,24 +261,51 @@ fn write_report(
         // Such results are none of the study as it is written.
         study.confirms.clear();
     }
+    let code = code_of_report(one, &states.all, &results);
+    let earlier = Manifest::read(&dir).filter(|earlier| !earlier.files.is_empty());
+    if earlier.is_some() && states.all.iter().all(Option::is_none) && one.study.imported.is_empty() {
+        return Ok(kept(one, store, &dir, code, common));
+    }
     let mut contents = Contents::of(&study, &results);
     looks::record(one, store, &results, &mut contents)?;
+    contents.leave_to(&earlier.unwrap_or_default());
     let provenance = provenance::of(registry, one, builds);
     let paths = report::write(&dir, &study, &results, &mut contents, &provenance)?;
     for warning in &contents.warnings {
         complain(&format!("warning: {}: {warning}", study.name));
     }
-    write_beside(&dir, one, selection, &results, &paths)?;
+    write_beside(&dir, one, selection, &results, &paths, &contents.unmade())?;
     say(&match common.format {
         Format::Json => as_json(&study, &results, &contents, &paths).to_string(),
         Format::Text => report::summary(&study, &results, &contents, &paths.page, terminal_width()),
     });
-    let code = study::code_of(results.trials.iter().map(|result| result.end.as_deref()));
     Ok(match code {
         OK if !contents.is_whole() => NOT_MADE,
         OK if reporting.strict && contents.contradicts() => DIFFERS,
         code => code,
     })
+}
+
+/// The code that `status` gives. What a search tried and what was prepared is missing as the trials are that the report
+/// shows.
+fn code_of_report(one: &Planned, states: &[Option<EndState>], results: &Results) -> u8 {
+    let ends = results
+        .trials
+        .iter()
+        .map(|result| Some(result.end.as_ref()?.state));
+    study::code_of(states.iter().copied().chain(ends)).max(searches::code(one))
+}
+
+/// Says that nothing of a study is there, so that its earlier report stays as it was.
+fn kept(one: &Planned, store: &Store, dir: &Path, code: u8, common: &Common) -> u8 {
+    let (name, root, dir) = (&one.study.name, store.root().display(), dir.display());
+    complain(&format!(
+        "{name}: no trial of it has ended in the store `{root}`, so the earlier report in `{dir}` stays as it was"
+    ));
+    if common.format == Format::Json {
+        say(&json!({ "study": name, "page": null, "files": [] }).to_string());
+    }
+    code
 }
 
 /// Writes the complete study and the evaluations beside a report, and clears away what an earlier one left.
@@ -281,12 +315,14 @@ fn write_beside(
     selection: &Selection,
     results: &Results,
     paths: &ReportPaths,
+    unmade: &BTreeSet<String>,
 ) -> Result<(), Failure> {
     let (resolved, evaluations) = (dir.join("resolved.yaml"), dir.join("evaluations.parquet"));
     write_durably(&resolved, spec::resolved_yaml(&one.study, dir)?.as_bytes())?;
     store::write_results(&evaluations, results)?;
     let own = [paths.page.clone(), paths.markdown.clone(), resolved, evaluations];
-    folders::settle(dir, one, selection, &[&paths.files[..], &own].concat())?;
+    let files = [&paths.files[..], &own].concat();
+    folders::settle(dir, one, selection, &files, unmade)?;
     Ok(())
 }
 
@@ -428,7 +464,17 @@ pub(super) fn collect(one: &Planned, store: &Store, mend: Option<&str>) -> Resul
         }
     });
     let study = &one.study;
-    trials.iter_mut().for_each(|it| store.read_log(it));
+    for it in &mut trials {
+        let Err(error) = store.read_partial(it) else {
+            continue;
+        };
+        it.end = None;
+        if let Some(mend) = mend {
+            complain(&format!(
+                "warning: {error}; the trial counts as missing: `{mend}` sets it aside and runs it again"
+            ));
+        }
+    }
     if names_times(&(&study.tables, &study.figures, &study.claims, &study.success)) {
         trials.iter_mut().for_each(TrialResult::add_times);
     }

@@ -4,10 +4,10 @@
 use super::{BAD_SPEC, Failure, OK, TRIALS_FAILED, complain, run, study::Planned};
 use crate::{
     Registry, diagnostic, report,
-    results::{SearchResult, TrialResult},
+    results::{SearchResult, Sight, TrialResult},
     search::Next,
     spec::{self, Progress},
-    store::{Store, is_missing},
+    store::Store,
     trial::Purpose,
 };
 use std::collections::BTreeSet;
@@ -64,7 +64,8 @@ fn progress(it: &SearchResult) -> Progress {
     }
 }
 
-/// Ids of the trials that have come to their pause: they wait for nothing and are not missing.
+/// Ids of the trials of which the search asks for no more than what was measured: they wait for nothing and are not
+/// missing. What became of one afterwards, for another study, is none of the search's.
 fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
     let has_paused = |it: &&TrialResult| {
         let search = match &it.trial.cell.purpose {
@@ -75,7 +76,7 @@ fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
         let (Some((search, _)), Some(stop)) = (search, stop) else {
             return false;
         };
-        is_missing(it.end.as_deref()) && it.at_pause(&search.by, stop).is_some()
+        !it.is_ok() && it.measured_at(&search.by, stop).is_some()
     };
     tried
         .iter()
@@ -84,19 +85,35 @@ fn paused(tried: &[TrialResult], one: &Planned) -> BTreeSet<String> {
         .collect()
 }
 
-/// The exit code that fits what searches came to: without a setting their agents cannot run.
-pub(super) fn code(planned: &[Planned]) -> u8 {
-    let searches = planned.iter().flat_map(|one| &one.searched);
-    let mut code = OK;
-    for it in searches.filter(|it| it.found_nothing()) {
-        complain(&format!(
-            "error: {}: no trial has a final value of `{}`, so no setting can be chosen",
-            report::search_in_words(it),
-            it.search.by
-        ));
-        code = TRIALS_FAILED;
+/// The exit code that fits what the searches of a study came to: without a setting their agents cannot run, and with one
+/// that was chosen without a look at another the choice is one among fewer.
+pub(super) fn code(one: &Planned) -> u8 {
+    let saw_all = |it: &SearchResult| {
+        [Sight::Failed, Sight::Last]
+            .iter()
+            .all(|sight| it.seen_so(*sight).is_empty())
+    };
+    match one.searched.iter().all(|it| !it.found_nothing() && saw_all(it)) {
+        true => OK,
+        false => TRIALS_FAILED,
     }
-    code
+}
+
+/// Says why searches cannot choose a setting, or what they could not see beside their choice; answers [`code`] of all.
+pub(super) fn told(planned: &[Planned], again: &str) -> u8 {
+    for it in planned.iter().flat_map(|one| &one.searched) {
+        let (words, by) = (report::search_in_words(it), &it.search.by);
+        if !it.seen_so(Sight::Failed).is_empty() {
+            complain(&format!("error: {words}: `{again}` runs them again"));
+        } else if it.found_nothing() {
+            complain(&format!(
+                "error: {words}: no trial has a final value of `{by}`, so no setting can be chosen"
+            ));
+        } else if it.chosen.is_some() && !it.seen_so(Sight::Last).is_empty() {
+            complain(&format!("warning: {words}"));
+        }
+    }
+    planned.iter().map(code).max().unwrap_or(OK)
 }
 
 /// How far the searches of a study are, a line for each.

@@ -16,7 +16,7 @@ use crate::{
     plan::{self, Estimate, Novelty, Plan, Wanted},
     results::{EndState, SearchResult, TrialEnd},
     spec::{self, Study},
-    store::{Announcements, Found, Store, is_missing},
+    store::{Announcements, Found, Store},
     trial::{Trial, TrialKey},
 };
 use serde_json::json;
@@ -480,7 +480,8 @@ pub(super) fn status(registry: &Registry, selection: &Selection, common: &Common
             say_waiting(&waiting, common);
             say_failed(trials, &ends, selection, common);
         }
-        code = code.max(code_of(ends.iter().map(Option::as_ref)));
+        let states = ends.iter().map(|end| Some(end.as_ref()?.state));
+        code = code.max(code_of(states)).max(searches::code(&one));
     }
     submit::show(&settings.store, common.format);
     Ok(code)
@@ -526,14 +527,14 @@ pub(super) fn say_imported(one: &Planned, what: &str) {
     }
 }
 
-/// The exit code that fits the states of trials.
-pub(super) fn code_of<'e>(ends: impl IntoIterator<Item = Option<&'e TrialEnd>>) -> u8 {
-    let code = |end: Option<&TrialEnd>| match end {
-        end if is_missing(end) => INCOMPLETE,
-        Some(end) if end.state != EndState::Ok => TRIALS_FAILED,
-        _ => OK,
+/// The exit code that fits the states of trials; `None` for one that has not run.
+pub(super) fn code_of(states: impl IntoIterator<Item = Option<EndState>>) -> u8 {
+    let code = |state: Option<EndState>| match state {
+        Some(EndState::Ok) => OK,
+        None | Some(EndState::Killed | EndState::Paused) => INCOMPLETE,
+        Some(_) => TRIALS_FAILED,
     };
-    ends.into_iter().map(code).max().unwrap_or(OK)
+    states.into_iter().map(code).max().unwrap_or(OK)
 }
 
 /// `resolve`: the study with every default.

@@ -63,6 +63,8 @@ pub(super) struct VerifyOptions {
 struct Candidate {
     trial: Arc<Trial>,
     limits: Arc<Limits>,
+    /// The step of the pause up to which it is computed; `None` for one that has ended.
+    until: Option<u64>,
 }
 
 /// What was found in the store.
@@ -149,6 +151,11 @@ fn of_studies(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
         let limits = Arc::new(how.limits_of(&one.study.limits));
         found.studies.push(one.study.name.clone());
         study::say_imported(&one, "cannot be computed again here");
+        for trial in &one.paused {
+            if seen.insert(trial.id.clone()) {
+                found.look_at_pause(trial, &limits, store)?;
+            }
+        }
         for trial in one.plan.trials {
             // Studies and settings share trials.
             if !seen.insert(trial.id.clone()) {
@@ -173,14 +180,17 @@ fn of_store(how: &Compute<'_>, store: &Store) -> Result<Found, Failure> {
     let limits = Arc::new(how.limits_of(&Limits::default()));
     for id in store.ids_beginning_with("") {
         // What cannot be read has no names.
-        let key = store.file(&id).ok().flatten().map(|file| file.key);
-        match key {
+        let ended = store.file(&id).ok().flatten().map(|file| file.key);
+        let has_ended = ended.is_some();
+        let paused = || Some(store.partial(&id).ok()??.file.key);
+        match ended.or_else(paused) {
             Some(key) => match cannot(&key, how.registry) {
                 Some(problem) => {
                     let entry = entry(&named(&id, key), Outcome::CannotVerify { problem });
                     found.others.push(entry);
                 }
-                None => drop(found.look(named(&id, key).into(), &limits, store)?),
+                None if has_ended => drop(found.look(named(&id, key).into(), &limits, store)?),
+                None => found.look_at_pause(&named(&id, key).into(), &limits, store)?,
             },
             None => found.unreadable(&id, store),
         }
@@ -210,12 +220,15 @@ impl Found {
         store: &Store,
     ) -> Result<Option<Arc<Trial>>, Failure> {
         match store.end(&trial.id) {
-            Ok(None) => return Ok(Some(trial)),
+            // What it had recorded at a pause may be damaged.
+            Ok(None) => match store.partial(&trial.id) {
+                Err(Error::Damaged { .. }) => self.look_at_pause(&trial, limits, store)?,
+                _ => return Ok(Some(trial)),
+            },
             Ok(Some(end)) if end.state != EndState::Ok => self.not_ok += 1,
             Ok(Some(_)) => {
-                let limits = Arc::clone(limits);
-                self.candidates
-                    .insert(trial.id.clone(), Candidate { trial, limits });
+                let (id, limits, until) = (trial.id.clone(), Arc::clone(limits), None);
+                self.candidates.insert(id, Candidate { trial, limits, until });
             }
             Err(error @ Error::Damaged { .. }) => {
                 let problem = error.to_string();
@@ -226,9 +239,36 @@ impl Found {
         Ok(None)
     }
 
+    /// Takes in a trial at its pause.
+    fn look_at_pause(
+        &mut self,
+        trial: &Arc<Trial>,
+        limits: &Arc<Limits>,
+        store: &Store,
+    ) -> Result<(), Failure> {
+        match store.partial(&trial.id) {
+            Ok(Some(partial)) if partial.file.end.state == EndState::Paused => {
+                let candidate = Candidate {
+                    trial: Arc::clone(trial),
+                    limits: Arc::clone(limits),
+                    until: partial.step(),
+                };
+                self.candidates.insert(trial.id.clone(), candidate);
+            }
+            // It has failed since, or no more than its log is there.
+            Ok(_) => self.not_ok += 1,
+            Err(error @ Error::Damaged { .. }) => {
+                let problem = error.to_string();
+                self.others.push(entry(trial, Outcome::Damaged { problem }));
+            }
+            Err(error) => return Err(error.into()),
+        }
+        Ok(())
+    }
+
     /// A trial whose acknowledgement is damaged; one that has none has not run.
     fn unreadable(&mut self, id: &str, store: &Store) {
-        if let Err(error) = store.file(id) {
+        if let Err(error) = store.file(id).and(store.partial(id).map(drop)) {
             self.others.push(Entry {
                 trial: id.to_owned(),
                 environment: String::new(),
@@ -324,7 +364,7 @@ fn one_round(
 ) -> Result<Vec<Entry>, Failure> {
     let mut entries: Vec<Entry> = members
         .iter()
-        .map(|member| begun(&member.trial, store, beside))
+        .map(|member| begun(member, store, beside))
         .collect();
     let ready: Vec<&Candidate> = members
         .iter()
@@ -343,7 +383,7 @@ fn one_round(
     }
     for (entry, member) in entries.iter_mut().zip(members) {
         if is_open(entry) {
-            *entry = ended(entry.clone(), beside.file(&member.trial.id)?);
+            *entry = ended(entry.clone(), stored_of(member, beside)?);
         }
     }
     Ok(entries)
@@ -356,15 +396,24 @@ fn is_open(entry: &Entry) -> bool {
     matches!(&entry.outcome, Outcome::NotComputed { problem } if problem == NOT_ENDED)
 }
 
+/// What acknowledges a trial in a store, at its end or at its pause, with a look at all that it names.
+fn stored_of(member: &Candidate, store: &Store) -> Result<Option<TrialFile>, Error> {
+    match member.until {
+        None => store.sound(&member.trial.id),
+        Some(_) => Ok(store.partial(&member.trial.id)?.map(|partial| partial.file)),
+    }
+}
+
 /// Checks what is stored of a trial, and lends what it takes to the store in which it is computed.
-fn begun(trial: &Trial, store: &Store, beside: &Store) -> Entry {
+fn begun(member: &Candidate, store: &Store, beside: &Store) -> Entry {
+    let trial = &*member.trial;
     let open = entry(
         trial,
         Outcome::NotComputed {
             problem: NOT_ENDED.into(),
         },
     );
-    let stored = match store.sound(&trial.id) {
+    let stored = match stored_of(member, store) {
         Ok(Some(file)) => Imprint::of(&file),
         Ok(None) => {
             let problem = "it was stored a moment ago, and is gone".into();
@@ -412,14 +461,16 @@ fn tasks<'a>(how: &Compute<'_>, members: &[&'a Candidate]) -> Vec<Task<'a>> {
         limits: Arc::clone(&member.limits),
         before: None,
         after: member.trial.key.sources(),
-        until: None,
+        until: member.until,
     };
     members.iter().zip(costs).map(task).collect()
 }
 
 fn ended(entry: Entry, file: Option<TrialFile>) -> Entry {
     match file {
-        Some(file) if file.end.state == EndState::Ok => entry.compared(Imprint::of(&file)),
+        Some(file) if matches!(file.end.state, EndState::Ok | EndState::Paused) => {
+            entry.compared(Imprint::of(&file))
+        }
         Some(file) => {
             let problem = format!("it ended as {} now: {}", file.end.state.name(), file.end.reason);
             Entry {

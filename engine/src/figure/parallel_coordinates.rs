@@ -115,7 +115,9 @@ fn axes(searched: &Searched<'_>, (low, high): (f64, f64), spec: &FigureSpec) -> 
 fn note(searched: &Searched<'_>, drawn: usize) -> String {
     let rest = match searched.result.tried.len() - drawn {
         0 => String::new(),
-        more => format!(" {more} more are worse, stopped early or failed, and are not drawn."),
+        more => format!(
+            " {more} more are worse, were looked at up to a pause alone or failed, and are not drawn."
+        ),
     };
     format!(
         "A line for each of {drawn} settings, the best the darkest; listed values stand from the bottom up.{rest}"

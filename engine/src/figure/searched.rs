@@ -27,10 +27,8 @@ impl<'a> Searched<'a> {
             .iter()
             .find(|it| it.search.name == name)
             .ok_or_else(|| problem(&format!("there is no search `{name}`")))?;
-        let ended = result
-            .tried
-            .iter()
-            .filter_map(|tried| Some((shares(result, tried)?, mean(tried)?)));
+        let to_their_ends = result.tried.iter().filter(|tried| tried.stop.is_none());
+        let ended = to_their_ends.filter_map(|tried| Some((shares(result, tried)?, tried.value()?)));
         let (shares, values): (Vec<_>, Vec<_>) = ended.unzip();
         if values.is_empty() {
             return Err(problem("no setting of the search has gone to its end"));
@@ -55,12 +53,4 @@ impl<'a> Searched<'a> {
 fn shares(result: &SearchResult, tried: &TriedSetting) -> Option<Vec<f64>> {
     let pairs = result.search.keys.iter().zip(&tried.point);
     pairs.map(|((_, range), value)| range.share_of(value)).collect()
-}
-
-/// The mean over the seeds of a setting whose trials all ended well.
-fn mean(tried: &TriedSetting) -> Option<f64> {
-    let values = &tried.values;
-    #[allow(clippy::cast_precision_loss, reason = "a number of seeds")]
-    let mean = || values.values().sum::<f64>() / values.len() as f64;
-    (tried.missing == 0 && tried.failed == 0 && !values.is_empty()).then(mean)
 }

@@ -16,7 +16,7 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
     let seen = seen_before(contents);
     let seeds = match &results.design {
         Some(design) => designed(design.looks(), &combinations, seen),
-        None => fixed(study, &combinations, seen),
+        None => fixed(study, &combinations, seen, contents.lost_record.is_some()),
     };
     let searches = results
         .searches
@@ -24,7 +24,7 @@ pub fn basis(study: &StudyInfo, results: &Results, contents: &Contents) -> Strin
         .map(|it| format!(" {}", searches::sentence(it)));
     format!(
         "Seeds: {seeds}. {}{}{}",
-        exploratory(study, changed(contents)),
+        exploratory(study, contents),
         confirms(&study.confirms),
         searches.collect::<String>()
     )
@@ -59,13 +59,14 @@ fn designed(looks: &[u32], combinations: &Combinations, seen: Option<u32>) -> St
     format!("a design of {}{seen}; {}", either(looks), combinations.sentence())
 }
 
-fn fixed(study: &StudyInfo, combinations: &Combinations, seen: Option<u32>) -> String {
+fn fixed(study: &StudyInfo, combinations: &Combinations, seen: Option<u32>, is_lost: bool) -> String {
     let asked = study.options.iter().find(|option| option.starts_with("--seeds "));
     let when = match (seen, asked) {
         (Some(seeds), _) => {
             format!("not fixed before the first trial: verdicts were seen with {seeds} before")
         }
         (None, Some(option)) => format!("by `{option}` in place of the study's number"),
+        (None, None) if is_lost => "as the study has it now".into(),
         (None, None) => "fixed before the first trial".into(),
     };
     // Where every combination used all of them nothing else is to be said.
@@ -165,7 +166,15 @@ fn changed(contents: &Contents) -> Option<String> {
     }
 }
 
-fn exploratory(study: &StudyInfo, changed: Option<String>) -> String {
+/// What is exploratory, as far as that is known.
+fn exploratory(study: &StudyInfo, contents: &Contents) -> String {
+    let lost = contents.lost_record.as_ref().map(|record| {
+        format!(
+            "Whether verdicts were seen before, or judged by other margins, is not known: the record of it was damaged, and \
+             lies as `{}` in the store.",
+            record.display()
+        )
+    });
     let tables = study.tables.iter().filter(|(_, spec)| spec.exploratory).count();
     let claims = study.claims.iter().filter(|spec| spec.exploratory).count();
     let parts: Vec<String> = [(tables, "table"), (claims, "claim")]
@@ -174,7 +183,7 @@ fn exploratory(study: &StudyInfo, changed: Option<String>) -> String {
         .map(|(number, what)| count(number, what))
         .collect();
     let planned = (!parts.is_empty()).then(|| format!("Exploratory: {}.", parts.join(", ")));
-    let said: Vec<String> = planned.into_iter().chain(changed).collect();
+    let said: Vec<String> = planned.into_iter().chain(changed(contents)).chain(lost).collect();
     if said.is_empty() {
         "Nothing was exploratory.".into()
     } else {

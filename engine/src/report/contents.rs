@@ -1,6 +1,6 @@
 //! What a report shows, computed: grids, charts, claims, and how many of each outcome there are.
 
-use super::StudyInfo;
+use super::{Manifest, StudyInfo, files};
 use crate::{
     cross_play::Encounters,
     figure::{self, Chart, FigureSpec},
@@ -17,7 +17,7 @@ use crate::{
     },
 };
 use serde::Serialize;
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, path::PathBuf};
 
 /// The word for a claim that cannot be read.
 pub const UNREAD: &str = "NOT READ";
@@ -34,6 +34,9 @@ pub struct Contents {
     pub claims: Vec<ClaimLine>,
     /// What is drawn otherwise than it is written, a sentence for each figure.
     pub warnings: Vec<String>,
+    /// Where the record of verdicts that were seen lies, inside the store, where it is damaged: what was seen before then
+    /// is not known.
+    pub lost_record: Option<PathBuf>,
 }
 
 /// A claim in one environment.
@@ -119,6 +122,7 @@ impl Contents {
                 .map(|(name, spec)| (name.clone(), grid(spec)))
                 .collect(),
             figures: Vec::new(),
+            lost_record: None,
             claims: study
                 .claims
                 .iter()
@@ -129,6 +133,41 @@ impl Contents {
         };
         contents.adjust();
         contents
+    }
+
+    /// Leaves to an earlier report what this one has nothing for: a table in which there is no number would take the place
+    /// of one with numbers. What it shows in its place says so.
+    pub fn leave_to(&mut self, earlier: &Manifest) {
+        let has = |files: &[String]| files.iter().any(|file| earlier.names(file));
+        let are = "; its files are those of an earlier report";
+        for (name, grid) in &mut self.tables {
+            if !has(&files::paths_of_table(name)) {
+                continue;
+            }
+            match grid {
+                Ok(grid) if grid.cells.iter().flatten().any(|cell| cell.estimate.is_some()) => {}
+                Ok(_) => *grid = Err(format!("none of its numbers is there{are}")),
+                Err(reason) => reason.push_str(are),
+            }
+        }
+        for (name, chart) in &mut self.figures {
+            if let Err(reason) = chart
+                && has(&files::paths_of_figure(name))
+            {
+                reason.push_str(are);
+            }
+        }
+    }
+
+    /// The files, by their names inside the folder of the report, of tables and figures that could not be made.
+    #[must_use]
+    pub fn unmade(&self) -> BTreeSet<String> {
+        let tables = self.tables.iter().filter(|(_, grid)| grid.is_err());
+        let figures = self.figures.iter().filter(|(_, chart)| chart.is_err());
+        let of_tables = tables.flat_map(|(name, _)| files::paths_of_table(name));
+        of_tables
+            .chain(figures.flat_map(|(name, _)| files::paths_of_figure(name)))
+            .collect()
     }
 
     /// Takes the judged values of the study together, and its claims together (Holm). What was thought of

@@ -29,6 +29,11 @@ pub(super) fn write_with(path: &Path, fill: impl FnOnce(&Path) -> Result<(), Err
     filled
 }
 
+/// The folder of tables in that of a report.
+pub(super) const TABLES: &str = "tables";
+/// The folder of figures in that of a report.
+pub(super) const FIGURES: &str = "figures";
+
 /// A file name made of a table's or figure's name.
 pub(super) fn name(name: &str, extension: &str) -> String {
     format!("{}.{extension}", slug(name))
@@ -37,6 +42,27 @@ pub(super) fn name(name: &str, extension: &str) -> String {
 /// Name of the file with the values by seed of a table.
 pub(super) fn by_seed(name: &str) -> String {
     format!("{}-seeds.csv", slug(name))
+}
+
+/// Names of the files of a table: Markdown, LaTeX, CSV, HTML, and its values by seed.
+pub(super) fn of_table(table: &str) -> [String; 5] {
+    let [md, tex, csv, html] = ["md", "tex", "csv", "html"].map(|extension| name(table, extension));
+    [md, tex, csv, html, by_seed(table)]
+}
+
+/// Names of the files of a figure: SVG, PNG, CSV and PDF.
+pub(super) fn of_figure(figure: &str) -> [String; 4] {
+    ["svg", "png", "csv", "pdf"].map(|extension| name(figure, extension))
+}
+
+/// The files of a table by their names inside the folder of the report.
+pub(super) fn paths_of_table(table: &str) -> Vec<String> {
+    of_table(table).map(|file| format!("{TABLES}/{file}")).into()
+}
+
+/// The files of a figure by their names inside the folder of the report.
+pub(super) fn paths_of_figure(figure: &str) -> Vec<String> {
+    of_figure(figure).map(|file| format!("{FIGURES}/{file}")).into()
 }
 
 /// A name with everything but letters, digits, `.`, `_` and `-` replaced.

@@ -132,7 +132,7 @@ fn element(end: Option<&TrialEnd>) -> Option<&'static str> {
         Some(EndState::Ok) => None,
         Some(EndState::Failed | EndState::Nan) => Some("failure"),
         Some(EndState::Panicked | EndState::Timeout | EndState::Oom | EndState::Killed) => Some("error"),
-        None => Some("skipped"),
+        None | Some(EndState::Paused) => Some("skipped"),
     }
 }
 

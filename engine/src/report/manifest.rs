@@ -6,13 +6,13 @@ use super::files;
 use crate::{Error, store, world::fs};
 use serde::{Deserialize, Serialize};
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
 const NAME: &str = "manifest.json";
 /// Folders in which reports put files of changing names.
-const FOLDERS: [&str; 2] = ["tables", "figures"];
+const FOLDERS: [&str; 2] = [files::TABLES, files::FIGURES];
 
 /// What a folder of results says of itself.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -26,6 +26,9 @@ pub struct Manifest {
     pub options: Vec<String>,
     /// Hashes of the files that the report wrote, by their names inside the folder.
     pub files: BTreeMap<String, String>,
+    /// The same of an earlier report, whose tables and figures this one could not make.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub earlier: BTreeMap<String, String>,
 }
 
 /// What became of files that an earlier report wrote and this one did not; names inside the folder.
@@ -35,6 +38,8 @@ pub struct Replaced {
     pub removed: Vec<String>,
     /// They were left, because somebody changed them since.
     pub changed: Vec<String>,
+    /// They were left, because this report could not make what they show.
+    pub kept: Vec<String>,
     /// Where no earlier report noted what it wrote: files beside its tables and figures, which were left.
     pub unknown: Vec<String>,
 }
@@ -70,16 +75,24 @@ impl Manifest {
             spec,
             options,
             files,
+            earlier: BTreeMap::new(),
         })
     }
 
-    /// Takes the place of the folder's manifest, and removes the files that only the earlier one lists.
+    /// Whether a file of the folder is of the report, or of an earlier one.
+    #[must_use]
+    pub fn names(&self, file: &str) -> bool {
+        self.files.contains_key(file) || self.earlier.contains_key(file)
+    }
+
+    /// Takes the place of the folder's manifest, and removes the files that only the earlier one lists; those of `unmade`
+    /// stay.
     ///
     /// # Errors
     /// [`Error::File`] where a file cannot be removed or written.
-    pub fn settle(&self, folder: &Path) -> Result<Replaced, Error> {
+    pub fn settle(&mut self, folder: &Path, unmade: &BTreeSet<String>) -> Result<Replaced, Error> {
         let replaced = match Self::read(folder) {
-            Some(earlier) => self.remove_others(folder, &earlier)?,
+            Some(earlier) => self.remove_others(folder, &earlier, unmade)?,
             None => Replaced {
                 unknown: self.unknown(folder),
                 ..Replaced::default()
@@ -93,15 +106,21 @@ impl Manifest {
         Ok(replaced)
     }
 
-    fn remove_others(&self, folder: &Path, earlier: &Self) -> Result<Replaced, Error> {
+    fn remove_others(
+        &mut self,
+        folder: &Path,
+        earlier: &Self,
+        unmade: &BTreeSet<String>,
+    ) -> Result<Replaced, Error> {
         let mut replaced = Replaced::default();
-        for (name, digest) in earlier
-            .files
-            .iter()
-            .filter(|(name, _)| !self.files.contains_key(*name))
-        {
+        let listed = earlier.files.iter().chain(&earlier.earlier);
+        for (name, digest) in listed.filter(|(name, _)| !self.files.contains_key(*name)) {
             let path = folder.join(name);
             match own_file(folder, name) {
+                Some(_) if unmade.contains(name) => {
+                    self.earlier.insert(name.clone(), digest.clone());
+                    replaced.kept.push(name.clone());
+                }
                 Some(bytes) if store::digest(&bytes) == *digest => {
                     fs::remove_file(&path).map_err(Error::file("remove", &path))?;
                     replaced.removed.push(name.clone());
@@ -152,10 +171,44 @@ mod tests {
         for path in &paths {
             files::write(path, path.to_string_lossy().as_bytes()).unwrap();
         }
-        let manifest = Manifest::of(folder, "small", "../small.yaml".into(), Vec::new(), &paths).unwrap();
-        let replaced = manifest.settle(folder).unwrap();
+        settled(folder, &paths, &[])
+    }
+
+    fn settled(folder: &Path, paths: &[PathBuf], unmade: &[&str]) -> Replaced {
+        let spec = "../small.yaml".to_owned();
+        let mut manifest = Manifest::of(folder, "small", spec, Vec::new(), paths).unwrap();
+        let unmade = unmade.iter().map(ToString::to_string).collect();
+        let replaced = manifest.settle(folder, &unmade).unwrap();
         assert_eq!(Manifest::read(folder), Some(manifest));
         replaced
+    }
+
+    /// What a report cannot make stays as an earlier one made it, however many such reports follow, until one makes it or
+    /// the study has it no more.
+    #[test]
+    fn what_could_not_be_made_stays_until_it_is_made_or_no_more_asked_for() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path();
+        report(folder, &["report.md", "tables/one.csv", "tables/two.csv"]);
+        let page = [folder.join("report.md")];
+        for _ in 0..2 {
+            let replaced = settled(folder, &page, &["tables/one.csv", "tables/two.csv"]);
+            assert_eq!(replaced.kept, ["tables/one.csv", "tables/two.csv"]);
+            assert_eq!(replaced.removed, [""; 0]);
+        }
+        let replaced = settled(folder, &page, &["tables/two.csv"]);
+        assert_eq!(
+            (&replaced.removed[..], &replaced.kept[..]),
+            (
+                &["tables/one.csv".to_owned()][..],
+                &["tables/two.csv".to_owned()][..]
+            )
+        );
+        assert_eq!(
+            report(folder, &["report.md", "tables/two.csv"]),
+            Replaced::default()
+        );
+        assert_eq!(Manifest::read(folder).unwrap().earlier, BTreeMap::new());
     }
 
     #[test]

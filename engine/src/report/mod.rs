@@ -163,8 +163,8 @@ pub fn write(
     contents: &mut Contents,
     provenance: &Provenance,
 ) -> Result<ReportPaths, Error> {
-    let mut files = write_tables(&dir.join("tables"), contents)?;
-    let drawings = write_figures(&dir.join("figures"), contents, &mut files)?;
+    let mut files = write_tables(&dir.join(files::TABLES), contents)?;
+    let drawings = write_figures(&dir.join(files::FIGURES), contents, &mut files)?;
     let contents = &*contents;
     files.push(write_verdicts(dir, &Verdicts::of(study, results, contents))?);
     files.extend(write_row(dir, study, results, contents)?);
@@ -247,17 +247,14 @@ fn write_tables(dir: &Path, contents: &Contents) -> Result<Vec<PathBuf>, Error> 
 
 fn write_table(dir: &Path, name: &str, grid: &table::Grid) -> Result<[PathBuf; 5], Error> {
     let texts = [
-        (files::name(name, "md"), table::markdown(grid)),
-        (files::name(name, "tex"), table::latex(grid, name)),
-        (files::name(name, "csv"), table::csv(grid)?),
-        (
-            files::name(name, "html"),
-            page::document(&table::escape_html(name), &table::html(grid)),
-        ),
-        (files::by_seed(name), by_seed::csv(grid)?),
+        table::markdown(grid),
+        table::latex(grid, name),
+        table::csv(grid)?,
+        page::document(&table::escape_html(name), &table::html(grid)),
+        by_seed::csv(grid)?,
     ];
-    let paths = texts.each_ref().map(|(file, _)| dir.join(file));
-    for (path, (_, text)) in paths.iter().zip(&texts) {
+    let paths = files::of_table(name).map(|file| dir.join(file));
+    for (path, text) in paths.iter().zip(&texts) {
         files::write(path, text.as_bytes())?;
     }
     Ok(paths)
@@ -273,17 +270,17 @@ fn write_figures(
     let mut drawings = BTreeMap::new();
     for (name, made) in &mut contents.figures {
         let Ok(chart) = &*made else { continue };
-        let data = dir.join(files::name(name, "csv"));
+        let [vector, pixels, data, page] = files::of_figure(name).map(|file| dir.join(file));
         files::write(&data, chart.csv()?.as_bytes())?;
-        match write_figure(dir, name, chart) {
-            Ok((svg, [vector, pixels, page])) => {
-                files.extend([vector, pixels, data, page]);
+        files.push(data);
+        match write_drawing(&vector, &pixels, &page, chart) {
+            Ok(svg) => {
+                files.extend([vector, pixels, page]);
                 drawings.insert(name.clone(), svg);
             }
             Err(refused @ Error::Render { .. }) => {
                 let file = files::name(name, "csv");
-                *made = Err(format!("{refused}; its data are in `figures/{file}`"));
-                files.push(data);
+                *made = Err(format!("{refused}; its data are in `{}/{file}`", files::FIGURES));
             }
             Err(other) => return Err(other),
         }
@@ -292,12 +289,11 @@ fn write_figures(
 }
 
 /// Writes the drawing of a figure, as SVG, which is returned too, PNG and PDF: all of them, or none where one is refused.
-fn write_figure(dir: &Path, name: &str, chart: &figure::Chart) -> Result<(String, [PathBuf; 3]), Error> {
-    let paths = ["svg", "png", "pdf"].map(|extension| dir.join(files::name(name, extension)));
+fn write_drawing(vector: &Path, pixels: &Path, page: &Path, chart: &figure::Chart) -> Result<String, Error> {
     let svg = figure::svg(chart)?;
     let pdf = figure::pdf(&svg)?;
-    files::write_with(&paths[1], |path| figure::png(chart, path))?;
-    files::write(&paths[0], svg.as_bytes())?;
-    files::write(&paths[2], &pdf)?;
-    Ok((svg, paths))
+    files::write_with(pixels, |path| figure::png(chart, path))?;
+    files::write(vector, svg.as_bytes())?;
+    files::write(page, &pdf)?;
+    Ok(svg)
 }

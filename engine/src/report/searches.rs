@@ -1,14 +1,16 @@
 //! What a search for a setting came to, in words.
 
-use crate::count::count;
-use crate::results::SearchResult;
+use crate::count::{count, either};
+use crate::results::{SearchResult, Sight, TriedSetting};
 use crate::search::schedule_in_words;
 
-/// How many settings were tried, which one is the best, and on what it was compared.
+/// So many settings are named that a search could not see; of more there is a number.
+const MOST_NAMED: usize = 4;
+
+/// How many settings were tried, which one is the best, on what it was compared, and which could not be seen.
 #[must_use]
 pub fn search_in_words(it: &SearchResult) -> String {
-    let (search, n) = (&it.search, it.tried.len());
-    let ended = it.tried.iter().filter(|tried| tried.missing == 0).count();
+    let search = &it.search;
     let best = it.best().map(|place| &it.tried[place]);
     let best = best.map_or_else(
         || "none has ended well".to_owned(),
@@ -25,22 +27,36 @@ pub fn search_in_words(it: &SearchResult) -> String {
         1 => "one seed".to_owned(),
         n => count(n, "seed"),
     };
+    format!(
+        "search {} of {}: {}, in {} by {seeds} of its own; {best}{}{}",
+        search.name,
+        search.agent,
+        state(it),
+        search.environment,
+        last_in_words(it),
+        failed_in_words(it),
+    )
+}
+
+/// How far it is.
+fn state(it: &SearchResult) -> String {
+    let n = it.tried.len();
+    // What is stored of a setting beyond its pause counts as little as what is not stored.
     let early = it.tried.iter().filter(|tried| tried.stop.is_some()).count();
-    let early = if early > 0 && it.chosen.is_some() {
-        format!(", of which {early} were stopped early")
+    let early = if early > 0 {
+        format!(", of which {early} were looked at up to a pause alone")
     } else {
         String::new()
     };
-    let state = match it.chosen {
-        _ if search.is_population() => population_in_words(it),
+    match it.chosen {
+        _ if it.search.is_population() => population_in_words(it),
         Some(_) => format!("its setting was chosen among {n}{early}"),
-        None if ended == search.settings => "no setting can be chosen".to_owned(),
-        None => format!("{ended} of {} settings were tried", search.settings),
-    };
-    format!(
-        "search {} of {}: {state}, in {} by {seeds} of its own; {best}",
-        search.name, search.agent, search.environment
-    )
+        None if it.found_nothing() => "no setting can be chosen".to_owned(),
+        None => {
+            let seen = it.seen_so(Sight::Valued).len() + it.seen_so(Sight::Last).len();
+            format!("{seen} of {} settings were tried", it.search.settings)
+        }
+    }
 }
 
 /// How far a population is.
@@ -55,6 +71,42 @@ fn population_in_words(it: &SearchResult) -> String {
             format!("{members} learn in generation {number} of {generations}")
         }
     }
+}
+
+/// The settings that rank last because trials of them did not end well; empty where none does.
+fn last_in_words(it: &SearchResult) -> String {
+    let last = it.seen_so(Sight::Last);
+    if last.is_empty() {
+        return String::new();
+    }
+    let (settings, are) = (count(last.len(), "setting"), either(&last.len(), "ranks", "rank"));
+    format!("; {settings} {are} last without a value: {}", named(&last))
+}
+
+/// The settings that the search waits for because trials of them failed; empty where it waits for none.
+fn failed_in_words(it: &SearchResult) -> String {
+    let failed = it.seen_so(Sight::Failed);
+    if failed.is_empty() {
+        return String::new();
+    }
+    let settings = count(failed.len(), "setting");
+    format!(
+        "; it waits for {settings} whose trials failed: {}",
+        named(&failed)
+    )
+}
+
+/// Settings, each with how its trials ended.
+fn named(settings: &[&TriedSetting]) -> String {
+    let one = |tried: &&TriedSetting| {
+        let states: Vec<&str> = tried.failures.iter().map(|state| state.name()).collect();
+        format!("{} ({})", tried.setting, states.join(", "))
+    };
+    let mut words: Vec<String> = settings.iter().take(MOST_NAMED).map(one).collect();
+    if settings.len() > MOST_NAMED {
+        words.push(format!("and {} more", settings.len() - MOST_NAMED));
+    }
+    words.join(", ")
 }
 
 /// What a report says of a search: the same, and on what the chosen setting is measured.

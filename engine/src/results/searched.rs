@@ -1,6 +1,6 @@
 //! What a search for a setting came to, as far as its trials tell.
 
-use super::TrialResult;
+use super::{EndState, TrialResult};
 use crate::{
     recorder::Phase,
     search::{Next, Point, Search, Tried, lineage},
@@ -10,7 +10,7 @@ use crate::{
     trial::Purpose,
 };
 use serde_json::json;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What a search for a setting tried.
 #[derive(Debug, Clone)]
@@ -36,12 +36,29 @@ pub struct TriedSetting {
     pub parent: Option<usize>,
     /// The values by seed; failed trials have none.
     pub values: BTreeMap<u64, f64>,
-    /// The values by pause and seed, and `None` for a failed trial.
+    /// The values by pause and seed, and `None` for a trial by which the setting ranks last.
     pub at_pauses: BTreeMap<u64, BTreeMap<u64, Option<f64>>>,
     /// Trials that ended otherwise than `ok`.
     pub failed: usize,
+    /// How they ended.
+    pub failures: BTreeSet<EndState>,
+    /// Trials that failed and say nothing of the setting, for which the search waits.
+    pub unseen: usize,
     /// Trials that have not ended.
     pub missing: usize,
+}
+
+/// How far a search has seen a setting, to the step that it asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sight {
+    /// It has its value there.
+    Valued,
+    /// It ranks last, since a trial of it did not end well.
+    Last,
+    /// Trials of it failed, and have to run again.
+    Failed,
+    /// Its trials have not come there.
+    Open,
 }
 
 impl TriedSetting {
@@ -53,23 +70,31 @@ impl TriedSetting {
             ..Self::default()
         };
         for trial in trials {
-            let (seed, has_ended) = (trial.trial.key.seed, !is_missing(trial.end.as_deref()));
+            let seed = trial.trial.key.seed;
             tried.setting.clone_from(&trial.trial.cell.setting);
-            tried.failed += usize::from(has_ended && !trial.is_ok());
+            let end = trial.end.as_deref().filter(|end| !is_missing(Some(end)));
+            let failure = end.map(|end| end.state).filter(|state| *state != EndState::Ok);
+            let is_last = failure.is_some_and(|state| search.ranks_last(state));
+            let is_seen = trial.is_ok() || is_last;
+            tried.failures.extend(failure);
+            tried.failed += usize::from(failure.is_some());
+            tried.unseen += usize::from(failure.is_some() && !is_last);
             let value = trial.mean(Phase::Final, &search.by).filter(|_| trial.is_ok());
             let mut at_pause =
                 |pause: u64, value| tried.at_pauses.entry(pause).or_default().insert(seed, value);
             match stop.filter(|_| search.is_population()) {
                 // A stretch of a schedule ends where it is compared, and its member goes on in other trials.
-                Some(pause) if has_ended => drop(at_pause(pause, value)),
+                Some(pause) if is_seen => drop(at_pause(pause, value)),
                 Some(_) => {}
                 None => {
                     for pause in search.pauses() {
-                        if let Some(value) = trial.at_pause(&search.by, *pause) {
-                            at_pause(*pause, value);
+                        match trial.measured_at(&search.by, *pause) {
+                            Some(value) => drop(at_pause(*pause, Some(value))),
+                            None if is_last => drop(at_pause(*pause, None)),
+                            None => {}
                         }
                     }
-                    tried.missing -= usize::from(has_ended);
+                    tried.missing -= usize::from(end.is_some());
                     tried.values.extend(value.map(|value| (seed, value)));
                 }
             }
@@ -93,8 +118,23 @@ impl TriedSetting {
             point: self.point.clone(),
             parent: self.parent,
             value: self.value(),
-            ended: self.missing == 0,
+            ended: self.missing + self.unseen == 0,
             pauses: self.at_pauses.iter().filter_map(at_pause).collect(),
+        }
+    }
+
+    /// How far it was seen by a search with so many seeds.
+    fn sight(&self, n_seeds: usize) -> Sight {
+        let known = self.known(n_seeds);
+        let value = match self.stop {
+            Some(pause) => known.pauses.get(&pause).copied(),
+            None => known.ended.then_some(known.value),
+        };
+        match value {
+            Some(None) if self.failed > 0 => Sight::Last,
+            Some(_) => Sight::Valued,
+            None if self.unseen > 0 => Sight::Failed,
+            None => Sight::Open,
         }
     }
 }
@@ -140,10 +180,36 @@ impl SearchResult {
             .collect()
     }
 
-    /// The place of the best setting whose trials have ended well.
+    /// The place of the best setting of those that the search tries to their ends, as far as these have ended well.
     #[must_use]
     pub fn best(&self) -> Option<usize> {
-        self.search.best(&self.known())
+        self.search
+            .best(&self.known(), |place| self.tried[place].stop.is_none())
+    }
+
+    /// Settings that the search tries to their ends and that were seen there, the best first.
+    #[must_use]
+    pub fn ranked(&self) -> Vec<&TriedSetting> {
+        let ranking = self.search.ranking(&self.known());
+        let seen =
+            |it: &&TriedSetting| it.stop.is_none() && matches!(self.sight(it), Sight::Valued | Sight::Last);
+        ranking
+            .into_iter()
+            .map(|place| &self.tried[place])
+            .filter(seen)
+            .collect()
+    }
+
+    /// How far a setting was seen.
+    #[must_use]
+    pub fn sight(&self, tried: &TriedSetting) -> Sight {
+        tried.sight(self.search.seeds.len())
+    }
+
+    /// The settings that are seen so, in their order.
+    #[must_use]
+    pub fn seen_so(&self, sight: Sight) -> Vec<&TriedSetting> {
+        self.tried.iter().filter(|it| self.sight(it) == sight).collect()
     }
 
     /// Whether every setting was tried as far as it goes and none can be chosen.
@@ -186,3 +252,7 @@ fn trials_of_settings<'t>(
     all.map(|seeds| seeds.into_iter().flat_map(BTreeMap::values).copied().collect())
         .collect()
 }
+
+#[cfg(test)]
+#[path = "searched_tests.rs"]
+mod tests;

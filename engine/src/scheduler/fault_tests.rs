@@ -7,11 +7,14 @@
 //! 4. Nobody takes a trial from a process that lives and renews its lease.
 //! 5. When the faults stop, everything is computed, and no lease is left of a process that is gone.
 //! 6. Nothing outside the store is touched.
+//! 7. What a trial measured at a pause is there from when that was said, and a search that pauses its trials chooses the
+//!    same, whatever failed meanwhile.
 //!
 //! A seed that fails is printed; `REGIMEN_SIM_SEED=<seed>` runs it alone and prints what happened.
 
 mod batch;
 mod ledger;
+mod searching;
 mod toys;
 
 use super::{
@@ -25,6 +28,7 @@ use crate::{
     cast::Seating,
     limits::Limits,
     product::Taken,
+    results::EndState,
     store::{Leases, Owner, Store, is_missing},
     trial::{Part, Trial, TrialCell, TrialKey},
     world::{
@@ -55,6 +59,8 @@ struct Bench {
     hosts: Vec<usize>,
     /// Whether calls for files fail now and then.
     calls_fail: bool,
+    /// Whether what fails is tried again: then a failure is no end that stays.
+    tries_again: bool,
 }
 
 fn trial(agent: Value, taken: Option<&Trial>, seed: u64) -> Trial {
@@ -100,6 +106,7 @@ impl Bench {
             ledger: Arc::default(),
             hosts: hosts.to_vec(),
             calls_fail,
+            tries_again: false,
         }
     }
 
@@ -139,11 +146,17 @@ impl Bench {
             return Ok(true);
         }
         let tasks: Vec<Task<'_>> = missing.into_iter().map(task).collect();
-        let (queue, halt, workers) = (Queue::new(&tasks), AtomicBool::new(false), workers());
+        self.work(place, &tasks, store, &leases)?;
+        Ok(false)
+    }
+
+    /// One slot that runs these tasks.
+    fn work(&self, place: usize, tasks: &[Task<'_>], store: &Store, leases: &Leases) -> Result<(), Error> {
+        let (queue, halt, workers) = (Queue::new(tasks), AtomicBool::new(false), workers());
         let all = Shared {
-            tasks: &tasks,
+            tasks,
             store,
-            leases: &leases,
+            leases,
             shared_leases: None,
             workers: &workers,
             queue: &queue,
@@ -153,10 +166,9 @@ impl Bench {
         let runner = InThread {
             bench: self,
             place,
-            leases: &leases,
+            leases,
         };
-        Slot::new(0, all, runner, &events).work()?;
-        Ok(false)
+        Slot::new(0, all, runner, &events).work()
     }
 }
 
@@ -206,12 +218,20 @@ impl Runner for InThread<'_> {
             trial: id.clone(),
             last: quietly(clock::now),
         };
-        let reply = worker::run(&self.bench.registry, &request, &Arc::default(), &mut replies);
+        let reply = worker::run(
+            &self.bench.registry,
+            &request,
+            &worker::Stops::default(),
+            &mut replies,
+        );
         // What cannot be read in this moment counts as not whole.
         let broken = ledger.broken().filter(|_| !self.bench.calls_fail);
         assert_eq!(broken, None);
-        if let Reply::Ended { end } = &reply {
-            ledger.ends(&id, end);
+        match &reply {
+            Reply::Ended { end } if self.bench.tries_again && end.state == EndState::Failed => {}
+            Reply::Ended { end } => ledger.ends(&id, end),
+            Reply::Paused => ledger.pauses(&id, request.until.unwrap_or_default()),
+            _ => {}
         }
         ledger.leaves(&id, quietly(process::id));
         Ok(Answer::Said(reply))
@@ -305,14 +325,14 @@ fn simulate(seed: u64, prepare: impl FnOnce(&mut Machine)) -> (Machine, Result<(
     let bench = Bench::new(&hosts, faults.fail > 0.0);
     let mut machine = Machine::new(seed, faults, &hosts);
     prepare(&mut machine);
-    play(machine, &bench, |place| bench.run(place))
+    play(machine, |place| bench.run(place), || inspect(&bench))
 }
 
 /// Runs what is at each place to the end, and looks at the store after the power went once more.
 fn play(
     machine: Machine,
-    bench: &Bench,
     run: impl Fn(usize) -> bool + Sync,
+    inspect: impl Fn() + Sync,
 ) -> (Machine, Result<(), String>) {
     let (mut machine, outcome) = start(machine, &run);
     if outcome.is_err() {
@@ -327,7 +347,7 @@ fn play(
     }
     machine.again();
     let (machine, outcome) = start(machine, |_| {
-        inspect(bench);
+        inspect();
         true
     });
     let outside = machine

@@ -20,7 +20,7 @@ use std::{
     io::{self, BufRead, BufReader, Write},
     path::Path,
     sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 /// Runs the trials of one slot in a process, which is replaced where it dies.
@@ -259,6 +259,13 @@ impl Shared {
             let _ = writeln!(requests, "{text}");
             *patience = patience.map(|patience| patience.min(STOPS_WITHIN));
             busy.told_to_stop = true;
+        }
+    }
+
+    /// The time for which the process was suspended counts for no limit.
+    pub(super) fn was_suspended(&self, away: Duration) {
+        if let Some(Process { busy: Some(busy), .. }) = self.look().as_deref_mut().and_then(Option::as_mut) {
+            busy.since += away;
         }
     }
 

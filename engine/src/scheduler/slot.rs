@@ -25,6 +25,9 @@ use std::{
 /// The first wait before a place is looked after again; it doubles up to 16 times that.
 const SHORTEST_WAIT: Duration = Duration::from_secs(1);
 
+/// A signal to a group of processes reaches all of them within this time.
+const SIGNALLED_WITHIN: Duration = Duration::from_millis(100);
+
 /// What runs the trials of a slot: a process of its own, outside tests.
 pub(super) trait Runner {
     /// Runs a trial to its end, its pause, or until it is stopped; `progress` hears steps done and in all.
@@ -169,6 +172,15 @@ impl<'a, R: Runner> Slot<'a, R> {
         self.all.workers.stop.load(Ordering::SeqCst) || self.all.halt.load(Ordering::SeqCst)
     }
 
+    /// Whether the run is being stopped, by a signal that may have reached a process of the group before this one.
+    fn is_stopped_too(&self) -> bool {
+        let died = clock::now();
+        while !self.stopping() && clock::since(died) < SIGNALLED_WITHIN {
+            clock::sleep(Duration::from_millis(10));
+        }
+        self.stopping()
+    }
+
     /// Takes a trial up, unless it takes what is not there.
     fn take(&mut self, turn: Turn) -> Result<(), Error> {
         let (index, task) = (turn.task, &self.all.tasks[turn.task]);
@@ -251,6 +263,15 @@ impl<'a, R: Runner> Slot<'a, R> {
             self.all.queue.done(&task.trial.id);
             return Ok(());
         }
+        // Another program may have taken it to its pause meanwhile.
+        let measured = || self.all.store.measured_until(&task.trial.id);
+        if task
+            .until
+            .is_some_and(|until| measured().is_some_and(|step| step >= until))
+        {
+            self.all.queue.done(&task.trial.id);
+            return Ok(());
+        }
         self.tell(Event::Started {
             slot: self.number,
             trial: index,
@@ -266,6 +287,9 @@ impl<'a, R: Runner> Slot<'a, R> {
                     trial: index,
                 });
                 self.all.queue.done(&task.trial.id);
+                if let Some(bucket) = self.all.store.bucket() {
+                    bucket.bring(self.all.store, &task.trial.id)?;
+                }
             }
             Attempt::Unready(reason) => self.give_up(index, reason),
             Attempt::Lost(problem) => self.lose(turn, problem),
@@ -358,7 +382,7 @@ impl<'a, R: Runner> Slot<'a, R> {
             Answer::Said(Reply::Unready { reason }) => Ok(Attempt::Unready(reason)),
             Answer::Said(Reply::StoreRefused { problem }) => Err(Error::Store { problem }),
             Answer::Said(Reply::Stopped | Reply::Progress { .. }) => Ok(Attempt::Stopped),
-            Answer::Died { by_limit: false, .. } if self.stopping() => Ok(Attempt::Stopped),
+            Answer::Died { by_limit: false, .. } if self.is_stopped_too() => Ok(Attempt::Stopped),
             Answer::Died { state, reason, .. } => {
                 self.died(task, turn, state, reason, clock::since(started).as_secs_f64())
             }

@@ -14,6 +14,9 @@ use std::{
 /// it.
 const PERIOD: Duration = Duration::from_millis(20);
 
+/// A look that comes so much late says that this program was suspended, with what it had started.
+const SUSPENDED: Duration = Duration::from_secs(1);
+
 /// What is watched.
 pub(super) struct Watch<'a> {
     pub(super) children: &'a [Shared],
@@ -43,7 +46,12 @@ impl Watch<'_> {
                 // older.
                 let _ = self.leases.beat();
             }
+            let parked = clock::now();
             std::thread::park_timeout(PERIOD);
+            let away = clock::since(parked);
+            if away > SUSPENDED {
+                self.children.iter().for_each(|child| child.was_suspended(away));
+            }
         }
     }
 }

@@ -88,20 +88,22 @@ pub fn serve(
     input: impl BufRead + Send + 'static,
     mut replies: impl Write,
 ) -> Result<(), Error> {
-    let stop = Arc::new(AtomicBool::new(false));
-    ignore_signals()?;
+    let stops = Stops::default();
+    stops.note_signals()?;
     let (sender, requests) = mpsc::channel();
-    let asked = Arc::clone(&stop);
+    let asked = stops.clone();
     std::thread::spawn(move || {
         listen(input, &asked, &sender);
         std::process::exit(0);
     });
     while let Ok(request) = requests.recv() {
-        let reply = run(registry, &request, &stop, &mut replies);
-        let last = matches!(&reply, Reply::Ended { end } if end.state == EndState::Panicked);
+        let reply = run(registry, &request, &stops, &mut replies);
+        let panicked = matches!(&reply, Reply::Ended { end } if end.state == EndState::Panicked);
+        let last = panicked || matches!(reply, Reply::Stopped) && stops.signalled.load(Ordering::SeqCst);
         say(&mut replies, &reply)?;
         if last {
-            // Code that panicked may have left its memory in any state: the next trial gets a fresh process.
+            // Code that panicked, or lost what it had started, may have left its memory in any state: the next trial gets
+            // a fresh process.
             break;
         }
     }
@@ -109,12 +111,13 @@ pub fn serve(
 }
 
 /// Reads messages until the input ends.
-fn listen(input: impl BufRead, stop: &AtomicBool, requests: &mpsc::Sender<Request>) {
+fn listen(input: impl BufRead, stops: &Stops, requests: &mpsc::Sender<Request>) {
     for line in input.lines() {
         match line.map(|line| serde_json::from_str(&line)) {
-            Ok(Ok(Message::Stop)) => stop.store(true, Ordering::SeqCst),
+            Ok(Ok(Message::Stop)) => stops.asked.store(true, Ordering::SeqCst),
             Ok(Ok(Message::Run(request))) => {
-                stop.store(false, Ordering::SeqCst);
+                stops.asked.store(false, Ordering::SeqCst);
+                stops.signalled.store(false, Ordering::SeqCst);
                 if requests.send(*request).is_err() {
                     return;
                 }
@@ -125,30 +128,38 @@ fn listen(input: impl BufRead, stop: &AtomicBool, requests: &mpsc::Sender<Reques
     }
 }
 
-/// A signal to the whole group of processes (Ctrl-C, the end of a batch job) is the scheduler's to answer.
-fn ignore_signals() -> Result<(), Error> {
-    use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
-    for signal in [SIGINT, SIGTERM, SIGUSR1] {
-        signal_hook::flag::register(signal, Arc::new(AtomicBool::new(false))).map_err(|source| {
-            Error::Worker {
-                problem: format!("cannot listen for signals: {source}"),
-            }
-        })?;
+/// The wishes to stop that reach a worker.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Stops {
+    /// The scheduler asks the running trial to save a checkpoint and leave.
+    asked: Arc<AtomicBool>,
+    /// A signal to the whole group of processes (Ctrl-C, the end of a batch job) came since the trial began. The
+    /// scheduler answers it; what the trial has started may not have outlived it.
+    signalled: Arc<AtomicBool>,
+}
+
+impl Stops {
+    fn note_signals(&self) -> Result<(), Error> {
+        use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1};
+        for signal in [SIGINT, SIGTERM, SIGUSR1] {
+            signal_hook::flag::register(signal, Arc::clone(&self.signalled)).map_err(|source| {
+                Error::Worker {
+                    problem: format!("cannot listen for signals: {source}"),
+                }
+            })?;
+        }
+        Ok(())
     }
-    Ok(())
+
+    fn has_come(&self) -> bool {
+        self.asked.load(Ordering::SeqCst) || self.signalled.load(Ordering::SeqCst)
+    }
 }
 
 /// Runs a trial and says how it ended.
-pub(super) fn run(
-    registry: &Registry,
-    request: &Request,
-    stop: &Arc<AtomicBool>,
-    replies: &mut impl Write,
-) -> Reply {
-    match attempt(registry, request, stop, replies) {
-        Ok(end) => Reply::Ended { end },
-        Err(Error::Stopped) if stop.load(Ordering::SeqCst) => Reply::Stopped,
-        Err(Error::Stopped) => Reply::Paused,
+pub(super) fn run(registry: &Registry, request: &Request, stops: &Stops, replies: &mut impl Write) -> Reply {
+    match attempt(registry, request, stops, replies) {
+        Ok(reply) => reply,
         Err(error @ Error::Source { .. }) => Reply::Unready {
             reason: error.to_string(),
         },
@@ -159,14 +170,14 @@ pub(super) fn run(
     }
 }
 
-/// Runs the trial and stores how it ended; an error is about the store or a product in it, or says that the
-/// trial was stopped.
+/// Runs the trial and stores how it ended, or what it had recorded at its pause; an error is about the store or a product
+/// in it.
 fn attempt(
     registry: &Registry,
     request: &Request,
-    stop: &Arc<AtomicBool>,
+    stops: &Stops,
     replies: &mut impl Write,
-) -> Result<TrialEnd, Error> {
+) -> Result<Reply, Error> {
     let (store, trial) = (
         Store::at(&request.store).by(registry.build.clone()),
         &request.trial,
@@ -182,7 +193,8 @@ fn attempt(
     let folder = store.folder(&trial.id);
     fs::create_dir_all(&folder).map_err(Error::file("create", &folder))?;
     let every = Duration::try_from_secs_f64(request.checkpoint_every_s).unwrap_or(Duration::MAX);
-    let mut keeper = RunningTrial::open(&folder, &trial.id, every, Arc::clone(stop)).until(request.until);
+    let stop = Arc::clone(&stops.asked);
+    let mut keeper = RunningTrial::open(&folder, &trial.id, every, stop).until(request.until);
     let outcome = panics::caught(|| {
         trial.key.run_after(
             registry,
@@ -193,34 +205,46 @@ fn attempt(
         )
     });
     let wall_s = keeper.wall_s();
-    let (state, reason) = match outcome {
-        Ok(Ok(record)) => {
-            let end = store.finish(trial, &record, wall_s)?;
-            RunningTrial::discard(&folder)?;
-            return Ok(end);
-        }
-        Ok(Err(error @ (Error::Stopped | Error::Store { .. } | Error::Source { .. }))) => return Err(error),
-        // Whoever stops a run by signals may meet what the trial started before the word to stop gets here.
-        Ok(Err(Error::Ended { .. })) if stop.load(Ordering::SeqCst) => return Err(Error::Stopped),
-        Ok(Err(error @ Error::Ended { .. })) => (EndState::Killed, error.to_string()),
-        Ok(Err(error @ Error::NotFinite { .. })) => (EndState::Nan, error.to_string()),
-        Ok(Err(error)) => (EndState::Failed, error.to_string()),
-        Err(said) => (EndState::Panicked, said),
-    };
-    let end = TrialEnd {
+    let end = |state, reason: &str| TrialEnd {
         state,
-        reason: brief(&reason),
+        reason: brief(reason),
         wall_s,
         decision_s: None,
         digest: String::new(),
     };
+    let end = match outcome {
+        Ok(Ok(record)) => {
+            let end = store.finish(trial, &record, wall_s)?;
+            RunningTrial::discard(&folder)?;
+            return Ok(Reply::Ended { end });
+        }
+        Ok(Err(Error::Stopped)) => {
+            let Some(record) = keeper.at_pause() else {
+                return Ok(Reply::Stopped);
+            };
+            store.keep_partial(trial, end(EndState::Paused, ""), record)?;
+            return Ok(Reply::Paused);
+        }
+        Ok(Err(error @ (Error::Store { .. } | Error::Source { .. }))) => return Err(error),
+        Ok(Err(error @ Error::NotFinite { .. })) => {
+            let end = end(EndState::Nan, &error.to_string());
+            // Searches that pause trials compare it with others up to where it could be compared.
+            store.keep_partial(trial, end.clone(), keeper.before_error())?;
+            end
+        }
+        // What ended with the signal that stops the run has not failed.
+        Ok(Err(_)) | Err(_) if stops.has_come() => return Ok(Reply::Stopped),
+        Ok(Err(error @ Error::Ended { .. })) => end(EndState::Killed, &error.to_string()),
+        Ok(Err(error)) => end(EndState::Failed, &error.to_string()),
+        Err(said) => end(EndState::Panicked, &said),
+    };
     store.acknowledge(trial, &end)?;
-    if state == EndState::Killed {
-        return Ok(end);
+    if end.state == EndState::Killed {
+        return Ok(Reply::Ended { end });
     }
     // It would fail again from its checkpoint; once its cause is mended it has to run from the start.
     RunningTrial::discard(&folder)?;
-    Ok(end)
+    Ok(Reply::Ended { end })
 }
 
 fn say(replies: &mut impl Write, reply: &Reply) -> Result<(), Error> {

@@ -1,10 +1,12 @@
 //! Searches for settings: which settings are tried next, and which one is chosen, as a function of what those before
 //! came to.
 //!
-//! A search tries settings in generations. A generation is settled when all its trials ended, so what follows depends on
-//! neither the number of workers nor the order in which they finish; a setting whose trial failed ranks last. Random
-//! numbers come from streams that are named by what is searched and by the place of a setting, so that a larger budget
-//! keeps the settings of a smaller one.
+//! A search tries settings in generations. A generation is settled when every one of its settings was seen, so what
+//! follows depends on neither the number of workers nor the order in which they finish, and on nothing else that the
+//! store holds. A setting is seen when its trials ended well, or with a number that is not finite: then it ranks last. A
+//! trial that failed in another way (an error, a limit of time or memory) says nothing of its setting, and the search
+//! waits for it, see [`Failed`]. Random numbers come from streams that are named by what is searched and by the place of
+//! a setting, so that a larger budget keeps the settings of a smaller one.
 
 mod cma_es;
 mod halving;
@@ -17,7 +19,7 @@ pub use cma_es::CmaEs;
 pub use population::{lineage, schedule_in_words};
 pub use range::{Numbers, Range};
 
-use crate::{random, trial};
+use crate::{random, results::EndState, trial};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -52,6 +54,27 @@ pub struct Search {
     pub seeds: Vec<u64>,
     /// How the next setting is come by.
     pub method: Method,
+    /// What becomes of a setting of which a trial failed.
+    pub failed: Failed,
+}
+
+/// What becomes of a setting of which a trial ended neither `ok` nor with a number that is not finite.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Failed {
+    /// The search waits until the trial is run again and ends otherwise.
+    #[default]
+    Wait,
+    /// It ranks last, and the search goes on without it.
+    RankLast,
+}
+
+impl Failed {
+    /// True for what stands where nothing is written.
+    #[must_use]
+    pub fn is_wait(&self) -> bool {
+        *self == Self::Wait
+    }
 }
 
 /// Which values of a metric are better.
@@ -202,11 +225,11 @@ pub struct Tried {
     pub point: Point,
     /// The place of the setting whose learning it goes on with; `None` where it begins anew.
     pub parent: Option<usize>,
-    /// Mean of the metric over the seeds; `None` where a trial failed or has not ended.
+    /// Mean of the metric over the seeds; `None` where it ranks last or has not ended.
     pub value: Option<f64>,
-    /// Whether all its trials have ended.
+    /// Whether it was seen to its end: its trials ended well, or so that it ranks last.
     pub ended: bool,
-    /// The same mean at each pause that all of its trials came to; `None` where one failed.
+    /// The same mean at each pause that all of its trials came to; `None` where it ranks last.
     pub pauses: BTreeMap<u64, Option<f64>>,
 }
 
@@ -259,7 +282,7 @@ impl Search {
                 return Next::Try(points, stops);
             };
             if points.len() >= self.settings {
-                return Next::Chosen(self.best(known), vec![None; points.len()]);
+                return Next::Chosen(self.best(known, |_| true), vec![None; points.len()]);
             }
         }
     }
@@ -292,7 +315,7 @@ impl Search {
         let is_whole = points.len() == self.settings && tried.iter().all(|it| it.ended);
         let stops = vec![None; points.len()];
         if is_whole && tried.iter().map(|it| &it.point).eq(&points) {
-            return Next::Chosen(self.best(tried), stops);
+            return Next::Chosen(self.best(tried, |_| true), stops);
         }
         Next::Try(points, stops)
     }
@@ -313,7 +336,9 @@ impl Search {
         if stops.iter().zip(known).any(waits) {
             return Next::Try(points, stops);
         }
-        Next::Chosen(self.best(known), stops)
+        // Of what was stopped more may be stored, by a sweep for instance, and none of that counts.
+        let chosen = self.best(known, |place| stops[place].is_none());
+        Next::Chosen(chosen, stops)
     }
 
     /// Steps at which trials may pause.
@@ -333,11 +358,24 @@ impl Search {
         order
     }
 
-    /// The place of the best setting; `None` where none has a value.
+    /// The place of the best setting of those whose places count; `None` where none has a value.
     #[must_use]
-    pub fn best(&self, tried: &[Tried]) -> Option<usize> {
-        let first = self.ranking(tried).first().copied()?;
+    pub fn best(&self, tried: &[Tried], counts: impl Fn(usize) -> bool) -> Option<usize> {
+        let first = self.ranking(tried).into_iter().find(|place| counts(*place))?;
         tried[first].value.map(|_| first)
+    }
+
+    /// Whether a setting ranks last of which a trial ended so, and the search goes on without it.
+    #[must_use]
+    pub fn ranks_last(&self, end: EndState) -> bool {
+        match end {
+            // The numbers of the trial themselves say so: it ends like that wherever it runs.
+            EndState::Nan => true,
+            EndState::Failed | EndState::Panicked | EndState::Timeout | EndState::Oom => {
+                self.failed == Failed::RankLast
+            }
+            EndState::Ok | EndState::Killed | EndState::Paused => false,
+        }
     }
 
     fn merit(&self, tried: &Tried) -> f64 {

@@ -24,7 +24,7 @@ impl Search {
         }
         let last = course.points.len() - self.settings;
         let best = self
-            .best(tried.get(last..).unwrap_or_default())
+            .best(tried.get(last..).unwrap_or_default(), |_| true)
             .map(|place| last + place);
         Next::Chosen(best, stops)
     }

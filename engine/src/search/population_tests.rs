@@ -37,6 +37,7 @@ fn search(members: usize) -> Search {
         settings: members,
         seeds: vec![1_000_000],
         method: Method::Population(options()),
+        failed: crate::search::Failed::Wait,
     }
 }
 

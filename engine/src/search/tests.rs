@@ -27,6 +27,7 @@ fn search(keys: Vec<(&str, Range)>, method: Method, settings: usize, seed: u64) 
         settings,
         seeds: vec![seed],
         method,
+        failed: Failed::Wait,
     }
 }
 

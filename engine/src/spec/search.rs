@@ -13,7 +13,7 @@ use super::{
 use crate::{
     diagnostic::{Diagnostic, Sources, Span, suggest},
     document::{Entry, Node},
-    search::{FIRST_TUNING_SEED, Goal, Method, Point, Range, Search, lineage},
+    search::{FIRST_TUNING_SEED, Failed, Goal, Method, Point, Range, Search, lineage},
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -58,6 +58,10 @@ pub(super) struct SearchText {
     /// How the next setting is come by.
     #[serde(default)]
     method: Method,
+    /// What becomes of a setting of which a trial fails: the search waits for it until it is run again, or goes on and
+    /// ranks it last. One whose numbers are not finite ranks last always.
+    #[serde(default, skip_serializing_if = "Failed::is_wait")]
+    failed: Failed,
 }
 
 fn one() -> u64 {
@@ -236,6 +240,7 @@ impl<'a> Reader<'a, '_> {
                 settings: text.settings,
                 seeds: (FIRST_TUNING_SEED..FIRST_TUNING_SEED + text.seeds).collect(),
                 method: text.method,
+                failed: text.failed,
             },
             paths: keys.into_iter().map(|(_, path, _)| path).collect(),
         })

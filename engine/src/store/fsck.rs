@@ -7,7 +7,7 @@ use super::{
     LOOKS, Store, TrialFile, announced,
     inside::{files_of, is_file, is_folder, is_link, read_in},
     lease::is_lease,
-    metrics_file, names, pack, running,
+    metrics_file, names, pack, partial, running,
     seal::hash,
 };
 use crate::{
@@ -85,6 +85,8 @@ impl Finding {
 pub struct Findings {
     /// Trials whose files are whole.
     pub whole: usize,
+    /// Trials that have not ended, of which what they had recorded at a pause is whole.
+    pub paused: usize,
     /// Trials that a living process works on; they were passed over.
     pub running: usize,
     /// What is wrong, in the order of paths.
@@ -112,6 +114,7 @@ impl Store {
         found.findings.sort_by(|a, b| a.path.cmp(&b.path));
         if mend {
             found.aside = self.set_aside(&found.findings)?;
+            self.begin_records_anew(&found)?;
         }
         Ok(found)
     }
@@ -179,11 +182,23 @@ impl<'a> Check<'a> {
     /// Records of verdicts that were seen, a file a study.
     fn looks(&mut self, folder: &Path) {
         for name in self.names(folder) {
-            if !name.ends_with(".json") || !is_file(&self.store.root.join(folder).join(&name)) {
-                self.foreign(
-                    folder.join(name),
-                    "verdicts that were seen are kept in a file per study",
-                );
+            let path = folder.join(&name);
+            let is_file = is_file(&self.store.root.join(&path));
+            let Some(study) = name.strip_suffix(".json").filter(|_| is_file) else {
+                if name.starts_with('.') && name.ends_with(".tmp") {
+                    self.note(path, Fault::Left, "its writing was never finished", None);
+                } else {
+                    self.foreign(path, "verdicts that were seen are kept in a file per study");
+                }
+                continue;
+            };
+            match self.store.seen_verdicts(study) {
+                Ok(_) => {}
+                Err(error @ Error::Newer { .. }) => self.note(path, Fault::Newer, &problem(&error), None),
+                Err(error @ Error::Damaged { .. }) => {
+                    self.note(path, Fault::Damaged, &problem(&error), None);
+                }
+                Err(error) => self.unreadable(&path, &error),
             }
         }
     }
@@ -266,6 +281,10 @@ impl<'a> Check<'a> {
             expected.extend(self.results(folder, id, file));
         }
         self.kept(folder, id, acknowledged.as_ref());
+        if files.iter().any(|name| name == partial::NAME) {
+            self.partial(folder, id, acknowledged.as_ref());
+            expected.push(partial::NAME.to_owned());
+        }
         for name in files.iter().filter(|name| !expected.contains(name)) {
             self.unexpected(folder.join(name), name);
         }
@@ -408,6 +427,27 @@ impl<'a> Check<'a> {
                 "it is not what was acknowledged",
                 None,
             );
+        }
+    }
+
+    /// What a trial had recorded at a pause, or before a number was not finite. One that is damaged runs again, also where
+    /// it has ended so.
+    fn partial(&mut self, folder: &Path, id: &str, acknowledged: Option<&TrialFile>) {
+        let path = folder.join(partial::NAME);
+        let has_ended = acknowledged.is_some_and(|file| file.end.state == EndState::Ok);
+        match self.store.partial(id) {
+            Ok(_) if has_ended => self.note(path, Fault::Left, "the trial has ended", None),
+            Ok(_) => self.found.paused += usize::from(acknowledged.is_none()),
+            Err(error @ Error::Newer { .. }) => self.note(path, Fault::Newer, &problem(&error), None),
+            Err(error @ Error::File { .. }) => self.unreadable(&path, &error),
+            Err(error) if has_ended => self.note(path, Fault::Left, &problem(&error), None),
+            Err(error) => {
+                self.note(path, Fault::Damaged, &problem(&error), Some(id));
+                if acknowledged.is_some() {
+                    let problem = "what it recorded before is damaged";
+                    self.note(folder.join("trial.json"), Fault::Orphaned, problem, Some(id));
+                }
+            }
         }
     }
 

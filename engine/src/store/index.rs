@@ -257,7 +257,7 @@ struct Replicate {
 }
 
 /// What says that a later program wrote a `trial.json`. One whose check does not hold is not believed.
-fn newer(text: &[u8]) -> Option<String> {
+pub(super) fn newer(text: &[u8]) -> Option<String> {
     #[derive(Deserialize)]
     struct Version {
         schema: u32,

@@ -2,15 +2,16 @@
 //!
 //! A trial is taken file by file: each is held against its acknowledged hash, written beside its place, flushed
 //! and renamed, and `trial.json` comes last, with the bytes that it had. So the destination never shows half a
-//! trial, and what was interrupted is taken again. A trial is written under its lease, as one that is computed.
+//! trial, and what was interrupted is taken again. A trial is written under its lease, as one that is computed. What a
+//! trial had recorded at a pause is taken in the same way, where the other store knows less of the trial.
 
 use super::{
-    Claim, Fault, Finding, Imprint, Leases, Owner, RunningTrial, Store, TrialFile, earlier,
+    Claim, Fault, Finding, Imprint, Leases, Owner, Partial, RunningTrial, Store, TrialFile, earlier,
     fsck::{Check, refuse_links},
     inside::{files_of, is_folder, is_link, read_in},
     is_missing,
     lease::is_lease,
-    names,
+    names, partial,
     products::flush_within,
     remove,
     seal::hash,
@@ -136,9 +137,9 @@ impl<'a> Merge<'a> {
                 return Ok(Fate::Damaged { side, findings });
             }
             Ok(Some(file)) if !is_missing(Some(&file.end)) => file,
-            Ok(_) => return Ok(Fate::Unfinished),
+            Ok(_) => return self.paused(id, source),
         };
-        if let Some(fate) = self.held_against(id, &file)? {
+        if let Some(fate) = self.held_against(id, &file, source)? {
             return Ok(fate);
         }
         match self.leases {
@@ -148,7 +149,7 @@ impl<'a> Merge<'a> {
     }
 
     /// The fate of a trial that the destination has already; `None` where it is missing there.
-    fn held_against(&self, id: &str, file: &TrialFile) -> Result<Option<Fate>, Error> {
+    fn held_against(&self, id: &str, file: &TrialFile, source: &Store) -> Result<Option<Fate>, Error> {
         let here = match self.would_have.get(id) {
             Some(imprint) => imprint.clone(),
             None => match look(self.into, id)? {
@@ -157,7 +158,7 @@ impl<'a> Merge<'a> {
                     return Ok(Some(Fate::Damaged { side, findings }));
                 }
                 Ok(Some(here)) if !is_missing(Some(&here.end)) => Imprint::of(&here),
-                Ok(_) => return Ok(None),
+                Ok(_) => return self.held_against_pause(id, file, source),
             },
         };
         let there = Imprint::of(file);
@@ -168,6 +169,74 @@ impl<'a> Merge<'a> {
             source: there,
             destination: here,
         }))
+    }
+
+    /// The fate of a trial that has ended in the source and has paused in the destination: a conflict where it went on in
+    /// another way than it had begun here.
+    fn held_against_pause(&self, id: &str, file: &TrialFile, source: &Store) -> Result<Option<Fate>, Error> {
+        let (Some(here), EndState::Ok) = (self.into.partial(id)?, file.end.state) else {
+            return Ok(None);
+        };
+        let there = Partial {
+            file: file.clone(),
+            table: source.recorded(id, &file.end)?,
+        };
+        let conflict = || Fate::Conflict {
+            source: Imprint::of(file),
+            destination: Imprint::of(&here.file),
+        };
+        Ok((!here.begins(&there)).then(conflict))
+    }
+
+    /// What becomes of a trial that has not ended in the source: what it had recorded at a pause is taken.
+    fn paused(&self, id: &str, source: &Store) -> Result<Fate, Error> {
+        let Some((bytes, there)) = source.partial_bytes(id)? else {
+            return Ok(Fate::Unfinished);
+        };
+        if let Some(fate) = self.known_of(id, &there)? {
+            return Ok(fate);
+        }
+        let Some(leases) = self.leases else {
+            return Ok(Fate::Taken);
+        };
+        leases.beat()?;
+        if let Claim::Held(owner) = leases.claim(id)? {
+            let side = Side::Destination;
+            return Ok(Fate::Running { side, owner });
+        }
+        // Another program may have gone on with it before the lease was taken.
+        let fate = match self.known_of(id, &there) {
+            Ok(None) => self.into.write_partial(id, &bytes).map(|()| Fate::Taken),
+            Ok(Some(fate)) => Ok(fate),
+            Err(error) => Err(error),
+        };
+        leases.release(id)?;
+        fate
+    }
+
+    /// The fate of a trial that has paused in the source, of which the destination knows as much or more, or something
+    /// else; `None` where it knows less.
+    fn known_of(&self, id: &str, there: &Partial) -> Result<Option<Fate>, Error> {
+        let here = match look(self.into, id)? {
+            Err(findings) => {
+                let side = Side::Destination;
+                return Ok(Some(Fate::Damaged { side, findings }));
+            }
+            Ok(Some(file)) if file.end.state == EndState::Ok => Some(Partial {
+                table: self.into.recorded(id, &file.end)?,
+                file,
+            }),
+            Ok(_) => self.into.partial(id)?,
+        };
+        let Some(here) = here else { return Ok(None) };
+        if there.begins(&here) {
+            return Ok(Some(Fate::Same));
+        }
+        let conflict = || Fate::Conflict {
+            source: Imprint::of(&there.file),
+            destination: Imprint::of(&here.file),
+        };
+        Ok((!here.begins(there)).then(conflict))
     }
 
     /// What would happen.
@@ -193,7 +262,7 @@ impl<'a> Merge<'a> {
             return Ok(Fate::Running { side, owner });
         }
         // Another program may have ended it before the lease was taken.
-        let fate = match self.held_against(id, file) {
+        let fate = match self.held_against(id, file, source) {
             Ok(None) => self.bring(id, source, file),
             Ok(Some(fate)) => Ok(fate),
             Err(error) => Err(error),
@@ -218,6 +287,27 @@ impl<'a> Merge<'a> {
         }
     }
 
+    /// Takes what one trial had recorded at a pause, whose lease the caller holds already; false where that is known here.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where the destination has something else, and where it cannot be read or written.
+    pub(super) fn pause_under_own_lease(
+        &self,
+        id: &str,
+        bytes: &[u8],
+        there: &Partial,
+    ) -> Result<bool, Error> {
+        match self.known_of(id, there)? {
+            None => self.into.write_partial(id, bytes).map(|()| true),
+            Some(Fate::Same) => Ok(false),
+            Some(Fate::Damaged { findings, .. }) => Err(first_of(self.into, findings)),
+            Some(_) => Err(Error::Damaged {
+                path: self.into.folder(id),
+                problem: "what the trial had recorded at a pause elsewhere has other numbers".into(),
+            }),
+        }
+    }
+
     /// Copies a trial, the acknowledgement last.
     fn bring(&self, id: &str, source: &Store, file: &TrialFile) -> Result<Fate, Error> {
         let (from, to) = (source.folder(id), self.into.folder(id));
@@ -239,10 +329,19 @@ impl<'a> Merge<'a> {
             flush_within(&to, &path)?;
         }
         flush_way_to(&to)?;
+        if file.end.state != EndState::Ok
+            && let Some((bytes, there)) = source.partial_bytes(id)?
+            && self.known_of(id, &there)?.is_none()
+        {
+            self.into.write_partial(id, &bytes)?;
+        }
         let Some((text, _)) = source.acknowledged(id)? else {
             return Ok(gone_since(source, id, &from.join("trial.json")));
         };
         write_durably(&to.join("trial.json"), &text)?;
+        if file.end.state == EndState::Ok {
+            partial::forget(&to)?;
+        }
         RunningTrial::discard(&to)?;
         earlier::forget(&to)?;
         Ok(Fate::Taken)
@@ -269,7 +368,7 @@ impl<'a> Merge<'a> {
 }
 
 /// Files of a trial's folder that are there while it is missing.
-const KEPT: [&str; 3] = ["running", "earlier.json", "trial.json"];
+const KEPT: [&str; 4] = ["running", "earlier.json", "trial.json", partial::NAME];
 
 fn orphan(store: &Store, path: &Path) -> Finding {
     Finding {

@@ -9,6 +9,7 @@
 //! [`ProductKind`](crate::ProductKind)
 //! earlier.json      how it ended before, while it is tried again running/         while it runs: rows so far
 //! and a checkpoint, see [`RunningTrial`]
+//! partial.parcel    what it had recorded at a pause, or before a number was not finite, see [`Partial`]
 //! ```
 //!
 //! A trial that ended `ok` and left nothing but metrics may lie in `<root>/packs/<digest>.pack` with others.
@@ -36,10 +37,12 @@ mod obstacle;
 mod owner;
 mod pack;
 mod parcel;
+mod partial;
 mod products;
 mod running;
 mod seal;
 mod sealed_folder;
+mod seen;
 #[cfg(test)]
 mod specimen;
 
@@ -61,14 +64,16 @@ pub use metrics_file::{
 pub use owner::Owner;
 pub use pack::Packing;
 pub(crate) use parcel::{Manifest, NotTaken, Parcel, read_bytes};
+pub use partial::Partial;
 pub use running::RunningTrial;
 pub use seal::{hash as digest, hash_of_file as digest_of_file};
 pub(crate) use sealed_folder::flush_way;
+pub use seen::{SeenVerdicts, is_record};
 
 use crate::{
     Build, Error, Recorder,
     results::{EndState, TrialEnd, TrialResult},
-    trial::{Purpose, Trial, TrialKey},
+    trial::{Trial, TrialKey},
     world::{
         fs::{self, File},
         process,
@@ -176,12 +181,6 @@ impl Store {
         &self.root
     }
 
-    /// Where the record of the verdicts of a study that were seen lies.
-    #[must_use]
-    pub fn seen_verdicts(&self, study: &str) -> PathBuf {
-        self.root.join(LOOKS).join(format!("{study}.json"))
-    }
-
     /// The folder of a trial.
     #[must_use]
     pub fn folder(&self, id: &str) -> PathBuf {
@@ -248,6 +247,9 @@ impl Store {
             problem: source.to_string(),
         })?;
         write_durably(&path, &text)?;
+        if end.state == EndState::Ok {
+            partial::forget(&folder)?;
+        }
         earlier::forget(&folder)
     }
 
@@ -312,23 +314,26 @@ impl Store {
         }
     }
 
-    /// Adds to a trial of a search that has not ended what its log has. A log that cannot be read is as none: the trial
-    /// then begins anew.
-    pub(crate) fn read_log(&self, result: &mut TrialResult) {
-        if is_missing(result.end.as_deref()) && matches!(result.trial.cell.purpose, Purpose::Tried(_)) {
-            let path = self.folder(&result.trial.id).join("running").join("metrics.log");
-            if let Ok(log) = metric_log::read(&path) {
-                (result.names, result.rows) = (log.table.names.into(), log.table.rows);
-            }
+    /// Adds to a trial of a search that has not ended `ok` what it had recorded. An earlier program kept what was measured
+    /// at a pause in the log alone, so that of a trial without anything stored the log is read, up to what is whole of it.
+    ///
+    /// # Errors
+    /// [`Error::Damaged`] where what is stored is not what was written.
+    pub(crate) fn read_partial(&self, result: &mut TrialResult) -> Result<(), Error> {
+        if result.is_ok() || !result.trial.cell.purpose.is_tried() {
+            return Ok(());
         }
-    }
-
-    /// The step of the last measurement in the log of a trial that has not ended.
-    pub(crate) fn logged_measurement(&self, id: &str) -> Option<u64> {
-        let log = metric_log::read(&self.folder(id).join("running").join("metrics.log")).ok()?;
-        let mut rows = log.table.rows.iter().rev();
-        rows.find(|row| row.phase == crate::Phase::Evaluate)
-            .map(|row| row.step)
+        let id = &result.trial.id;
+        let log = || metric_log::read(&self.folder(id).join("running").join("metrics.log"));
+        let table = match self.partial(id)? {
+            Some(partial) => Some(partial.table),
+            None if is_missing(result.end.as_deref()) => log().ok().map(|log| log.table),
+            None => None,
+        };
+        if let Some(table) = table {
+            (result.names, result.rows) = (table.names.into(), table.rows);
+        }
+        Ok(())
     }
 
     /// The bytes of `trial.json` and of `metrics.parquet` of a trial that ended `ok`, wherever they lie.
@@ -465,7 +470,7 @@ pub(crate) fn absent_is_fine(outcome: io::Result<()>) -> io::Result<()> {
 /// True where a trial has to run: it never did, or was killed from outside.
 #[must_use]
 pub fn is_missing(end: Option<&TrialEnd>) -> bool {
-    end.is_none_or(|end| end.state == EndState::Killed)
+    end.is_none_or(|end| matches!(end.state, EndState::Killed | EndState::Paused))
 }
 
 #[cfg(test)]

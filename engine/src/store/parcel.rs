@@ -1,8 +1,8 @@
 //! A trial on its way to another machine: the files that its acknowledgement names, held against their hashes at both
-//! ends.
+//! ends; of one that has paused what it had recorded.
 
-use super::{Merge, Store, inside::read_in, is_missing, merge::acknowledged_files, seal::hash};
-use crate::{Error, world::fs};
+use super::{Merge, Store, inside::read_in, is_missing, merge::acknowledged_files, partial, seal::hash};
+use crate::{Error, results::EndState, world::fs};
 use serde::{Deserialize, Serialize};
 use std::{
     io::{self, BufRead, Read},
@@ -16,13 +16,14 @@ pub(crate) type Parcel = Vec<(String, Vec<u8>)>;
 const LAST: &str = "trial.json";
 
 impl Store {
-    /// What a trial left; `None` where it has not ended.
+    /// What a trial left; `None` where it has neither ended nor paused.
     ///
     /// # Errors
     /// [`Error::Damaged`] for a file that is not what was acknowledged.
     pub(crate) fn parcel(&self, id: &str) -> Result<Option<Parcel>, Error> {
         let Some(file) = self.sound(id)?.filter(|file| !is_missing(Some(&file.end))) else {
-            return Ok(None);
+            let paused = self.partial_bytes(id)?;
+            return Ok(paused.map(|(bytes, _)| vec![(partial::NAME.to_owned(), bytes)]));
         };
         let folder = self.folder(id);
         let mut parcel = Parcel::new();
@@ -35,6 +36,11 @@ impl Store {
             let changed = || damaged(&folder.join(&name), "it changed while it was read");
             parcel.push((name.clone(), bytes.ok_or_else(changed)?));
         }
+        if file.end.state != EndState::Ok
+            && let Some((bytes, _)) = self.partial_bytes(id)?
+        {
+            parcel.push((partial::NAME.to_owned(), bytes));
+        }
         let acknowledgement = self.acknowledged(id)?.map(|(text, _)| text);
         Ok(acknowledgement.map(|text| {
             parcel.push((LAST.to_owned(), text));
@@ -42,18 +48,19 @@ impl Store {
         }))
     }
 
-    /// Takes in what [`parcel`](Self::parcel) gave on another machine. The caller holds the trial's lease.
+    /// Takes in what [`parcel`](Self::parcel) gave on another machine; false where a pause is known here already. The caller
+    /// holds the trial's lease.
     ///
     /// # Errors
     /// [`NotTaken`].
-    pub(crate) fn take_in(&self, id: &str, parcel: &[(String, Vec<u8>)]) -> Result<(), NotTaken> {
+    pub(crate) fn take_in(&self, id: &str, parcel: &[(String, Vec<u8>)]) -> Result<bool, NotTaken> {
         let made = tempfile::Builder::new().prefix("regimen-parcel-").tempdir();
         let dir = made.map_err(Error::file("make a folder in", &std::env::temp_dir()))?;
         let unpacked = self.unpack(id, parcel, dir.path());
         unpacked.map_err(|error| NotTaken::of(error, dir.path()))
     }
 
-    fn unpack(&self, id: &str, parcel: &[(String, Vec<u8>)], dir: &Path) -> Result<(), Error> {
+    fn unpack(&self, id: &str, parcel: &[(String, Vec<u8>)], dir: &Path) -> Result<bool, Error> {
         let arrived = Self::at(dir);
         let folder = arrived.folder(id);
         for (name, bytes) in parcel {
@@ -65,9 +72,13 @@ impl Store {
             fs::create_dir_all(parent).map_err(Error::file("create", parent))?;
             fs::write(&path, bytes).map_err(Error::file("write", &path))?;
         }
-        let unfinished = || damaged(&folder, "the trial has not ended");
-        let file = arrived.sound(id)?.ok_or_else(unfinished)?;
-        Merge::new(self, None)?.bring_under_own_lease(id, &arrived, &file)
+        let merge = Merge::new(self, None)?;
+        if let Some(file) = arrived.sound(id)? {
+            return merge.bring_under_own_lease(id, &arrived, &file).map(|()| true);
+        }
+        let unfinished = || damaged(&folder, "the trial has neither ended nor paused");
+        let (bytes, there) = arrived.partial_bytes(id)?.ok_or_else(unfinished)?;
+        merge.pause_under_own_lease(id, &bytes, &there)
     }
 }
 

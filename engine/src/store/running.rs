@@ -8,12 +8,15 @@
 //! A checkpoint is written into a folder of another name, brought to the disk and renamed; older ones are
 //! then removed. One that is not whole, or whose rows are not in the log, is passed over: the trial continues
 //! from an older one or begins anew, and either way ends with the same numbers.
+//!
+//! Nothing here is acknowledged: what was measured at a pause is stored besides, see [`Partial`](super::Partial).
 
 use super::{
     MetricsTable, absent_is_fine, boundary,
     inside::is_file,
     metric_log::{self, LogEnd, LogPosition, MetricLog},
     names,
+    partial::{first_rows, rows_until},
     sealed_folder::{flush, flush_way_to, is_whole, seal},
 };
 use crate::{
@@ -49,8 +52,12 @@ pub struct RunningTrial {
     stop: Arc<AtomicBool>,
     /// The step at which the trial pauses, once that is measured.
     until: Option<u64>,
-    /// Whether it has come there.
-    paused: bool,
+    /// What was recorded up to there, once it has come there.
+    paused: Option<Recorder>,
+    /// Rows that were all finite when they were looked at, or saved by an earlier process.
+    looked_at: usize,
+    /// The first of these, once the trial has ended with an error.
+    failed: Recorder,
     log: Option<MetricLog>,
     begun: Instant,
     /// What earlier processes spent on what was taken up, in seconds.
@@ -86,7 +93,9 @@ impl RunningTrial {
             every,
             stop,
             until: None,
-            paused: false,
+            paused: None,
+            looked_at: 0,
+            failed: Recorder::default(),
             log: None,
             begun: clock::now(),
             earlier_s: 0.0,
@@ -103,6 +112,18 @@ impl RunningTrial {
     pub fn until(mut self, step: Option<u64>) -> Self {
         self.until = step;
         self
+    }
+
+    /// What the trial recorded up to its pause; `None` where it has not come there.
+    #[must_use]
+    pub fn at_pause(&self) -> Option<&Recorder> {
+        self.paused.as_ref()
+    }
+
+    /// What a trial that ended with an error had recorded when all of it was finite.
+    #[must_use]
+    pub fn before_error(&self) -> &Recorder {
+        &self.failed
     }
 
     /// Wall-clock time that was spent on what the trial has now, in seconds, in this process and in those
@@ -220,17 +241,23 @@ impl Keeper for RunningTrial {
     }
 
     fn stopping(&self) -> bool {
-        self.paused || self.stop.load(Ordering::Relaxed)
+        self.paused.is_some() || self.stop.load(Ordering::Relaxed)
     }
 
     fn look(&mut self, record: &Recorder) {
-        let Some(until) = self.until.filter(|_| !self.paused) else {
+        self.looked_at = record.rows().len();
+        let Some(until) = self.until.filter(|_| self.paused.is_none()) else {
             return;
         };
         let mut rows = record.rows().iter().rev();
-        self.paused = rows
-            .find(|row| row.phase == Phase::Evaluate)
-            .is_some_and(|row| row.step >= until);
+        let last = rows.find(|row| row.phase == Phase::Evaluate);
+        if last.is_some_and(|row| row.step >= until) {
+            self.paused = Some(first_rows(record, rows_until(record, until)));
+        }
+    }
+
+    fn fails(&mut self, record: &Recorder) {
+        self.failed = first_rows(record, self.looked_at);
     }
 
     fn save(&mut self, state: Value, agent: &dyn Agent, record: &mut Recorder) -> Result<(), Error> {
@@ -259,7 +286,7 @@ impl Keeper for RunningTrial {
     }
 
     fn load(&mut self, agent: &mut dyn Agent, record: &mut Recorder) -> Result<Option<Value>, Error> {
-        (self.log, self.taken_up, self.earlier_s) = (None, None, 0.0);
+        (self.log, self.taken_up, self.earlier_s, self.looked_at) = (None, None, 0.0, 0);
         for number in self
             .numbers()?
             .into_iter()
@@ -277,6 +304,7 @@ impl Keeper for RunningTrial {
             agent
                 .load(&self.checkpoint(number).join("agent"))
                 .map_err(misfit)?;
+            self.looked_at = table.rows.len();
             *record = Recorder::resumed(table.names, table.rows, state.running);
             return Ok(Some(state.protocol));
         }

@@ -82,12 +82,7 @@ impl BestSettings {
                 .map_or(name, String::as_str)
                 .replace('_', " ")
         };
-        let ranked = it
-            .search
-            .ranking(&it.known())
-            .into_iter()
-            .map(|place| &it.tried[place]);
-        let ended: Vec<&TriedSetting> = ranked.filter(|tried| tried.missing == 0).collect();
+        let ended = it.ranked();
         let shown = &ended[..self.best.min(ended.len())];
         let heading = |tried: &&TriedSetting| Heading {
             name: tried.setting.clone(),

@@ -8,7 +8,7 @@
 //!
 //! `REGIMEN_SIM_BATCH=<seed>` runs one seed alone.
 
-use super::{Bench, faults, play, seeds, variable};
+use super::{Bench, faults, inspect, play, seeds, variable};
 use crate::{
     executor::{Dispatch, Error, Outcome, Queue, Stop, Submission, Task, Watch, Work},
     store::{Store, is_missing},
@@ -311,7 +311,7 @@ impl Watch for Waiting<'_> {
 fn simulate(seed: u64, prepare: impl FnOnce(&mut Machine)) -> (Machine, Result<(), String>) {
     let (site, mut machine) = Site::new(seed);
     prepare(&mut machine);
-    play(machine, &site.bench, |place| site.run(place))
+    play(machine, |place| site.run(place), || inspect(&site.bench))
 }
 
 #[test]

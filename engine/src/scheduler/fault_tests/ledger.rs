@@ -1,6 +1,11 @@
 //! What was promised: it has to hold whatever happens.
 
-use crate::{results::TrialEnd, store::Store, trial::Trial, world::simulated::quietly};
+use crate::{
+    results::{EndState, TrialEnd},
+    store::Store,
+    trial::Trial,
+    world::simulated::quietly,
+};
 use std::{
     cell::RefCell,
     collections::{BTreeMap, BTreeSet},
@@ -22,6 +27,8 @@ pub struct Ledger {
 struct Promises {
     /// How trials ended.
     ended: BTreeMap<String, TrialEnd>,
+    /// The steps up to which trials were measured that have paused.
+    paused: BTreeMap<String, u64>,
     /// How many steps of a trial were saved.
     saved: BTreeMap<String, u64>,
     /// Trials that two processes may have run at a time: each of them may go back behind what the other one saved.
@@ -130,6 +137,18 @@ impl Ledger {
         );
     }
 
+    /// A process was told that a trial has come to its pause.
+    pub fn pauses(&self, trial: &str, step: u64) {
+        let mut promises = self.lock();
+        let known = promises.paused.entry(trial.into()).or_default();
+        *known = step.max(*known);
+    }
+
+    /// A trial is to run from its beginning again.
+    pub fn begins_anew(&self, trial: &str) {
+        self.lock().saved.remove(trial);
+    }
+
     /// A trial goes on with so many steps behind it.
     pub fn goes_on(&self, trial: &str, steps: u64) {
         let mut promises = self.lock();
@@ -164,6 +183,16 @@ impl Ledger {
             assert!(
                 !quietly(|| store.has_damaged_product(&id)),
                 "{id} left a product that is damaged"
+            );
+        }
+        let paused = self.lock().paused.clone();
+        for (id, step) in paused {
+            let has_ended =
+                quietly(|| store.end(&id)).is_ok_and(|end| end.is_some_and(|end| end.state == EndState::Ok));
+            let measured = quietly(|| store.measured_until(&id));
+            assert!(
+                has_ended || measured.is_some_and(|known| known >= step),
+                "{id} had paused at step {step}, and {measured:?} is stored"
             );
         }
     }

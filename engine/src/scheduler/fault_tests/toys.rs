@@ -4,7 +4,8 @@ use super::ledger::Ledger;
 use crate::{
     Action, Agent, AgentTraits, Channel, Config, End, Environment, Error, Interface, Metric, Mode,
     Observation, PerEpisode, Recorder, Registry, Rng, Seat, Space, Step, Transition, Updates, product,
-    protocol, world::fs,
+    protocol,
+    world::{fs, process},
 };
 use rand::Rng as _;
 use schemars::JsonSchema;
@@ -69,15 +70,33 @@ struct TallyConfig {
     fails: bool,
     /// Whether it leaves nothing, so that its trial can be packed.
     leaves_nothing: bool,
+    /// What a search looks for; 0 in other trials.
+    #[serde(skip_serializing_if = "is_zero")]
+    rate: f64,
+    /// Whether its learning fails now and then, through no fault of its own.
+    #[serde(skip_serializing_if = "is_false")]
+    falls: bool,
 }
 
 impl Config for TallyConfig {}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(rate: &f64) -> bool {
+    *rate == 0.0
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_false(falls: &bool) -> bool {
+    !falls
+}
 
 struct Tally {
     began_with: f64,
     count: u64,
     fails: bool,
     leaves_nothing: bool,
+    rate: f64,
+    falls: bool,
 }
 
 impl Tally {
@@ -93,6 +112,8 @@ impl Tally {
             count: 0,
             fails: config.fails,
             leaves_nothing: config.leaves_nothing,
+            rate: config.rate,
+            falls: config.falls,
         })
     }
 }
@@ -109,7 +130,10 @@ impl Agent for Tally {
     fn act(&mut self, observations: &[Observation], _: Mode, rng: &mut Rng) -> Result<Vec<Action>, Error> {
         Ok(observations
             .iter()
-            .map(|_| vec![vec![rng.random::<f64>() + self.began_with]])
+            .map(|_| {
+                let learned = self.rate * (self.count as f64 - 3.0).powi(2);
+                vec![vec![rng.random::<f64>() + self.began_with + learned]]
+            })
             .collect())
     }
 
@@ -120,6 +144,11 @@ impl Agent for Tally {
         if self.fails && self.count == 3 {
             return Err(Error::Worker {
                 problem: "as it should".into(),
+            });
+        }
+        if self.falls && process::random_number().is_multiple_of(12) {
+            return Err(Error::Worker {
+                problem: "through no fault of its own".into(),
             });
         }
         record.mean("loss", self.count as f64);

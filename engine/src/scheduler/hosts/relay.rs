@@ -170,7 +170,7 @@ impl Relay {
         };
         let outcome = self.store.take_in(trial, files);
         self.leases.release(trial)?;
-        outcome.map_err(|error| match error {
+        outcome.map(drop).map_err(|error| match error {
             NotTaken::Here(error) => error,
             damaged => broken(damaged),
         })

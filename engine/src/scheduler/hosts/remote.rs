@@ -185,7 +185,8 @@ impl<'a> Remote<'a> {
 
     /// What arrived damaged is the way's fault; what cannot be written is this side's.
     fn take_in(&self, id: &str, files: &[(String, Vec<u8>)]) -> Result<(), Trouble> {
-        self.store.take_in(id, files).map_err(|error| match error {
+        let taken = self.store.take_in(id, files).map(drop);
+        taken.map_err(|error| match error {
             NotTaken::Damaged(problem) => {
                 Trouble::There(format!("what arrived is not what was acknowledged: {problem}"))
             }

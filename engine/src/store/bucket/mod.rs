@@ -1,8 +1,8 @@
 //! A bucket of object storage as the store that machines without a common folder share.
 //!
 //! ```text
-//! <prefix>/trials/<id>       a trial that has ended: one line of JSON with the names and lengths of its files, and their
-//!                            bytes, the acknowledgement last
+//! <prefix>/trials/<id>       a trial that has ended or paused: one line of JSON with the names and lengths of its files,
+//!                            and their bytes, the acknowledgement last
 //!          leases/<id>       who computes a trial now
 //!          owners/<token>    a number that a living process counts up
 //!          aside/<id>-<hash> an object that was to be a trial and is damaged
@@ -10,8 +10,9 @@
 //!
 //! Every machine works in a store of its own, in an ordinary folder, and brings each trial that has ended into the
 //! bucket; what is in the bucket and not in the folder is fetched and held against its acknowledgement before it is
-//! believed. An object appears whole or not at all, so that a trial in the bucket has ended. An object that is damaged
-//! concerns its trial alone: the trial counts as missing, and who computes it sets the object aside first.
+//! believed. An object appears whole or not at all, so that a trial in the bucket has ended, or has come to a pause. An
+//! object that is damaged concerns its trial alone: the trial counts as missing, and who computes it sets the object aside
+//! first.
 
 mod lease;
 mod objects;
@@ -80,7 +81,9 @@ impl Bucket {
             return Ok(Fetch::Nothing);
         }
         match store.take_in(id, &files) {
-            Ok(()) => Ok(Fetch::Taken),
+            Ok(true) => Ok(Fetch::Taken),
+            // A pause that is known here already.
+            Ok(false) => Ok(Fetch::Nothing),
             Err(NotTaken::Damaged(problem)) => Ok(Fetch::Damaged { object, problem }),
             Err(NotTaken::Here(error)) => Err(error),
         }
@@ -101,7 +104,7 @@ impl Bucket {
         moved.map_err(|problem| self.error(&format!("set trial {id} aside in"), problem))
     }
 
-    /// Brings a trial of a store into the bucket; nothing where it has not ended.
+    /// Brings a trial of a store into the bucket; nothing where it has neither ended nor paused.
     pub(crate) fn bring(&self, store: &Store, id: &str) -> Result<(), Error> {
         let Some(files) = store.parcel(id)? else {
             return Ok(());
@@ -199,7 +202,7 @@ impl Store {
         Ok(fetched)
     }
 
-    /// Brings those of the trials that have ended here and are not shared yet; how many. Nothing without a bucket.
+    /// Brings those of the trials that have ended or paused here and are not shared yet; how many. Nothing without a bucket.
     ///
     /// # Errors
     /// As [`fetch`](Self::fetch).
@@ -209,7 +212,7 @@ impl Store {
         let mut brought = 0;
         for id in ids
             .into_iter()
-            .filter(|id| !shared.contains(*id) && !self.lacks(id))
+            .filter(|id| !shared.contains(*id) && (!self.lacks(id) || self.measured_until(id).is_some()))
         {
             bucket.bring(self, id)?;
             brought += 1;
@@ -319,6 +322,36 @@ mod tests {
         bucket.bring(&one, &trial.id).unwrap();
         assert_eq!(two.fetch(ids).unwrap().taken, 1);
         assert_eq!(two.end(&trial.id).unwrap().unwrap().wall_s, 2.0);
+    }
+
+    /// A machine that finds a pause in the bucket compares settings by it and does not compute it again.
+    #[test]
+    fn a_pause_goes_to_the_other_machine_once_and_a_later_one_after_it() {
+        let (_dir, bucket, [one, two]) = two_machines();
+        let trial = trial(4, 0);
+        let ids = [trial.id.as_str()];
+        let paused = TrialEnd {
+            state: EndState::Paused,
+            reason: String::new(),
+            wall_s: 1.0,
+            decision_s: None,
+            digest: String::new(),
+        };
+        let mut record = Recorder::default();
+        for step in [100, 200] {
+            record.add(Phase::Evaluate, step, 0, 0, "return", 0.5);
+            one.keep_partial(&trial, paused.clone(), &record).unwrap();
+            bucket.bring(&one, &trial.id).unwrap();
+            assert_eq!((two.fetch(ids).unwrap(), two.fetch(ids).unwrap()), (1, 0));
+            assert_eq!(two.measured_until(&trial.id), Some(step));
+        }
+        assert!(two.end(&trial.id).unwrap().is_none());
+        one.finish(&trial, &record, 1.0).unwrap();
+        bucket.bring(&one, &trial.id).unwrap();
+        assert_eq!(
+            (two.fetch(ids).unwrap(), two.partial(&trial.id).unwrap()),
+            (1, None)
+        );
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Packs: files that hold many short trials, so that a store of very many has few files.
 //!
 //! `<root>/packs/<digest>.pack` holds `trial.json` and `metrics.parquet` of trials that ended `ok` and left nothing
-//! else, bit by bit, and is named by the hash of all that it holds. A pack is written once and never changed. Whatever
+//! else, bit by bit, and is named by the hash of all that it holds. The same of a trial that has paused, of which nothing
+//! else is left, may lie there too; it counts as long as the trial has not ended. A pack is written once and never changed. Whatever
 //! has a folder of its own is read from there: packs come second, so that a trial may be in both, and one whose place in
 //! a pack is damaged runs again as one that is missing.
 
@@ -53,11 +54,16 @@ pub(super) struct Short {
 impl Short {
     /// True where it is this trial as it was acknowledged.
     fn is_whole(&self, id: &str) -> bool {
-        parse(&self.acknowledgement).is_ok_and(|trial| {
-            trial.id() == id
-                && trial.end.state == EndState::Ok
-                && seal::hash(&self.metrics) == trial.end.digest
-        })
+        self.state(id).is_some()
+    }
+
+    /// Whether this trial ended `ok` or has paused; `None` where it is not as it was acknowledged.
+    fn state(&self, id: &str) -> Option<EndState> {
+        let trial = parse(&self.acknowledgement)
+            .ok()
+            .filter(|trial| trial.id() == id)?;
+        let is_whole = seal::hash(&self.metrics) == trial.end.digest;
+        Some(trial.end.state).filter(|state| is_whole && matches!(state, EndState::Ok | EndState::Paused))
     }
 }
 
@@ -119,6 +125,19 @@ impl Store {
         metrics_in(&mut readers(&packs)?, id, digest)
     }
 
+    /// What packs hold, whole, of a trial that had paused.
+    ///
+    /// # Errors
+    /// Where a pack cannot be read.
+    pub(super) fn paused_in_packs(&self, id: &str) -> Result<Vec<Short>, Error> {
+        let mut found = Vec::new();
+        for pack in self.packs_of(id)? {
+            let held = pack.trial(id)?;
+            found.extend(held.filter(|held| held.state(id) == Some(EndState::Paused)));
+        }
+        Ok(found)
+    }
+
     /// The packs that have a place for a trial.
     fn packs_of(&self, id: &str) -> Result<Vec<Arc<Pack>>, Error> {
         let mut packs = self.packs()?;
@@ -130,7 +149,7 @@ impl Store {
 /// The text of a `trial.json`, and what it says.
 pub(super) type Acknowledged = (Vec<u8>, StoredTrial);
 
-/// The acknowledgement of a trial from the first of these packs that has it whole.
+/// The acknowledgement of a trial that has ended from the first of these packs that has it whole.
 ///
 /// # Errors
 /// Where a pack cannot be read.
@@ -139,7 +158,8 @@ pub(super) fn acknowledged_in(packs: &mut [Reader<'_>], id: &str) -> Result<Opti
         let Some(text) = pack.acknowledgement(id)? else {
             continue;
         };
-        if let Some(trial) = parse(&text).ok().filter(|trial| trial.id() == id) {
+        let ended = |trial: &StoredTrial| trial.id() == id && trial.end.state != EndState::Paused;
+        if let Some(trial) = parse(&text).ok().filter(ended) {
             return Ok(Some((text, trial)));
         }
     }

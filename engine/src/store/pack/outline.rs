@@ -108,6 +108,9 @@ impl Gathered {
 
     /// `None` where an outline would not give the trial back to the bit.
     fn outline(&mut self, trial: StoredTrial) -> Option<Outline> {
+        if trial.end.state != EndState::Ok {
+            return None;
+        }
         let dated = trial.ended_at.is_some();
         let ended_at_s = trial.ended_at.as_deref().map_or(Some(0), seconds_of)?;
         let mut outline = Outline {

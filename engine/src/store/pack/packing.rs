@@ -14,7 +14,7 @@ use crate::{
     Error,
     store::{
         Claim, Leases, Owner, Store, TrialFile, absent_is_fine, fsck::refuse_links, inside, lease::is_lease,
-        remove, seal, sealed_folder::flush_way,
+        partial, remove, seal, sealed_folder::flush_way,
     },
     world::{
         clock,
@@ -116,13 +116,18 @@ impl Store {
         let folder = self.folder(id);
         let mut files = inside::files_of(&folder).ok()?;
         files.retain(|name| !is_lease(name));
-        if files != ["metrics.parquet", "trial.json"] {
+        let read = |name: &str| inside::read(&folder.join(name)).ok().flatten();
+        let trial = if files == [partial::NAME] {
+            // A trial that goes on from a checkpoint here keeps it.
+            paused(id, &read(partial::NAME)?)?
+        } else if files == ["metrics.parquet", "trial.json"] {
+            let [acknowledgement, metrics] = FILES.map(read);
+            Short {
+                acknowledgement: acknowledgement?,
+                metrics: metrics?,
+            }
+        } else {
             return None;
-        }
-        let [acknowledgement, metrics] = FILES.map(|name| inside::read(&folder.join(name)).ok().flatten());
-        let trial = Short {
-            acknowledgement: acknowledgement?,
-            metrics: metrics?,
         };
         let file: TrialFile = serde_json::from_slice(&trial.acknowledgement).ok()?;
         let is_short =
@@ -169,9 +174,23 @@ impl Store {
         if !held.iter().any(is_same) {
             return Ok(false);
         }
+        let left = inside::read(&folder.join(partial::NAME))?;
+        let is_packed = |bytes: Vec<u8>| paused(id, &bytes).is_some_and(|paused| held.contains(&paused));
+        if left.is_none_or(is_packed) {
+            remove(&folder.join(partial::NAME))?;
+        }
         FILES.iter().try_for_each(|name| remove(&folder.join(name)))?;
         Ok(true)
     }
+}
+
+/// A trial at its pause, from the bytes of its file.
+fn paused(id: &str, bytes: &[u8]) -> Option<Short> {
+    let [metrics, acknowledgement] = partial::parts(id, bytes).ok()?;
+    Some(Short {
+        acknowledgement,
+        metrics,
+    })
 }
 
 /// Writes a pack, flushes it and reads it back; answers how many trials it has and how large it is.
