@@ -67,6 +67,7 @@ pub use plugin_config::{load_config, read_config};
 pub use resolved::{resolved_yaml, section_yaml};
 pub use search::Progress;
 pub use summary::Summary;
+pub use sweep::Repeats;
 pub use taking::Source;
 pub use way::{along, way};
 
@@ -156,6 +157,8 @@ pub struct Study {
     pub prepared: Vec<String>,
     /// Units of everything that the trials record and trace, by name.
     pub units: BTreeMap<String, String>,
+    /// Samples of its sweep, where several came to the same setting.
+    pub repeats: Option<Repeats>,
     /// Searches for settings, in order, with how far they are.
     pub searches: Vec<(Search, Progress)>,
     /// Combinations of environment, agent and setting, then the entries of `prepare`, then the settings that
@@ -418,7 +421,8 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         claims: asked.claims,
         imported,
         limits: section(root, "limits").unwrap_or_default(),
-        warnings: world.warnings,
+        warnings: in_order(sections.repeats().chain(world.warnings).collect()),
+        repeats: sections.dimensions.iter().find_map(Repeats::of),
         searches: sections.searches.iter().map(search::progress).collect(),
         metrics: world.metrics,
         units: world.units,
