@@ -41,6 +41,7 @@ pub mod imported;
 pub mod input_file;
 pub mod kinds;
 pub mod limits;
+pub mod lookalikes;
 mod pace;
 pub mod panics;
 mod parquet;

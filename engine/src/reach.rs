@@ -127,10 +127,16 @@ const UNSAID: &str = "…";
 /// a foreign file.
 #[must_use]
 pub fn quoted(path: &Path, cell: &str) -> String {
-    const LONGEST: usize = 20;
     if is_foreign(path) {
-        return UNSAID.into();
+        UNSAID.into()
+    } else {
+        excerpt(cell)
     }
+}
+
+/// The first letters of a text that can be printed.
+pub(crate) fn excerpt(cell: &str) -> String {
+    const LONGEST: usize = 20;
     let mut shown: String = cell
         .chars()
         .take(LONGEST)

@@ -335,6 +335,7 @@ pub(super) fn info(one: &Planned, registry: &Registry) -> StudyInfo {
         summary: study.summary.clone(),
         departures: study.departures.clone(),
         confirms: study.confirms.iter().map(|it| it.study.clone()).collect(),
+        repeats: study.repeats,
         tables: study.tables.clone(),
         figures: study.figures.clone(),
         claims: study.claims.clone(),

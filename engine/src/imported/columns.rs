@@ -2,7 +2,7 @@
 
 use super::mapping::{Mapping, Patterns};
 use super::pattern::parts;
-use crate::{diagnostic::nearest, input_file::quoted};
+use crate::{diagnostic::nearest, reach};
 
 /// The columns of a file that were chosen.
 #[derive(Debug, PartialEq)]
@@ -72,7 +72,7 @@ impl Missing {
 pub(super) fn named(names: &[String]) -> String {
     const MOST: usize = 20;
     if let [one] = names {
-        return quoted(one);
+        return reach::excerpt(one);
     }
     let shown = |name: &String| -> String {
         name.chars()

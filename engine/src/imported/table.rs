@@ -1,11 +1,7 @@
 //! Tables, whatever file they come from: names of columns, and lines of cells as text.
 
 use super::{Content, columns::Missing, content::Form, input, json, mapping::Mapping, separated};
-use crate::{
-    Error,
-    input_file::quoted,
-    parquet::{Table as ParquetTable, without_panic},
-};
+use crate::{Error, panics, parquet::Table as ParquetTable, reach::quoted};
 use csv::StringRecord;
 use std::path::{Path, PathBuf};
 
@@ -55,7 +51,7 @@ impl Table {
     pub(super) fn read(file: &Content, form: Form) -> Result<Self, Error> {
         match form {
             Form::Json => json::table(file),
-            Form::Parquet => without_panic(&file.path, || from_parquet(file)),
+            Form::Parquet => panics::or_damaged(&file.path, || from_parquet(file)),
             _ => separated::table(file),
         }
     }
@@ -110,7 +106,7 @@ impl Table {
     }
 
     fn is_no(&self, line: &Line, column: usize, problem: &str) -> Error {
-        let shown = quoted(self.cell(line, column));
+        let shown = quoted(&self.path, self.cell(line, column));
         self.wrong(line, column, &format!("`{shown}` {problem}"))
     }
 

@@ -60,8 +60,11 @@ impl Study {
     /// How many trials [`plan`](Self::plan) has; most studies need not make them for that.
     #[must_use]
     pub fn n_trials(&self) -> usize {
-        if self.design.is_some() || !self.plays.is_empty() {
-            return self.plan().trials.len();
+        // Samples of a sweep that came to the same setting are the same trials.
+        if self.design.is_some() || !self.plays.is_empty() || self.repeats.is_some() {
+            let mut plan = self.plan();
+            plan.keep_once();
+            return plan.trials.len();
         }
         let (seeds, waiting) = (self.seeds_of_cells(), self.waiting());
         let of_cell =
@@ -348,6 +351,16 @@ impl Plan {
         // Two combinations may share a trial; one that is not wanted does not come in by the other.
         self.trials
             .retain(|trial| wanted(trial) || sources.contains(&trial.id));
+    }
+
+    /// Leaves each trial once in its combination: a search may propose the same setting twice.
+    pub fn keep_once(&mut self) {
+        let mut seen = BTreeSet::new();
+        self.trials.retain(|trial| {
+            let cell = &trial.cell;
+            let names = [&cell.environment, &cell.agent, &cell.setting].map(String::clone);
+            seen.insert((names, trial.id.clone()))
+        });
     }
 
     /// The ids that the wanted trials take from, through any number of steps.

@@ -3,6 +3,7 @@
 use crate::count::{count, either};
 use crate::results::{SearchResult, Sight, TriedSetting};
 use crate::search::schedule_in_words;
+use std::collections::BTreeSet;
 
 /// So many settings are named that a search could not see; of more there is a number.
 const MOST_NAMED: usize = 4;
@@ -50,12 +51,23 @@ fn state(it: &SearchResult) -> String {
     };
     match it.chosen {
         _ if it.search.is_population() => population_in_words(it),
-        Some(_) => format!("its setting was chosen among {n}{early}"),
+        Some(_) => format!("its setting was chosen among {}{early}", different_of(it)),
         None if it.found_nothing() => "no setting can be chosen".to_owned(),
         None => {
             let seen = it.seen_so(Sight::Valued).len() + it.seen_so(Sight::Last).len();
             format!("{seen} of {} settings were tried", it.search.settings)
         }
+    }
+}
+
+/// How many settings were tried, and how many of them are different.
+fn different_of(it: &SearchResult) -> String {
+    let n = it.tried.len();
+    let different: BTreeSet<&str> = it.tried.iter().map(|tried| tried.setting.as_str()).collect();
+    if different.len() < n {
+        format!("{n} ({} different)", different.len())
+    } else {
+        n.to_string()
     }
 }
 

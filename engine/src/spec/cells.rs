@@ -288,6 +288,13 @@ impl Sections<'_> {
             .collect()
     }
 
+    /// What is said of samples that came to the same setting.
+    pub fn repeats(&self) -> impl Iterator<Item = Diagnostic> {
+        self.dimensions
+            .iter()
+            .filter_map(|dimension| dimension.repeats(self.sources))
+    }
+
     /// The config of a part with overrides and swept values written into it.
     #[must_use]
     pub fn assigned(&self, given: &Given) -> Node {

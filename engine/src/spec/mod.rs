@@ -69,6 +69,7 @@ pub use plugin_config::{load_config, read_config};
 pub use resolved::{resolved_yaml, section_yaml};
 pub use search::Progress;
 pub use summary::Summary;
+pub use sweep::Repeats;
 pub use taking::Source;
 pub use way::{along, name_from, way};
 
@@ -163,6 +164,8 @@ pub struct Study {
     pub prepared: Vec<String>,
     /// Units of everything that the trials record and trace, by name.
     pub units: BTreeMap<String, String>,
+    /// Samples of its sweep, where several came to the same setting.
+    pub repeats: Option<Repeats>,
     /// Searches for settings, in order, with how far they are.
     pub searches: Vec<(Search, Progress)>,
     /// Combinations of environment, agent and setting, then the entries of `prepare`, then the settings that
@@ -429,7 +432,8 @@ fn assemble(root: &Node, sections: &Sections<'_>, made: Made) -> Study {
         imported,
         limits: sections.limits.clone(),
         is_recalled: world.is_recalled,
-        warnings: world.warnings,
+        warnings: in_order(sections.repeats().chain(world.warnings).collect()),
+        repeats: sections.dimensions.iter().find_map(Repeats::of),
         searches: sections.searches.iter().map(search::progress).collect(),
         metrics: world.metrics,
         units: world.units,
