@@ -207,6 +207,14 @@ fn combine(text: &str, folder: &Path, common: &Common) -> Result<Settings, Failu
             .map_or_else(|| LOCAL.into(), |name| name.0),
         executors,
     };
+    // Worker processes are told where it is, in JSON.
+    if settings.store.to_str().is_none() {
+        let text = format!(
+            "error: the store's path `{}` is no UTF-8 text: name another folder",
+            settings.store.display()
+        );
+        return Err(Failure { code: BAD_SPEC, text });
+    }
     // What an executor cannot use is said now, also where another one runs the trials.
     for kind in executor::all().iter().filter(|kind| kind.options().is_some()) {
         settings.executor(kind, None)?;

@@ -41,7 +41,6 @@ pub fn search_in_words(it: &SearchResult) -> String {
 
 /// How far it is.
 fn state(it: &SearchResult) -> String {
-    let n = it.tried.len();
     // What is stored of a setting beyond its pause counts as little as what is not stored.
     let early = it.tried.iter().filter(|tried| tried.stop.is_some()).count();
     let early = if early > 0 {
